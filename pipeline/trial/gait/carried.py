@@ -1,162 +1,237 @@
 """Whether the plates carry the subject, frame by frame: only then is the residual meaningful.
 
-Newton's second law says what the ground has to carry: the vertical force that the motion needs.
-What the plates do not carry of it is carried by a foot beside them or by a plate that does not
-record.
+Three questions decide it. Which foot is on the ground: its ankle or its ball moves with it. Whether
+that foot stands on a plate: its outline lies within those of plates that are loaded. And whether
+the plates measure anything near what the motion needs, m(g + a) of the centre of mass.
 """
 
 from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
+from compensation import center_of_pressure
+from hbm.body import Body
+from hbm.poses import joint_positions
 from hbm.signals.filtering import Method
 from hbm.signals.samples import stretches
-from hbm.spatial import Array, Mask
-from pipeline.io.recording import Event
-from pipeline.trial.gait.events import SIDES, event_times
+from hbm.spatial import GRAVITY_MPS2, Array, Mask, transform_wrench
+from pipeline.trial.gait.events import SIDES
+from pipeline.trial.gait.pressure import MAX_PRESSURE_DISTANCE_M
 
+MAX_SPEED_MPS: Final = 0.4
+"""Of an ankle or a ball above the ground that its foot stands on; one that swings is faster."""
+MAX_RESTING_MPS: Final = 0.1
+"""Vertical, of the ball of a foot that carries the subject and shows the speed of the ground."""
+MARGIN_M: Final = 0.03
+"""By which the outline of a foot may stick out of a plate: half a foot is 5 cm to the side."""
+MAX_LEVEL_M: Final = 0.08
+"""Between the sole and the surface that it stands on; the next step is twice as high."""
+HEEL, TIP, HALF_WIDTH, ANKLE_HEIGHT, BALL_HEIGHT = -0.23, 0.77, 0.19, 0.3, 0.12
+"""Of a foot by its length: places of heel and tip from the ankle, half its width at the ball,
+heights of the joints above the sole."""
+UNLOADED_S: Final = 0.1
+"""That a foot may stand on a plate before it loads it, and after: errors of timing."""
+ELSEWHERE_S: Final = 0.3
+"""The same where the place of a plate is unknown: a double support, in which the pressure is under
+the other foot."""
 MIN_NEED: Final = 0.3
 """Of body weight: in flight there is nothing to carry."""
-MIN_CARRIED: Final = 0.5
-"""Of what the motion needs: errors of timing and of the body model leave more, even at contact."""
-MAX_LASTING_DEFICIT: Final = 0.2
-"""Of body weight, on average over `LASTING_S`: half of a foot beside a plate, or more."""
-LASTING_S: Final = 0.5
-"""About a step; at its ends errors of timing cancel."""
-MIN_LOADED_SHARE: Final = 0.5
-"""Of a stance in which a plate under that foot is loaded, so that it stands on a plate."""
-MIN_STANCE_DEFICIT: Final = 0.1
-"""Of body weight, on average over a stance that no plate sees: less is an error of its events."""
-MAX_GAIN_ERROR: Final = 0.4
-"""Of the share of the need that plates measure in walking when nothing else carries the subject:
-gains and stated masses err by less. Beyond, the plates mostly carry nobody."""
-MAX_STANDING_ERROR: Final = 0.15
-"""The same where nobody walks: a foot that stands beside the plates all the time takes more."""
-USUAL_PERCENTILE: Final = 80.0
-"""Of the share in the frames of a trial: some are of a foot beside the plates."""
-MIN_ALONE: Final = 0.9
-"""Share of all plates' force of one that carries the subject alone."""
-MIN_ALONE_LOAD: Final = 0.3
-"""Of the need: a lighter load is that of a foot which lands or leaves."""
-MIN_ALONE_S: Final = 0.1
-"""That a plate does so: noise of light loads lasts for less."""
-MIN_CONTACTS: Final = 5
-"""For what a plate usually measures: no foot lands half beside it as often, always equally."""
-SPREAD_PERIODS: Final[Mapping[Method, tuple[float, float]]] = {
-    "zero_phase": (0.6, 0.6),
-    "realtime": (0.0, 1.0),
-}
+MIN_MEASURED: Final = 0.25
+"""Of what the motion needs: below, something else carries the subject. No gain or mass errs so."""
+SPREAD_PERIODS: Final[Mapping[Method, tuple[float, float]]] = {"zero_phase": (0.6, 0.6), "realtime": (0.0, 1.0)}
 """Periods of the cut-off before and after, over which the low-pass brings a force that is not there
 into frames where it is: on a treadmill, a missing step leaves 1 N beyond them."""
 
 
-def carried_frames(
-    time: Array,
-    need: Array,
-    plates: Array,
-    *,
-    weight_n: float,
-    events: Sequence[Event],
-    feet: Mapping[str, Array],
-    threshold_n: float,
-    cutoff_hz: float,
-    method: Method,
-) -> Mask:
-    """Find the frames in which the plates carry the subject.
+def feet_joints(body: Body, q: Array) -> Array:
+    """Give ankles and balls of the left and the right foot, coordinates (T, 46) to (T, 2, 2, 3)."""
+    names = [f"{side}_{part}" for part in ("foot", "toes") for side in SIDES]
+    return joint_positions(body, q, names).reshape(-1, 2, 2, 3)
+
+
+class Support:
+    """Finds the frames in which plates carry the subject, in one call or frame by frame.
 
     Parameters
     ----------
-    time
-        (T,) [s].
-    need
-        Vertical force that the motion needs from the ground, (T,) [N]; NaN where unknown.
-    plates
-        Vertical force of each plate through the same filter, without what it reads at rest, (P, T)
-        [N].
-    weight_n
-        Body weight [N].
-    events
-        Gait events, which say when a foot stands.
-    feet
-        "left_foot" and "right_foot" -> wrench of the plates under that foot, unfiltered, (T, 6).
+    body
+        The subject.
+    corners
+        Of the plates' surfaces with the platform in neutral, (P, 4, 3) [m]; NaN where unknown.
     threshold_n
-        Vertical force above which a foot is on a plate [N].
+        Vertical force above which a plate is loaded [N].
     cutoff_hz, method
-        The filter, which spreads what is missing into neighbouring frames.
-
-    Returns
-    -------
-    Mask
-        (T,). Not while the plates carry less than half of what the motion needs, not while they
-        miss a fifth of body weight on average over half a second, and not during a stance whose
-        foot loads no plate for half of it; nor next to such frames, as far as the filter reaches.
-        The filter settles within one period of its cut-off at either end; these frames are judged
-        by the first and the last one between them.
+        The filter, which spreads what is missing into other frames. With "realtime" a frame depends
+        on no later one.
+    at_rest_n
+        Vertical force that each plate reads without load, (P,) [N].
 
     Notes
     -----
-    What a plate carries is judged beside what it usually measures in the trial, so that a plate
-    with a wrong gain, or a wrong mass, is not taken for a foot beside the plates: its residual is
-    real.
+    A foot is on the ground where its ankle or its ball is slower than `MAX_SPEED_MPS` against it.
+    The ground's velocity is that of the ball at rest of the foot that carried most, last. A foot on
+    the ground stands beside the plates where its heel, tip, or either side of its ball is outside
+    all outlines by more than `MARGIN_M`. It stands on a plate that measures nothing where none of
+    those under it is loaded for `UNLOADED_S`. A plate whose centre of pressure is not within its
+    corners, or that has none, carries the foot whose middle is within `MAX_PRESSURE_DISTANCE_M`.
+    What is more than `MAX_LEVEL_M` above a plate hangs in the air. So does a foot above the highest
+    plate, unless plates are steps; from a step, part of a foot may hang over the edge.
     """
-    needed = need > MIN_NEED * weight_n
-    strikes = sum(event.label == "foot_strike" for event in events)
-    most = MAX_GAIN_ERROR if strikes >= MIN_CONTACTS else MAX_STANDING_ERROR
-    carried = np.sum(plates / _usual_shares(plates, need, needed, time, most)[:, None], axis=0)
-    deficit = np.nan_to_num(need - carried) / weight_n
-    missing = needed & (carried < MIN_CARRIED * need)
-    frames = max(1, round(LASTING_S / float(np.median(np.diff(time)))))
-    lasting = uniform_filter1d(deficit, frames, mode="nearest") > MAX_LASTING_DEFICIT
-    missing |= lasting & (deficit > 0)
-    for side in SIDES:
-        for start, stop in np.searchsorted(time, stances(events, side)):
-            inside = slice(start, stop)
-            loaded = feet[f"{side}_foot"][inside, 2] > threshold_n
-            if np.count_nonzero(loaded) < MIN_LOADED_SHARE * len(loaded):
-                missing[inside] |= np.mean(deficit[inside]) > MIN_STANCE_DEFICIT
-    settled = np.flatnonzero((time >= time[0] + 1 / cutoff_hz) & (time <= time[-1] - 1 / cutoff_hz))
-    if len(settled):
-        missing = missing[np.clip(np.arange(len(time)), settled[0], settled[-1])]
-    before, after = (periods / cutoff_hz for periods in SPREAD_PERIODS[method])
-    return ~widened(missing, time, before, after)
 
+    def __init__(
+        self,
+        body: Body,
+        corners: Sequence[Array],
+        threshold_n: float,
+        cutoff_hz: float,
+        method: Method,
+        at_rest_n: Array | None = None,
+    ) -> None:
+        corner = np.asarray(corners)
+        edge = np.roll(corner, -1, axis=1)[..., :2] - corner[..., :2]
+        inward = np.stack([-edge[..., 1], edge[..., 0]], axis=-1)
+        middle = corner[..., :2].mean(axis=1)[:, None]
+        inward *= np.sign(np.sum(inward * (middle - corner[..., :2]), axis=-1, keepdims=True))
+        size = np.linalg.norm(inward, axis=-1, keepdims=True)
+        self.inward = inward / np.where(size > 0, size, np.nan)
+        self.begins = np.sum(self.inward * corner[..., :2], axis=-1)
+        self.level = corner[..., 2].mean(axis=1)
+        self.steps = bool(np.ptp(self.level) > MAX_LEVEL_M)
+        highest = np.max(self.level) + MAX_LEVEL_M
+        self.highest = np.inf if self.steps or np.isnan(highest) else highest
+        self.length = np.array([body.lengths[f"{side}_foot"] for side in SIDES])
+        self.weight_n, self.threshold_n = body.mass * GRAVITY_MPS2, threshold_n
+        self.at_rest_n = np.zeros(len(corner)) if at_rest_n is None else at_rest_n
+        self.method, self.reach_s = method, np.array(SPREAD_PERIODS[method]) / cutoff_hz
+        self.ground: Array = np.full((1, 2, 3), np.nan)
+        self.time, self.joints = np.full(1, -np.inf), np.full((1, 2, 2, 3), np.nan)
+        self.supported_s, self.missing_s = np.full((1, 3), np.inf), np.full(1, -np.inf)
 
-def stances(events: Sequence[Event], side: str) -> Array:
-    """Give when a foot stands: from each strike to the next foot off, (S, 2) [s].
+    def carried(
+        self,
+        time: Array,
+        joints: Array,
+        wrenches: Array,
+        on: Array,
+        need: Array,
+        measured: Array,
+        pose: tuple[Array, Array] | None = None,
+    ) -> Mask:
+        """Judge the next frames.
 
-    A strike without a foot off before the next strike is left out.
-    """
-    strikes = event_times(events, "foot_strike", side)
-    offs = event_times(events, "foot_off", side)
-    following = np.searchsorted(offs, strikes)
-    stop = np.append(offs, np.inf)[following]
-    complete = stop < np.append(strikes[1:], np.inf)
-    return np.column_stack([strikes, stop])[complete]
+        Parameters
+        ----------
+        time
+            (T,) [s].
+        joints
+            Ankles and balls of both feet in the lab, (T, 2, 2, 3) [m], as `feet_joints`.
+        wrenches
+            Of the plates, lab axes about the lab origin, unfiltered, (T, P, 6) [N, N·m].
+        on
+            The foot of each plate, 0 left and 1 right, (T, P).
+        need, measured
+            Vertical force that the motion needs, and that of all plates, filtered, (T,) [N].
+        pose
+            Rotation, (T, 3, 3), and position, (T, 3) [m], of the platform; None where it stands
+            still.
+        """
+        if pose is not None:
+            back = np.swapaxes(pose[0], -1, -2)
+            joints = (joints - pose[1][:, None, None]) @ pose[0][:, None]
+            origin = -(back @ pose[1][..., None])[..., 0]
+            wrenches = transform_wrench(wrenches, back[:, None], origin[:, None])
+        vertical = wrenches[..., 2] - self.at_rest_n
+        loaded = vertical > self.threshold_n
+        grounded = self._grounded(time, joints, vertical, on)
+        beside, idle, allowed_s = self._without_plate(joints, wrenches, loaded)
+        nothing = (need > MIN_NEED * self.weight_n) & (measured < MIN_MEASURED * need)
+        doubtful = np.column_stack([grounded & idle, nothing])
+        ok_s = np.where(doubtful, -np.inf, time[:, None])
+        ok_s = np.maximum.accumulate(np.vstack([np.minimum(self.supported_s, time[0]), ok_s]))[1:]
+        lasting = doubtful & (time[:, None] - ok_s > allowed_s)
+        missing = (grounded & beside).any(axis=1) | lasting.any(axis=1)
+        if self.method == "realtime":
+            last_s = np.where(missing, time, self.missing_s)
+            last_s = np.maximum.accumulate(last_s)
+            self.supported_s, self.missing_s = ok_s[-1:], last_s[-1:]
+            return np.asarray(time - last_s > self.reach_s[1])
+        for each, long in zip(doubtful.T, lasting.T, strict=True):
+            for start, stop in stretches(each):
+                missing[start:stop] |= long[start:stop].any()
+        return ~widened(missing, time, *self.reach_s)
 
+    def _grounded(self, time: Array, joints: Array, vertical: Array, on: Array) -> Mask:
+        """Find which feet are on the ground, (T, 2)."""
+        step_s = np.diff(np.concatenate([self.time, time]))
+        moved = np.diff(np.concatenate([self.joints, joints]), axis=0)
+        velocity = moved / step_s[:, None, None, None]
+        self.time, self.joints = time[-1:], joints[-1:]
+        load = np.stack([np.sum(vertical * (on == foot), axis=1) for foot in (0, 1)], axis=1)
+        ball = velocity[:, 1]
+        shows = (load > self.threshold_n) & (load >= load[:, ::-1])
+        shows &= np.abs(ball[..., 2]) < MAX_RESTING_MPS
+        last = np.maximum.accumulate(np.where(shows, np.arange(1, len(time) + 1)[:, None], 0))
+        known = np.concatenate([self.ground, ball * [1.0, 1.0, 0.0]])
+        ground = np.stack([known[last[:, foot], foot] for foot in (0, 1)], axis=1)
+        self.ground = ground[-1:]
+        ground = np.where(np.isnan(ground), ground[:, ::-1], ground)
+        above = velocity - np.nan_to_num(ground)[:, None]
+        return np.asarray((np.sum(above**2, axis=-1) < MAX_SPEED_MPS**2).any(axis=1))
 
-def _usual_shares(plates: Array, need: Array, needed: Mask, time: Array, most: float) -> Array:
-    """Give the share of the need that each plate measures when it carries everything, (P,).
+    def _without_plate(
+        self, joints: Array, wrenches: Array, loaded: Mask
+    ) -> tuple[Mask, Mask, Array]:
+        """Find feet that would stand beside the plates, or on none that is loaded, (T, 2) each.
 
-    By the frames in which it carries the subject alone, where it does so often enough, else by
-    those of all plates together; at most so far from 1.
-    """
-    total = plates.sum(axis=0)
-    together = _usual(total[needed] / need[needed], most)
-    shares = []
-    for plate in plates:
-        alone = needed & (plate > MIN_ALONE * total) & (plate > MIN_ALONE_LOAD * need)
-        lasting = [time[b - 1] - time[a] > MIN_ALONE_S for a, b in stretches(alone)]
-        often = np.count_nonzero(lasting) >= MIN_CONTACTS
-        shares.append(_usual(plate[alone] / need[alone], MAX_GAIN_ERROR) if often else together)
-    return np.array(shares)
+        And for how long the latter may last, of both feet and of the whole, (T, 3) [s].
+        """
+        ankle, ball = joints[:, 0], joints[:, 1]
+        sole = np.minimum(
+            ankle[..., 2] - ANKLE_HEIGHT * self.length, ball[..., 2] - BALL_HEIGHT * self.length
+        )
+        inside = self._depth(self._outlines(ankle, ball)) > -MARGIN_M
+        touching = inside & (np.abs(sole[..., None] - self.level) < MAX_LEVEL_M)[:, :, None]
+        carried = (touching & loaded[:, None, None]).any(axis=(2, 3))
+        outside = ~inside.any(axis=3) & (sole < self.highest)[..., None]
+        if self.steps:
+            outside &= ~touching.any(axis=(2, 3))[..., None]
 
+        flat = wrenches.reshape(-1, 6)
+        surface = np.repeat(sole.min(axis=1), wrenches.shape[1])
+        pressure = center_of_pressure(flat, self.threshold_n, surface)[:, :2]
+        pressure = pressure.reshape(*loaded.shape, 2)
+        own = np.diagonal(self._depth(pressure), axis1=1, axis2=2)
+        elsewhere = loaded & ~(own > -MARGIN_M)
+        apart = pressure[:, None] - ((ankle + ball) / 2)[:, :, None, :2]
+        near = np.sum(apart**2, axis=-1) < MAX_PRESSURE_DISTANCE_M**2
+        carried |= (near & elsewhere[:, None]).any(axis=2)
+        unknown = elsewhere.any(axis=1) | np.isnan(self.level).any()
+        allowed_s = np.where(unknown, ELSEWHERE_S, UNLOADED_S)[:, None]
+        beside = outside.any(axis=2)
+        idle = ~carried & (beside | touching.any(axis=(2, 3)))
+        allowed_s = np.column_stack([allowed_s, allowed_s, np.full(len(joints), UNLOADED_S)])
+        return beside & ~unknown[:, None], idle, allowed_s
 
-def _usual(share: Array, most: float) -> float:
-    """Give what a share usually is; 1 where that is implausible, farther from 1 than so much."""
-    usual = float(np.percentile(share, USUAL_PERCENTILE)) if len(share) else 1.0
-    return usual if abs(usual - 1) <= most else 1.0
+    def _outlines(self, ankle: Array, ball: Array) -> Array:
+        """Give heel, tip and both sides of the ball of each foot, from above, (T, 2, 4, 2) [m]."""
+        apart = ball - ankle
+        long = np.sqrt(np.sum(apart**2, axis=-1))
+        along = apart[..., :2] / np.sqrt(np.sum(apart[..., :2] ** 2, axis=-1, keepdims=True))
+        across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
+        wide = HALF_WIDTH * self.length[:, None] * across
+        middle = ball[..., :2]
+        heel = ankle[..., :2] + HEEL * self.length[:, None] * along
+        tip = middle + (TIP * self.length - long)[..., None] * along
+        return np.stack([heel, tip, middle + wide, middle - wide], axis=2)
+
+    def _depth(self, points: Array) -> Array:
+        """Give how far points are within each plate's outline, (..., 2) to (..., P) [m].
+
+        NaN where it is unknown, negative outside.
+        """
+        depth = points @ self.inward.reshape(-1, 2).T - self.begins.ravel()
+        return np.asarray(depth.reshape(*points.shape[:-1], -1, 4).min(axis=-1))
 
 
 def widened(mask: Mask, time: Array, before_s: float, after_s: float) -> Mask:
