@@ -9,7 +9,7 @@ from hbm.motion import Motion
 from hbm.spatial import GRAVITY_MPS2, Array, Mask
 from pipeline.config.schema import Settings
 from pipeline.io.recording import Plate
-from pipeline.trial.gait.carried import Support, feet_joints
+from pipeline.trial.gait.carried import Support, places_of
 from pipeline.trial.gait.contact import SharedPlates
 from pipeline.trial.ground.wrenches import Ground
 from pipeline.trial.plate_check import rest_level
@@ -57,7 +57,7 @@ def weight_bearing_frames(
     )
     carried = support.carried(
         motion.time,
-        feet_joints(body, motion.q),
+        places_of(body, motion.q),
         np.stack(best, axis=1),
         np.column_stack(under_feet.foot_of_plates),
         *vertical,

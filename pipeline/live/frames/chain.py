@@ -25,6 +25,7 @@ from pipeline.live.frames.frame import LiveFrame, Quality
 from pipeline.live.frames.ground import LiveGround
 from pipeline.live.frames.settling import LiveValidity
 from pipeline.live.stream import Samples, StreamDescription
+from pipeline.trial.gait.carried import Support
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.residuals import reported
 from pipeline.trial.validity import settling_s
@@ -66,6 +67,7 @@ class _Pose:
     platform: tuple[Array, Array] | None
     q: Array
     feet: Array
+    places: Array
     needed: tuple[Array, Array, Array]
     marker_error: Array
     quality: Quality
@@ -157,6 +159,8 @@ class LiveChain:
         self.tracker = MarkerTracker(body, markers.labels)
         self.feet = LiveFeet(len(plates), settings.contact_threshold_n)
         self.dynamics = LiveDynamics(body)
+        corners, cutoff_hz = [plate.corners for plate in plates], settings.cutoff_hz
+        self.support = Support(body, corners, settings.contact_threshold_n, cutoff_hz, "realtime")
         in_real_time = settings.model_copy(update={"filter": "realtime"})
         after_s, _ = settling_s(laboratory.filters(in_real_time))
         self.motion = RealtimeFilter(settings.cutoff_hz, N_Q)
@@ -237,8 +241,11 @@ class LiveChain:
         if self.tracker.frozen:
             quality |= Quality.MARKERS_FROZEN
         feet, needed = self.dynamics.feet(solution.q), self.dynamics.needed(q, v, a)
+        places = self.dynamics.places(q)
         platform = self.ground.seen(position)
-        return _Pose(time, position, platform, q, feet, needed, solution.marker_error, quality)
+        return _Pose(
+            time, position, platform, q, feet, places, needed, solution.marker_error, quality
+        )
 
     def _next(self, complete: bool, started: float) -> LiveFrame:
         """Compute the frame that has waited longest; its last sample arrived when it started."""
@@ -258,6 +265,16 @@ class LiveChain:
             quality |= Quality.PLATFORM_UNKNOWN
         elif np.isnan(best).any():
             quality |= Quality.FORCES_UNKNOWN
+        if not self.support.carried(
+            np.array([time]),
+            pose.places[None],
+            best[None],
+            on[None],
+            pose.needed[1][2:3],
+            by_foot[-1, :, 2].sum()[None],
+            None if ground.platform is None else tuple(each[None] for each in ground.platform),
+        )[0]:
+            quality |= Quality.NOT_CARRIED
         if uncertain:
             quality |= Quality.FOOT_UNCERTAIN
         gap = bool(np.isnan(residual).any() or quality & Quality.LIMB_UNSEEN)

@@ -7,7 +7,6 @@ import numpy as np
 
 from hbm.spatial import Array
 from pipeline.live.watch.cycles import LiveCycle
-from pipeline.trial.gait.carried import MAX_LASTING_DEFICIT
 from pipeline.trial.residuals import MAX_FORCE_SHARE, MAX_MOMENT_SHARE
 
 
@@ -48,8 +47,8 @@ class ConditionSoFar:
     cycles
         Gait cycles that count, of both sides.
     not_carried
-        Gait cycles that do not, since the plates carried less than 0.8 of the body weight in them:
-        half of a foot beside a plate, or more.
+        Gait cycles that do not, since the plates carried the subject in less than
+        ``min_carried_share`` of them.
     """
 
     weight_n: float

@@ -1,6 +1,6 @@
 """Whether the plates carry the subject, frame by frame: only then is the residual meaningful.
 
-Three questions decide it. Which foot is on the ground: its ankle or its ball moves with it. Whether
+Three questions decide it. Which foot is on the ground: its ankle or its tip moves with it. Whether
 that foot stands on a plate: its outline lies within those of plates that are loaded. And whether
 the plates measure anything near what the motion needs, m(g + a) of the centre of mass.
 """
@@ -19,35 +19,41 @@ from hbm.spatial import GRAVITY_MPS2, Array, Mask, transform_wrench
 from pipeline.trial.gait.events import SIDES
 from pipeline.trial.gait.pressure import MAX_PRESSURE_DISTANCE_M
 
-MAX_SPEED_MPS: Final = 0.4
-"""Of an ankle or a ball above the ground that its foot stands on; one that swings is faster."""
+MAX_SPEED: Final = 0.8
+"""Of an ankle or a tip above the ground that its foot stands on, by the speed of the pelvis above
+it: the ankle still moves when the heel lands."""
+MIN_SPEED_MPS: Final = 0.3
+"""Up to it, a foot stands also where the pelvis does not move: a stumble is faster."""
 MAX_RESTING_MPS: Final = 0.1
 """Vertical, of the ball of a foot that carries the subject and shows the speed of the ground."""
 MARGIN_M: Final = 0.03
 """By which the outline of a foot may stick out of a plate: half a foot is 5 cm to the side."""
 MAX_LEVEL_M: Final = 0.08
 """Between the sole and the surface that it stands on; the next step is twice as high."""
-HEEL, TIP, HALF_WIDTH, ANKLE_HEIGHT, BALL_HEIGHT = -0.23, 0.77, 0.19, 0.3, 0.12
-"""Of a foot by its length: places of heel and tip from the ankle, half its width at the ball,
-heights of the joints above the sole."""
+HEEL, TIP, HALF_WIDTH = -0.23, 0.77, 0.19
+"""Of a foot by its length: places of heel and tip from the ankle, half its width at the ball."""
+HEIGHTS: Final = np.array([0.3, 0.12, 0.0])
+"""Of ankle, ball and tip above the sole, by the length of the foot."""
 UNLOADED_S: Final = 0.1
 """That a foot may stand on a plate before it loads it, and after: errors of timing."""
-ELSEWHERE_S: Final = 0.3
-"""The same where the place of a plate is unknown: a double support, in which the pressure is under
-the other foot."""
+DRAGS_S: Final = 0.1
+"""For which a tip that leaves the ground may still touch it."""
+PARTLY_S: Final = 0.3
+"""The same of part of a foot, before it rolls there; and where the place of a plate is unknown, in
+a double support with the pressure under the other foot."""
 MIN_NEED: Final = 0.3
 """Of body weight: in flight there is nothing to carry."""
 MIN_MEASURED: Final = 0.25
 """Of what the motion needs: below, something else carries the subject. No gain or mass errs so."""
-SPREAD_PERIODS: Final[Mapping[Method, tuple[float, float]]] = {"zero_phase": (0.6, 0.6), "realtime": (0.0, 1.0)}
+SPREAD_PERIODS: Final[Mapping[Method, tuple[float, float]]] = {"zero_phase": (0.8, 0.8), "realtime": (0.0, 1.0)}
 """Periods of the cut-off before and after, over which the low-pass brings a force that is not there
-into frames where it is: on a treadmill, a missing step leaves 1 N beyond them."""
+into frames where it is: on a treadmill, a missing step leaves 2 N beyond them."""
 
 
-def feet_joints(body: Body, q: Array) -> Array:
-    """Give ankles and balls of the left and the right foot, coordinates (T, 46) to (T, 2, 2, 3)."""
-    names = [f"{side}_{part}" for part in ("foot", "toes") for side in SIDES]
-    return joint_positions(body, q, names).reshape(-1, 2, 2, 3)
+def places_of(body: Body, q: Array) -> Array:
+    """Give pelvis, ankles and balls, left before right, coordinates (T, 46) to (T, 5, 3) [m]."""
+    names = ["pelvis", *(f"{side}_{part}" for part in ("foot", "toes") for side in SIDES)]
+    return joint_positions(body, q, names)
 
 
 class Support:
@@ -69,11 +75,11 @@ class Support:
 
     Notes
     -----
-    A foot is on the ground where its ankle or its ball is slower than `MAX_SPEED_MPS` against it.
-    The ground's velocity is that of the ball at rest of the foot that carried most, last. A foot on
+    A foot is on the ground where its ankle or its tip is slower than `MAX_SPEED` against it. The ground's velocity is that of the ball at rest of the foot that carried most, last. A foot on
     the ground stands beside the plates where its heel, tip, or either side of its ball is outside
     all outlines by more than `MARGIN_M`. It stands on a plate that measures nothing where none of
-    those under it is loaded for `UNLOADED_S`. A plate whose centre of pressure is not within its
+    those under it is loaded for `UNLOADED_S`, or part of it, more than `MARGIN_M` inside, does for
+    `PARTLY_S`. A plate whose centre of pressure is not within its
     corners, or that has none, carries the foot whose middle is within `MAX_PRESSURE_DISTANCE_M`.
     What is more than `MAX_LEVEL_M` above a plate hangs in the air. So does a foot above the highest
     plate, unless plates are steps; from a step, part of a foot may hang over the edge.
@@ -104,14 +110,15 @@ class Support:
         self.weight_n, self.threshold_n = body.mass * GRAVITY_MPS2, threshold_n
         self.at_rest_n = np.zeros(len(corner)) if at_rest_n is None else at_rest_n
         self.method, self.reach_s = method, np.array(SPREAD_PERIODS[method]) / cutoff_hz
+        self.reach_s[1] += DRAGS_S
         self.ground: Array = np.full((1, 2, 3), np.nan)
-        self.time, self.joints = np.full(1, -np.inf), np.full((1, 2, 2, 3), np.nan)
-        self.supported_s, self.missing_s = np.full((1, 3), np.inf), np.full(1, -np.inf)
+        self.time, self.places = np.full(1, -np.inf), np.full((1, 5, 3), np.nan)
+        self.supported_s, self.missing_s = np.full((1, 5), np.inf), np.full(1, -np.inf)
 
     def carried(
         self,
         time: Array,
-        joints: Array,
+        places: Array,
         wrenches: Array,
         on: Array,
         need: Array,
@@ -124,8 +131,8 @@ class Support:
         ----------
         time
             (T,) [s].
-        joints
-            Ankles and balls of both feet in the lab, (T, 2, 2, 3) [m], as `feet_joints`.
+        places
+            Pelvis, ankles and balls in the lab, (T, 5, 3) [m], as `places_of` gives them.
         wrenches
             Of the plates, lab axes about the lab origin, unfiltered, (T, P, 6) [N, N·m].
         on
@@ -138,15 +145,15 @@ class Support:
         """
         if pose is not None:
             back = np.swapaxes(pose[0], -1, -2)
-            joints = (joints - pose[1][:, None, None]) @ pose[0][:, None]
+            places = (places - pose[1][:, None]) @ pose[0]
             origin = -(back @ pose[1][..., None])[..., 0]
             wrenches = transform_wrench(wrenches, back[:, None], origin[:, None])
         vertical = wrenches[..., 2] - self.at_rest_n
         loaded = vertical > self.threshold_n
-        grounded = self._grounded(time, joints, vertical, on)
-        beside, idle, allowed_s = self._without_plate(joints, wrenches, loaded)
+        grounded = self._grounded(time, places, vertical, on)
+        beside, idle, partly, allowed_s = self._without_plate(places, wrenches, loaded)
         nothing = (need > MIN_NEED * self.weight_n) & (measured < MIN_MEASURED * need)
-        doubtful = np.column_stack([grounded & idle, nothing])
+        doubtful = np.column_stack([grounded & idle, grounded & partly, nothing])
         ok_s = np.where(doubtful, -np.inf, time[:, None])
         ok_s = np.maximum.accumulate(np.vstack([np.minimum(self.supported_s, time[0]), ok_s]))[1:]
         lasting = doubtful & (time[:, None] - ok_s > allowed_s)
@@ -156,43 +163,51 @@ class Support:
             last_s = np.maximum.accumulate(last_s)
             self.supported_s, self.missing_s = ok_s[-1:], last_s[-1:]
             return np.asarray(time - last_s > self.reach_s[1])
-        for each, long in zip(doubtful.T, lasting.T, strict=True):
-            for start, stop in stretches(each):
+        for channels in ([0, 2], [1, 3], [4]):
+            long = lasting[:, channels].any(axis=1)
+            for start, stop in stretches(doubtful[:, channels].any(axis=1)):
                 missing[start:stop] |= long[start:stop].any()
         return ~widened(missing, time, *self.reach_s)
 
-    def _grounded(self, time: Array, joints: Array, vertical: Array, on: Array) -> Mask:
+    def _grounded(self, time: Array, places: Array, vertical: Array, on: Array) -> Mask:
         """Find which feet are on the ground, (T, 2)."""
         step_s = np.diff(np.concatenate([self.time, time]))
-        moved = np.diff(np.concatenate([self.joints, joints]), axis=0)
-        velocity = moved / step_s[:, None, None, None]
-        self.time, self.joints = time[-1:], joints[-1:]
+        velocity = np.diff(np.concatenate([self.places, places]), axis=0) / step_s[:, None, None]
+        self.time, self.places = time[-1:], places[-1:]
         load = np.stack([np.sum(vertical * (on == foot), axis=1) for foot in (0, 1)], axis=1)
-        ball = velocity[:, 1]
+        ball = velocity[:, 3:]
         shows = (load > self.threshold_n) & (load >= load[:, ::-1])
         shows &= np.abs(ball[..., 2]) < MAX_RESTING_MPS
         last = np.maximum.accumulate(np.where(shows, np.arange(1, len(time) + 1)[:, None], 0))
         known = np.concatenate([self.ground, ball * [1.0, 1.0, 0.0]])
         ground = np.stack([known[last[:, foot], foot] for foot in (0, 1)], axis=1)
         self.ground = ground[-1:]
-        ground = np.where(np.isnan(ground), ground[:, ::-1], ground)
-        above = velocity - np.nan_to_num(ground)[:, None]
-        return np.asarray((np.sum(above**2, axis=-1) < MAX_SPEED_MPS**2).any(axis=1))
+        ground = np.nan_to_num(np.where(np.isnan(ground), ground[:, ::-1], ground))
+        walking = velocity[:, :1, :2] - ground[..., :2]
+        speed = np.sqrt(np.sum(walking**2, axis=-1))[:, None]
+        ankle = velocity[:, 1:3]
+        tip = ankle + (ball - ankle) * self._tip(places)
+        above = np.stack([ankle, tip], axis=1) - ground[:, None]
+        most = np.maximum(MAX_SPEED * speed, MIN_SPEED_MPS)
+        return np.asarray((np.sum(above**2, axis=-1) < most**2).any(axis=1))
 
     def _without_plate(
-        self, joints: Array, wrenches: Array, loaded: Mask
-    ) -> tuple[Mask, Mask, Array]:
-        """Find feet that would stand beside the plates, or on none that is loaded, (T, 2) each.
+        self, places: Array, wrenches: Array, loaded: Mask
+    ) -> tuple[Mask, Mask, Mask, Array]:
+        """Find feet that would stand beside the plates, on none or in part on none that is loaded.
 
-        And for how long the latter may last, of both feet and of the whole, (T, 3) [s].
+        (T, 2) each; and for how long they may stand so, before the plates carry nothing, (T, 5) [s].
         """
-        ankle, ball = joints[:, 0], joints[:, 1]
-        sole = np.minimum(
-            ankle[..., 2] - ANKLE_HEIGHT * self.length, ball[..., 2] - BALL_HEIGHT * self.length
-        )
-        inside = self._depth(self._outlines(ankle, ball)) > -MARGIN_M
+        ankle, ball = places[:, 1:3], places[:, 3:]
+        tip = ankle + (ball - ankle) * self._tip(places)
+        heights = np.stack([ankle, ball, tip], axis=2)[..., 2]
+        sole = (heights - HEIGHTS * self.length[:, None]).min(axis=2)
+        depth = self._depth(self._outlines(ankle, ball, tip))
+        inside = depth > -MARGIN_M
         touching = inside & (np.abs(sole[..., None] - self.level) < MAX_LEVEL_M)[:, :, None]
-        carried = (touching & loaded[:, None, None]).any(axis=(2, 3))
+        deepest = depth >= np.fmax.reduce(depth, axis=3, keepdims=True)
+        carried = (touching & deepest & loaded[:, None, None])[:, :, :3].any(axis=(2, 3))
+        partly = (touching & (depth > MARGIN_M) & ~loaded[:, None, None]).any(axis=(2, 3))
         outside = ~inside.any(axis=3) & (sole < self.highest)[..., None]
         if self.steps:
             outside &= ~touching.any(axis=(2, 3))[..., None]
@@ -207,23 +222,24 @@ class Support:
         near = np.sum(apart**2, axis=-1) < MAX_PRESSURE_DISTANCE_M**2
         carried |= (near & elsewhere[:, None]).any(axis=2)
         unknown = elsewhere.any(axis=1) | np.isnan(self.level).any()
-        allowed_s = np.where(unknown, ELSEWHERE_S, UNLOADED_S)[:, None]
+        allowed_s = np.full((len(places), 5), UNLOADED_S)
+        allowed_s[unknown, :2] = allowed_s[:, 2:4] = PARTLY_S
         beside = outside.any(axis=2)
         idle = ~carried & (beside | touching.any(axis=(2, 3)))
-        allowed_s = np.column_stack([allowed_s, allowed_s, np.full(len(joints), UNLOADED_S)])
-        return beside & ~unknown[:, None], idle, allowed_s
+        return beside & ~unknown[:, None], idle, partly & ~unknown[:, None], allowed_s
 
-    def _outlines(self, ankle: Array, ball: Array) -> Array:
-        """Give heel, tip and both sides of the ball of each foot, from above, (T, 2, 4, 2) [m]."""
-        apart = ball - ankle
-        long = np.sqrt(np.sum(apart**2, axis=-1))
-        along = apart[..., :2] / np.sqrt(np.sum(apart[..., :2] ** 2, axis=-1, keepdims=True))
-        across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
-        wide = HALF_WIDTH * self.length[:, None] * across
-        middle = ball[..., :2]
-        heel = ankle[..., :2] + HEEL * self.length[:, None] * along
-        tip = middle + (TIP * self.length - long)[..., None] * along
-        return np.stack([heel, tip, middle + wide, middle - wide], axis=2)
+    def _tip(self, places: Array) -> Array:
+        """Give how far the tips are from the ankles, by the distance of the balls, (T, 2, 1)."""
+        apart = places[:, 3:] - places[:, 1:3]
+        return np.asarray((TIP * self.length / np.sqrt(np.sum(apart**2, axis=-1)))[..., None])
+
+    def _outlines(self, ankle: Array, ball: Array, tip: Array) -> Array:
+        """Give heel, ball, tip and the sides of the ball of feet, from above, (T, 2, 5, 2) [m]."""
+        ankle, ball, tip = ankle[..., :2], ball[..., :2], tip[..., :2]
+        along = ball - ankle
+        along = along * (self.length / np.sqrt(np.sum(along**2, axis=-1)))[..., None]
+        across = HALF_WIDTH * np.stack([-along[..., 1], along[..., 0]], axis=-1)
+        return np.stack([ankle + HEEL * along, ball, tip, ball + across, ball - across], axis=2)
 
     def _depth(self, points: Array) -> Array:
         """Give how far points are within each plate's outline, (..., 2) to (..., P) [m].
