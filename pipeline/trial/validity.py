@@ -163,9 +163,7 @@ def carried_notes(
     if missing := int(np.count_nonzero(~validity.plates)):
         percent = share(known & ~validity.plates)
         frames = len(validity.plates)
-        notes.append(
-            Note.of("frames_not_carried", missing=missing, frames=frames, share=percent)
-        )
+        notes.append(Note.of("frames_not_carried", missing=missing, frames=frames, share=percent))
     counts = known & validity.counts
     long = max(1, round(STEP_S / float(np.median(np.diff(time)))))
     present, needed, found = (
@@ -176,7 +174,8 @@ def carried_notes(
     if doubtful.any():
         number = int(np.count_nonzero(doubtful))
         notes.append(
-            Note.of("carried_in_part", frames=number, first_s=time[doubtful][0],
-                    share=share(doubtful))
+            Note.of(
+                "carried_in_part", frames=number, first_s=time[doubtful][0], share=share(doubtful)
+            )
         )
     return tuple(notes)

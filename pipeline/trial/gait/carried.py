@@ -36,6 +36,8 @@ HEIGHTS: Final = np.array([0.3, 0.12, 0.0])
 """Of ankle, ball and tip above the sole, by the length of the foot."""
 UNLOADED_S: Final = 0.1
 """That a foot may stand on a plate before it loads it, and after: errors of timing."""
+ROUNDING_S: Final = 1e-6
+"""Of times."""
 DRAGS_S: Final = 0.1
 """For which a tip that leaves the ground may still touch it."""
 PARTLY_S: Final = 0.3
@@ -45,7 +47,10 @@ MIN_NEED: Final = 0.3
 """Of body weight: in flight there is nothing to carry."""
 MIN_MEASURED: Final = 0.25
 """Of what the motion needs: below, something else carries the subject. No gain or mass errs so."""
-SPREAD_PERIODS: Final[Mapping[Method, tuple[float, float]]] = {"zero_phase": (0.8, 0.8), "realtime": (0.0, 1.0)}
+SPREAD_PERIODS: Final[Mapping[Method, tuple[float, float]]] = {
+    "zero_phase": (0.8, 0.8),
+    "realtime": (0.0, 1.0),
+}
 """Periods of the cut-off before and after, over which the low-pass brings a force that is not there
 into frames where it is: on a treadmill, a missing step leaves 2 N beyond them."""
 
@@ -156,13 +161,13 @@ class Support:
         doubtful = np.column_stack([grounded & idle, grounded & partly, nothing])
         ok_s = np.where(doubtful, -np.inf, time[:, None])
         ok_s = np.maximum.accumulate(np.vstack([np.minimum(self.supported_s, time[0]), ok_s]))[1:]
-        lasting = doubtful & (time[:, None] - ok_s > allowed_s)
+        lasting = doubtful & (time[:, None] - ok_s > allowed_s + ROUNDING_S)
         missing = (grounded & beside).any(axis=1) | lasting.any(axis=1)
         if self.method == "realtime":
             last_s = np.where(missing, time, self.missing_s)
             last_s = np.maximum.accumulate(last_s)
             self.supported_s, self.missing_s = ok_s[-1:], last_s[-1:]
-            return np.asarray(time - last_s > self.reach_s[1])
+            return np.asarray(time - last_s > self.reach_s[1] + ROUNDING_S)
         for channels in ([0, 2], [1, 3], [4]):
             long = lasting[:, channels].any(axis=1)
             for start, stop in stretches(doubtful[:, channels].any(axis=1)):
