@@ -265,6 +265,8 @@ class LiveChain:
             quality |= Quality.PLATFORM_UNKNOWN
         elif np.isnan(best).any():
             quality |= Quality.FORCES_UNKNOWN
+        moves = ground.platform
+        platform = None if moves is None else (moves[0][None], moves[1][None])
         if not self.support.carried(
             np.array([time]),
             pose.places[None],
@@ -272,7 +274,7 @@ class LiveChain:
             on[None],
             pose.needed[1][2:3],
             by_foot[-1, :, 2].sum()[None],
-            None if ground.platform is None else tuple(each[None] for each in ground.platform),
+            platform,
         )[0]:
             quality |= Quality.NOT_CARRIED
         if uncertain:

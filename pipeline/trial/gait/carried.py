@@ -80,14 +80,15 @@ class Support:
 
     Notes
     -----
-    A foot is on the ground where its ankle or its tip is slower than `MAX_SPEED` against it. The ground's velocity is that of the ball at rest of the foot that carried most, last. A foot on
-    the ground stands beside the plates where its heel, tip, or either side of its ball is outside
-    all outlines by more than `MARGIN_M`. It stands on a plate that measures nothing where none of
-    those under it is loaded for `UNLOADED_S`, or part of it, more than `MARGIN_M` inside, does for
-    `PARTLY_S`. A plate whose centre of pressure is not within its
-    corners, or that has none, carries the foot whose middle is within `MAX_PRESSURE_DISTANCE_M`.
-    What is more than `MAX_LEVEL_M` above a plate hangs in the air. So does a foot above the highest
-    plate, unless plates are steps; from a step, part of a foot may hang over the edge.
+    A foot is on the ground where its ankle or its tip is slower than `MAX_SPEED` against it. The
+    ground's velocity is that of the ball at rest of the foot that carried most, last. A foot on the
+    ground stands beside the plates where its heel, tip, or either side of its ball is outside all
+    outlines by more than `MARGIN_M`. It stands on a plate that measures nothing where none of those
+    under it is loaded for `UNLOADED_S`, or part of it, more than `MARGIN_M` inside, does for
+    `PARTLY_S`. A plate whose centre of pressure is not within its corners, or that has none,
+    carries the foot whose middle is within `MAX_PRESSURE_DISTANCE_M`. What is more than
+    `MAX_LEVEL_M` above a plate hangs in the air. So does a foot above the highest plate, unless
+    plates are steps; from a step, part of a foot may hang over the edge.
     """
 
     def __init__(
@@ -162,7 +163,7 @@ class Support:
         ok_s = np.where(doubtful, -np.inf, time[:, None])
         ok_s = np.maximum.accumulate(np.vstack([np.minimum(self.supported_s, time[0]), ok_s]))[1:]
         lasting = doubtful & (time[:, None] - ok_s > allowed_s + ROUNDING_S)
-        missing = (grounded & beside).any(axis=1) | lasting.any(axis=1)
+        missing: Mask = np.asarray((grounded & beside).any(axis=1) | lasting.any(axis=1))
         if self.method == "realtime":
             last_s = np.where(missing, time, self.missing_s)
             last_s = np.maximum.accumulate(last_s)
@@ -170,7 +171,7 @@ class Support:
             return np.asarray(time - last_s > self.reach_s[1] + ROUNDING_S)
         for channels in ([0, 2], [1, 3], [4]):
             long = lasting[:, channels].any(axis=1)
-            for start, stop in stretches(doubtful[:, channels].any(axis=1)):
+            for start, stop in stretches(np.asarray(doubtful[:, channels].any(axis=1))):
                 missing[start:stop] |= long[start:stop].any()
         return ~widened(missing, time, *self.reach_s)
 
@@ -201,7 +202,7 @@ class Support:
     ) -> tuple[Mask, Mask, Mask, Array]:
         """Find feet that would stand beside the plates, on none or in part on none that is loaded.
 
-        (T, 2) each; and for how long they may stand so, before the plates carry nothing, (T, 5) [s].
+        (T, 2) each; and for how long that, or plates that measure nothing, may last, (T, 5) [s].
         """
         ankle, ball = places[:, 1:3], places[:, 3:]
         tip = ankle + (ball - ankle) * self._tip(places)
