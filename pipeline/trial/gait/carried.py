@@ -163,7 +163,7 @@ class Support:
         ok_s = np.where(doubtful, -np.inf, time[:, None])
         ok_s = np.maximum.accumulate(np.vstack([np.minimum(self.supported_s, time[0]), ok_s]))[1:]
         lasting = doubtful & (time[:, None] - ok_s > allowed_s + ROUNDING_S)
-        missing: Mask = np.asarray((grounded & beside).any(axis=1) | lasting.any(axis=1))
+        missing: Array = np.asarray((grounded & beside).any(axis=1) | lasting.any(axis=1), bool)
         if self.method == "realtime":
             last_s = np.where(missing, time, self.missing_s)
             last_s = np.maximum.accumulate(last_s)
@@ -172,7 +172,7 @@ class Support:
         for channels in ([0, 2], [1, 3], [4]):
             long = lasting[:, channels].any(axis=1)
             for start, stop in stretches(np.asarray(doubtful[:, channels].any(axis=1))):
-                missing[start:stop] |= long[start:stop].any()
+                missing[start:stop] = missing[start:stop] | long[start:stop].any()
         return ~widened(missing, time, *self.reach_s)
 
     def _grounded(self, time: Array, places: Array, vertical: Array, on: Array) -> Mask:
