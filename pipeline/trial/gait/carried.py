@@ -213,7 +213,8 @@ class Support:
         touching = inside & (np.abs(sole[..., None] - self.level) < MAX_LEVEL_M)[:, :, None]
         deepest = depth >= np.fmax.reduce(depth, axis=3, keepdims=True)
         carried = (touching & deepest & loaded[:, None, None])[:, :, :3].any(axis=(2, 3))
-        partly = (touching & (depth > MARGIN_M) & ~loaded[:, None, None]).any(axis=(2, 3))
+        partly = touching & (depth > MARGIN_M) & ~loaded[:, None, None]
+        partly = partly[:, :, :3].any(axis=(2, 3))
         outside = ~inside.any(axis=3) & (sole < self.highest)[..., None]
         if self.steps:
             outside &= ~touching.any(axis=(2, 3))[..., None]
