@@ -43,6 +43,8 @@ DRAGS_S: Final = 0.1
 PARTLY_S: Final = 0.3
 """The same of part of a foot, before it rolls there; and where the place of a plate is unknown, in
 a double support with the pressure under the other foot."""
+MAX_RESTING_SHARE: Final = 0.85
+"""Of what the motion needs, measured: from there on, a foot may rest on its plate without load."""
 MIN_NEED: Final = 0.3
 """Of body weight: in flight there is nothing to carry."""
 MIN_MEASURED: Final = 0.25
@@ -159,7 +161,8 @@ class Support:
         grounded = self._grounded(time, places, vertical, on)
         beside, idle, partly, allowed_s = self._without_plate(places, wrenches, loaded)
         nothing = (need > MIN_NEED * self.weight_n) & (measured < MIN_MEASURED * need)
-        doubtful = np.column_stack([grounded & idle, grounded & partly, nothing])
+        lacking = grounded & (measured < MAX_RESTING_SHARE * need)[:, None]
+        doubtful = np.column_stack([lacking & idle, lacking & partly, nothing])
         ok_s = np.where(doubtful, -np.inf, time[:, None])
         ok_s = np.maximum.accumulate(np.vstack([np.minimum(self.supported_s, time[0]), ok_s]))[1:]
         lasting = doubtful & (time[:, None] - ok_s > allowed_s + ROUNDING_S)
