@@ -161,22 +161,24 @@ class Support:
         grounded = self._grounded(time, places, vertical, on)
         beside, idle, partly, allowed_s = self._without_plate(places, wrenches, loaded)
         nothing = (need > MIN_NEED * self.weight_n) & (measured < MIN_MEASURED * need)
-        lacking = grounded & (measured < MAX_RESTING_SHARE * need)[:, None]
-        doubtful = np.column_stack([lacking & idle, lacking & partly, nothing])
+        standing = np.column_stack([grounded & idle, grounded & partly, nothing])
+        lacking = (measured < MAX_RESTING_SHARE * need)[:, None]
+        doubtful = standing & lacking
         ok_s = np.where(doubtful, -np.inf, time[:, None])
         ok_s = np.maximum.accumulate(np.vstack([np.minimum(self.supported_s, time[0]), ok_s]))[1:]
         lasting = doubtful & (time[:, None] - ok_s > allowed_s + ROUNDING_S)
-        missing: Array = np.asarray((grounded & beside).any(axis=1) | lasting.any(axis=1), bool)
+        missing = np.logical_or((grounded & beside).any(axis=1), lasting.any(axis=1))
         if self.method == "realtime":
             last_s = np.where(missing, time, self.missing_s)
             last_s = np.maximum.accumulate(last_s)
             self.supported_s, self.missing_s = ok_s[-1:], last_s[-1:]
             return np.asarray(time - last_s > self.reach_s[1] + ROUNDING_S)
+        whole: Mask = np.array(missing, bool)
         for channels in ([0, 2], [1, 3], [4]):
             long = lasting[:, channels].any(axis=1)
-            for start, stop in stretches(np.asarray(doubtful[:, channels].any(axis=1))):
-                missing[start:stop] = missing[start:stop] | long[start:stop].any()
-        return ~widened(missing, time, *self.reach_s)
+            for start, stop in stretches(np.asarray(standing[:, channels].any(axis=1))):
+                whole[start:stop] |= bool(long[start:stop].any())
+        return ~widened(whole, time, *self.reach_s)
 
     def _grounded(self, time: Array, places: Array, vertical: Array, on: Array) -> Mask:
         """Find which feet are on the ground, (T, 2)."""
