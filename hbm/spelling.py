@@ -42,11 +42,11 @@ def both_ends(text: str, characters: int) -> str:
     return f"{text[: characters - END_SHOWN - 3]} … {text[-END_SHOWN:]}"
 
 
-def listed(names: Iterable[object]) -> str:
+def listed(names: Iterable[object], most: int = MAX_LISTED) -> str:
     """Give the first of some names, and how many more there are; "none" where there are none."""
     every = [short(name) for name in names]
-    more = f" and {len(every) - MAX_LISTED} more" if len(every) > MAX_LISTED else ""
-    return f"{', '.join(every[:MAX_LISTED])}{more}" if every else "none"
+    more = f" and {len(every) - most} more" if len(every) > most else ""
+    return f"{', '.join(every[:most])}{more}" if every else "none"
 
 
 def did_you_mean(word: object, known: Iterable[str]) -> str:

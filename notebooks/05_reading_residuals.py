@@ -191,7 +191,7 @@ write_recording(trials["swapped pelvis"], Path("swapped_pelvis.rrd"))
 #
 # **Plates delayed 30 ms.** The same shape in every cycle, largest in Fx and Fz where the forces
 # change fastest, after foot strike and around push-off, and crossing zero: the difference of a
-# curve and its delayed copy. The software estimates the delay: 35 ms, of which the reference has 5.
+# curve and its delayed copy. The software estimates the delay: 32 ms, of which the reference has 2.
 # State it as `plate_delay_s`. In the viewer: residual arrows that change direction with every step.
 #
 # **10 kg too light.** Fz keeps its shape and decreases by 98 N, the weight of ten kilograms; the

@@ -1,6 +1,6 @@
 """Delays between two devices that recorded the same motion, and how to undo them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, TypeVar
 
@@ -195,31 +195,6 @@ def undo_delay(signal: ArrayLike, delay_s: float, rate_hz: float) -> Array:
     return interpolate(time, x, time + delay_s)
 
 
-def clustered_standard_error(clusterings: Sequence[Array], information: float) -> float:
-    """Give the sandwich standard error of one fitted parameter whose errors come in clusters.
-
-    Parameters
-    ----------
-    clusterings
-        For every way of clustering the errors, the score summed within each cluster, (n,). Errors
-        count as independent between clusters of either way.
-    information
-        Sum of the squared sensitivities, in the scores' units.
-
-    Returns
-    -------
-    float
-        Standard error; infinite where nothing depends on the parameter.
-
-    Notes
-    -----
-    The variances of several clusterings are added (Cameron, Gelbach and Miller 2011, J Bus Econ
-    Stat 29:238), without their correction for what both contain: rather too large than too small.
-    """
-    variance = sum(float(np.sum(x**2)) * len(x) / (len(x) - 1) for x in clusterings)
-    return float(np.sqrt(variance) / information) if information > 0 else np.inf
-
-
 def decimated(signal: Array, rate: float) -> tuple[Array, float]:
     """Low-pass, decimate and standardise (N, C) samples; give the new rate [Hz] too."""
     cutoff_hz = min(MAX_MOTION_HZ, rate / SAMPLES_PER_PERIOD)
@@ -301,5 +276,5 @@ def _gauss_newton(
     information = float(np.sum(slope**2 / variance))
     blocks = np.array([block.sum() for block in np.array_split(scores, BLOCKS)])
     explained = 1 - float(np.sum(residual**2) / np.sum((target - target.mean(axis=0)) ** 2))
-    error = clustered_standard_error([blocks], information)
+    error = float(np.sqrt(np.sum(blocks**2) * BLOCKS / (BLOCKS - 1)) / information)
     return np.array([scores.sum() / information]), (error, explained)

@@ -1,23 +1,27 @@
 """A treadmill's calibration as text: one inertia model per plate, and its provenance."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
+from itertools import chain
 from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
 from scipy.linalg import block_diag
 
+from compensation.inertia.checks import check_calibration
 from compensation.inertia.choice import Choice
 from compensation.inertia.model import InertiaModel, Setup
 from compensation.inertia.model_error import ModelError
+from compensation.inertia.quality import LeftOver, left_over, verdict_notes
 from compensation.inertia.sensors import Sensor
 from compensation.inputs import refuse_gaps
+from hbm.notes import Note
 from hbm.spatial import Array, read_only
 
 FORMAT: Final = "hbm-residuals inertia calibration"
-VERSION: Final = 5
+VERSION: Final = 6
 WITHOUT_SENSORS: Final = (1, 2)
 """Versions without delays and gains of the accelerometers, which are then used as they are, and
 without the correlation of plates. The first one did not name its filter either, which was always
@@ -27,6 +31,8 @@ WITHOUT_MODEL_ERROR: Final = (*WITHOUT_SENSORS, 3)
 """Versions of static models alone, which know of noise alone."""
 WITHOUT_BELTS: Final = (*WITHOUT_MODEL_ERROR, 4)
 """Versions that expect the same error at every speed of the belts."""
+WITHOUT_VERDICT: Final = (*WITHOUT_BELTS, 5)
+"""Versions that do not say whether what is left is within its limits."""
 OF_BELTS: Final = ("per_belts", "belts_mps")
 MAX_REASON: Final = 120
 """Characters of what is wrong, which names what the file holds."""
@@ -52,6 +58,9 @@ class Calibration:
         Plate name -> the dynamic model that compensates trials; empty where the static one does.
     choice
         Which of them does, and why; None where there was none to choose.
+    verdict
+        Plate -> what the model in use leaves of each component, beside its limit. By default as
+        `left_over` judges it now; empty where it was not judged.
 
     Examples
     --------
@@ -71,6 +80,7 @@ class Calibration:
     correlation: Array | None = None
     dynamic: Mapping[str, InertiaModel] = field(default_factory=dict)
     choice: Choice | None = None
+    verdict: Mapping[str, tuple[LeftOver, ...]] | None = None
 
     def __post_init__(self) -> None:
         if not self.plates:
@@ -87,7 +97,10 @@ class Calibration:
                 )
             if self.sensors and model.sensors != tuple(sensor.name for sensor in self.sensors):
                 raise ValueError(f"plate {name}: its accelerometers are not those described")
-        for name in ("plates", "provenance", "dynamic"):
+        if self.verdict is None:
+            judged = {name: left_over(model) for name, model in self.in_use.items()}
+            object.__setattr__(self, "verdict", judged)
+        for name in ("plates", "provenance", "dynamic", "verdict"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
         if self.correlation is None:
             return
@@ -103,6 +116,12 @@ class Calibration:
     def in_use(self) -> Mapping[str, InertiaModel]:
         """Plate name -> the model that compensates trials."""
         return self.dynamic or self.plates
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """What to know wherever it is used: plates that were loaded, and the verdict."""
+        loaded = (check_calibration(model, name) for name, model in self.in_use.items())
+        return (*chain.from_iterable(loaded), *verdict_notes(self.verdict or {}))
 
     def correlation_of(self, plates: Sequence[str]) -> Array:
         """Give the correlation of what is left of some plates, (6 P, 6 P), in their order."""
@@ -137,6 +156,10 @@ def to_json(calibration: Calibration) -> str:
         else None,
         "dynamic": {name: _plain(model) for name, model in calibration.dynamic.items()},
         "choice": asdict(calibration.choice) if calibration.choice is not None else None,
+        "verdict": {
+            plate: [asdict(row) | {"passed": row.passed} for row in rows]
+            for plate, rows in (calibration.verdict or {}).items()
+        },
     }
     return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
 
@@ -177,7 +200,7 @@ calibration'
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise ValueError(f"the text is not a calibration: its format should be {FORMAT!r}")
     version = document.get("version")
-    if version not in (*WITHOUT_BELTS, VERSION):
+    if version not in (*WITHOUT_VERDICT, VERSION):
         raise ValueError(
             f"the calibration has version {version}, this program reads versions 1 to {VERSION}; "
             "fit it again"
@@ -190,8 +213,9 @@ calibration'
         dynamic, choice = (
             ({}, None) if version in WITHOUT_MODEL_ERROR else _chosen(document, version)
         )
+        verdict = {} if version in WITHOUT_VERDICT else _judged(document["verdict"], plates)
         calibration = Calibration(
-            plates, document["provenance"], sensors, correlation, dynamic, choice
+            plates, document["provenance"], sensors, correlation, dynamic, choice, verdict
         )
     except (KeyError, TypeError, AttributeError, OverflowError) as error:
         reason = str(error)[:MAX_REASON]
@@ -216,6 +240,21 @@ def _chosen(
     dynamic = {name: _model(plain, version) for name, plain in document["dynamic"].items()}
     choice = document["choice"]
     return dynamic, None if choice is None else Choice(**choice)
+
+
+def _judged(
+    plain: Mapping[str, list[dict[str, Any]]], plates: Collection[str]
+) -> dict[str, tuple[LeftOver, ...]]:
+    """Read the verdict; one of other plates, or that contradicts its numbers, is damaged."""
+    verdict = {
+        plate: tuple(LeftOver(**{k: v for k, v in row.items() if k != "passed"}) for row in rows)
+        for plate, rows in plain.items()
+    }
+    passed = {plate: [row.passed for row in rows] for plate, rows in verdict.items()}
+    stated = {plate: [row["passed"] for row in rows] for plate, rows in plain.items()}
+    if passed != stated or (verdict and verdict.keys() != set(plates)):
+        raise KeyError("verdict")
+    return verdict
 
 
 def _arrays_as_lists(

@@ -1,4 +1,4 @@
-"""Which model compensates trials: static, unless a dynamic one is clearly and safely better."""
+"""Which model compensates trials, and how much recordings of people beside weigh in its gains."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from compensation.inertia.dynamic import extend, left_of_held_out
 from compensation.inertia.fit import MIN_SAMPLES_PER_GAIN
 from compensation.inertia.model import SLOW_HZ, InertiaModel
-from compensation.inertia.quality import MAX_LEFT_N, MAX_LEFT_NM
+from compensation.inertia.quality import MAX_LEFT
 from compensation.inputs import read_rate, read_table
 from hbm.notes import Note
 from hbm.signals.filtering import low_pass
@@ -19,19 +19,27 @@ from hbm.spatial import WRENCH_COMPONENTS, Array, read_only
 Kind = Literal["static", "dynamic"]
 Samples = Mapping[str, tuple[Array, Array]]
 """Plate -> what was felt, (N, K) [m/s²], and its wrench, (N, 6) [N, N·m], both without gaps."""
-ALLOWED: Final = np.repeat([MAX_LEFT_N, MAX_LEFT_NM], 3)
+ALLOWED: Final = MAX_LEFT
 MAX_SHARE: Final = 0.8
 """Of what the static model leaves, that a dynamic one may leave to be chosen: less is no clear gain
 for four times as many numbers."""
 MAX_SHARE_OF_OTHERS: Final = 0.9
 """The same where recordings were not fitted at all: of other motion they are stronger evidence."""
-MAX_WORSE: Final = 1.1
-"""Factor by which it may be worse in any component of any recording."""
+MAX_WORSE: Final = 1.05
+"""Factor by which a dynamic model, or the weight of people beside, may be worse in any component of
+a recording's held-out parts: in other motion neither is then clearly worse, more than 1.2 times."""
 ALONE: Final = (
     ": clearly less, but of one kind of motion; with --beside or --check, recordings of people "
     "beside an empty plate show whether that is so of others"
 )
 TOO_SHORT: Final = "the recording is too short to judge a dynamic one"
+BESIDE_WEIGHTS: Final = (1.0, 0.1, 0.01, 0.001, 0.0001)
+"""Of a sample of people beside an empty plate, by one of commanded motion: alike, down to a
+ten-thousandth, at which gains are those of commanded motion wherever it determines them."""
+BANDS_HZ: Final = (2.0, SLOW_HZ)
+"""Cut-offs below which that weight is judged, besides all that passes the calibration's filter."""
+MIN_LEFT: Final = 1e-6
+"""Below which nothing is left [N, N·m]."""
 NEGLIGIBLE_SHARE: Final = 0.1
 """Of what residuals allow: whether a component is left less than this does not count."""
 
@@ -105,11 +113,15 @@ class Choice:
         Which of them the recordings speak for; another one where a model was stated.
     reason
         In words, from which a sentence about the better model continues.
+    beside
+        How much recordings of people beside weigh in the gains, and why, in words; empty where
+        there are none.
     """
 
     model: Kind
     better: Kind
     reason: str
+    beside: str = ""
 
     def __post_init__(self) -> None:
         for model in (self.model, self.better):
@@ -147,11 +159,74 @@ def rms_left(left: ArrayLike, rate_hz: float) -> Array:
     return np.stack([error.std(axis=0), slow.std(axis=0)])
 
 
+def weigh_beside(
+    trials: Sequence[tuple[str, Samples]], readings: int, rate_hz: float
+) -> tuple[float, str]:
+    """Give the weight of recordings of people beside an empty plate in the gains, and why.
+
+    Parameters
+    ----------
+    trials
+        As for `choose`, the commanded motion first.
+    readings
+        How many of the channels are readings.
+    rate_hz
+        Sampling rate of all [Hz].
+
+    Returns
+    -------
+    weight
+        The largest of `BESIDE_WEIGHTS` with which no component of any plate is worse in held-out
+        parts of the commanded motion than without these recordings, in any band; else the smallest.
+    reason
+        In words; empty where there is nothing to weigh.
+
+    Notes
+    -----
+    What the platform's commanded motion shows is what the model is for. What people add is error,
+    unless the accelerometers show it: then it can be fitted without a loss.
+
+    Examples
+    --------
+    >>> felt = np.random.default_rng(0).normal([0, 0, 9.81], 1.0, (600, 3))
+    >>> rigid = felt, felt @ np.hstack([-150 * np.eye(3), np.full((3, 3), 15.0)])
+    >>> weigh_beside([("empty", {"plate 1": rigid})], 3, 100.0)
+    (1.0, '')
+    """
+    signal, plates = trials[0]
+    of_plate = {
+        name: [(one[name][0][:, :readings], one[name][1]) for _, one in trials if name in one]
+        for name in plates
+    }
+    if len(trials) == 1:
+        return 1.0, ""
+
+    def left(samples: Sequence[tuple[Array, Array]], weight: float) -> Array:
+        error, *_ = left_of_held_out(samples, readings, weight)
+        bands = [low_pass(error, rate_hz, hz, "zero_phase") for hz in BANDS_HZ]
+        return np.asarray(np.maximum(np.std([error, *bands], axis=1), MIN_LEFT))
+
+    alone = [left(samples[:1], 1.0) for samples in of_plate.values()]
+    before = ""
+    for weight in BESIDE_WEIGHTS:
+        of_alone = [left(x, weight) / one for x, one in zip(of_plate.values(), alone, strict=True)]
+        worse = np.max(of_alone, axis=1)
+        if worse.max() <= MAX_WORSE:
+            break
+        plate, component = np.unravel_index(worse.argmax(), worse.shape)
+        before = (
+            f"; with {weight:g}, {WRENCH_COMPONENTS[component]} of {list(plates)[plate]} left of "
+            f"held-out parts of {signal} would be {worse.max():.2f} times as large"
+        )
+    return weight, f"weight {weight:g} per sample in the gains ({signal}: 1){before}"
+
+
 def choose(
     trials: Sequence[tuple[str, Samples]],
     static: Mapping[str, InertiaModel],
     checks: Sequence[tuple[str, Samples]] = (),
     stated: Literal["auto"] | Kind = "auto",
+    beside_weight: float = 1.0,
 ) -> tuple[Choice, dict[str, InertiaModel]]:
     """Choose the model of a calibration by held-out samples, or take the stated one, and say why.
 
@@ -166,6 +241,8 @@ def choose(
         The same of recordings that are not fitted.
     stated
         A model that is to be taken; "auto" for the better one.
+    beside_weight
+        With which the static models were fitted.
 
     Returns
     -------
@@ -190,7 +267,7 @@ def choose(
     for name, model in static.items():
         samples, channels = [both for _, both in of_plate[name]], 3 * len(model.sensors)
         readings = [(felt[:, :channels], wrench) for felt, wrench in samples]
-        simple, better = (left_of_held_out(x, channels) for x in (readings, samples))
+        simple, better = (left_of_held_out(x, channels, beside_weight) for x in (readings, samples))
         for (k, _), one, other in zip(of_plate[name], simple, better, strict=True):
             left[k].append((rms_left(one, _rate_hz(model)), rms_left(other, _rate_hz(model))))
     own = [
@@ -200,7 +277,7 @@ def choose(
     choice = choose_model(own)
     if stated == "dynamic" or choice.model == "dynamic" or checks:
         dynamic = {
-            name: extend(model, [both for _, both in of_plate[name]])
+            name: extend(model, [both for _, both in of_plate[name]], beside_weight=beside_weight)
             for name, model in static.items()
         }
         others = [_on(source, plates, static, dynamic) for source, plates in checks]
@@ -225,7 +302,7 @@ def choose_model(own: Sequence[Comparison], others: Sequence[Comparison] = ()) -
     Choice
         Static, unless the dynamic model leaves at most 0.8 of what the static one leaves on average
         over the recordings, or 0.9 where some were not fitted at all; no more of any recording;
-        and of no component of any recording more than 1.1 times as much. Static too where that
+        and of no component of any recording more than 1.05 times as much. Static too where that
         leaves less than a tenth of what residuals allow, and where there is one recording alone:
         how a model does in other motion is not seen in it.
 

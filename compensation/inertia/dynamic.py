@@ -131,7 +131,7 @@ def fit_dynamic(
     ``a / (1 − ω²/ω₀²)``, a series in even derivatives of ``a``. Second differences over some lags
     stand for these derivatives. Least squares with a penalty on the gains of the differences
     (ridge regression, Hoerl and Kennard 1970), none on those of the readings and the offset.
-    Recordings weigh as for `fit_trials`.
+    All recordings weigh alike, sample by sample.
 
     It is symmetric in time and shifts nothing: what the accelerometers are late is estimated
     beforehand (`find_sensors`).
@@ -163,6 +163,7 @@ def extend(
     trials: Sequence[Trial],
     lags_s: Sequence[float] = LAGS_S,
     zero_sd: ArrayLike | None = None,
+    beside_weight: float = 1.0,
 ) -> InertiaModel:
     """Make the dynamic model, as `fit_dynamic`, of recordings with a static one, with a setup."""
     setup = static.setup
@@ -186,7 +187,7 @@ def extend(
     design = np.vstack([x - m for (x, _), m in zip(read, felt_mean, strict=True)])
     about = np.vstack([w - m for (_, w), m in zip(read, wrench_mean, strict=True)])
     counts = np.array([len(x) for x, _ in read])
-    weight = np.repeat(recording_weights(read), counts)[:, None]
+    weight = np.repeat(recording_weights(counts, beside_weight), counts)[:, None]
     inverse = _inverse(design.T @ (weight * design), n, k)
     slopes = inverse @ (design.T @ (weight * about))
     residual, zeros = about - design @ slopes, wrench_mean - felt_mean @ slopes
@@ -204,7 +205,7 @@ def extend(
     ends = np.cumsum(counts)[:-1]
     slow = [part for x in np.split(residual, ends) if (part := slow_part(x, setup)) is not None]
     all_slow = np.vstack(slow) if len(slow) == len(read) else residual
-    unseen = left_of_held_out(read, k)
+    unseen = left_of_held_out(read, k, beside_weight)
     return InertiaModel(
         gain=np.vstack([slopes, zeros.mean(axis=0)]),
         covariance=bread @ meat @ bread.T,
@@ -234,7 +235,9 @@ def extend(
     )
 
 
-def left_of_held_out(trials: Sequence[Trial], readings: int) -> list[Array]:
+def left_of_held_out(
+    trials: Sequence[Trial], readings: int, beside_weight: float = 1.0
+) -> list[Array]:
     """Give what models leave of parts of recordings to which they were not fitted.
 
     Parameters
@@ -244,6 +247,8 @@ def left_of_held_out(trials: Sequence[Trial], readings: int) -> list[Array]:
         the wrench (N, 6) [N, N·m].
     readings
         How many of the channels are readings, whose gains have no penalty.
+    beside_weight
+        As for `fit_trials`.
 
     Returns
     -------
@@ -265,8 +270,8 @@ def left_of_held_out(trials: Sequence[Trial], readings: int) -> list[Array]:
     """
     read = _read(trials)
     about = [(x - x.mean(axis=0), w - w.mean(axis=0)) for x, w in read]
-    weights = recording_weights(read)
-    count = sum(len(x) for x, _ in about)
+    counts = [len(x) for x, _ in about]
+    weights, count = recording_weights(counts, beside_weight), sum(counts)
     gram = np.sum([q * x.T @ x for q, (x, _) in zip(weights, about, strict=True)], axis=0)
     cross = np.sum([q * x.T @ w for q, (x, w) in zip(weights, about, strict=True)], axis=0)
     found = []

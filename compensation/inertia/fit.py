@@ -129,6 +129,7 @@ def fit_trials(
     sensor_noise: ArrayLike = 0.0,
     zero_sd: ArrayLike | None = None,
     belts_mps: ArrayLike = (),
+    beside_weight: float = 1.0,
 ) -> InertiaModel:
     """Fit one model to several recordings of an empty plate, each with a zero of its own.
 
@@ -145,6 +146,9 @@ def fit_trials(
     belts_mps
         Speed of the belts in every recording, (M,) [m/s]; empty where it is unknown. What the model
         leaves then depends on it.
+    beside_weight
+        Weight of a sample of the recordings after the first, of people beside, by that of the
+        first, of commanded motion; above 0, at most 1. `weigh_beside` finds it.
 
     Returns
     -------
@@ -160,8 +164,9 @@ def fit_trials(
     -----
     A platform that people shake moves in ways in which no signal moves it. Two accelerometers do
     not show all of them; what they show of those that occur together is learned from recordings in
-    which they occur. Recordings weigh by the inverse variance of what is left of them, lest those
-    that two accelerometers explain badly spoil the gains for motion that they explain well.
+    which they occur. What they do not show at all spoils the gains for commanded motion, unless
+    these recordings weigh little. However little, they count in full in what the model is expected
+    to leave.
 
     Examples
     --------
@@ -199,7 +204,7 @@ def fit_trials(
     felt_mean = np.array([one.mean(axis=0) for one, _ in read])
     wrench_mean = np.array([other.mean(axis=0) for _, other in read])
     mean = felt_mean.mean(axis=0)
-    weight = np.repeat(recording_weights(read), counts)
+    weight = np.repeat(recording_weights(counts, beside_weight), counts)
     root = np.sqrt(weight)[:, None]
     scale = (noise if noise.any() else np.std(a, axis=0)) * np.sqrt(n)
     centred = (a - _repeated(felt_mean, counts)) / scale

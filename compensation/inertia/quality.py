@@ -1,6 +1,6 @@
 """Whether a calibration recording serves: did the platform move, was it empty, what is left."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -9,30 +9,51 @@ import numpy as np
 from compensation.inertia.checks import MAX_UNEXPLAINED_N
 from compensation.inertia.model import InertiaModel
 from hbm.notes import Note
-from hbm.spatial import WRENCH_COMPONENTS
+from hbm.spatial import WRENCH_COMPONENTS, Array, read_only
 
 MIN_COMMANDED_MPS2: Final = 0.2
 """Largest standard deviation of a channel of a platform that follows commands. Trials have 1 m/s²
 and more (pitch of ± 10°, sway of 5 cm in 0.3 s); people on the boards shake a platform by less than
 0.1 m/s²."""
-MAX_LEFT_N: Final = 9.0
-MAX_LEFT_NM: Final = 1.8
-"""RMS below 6 Hz that compensation may leave. Peaks, three times the RMS, then stay below what
-Hicks et al. (2015) allow the residuals of an adult of 50 kg: 5 % of a peak force of 1.1 body
-weights, and 1 % of it times a height of the centre of mass of 1 m."""
+PERSON_RMS: Final = np.array([37.1, 30.4, 63.1, 11.4, 20.5, 4.5])
+"""RMS of the pelvis residuals of nine adults, of about 75 kg, who walk on a treadmill whose
+platform is at rest: forward, sideways, up [N, N·m] (van de Loosdrecht 2018, Table III, baseline
+without compensation)."""
+MAX_RISE: Final = 0.05
+"""By which what compensation leaves may raise these residuals; our choice."""
+HIP_HEIGHT_M: Final = 1.0
+"""Above the plates: a horizontal force on them is a moment about the hips."""
+
+
+def _max_left() -> Array:
+    """Derive the limits of the components of a plate, (6,) [N, N·m]: 3.8, 14.3, 3.8 and 1.0.
+
+    What compensation leaves is independent of the person's part, so that their squares add up, and
+    two plates leave it: each component may be √((1.05² − 1) / 2) = 23 % of the person's part. How
+    a plate's horizontal axes lie is not known: both have the RMS of the person's two. A horizontal
+    force is as large a moment about the hips, 1 m above, and is limited by that of moments.
+    """
+    share = np.sqrt(((1 + MAX_RISE) ** 2 - 1) / 2)
+    _, tilt = share * np.sqrt(np.mean(PERSON_RMS.reshape(2, 3)[:, :2] ** 2, axis=1))
+    up, turn = share * PERSON_RMS[[2, 5]]
+    return read_only([tilt / HIP_HEIGHT_M, tilt / HIP_HEIGHT_M, up, tilt, tilt, turn])
+
+
+MAX_LEFT: Final = _max_left()
+"""RMS below 6 Hz that compensation may leave of each component of a plate, (6,) [N, N·m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class LeftOver:
-    """What a calibration leaves of one component of one plate, beside what residuals allow.
+    """What a calibration leaves of one component of one plate, and its limit.
 
     Attributes
     ----------
     component, unit
-        "fx" … "mz" and "N" or "N·m".
+        "Fx" … "Mz" and "N" or "N·m".
     excited, after, left, limit
         Standard deviation before, RMS after, the part of it below 6 Hz, at which residuals are
-        filtered, and the largest part that they allow.
+        filtered, and the largest part that is allowed.
     r_squared
         Share of the variance that the accelerometers explain.
     """
@@ -46,9 +67,14 @@ class LeftOver:
     r_squared: float
 
     @property
-    def verdict(self) -> str:
+    def passed(self) -> bool:
         """Whether the component is compensated well enough, which its R² alone cannot tell."""
-        if self.left > self.limit:
+        return self.left <= self.limit
+
+    @property
+    def verdict(self) -> str:
+        """The same in words; a component that hardly moved shows little."""
+        if not self.passed:
             return "too much left"
         return "hardly moved" if self.excited < self.limit else "good"
 
@@ -64,31 +90,39 @@ def left_over(model: InertiaModel) -> tuple[LeftOver, ...]:
     >>> left_over(compensation.fit_inertia(accelerations, wrench))[0].verdict
     'good'
     """
-    limits = [(MAX_LEFT_N, "N")] * 3 + [(MAX_LEFT_NM, "N·m")] * 3
     rows = []
-    for k, (limit, unit) in enumerate(limits):
+    for k, name in enumerate(WRENCH_COMPONENTS):
         after, r_squared = float(model.rms_compensated[k]), float(model.r_squared[k])
         excited = after / np.sqrt(1 - r_squared) if r_squared < 1 else float(model.rms_measured[k])
-        name = WRENCH_COMPONENTS[k]
-        slow = float(np.asarray(model.rms_slow)[k])
+        slow, limit = float(np.asarray(model.rms_slow)[k]), float(MAX_LEFT[k])
+        unit = "N" if k < 3 else "N·m"
         rows.append(LeftOver(name, unit, float(excited), after, slow, limit, r_squared))
     return tuple(rows)
 
 
-def check_left_over(model: InertiaModel, plate: str) -> tuple[Note, ...]:
-    """Warn of every component of which a calibration leaves more than residuals allow."""
-    return tuple(
-        Note.of(
-            "calibration_leaves_much",
-            plate=plate,
-            component=row.component,
-            left=f"{row.left:.1f} {row.unit}",
-            limit=f"{row.limit:g} {row.unit}",
-            r_squared=row.r_squared,
-        )
-        for row in left_over(model)
-        if row.left > row.limit
-    )
+OF_CALIBRATION: Final = (
+    "calibration_loaded",
+    "calibration_unexplained",
+    "calibration_leaves_much",
+    "calibration_not_judged",
+)
+"""Codes of notes on a calibration that hold for everything that uses it."""
+
+
+def verdict_notes(verdict: Mapping[str, Sequence[LeftOver]]) -> tuple[Note, ...]:
+    """Put the verdict on a calibration, plate -> components, into one note; none where it passes.
+
+    Without any plate, as of files of earlier versions, the calibration was not judged.
+    """
+    if not verdict:
+        return (Note.of("calibration_not_judged"),)
+    beyond = [
+        f"{plate} {row.component} {row.left:.1f} {row.unit} (limit {row.limit:.1f})"
+        for plate, rows in verdict.items()
+        for row in rows
+        if not row.passed
+    ]
+    return (Note.of("calibration_leaves_much", left=beyond),) if beyond else ()
 
 
 def refuse_unusable(plates: Mapping[str, InertiaModel]) -> None:

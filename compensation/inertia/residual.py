@@ -24,34 +24,17 @@ ZERO_DEGREES: Final = 3
 """Degrees of freedom that the assumed value is worth beside those that recordings show of three
 forces or moments, three per recording after the first; and what is pooled over them beside those of
 one component, one per recording after the first."""
-WEIGHT_ITERATIONS: Final = 4
-"""Of the weights of recordings, which then no longer change."""
-MIN_LEFT_OF_WRENCH: Final = 1e-3
-"""Of a wrench, below which what is left of a recording is taken as no smaller: a model is exact."""
 
 
-def recording_weights(trials: Sequence[tuple[Array, Array]]) -> Array:
-    """Give the weights of recordings, (M,), with which all samples weigh as many as there are.
+def recording_weights(counts: ArrayLike, beside_weight: float) -> Array:
+    """Give the weight of a sample of each recording, (M,), with which all weigh as many as N.
 
-    Each weighs by the inverse of the variance that a common model leaves of it, by that of the
-    first, on average over the components.
+    Those after the first, of people beside, weigh `beside_weight` of those of the first.
     """
-    counts = np.array([len(a) for a, _ in trials])
-    weights = np.ones(len(trials))
-    if len(trials) == 1:
-        return weights
-    about = [(a - a.mean(axis=0), w - w.mean(axis=0)) for a, w in trials]
-    grams, rights, sizes = (
-        np.array(each)
-        for each in zip(*((a.T @ a, a.T @ w, np.vecdot(w.T, w.T)) for a, w in about), strict=True)
-    )
-    least = MIN_LEFT_OF_WRENCH**2 * sizes / counts[:, None]
-    for _ in range(WEIGHT_ITERATIONS):
-        gain = np.linalg.lstsq(np.tensordot(weights, grams, 1), np.tensordot(weights, rights, 1))[0]
-        explained = np.sum(gain * (2 * rights - grams @ gain), axis=1)
-        left = (sizes - explained) / counts[:, None]
-        left = np.maximum(left, np.maximum(least, np.finfo(float).tiny))
-        weights = 1 / np.mean(left / left[0], axis=1)
+    counts = np.asarray(counts)
+    if not 0 < beside_weight <= 1:
+        raise ValueError(f"beside_weight must be above 0 and at most 1, got {beside_weight}")
+    weights = np.where(np.arange(len(counts)) == 0, 1.0, beside_weight)
     return np.asarray(weights * counts.sum() / (weights @ counts))
 
 

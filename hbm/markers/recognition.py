@@ -14,6 +14,8 @@ MIN_SHARE_OF_PART: Final = 1 / 2
 MAX_LABELS_LISTED: Final = 8
 """In an error message."""
 
+REMEDY: Final = "rename them (--rename) or give a marker set of your own (--marker-set)"
+
 UPPER_PARTS: Final = {
     "thorax": "trunk",
     "head": "head",
@@ -49,6 +51,8 @@ def recognise_marker_set(names: Iterable[str]) -> MarkerSet:
         If the labels match no set; the message names the nearest.
     """
     names = list(names)
+    if not names:
+        raise ValueError("there are no markers; export the file again with their trajectories")
     sets = marker_sets().values()
     shown = [chosen for chosen in sets if not _short_of(_lower_body(chosen), names)]
     if not shown:
@@ -84,14 +88,13 @@ def _mismatch(nearest: MarkerSet, names: list[str]) -> str:
     more = ", …" if len(missing) > MAX_LABELS_LISTED else ""
     if len(missing) == len(needed):
         return (
-            f"the markers match no known set: none of {listed(names)} is a marker of pelvis or "
-            f"legs{differing_case(names, known)}; rename them or give a marker set of your own"
+            f"the markers match no known set: none of {listed(names, 4)} is a marker of pelvis or "
+            f"legs{differing_case(names, known)}; {REMEDY}"
         )
     return (
         f"the markers match no known set; nearest is {nearest.name!r} with "
         f"{len(needed) - len(missing)} of its {len(needed)} markers of pelvis and legs (missing "
-        f"{', '.join(missing[:MAX_LABELS_LISTED])}{more}){differing_case(names, known)}; rename "
-        "them or give a marker set of your own"
+        f"{', '.join(missing[:MAX_LABELS_LISTED])}{more}){differing_case(names, known)}; {REMEDY}"
     )
 
 

@@ -41,7 +41,8 @@ def check(
     found = check_recording(empty, laboratory)
     if found.zeros:
         print_table(_table(found, recording.name), console)
-    for note in found.notes:
+    assert laboratory.calibration is not None
+    for note in (*found.notes, *laboratory.calibration.notes):
         console.print(note_line(note), soft_wrap=True)
     return 0 if found.verdict == "valid" else 1
 

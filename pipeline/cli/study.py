@@ -11,6 +11,7 @@ from pipeline.cli.options import USAGE, Jobs, Out, StudyFolder
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from hbm.notes import Note
     from pipeline.config.study import Study
     from pipeline.run.check import Findings
 
@@ -116,6 +117,7 @@ def run(
         for note in read_study_laboratory(loaded).notes:
             console.print(note_line(note), soft_wrap=True)
     counts = {"done": 0, "kept": 0, "failed": 0}
+    of_calibration: dict[Note, None] = {}
     size = {job.target: max(job.size, 1) for job in planned}  # before a file may go
     size_done, to_do = 0, sum(size.values())
     outcomes = run_planned(
@@ -130,6 +132,7 @@ def run(
     with stoppable(kept), StepProgress(console, "processing", "trials") as progress:
         for finished, outcome in enumerate(outcomes, 1):
             counts[outcome.state] += 1
+            of_calibration |= dict.fromkeys(outcome.of_calibration)
             if outcome.state == "kept":
                 to_do -= size[outcome.job.target]
             else:
@@ -142,6 +145,8 @@ def run(
                 size=to_do,
                 always=outcome.failure is not None,
             )
+    for note in of_calibration:
+        console.print(note_line(note), soft_wrap=True)
     console.print(
         f"{counted(counts['done'], 'trial')} processed, {counts['kept']} were there already, "
         f"{counts['failed']} failed, in {time.monotonic() - start:.1f} s; next: hbm report {out}",

@@ -52,7 +52,8 @@ def fit(
         list[Path] | None,
         typer.Option(
             "--beside",
-            help="People on the treadmill beside a plate that stays empty: fitted too; repeatable.",
+            help="People beside a plate that stays empty: fitted, weighed by held-out parts of "
+            "the signal; repeatable.",
         ),
     ] = None,
     inertia_model: Annotated[
@@ -69,8 +70,7 @@ def fit(
     ] = None,
 ) -> None:
     """Fit a calibration to a recording of the empty, moving treadmill."""
-    from compensation import check_calibration, to_json
-    from compensation.inertia.quality import check_left_over
+    from compensation import to_json
     from compensation.inertia.sensors import describe_sensors
     from hbm.notes import warnings_first
     from pipeline.cli.terminal import note_line, plain_console, print_table
@@ -139,29 +139,23 @@ def fit(
     method = setup.filter_method if setup is not None else ""
     console.print(f"accelerometers: {', '.join(sensors)}; low-pass {cutoff_hz:g} Hz, {method}")
     if BESIDE in provenance:
-        console.print(f"fitted too: {provenance[BESIDE]}", soft_wrap=True)
+        weighed = calibration.choice.beside if calibration.choice is not None else ""
+        console.print(f"fitted too: {provenance[BESIDE]}; {weighed}", soft_wrap=True)
     print_table(_sensor_table(calibration), console)
     print_table(_fit_table(calibration), console)
-    doubts = [
-        note
-        for plate, fitted in calibration.in_use.items()
-        for note in check_calibration(fitted, plate)
-    ]
-    poor = [n for plate, m in calibration.in_use.items() for n in check_left_over(m, plate)]
     notes = [
-        *doubts,
+        *calibration.notes,
         *with_corrected_plates(empty, plates).notes[len(empty.notes) :],
         *describe_sensors(calibration.sensors),
         *([calibration.choice.note] if calibration.choice is not None else []),
         *timing,
         *plates_timed_apart(empty, treadmill, calibration.sensors, plates),
         *belt_speed_notes(empty, treadmill, calibration),
-        *poor,
     ]
     for note in warnings_first(notes):
         console.print(note_line(note), soft_wrap=True)
-    if doubts or poor:
-        advice = "do not use it before that is explained"
+    if calibration.notes:
+        advice = "calibration not fit for trials: mend what the warnings name, then fit it again"
     else:
         plates_too = f" --plate-calibration {plate_calibration}" if plate_calibration else ""
         advice = (
@@ -174,29 +168,26 @@ def _fit_table(calibration: "Calibration") -> "Table":
     """Lay out how well a calibration explains its own recording."""
     from rich.table import Table
 
-    from compensation import left_over
-
     table = Table(title="The empty plates, before and after compensation (calibration recording)")
-    for name in ("plate", "component", "RMS", "after", "< 6 Hz", "allowed", "R²", "verdict"):
+    for name in ("plate", "component", "RMS", "after", "< 6 Hz", "limit", "R²", "verdict"):
         left = name in ("plate", "component", "verdict")
         table.add_column(name, justify="left" if left else "right")
     for name, model in calibration.in_use.items():
-        for row in left_over(model):
+        for row in (calibration.verdict or {})[name]:
             table.add_row(
                 name,
                 row.component,
                 f"{row.excited:.1f} {row.unit}",
                 f"{row.after:.2f} {row.unit}",
                 f"{row.left:.2f} {row.unit}",
-                f"{row.limit:g} {row.unit}",
+                f"{row.limit:.1f} {row.unit}",
                 f"{row.r_squared:.4f}",
                 row.verdict,
             )
         table.caption = (
             f"rank {model.rank} of {1 + len(model.acceleration_mean)}, condition "
-            f"{model.condition:.0f}; allowed: peaks of what is left, 3 RMS, stay below the "
-            "limits of Hicks et al. (2015) at 50 kg; "
-            "R² is low where a component hardly moved, without harm"
+            f"{model.condition:.0f}; limit: raises the residuals of a walking adult of 75 kg by "
+            "5 %; R² is low where a component hardly moved, without harm"
         )
     return table
 

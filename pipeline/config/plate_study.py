@@ -154,7 +154,8 @@ def _plate_numbers() -> dict[BeltSide, int]:
 class PlatesFile(InputModel):
     """The contents of ``plates.toml``; full scale and filter are those of the thesis.
 
-    Plates are judged at loads of a person of ``body_mass_kg``.
+    Plates are judged at loads of a person of ``body_mass_kg``. By how much all masses together may
+    be misstated is unknown where ``mass_uncertainty_percent`` is not stated.
     """
 
     name: str = "plates"
@@ -169,6 +170,7 @@ class PlatesFile(InputModel):
     full_scale_n: Annotated[float, Field(gt=0)] = 510.0
     center_height_m: Annotated[float, Field(ge=0, le=2)] = 0.0
     body_mass_kg: WeightKg = 75.0
+    mass_uncertainty_percent: Annotated[float, Field(ge=0, le=100)] | None = None
     limits: AccuracyLimits = AccuracyLimits()
     static: Annotated[tuple[StaticRecording, ...], Field(strict=False)] = ()
     hammer: Annotated[tuple[HammerRecording, ...], Field(strict=False)] = ()

@@ -82,8 +82,11 @@ class EstimatedCause:
 
     @property
     def is_certain(self) -> bool:
-        """Whether its 95 % interval excludes zero, and the trial tells so, not the usual size."""
-        told = self.deviation < TOLD * self.usual
+        """Whether its 95 % interval excludes zero, and the trial tells so, not the usual size.
+
+        A delay is zero unless a measurement or the trial shows another one.
+        """
+        told = self.group == "delay" or self.deviation < TOLD * self.usual
         return told and abs(self.size) > NORMAL_95 * self.deviation
 
 

@@ -66,6 +66,9 @@ class Cause:
         What the chain is with it.
     of_platform
         Whether it follows the platform's motion, which does not repeat with the gait cycle.
+    found
+        Size and one standard deviation of it by a better estimate than that from the residuals,
+        which then say nothing of it; None where they do.
     along
         Of a combination of independent errors that all trials share, the part of each, (D,) of
         length one; None for an error of its own.
@@ -76,6 +79,7 @@ class Cause:
     prior: Prior
     change: Change
     of_platform: bool = False
+    found: tuple[float, float] | None = None
     along: Array | None = None
 
     def effect(self, chain: ProcessingChain) -> Array:

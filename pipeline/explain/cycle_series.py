@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hbm.spatial import Array, read_only
+from hbm.spatial import Array, Indices, Mask, read_only
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -13,19 +13,20 @@ class CycleSeries:
     """How frames become Fourier coefficients of each gait cycle.
 
     The coefficients are those of least squares over the frames of a cycle, scaled so that the sum
-    of their squares is the mean square over the cycle.
+    of their squares is the mean square over the cycle. In frames that do not count, signals are
+    taken as zero.
 
     Attributes
     ----------
     frames
-        Per cycle its frames.
+        Per cycle its frames that count.
     inverse
-        Per cycle what gives its coefficients from its frames, (B, N).
+        Per cycle what gives its coefficients from these frames, (B, N).
     frequency
         Of each coefficient, (B,) [Hz], for a cycle of median duration.
     """
 
-    frames: tuple[slice, ...]
+    frames: tuple[Indices, ...]
     inverse: tuple[Array, ...]
     frequency: Array
 
@@ -48,7 +49,9 @@ class CycleSeries:
         return CycleSeries(self.frames[cycles], self.inverse[cycles], self.frequency)
 
 
-def cycle_series(time: Array, spans: Sequence[tuple[float, float]], to_hz: float) -> CycleSeries:
+def cycle_series(
+    time: Array, spans: Sequence[tuple[float, float]], to_hz: float, counts: Mask | None = None
+) -> CycleSeries:
     """Find how the frames of gait cycles become Fourier coefficients.
 
     Parameters
@@ -59,6 +62,8 @@ def cycle_series(time: Array, spans: Sequence[tuple[float, float]], to_hz: float
         Start and stop of each cycle, half-open, (C, 2) [s].
     to_hz
         Up to which frequency [Hz]; no more than a third of the frames of a cycle allow.
+    counts
+        Whether each frame counts, (T,); by default all do.
 
     Returns
     -------
@@ -75,16 +80,18 @@ def cycle_series(time: Array, spans: Sequence[tuple[float, float]], to_hz: float
     >>> series.frequency.tolist()
     [0.0, 1.0, 1.0, 2.0, 2.0]
     """
-    frames = [slice(*np.searchsorted(time, span)) for span in spans]
-    fewest = min(each.stop - each.start for each in frames)
+    every = [np.arange(*np.searchsorted(time, span)) for span in spans]
+    counted = [np.ones(len(each), bool) if counts is None else counts[each] for each in every]
+    fewest = min(int(own.sum()) for own in counted)
     duration = float(np.median([stop - start for start, stop in spans]))
     harmonics = max(1, min(int(np.ceil(to_hz * duration)), fewest // 6))
     inverse = []
-    for (start, stop), each in zip(spans, frames, strict=True):
+    for (start, stop), each, own in zip(spans, every, counted, strict=True):
         phase = 2 * np.pi * (time[each] - start) / (stop - start)
         waves = [np.ones(len(phase))]
         for h in range(1, harmonics + 1):
             waves += [np.sqrt(2) * np.sin(h * phase), np.sqrt(2) * np.cos(h * phase)]
-        inverse.append(np.linalg.pinv(np.column_stack(waves)))
+        inverse.append(np.linalg.pinv(np.column_stack(waves))[:, own])
     order = np.repeat(np.arange(harmonics + 1), 2)[1:]
-    return CycleSeries(tuple(frames), tuple(inverse), order / duration)
+    frames = tuple(each[own] for each, own in zip(every, counted, strict=True))
+    return CycleSeries(frames, tuple(inverse), order / duration)

@@ -13,7 +13,7 @@ from pipeline.explain.cause import OF_PERSON, Cause
 from pipeline.explain.causes.body import body_causes
 from pipeline.explain.causes.compensation import compensation_causes
 from pipeline.explain.causes.filtering import left_by_filter
-from pipeline.explain.causes.known_plates import known_plates
+from pipeline.explain.causes.known_plates import KnownPlates, known_plates
 from pipeline.explain.causes.markers import marker_causes
 from pipeline.explain.causes.plates import plate_causes
 from pipeline.explain.causes.platform import platform_causes
@@ -23,7 +23,7 @@ from pipeline.explain.intervals import Intervals, interval
 from pipeline.explain.linearised import linearised, rms, sizes_from_cycles
 from pipeline.explain.posterior import Posterior
 from pipeline.explain.processing_chain import ProcessingChain, processing_chain
-from pipeline.explain.shares import indistinct, shares_of_groups
+from pipeline.explain.shares import NORMAL_95, indistinct, shares_of_groups
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.residuals import windows
@@ -156,7 +156,7 @@ class ExplainedPart:
 
     @property
     def counts(self) -> Mask:
-        """Frames within the cycles, (T,)."""
+        """Frames that are explained, (T,)."""
         result = np.zeros(len(self.chain.time), bool)
         for cycle in self.series.frames:
             result[cycle] = True
@@ -168,10 +168,10 @@ class ExplainedPart:
         if len(self.series) >= MIN_CYCLES:
             middle = len(self.series) // 2
             return self.series.some(slice(middle)), self.series.some(slice(middle, None))
-        time, frames = self.chain.time, self.series.frames
-        bounds = [np.linspace(time[own.start], time[own.stop - 1], 3) for own in frames]
+        time, counts = self.chain.time, self.counts
+        bounds = [time[[own[0], own[len(own) // 2], own[-1]]] for own in self.series.frames]
         first, second = (
-            cycle_series(time, [(own[half], own[half + 1]) for own in bounds], self.to_hz)
+            cycle_series(time, [(own[half], own[half + 1]) for own in bounds], self.to_hz, counts)
             for half in (0, 1)
         )
         return first, second
@@ -182,12 +182,14 @@ def explained_part(
 ) -> ExplainedPart:
     """Give the part of a trial that is explained; parameters and errors as for `explain_trial`."""
     spans, found = _spans(result)
-    chain = processing_chain(recording, laboratory, result, _frames(spans, result, laboratory))
+    frames = _frames(spans, result, laboratory)
+    chain = processing_chain(recording, laboratory, result, frames)
     inside = (spans[:, 0] >= chain.time[0]) & (spans[:, 1] <= chain.time[-1])
     to_hz = HIGHEST_IN_CUTOFFS * chain.settings.cutoff_hz
-    series = cycle_series(chain.time, spans[inside], to_hz)
+    series = cycle_series(chain.time, spans[inside], to_hz, result.validity.counts[frames])
+    known = known_plates(chain, laboratory)
     causes = (
-        *plate_causes(chain, known_plates(chain, laboratory)),
+        *plate_causes(chain, known, None if known.delay_is_measured else _delay(result, known)),
         *platform_causes(chain, laboratory.treadmill.platform),
         *compensation_causes(chain),
         *body_causes(chain),
@@ -202,31 +204,34 @@ def _notes(part: ExplainedPart) -> Iterator[Note]:
     cycles = part.series.frames
     if not part.found_cycles:
         step_s = float(np.median(np.diff(part.chain.time)))
-        duration_s = step_s * sum(each.stop - each.start for each in cycles)
+        duration_s = step_s * sum(map(len, cycles))
         yield Note.of("explained_without_cycles", duration_s=duration_s)
     elif len(cycles) < MIN_CYCLES:
         yield Note.of("explained_few_cycles", cycles=len(cycles), wanted=MIN_CYCLES)
 
 
+def _delay(result: TrialResult, known: KnownPlates) -> tuple[float, float]:
+    """Give the plates' delay that the trial shows, or else the usual one; one deviation [s]."""
+    if np.isfinite(result.delay_s):
+        return result.delay_s, result.delay_uncertainty_s / NORMAL_95
+    return known.delay.mean, known.delay.size
+
+
 def _spans(result: TrialResult) -> tuple[Array, int]:
-    """Give what is explained, (C, 2) [s], and how many gait cycles it is: 0 for other stretches."""
+    """Give what is explained, (C, 2) [s], and how many gait cycles it is: 0 for other stretches.
+
+    As in `pipeline.trial.residuals`, of the side with the most cycles.
+    """
     time, counts = result.motion.time, result.validity.counts
-
-    def whole(span: Array) -> bool:
-        inside = (time >= span[0]) & (time < span[1])
-        return bool(inside.any() and counts[inside].all())
-
-    sides = [[span for span in own if whole(span)] for own in result.cycles.values()]
-    cycles = max(sides, key=len, default=[])
-    if cycles:
-        return np.array(cycles), len(cycles)
-    spans = [span for span in windows(result)[0].spans if whole(span)]
-    if not spans:
+    cycles = () if result.span else max(result.cycles.values(), key=len, default=())
+    spans = np.reshape(cycles if len(cycles) else windows(result)[0].spans, (-1, 2))
+    some = [counts[(time >= start) & (time < stop)].any() for start, stop in spans]
+    if not any(some):
         raise ValueError(
-            f"{result.source.name}: no gait cycle counts from end to end, so that nothing tells "
-            "what its residuals are made of"
+            f"{result.source.name}: no frame counts, so that nothing tells what its residuals are "
+            "made of"
         )
-    return np.array(spans), 0
+    return spans[some], len(cycles)
 
 
 def _frames(spans: Array, result: TrialResult, laboratory: Laboratory) -> slice:

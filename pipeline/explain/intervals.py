@@ -41,7 +41,7 @@ class Intervals:
     effects
         What each adds to the residual as it was measured, per unit, (K, T, 6).
     cycles
-        Frames of the gait cycles that are explained.
+        Frames of each gait cycle that are explained.
     subject, trial
         Names of them: what trials share is drawn alike in all of them.
     """
@@ -51,22 +51,20 @@ class Intervals:
         chain: ProcessingChain,
         causes: Sequence[Cause],
         effects: Array,
-        cycles: Sequence[slice],
+        cycles: Sequence[Indices],
         subject: str = "",
         trial: str = "",
     ) -> None:
         self._chain, self._causes, self._cycles = chain, causes, cycles
         self._usual = np.array([cause.prior.size for cause in causes])[:, None, None] * effects
         self._noise = noise_of_samples(chain)
-        self._frames = np.concatenate([np.arange(own.start, own.stop) for own in cycles])
+        self._frames = np.concatenate(cycles)
         self._samples = samples_in_a_frame(chain)
         self._sizes = shared_sizes(causes, subject, trial, DRAWS)
 
     def bands(self) -> Bands:
         """Give the residuals over time."""
-        number = np.repeat(
-            np.arange(len(self._cycles)), [own.stop - own.start for own in self._cycles]
-        )
+        number = np.repeat(np.arange(len(self._cycles)), [len(own) for own in self._cycles])
         usual = self._usual[:, self._frames]
         return Bands(
             time=self._chain.time[self._frames],
@@ -122,7 +120,7 @@ class Intervals:
         for own in self._cycles:
             found = rms_uncertainty(residual[own], self._usual[:, own], self._noise, self._samples)
             low, high = interval(found.rms, found.deviation)
-            start, stop = float(time[own.start]), float(time[own.stop - 1])
+            start, stop = float(time[own[0]]), float(time[own[-1]])
             result.append(CycleRms(start, stop, found.rms, low, high))
         return tuple(result)
 

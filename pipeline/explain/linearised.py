@@ -16,6 +16,8 @@ TOLERANCE: Final = 0.05
 """Of a residual's RMS that a change of all causes together may differ from the sum of their
 effects."""
 ROUNDS: Final = 3
+HELD: Final = 1e-3
+"""Of the standard deviation of a size that was found elsewhere: so near the residuals leave it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,7 +61,8 @@ def linearised(
         Effects and sizes.
     """
     corrected, size = chain, np.zeros(len(causes))
-    before = rms(chain.residual[series.frames[0].start : series.frames[-1].stop])
+    frames = np.concatenate(series.frames)
+    before = rms(chain.residual[frames])
     every: list[Array] = []
     for _ in range(ROUNDS):
         measured = corrected.residual - left  # first: chains with effects keep its steps
@@ -71,7 +74,7 @@ def linearised(
         corrected, size = chain, posterior.size
         for cause, own in zip(causes, size, strict=True):
             corrected = cause.change(corrected, -own)
-        missed = rms((corrected.residual - left - expected)[series.frames[0].start :])
+        missed = rms((corrected.residual - left - expected)[frames])
         if (missed < TOLERANCE * before).all():
             break
     return Linearised(effects, posterior, every[0])
@@ -96,20 +99,28 @@ def sizes_from_cycles(
     Returns
     -------
     Posterior
-        Of all causes.
+        Of all causes. Those whose size was found elsewhere keep it, and the others are as unsure as
+        that makes them.
     """
     mean = np.array([cause.prior.mean for cause in causes])
     prior = np.array([cause.prior.size for cause in causes])
     of_platform = np.array([cause.of_platform for cause in causes])
+    found = {k: cause.found for k, cause in enumerate(causes) if cause.found}
+    for k, (size, deviation) in found.items():
+        mean[k], prior[k] = size, HELD * deviation
     usual = residual - np.tensordot(mean, effects, 1)
-    found = estimate_sizes(
+    posterior = estimate_sizes(
         series.coefficients(usual),
         series.coefficients(effects),
         prior,
         series.frequency,
         of_platform,
     )
-    return Posterior(found.size + mean, found.covariance, found.unexplained)
+    covariance = posterior.covariance
+    for k, (_, deviation) in found.items():  # the others follow it
+        follow = covariance[:, k] / covariance[k, k]
+        covariance = covariance + deviation**2 * np.outer(follow, follow)
+    return Posterior(posterior.size + mean, covariance, posterior.unexplained)
 
 
 def rms(residual: Array) -> Array:

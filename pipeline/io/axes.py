@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hbm.markers import MarkerSet
+from hbm.markers import MarkerSet, recognise_marker_set
 from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import listed, short
@@ -139,15 +139,38 @@ def settle_axes(
             _check_up(parse_axes(axes)[2], {"pelvis or shoulders above feet": above, **loads})
         stated = Note.of("axes_stated", axes=_listed(axes))
         return axes, (stated, *_not_forward(axes, position, sites))
+    try:
+        return _inferred(position, sites, above, loads, plate_normals, screen_up)
+    except AxesUnknownError as error:
+        unknown = "" if marker_set or sites.on_trunk else _unknown_labels(names)
+        if unknown and not loads and np.size(plate_forces):
+            unknown = (
+                f"nobody is in it: no plate carries {MIN_MEAN_LOAD_N:g} N, and {listed(names, 4)} "
+                "are not a person's; else rename the markers (--rename) or give a marker set "
+                "(--marker-set)"
+            )
+        if unknown:
+            raise AxesUnknownError(
+                f"{unknown}; for plates without a person, state --axes"
+            ) from error
+        if not np.isfinite(position).any():
+            raise AxesUnknownError(
+                f"{error}: export the file again with its trajectories"
+            ) from error
+        raise AxesUnknownError(f"axes cannot be inferred: {error}; {ASK}") from error
+
+
+def _inferred(
+    position: Array,
+    sites: Sites,
+    above: Array | None,
+    loads: dict[str, Array],
+    plate_normals: ArrayLike,
+    screen_up: str,
+) -> tuple[str, tuple[Note, ...]]:
+    """Infer axes; an `AxesUnknownError` says what is missing or contradicts itself."""
     if not np.isfinite(position).any():
-        raise AxesUnknownError(f"axes cannot be inferred: no marker is ever visible; {ASK}")
-    if not sites.across:
-        empty = "" if loads else "no plate is loaded, as on an empty treadmill, and "
-        raise AxesUnknownError(
-            f"axes cannot be inferred: {empty}{listed(names)} hold no left and right pair of a "
-            "known marker set; if they are a person's, rename them (--rename) or give a marker set "
-            f"(--marker-set), and {ASK}"
-        )
+        raise AxesUnknownError("no marker is ever visible")
     up, up_evidence = _infer_up(above, loads, plate_normals, screen_up)
     left, pairs, doubts = _infer_left(position, sites, up)
     forward = np.cross(left, up)
@@ -156,8 +179,8 @@ def settle_axes(
     if np.isfinite(toes).all():
         if toes @ forward < 0:
             raise AxesUnknownError(
-                f"axes cannot be inferred: forward is {_axis_name(forward)} by the marker pairs "
-                f"{', '.join(pairs)}, but the toes point the other way; {ASK}"
+                f"forward is {_axis_name(forward)} by the marker pairs {', '.join(pairs)}, but the "
+                "toes point the other way"
             )
         forward_evidence.append("the direction of the toes")
     rotation = np.array([forward, left, up])
@@ -170,6 +193,15 @@ def settle_axes(
         forward_evidence=forward_evidence,
     )
     return axes, (inferred, *doubts)
+
+
+def _unknown_labels(names: Sequence[str]) -> str:
+    """Say why labels are of no known marker set; empty where they are of one."""
+    try:
+        recognise_marker_set(names)
+    except ValueError as error:
+        return str(error)
+    return ""
 
 
 def mean_force(force: Array) -> Array:
@@ -224,8 +256,7 @@ def _infer_up(
         evidence["pelvis or shoulders above feet"] = above
     if not evidence:
         raise AxesUnknownError(
-            "axes cannot be inferred: no plate is loaded, as on an empty treadmill, and no marker "
-            f"of pelvis, shoulders and feet is seen; if a person is in it, {ASK}"
+            "no plate is loaded, and no marker of pelvis, shoulders and feet is seen"
         )
     signed = {source: _nearest_axis(vector, source) for source, vector in evidence.items()}
     normals = np.reshape(np.asarray(plate_normals, float), (-1, 3))
@@ -238,8 +269,8 @@ def _infer_up(
     contradicting += [source for source, axis in lines.items() if abs(axis @ up) < 0.5]
     if contradicting:
         raise AxesUnknownError(
-            f"axes cannot be inferred: {_axis_name(up)} is up by {first}, "
-            f"but not by {' and '.join(contradicting[:PAIRS_NAMED])}; {ASK}"
+            f"{_axis_name(up)} is up by {first}, "
+            f"but not by {' and '.join(contradicting[:PAIRS_NAMED])}"
         )
     return up, [*signed, *lines]
 
@@ -256,7 +287,9 @@ def _infer_left(
     named = tuple(name for name, known in zip(names, seen, strict=True) if known)
     if not named:
         raise AxesUnknownError(
-            f"axes cannot be inferred: none of the marker pairs {listed(names)} is seen; {ASK}"
+            f"none of the marker pairs {listed(names)} is seen"
+            if names
+            else "no marker pair such as LASIS and RASIS shows left"
         )
     by_pair, across = by_pair[seen], across[:, seen]
     source = f"the marker pairs {', '.join(named[:PAIRS_NAMED])}"
@@ -267,13 +300,12 @@ def _infer_left(
     ]
     if 2 * len(against) >= len(named):
         raise AxesUnknownError(
-            f"axes cannot be inferred: of {source}, {', '.join(against[:PAIRS_NAMED])} lie the "
-            f"other way round; {ASK}"
+            f"of {source}, {', '.join(against[:PAIRS_NAMED])} lie the other way round"
         )
     agree = across[:, cosines > 0]
     facing = agree[np.isfinite(agree).all(axis=-1)] @ left
     if sites.on_trunk and np.mean(facing > 0) < MIN_SHARE_FACING_ONE_WAY:
-        raise AxesUnknownError(f"axes cannot be inferred: the subject turns around; {ASK}")
+        raise AxesUnknownError("the subject turns around")
     doubts = [Note.of("sides_contradict", marker_pairs=against)] if against else []
     agreeing = tuple(name for name, cosine in zip(named, cosines, strict=True) if cosine > 0)
     return left, agreeing[:PAIRS_NAMED], tuple(doubts)
@@ -283,8 +315,8 @@ def _nearest_axis(vector: Array, source: str) -> Array:
     k = int(np.argmax(np.abs(vector)))
     if not abs(vector[k]) > np.cos(np.deg2rad(MAX_ANGLE_TO_AXIS_DEG)) * np.linalg.norm(vector):
         raise AxesUnknownError(
-            f"axes cannot be inferred: the direction of {source} is more than "
-            f"{MAX_ANGLE_TO_AXIS_DEG:g}° away from every axis of the file; {ASK}"
+            f"the direction of {source} is more than {MAX_ANGLE_TO_AXIS_DEG:g}° away from every "
+            "axis of the file"
         )
     return np.asarray(np.sign(vector[k]) * np.eye(3)[k])
 

@@ -22,6 +22,11 @@ BATCH_CHARACTERS: Final = 1_000_000
 TAIL_BYTES: Final = 1 << 20
 """Read of a file's end, to compare its last line with those above it."""
 LINES_COMPARED: Final = 20
+GAPS: Final = [
+    "",
+    *(f"{sign}{nan}" for sign in ("", "-") for nan in ("nan", "NaN", "NAN", "Nan", "nan(ind)")),
+]
+"""How programs write a number that is missing; "nan(ind)" is that of C on Windows."""
 EMPTY: Final = "the file is empty"
 BINARY: Final = "the file holds binary data, expected text"
 MAX_VALUE: Final = 1e9
@@ -173,7 +178,7 @@ def _parse_batch(rows: Sequence[tuple[int, str]], separator: str, names: Sequenc
             skip_blank_lines=False,
             quoting=3,
             keep_default_na=False,
-            na_values=["", "NaN", "nan", "-nan", "NAN", "Nan", "-NaN"],
+            na_values=GAPS,
             skipinitialspace=True,
         ).to_numpy(float)
     except ValueError as error:

@@ -64,10 +64,15 @@ class Preparation:
     @property
     def notes(self) -> tuple[Note, ...]:
         """What is to be said of the treadmill and its calibration."""
-        notes = self.laboratory.notes
-        if self.laboratory.calibration is not None and self.laboratory.treadmill.platform is None:
-            notes = (*notes, Note.of("platform_taken_as_level"))
-        return notes
+        notes, calibration = self.laboratory.notes, self.laboratory.calibration
+        if calibration is None:
+            return notes
+        level = self.laboratory.treadmill.platform is None
+        return (
+            *calibration.notes,
+            *notes,
+            *([Note.of("platform_taken_as_level")] if level else []),
+        )
 
     @property
     def streams(self) -> tuple[str, tuple[str, ...]]:

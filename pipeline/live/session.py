@@ -7,6 +7,7 @@ from typing import Final, TypeVar
 
 import numpy as np
 
+from pipeline.live.arrival import Arrivals
 from pipeline.live.frames.chain import LiveChain
 from pipeline.live.frames.frame import LiveFrame
 from pipeline.live.outlet import Outlet
@@ -53,6 +54,7 @@ class Session:
     ) -> None:
         self._source, self._chain = source, chain
         self._recorder, self._outlet = recorder, outlet
+        self._arrivals = Arrivals([chain.stream, *chain.analog.streams.values()])
         self.frames: deque[tuple[LiveFrame, float]] = deque()
         self.samples: deque[Samples] = deque()
         self.not_shown = 0
@@ -88,6 +90,9 @@ class Session:
             self._give(frame, perf_counter())
 
     def _take(self, samples: Samples, arrived: float) -> None:
+        samples = self._arrivals.take(samples, arrived)
+        if not len(samples.time):
+            return  # all are in doubt
         for frame in self._chain.push(samples):
             self._give(frame, arrived)
         if self._recorder is not None:

@@ -54,11 +54,14 @@ class Samples:
         (N,) [s], one clock for all streams.
     values
         (N, K). Of markers (N, 3 M), x y z of each in lab axes [m]; NaN where one is not seen.
+    clock_set_s
+        By how much the sender's clock was set before one of them [s]; 0 where it went on.
     """
 
     stream: str
     time: Array
     values: Array
+    clock_set_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

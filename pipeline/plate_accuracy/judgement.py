@@ -1,15 +1,15 @@
 """Estimates and total errors beside their limits: within, beyond, or neither can be told."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
 from scipy import stats
 
 from compensation import Linearity, PlateCalibration
-from hbm.spatial import Array
+from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.config.plate_study import AccuracyLimits
 from pipeline.plate_accuracy.correction import DELAY_FAULTS, chosen_delay
 from pipeline.plate_accuracy.faults import FaultEstimate
@@ -22,7 +22,7 @@ TOTAL: Final = "total error"
 """With which the names of total errors begin."""
 MAX_DECIMALS: Final = 6
 Remedy = Literal["calibration", "none"]
-Status = Literal["within", "beyond", "unclear"]
+Status = Literal["within", "beyond", "unclear", "not examined"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class Judged:
     name
         "total error of Fz", "gain of Fz", "total error of Fz after correction", ….
     size, low, high
-        Absolute value of the estimate, and its interval.
+        Absolute value of the estimate, and its interval; NaN where there is none.
     limit
         Up to which it is accepted.
     unit
@@ -43,6 +43,8 @@ class Judged:
         What takes it away: the plate's calibration, or nothing.
     alike
         A misstatement of the weights that would look the same; empty where none is known.
+    examined
+        False if it also depends on the response to a component that nothing excited.
     """
 
     name: str
@@ -53,13 +55,16 @@ class Judged:
     unit: str
     remedy: Remedy
     alike: str = ""
+    examined: bool = True
 
     @property
     def status(self) -> Status:
-        """Within its limit, beyond it, or unclear where the limit is inside the interval."""
-        if self.high <= self.limit:
-            return "within"
-        return "beyond" if self.low > self.limit else "unclear"
+        """Within its limit, beyond it, unclear where the interval holds it, or not examined."""
+        if self.low > self.limit:
+            return "beyond"
+        if not self.examined:
+            return "not examined"
+        return "within" if self.high <= self.limit else "unclear"
 
     @property
     def sentence(self) -> str:
@@ -148,13 +153,24 @@ def judge_noise(response: PlateResponse, limits: AccuracyLimits) -> list[Judged]
     return judged
 
 
+def judge_unexamined(components: Collection[int], limits: AccuracyLimits) -> list[Judged]:
+    """List the gains of components that nothing excited: their size is not known."""
+    nothing, limit = (np.nan, np.nan, np.nan), limits.gain_percent / 100
+    names = [f"gain of {WRENCH_COMPONENTS[c]}" for c in components]
+    return [Judged(name, *nothing, limit, "1", "none", examined=False) for name in names]
+
+
 def judge_totals(
     response: PlateResponse,
     loads: Array,
     limits: AccuracyLimits,
+    unexamined: Collection[str],
     calibration: PlateCalibration | None = None,
 ) -> list[Judged]:
-    """Judge the total errors over loads, as reported or after correction."""
+    """Judge the total errors over loads, as reported or after correction.
+
+    Quantities that depend on what was not examined cannot be within their limits.
+    """
     found = total_errors(response, loads, calibration)
     suffix = "" if calibration is None else " after correction"
     remedy: Remedy = "calibration" if calibration is None else "none"
@@ -168,8 +184,17 @@ def judge_totals(
             units[name[0]][1],
             units[name[0]][0],
             remedy,
+            examined=name not in unexamined,
         )
         for k, name in enumerate(QUANTITIES)
+    ]
+
+
+def either(stated: Sequence[Judged], otherwise: Sequence[Judged]) -> list[Judged]:
+    """Widen the intervals of errors to those that they would have otherwise."""
+    return [
+        replace(one, low=min(one.low, other.low), high=max(one.high, other.high))
+        for one, other in zip(stated, otherwise, strict=True)
     ]
 
 

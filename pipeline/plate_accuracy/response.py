@@ -17,6 +17,8 @@ EXCITED: Final = (FX, FZ, MX, MY, MZ)
 """Components that a weight on a belt excites; no lateral force acts on it."""
 EXCITED_BY_POSITION: Final = (MX, MZ)
 """Of these, those that only weights at different distances from the belt's middle excite."""
+EXCITED_BY_ACCELERATION: Final = (FX, MZ)
+"""Of these, those that only belts at changing speed excite."""
 MIN_MASSES: Final = 3
 """Of different size, to separate a curvature from a gain."""
 MIN_SHARE: Final = 0.01
@@ -131,10 +133,13 @@ def fit_response(
     """
     positions = len({trial.weight.position_m for trial in trials}) > 1
     masses = len({trial.weight.mass_kg for trial in trials})
+    changing = any(trial.weight.profile != "constant" for trial in trials)
     excited = tuple(
         c
         for c in EXCITED
-        if (positions or c not in EXCITED_BY_POSITION) and (masses > 1 or c != FZ)
+        if (positions or c not in EXCITED_BY_POSITION)
+        and (changing or c not in EXCITED_BY_ACCELERATION)
+        and (masses > 1 or c != FZ)
     )
     scale = full_scale_n if masses >= MIN_MASSES else None
     rate = 2 + len(excited)

@@ -1,5 +1,6 @@
 """Total error of a plate at the loads that a walking person puts on it."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from itertools import product
 from typing import Final
@@ -41,6 +42,19 @@ def stance_loads(body_mass_kg: float) -> Array:
     force = weight * np.array([(forward, lateral, up) for (forward, up), lateral, _, _ in cases])
     place = np.array([(x, y, 0.0) for _, _, x, y in cases])
     return np.hstack([force, np.cross(place, force)])
+
+
+def quantities_of(components: Collection[int]) -> tuple[str, ...]:
+    """Give the quantities on which an error of these components of a wrench acts.
+
+    Examples
+    --------
+    >>> quantities_of([FY])
+    ('Fy', 'Mx', 'Mz')
+    """
+    loads = stance_loads(1.0)
+    effect = _effects(loads, loads[None])[..., list(components)]
+    return tuple(name for k, name in enumerate(QUANTITIES) if effect[:, :, k].any())
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,7 @@
 """The verdict of experiment 1: whether each plate is accurate enough, and what to correct."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
@@ -17,17 +18,23 @@ from pipeline.plate_accuracy.judgement import (
     DISPLAY_UNITS,
     TOTAL,
     Judged,
+    either,
     judge_faults,
     judge_linearity,
     judge_noise,
     judge_totals,
+    judge_unexamined,
     rounded,
 )
-from pipeline.plate_accuracy.response import EXCITED, MIN_MASSES
-from pipeline.plate_accuracy.second_causes import second_causes
-from pipeline.plate_accuracy.stance import stance_loads
+from pipeline.plate_accuracy.response import EXCITED, MIN_MASSES, MY
+from pipeline.plate_accuracy.second_causes import (
+    second_causes,
+    shared_gain,
+    with_heavier_masses,
+)
+from pipeline.plate_accuracy.stance import QUANTITIES, quantities_of, stance_loads
 
-Verdict = Literal["fit", "fit after correction", "not fit", "cannot be told"]
+Answer = Literal["fit", "fit after correction", "not fit", "cannot be told"]
 MAX_FAULTS: Final = 3
 MAX_TOTALS: Final = 2
 """In the sentence of a verdict; verdict.md lists all."""
@@ -35,6 +42,48 @@ MAX_MORE: Final = 10
 """Times as many recordings are worth advising; where more are needed, the error is its limit."""
 COEFFICIENTS: Final = len(EXCITED) + 4
 """Of a plate's response: with a constant, time, the delay and the curvature."""
+AXES: Final = {"x": "forward", "y": "lateral", "z": "vertical"}
+PARTS: Final = {"F": "{} force", "COP": "{} centre of pressure", "M": "moment about the {} axis"}
+"""First letters of a quantity -> the words for it along or about its axes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Whether a plate is fit, and for what: nothing is fit that was not examined.
+
+    Attributes
+    ----------
+    answer
+        Of what was examined.
+    unexamined
+        Quantities, of `stance.QUANTITIES`, that depend on what no recording examined.
+    """
+
+    answer: Answer
+    unexamined: tuple[str, ...]
+
+    def __str__(self) -> str:
+        scope = "inverse dynamics"
+        if self.unexamined:
+            scope = _in_words(tuple(q for q in QUANTITIES if q not in self.unexamined)) or scope
+        words = {
+            "fit": f"fit for {scope}",
+            "fit after correction": (
+                f"not fit for inverse dynamics as it is; fit after correction for {scope}"
+            ),
+            "not fit": "not fit for inverse dynamics",
+            "cannot be told": f"whether it is fit for {scope} cannot be told",
+        }[self.answer]
+        return f"{words}; not examined: {_in_words(self.unexamined)}" if self.unexamined else words
+
+
+def _in_words(quantities: tuple[str, ...]) -> str:
+    parts = []
+    for letters, words in PARTS.items():
+        axes = [AXES[name[-1]] for name in quantities if name[:-1] == letters]
+        if axes:
+            parts.append(words.format(" and ".join(axes).replace(" and ", ", ", len(axes) - 2)))
+    return ", ".join(parts)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +115,11 @@ class PlateVerdict:
         Heaviest of these weights [N].
     constant
         Components, in the plate's own axes, that never changed in any recording.
+    unexamined
+        Quantities that depend on what no recording examined.
+    shared
+        Part of all gains that masses heavier by this share would explain as well; 0 where that
+        makes no difference to any status.
     """
 
     belt: BeltSide
@@ -79,18 +133,25 @@ class PlateVerdict:
     with_supports: bool
     largest_n: float
     constant: tuple[str, ...]
+    unexamined: tuple[str, ...]
+    shared: float
 
     @property
     def verdict(self) -> Verdict:
         """The verdict: by what is beyond its limit first, then by what is not known."""
+        return Verdict(self._answer, self.unexamined)
+
+    @property
+    def _answer(self) -> Answer:
         statuses = {one.status for one in self.judged}
         if self.constant:
             return "not fit"
         if "beyond" in statuses:
-            enough = {one.status for one in self._left} == {"within"}
+            enough = {one.status for one in self._left} <= {"within", "not examined"}
             known = self.calibration is not None and not self.to_record
             return "fit after correction" if enough and known else "not fit"
-        return "cannot be told" if self.to_record or "unclear" in statuses else "fit"
+        unknown = self.to_record or self.shared or "unclear" in statuses
+        return "cannot be told" if unknown else "fit"
 
     @property
     def _left(self) -> tuple[Judged, ...]:
@@ -100,12 +161,12 @@ class PlateVerdict:
     @property
     def reasons(self) -> tuple[Judged, ...]:
         """What the verdict is for: single faults, then total errors, the largest first."""
-        if self.verdict == "cannot be told":
+        if self._answer == "cannot be told":
             found = [one for one in self.judged if one.status == "unclear"]
         else:
             found = [one for one in self.judged if one.status == "beyond"]
         left = [one for one in self._left if one.status == "beyond"]
-        if self.verdict == "not fit" and left:
+        if self._answer == "not fit" and left:
             by_themselves = self.calibration is not None or any(one in left for one in found)
             found = left if by_themselves else [*found, *left]
         return tuple(
@@ -116,7 +177,7 @@ class PlateVerdict:
     def corrections(self) -> tuple[str, ...]:
         """What to do about what can be corrected; nothing makes a plate fit that is not."""
         lines = []
-        if self.calibration is not None and self.verdict != "not fit":
+        if self.calibration is not None and self._answer != "not fit":
             lines.append("apply the plate's calibration (plate_calibration.json)")
             if self.calibration.offset.any():
                 lines.append(
@@ -129,34 +190,29 @@ class PlateVerdict:
     def sentence(self) -> str:
         """The verdict in one sentence."""
         used = " with supports" if self.with_supports else ""
-        start, reasons = f"{self.belt} plate{used}: ", self._listed_reasons()
-        unknown = (
-            "lateral force was not examined, and loads above the largest recorded one "
-            f"({self.largest_n:.0f} N) are extrapolated"
-        )
-        if self.verdict == "fit":
-            return f"{start}fit for inverse dynamics; {unknown}."
+        start, reasons = f"{self.belt} plate{used}: {self.verdict}.", self._listed_reasons()
+        unknown = f"Loads above the largest recorded one ({self.largest_n:.0f} N) are extrapolated."
+        if self._answer == "fit":
+            return f"{start} {unknown}"
         missing = "; ".join([*self.to_record, *self._advice()])
-        if self.verdict == "fit after correction":
+        if self._answer == "fit after correction":
             needed = "; ".join(self.corrections)
-            return (
-                f"{start}not fit for inverse dynamics as it is, fit after correction: {needed}. "
-                f"Found: {reasons}. {unknown[0].upper()}{unknown[1:]}."
-            )
-        if self.verdict == "not fit":
+            return f"{start} To correct: {needed}. Found: {reasons}. {unknown}"
+        if self._answer == "not fit":
             rest = (
                 "" if self._final else f" Whether a correction is enough cannot be told: {missing}."
             )
-            return f"{start}not fit for inverse dynamics: {reasons}.{rest}"
-        known = f" Near a limit: {reasons}." if reasons else ""
-        return f"{start}whether it is fit for inverse dynamics cannot be told: {missing}.{known}"
+            return f"{start} Found: {reasons}.{rest}"
+        known = f" Undecided: {reasons}." if reasons else ""
+        return f"{start} To do: {missing}.{known}"
 
     @property
     def _final(self) -> bool:
         """True if no recording can show that a correction of the plate is enough."""
         beyond = any(one.status == "beyond" for one in self._left)
         examined = any(one.name.startswith(TOTAL) for one in self.judged)
-        return bool(self.constant) or beyond or (examined and not self.corrected)
+        by_calibration = self.corrected or self.shared
+        return bool(self.constant) or beyond or (examined and not by_calibration)
 
     def _listed_reasons(self) -> str:
         """List the largest of the single faults and of the total errors."""
@@ -173,7 +229,15 @@ class PlateVerdict:
         return "; ".join(listed)
 
     def _advice(self) -> list[str]:
-        """Say how many recordings would decide what is unclear."""
+        """Say what to do about the masses, or how many recordings would decide what is unclear."""
+        if self.shared:
+            size = f"{100 * abs(self.shared):.2g} %"
+            heavier, high = ("heavier", "high") if self.shared > 0 else ("lighter", "low")
+            return [
+                "weigh the masses with a second balance, and correct mass_kg or state "
+                "mass_uncertainty_percent: all gains of every plate are "
+                f"{size} too {high}, or all masses as much {heavier} than stated"
+            ]
         everything = (*self.judged, *self.corrected)
         unclear = [one for one in everything if one.status == "unclear"]
         if not unclear:
@@ -210,32 +274,18 @@ def judge(found: PlateAccuracy) -> tuple[PlateVerdict, ...]:
 
 
 def _judge_plate(found: PlateAccuracy, belt: BeltSide) -> PlateVerdict:
-    file = found.study.file
-    faults = [fault for fault in found.faults if fault.belt == belt]
-    used = {trial.weight.supports for trial in found.trials if trial.weight.belt == belt}
-    judged = judge_faults(faults, file.limits, file.full_scale_n, any(used))
-    if belt in found.linearities:
-        judged += judge_linearity(found.linearities[belt], file.limits, file.full_scale_n)
-    response, corrected, calibration = found.responses.get(belt), [], None
-    if response is not None:
-        judged += judge_noise(response, file.limits)
-    if response is not None and response.complete:
-        loads = stance_loads(file.body_mass_kg)
-        totals = judge_totals(response, loads, file.limits)
-        judged = [*totals, *judged]
-        if any(one.remedy == "calibration" and one.status != "within" for one in judged):
-            center = next(t.center for t in found.trials if t.weight.belt == belt)
-            number = file.plate_numbers[belt]
-            calibration = plate_calibration(number, center, response, faults)
-            if calibration is not None:
-                corrected = judge_totals(response, loads, file.limits, calibration)
-            if any(
-                after.size > max(after.limit, before.size)
-                for before, after in zip(totals, corrected, strict=False)
-            ):
-                calibration = None
+    file, faults = found.study.file, _faults(found, belt)
     own = [trial for trial in found.trials if trial.weight.belt == belt]
     in_use = [trial for trial in found.trials_in_use if trial.weight.belt == belt]
+    shared = _shared_gain(found, belt)
+    heavier = with_heavier_masses(found, shared)
+    stated, otherwise = _judged(found, belt), _judged(heavier, belt)
+    judged = either(stated, otherwise)
+    if any(one.status != other.status for one, other in zip(stated, otherwise, strict=True)):
+        corrected, calibration = list[Judged](), None
+    else:
+        shared = 0.0
+        corrected, calibration = _correction(found, heavier, belt, judged)
     alike = second_causes(faults, in_use, file.full_scale_n)
     constant = np.all([trial.constant for trial in own], axis=0)
     return PlateVerdict(
@@ -247,10 +297,86 @@ def _judge_plate(found: PlateAccuracy, belt: BeltSide) -> PlateVerdict:
         delay_notes(faults),
         calibration,
         len(in_use),
-        with_supports=len(used) > 1,
+        with_supports=len({trial.weight.supports for trial in own}) > 1,
         largest_n=GRAVITY_MPS2 * max(trial.weight.mass_kg for trial in in_use),
         constant=tuple(name for name, one in zip(WRENCH_COMPONENTS, constant, strict=True) if one),
+        unexamined=_unexamined(found, belt),
+        shared=shared,
     )
+
+
+def _faults(found: PlateAccuracy, belt: BeltSide) -> list[FaultEstimate]:
+    return [fault for fault in found.faults if fault.belt == belt]
+
+
+def _shared_gain(found: PlateAccuracy, belt: BeltSide) -> float:
+    """Give the part that all gains share of the plates on which a plate's masses were recorded."""
+    masses: dict[BeltSide, set[float]] = {}
+    for trial in found.trials_in_use:
+        masses.setdefault(trial.weight.belt, set()).add(trial.weight.mass_kg)
+    faults = [fault for fault in found.faults if masses[fault.belt] & masses[belt]]
+    uncertainty = found.study.file.mass_uncertainty_percent
+    return shared_gain(faults, np.inf if uncertainty is None else uncertainty / 100)
+
+
+def _not_excited(found: PlateAccuracy, belt: BeltSide) -> list[int]:
+    response = found.responses.get(belt)
+    examined = response.examined if response is not None else ()
+    return [c for c in range(len(WRENCH_COMPONENTS)) if c not in examined]
+
+
+def _unexamined(found: PlateAccuracy, belt: BeltSide) -> tuple[str, ...]:
+    """Give the quantities that depend on a response that the recordings do not show."""
+    height = [] if found.study.file.height_stated else [MY]
+    return quantities_of([*_not_excited(found, belt), *height])
+
+
+def _judged(found: PlateAccuracy, belt: BeltSide) -> list[Judged]:
+    """Judge total errors, single faults, linearity and noise of a plate, and list its gaps."""
+    file = found.study.file
+    supported = any(t.weight.supports for t in found.trials if t.weight.belt == belt)
+    judged = judge_faults(_faults(found, belt), file.limits, file.full_scale_n, supported)
+    judged += judge_unexamined(_not_excited(found, belt), file.limits)
+    if belt in found.linearities:
+        judged += judge_linearity(found.linearities[belt], file.limits, file.full_scale_n)
+    if belt in found.responses:
+        judged += judge_noise(found.responses[belt], file.limits)
+    return [*_totals(found, belt), *judged]
+
+
+def _totals(
+    found: PlateAccuracy, belt: BeltSide, calibration: PlateCalibration | None = None
+) -> list[Judged]:
+    """Judge the total errors of a plate, if its recordings show all that they depend on."""
+    file, response = found.study.file, found.responses.get(belt)
+    if response is None or not response.complete:
+        return []
+    loads = stance_loads(file.body_mass_kg)
+    return judge_totals(response, loads, file.limits, _unexamined(found, belt), calibration)
+
+
+def _correction(
+    found: PlateAccuracy, heavier: PlateAccuracy, belt: BeltSide, judged: Sequence[Judged]
+) -> tuple[list[Judged], PlateCalibration | None]:
+    """Give what a calibration leaves, and the calibration where it makes nothing worse.
+
+    The part of all gains that heavier masses would explain is not corrected.
+    """
+    needed = any(o.remedy == "calibration" and o.status in ("beyond", "unclear") for o in judged)
+    totals = _totals(found, belt)
+    if not needed or not totals:
+        return [], None
+    center = next(trial.center for trial in found.trials if trial.weight.belt == belt)
+    number, response = found.study.file.plate_numbers[belt], heavier.responses[belt]
+    calibration = plate_calibration(number, center, response, _faults(found, belt))
+    if calibration is None:
+        return [], None
+    corrected = either(*(_totals(one, belt, calibration) for one in (found, heavier)))
+    worse = any(
+        after.size > max(after.limit, before.size)
+        for before, after in zip(totals, corrected, strict=True)
+    )
+    return corrected, None if worse else calibration
 
 
 def _to_record(found: PlateAccuracy, belt: BeltSide) -> tuple[str, ...]:
@@ -275,7 +401,7 @@ def _to_record(found: PlateAccuracy, belt: BeltSide) -> tuple[str, ...]:
 
 
 def _remarks(found: PlateAccuracy, belt: BeltSide) -> tuple[str, ...]:
-    lines = ["lateral force: no weight on a belt exerts one"]
+    lines = [f"{_in_words(_unexamined(found, belt))}: no weight on a belt exerts a lateral force"]
     if belt not in found.alignments:
         lines.append(
             "rotation and offset alone: no static recordings (they are in the total errors)"

@@ -6,6 +6,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Final
 
+import numpy as np
 import pandas as pd
 
 from compensation import PlateCalibrations
@@ -114,10 +115,11 @@ def _row(one: Judged) -> dict[str, str]:
     scale, unit = DISPLAY_UNITS.get(one.unit, (1.0, one.unit))
     width = scale * (one.high - one.low) / 2
     size, low, high = (rounded(scale * x, width) for x in (one.size, one.low, one.high))
+    known = np.isfinite(one.size)
     return {
         "error": one.name,
-        "size": size,
-        "95 % interval": f"{low} to {high}",
+        "size": size if known else "–",
+        "95 % interval": f"{low} to {high}" if known else "–",
         "limit": f"{scale * one.limit:g}",
         "unit": unit,
         "status": one.status,

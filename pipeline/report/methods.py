@@ -232,6 +232,8 @@ def _forces(trials: Sequence[TrialSummary], study: Study | None) -> str:
         "treadmill's own motion was predicted for each plate by a linear model of accelerometer "
         f"signals{_differences(trials)} and subtracted in the plate's frame (Hnat et al. 2018)."
     )
+    doubts = dict.fromkeys(note.text for trial in trials for note in trial.of_calibration)
+    text += "".join(f" Note: {doubt}." for doubt in doubts)
     if treadmill is not None and treadmill.belt is not None:
         text += (
             " The pitch moment due to the belts' acceleration was predicted from the belt speed "

@@ -7,8 +7,6 @@ from typing import Final, TypeVar
 
 import numpy as np
 
-from compensation import check_calibration
-from compensation.inertia.quality import check_left_over
 from compensation.inertia.sensors import describe_sensors
 from hbm.body import Body
 from hbm.coordinates import COORDINATES, LAST_Q, support
@@ -169,10 +167,7 @@ def _check_laboratory(study: Study, found: _Collector) -> Laboratory:
         path.name, lambda: read_calibration(path, treadmill, stated, plates, beside)
     )
     if calibration is not None:
-        for plate, model in calibration.plates.items():
-            found.notes(path.name, check_calibration(model, plate))
-            found.notes(path.name, check_left_over(model, plate))
-        found.notes(path.name, describe_sensors(calibration.sensors))
+        found.notes(path.name, (*calibration.notes, *describe_sensors(calibration.sensors)))
         found.remark(path.name, "calibration_of_plates", plates=tuple(calibration.plates))
     laboratory = Laboratory(treadmill, calibration, plates=plates)
     if calibration is not None and treadmill.check:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final, Literal
 
 from hbm.engines.choice import engine_identity
+from hbm.notes import Note
 from pipeline.config.study import Study
 from pipeline.io.input_file import last_written
 from pipeline.run.program import computation_digest
@@ -61,11 +62,15 @@ class Job:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of a job: processed, kept because its result was there already, or failed."""
+    """What became of a job: processed, kept because its result was there already, or failed.
+
+    With a result, also what to know of the calibration that it used.
+    """
 
     job: Job
     state: Literal["done", "kept", "failed"]
     reason: str = ""
+    of_calibration: tuple[Note, ...] = ()
 
     def __str__(self) -> str:
         if self.failure is not None:
@@ -119,7 +124,7 @@ def stored_outcome(job: Job) -> Outcome | None:
 def _outcome(job: Job, state: Literal["done", "kept"], summary: TrialSummary) -> Outcome:
     """Give the outcome of a trial that is stored: failed where it has frames but no residuals."""
     if summary.residuals:
-        return Outcome(job, state)
+        return Outcome(job, state, of_calibration=summary.of_calibration)
     return Outcome(job, "failed", summary.shortage)
 
 
@@ -181,7 +186,8 @@ def _digest(value: object) -> str:
 def replacement(job: Job) -> str:
     """Say why a stored result with residuals would be replaced by another one; empty if not.
 
-    A result of an earlier version of the program is replaced without a reason.
+    A result of an earlier version of the program is replaced without a reason; where its key has no
+    parts, only settings and subject show whether another one is wanted.
     """
     try:
         summary = read_summary(job.target)
@@ -189,10 +195,15 @@ def replacement(job: Job) -> str:
         return ""
     if not job.size:
         return ""  # without its recording nothing will replace it
-    before, now = (dict(p.split(":") for p in key.split()) for key in (summary.key, job.key))
-    if not summary.residuals or all(before[part] == now[part] for part in ("files", "stated")):
+    if not summary.residuals:
         return ""
-    if before["stated"] == now["stated"]:
+    before, now = (
+        dict(part.split(":", 1) for part in key.split() if ":" in part)
+        for key in (summary.key, job.key)
+    )
+    if before and all(before[part] == now[part] for part in ("files", "stated")):
+        return ""
+    if before and before["stated"] == now["stated"]:
         return "its files have changed"
     subject = job.study.subject(job.subject).person
     changed = [
@@ -204,7 +215,8 @@ def replacement(job: Job) -> str:
         for name, old in old_model
         if name != "id" and getattr(new_model, name) != old
     ]
-    return ", ".join(changed) or "what the study states about it has changed"
+    other = "what the study states about it has changed" if before else ""
+    return ", ".join(changed) or other
 
 
 def file_digest(path: Path) -> str:

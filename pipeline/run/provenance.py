@@ -14,7 +14,7 @@ from pipeline.config.study import Study
 from pipeline.run.job import file_digest, trial_key
 from pipeline.run.load import Results
 from pipeline.run.program import git_commit, program_digest
-from pipeline.trial.summary import PACKAGES
+from pipeline.trial.summary import PACKAGES, StoredNote
 
 REPORT_PACKAGES: Final = (*PACKAGES, "pingouin", "matplotlib")
 
@@ -80,6 +80,8 @@ class Provenance:
         The program that made the report.
     conditions, comparison, plates, treadmill
         As stated.
+    calibration
+        What is to be known of the treadmill's calibrations: above its limits, or not judged.
     inputs
         File of the study -> its SHA-256.
     trials
@@ -96,6 +98,7 @@ class Provenance:
     comparison: Comparison | None
     plates: Plates | None
     treadmill: Treadmill | None
+    calibration: tuple[StoredNote, ...]
     inputs: Mapping[str, str] | None
     trials: tuple[TrialState, ...]
 
@@ -212,6 +215,7 @@ def provenance(results: Results, states: Sequence[TrialState], study: Study | No
         comparison=study.file.comparison if study else None,
         plates=study.file.plates if study else None,
         treadmill=study.file.treadmill if study else None,
+        calibration=_each_once(note for trial in trials for note in trial.of_calibration),
         inputs=input_digests(study) if study else None,
         trials=tuple(states),
     )

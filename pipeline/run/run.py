@@ -14,6 +14,7 @@ from joblib import delayed
 
 from hbm.engines.choice import choose_engine
 from hbm.kernels.native import kernels
+from hbm.notes import Note
 from pipeline.config.study import Study
 from pipeline.io.write import remove_leftovers, require_writable
 from pipeline.run.cluster import on_cluster
@@ -140,13 +141,16 @@ def plan(
         ]
 
 
-def require_nothing_replaced(planned: Iterable[Job], out: Path) -> None:
+def require_nothing_replaced(planned: Sequence[Job], out: Path) -> None:
     """Refuse to replace results that were made with other settings or files: ValueError."""
     reasons = Counter(filter(None, map(replacement, planned)))
     if reasons:
-        why = "; ".join(f"{trials} of them: {reason}" for reason, trials in reasons.most_common())
+        why = "; ".join(
+            f"{trials} of {len(planned)} trials: {reason}"
+            for reason, trials in reasons.most_common()
+        )
         raise ValueError(
-            f"{out}: {reasons.total()} results there were made otherwise ({why}); --overwrite "
+            f"{out}: results there that were made otherwise would be replaced ({why}); --overwrite "
             "replaces them, --out FOLDER keeps both"
         )
 
@@ -168,13 +172,16 @@ def run_planned(
     remove_leftovers(out / "trials")
     record_study_folder(out, study.folder)
     kernels(announce)
+    of_calibration: dict[Note, None] = {}
     try:
         for outcome in run_jobs(planned, workers=jobs, scheduler=scheduler):
             with _unwritable_announced(announce):
                 record_failure(outcome.job.target, outcome.job.name, outcome.failure)
+            of_calibration |= dict.fromkeys(outcome.of_calibration)
             yield outcome
     finally:
         with _unwritable_announced(announce):
+            record_study_folder(out, study.folder, of_calibration)
             collect_failures(
                 out,
                 [

@@ -4,7 +4,7 @@ import hashlib
 import json
 import mmap
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import short
 from pipeline.io.input_file import open_file
@@ -268,13 +269,19 @@ def _readable(path: Path) -> Iterator[None]:
         raise ValueError(f"{name}: {reason}; {again}") from error
 
 
-def record_study_folder(folder: Path, study: Path) -> None:
-    """Note in a results folder which study it comes from, relative to the folder."""
+def record_study_folder(folder: Path, study: Path, of_calibration: Iterable[Note] = ()) -> None:
+    """Note in a results folder its study, relative to the folder, and doubts on calibrations."""
     try:
         where = os.path.relpath(study.resolve(), folder.resolve())
     except ValueError:
         where = str(study.resolve())
-    write_text(json.dumps({"study": where}), folder / STUDY_POINTER)
+    write_text(
+        json.dumps(
+            {"study": where, "calibration": [note.to_dict() for note in of_calibration]},
+            ensure_ascii=False,
+        ),
+        folder / STUDY_POINTER,
+    )
 
 
 def recorded_study_folder(folder: Path) -> Path | None:

@@ -16,7 +16,7 @@ class PlateDelay:
     Attributes
     ----------
     delay_s, uncertainty_s
-        Estimate and its standard error; NaN where unknown.
+        Estimate and half of its 95 % interval; NaN where it is not determined.
     note
         ``plate_delay``, or ``plate_delay_unknown`` with the reason.
     """
@@ -47,15 +47,12 @@ def plate_delay(
     Returns
     -------
     PlateDelay
-        As `compensation.marker_plate_delay` estimates it; unknown where that refuses.
+        As `compensation.marker_plate_delay` estimates it; not determined where that refuses.
     """
     try:
         found = marker_plate_delay(plate_force, residual_force + plate_force, time)
     except ValueError as error:
         return PlateDelay(np.nan, np.nan, Note.of("plate_delay_unknown", reason=str(error)))
-    if not np.isfinite(found.standard_error):
-        reason = "its uncertainty cannot be estimated"
-        return PlateDelay(np.nan, np.nan, Note.of("plate_delay_unknown", reason=reason))
-    delay_s, error_s = found.seconds + motion_lag_s, found.standard_error
-    note = Note.of("plate_delay", delay_s=delay_s, uncertainty_s=error_s)
-    return PlateDelay(delay_s, error_s, note)
+    delay_s = found.seconds + motion_lag_s
+    note = Note.of("plate_delay", delay_s=delay_s, uncertainty_s=found.uncertainty)
+    return PlateDelay(delay_s, found.uncertainty, note)

@@ -46,7 +46,7 @@ from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.loads import plate_loads
 from pipeline.trial.ground.uncertainty import sum_deviation, uncertainty_notes
 from pipeline.trial.ground.wrenches import Ground, ground_wrenches
-from pipeline.trial.marker_check import check_markers
+from pipeline.trial.marker_check import check_markers, other_person
 from pipeline.trial.motion_check import check_motion, known_frames, shown_frames
 from pipeline.trial.plate_check import check_plates
 from pipeline.trial.result import CompensationUncertainty, PlateSurface, TrialResult
@@ -58,7 +58,7 @@ from pipeline.trial.study_files import (
 )
 from pipeline.trial.subject_body import subject_body
 from pipeline.trial.validity import Validity, carried_notes, settled_frames, settling_s
-from pipeline.trial.weighing import BodyMass, body_mass, carried_mass, differing_masses
+from pipeline.trial.weighing import ON_PLATES, BodyMass, body_mass, carried_mass, differing_masses
 from pipeline.trial.weight_bearing import weight_bearing_frames
 from pipeline.trial.window import WantedWindow, counted_span, perturbed_part, window_notes
 
@@ -237,6 +237,42 @@ def process_recording(
         validity.plates,
         method,
     )
+    notes: tuple[Note, ...] = (
+        *recording.notes,
+        mass.note,
+        *differing_masses(mass.known_kg, carried_kg),
+        *implausible(body),
+        *check_markers(body, recording, pose),
+        *body.notes,
+        *outlier_notes,
+        *check_motion(body, unfiltered, markers),
+        *ground.notes,
+        *(uncertainty_notes(uncertainty.residual[validity.counts]) if uncertainty else ()),
+        *check_plates(recording, best, mass.mass_kg),
+        dynamics["measured"].engine.note,
+        events_note,
+        *check_events(events, reference),
+        *_agreement(events, method, under_feet, motion, settings),
+        *contact_notes(under_feet, motion.time),
+        *carried_notes(validity, motion.time, *vertical),
+        *cycle_notes,
+        *selection_notes,
+        *part_notes,
+        *window_notes(
+            window,
+            span,
+            selected,
+            part=part,
+            events=events,
+            rejected=(events_note, *cycle_notes),
+            time=motion.time,
+            validity=validity,
+        ),
+        delay.note,
+    )
+    if static is not None:
+        carried = {} if carried_kg is None else {ON_PLATES: carried_kg}
+        notes = other_person(notes, body, recording, pose, {**mass.known_kg, **carried})
     return TrialResult(
         source=recording.source,
         subject=subject,
@@ -262,39 +298,7 @@ def process_recording(
         delay_s=delay.delay_s,
         delay_uncertainty_s=delay.uncertainty_s,
         ambiguous=under_feet.ambiguous,
-        notes=(
-            *recording.notes,
-            mass.note,
-            *differing_masses(mass.known_kg, carried_kg),
-            *implausible(body),
-            *check_markers(body, recording, pose),
-            *body.notes,
-            *outlier_notes,
-            *check_motion(body, unfiltered, markers),
-            *ground.notes,
-            *(uncertainty_notes(uncertainty.residual[validity.counts]) if uncertainty else ()),
-            *check_plates(recording, best, mass.mass_kg),
-            dynamics["measured"].engine.note,
-            events_note,
-            *check_events(events, reference),
-            *_agreement(events, method, under_feet, motion, settings),
-            *contact_notes(under_feet, motion.time),
-            *carried_notes(validity, motion.time, *vertical),
-            *cycle_notes,
-            *selection_notes,
-            *part_notes,
-            *window_notes(
-                window,
-                span,
-                selected,
-                part=part,
-                events=events,
-                rejected=cycle_notes,
-                time=motion.time,
-                validity=validity,
-            ),
-            delay.note,
-        ),
+        notes=notes,
     )
 
 
@@ -379,7 +383,7 @@ def _body_mass(
     recording: Recording,
     marker_set: MarkerSet | None,
 ) -> BodyMass:
-    """Give the body mass; where it is missing, say also whether the labels are known."""
+    """Give the body mass; where it is missing and the labels are unknown, name these first."""
     try:
         return body_mass(subject, pose, recording)
     except ValueError as error:
@@ -387,7 +391,9 @@ def _body_mass(
             try:
                 recognise_marker_set(pose.markers.names)
             except ValueError as unknown:
-                raise ValueError(f"{pose.source.name}: {unknown}; {error}") from error
+                raise ValueError(
+                    f"{pose.source.name}: {unknown}; the mass is missing too (--mass-kg)"
+                ) from error
         raise
 
 

@@ -9,6 +9,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from hbm.dynamics import Dynamics
+from hbm.model import Body
 from hbm.poses import center_of_mass, joint_positions
 from hbm.spatial import GRAVITY_MPS2, Array, Mask
 from pipeline.trial.gait.cycle_table import cycle_table
@@ -327,6 +328,15 @@ def _rms_of_cycles(result: TrialResult, variant: str, window: Window) -> Array:
     return np.asarray(np.sqrt(np.mean(np.nanmean(curves**2, axis=1), axis=0)))
 
 
+def height_of_mass(body: Body, q: Array) -> float:
+    """Give the mean height of the centre of mass above the lowest joint of the feet [m].
+
+    Of coordinates (T, 46), wherever the laboratory has its origin.
+    """
+    lowest = joint_positions(body, q, FOOT_SEGMENTS)[..., 2].min(axis=1)
+    return float(np.mean(center_of_mass(body, q)[:, 2] - lowest))
+
+
 def threshold_rows(result: TrialResult) -> tuple[ThresholdRow, ...]:
     """Compare a trial's peak residuals with published limits.
 
@@ -351,8 +361,7 @@ def threshold_rows(result: TrialResult) -> tuple[ThresholdRow, ...]:
     if not inside.any():
         return ()
     q = result.motion.q[inside]
-    lowest = joint_positions(result.body, q, FOOT_SEGMENTS)[..., 2].min(axis=1)
-    height = float(np.mean(center_of_mass(result.body, q)[:, 2] - lowest))
+    height = height_of_mass(result.body, q)
     rows = []
     for name, dynamics in variants(result).items():
         ground = np.sum(list(result.ground[name].values()), axis=0)[inside, :3]

@@ -135,7 +135,8 @@ class TrialResult:
     validity
         Which frames count within them.
     delay_s, delay_uncertainty_s
-        How much later the plates are than the markers, and its standard error; NaN where unknown.
+        How much later the plates are than the markers, and half of its 95 % interval; NaN where it
+        is not determined.
     platform
         The platform's pose, (T,) frames; None for a treadmill that stands still.
     ambiguous

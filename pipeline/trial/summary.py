@@ -9,6 +9,7 @@ from typing import Annotated, ClassVar, Final
 import numpy as np
 from pydantic import ConfigDict, PlainSerializer, PlainValidator, TypeAdapter, ValidationError
 
+from compensation.inertia.quality import OF_CALIBRATION
 from hbm.engines.engine import EngineUsed
 from hbm.notes import Note
 from hbm.spelling import short
@@ -68,7 +69,8 @@ class TrialSummary:
     notes
         What was inferred, locked, filled or refused.
     delay_s, delay_uncertainty_s
-        How much later the plates are than the markers, and its standard error; None where unknown.
+        How much later the plates are than the markers, and half of its 95 % interval; None where it
+        is not determined.
     frames, unsolved_frames
         Number of frames, and of those without a solution of the inverse kinematics.
     cycles
@@ -115,6 +117,11 @@ class TrialSummary:
     residuals: tuple[ResidualRow, ...]
     thresholds: tuple[ThresholdRow, ...]
     markers: tuple[MarkerRow, ...]
+
+    @property
+    def of_calibration(self) -> tuple[Note, ...]:
+        """What to know of the treadmill's calibration wherever the trial is used."""
+        return tuple(note for note in self.notes if note.code in OF_CALIBRATION)
 
     @property
     def shortage(self) -> str:

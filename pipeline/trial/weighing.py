@@ -31,6 +31,7 @@ MIN_WHOLE_SHARE: Final = 0.9
 """Of that mean, or of the mass in a file: plates that carry less do not carry the whole subject."""
 MAX_MASS_DIFFERENCE: Final = 0.03
 """Of the smallest: more than clothes, shoes, a meal and a plate's gain error together."""
+ON_PLATES: Final = "on the plates over gait cycles"
 MIN_HEIGHT_M: Final = 0.5
 MAX_HEIGHT_M: Final = 2.6
 """Bounds of stature that the body builder takes; a file that says otherwise has another unit."""
@@ -146,7 +147,7 @@ def differing_masses(known_kg: Mapping[str, float], carried_kg: float | None) ->
     """
     every = dict(known_kg)
     if carried_kg is not None:
-        every["on the plates over gait cycles"] = carried_kg
+        every[ON_PLATES] = carried_kg
     difference = max(every.values()) / min(every.values()) - 1
     if difference <= MAX_MASS_DIFFERENCE:
         return ()

@@ -289,8 +289,8 @@ def _too_little(time: Array, validity: Validity) -> str:
             (float(time[0]), float(np.nextafter(time[-1], np.inf))), time, validity
         )
     return (
-        f"of the whole recording {valid} of {frames} frames are valid, less than min_valid_share; "
-        'to use them, state the recording (--span all, window = "recording") or a span of it'
+        f"{valid} of {frames} frames of the recording are valid, less than min_valid_share; "
+        'to use them, state --span all (window = "recording") or a span'
     )
 
 

@@ -31,7 +31,7 @@ Clock = Callable[[Array], Timelines]
 
 @contextmanager
 def recording_file(
-    path: Path, application: str, title: str, blueprint: rrb.Blueprint
+    path: Path, application: str, title: str, blueprint: rrb.Blueprint, *, opens: bool = True
 ) -> Iterator[rr.RecordingStream]:
     """Open a recording; the file appears when it is complete.
 
@@ -45,10 +45,13 @@ def recording_file(
     application
         Kind of recording; recordings of one kind share a layout in the viewer.
     title
-        What a person reads; it stays in the file. The identifier, which the viewer's usage
-        statistics would see hashed, is a pseudonym of it and the place of the file.
+        What a person reads; it stays in the file. The identifier, which usage statistics of other
+        viewers may see hashed, is a pseudonym of it and the place of the file.
     blueprint
         Layout to save with it.
+    opens
+        Whether the viewer turns to this recording, and to its layout before it makes one itself;
+        else its layout is used once a person turns to it.
 
     Yields
     ------
@@ -65,7 +68,7 @@ def recording_file(
     stream = rr.RecordingStream(application, recording_id=pseudonym, send_properties=False)
     memory = stream.memory_recording()
     try:
-        stream.send_blueprint(blueprint, make_active=False, make_default=True)
+        stream.send_blueprint(blueprint, make_active=opens, make_default=True)
         stream.send_recording_name(printable(title))
         yield stream
         content = memory.drain_as_bytes()

@@ -62,7 +62,7 @@ class LiveView:
     The drawing is a process, not a thread, because it takes about a quarter of a core in Python,
     for which a thread that computes frames would often wait, 5 ms by default
     (``sys.setswitchinterval``). What `pipeline.viewer.serve.view` says of who can read what is
-    served holds here, too. The memory of a page in a browser is limited by the page itself, to
+    shown holds here, too. The memory of a page in a browser is limited by the page itself, to
     about 2 GB.
 
     Examples

@@ -10,8 +10,8 @@ import pickle
 import sys
 import threading
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from queue import SimpleQueue
 from secrets import token_hex
 from subprocess import Popen
@@ -25,8 +25,10 @@ if TYPE_CHECKING:
 APPLICATION: Final = "hbm_residuals_live"
 MEMORY: Final = "1GB"
 """Of the viewer, which then drops its oldest data: about a quarter of an hour at 100 Hz."""
-SERVER_MEMORY: Final = {"window": "16MB", "browser": "256MB", "none": "16MB"}
-"""Of what the server keeps for pages that open later."""
+SERVER_MEMORY: Final = "16MB"
+"""Of what the viewer's server keeps for others."""
+PAGE_BYTES: Final = 64_000_000
+"""Of what is kept for pages that open later: about half a minute at 100 Hz, soon caught up with."""
 FLUSH_S: Final = 0.25
 """How often the ends of viewer and input are looked for while the viewer takes no data."""
 GRACE_S: Final = 1.0
@@ -35,6 +37,9 @@ LOWER_PRIORITY: Final = 5
 SCREENS: Final = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
 """Any of them names a screen on Linux."""
 WITHOUT_SCREEN: Final = "show it to a browser (--web), or use --view on a computer with one"
+
+Shown = tuple[str | None, Callable[[], bool]]
+"""Where it is shown, and what waits until all that is drawn is taken; false if the viewer ended."""
 
 
 class _Input:
@@ -75,43 +80,64 @@ def _draw(inbox: _Input, answer: Callable[..., None]) -> None:
     except ImportError as error:
         raise OSError(f"the viewer is not installed (rerun-sdk): {error}") from error
     from pipeline.viewer.live_drawing import LiveDrawing
-    from pipeline.viewer.serve import data_address, free_ports, page_address, running_viewer
 
     scene: LiveScene | None = inbox.next()
     if scene is None:
         return
     if scene.screen == "window" and sys.platform == "linux" and not os.environ.keys() & SCREENS:
         raise OSError(f"there is no screen; {WITHOUT_SCREEN}")
-    data, page = free_ports(2)
-    arguments, ports = _arguments(scene.screen, data, page)
-    with running_viewer(arguments, ports, without_screen=WITHOUT_SCREEN) as process:
-        inbox.viewer = process
-        rr.set_strict_mode(True)
-        stream = rr.RecordingStream(APPLICATION, recording_id=token_hex(8), send_properties=False)
-        stream.connect_grpc(data_address(data))
+    rr.set_strict_mode(True)
+    stream = rr.RecordingStream(APPLICATION, recording_id=token_hex(8), send_properties=False)
+    shown = _page(stream) if scene.screen == "browser" else _viewer(stream, scene.screen, inbox)
+    with shown as (address, taken):
         drawing = LiveDrawing(stream, scene)
-        address = {"browser": page_address(data, page), "none": data_address(data)}
-        _wait_until_sent(stream, process, inbox)
-        answer(address=address.get(scene.screen))
+        taken()
+        answer(address=address)
         while (news := inbox.next()) is not None:
             drawing.show(news)
-            _wait_until_sent(stream, process, inbox)
-            if process.poll() is not None:
+            if not taken():
                 break
             answer()
     if not inbox.ended.is_set():
         raise OSError("the viewer's window was closed")
 
 
-def _arguments(screen: Screen, data: int, page: int) -> tuple[list[str], tuple[int, ...]]:
-    """Give the viewer's arguments, and the ports that answer once it runs."""
-    limits = ["--memory-limit", MEMORY, "--server-memory-limit", SERVER_MEMORY[screen]]
-    arguments = ["--port", str(data), *limits, "--hide-welcome-screen"]
-    if screen == "browser":
-        web = ["--serve-web", "--web-viewer-port", str(page), "--newest-first"]
-        return [*web, *arguments], (data, page)
+@contextmanager
+def _page(stream: "rr.RecordingStream") -> Iterator[Shown]:
+    """Serve what is drawn to browsers."""
+    from rerun import binary_stream
+
+    from pipeline.viewer.page import GrowingRecording, page_server
+    from pipeline.viewer.serve import viewer_files
+
+    drawn, recording = binary_stream(stream), GrowingRecording(PAGE_BYTES)
+
+    def taken() -> bool:
+        recording.append(drawn.read() or b"")
+        return True
+
+    with page_server(viewer_files(), recording.pieces) as address:
+        yield address, taken
+
+
+@contextmanager
+def _viewer(stream: "rr.RecordingStream", screen: Screen, inbox: _Input) -> Iterator[Shown]:
+    """Run a viewer, in a window or unseen, and send it what is drawn."""
+    from pipeline.viewer.serve import data_address, free_ports, running_viewer
+
+    (port,) = free_ports(1)
+    limits = ["--memory-limit", MEMORY, "--server-memory-limit", SERVER_MEMORY]
+    arguments = ["--port", str(port), *limits, "--hide-welcome-screen"]
     unseen = ["--headless", "--window-size", "1920x1080"] if screen == "none" else []
-    return [*unseen, *arguments], (data,)
+    with running_viewer([*unseen, *arguments], (port,), without_screen=WITHOUT_SCREEN) as process:
+        inbox.viewer = process
+        stream.connect_grpc(data_address(port))
+
+        def taken() -> bool:
+            _wait_until_sent(stream, process, inbox)
+            return process.poll() is None
+
+        yield data_address(port) if screen == "none" else None, taken
 
 
 def _wait_until_sent(stream: "rr.RecordingStream", process: Popen[bytes], inbox: _Input) -> None:

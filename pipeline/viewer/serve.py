@@ -1,40 +1,39 @@
-"""Recordings in the viewer's window, or served to a browser on this machine only."""
+"""The viewer's own process, and recordings in its window or in a browser on this machine."""
 
 import os
 import signal
 import socket
+import struct
 import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import IO, Final
-from urllib.parse import quote
+from urllib.request import ProxyHandler, build_opener
 
 import rerun_cli  # type: ignore[import-untyped]
 
-LOOPBACK: Final = "127.0.0.1"
+from pipeline.viewer.page import LOOPBACK, VIEWER_FILES, page_server
+
 MAX_START_S: Final = 30.0
 """A first start on a slow disk takes about ten seconds."""
 MAX_STOP_S: Final = 5.0
 """After this, the viewer is killed."""
 POLL_S: Final = 0.05
+FILE_HEADER_BYTES: Final = 12
+"""Of a Rerun recording: its format, version and options."""
+MESSAGE_HEADER: Final = struct.Struct("<QQ")
+"""Of each message in it: its kind, and the bytes that follow."""
+ENDS_FILE, OPENS_RECORDING = 0, 1
+"""Kinds of message; the others hold data."""
 MAX_REASON: Final = 200
 """Characters of the viewer's own message about its failure."""
 WITHOUT_SCREEN: Final = "serve to a browser (--web) or save a file (--save)"
 """What a person can do with recordings where there is no screen."""
 SIGNAL_EXIT: Final = 128
 """A process ended by signal N exits with this plus N, as in a shell."""
-
-
-@dataclass(frozen=True, slots=True)
-class Served:
-    """Recordings that are being served: the page to open, and the server."""
-
-    address: str
-    process: subprocess.Popen[bytes]
 
 
 def view(
@@ -45,7 +44,7 @@ def view(
     Parameters
     ----------
     paths
-        Recordings, ``.rrd``.
+        Recordings, ``.rrd``; the first one is shown first.
     web
         Serve them to a browser on this machine instead of opening a window.
     announce
@@ -60,64 +59,38 @@ def view(
 
     Notes
     -----
-    The viewer listens on the loopback address alone, which Rerun's Python server cannot, and sends
-    no usage statistics. It ends with this process, unless that is killed outright.
+    The viewer shows the recording that was opened last. Given several files or addresses, it reads
+    them at once, and any may be the last; so it receives all as one stream, which opens the first
+    recording last, before any data.
 
-    Served recordings have no password. Pages of other sites may not read them: Rerun answers only
-    pages of this machine (CORS). But Rerun 0.41 does not check the ``Host`` header and has no
-    option for it, so a site that knows the port, which is another one each time, and lets its own
-    name point to this machine (DNS rebinding) could read them while they are served.
+    Nothing here sends usage statistics, and all listens on the loopback address alone. A page is
+    served as `pipeline.viewer.page` says, without a password. A window asks api.github.com for a
+    newer version, and has a port at which Rerun 0.41 answers whatever the ``Host`` header names; no
+    option switches these off. It ends with this process, unless that is killed outright.
     """
+    _require_files(paths)
     before = signal.signal(signal.SIGTERM, _exit)
     try:
         if web:
-            with web_viewer(paths) as served, suppress(KeyboardInterrupt):
-                announce(f"serving {_count(paths)} at {served.address} (stop with Ctrl-C)")
-                served.process.wait()
+            page = page_server(viewer_files(), lambda: _contents(paths))
+            with page as address, suppress(KeyboardInterrupt):
+                announce(f"serving {_count(paths)} at {address} (stop with Ctrl-C)")
+                while True:
+                    time.sleep(1)
         else:
-            _require_files(paths)
-            with running_viewer(["--port", "auto", *map(str, paths)]) as process:
+            with running_viewer(["--port", "auto", "-"]) as process:
+                assert process.stdin is not None
+                with suppress(BrokenPipeError), process.stdin as pipe:
+                    for piece in _contents(paths):
+                        pipe.write(piece)
                 process.wait()
     finally:
         signal.signal(signal.SIGTERM, before)
 
 
-@contextmanager
-def web_viewer(paths: Sequence[Path]) -> Iterator[Served]:
-    """Serve recordings and the viewer itself to browsers on this machine.
-
-    Parameters
-    ----------
-    paths
-        Recordings, ``.rrd``.
-
-    Yields
-    ------
-    Served
-        Once both ports answer; the server is stopped on leaving.
-
-    Raises
-    ------
-    ValueError
-        If there is nothing to show.
-    OSError
-        If a recording is missing, or the server does not start or fails.
-    """
-    _require_files(paths)
-    data, page = free_ports(2)
-    ports = ["--port", str(data), "--web-viewer-port", str(page)]
-    with running_viewer(["--serve-web", *ports, *map(str, paths)], (data, page)) as process:
-        yield Served(page_address(data, page), process)
-
-
 def data_address(port: int) -> str:
     """Give the address at which a viewer, or its server, on this machine takes and gives data."""
     return f"rerun+http://{LOOPBACK}:{port}/proxy"
-
-
-def page_address(data: int, page: int) -> str:
-    """Give the page that shows in a browser what a port serves."""
-    return f"http://{LOOPBACK}:{page}/?url={quote(data_address(data), safe='')}"
 
 
 @contextmanager
@@ -151,6 +124,7 @@ def running_viewer(
         process = subprocess.Popen(
             [viewer_binary(), "--bind", LOOPBACK, *arguments],
             env=quiet,
+            stdin=subprocess.PIPE,
             stdout=output,
             stderr=output,
         )
@@ -200,12 +174,55 @@ def viewer_binary() -> str:
     )
 
 
+def viewer_files() -> dict[str, bytes]:
+    """Get the files of the viewer's page from its server, since its binary alone holds them.
+
+    Started with the address of a recording, the server opens no port for others.
+
+    Raises
+    ------
+    OSError
+        If the server does not start, or does not give them.
+    """
+    (port,) = free_ports(1)
+    address = f"http://{LOOPBACK}:{port}"
+    arguments = ["--serve-web", "--web-viewer-port", str(port), f"{address}/none.rrd"]
+    opener = build_opener(ProxyHandler({}))
+    files = {}
+    with running_viewer(arguments, (port,)):
+        for path in VIEWER_FILES:
+            with opener.open(f"{address}{path}", timeout=MAX_START_S) as answer:
+                files[path] = answer.read()
+    return files
+
+
 def _require_files(paths: Sequence[Path]) -> None:
     if not paths:
         raise ValueError("no recordings to show; name some .rrd files")
     for path in paths:
         if not path.is_file():
             raise FileNotFoundError(f"no recording {path}; 'hbm view --save' writes one")
+
+
+def _contents(paths: Sequence[Path]) -> Iterator[bytes]:
+    """Give recordings as one: what opens them in reverse order, then their data in order."""
+    with paths[0].open("rb") as file:
+        yield file.read(FILE_HEADER_BYTES)
+    for path in reversed(paths):
+        yield from (message for kind, message in _messages(path) if kind == OPENS_RECORDING)
+    for path in paths:
+        yield from (message for kind, message in _messages(path) if kind != OPENS_RECORDING)
+
+
+def _messages(path: Path) -> Iterator[tuple[int, bytes]]:
+    """Give the messages of a recording with their kinds."""
+    with path.open("rb") as file:
+        file.seek(FILE_HEADER_BYTES)
+        while header := file.read(MESSAGE_HEADER.size):
+            kind, size = MESSAGE_HEADER.unpack(header)
+            if kind == ENDS_FILE:
+                return
+            yield kind, header + file.read(size)
 
 
 def _count(paths: Sequence[Path]) -> str:

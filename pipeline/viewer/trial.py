@@ -174,7 +174,8 @@ def write_cycles(result: TrialResult, path: Path) -> None:
     rotation, origin = segment_frames(result.body, q)
     timelines = {"gait_cycle_percent": np.arange(len(q))}
     title = f"{_title(result)}, mean of {len(spans)} {side} gait cycles"
-    with recording_file(path, CYCLE_APPLICATION, title, cycle_layout(origin[:, PELVIS])) as stream:
+    layout = cycle_layout(origin[:, PELVIS])
+    with recording_file(path, CYCLE_APPLICATION, title, layout, opens=False) as stream:
         stream.log("lab", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         draw_body(stream, result.body)
         send_body(stream, timelines, rotation, origin)

@@ -26,6 +26,7 @@ from hbm.spatial import Array
 from pipeline.config.schema import Settings, Subject
 from pipeline.config.study import read_study
 from pipeline.io.recording import Recording
+from pipeline.live.arrival import Arrivals
 from pipeline.live.frames.chain import LiveChain
 from pipeline.live.sources.recorded import RecordedSource
 from pipeline.live.stream import Samples
@@ -85,12 +86,16 @@ def attacked(seed: int, minutes: float) -> Tally:
     )
     chain = LiveChain(whole.body, laboratory, REALTIME, live, source.streams, walk.plates)
     monitor = Monitor(chain, walk.plates)
+    arrivals = Arrivals(source.streams)
     start_s = 0.0
     while tally.minutes < minutes:
         kinds = rng.choice(KINDS, size=int(rng.integers(1, 4)), replace=False).tolist()
         tally.kinds.update(kinds)
         try:
             for samples in sent(walk, kinds, start_s, rng):
+                samples = arrivals.take(samples, time.monotonic())
+                if not len(samples.time):
+                    continue
                 monitor.samples(samples)
                 for frame in chain.push(samples):
                     monitor.frame(frame, frame.computing_s)
@@ -129,10 +134,11 @@ def sent(
     played = _spoilt(walk, kinds, rng)
     chunk_s = float(rng.uniform(0.1, 1.0)) if "long chunks" in kinds else 0.01
     source = PerturbedSource(RecordedSource(played, chunk_s), faults, int(rng.integers(1 << 30)))
-    shift_s = start_s - 3600 * ("clock set anew" in kinds and rng.uniform() < 0.1)
+    set_s = float(rng.uniform(0, BLOCK_S)) if "clock set anew" in kinds else np.inf
+    by_s = float(rng.choice([-3600.0, -2.0, 60.0]))
     while not source.ended:
         for samples in source.receive(0.0):
-            time = samples.time + shift_s
+            time = samples.time + start_s + by_s * (samples.time >= set_s)
             if "no times" in kinds and rng.uniform() < 0.01:
                 time[rng.integers(len(time))] = rng.choice([np.nan, np.inf, -np.inf, -1.0])
             yield replace(samples, time=time)

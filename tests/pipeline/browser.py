@@ -1,4 +1,7 @@
-"""A real browser to look at pages with: headless Chromium, controlled through two pipes."""
+"""A real browser to look at pages with: headless Chromium, controlled through two pipes.
+
+It draws WebGL in software.
+"""
 
 import base64
 import json
@@ -15,7 +18,8 @@ import pytest
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 FLAGS = (
-    *("--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--no-first-run"),
+    *("--headless", "--no-sandbox", "--hide-scrollbars", "--no-first-run"),
+    *("--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
     *("--disable-dev-shm-usage", "--disable-background-networking", "--remote-debugging-pipe"),
 )
 needs_chromium = pytest.mark.skipif(
@@ -50,8 +54,8 @@ class Browser:
                 return answer["result"]
             self._note(answer)
 
-    def open(self, path: Path) -> None:
-        self.call("Page.navigate", url=path.as_uri())
+    def open(self, page: Path | str) -> None:
+        self.call("Page.navigate", url=page.as_uri() if isinstance(page, Path) else page)
         while self.evaluate("document.readyState") != "complete":
             time.sleep(0.05)
 

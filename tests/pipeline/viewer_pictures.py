@@ -1,8 +1,10 @@
 """What a running viewer shows: its views, its faults, the colours of its picture."""
 
+import base64
 import io
 import re
 import time
+from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.colors import to_rgb
@@ -37,3 +39,75 @@ def count_pixels(picture, colour):
     wanted = np.array(to_rgb(colour))
     cosine = bright @ wanted / np.linalg.norm(bright, axis=1) / np.linalg.norm(wanted)
     return np.count_nonzero(cosine > 0.999)
+
+
+@dataclass(frozen=True)
+class Page:
+    """What the viewer in a browser says that it shows."""
+
+    active: str
+    timeline: str
+    time: int
+    playing: int
+    views: frozenset[str]
+
+
+STATE = "btoa(String.fromCharCode(...(window.viewer ?? window._handle).viewer_state()))"
+PAUSED, FOLLOWING = 1, 3
+
+
+def page_state(browser):
+    """Give the state of the viewer in a browser; None while it shows no recording over time."""
+    try:
+        state = _fields(base64.b64decode(browser.evaluate(STATE)))
+        active = state[2][0].decode()
+        (shown,) = (one for one in map(_fields, state[3]) if one[1][0].decode() == active)
+        moment = _fields(shown[3][0])
+        return Page(
+            active=active,
+            timeline=_fields(moment[1][0])[1][0].decode(),
+            time=_fields(moment[3][0]).get(1, [0])[0],
+            playing=shown[5][0],
+            views=frozenset(_fields(view).get(3, [b""])[0].decode() for view in state[5]),
+        )
+    except (AssertionError, KeyError):
+        return None
+
+
+def settled_page(browser, seconds=5.0):
+    """Wait until a recording is shown in a browser, and some seconds more; give the state."""
+    _first_state(browser)
+    time.sleep(seconds)
+    return _first_state(browser)
+
+
+def _first_state(browser):
+    deadline = time.monotonic() + 3 * PATIENCE_S
+    while (state := page_state(browser)) is None:
+        assert time.monotonic() < deadline, "the page shows no recording"
+        time.sleep(0.5)
+    return state
+
+
+def _fields(message):
+    """Give a message of Protocol Buffers as field number -> values: whole numbers or bytes."""
+    found, at = {}, 0
+
+    def number():
+        nonlocal at
+        value = shift = 0
+        while True:
+            value |= (message[at] & 127) << shift
+            shift, at = shift + 7, at + 1
+            if message[at - 1] < 128:
+                return value
+
+    while at < len(message):
+        field, kind = divmod(number(), 8)
+        if kind == 0:
+            value = number()
+        else:
+            size = number() if kind == 2 else {1: 8, 5: 4}[kind]
+            value, at = message[at : at + size], at + size
+        found.setdefault(field, []).append(value)
+    return found

@@ -47,10 +47,21 @@ class PlatePriors:
 
 @dataclass(frozen=True, slots=True)
 class KnownPlates:
-    """How wrong the plates of a trial may be: their delay, and each plate in their order."""
+    """How wrong the plates of a trial may be.
+
+    Attributes
+    ----------
+    delay
+        Of all plates.
+    plates
+        Each plate, in their order.
+    delay_is_measured
+        Whether the delay is from a measurement of the plates or of the platform.
+    """
 
     delay: Prior
     plates: tuple[PlatePriors, ...]
+    delay_is_measured: bool = False
 
 
 def usual_plates(plates: int) -> KnownPlates:
@@ -108,7 +119,10 @@ def known_plates(chain: ProcessingChain, laboratory: Laboratory) -> KnownPlates:
             )
             one = replace(one, zero=zero)
         plates.append(one)
-    return KnownPlates(_delay(chain, laboratory, usual.delay), tuple(plates))
+    measured = _measured_delay(chain, laboratory, usual.delay)
+    stated = chain.settings.plate_delay_s is not None
+    delay = measured or (priors()["stated_delay"] if stated else usual.delay)
+    return KnownPlates(delay, tuple(plates), delay_is_measured=measured is not None)
 
 
 def swing_zero(
@@ -229,8 +243,8 @@ def calibrated(usual: PlatePriors, calibration: PlateCalibration, plate: Plate) 
     )
 
 
-def _delay(chain: ProcessingChain, laboratory: Laboratory, usual: Prior) -> Prior:
-    """Narrow the delay of the plates by what is stated, calibrated or shown by the platform."""
+def _measured_delay(chain: ProcessingChain, laboratory: Laboratory, usual: Prior) -> Prior | None:
+    """Narrow the delay of the plates by their calibration or the platform's motion, if possible."""
     known = priors()
     plates = laboratory.plates
     measured = [
@@ -250,4 +264,4 @@ def _delay(chain: ProcessingChain, laboratory: Laboratory, usual: Prior) -> Prio
             size = float(np.linalg.norm([error, done.sensors_apart_s, least]))
             source = "the platform's motion in its markers and accelerometers"
             return replace(usual, size=size, mean=late.seconds, source=source, advice="")
-    return usual if chain.settings.plate_delay_s is None else known["stated_delay"]
+    return None

@@ -12,7 +12,11 @@ from pipeline.explain.causes.known_plates import KnownPlates, usual_plates
 from pipeline.explain.processing_chain import ProcessingChain
 
 
-def plate_causes(chain: ProcessingChain, known: KnownPlates | None = None) -> Iterator[Cause]:
+def plate_causes(
+    chain: ProcessingChain,
+    known: KnownPlates | None = None,
+    delay: tuple[float, float] | None = None,
+) -> Iterator[Cause]:
     """Give what may be wrong with the plates of a trial.
 
     Parameters
@@ -21,6 +25,9 @@ def plate_causes(chain: ProcessingChain, known: KnownPlates | None = None) -> It
         The trial.
     known
         What is known of its plates, as `known_plates` finds it; by default nothing.
+    delay
+        Their delay as the whole body's motion shows it, and one standard deviation [s]; by default
+        the residuals show it.
 
     Yields
     ------
@@ -30,7 +37,7 @@ def plate_causes(chain: ProcessingChain, known: KnownPlates | None = None) -> It
         plate in its own axes, which move with the platform.
     """
     known = known or usual_plates(len(chain.plates))
-    yield Cause("plates are late", "delay", known.delay, late)
+    yield Cause("plates are late", "delay", known.delay, late, found=delay)
     for k, (plate, prior) in enumerate(zip(chain.plates, known.plates, strict=True)):
         name = f"plate {plate.number}"
         for i, component in enumerate(WRENCH_COMPONENTS):

@@ -11,12 +11,11 @@ from functools import partial
 from typing import Final, Literal, Self
 
 import numpy as np
-from scipy.signal import cont2discrete, lfilter
 
 from hbm.coordinates import FIXED_TO, MOVING, SIDES
 from hbm.poses import segment_frames
 from hbm.segments import NO_INERTIA, Inertia
-from hbm.signals.samples import mean_rate_hz
+from hbm.signals.oscillator import oscillation
 from hbm.spatial import GRAVITY_MPS2, Array
 from pipeline.explain.cause import Cause
 from pipeline.explain.priors import priors
@@ -138,8 +137,8 @@ class WobblingMass:
 
         Notes
         -----
-        ``d̈ + 2 ζ ω ḋ + ω² d = -a``, from rest, solved exactly for an acceleration that is linear
-        between samples. It adds ``m d̈``, and what it needs acts ``d`` beside its place.
+        `hbm.signals.oscillator.oscillation` gives ``d``. It adds ``m d̈``, and what it needs acts
+        ``d`` beside its place.
         """
         drive = -(self.pull - [0, 0, GRAVITY_MPS2]) @ along
         frames = np.arange(len(drive))
@@ -147,15 +146,7 @@ class WobblingMass:
             seen = np.isfinite(column)
             column[:] = np.interp(frames, frames[seen], column[seen])
         drive -= drive[0]
-        omega = 2 * np.pi * self.frequency_hz
-        loss = 2 * self.damping * omega
-        system, step = np.array([1.0, loss, omega**2]), 1 / mean_rate_hz(self.time)
-        filters = [
-            cont2discrete((np.array(numerator), system), step, method="foh")[:2]
-            for numerator in ([1.0], [1.0, 0.0])
-        ]
-        shift, speed = (lfilter(np.ravel(up), down, drive, axis=0) for up, down in filters)
-        force = drive - loss * speed - omega**2 * shift
+        shift, force = oscillation(drive, self.time, self.frequency_hz, self.damping)
         moment = np.cross(self.place, force) + np.cross(shift, self.pull + force)
         return self.mass_kg * np.hstack([force, moment])
 

@@ -149,9 +149,7 @@ def _parse(lines: list[str], stated: Stated, notes: tuple[Note, ...]) -> Traject
         raise ValueError(f"its header says NumMarkers {count}, but it holds {len(names)}")
     if _stated(header, "NumFrames") != len(rows):
         count = short(header["NumFrames"])
-        if notes:  # it ends within a line
-            raise ValueError(f"its header says NumFrames {count}, but it is cut off in {len(rows)}")
-        notes = (Note.of("frame_count_differs", header=count, found=len(rows)),)
+        notes = (*notes, Note.of("frame_count_differs", header=count, found=len(rows)))
     if not rows or not names:
         raise ValueError("it holds no frames")
     filled = ((k, _with_last_gaps(line, len(columns))) for k, line in rows)
@@ -159,7 +157,7 @@ def _parse(lines: list[str], stated: Stated, notes: tuple[Note, ...]) -> Traject
     if not np.isfinite(values[:, :2]).all():
         raise ValueError("a frame has no number or no time")
     position = values[:, 2:].reshape(len(rows), len(names), 3) * metre
-    time = _regular(values[:, 1], _stated(header, "DataRate"))
+    time, time_notes = _regular(values[:, 1], _stated(header, "DataRate"))
     position[~np.isfinite(position).all(axis=-1) | ~position.any(axis=-1)] = np.nan
     position = position[:, list(markers.values())]
     stated.check_span(position, header["Units"])
@@ -169,19 +167,30 @@ def _parse(lines: list[str], stated: Stated, notes: tuple[Note, ...]) -> Traject
         position,
         int(values[0, 0]),
         subject,
-        (*notes, *unit_notes, *label_notes),
+        (*notes, *time_notes, *unit_notes, *label_notes),
     )
 
 
-def _regular(stated: Array, rate_hz: float) -> Array:
+def _regular(stated: Array, rate_hz: float) -> tuple[Array, tuple[Note, ...]]:
+    """Give regular times [s] at a rate, as the stated ones are but for their rounding."""
     if not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:
         raise ValueError(
             f"its header says {rate_hz:g} Hz, expected {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g} Hz"
         )
-    time: Array = stated[0] + np.arange(len(stated)) / rate_hz
-    if not np.abs(stated - time).max() < MAX_TIME_ERROR / rate_hz + 2 * _rounding(stated, rate_hz):
-        raise ValueError(f"its times are not the regular times of its rate of {rate_hz:g} Hz")
-    return time
+    after = np.arange(len(stated)) / rate_hz
+    rounding = _rounding(stated, rate_hz)
+    time: Array = (float(np.mean(stated - after)) if rounding else stated[0]) + after
+    wrong = np.flatnonzero(~(np.abs(stated - time) < MAX_TIME_ERROR / rate_hz + 2 * rounding))
+    if len(wrong):
+        k = wrong[0]
+        raise ValueError(
+            f"its times are not the regular times of its rate of {rate_hz:g} Hz: frame {k + 1} of "
+            f"{len(time)} is at {stated[k]:.6g} s, expected {time[k]:.6g} s; correct DataRate, or "
+            "export the file again"
+        )
+    if not rounding:
+        return time, ()
+    return time, (Note.of("times_rounded", digit_s=2 * rounding, rate_hz=rate_hz),)
 
 
 def _rounding(stated: Array, rate_hz: float) -> float:

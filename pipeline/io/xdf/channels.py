@@ -8,6 +8,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
+from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -26,6 +27,12 @@ POSITION: Final = re.compile(r"Position([XYZ])", re.IGNORECASE)
 COORDINATE: Final = re.compile(r"(.+?)[._ -](?:Pos)?([XYZ])", re.IGNORECASE)
 """Label of a marker's channel, such as LASIS_X or LASIS.PosX."""
 AXES: Final = "XYZ"
+CONTROL: Final = re.compile(
+    r"[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]"
+    r"|&#(0*([0-8]|1[124-9]|2\d|3[01])|x0*([0-8bcef]|1[\da-f]));",
+    re.IGNORECASE,
+)
+"""Characters that XML may not hold, as they are or by their number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +93,14 @@ class MarkerLayout:
         of_marker = position.reshape(len(position), -1, 3)
         of_marker[~of_marker.any(axis=-1)] = np.nan
         return position
+
+
+def parse_xml(text: str) -> Element:
+    """Parse what a stream says of itself, with "?" in place of control characters; a ValueError."""
+    try:
+        return ElementTree.fromstring(CONTROL.sub("?", text))
+    except ElementTree.ParseError as error:
+        raise ValueError(f"its description is no XML: {error}; correct it in the sender") from error
 
 
 def parse_channels(info: Element, count: int) -> tuple[Channel, ...]:

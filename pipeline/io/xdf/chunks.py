@@ -18,6 +18,7 @@ import pyxdf
 
 from hbm.spatial import Array
 from hbm.spelling import printable, short
+from pipeline.io.xdf.channels import parse_xml
 
 MAGIC: Final = b"XDF:"
 STREAM_HEADER: Final = 2
@@ -187,8 +188,8 @@ def _footer(body: bytes) -> int | None:
 
 def _xml(body: bytes) -> ElementTree.Element:
     try:
-        return ElementTree.fromstring(body.decode("utf-8", "replace"))
-    except (ElementTree.ParseError, ValueError) as error:
+        return parse_xml(body.decode("utf-8", "replace"))
+    except ValueError as error:
         raise ValueError(f"damaged: the description of a stream: {error}") from error
 
 

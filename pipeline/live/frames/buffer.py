@@ -1,18 +1,8 @@
 """The newest samples of a stream: in order, each once, in memory that does not grow."""
 
-from typing import Final
-
 import numpy as np
 
 from hbm.spatial import Array, Mask
-
-LARGEST: Final = 1e9
-"""No signal is as large in any unit: such a number is damaged."""
-
-
-def known(values: Array) -> Array:
-    """Give samples with NaN in place of numbers that no instrument gives."""
-    return np.where(np.abs(values) < LARGEST, values, np.nan)
 
 
 class SampleBuffer:

@@ -17,7 +17,8 @@ from hbm.spelling import listed
 from pipeline.config.live import Live
 from pipeline.config.schema import Settings
 from pipeline.io.recording import Plate
-from pipeline.live.frames.buffer import SampleBuffer, known
+from pipeline.live.arrival import known
+from pipeline.live.frames.buffer import SampleBuffer
 from pipeline.live.frames.channels import AnalogStreams
 from pipeline.live.frames.dynamics import LiveDynamics
 from pipeline.live.frames.feet import LiveFeet

@@ -8,7 +8,8 @@ import numpy as np
 
 from hbm.spatial import Array, Indices
 from hbm.spelling import listed, short
-from pipeline.live.frames.buffer import SampleBuffer, known
+from pipeline.live.arrival import known
+from pipeline.live.frames.buffer import SampleBuffer
 from pipeline.live.stream import Samples, StreamDescription
 
 HISTORY_S: Final = 2.0

@@ -2,11 +2,10 @@
 
 from dataclasses import dataclass
 from typing import Any
-from xml.etree import ElementTree
 
 from hbm.spelling import printable, short
 from pipeline.io.stated import Stated
-from pipeline.io.xdf.channels import Channel, parse_channels
+from pipeline.io.xdf.channels import Channel, parse_channels, parse_xml
 from pipeline.live.sources.changes import change_of_channels, change_of_plates, change_of_rate
 from pipeline.live.sources.description import (
     Convert,
@@ -68,7 +67,7 @@ def read_description(info: Any, stated: Stated, *, is_markers: bool) -> LslDescr
     """
     name = info.name()
     try:
-        root = ElementTree.fromstring(info.as_xml())
+        root = parse_xml(info.as_xml())
         if (root.findtext("channel_format") or "") == "string":
             raise ValueError("it sends text, not numbers")
         channels = parse_channels(root, info.channel_count())

@@ -12,6 +12,7 @@ import numpy as np
 from hbm.spelling import short
 from pipeline.io.stated import Stated
 from pipeline.io.xdf.clock import find_clock
+from pipeline.live.arrival import known
 from pipeline.live.sources.changes import came_back
 from pipeline.live.sources.clock_offset import ClockOffset
 from pipeline.live.sources.lsl_description import read_description
@@ -152,7 +153,7 @@ class Inlet:
         if not len(stamps):
             return None
         self._heard_s = time.monotonic()
-        return Samples(self.name, self.offset.local(stamps), self._described.convert(values))
+        return Samples(self.name, self.offset.local(stamps), self._described.convert(known(values)))
 
     @property
     def away(self) -> bool:

@@ -11,7 +11,8 @@ from hbm.spatial import Array
 from hbm.spelling import printable, short
 from pipeline.io.axes import parse_axes
 from pipeline.io.stated import Stated
-from pipeline.io.xdf.channels import AXES, Channel
+from pipeline.io.xdf.channels import AXES, Channel, parse_xml
+from pipeline.live.arrival import known
 from pipeline.live.sources.changes import change_of_plates, change_of_streams
 from pipeline.live.sources.description import Convert, describe_markers, describe_signals
 from pipeline.live.sources.qualisys_places import place_of
@@ -158,7 +159,7 @@ class Frames:
                 self.base_s += self.last_s - stamp + 1 / self.markers.rate_hz
                 self.restart()
             self.last_s = stamp
-            values = self.convert(np.array(positions, float).reshape(1, -1))
+            values = self.convert(known(np.array(positions, float).reshape(1, -1)))
             found.append(Samples(MARKERS, np.array([self.base_s + stamp]), values))
         for device, number, channels in _analog(packet):
             if device in self.devices:
@@ -171,7 +172,7 @@ class Frames:
 
     def _samples(self, signals: Signals, number: int, values: Array, stamp: float) -> Samples:
         time = self.base_s + signals.time(number, len(values), stamp)
-        return Samples(signals.description.name, time, signals.convert(values))
+        return Samples(signals.description.name, time, signals.convert(known(values)))
 
 
 def _analog(packet: Any) -> list[tuple[int, int, Array]]:
@@ -203,8 +204,8 @@ def read_parameters(written: bytes, stated: Stated) -> Frames:
         `pipeline.live.sources.description.describe_markers`.
     """
     try:
-        root = ElementTree.fromstring(written)
-    except ElementTree.ParseError as error:
+        root = parse_xml(written.decode("utf-8", "replace"))
+    except ValueError as error:
         raise ValueError(f"Qualisys Track Manager sends broken parameters: {error}") from error
     rate = _rate(root.find("General"), "the cameras")
     names = [_text(label, "Name") for label in root.iterfind("The_3D/Label")]

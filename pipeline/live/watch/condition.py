@@ -38,7 +38,7 @@ class Limits:
 class ConditionSoFar:
     """Summarises the gait cycles of a condition as they end, in memory that does not grow.
 
-    A frame that is in a cycle of either foot counts once, as in trials.
+    A frame that is in a cycle of either foot counts once; trials count the cycles of one foot.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class ConditionSoFar:
         Parameters
         ----------
         center_of_mass_m
-            Height of the body's centre of mass above the ground [m].
+            Height of the body's centre of mass above the feet (`height_of_mass`) [m].
         """
         return {
             variant: Limits(

@@ -15,8 +15,6 @@ KEPT_S: Final = 20.0
 """Some fifteen gait cycles."""
 JUDGED_S: Final = 10.0
 MIN_DELAY_S: Final = 0.005
-SURE: Final = 3.0
-"""Standard errors from zero."""
 CHANGED_S: Final = 0.002
 """By which a delay has changed to be noted again."""
 
@@ -27,7 +25,7 @@ class DelayWatch:
     Notes
     -----
     As `compensation.marker_plate_delay`; the lag of the real-time filter's accelerations is added.
-    A delay of less than 5 ms or three standard errors is none.
+    A delay below 5 ms, or whose 95 % interval contains zero, is none.
     """
 
     def __init__(self) -> None:
@@ -54,12 +52,12 @@ class DelayWatch:
         motion[[not frame.quality.counts for frame in self._frames]] = np.nan
         try:
             found = marker_plate_delay(plate, motion, time)
-        except ValueError:  # too little walking in it
+        except ValueError:  # not determined by what is in it
             return ()
-        delay_s, error_s = found.seconds + acceleration_lag_s(time), found.standard_error
-        if not abs(delay_s) > max(MIN_DELAY_S, SURE * error_s):
+        delay_s = found.seconds + acceleration_lag_s(time)
+        if abs(delay_s) <= max(MIN_DELAY_S, found.uncertainty):
             return ()
         if abs(delay_s - self._noted_s) < CHANGED_S:
             return ()
         self._noted_s = delay_s
-        return (Note.of("live_plates_late", delay_s=delay_s, uncertainty_s=error_s),)
+        return (Note.of("live_plates_late", delay_s=delay_s, uncertainty_s=found.uncertainty),)

@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 
 from hbm.notes import Note
-from hbm.poses import center_of_mass
 from hbm.spatial import Array
 from pipeline.io.recording import Plate
 from pipeline.live.frames.chain import LiveChain
@@ -23,7 +22,7 @@ from pipeline.live.watch.losses import Losses
 from pipeline.live.watch.markers import MarkerGaps
 from pipeline.live.watch.plates import PlateWatch
 from pipeline.live.watch.weight import WeightWatch
-from pipeline.trial.residuals import AXES
+from pipeline.trial.residuals import AXES, height_of_mass
 
 LATENCIES: Final = 6000
 """Of the newest frames, a minute at 100 Hz."""
@@ -102,6 +101,9 @@ class Monitor:
 
     def samples(self, received: Samples) -> None:
         """Take samples as they were received; those without a time are nobody's."""
+        if received.clock_set_s:
+            note = Note.of("live_clock_set", stream=received.stream, set_s=received.clock_set_s)
+            self._note(received.time[-1], [note])
         timed = np.isfinite(received.time)
         if not timed.all():
             received = replace(received, time=received.time[timed], values=received.values[timed])
@@ -136,7 +138,7 @@ class Monitor:
         for cycle in gait.cycles:
             self.condition.add(cycle)
             self.cycles.append(cycle)
-            self._height_m = float(center_of_mass(self._chain.body, frame.q[None])[0, 2])
+            self._height_m = height_of_mass(self._chain.body, frame.q[None])
         watched = self._delay.add(frame), self._fit.add(frame), self._feet.add(frame)
         self._note(frame.time, (note for notes in watched for note in notes))
         return gait.cycles

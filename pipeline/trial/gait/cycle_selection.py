@@ -47,7 +47,7 @@ def select_cycles(
         later = {side: spans[spans[:, 0] >= condition.skip_s] for side, spans in cycles.items()}
         side = counted_side({side: len(spans) for side, spans in later.items()})
         selected = {side: later[side]}
-        if side != COUNTED_SIDE:
+        if side != COUNTED_SIDE and len(later[side]):
             notes = (Note.of("cycles_of_left"),)
     found = sum(len(spans) for spans in selected.values())
     wanted = condition.cycles

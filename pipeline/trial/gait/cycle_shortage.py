@@ -34,7 +34,7 @@ def cycle_shortage(
     events
         The trial's gait events.
     notes
-        Notes of the trial; those on cycles that were left out count.
+        Notes of the trial; those on events and on cycles that were left out count.
     time
         Of the markers, (T,) [s].
     solved
@@ -53,6 +53,7 @@ def cycle_shortage(
     >>> cycle_shortage(strikes, (), time, time >= 0)
     'all foot strikes are beyond the markers, which end at 2.99 s: 4.10 to 5.20 s'
     """
+    notes = tuple(notes)
     strikes = [event for event in events if event.label == "foot_strike"]
     inside = [event for event in strikes if time[0] <= event.time <= time[-1]]
     counts = [f"{[e.side for e in inside].count(side)} {side}" for side in ("left", "right")]
@@ -65,7 +66,8 @@ def cycle_shortage(
     if unsolved == len(time):
         return "no frame could be solved; check the markers' labels and the calibration pose"
     if not strikes:
-        return "there are no foot strikes"
+        reasons = [f": {note.values['reason']}" for note in notes if note.code == "events_unknown"]
+        return f"there are no foot strikes{''.join(reasons)}"
     if not inside:
         return f"all foot strikes are {_beyond(strikes, time)}"
     if left_out:
@@ -76,8 +78,8 @@ def cycle_shortage(
         others = [event for event in strikes if event not in inside]
         more = f"; {len(others)} more are {_beyond(others, time)}" if others else ""
         return (
-            f"a gait cycle needs two foot strikes of one side, there are {' and '.join(counts)}"
-            f"{more}"
+            f"a gait cycle needs two foot strikes of one side, there are {' and '.join(counts)} in "
+            f"{time[-1] - time[0]:.2f} s{more}"
         )
     return "none of the gait cycles is one that the condition asks for"
 

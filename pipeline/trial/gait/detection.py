@@ -8,6 +8,7 @@ import numpy as np
 
 from hbm.markers import Markers, MarkerSet
 from hbm.notes import Note
+from hbm.signals.samples import stretches
 from hbm.spatial import Array
 from pipeline.config.schema import EventMethod
 from pipeline.io.recording import Event
@@ -15,6 +16,7 @@ from pipeline.trial.gait.contact import Contact
 from pipeline.trial.gait.event_agreement import match_times
 from pipeline.trial.gait.events import (
     LABELS,
+    MIN_EXCURSION_M,
     NONE_IN_FILE,
     SIDES,
     event_times,
@@ -109,7 +111,7 @@ def detect_events(
             case "auto":
                 by_motion, of_plates = foot_motion_events(sources.motion), _of_plates(sources)
                 if not by_motion:
-                    raise ValueError(NO_SWING)
+                    raise ValueError(_no_step(sources.motion))
                 events, corrections = combined_events(by_motion, of_plates)
                 code = "events_calibrated" if corrections else "events_uncalibrated"
     except ValueError as error:
@@ -123,6 +125,25 @@ def detect_events(
         code, left=left, right=right, timed=timed, events=len(events), offset_ms=calibrated
     )
     return events, method, note
+
+
+def _no_step(motion: FootMotion) -> str:
+    """Say why the motion of the feet shows no event: nobody walks, or not for as long as a stride.
+
+    A foot that swings travels against the pelvis; a stride is seen from one turn of it to the next.
+    """
+    relative = motion.ankles - motion.pelvis[:, None]
+    known = np.asarray(np.isfinite(relative).all(axis=1), bool)
+    seen = [slice(a, b) for a, b in stretches(known)]
+    travel_m = max((float(np.ptp(relative[part], axis=0).max()) for part in seen), default=0.0)
+    if travel_m < MIN_EXCURSION_M:
+        return NO_SWING
+    longest_s = max(float(np.ptp(motion.time[part])) for part in seen)
+    return (
+        f"pelvis and feet are seen for {longest_s:.2f} s, less than a stride, though a foot "
+        f"travels {travel_m:.2f} m against the pelvis; record two strikes of a foot and 0.2 s "
+        "around them"
+    )
 
 
 def combined_events(

@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from compensation import InertiaModel, check_calibration, check_trial
+from compensation import Calibration, InertiaModel, check_trial
 from hbm.notes import Note
 from hbm.spatial import Array
 from pipeline.config.schema import Treadmill
@@ -63,7 +63,7 @@ def plate_artefacts(
         for artefact, plate, model, late_s in zip(artefacts, plates, models, delays_s, strict=True):
             felt = _felt(clock, readings, plate.time - late_s, laboratory, model)
             artefact += model.predict(_held(felt, recording, plate, "the acceleration", notes))
-        notes += compensation_doubts(plates, models, readings, treadmill)
+        notes += compensation_doubts(laboratory.calibration, models[0], readings, treadmill)
     if laboratory.belts and treadmill.belt is not None:
         added = belt_wrenches(
             recording, laboratory.belts, treadmill.belt, [plate.time for plate in plates]
@@ -74,16 +74,11 @@ def plate_artefacts(
 
 
 def compensation_doubts(
-    plates: tuple[Plate, ...], models: list[InertiaModel], readings: Array, treadmill: Treadmill
+    calibration: Calibration, model: InertiaModel, readings: Array, treadmill: Treadmill
 ) -> list[Note]:
     """Find what is doubtful about a calibration and about a trial's accelerations (N, k)."""
-    doubts = [
-        note
-        for plate, model in zip(plates, models, strict=True)
-        for note in check_calibration(model, f"plate {plate.number}")
-    ]
     known = samples_of(readings, np.isfinite(readings).all(axis=1))
-    return [*doubts, *check_trial(models[0], known, treadmill.accelerometer_range_g)]
+    return [*calibration.notes, *check_trial(model, known, treadmill.accelerometer_range_g)]
 
 
 def _felt(

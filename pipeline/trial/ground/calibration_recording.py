@@ -16,7 +16,7 @@ from compensation import (
     refuse_unusable,
 )
 from compensation.alignment.sensor_delay import MODEL_ERROR_S
-from compensation.inertia.choice import choose
+from compensation.inertia.choice import choose, weigh_beside
 from compensation.inertia.dynamic import LAGS_S
 from compensation.inertia.residual import residual_correlation
 from compensation.inertia.sensors import QUANTILE_95, noise_for_fit
@@ -112,6 +112,7 @@ def fit_calibration(
 
     found, compared = ([read(one) for one in recordings] for recordings in (beside, checks))
     trials = [(recording.source.name, own), *found]
+    weight, beside_in_words = weigh_beside(trials, k, setup.rate_hz)
     if found:
         for name in own:
             of_plate = [
@@ -121,8 +122,9 @@ def fit_calibration(
             ]
             readings = [(felt[:, :k], wrench) for (felt, wrench), _ in of_plate]
             speeds = _known([speed for _, speed in of_plate])
-            static[name] = fit_trials(readings, setup, noises[name], belts_mps=speeds)
-        refuse_unusable(static)
+            static[name] = fit_trials(
+                readings, setup, noises[name], belts_mps=speeds, beside_weight=weight
+            )
         provenance[BESIDE] = "; ".join(
             f"{source}: {', '.join(empty)} empty" for source, empty in found
         )
@@ -130,7 +132,8 @@ def fit_calibration(
         provenance[BELTS_UNKNOWN] = ", ".join(
             one.source.name for one, speed in zip(every, belts, strict=True) if speed is None
         )
-    choice, dynamic = choose(trials, static, compared, treadmill.inertia_model)
+    choice, dynamic = choose(trials, static, compared, treadmill.inertia_model, weight)
+    choice = replace(choice, beside=beside_in_words)
     if plates is not None:
         provenance |= {PLATES_NAME: plates.name, PLATES_SHA256: plates.sha256}
     joint = _joint_correlation(recording, own, dynamic or static)

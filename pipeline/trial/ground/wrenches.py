@@ -288,7 +288,7 @@ def _compensation_notes(
     """
     treadmill, calibration = laboratory.treadmill, laboratory.calibration
     assert calibration is not None
-    notes = compensation_doubts(recording.plates, models, readings, treadmill)
+    notes = compensation_doubts(calibration, models[0], readings, treadmill)
     sensors = tuple(treadmill.accelerometers)
     if method == "realtime":
         notes.append(Note.of("plates_compensated_in_real_time", accelerometers=sensors))

@@ -15,7 +15,7 @@ from pipeline.config.plate_study import AccuracyLimits, read_plates_study
 from pipeline.plate_accuracy.accuracy import examine_plates
 from pipeline.plate_accuracy.judgement import TOTAL
 from pipeline.plate_accuracy.stance import QUANTITIES, stance_loads
-from pipeline.plate_accuracy.verdict import Verdict, judge
+from pipeline.plate_accuracy.verdict import Answer, judge
 from pipeline.virtual_lab.machine.instruments.force_plate import PLATE_CENTERS_M
 from pipeline.virtual_lab.machine.instruments.sampling import ANALOG_HZ
 from pipeline.virtual_lab.protocol.known_weights import (
@@ -67,6 +67,8 @@ class Fault:
         What `hbm plates` calls it, where its size is that of the fault.
     corrected
         The same plate after correction: what no calibration takes away.
+    like_masses
+        Whether weights that are all heavier than stated would explain it.
     """
 
     name: str
@@ -76,6 +78,7 @@ class Fault:
     make: Callable[[float], PlateErrors]
     estimates: tuple[str, ...]
     corrected: Callable[[float], PlateErrors] | None = None
+    like_masses: bool = False
 
 
 def _entries(*places: tuple[int, int]) -> Callable[[float], PlateErrors]:
@@ -99,7 +102,7 @@ FAULTS: Final = (
         GAIN,
         _entries(*((k, k) for k in range(6))),
         tuple(f"gain of {name}" for name in ("Fx", "Fz", "Mx", "My", "Mz")),
-        _entries((1, 1)),
+        like_masses=True,
     ),
     Fault("gain of Fx", "%", 100, GAIN, _entries((0, 0)), ("gain of Fx",)),
     Fault("gain of Fz", "%", 100, GAIN, _entries((2, 2)), ("gain of Fz",)),
@@ -213,8 +216,8 @@ class PlateOutcome:
     invented: tuple[str, ...]
     sized: tuple[int, int]
     totals: tuple[int, int, int]
-    verdict: Verdict
-    truth: Verdict
+    verdict: Answer
+    truth: Answer
 
 
 def cases(seeds: Sequence[int]) -> Iterator[Case]:
@@ -261,7 +264,7 @@ def carry_out(case: Case) -> list[PlateOutcome]:
                 invented=tuple(sorted(significant - set(wanted) - _same(fault))),
                 sized=(sum(within), len(within)),
                 totals=(above, below, len(totals)),
-                verdict=verdict.verdict,
+                verdict=verdict.verdict.answer,
                 truth=true_verdict(fault, size, verdict.belt),
             )
         )
@@ -273,10 +276,12 @@ def _same(fault: Fault | None) -> set[str]:
     return {"delay"} if fault is not None and fault.name == "delay" else set()
 
 
-def true_verdict(fault: Fault | None, size: float, belt: str) -> Verdict:
+def true_verdict(fault: Fault | None, size: float, belt: str) -> Answer:
     """Give the verdict that the known fault deserves."""
     if fault is None or not (size > fault.limit or _beyond(fault.make(size), belt)):
         return "fit"
+    if fault.like_masses:
+        return "cannot be told"
     if fault.corrected is None:
         return "fit after correction"
     lasting = fault.corrected(size) == fault.make(size)

@@ -105,7 +105,7 @@ def _right(one: PlateOutcome) -> bool:
 
 
 def _untold(one: PlateOutcome) -> bool:
-    return one.verdict == "cannot be told"
+    return one.verdict == "cannot be told" and not _right(one)
 
 
 def _wrong(one: PlateOutcome) -> bool:

@@ -7,8 +7,7 @@ from compensation.inertia.another_day import check_another_day
 from compensation.inertia.fit import fit_inertia
 from compensation.inertia.model import Setup
 from compensation.inertia.quality import (
-    MAX_LEFT_N,
-    MAX_LEFT_NM,
+    MAX_LEFT,
     left_over,
     refuse_unusable,
 )
@@ -100,15 +99,6 @@ def test_a_delay_that_was_never_estimated_is_no_change_since_the_calibration(lab
     assert note.code == "calibration_delay_uncorrected"
     assert note.values["sensor"] == "front"
     assert "fit it again" in note.text
-
-
-def test_a_valid_calibration_that_leaves_too_much_says_so(laboratory):
-    slow = 20 * np.sin(2 * np.pi * 2.3 * np.arange(4000) / RATE_HZ)[:, None] * [0, 0, 1, 0, 0, 0]
-    days = [(a, w + slow[: len(w)]) for a, w in (record(laboratory(), seed) for seed in (1, 2))]
-    found = check(fit_inertia(*days[0], SETUP), *days[1])
-    assert found.verdict == "valid"
-    _, left = found.notes
-    assert (left.code, left.values["component"]) == ("calibration_leaves_much", "Fz")
 
 
 @pytest.mark.parametrize("gain", [0.97, 1.03])
@@ -228,18 +218,18 @@ def test_a_zero_that_changes_as_zeros_do_from_recording_to_recording_has_not_dri
     assert check(model, accelerations, wrench).verdict == verdict
 
 
-@pytest.mark.parametrize(("amplitude", "verdict"), [(3.5, "valid"), (8.0, "outdated")])
+@pytest.mark.parametrize(("amplitude", "verdict"), [(7.0, "valid"), (16.0, "outdated")])
 def test_rollers_that_leave_up_to_twice_as_much_do_not_make_a_calibration_outdated(
     laboratory, amplitude, verdict
 ):
     """They turn, and their angle to each other is another one: no new calibration would help."""
     days = []
-    for seed, moment in ((1, 1.0), (2, amplitude)):
+    for seed, moment in ((1, 2.0), (2, amplitude)):
         accelerations, wrench = record(laboratory(), seed)
         turning = moment * np.sin(2 * np.pi * 4.75 * np.arange(len(wrench)) / RATE_HZ)
         days.append((accelerations, wrench + turning[:, None] * [0, 0, 0, 0, 1, 0]))
     found = check(fit_inertia(*days[0], SETUP), *days[1])
-    assert found.left["plate 1"][4] > MAX_LEFT_NM
+    assert found.left["plate 1"][4] > MAX_LEFT[4]
     assert found.verdict == verdict
 
 
@@ -248,5 +238,5 @@ def test_a_rattle_that_no_calibration_explains_makes_one_outdated(laboratory, mo
     accelerations, wrench = record(laboratory(), 2)
     wrench[:, 0] += amplitude * np.sin(2 * np.pi * 2.03 * np.arange(len(wrench)) / RATE_HZ)
     found = check(model, accelerations, wrench)
-    assert found.left["plate 1"][0] > MAX_LEFT_N
+    assert found.left["plate 1"][0] > MAX_LEFT[0]
     assert found.verdict == "outdated"

@@ -10,6 +10,7 @@ from compensation import check_calibration
 from compensation.inertia.calibration import Calibration, from_json, to_json
 from compensation.inertia.fit import fit_inertia
 from compensation.inertia.model import Setup
+from compensation.inertia.quality import MAX_LEFT, PERSON_RMS
 from hbm.signals.filtering import low_pass
 
 SETUP = Setup(sensors=("rear left", "front right"), rate_hz=100.0, cutoff_hz=20.0)
@@ -86,16 +87,49 @@ def test_a_file_without_belt_speeds_expects_the_same_at_every_speed(calibration)
     for plate in document["plates"].values():
         del plate["model_error"]["per_belts"], plate["model_error"]["belts_mps"]
     with pytest.raises(ValueError, match="damaged: 'per_belts'"):
-        from_json(json.dumps(document | {"version": 5}))
+        from_json(json.dumps(document | {"version": 6}))
     error = from_json(json.dumps(document)).plates["left"].model_error
     assert error.fastest_mps is None
     at_rest = np.broadcast_to(error.center, (200, len(error.center)))
     np.testing.assert_array_equal(*(error.variance(at_rest, 100.0, belts_mps=v) for v in (0, 3)))
 
 
+def test_the_verdict_survives_the_round_trip(calibration):
+    poor = {n: replace(m, rms_slow=2 * MAX_LEFT) for n, m in calibration.plates.items()}
+    for judged, codes in ((calibration, []), (Calibration(poor), ["calibration_leaves_much"])):
+        read = from_json(to_json(judged))
+        assert read.verdict == judged.verdict
+        assert read.notes == judged.notes
+        assert [n.code for n in read.notes if n.code != "calibration_loaded"] == codes
+    (note,) = [n for n in read.notes if n.code == "calibration_leaves_much"]
+    assert note.level == "warning"
+    assert len(note.values["left"]) == 12
+    assert "left Mx 7.5 N·m (limit 3.8)" in note.values["left"]
+
+
+def test_a_file_of_an_earlier_version_is_not_judged_by_what_it_holds(calibration):
+    document = json.loads(to_json(calibration)) | {"version": 5}
+    del document["verdict"]
+    old = from_json(json.dumps(document))
+    assert not old.verdict
+    assert old.notes[-1].code == "calibration_not_judged"
+    assert "Fit it again" in from_json(to_json(old)).notes[-1].text
+
+
+def test_what_both_plates_may_leave_raises_the_residuals_of_a_walking_person_by_five_percent():
+    """Van de Loosdrecht (2018), Table III: N and N·m, horizontal moments as one vector."""
+    _, _, up, roll, pitch, turn = PERSON_RMS
+    for person, left in ((up, [2]), (np.hypot(roll, pitch), [3, 4]), (turn, [5])):
+        of_both_plates = np.sqrt(2) * np.linalg.norm(MAX_LEFT[left])
+        assert np.hypot(person, of_both_plates) == pytest.approx(1.05 * person)
+    forces = MAX_LEFT[:2] * 1.0  # moment about the hips, 1 m above
+    np.testing.assert_array_equal(forces, MAX_LEFT[3:5])
+
+
 def as_version(calibration, version):
     """The text of a calibration as a program of that version wrote it."""
     document = json.loads(to_json(calibration)) | {"version": version}
+    del document["verdict"]
     for plate in document["plates"].values():
         if version < 4:
             del plate["model_error"], plate["lags_s"]
@@ -115,7 +149,7 @@ def as_version(calibration, version):
 def test_a_file_of_an_earlier_version_says_the_same_when_it_is_written_anew(calibration, version):
     old = from_json(as_version(calibration, version), SETUP)
     text = to_json(old)
-    assert json.loads(text)["version"] == 5
+    assert json.loads(text)["version"] == 6
     again = from_json(text, SETUP)
     at_rest = np.broadcast_to(old.plates["left"].acceleration_mean, (200, 6))
     for side, model in old.plates.items():
@@ -181,7 +215,9 @@ def damaged(text, **changes):
         (lambda text: text[:100], "not JSON"),
         (lambda text: "[1, 2]", "not a calibration"),
         (lambda text: "{}", "not a calibration"),
-        (lambda text: text.replace('"version": 5', '"version": 9'), "version 9"),
+        (lambda text: text.replace('"version": 6', '"version": 9'), "version 9"),
+        (lambda text: text.replace('"passed": true', '"passed": false', 1), "damaged: 'verdict'"),
+        (lambda text: text.replace('"verdict"', '"opinion"'), "damaged: 'verdict'"),
         (lambda text: text.replace('"provenance"', '"origin"'), "damaged: 'provenance'"),
         (lambda text: text.replace('"sigma"', '"sugma"'), "damaged"),
         (lambda text: damaged(text, gain=[[1.0] * 6]), "inertia model"),

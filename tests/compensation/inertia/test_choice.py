@@ -77,7 +77,7 @@ def test_a_gain_has_to_be_clear_and_nowhere_a_loss(own, others, model, why):
 
 def test_a_component_of_which_hardly_anything_is_left_does_not_count():
     static, dynamic = 6 * ONE, 2 * ONE
-    static[0, :, 3:], dynamic[0, :, 3:] = 0.05, 0.15
+    static[0, :, 3:], dynamic[0, :, 3:] = 0.05, 0.1
     one = Comparison("empty.c3d", static, dynamic)
     assert choose_model([one, replace(one, recording="beside.c3d")]).model == "dynamic"
 

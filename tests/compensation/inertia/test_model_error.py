@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, resample, sosfiltfilt
 
+from compensation.inertia.choice import weigh_beside
 from compensation.inertia.fit import fit_inertia, fit_trials
 from compensation.inertia.model import Setup
 from compensation.inertia.model_error import fit_model_error
@@ -142,7 +143,11 @@ def test_a_recording_that_the_model_explains_badly_hardly_spoils_the_gains():
     calm, wild = recording(13, 0.0), recording(14, 0.6, unseen=5.0)
     felt, wrench = wild
     wrench = wrench + 40 * band(np.random.default_rng(15), 0.3, 3, wrench.shape)
-    both = fit_trials([calm, (felt, wrench)], SETUP)
+    trials = [calm, (felt, wrench)]
+    named = [(f"{k}", {"plate 1": samples}) for k, samples in enumerate(trials)]
+    weight, reason = weigh_beside(named, felt.shape[1], SETUP.rate_hz)
+    both = fit_trials(trials, SETUP, beside_weight=weight)
+    assert reason.startswith(f"weight {weight:g} per sample in the gains (0: 1); with")
     error = np.abs(both.gain[:-1] - GAIN).max()
     assert error < np.abs(fit_inertia(felt, wrench, SETUP).gain[:-1] - GAIN).max() / 20
 

@@ -125,7 +125,7 @@ def test_unknown_labels_are_refused_with_the_nearest_set():
     with pytest.raises(
         ValueError,
         match=r"match no known set; nearest is 'hbm1_lower' with 8 of its 21 markers of pelvis and "
-        r"legs \(missing .*, …\); rename them or give a marker set of your own",
+        r"legs \(missing .*, …\); rename them \(--rename\) or give a marker set",
     ):
         recognise_marker_set(labels)
 

@@ -3,6 +3,7 @@
 import json
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,9 +11,17 @@ import pytest
 from compensation import from_json, to_json
 from hbm.spatial import rotation_about
 from pipeline.cli.app import main
+from pipeline.config.schema import Treadmill
 from pipeline.config.study import read_study
+from pipeline.live.preparation import prepare
 from pipeline.run.check import check_study
+from pipeline.run.store import read_summary
+from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.study_files import read_study_laboratory
+from pipeline.virtual_lab.faults import BeltFaults, Faults
+from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
+from pipeline.virtual_lab.protocol.walking_protocol import DEMO, Setting
+from pipeline.virtual_lab.protocol.walking_trial import run_calibration
 from tests.pipeline import lab
 
 SENSORS = {name: slice(3 * k, 3 * k + 3) for k, name in enumerate(lab.CHANNELS)}
@@ -91,7 +100,7 @@ def test_people_beside_an_empty_plate_are_fitted_too(tmp_path, capsys):
     alone = fit(empty(1), tmp_path)
     assert found.plates["plate 1"].samples > 1.9 * alone.plates["plate 1"].samples
     printed = " ".join(capsys.readouterr().out.split())
-    assert "fitted too: boards.c3d: plate 1, plate 2 empty" in printed
+    assert "fitted too: boards.c3d: plate 1, plate 2 empty; weight" in printed
     assert found.provenance["beside"] == "boards.c3d: plate 1, plate 2 empty"
     assert "beside" not in alone.provenance
 
@@ -213,3 +222,109 @@ def test_a_calibration_that_does_not_know_its_belts_says_so_when_it_is_fitted_an
     )
     codes = [remark.note.code for remark in check_study(read_study(moving_study)).remarks]
     assert "uncertainty_calibration_belts_unknown" in codes
+
+
+def poor(recording):
+    """The same empty treadmill, whose plates also carry a moment of 12 N·m that no sensor shows."""
+    plates = []
+    for plate in recording.plates:
+        wrench = plate.wrench_in_plate.copy()
+        wrench[:, 3] += 12 * np.sin(2 * np.pi * 3.3 * plate.time)
+        plates.append(replace(plate, wrench_in_plate=wrench))
+    return replace(recording, plates=tuple(plates))
+
+
+BEYOND = "calibration above its limits"
+PITCH = 4  # My: plates that are not yet in a file have the lab's axes
+
+
+@pytest.fixture(params=["poor", "good"])
+def judged(request, moving_study, tmp_path):
+    """A study with one trial whose calibration fails its limits, or passes, and which it is."""
+    study = tmp_path / "study"
+    shutil.copytree(moving_study, study)
+    (study / "sub02.toml").unlink(missing_ok=True)
+    if request.param == "poor":
+        lab.save(poor(lab.on_platform(lab.without_people(20.0), lab.shaken(20.0))),
+                 study / "empty.c3d")  # fmt: skip
+    return study, request.param == "poor"
+
+
+def test_the_verdict_on_a_fitted_file_is_said_by_fit_check_residuals_and_export(
+    judged, tmp_path, capsys
+):
+    study, fails = judged
+    file, trial, empty_again = tmp_path / "lab.json", study / "sub01_pitch.c3d", study / "empty.c3d"
+    said = {}
+    for command in (
+        ["calibration", "fit", str(study / "empty.c3d"), "-o", str(file), *STATED],
+        ["calibration", "check", str(file), str(empty_again)],
+        ["residuals", str(trial), "--calibration", str(file), "--out", str(tmp_path / "out")],
+        ["export", str(trial), "--c3d", "--calibration", str(file), "--out", str(tmp_path / "c")],
+    ):
+        assert main(command) == 0
+        said[command[0] + command[1]] = " ".join(capsys.readouterr().out.split())
+    assert {name: BEYOND in text for name, text in said.items()} == dict.fromkeys(said, fails)
+    fitted = from_json(file.read_text(encoding="utf-8"))
+    failed = {(p, row.component) for p, rows in fitted.verdict.items() for row in rows
+              if not row.passed}  # fmt: skip
+    assert failed == ({("plate 1", "Mx"), ("plate 2", "Mx")} if fails else set())
+    assert ("not fit for trials" in said["calibrationfit"]) == fails
+
+
+def test_the_verdict_on_a_recording_of_the_study_is_in_everything_that_a_run_leaves(
+    judged, tmp_path, capsys
+):
+    study, fails = judged
+    out = tmp_path / "results"
+    main(["check", str(study)])
+    assert (BEYOND in " ".join(capsys.readouterr().out.split())) == fails
+    chosen = ["--subject", "sub01", "--condition", "pitch"]
+    for _ in range(2):  # the second time the trial is there already
+        assert main(["run", str(study), *chosen, "--out", str(out)]) == 0
+        assert " ".join(capsys.readouterr().out.split()).count(BEYOND) == fails
+        notes = json.loads((out / "run.json").read_text(encoding="utf-8"))["calibration"]
+        assert [note["code"] for note in notes] == ["calibration_leaves_much"] * fails
+    assert main(["report", str(out)]) == 0
+    stated = json.loads((out / "study.json").read_text(encoding="utf-8"))["calibration"]
+    assert stated == notes
+    summary = read_summary(out / "trials" / "sub01_pitch.parquet")
+    assert [n.level for n in summary.of_calibration] == ["warning"] * fails
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert (BEYOND in page) == fails
+    assert any(BEYOND in note.text for note in prepare(study, "sub01").notes) == fails
+
+
+@pytest.fixture(scope="module")
+def demo_calibration():
+    """What `hbm calibration fit` makes of the demo's calibration recording, and without belts."""
+
+    def fitted(belts):
+        setting = Setting(protocol=DEMO, faults=Faults(belts=belts))
+        recording = run_calibration(setting, make_treadmill(setting.faults, setting.seed))
+        channels = {s: tuple(f"{s}.{a}" for a in "XYZ") for s in ("rear_left", "front_right")}
+        return fit_calibration(recording, Treadmill(accelerometers=channels))
+
+    return fitted(BeltFaults()), fitted(BeltFaults(unbalance_kg_per_m=0, roughness=0))
+
+
+def test_the_verdict_on_the_calibration_of_the_demo_is_what_the_docs_say(demo_calibration):
+    calibration, _ = demo_calibration
+    docs = (Path(__file__).parents[3] / "docs" / "calibration.md").read_text(encoding="utf-8")
+    assert "**The calibration of `hbm demo` passes.**" in docs
+    assert calibration.notes == ()
+    verdict = calibration.verdict.values()
+    first, second = (rows[PITCH].left for rows in verdict)
+    assert f"leaves most of the pitch moment: {first:.1f} and {second:.1f} N·m of plates" in docs
+    limits = {
+        f"{row.limit:.1f} {row.unit}" for rows in calibration.verdict.values() for row in rows
+    }
+    assert limits == {"3.8 N", "14.3 N", "3.8 N·m", "1.0 N·m"}
+    assert all(f"| {limit} |" in docs for limit in limits)
+
+
+def test_what_the_calibration_of_the_demo_leaves_of_the_pitch_moment_is_of_its_belts(
+    demo_calibration,
+):
+    for with_belts, without in zip(*(c.verdict.values() for c in demo_calibration), strict=True):
+        assert without[PITCH].left < 0.15 * with_belts[PITCH].left

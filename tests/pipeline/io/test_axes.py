@@ -73,7 +73,7 @@ def test_a_loaded_plate_shows_up_where_no_marker_is_known():
     names = ("LF", "RF")
     found, _ = settle_axes(None, position, names, plate_forces=[[0, 0, 300.0]])
     assert found == "forward,left,up"
-    with pytest.raises(ValueError, match="no plate is loaded, as on an empty treadmill"):
+    with pytest.raises(ValueError, match=r"^nobody is in it: no plate carries 50 N, and LF, RF"):
         settle_axes(None, position, names, plate_forces=[[0, 0, 20.0]])
 
 
@@ -113,7 +113,7 @@ def test_a_subject_diagonal_to_every_axis_needs_stated_axes(subject):
 
 def test_markers_without_sides_need_stated_axes():
     position = np.tile([[0.0, 0, 1], [0, 0, 0]], (5, 1, 1))
-    with pytest.raises(ValueError, match="C7, SACR hold no left and right pair of a known"):
+    with pytest.raises(ValueError, match=r"^the markers match no known set"):
         settle_axes(None, position, ("C7", "SACR"), plate_forces=[[0, 0, 300.0]])
 
 
@@ -182,7 +182,7 @@ def test_the_landmarks_of_a_table_show_the_axes_whatever_its_labels_are(subject,
     assert found == axes
     assert note.values["marker_pairs"] == ("hip_l_front/hip_r_front",)
     assert "pelvis or shoulders above feet" in note.values["up_evidence"]
-    with pytest.raises(ValueError, match="axes cannot be inferred"):
+    with pytest.raises(ValueError, match=r"^the markers match no known set: none of hip_l_front"):
         settle_axes(None, position, names)
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pipeline.io.opensim.trc import read_trc
+from pipeline.io.opensim.trc import read_trajectories, read_trc
 from pipeline.io.stated import Stated
 
 
@@ -96,7 +96,7 @@ def test_a_trimmed_file_is_read_as_far_as_it_goes_with_a_warning(trc_file, subje
     assert (note.level, note.values["header"], note.values["found"]) == ("warning", "50", frames)
 
 
-@pytest.mark.parametrize("gap", ["NAN", "Nan", "nan", "NaN"])
+@pytest.mark.parametrize("gap", ["NAN", "Nan", "nan", "NaN", "-nan(ind)"])
 def test_gaps_may_be_written_in_any_spelling_of_nan(trc_file, subject, gap):
     position = subject.position.copy()
     position[3, 2] = np.nan
@@ -109,12 +109,12 @@ def test_gaps_may_be_written_in_any_spelling_of_nan(trc_file, subject, gap):
     assert np.argwhere(gaps).tolist() == [[3, 2]]
 
 
-def rounded_times(text, rate_hz, decimals):
+def rounded_times(text, rate_hz, decimals, first=0):
     """The same file with another rate, and times rounded to so many decimals."""
     *head, names, axes, blank = text.split("\n")[:6]
     rows = [line.split("\t") for line in text.split("\n")[6:]]
     head[2] = head[2].replace("100.00", f"{rate_hz:.2f}")
-    times = (f"{k / rate_hz:.{decimals}f}" for k in range(len(rows)))
+    times = (f"{(first + k) / rate_hz:.{decimals}f}" for k in range(len(rows)))
     lines = ("\t".join([row[0], time, *row[2:]]) for row, time in zip(rows, times, strict=True))
     return "\n".join([*head, names, axes, blank, *lines])
 
@@ -122,7 +122,26 @@ def rounded_times(text, rate_hz, decimals):
 @pytest.mark.parametrize(("rate_hz", "decimals"), [(250, 2), (240, 3), (120, 2), (150, 3)])
 def test_rounded_times_are_the_regular_times_of_the_rate(trc_file, rate_hz, decimals):
     path = trc_file(edit=lambda text: rounded_times(text, rate_hz, decimals))
-    np.testing.assert_allclose(read_trc(path).markers.time, np.arange(50) / rate_hz, atol=1e-9)
+    recording = read_trc(path)
+    np.testing.assert_allclose(recording.markers.time, np.arange(50) / rate_hz, atol=1e-9)
+    (note,) = [note for note in recording.notes if note.code == "times_rounded"]
+    assert note.values["digit_s"] == pytest.approx(10**-decimals)
+
+
+def test_rounded_times_begin_where_all_of_them_say_not_where_the_first_one_does(trc_file):
+    """Frame 1 is at 0.004 s: rounded, it is at 0, a whole frame before."""
+    path = trc_file(edit=lambda text: rounded_times(text, 250, 2, first=1))
+    assert read_trajectories(path, Stated()).time[0] == pytest.approx(0.004, abs=5e-4)
+
+
+def test_a_trimmed_file_without_a_last_line_end_is_read(trc_file, subject):
+    def trimmed(text):
+        return "\n".join(text.split("\n")[:30]).rpartition(".")[0] + ".5"
+
+    recording = read_trc(trc_file(edit=trimmed))
+    assert len(recording.markers.time) == 24
+    codes = {note.code for note in recording.notes}
+    assert {"last_line_unended", "frame_count_differs"} <= codes
 
 
 def test_the_real_static_trial_stands_upright_for_five_seconds(shared_data):

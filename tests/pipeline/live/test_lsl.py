@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+import warnings
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -562,3 +563,30 @@ def test_a_replay_can_be_stopped_and_says_when_it_has_ended(trial, prefix):
     assert replay.ended
     with pytest.raises(ValueError, match="speed must be above 0"):
         Replay(trial, 0.0)
+
+
+@pytest.mark.parametrize("letter", ["\x07", "\x1b", "\x01"])
+def test_a_control_character_in_a_label_is_shown_as_a_question_mark(prefix, opened, letter):
+    channels = (Channel(f"F{letter}z", "N"), Channel("Belt", f"m{letter}/s"))
+    outlet = Outlet(f"{prefix}a", "", channels, 1000.0)
+    markers = Outlet(f"{prefix}m", "MoCap", MARKERS, 100.0)
+    opened += [outlet, markers]
+    source = LslSource(f"{prefix}m", [f"{prefix}a"], stated=AXES)
+    opened.append(source)
+    assert source.streams[1].labels == ("F?z", "Belt")
+    assert source.streams[1].units == ("N", "m?/s")
+
+
+def test_infinite_values_arrive_as_gaps_without_a_warning(prefix, opened):
+    outlet = Outlet(prefix, "MoCap", MARKERS, 100.0)
+    source = LslSource(prefix, stated=Stated(axes="left,back,up"))
+    opened += [outlet, source]
+    sent = np.ones((2, 9))
+    sent[1, :4] = np.inf, -np.inf, 1e300, np.inf
+    outlet.push(load_lsl().local_clock() + np.arange(2) / 100, sent)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        _, values = receive(source, 2)[prefix]
+    assert np.isfinite(values[0]).all()
+    assert np.isnan(values[1, :6]).all() or np.isnan(values[1, [0, 1, 2, 3]]).all()
+    assert np.isfinite(values[1, 6:]).all()

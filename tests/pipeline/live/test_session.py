@@ -238,3 +238,15 @@ def test_samples_without_a_time_are_ignored(walker, followed):
     monitor.samples(Samples("Markers", np.array([-np.inf]), np.zeros((1, 138))))
     monitor.samples(Samples("Plates", np.array([1.0, np.nan]), np.zeros((2, 12))))
     assert not monitor.notes
+
+
+def test_the_moment_limit_does_not_depend_on_where_the_laboratory_has_its_origin(walker, followed):
+    computed, _, frames, _ = followed
+    limits = []
+    for raised_m in (0.0, 2.0):
+        monitor = Monitor(computed, walker.plates)
+        for frame in frames:
+            monitor.frame(replace(frame, q=frame.q + raised_m * (np.arange(46) == 2)), 0.0)
+        limits.append(monitor.limits["measured"].max_moment_nm)
+    assert limits[0] > 1
+    assert limits[1] == pytest.approx(limits[0], rel=1e-9)

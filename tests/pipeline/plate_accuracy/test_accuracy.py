@@ -69,7 +69,7 @@ def estimate(found, fault):
 def test_a_faultless_plate_is_found_faultless(faultless):
     assert [one for one in faultless.faults if one.significant] == []
     (verdict,) = judge(faultless)
-    assert verdict.verdict == "fit"
+    assert verdict.verdict.answer == "fit"
     assert verdict.calibration is None
     assert verdict.reasons == verdict.notes == ()
     assert faultless.linearities["left"].percent_of_full_scale < 0.2
@@ -142,7 +142,7 @@ def test_a_vibration_is_found_and_named_with_and_without_supports(shaking, tmp_p
         assert one.frequency_hz == pytest.approx(3.2, abs=0.01)
         assert abs(one.value - truth) < 4 * one.standard_error + 0.01 * truth
     (verdict,) = judge(shaking)
-    assert verdict.verdict == "not fit"
+    assert verdict.verdict.answer == "not fit"
     assert "vibration with supports" in {one.name for one in verdict.reasons}
     assert verdict.sentence.startswith("left plate with supports: not fit for inverse dynamics")
     assert "at 3.20 Hz in the centre of pressure" in describe(held)
@@ -212,7 +212,7 @@ def test_one_command_leaves_table_figures_and_a_verdict(tmp_path, capsys):
     folder, out = tmp_path / "study", tmp_path / "out"
     simulate_plates(folder, **(FEW | {"speeds": (0.7, 1.0), "positions": (0.15, 0.35)}))
     assert main(["plates", str(folder), "--out", str(out)]) == 0
-    assert "left plate: fit for inverse dynamics; lateral force" in capsys.readouterr().out
+    assert "left plate: fit for forward and vertical force, " in capsys.readouterr().out
     page = (out / "verdict.md").read_text(encoding="utf-8")
     assert (
         "Faults that differ significantly from zero\n\nLab axes: x forward, y left, z up.\n\nNone."

@@ -20,7 +20,7 @@ from pipeline.run import cluster, program, run
 from pipeline.run import job as work
 from pipeline.run.job import process_job
 from pipeline.run.run import plan, run_jobs, run_study
-from pipeline.run.store import read_summary, read_trial, recorded_study_folder
+from pipeline.run.store import read_summary, read_trial, recorded_study_folder, write_trial
 from pipeline.trial import process
 from pipeline.trial.ground.laboratory import Laboratory
 
@@ -457,10 +457,23 @@ def test_results_made_with_other_settings_are_kept_unless_they_are_to_be_replace
     assert all(contents(out)[name] == contents(finished)[name] for name in others)
 
 
+def test_results_of_an_earlier_version_are_kept_where_other_settings_are_stated(study, out, capsys):
+    """Their keys are one digest of everything."""
+    stored = out / "trials" / "sub01_sway.parquet"
+    write_trial(read_trial(stored), "sway", "0" * 64, stored)
+    command = ["run", str(study), "--subject", "sub01", "--condition", "sway", "--out", str(out)]
+    retype("study.toml", "[treadmill]", "[settings]\ncutoff_hz = 8.0\n[treadmill]")(study)
+    assert main(command) == 2
+    assert "1 of 1 trials: cutoff_hz 6.0 → 8.0" in capsys.readouterr().err
+    retype("study.toml", "cutoff_hz = 8.0", "cutoff_hz = 6.0")(study)
+    assert main(command) == 0
+    assert "1 trial processed" in capsys.readouterr().out
+
+
 def test_a_changed_recording_is_named_as_the_reason(study, out, capsys):
     rewrite("sub01_sway.c3d")(study)
     assert main(["run", str(study), "--out", str(out)]) == 2
-    assert "1 of them: its files have changed" in capsys.readouterr().err
+    assert "1 of 6 trials: its files have changed" in capsys.readouterr().err
 
 
 def test_a_file_that_changes_midway_gives_no_result_under_the_old_key(study, out, monkeypatch):

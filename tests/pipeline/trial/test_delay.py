@@ -4,12 +4,9 @@ import numpy as np
 import pytest
 
 from compensation import low_pass, marker_plate_delay
-from compensation.alignment.delay import Delay
 from hbm.signals.filtering import butterworth
 from hbm.signals.resampling import resample
 from pipeline.io.c3d.read import read_c3d
-from pipeline.trial import delay
-from pipeline.trial.delay import plate_delay
 
 
 @pytest.fixture(scope="module")
@@ -49,15 +46,3 @@ def test_plates_of_a_real_treadmill_lag_its_markers_by_ten_to_twenty_millisecond
         for half in (slice(0, 600), slice(600, None))
     ]
     assert abs(halves[0] - halves[1]) < found.standard_error
-
-
-def test_a_delay_without_a_known_uncertainty_is_unknown(monkeypatch):
-    time = np.arange(1000) / 100
-    force = 60 * np.column_stack([np.sin(6 * time), np.sin(3 * time), 10 + np.cos(6 * time)])
-    residual = np.random.default_rng(0).normal(size=force.shape)
-    assert plate_delay(force, residual, time).note.code == "plate_delay"
-    monkeypatch.setattr(delay, "marker_plate_delay", lambda *forces: Delay(0.004, np.nan))
-    unknown = plate_delay(force, residual, time)
-    assert unknown.note.code == "plate_delay_unknown"
-    assert "its uncertainty cannot be estimated" in unknown.note.text
-    assert np.isnan([unknown.delay_s, unknown.uncertainty_s]).all()

@@ -4,6 +4,8 @@ import signal
 import subprocess
 import sys
 import time
+import urllib.error
+import urllib.request
 from contextlib import contextmanager
 from ctypes.util import find_library
 from dataclasses import replace
@@ -18,8 +20,17 @@ from rerun.experimental import ViewerClient
 from pipeline.figures.style import COLOURS
 from pipeline.viewer.body import MODELLED_COLOUR
 from pipeline.viewer.live import MAX_WAITING, LiveView
+from tests.pipeline.browser import needs_chromium, open_browser
 from tests.pipeline.viewer_frames import shown_frames
-from tests.pipeline.viewer_pictures import PATIENCE_S, assert_no_fault, count_pixels, settled
+from tests.pipeline.viewer_pictures import (
+    FOLLOWING,
+    PATIENCE_S,
+    assert_no_fault,
+    count_pixels,
+    page_state,
+    settled,
+    settled_page,
+)
 from tests.pipeline.viewer_trial import viewer_trial
 
 FRAMES = 200
@@ -29,6 +40,10 @@ MEGABYTE = 1e6
 SIGSTOP = getattr(signal, "SIGSTOP", None)
 
 needs_signals = pytest.mark.skipif(SIGSTOP is None, reason="no SIGSTOP on this system")
+needs_vulkan = pytest.mark.skipif(
+    not (find_library("vulkan") and [*Path("/usr/share/vulkan/icd.d").glob("*.json")]),
+    reason="no Vulkan driver (apt-get install mesa-vulkan-drivers libvulkan1)",
+)
 
 
 @pytest.fixture(scope="module")
@@ -80,9 +95,8 @@ def walk(view, frames, count, first=0):
     wait_for(lambda: view.shown + view.left_out == first + count)
 
 
+@needs_vulkan
 def test_body_residuals_and_gait_cycles_are_seen_while_frames_come(trial, frames):
-    if not (find_library("vulkan") and [*Path("/usr/share/vulkan/icd.d").glob("*.json")]):
-        pytest.skip("no Vulkan driver (apt-get install mesa-vulkan-drivers libvulkan1)")
     curves = {
         name: np.outer(np.sin(np.linspace(0, 6, 101)), np.full(6, size))
         for name, size in (("measured", 30.0), ("compensated", 10.0))
@@ -110,17 +124,38 @@ def test_body_residuals_and_gait_cycles_are_seen_while_frames_come(trial, frames
         assert hidden < 0.1 * seen, (hidden, seen)
 
 
-def test_live_viewer_listens_on_this_machine_only_and_ends_with_the_view(trial, frames):
+@needs_chromium
+def test_a_page_shows_what_comes_and_requests_only_what_is_served_here(trial, frames, tmp_path):
+    with live_view(trial, "browser") as view, open_browser() as browser:
+        walk(view, frames, FRAMES)
+        browser.resize(800, 600)
+        browser.open(view.address)
+        wait_for(lambda: getattr(page_state(browser), "time", 0) == (FRAMES - 1) * 10_000_000)
+        state = settled_page(browser)
+        assert state.active.startswith("Recording:hbm_residuals_live:")
+        assert (state.timeline, state.playing) == ("time", FOLLOWING)
+        assert {"Status", "Legend", "Fx forward (N)", "Mz about up (N·m)"} <= state.views
+        walk(view, frames, 50, first=FRAMES)
+        wait_for(lambda: page_state(browser).time == (FRAMES + 49) * 10_000_000)
+        browser.screenshot(tmp_path / "page.png")
+        assert count_pixels((tmp_path / "page.png").read_bytes(), COLOURS["measured"]) > PIXELS
+        assert view.address + "recording.rrd" in browser.requests
+        assert [one for one in browser.requests if not one.startswith(view.address)] == []
+
+
+def test_a_page_of_a_live_view_is_served_on_this_machine_only_and_ends_with_it(trial, frames):
     with live_view(trial, "browser") as view:
-        drawing, viewer = family(view)
-        heard = [c.laddr for c in viewer.net_connections("inet") if c.status == "LISTEN"]
-        assert len(heard) == 2
-        assert {address.ip for address in heard} == {"127.0.0.1"}
-        assert not [c for c in drawing.net_connections("inet") if c.status == "LISTEN"]
-        assert view.address.startswith("http://127.0.0.1:")
+        drawing = psutil.Process(view.process_id)
+        assert drawing.children() == []
+        (heard,) = [c.laddr for c in drawing.net_connections("inet") if c.status == "LISTEN"]
+        assert heard.ip == "127.0.0.1"
+        assert view.address == f"http://127.0.0.1:{heard.port}/"
+        foreign = urllib.request.Request(view.address + "recording.rrd")
+        foreign.add_header("Host", f"evil.example:{heard.port}")
+        with pytest.raises(urllib.error.HTTPError, match="403"):
+            urllib.request.urlopen(foreign, timeout=PATIENCE_S)
         walk(view, frames, 20)
     assert ended(drawing)
-    assert ended(viewer)
     view.close()  # once more does nothing
     view.show(frames[0])
     assert (view.shown, view.left_out, view.fault) == (20, 1, None)
@@ -128,10 +163,11 @@ def test_live_viewer_listens_on_this_machine_only_and_ends_with_the_view(trial, 
 
 @pytest.mark.slow
 @needs_signals
+@needs_vulkan
 def test_where_the_viewer_is_stopped_frames_are_left_out_and_memory_stays(trial, frames):
     """The frames of 33 minutes, as fast as they can be shown."""
     filled, count = 5 * MAX_WAITING, 200_000
-    with live_view(trial, "browser") as view:
+    with live_view(trial, "none") as view:
         walk(view, frames, 50)
         drawing, viewer = family(view)
         viewer.suspend()
@@ -156,8 +192,9 @@ def test_where_the_viewer_is_stopped_frames_are_left_out_and_memory_stays(trial,
 
 
 @needs_signals
+@needs_vulkan
 def test_a_viewer_that_goes_on_shows_the_latest_frames(trial, frames):
-    with live_view(trial, "browser") as view:
+    with live_view(trial, "none") as view:
         _, viewer = family(view)
         viewer.suspend()
         for k in range(4 * MAX_WAITING):
@@ -172,8 +209,9 @@ def test_a_viewer_that_goes_on_shows_the_latest_frames(trial, frames):
 
 @pytest.mark.slow
 @needs_signals
+@needs_vulkan
 def test_a_drawing_process_that_is_stopped_hinders_nobody_and_is_killed(trial, frames):
-    with live_view(trial, "browser") as view:
+    with live_view(trial, "none") as view:
         drawing, viewer = family(view)
         drawing.suspend()
         for frame in islice(cycle(frames), 3 * MAX_WAITING):
@@ -186,9 +224,10 @@ def test_a_drawing_process_that_is_stopped_hinders_nobody_and_is_killed(trial, f
     wait_for(lambda: ended(drawing) and ended(viewer))
 
 
+@needs_vulkan
 @pytest.mark.parametrize("killed", [0, 1], ids=["drawing process", "viewer"])
 def test_where_it_is_killed_the_view_says_so_and_the_rest_goes_on(trial, frames, killed):
-    with live_view(trial, "browser") as view:
+    with live_view(trial, "none") as view:
         processes = family(view)
         walk(view, frames, 20)
         processes[killed].kill()
@@ -207,12 +246,13 @@ def test_where_it_is_killed_the_view_says_so_and_the_rest_goes_on(trial, frames,
     wait_for(lambda: all(map(ended, processes)))
 
 
+@needs_vulkan
 def test_the_viewer_ends_with_a_program_that_is_killed(tmp_path):
     program = (
         "import time; from tests.pipeline.viewer_trial import viewer_trial; "
         "from pipeline.viewer.live import LiveView; trial = viewer_trial(20); "
         "view = LiveView(trial.body, trial.plates, trial.markers.names, list(trial.ground), "
-        "screen='browser'); view.wait(30); print(view.process_id, flush=True); time.sleep(60)"
+        "screen='none'); view.wait(30); print(view.process_id, flush=True); time.sleep(60)"
     )
     with subprocess.Popen(
         [sys.executable, "-c", program],

@@ -1,6 +1,7 @@
 """Recordings as they are shown: served to this machine alone, and without a fault in the viewer."""
 
-import os
+import io
+import re
 import signal
 import subprocess
 import sys
@@ -8,25 +9,44 @@ import time
 import urllib.request
 from contextlib import contextmanager
 from ctypes.util import find_library
+from http.client import HTTPConnection
+from itertools import islice
 from pathlib import Path
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import urlsplit
 
 import psutil
 import pytest
 import rerun as rr
 import rerun.blueprint as rrb
+from PIL import Image
 from rerun.experimental import ViewerClient
 
 from pipeline.figures.style import COLOURS
 from pipeline.viewer.file import printable, recording_file
-from pipeline.viewer.serve import view, viewer_binary, web_viewer
+from pipeline.viewer.page import GrowingRecording
+from pipeline.viewer.serve import free_ports, view, viewer_binary
 from pipeline.viewer.trial import write_cycles, write_recording
-from tests.pipeline.viewer_pictures import assert_no_fault, count_pixels, settled
+from tests.pipeline.browser import needs_chromium, open_browser
+from tests.pipeline.viewer_pictures import (
+    PAUSED,
+    assert_no_fault,
+    count_pixels,
+    settled,
+    settled_page,
+)
 from tests.pipeline.viewer_trial import viewer_trial
 
 FRAMES = 500
 PATIENCE_S = 30
 PIXELS = 50
+WINDOW = (1600, 900)
+RESIDUALS = {
+    *("Fx forward (N)", "Fy right (N)", "Fz up (N)"),
+    *("Mx about forward (N·m)", "My about right (N·m)", "Mz about up (N·m)"),
+}
+PANELS = RESIDUALS | {
+    *("Gait phases", "Marker errors (mm)", "Over the gait cycle", "Summary", "Legend"),
+}
 
 
 @pytest.fixture(scope="module")
@@ -56,60 +76,133 @@ def home(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_web_viewer_listens_on_this_machine_only_and_stops(recordings, home):
-    with web_viewer(recordings) as served:
-        process = psutil.Process(served.process.pid)
-        heard = [c.laddr for c in process.net_connections("inet") if c.status == "LISTEN"]
-        assert len(heard) == 2
-        assert {address.ip for address in heard} == {"127.0.0.1"}
-        page = urlsplit(served.address)
-        assert page.hostname == "127.0.0.1"
-        source = parse_qs(page.query)["url"][0]
-        assert {page.port, urlsplit(source).port} == {address.port for address in heard}
-        with urllib.request.urlopen(served.address, timeout=PATIENCE_S) as answer:
-            assert b"re_viewer" in answer.read()
-    assert not psutil.pid_exists(served.process.pid)
-    assert not [path for path in home.rglob("*") if path.is_file()], "it kept usage statistics"
-
-
-@pytest.mark.parametrize("origin", ["http://evil.example", "http://127.0.0.1.evil.example", "null"])
-def test_pages_of_other_sites_may_not_read_what_is_served(recordings, origin):
-    """Rerun refuses them by CORS; a page of this machine may read it, else this shows nothing."""
-    with web_viewer(recordings) as served:
-        page = f"http://{urlsplit(served.address).netloc}"
-        data = parse_qs(urlsplit(served.address).query)["url"][0].removeprefix("rerun+")
-        assert allowed_origin(data, page) == page
-        assert allowed_origin(data, origin) is None
-
-
-def allowed_origin(address, origin):
-    """The origin that the answer to a browser's request before the request allows."""
-    request = urllib.request.Request(address, method="OPTIONS")
-    request.add_header("Origin", origin)
-    request.add_header("Access-Control-Request-Method", "POST")
-    with urllib.request.urlopen(request, timeout=PATIENCE_S) as answer:
-        return answer.headers["Access-Control-Allow-Origin"]
-
-
-@pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 143)])
-def test_serving_ends_with_the_command_and_leaves_no_process(recordings, sent, code):
+@contextmanager
+def served(*paths):
+    """Serve recordings in a process of its own; give it and the address of the page."""
     program = (
         "import sys; from pathlib import Path; from pipeline.viewer.serve import view; "
-        "view([Path(sys.argv[1])], web=True, announce=lambda line: print(line, flush=True))"
+        "view([*map(Path, sys.argv[1:])], web=True, announce=lambda line: print(line, flush=True))"
     )
-    command = [sys.executable, "-c", program, str(recordings[0])]
     with subprocess.Popen(
-        command,
+        [sys.executable, "-c", program, *map(str, paths)],
         stdout=subprocess.PIPE,
         text=True,
         cwd=Path(__file__).resolve().parents[3],
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    ) as shown:
-        assert "http://127.0.0.1:" in shown.stdout.readline()
-        (server,) = psutil.Process(shown.pid).children()
-        shown.send_signal(sent)
-        assert shown.wait(PATIENCE_S) == code
-    assert not server.is_running()
+    ) as process:
+        try:
+            yield process, re.search(r"http://\S+", process.stdout.readline())[0]
+        finally:
+            process.terminate()
+
+
+@pytest.fixture(scope="module")
+def loads(recordings, tmp_path_factory):
+    """The state, picture and requests of three loads, each in a fresh profile of a browser."""
+    picture = tmp_path_factory.mktemp("browser") / "page.png"
+    seen = []
+    with served(*recordings) as (_, address):
+        for _ in range(3):
+            with open_browser() as browser:
+                browser.resize(*WINDOW)
+                browser.open(address)
+                state = settled_page(browser)
+                browser.screenshot(picture)
+                seen.append((state, picture.read_bytes(), browser.requests))
+    return address, seen
+
+
+@needs_chromium
+def test_every_load_shows_the_trial_at_its_start_in_its_layout(loads):
+    for state, picture, _ in loads[1]:
+        assert state.active.startswith("Recording:hbm_residuals_trial:")
+        assert (state.timeline, state.time, state.playing) == ("time", 0, PAUSED)
+        assert {name for name in state.views if not name.startswith("Arrows: ")} == PANELS
+        for variant in ("measured", "compensated"):
+            assert count_pixels(picture, COLOURS[variant]) > PIXELS
+            assert count_pixels(right_quarter(picture), COLOURS[variant]) == 0
+
+
+@needs_chromium
+def test_a_page_load_requests_only_what_is_served_here(loads):
+    address, seen = loads
+    for _, _, requests in seen:
+        assert address + "recording.rrd" in requests
+        assert [one for one in requests if not one.startswith(address)] == []
+
+
+def right_quarter(picture):
+    """The part with the summary alone, without curves."""
+    whole = Image.open(io.BytesIO(picture))
+    part = io.BytesIO()
+    whole.crop((3 * whole.width // 4, 0, *whole.size)).save(part, "png")
+    return part.getvalue()
+
+
+def test_the_page_is_served_on_this_machine_only_and_no_other_port_is_open(recordings, home):
+    with served(*recordings) as (process, address):
+        program = psutil.Process(process.pid)
+        assert program.children() == []
+        (heard,) = [c.laddr for c in program.net_connections("inet") if c.status == "LISTEN"]
+        assert heard.ip == "127.0.0.1"
+        assert address == f"http://127.0.0.1:{heard.port}/"
+        with urllib.request.urlopen(address + "recording.rrd", timeout=PATIENCE_S) as answer:
+            assert answer.read(4) == b"RRF2"
+    assert not [path for path in home.rglob("*") if path.is_file()], "it kept usage statistics"
+
+
+@pytest.mark.parametrize("method", ["GET", "POST", "OPTIONS"])
+def test_requests_that_name_another_host_are_refused(recordings, method):
+    """A site whose own name points to this machine (DNS rebinding) sends that name."""
+    with served(*recordings) as (_, address):
+        port = urlsplit(address).port
+        foreign = (None, "", "evil.example", f"evil.example:{port}", "127.0.0.1", "localhost:1")
+        for path in ("/", "/re_viewer.js", "/re_viewer_bg.wasm", "/recording.rrd", "/none"):
+            for host in (*foreign, f"127.0.0.1.evil.example:{port}"):
+                assert answered(port, method, path, host).status == 403, (path, host)
+        for host in (f"127.0.0.1:{port}", f"localhost:{port}"):
+            assert answered(port, "GET", "/recording.rrd", host).status == 200
+
+
+def test_pages_of_other_sites_may_not_read_what_is_served(recordings):
+    with served(*recordings) as (_, address):
+        port = urlsplit(address).port
+        for origin in ("http://evil.example", "http://127.0.0.1.evil.example", "null"):
+            for method in ("GET", "OPTIONS"):
+                answer = answered(port, method, "/recording.rrd", f"127.0.0.1:{port}", origin)
+                assert answer.headers["Access-Control-Allow-Origin"] is None
+
+
+def answered(port, method, path, host, origin=None):
+    connection = HTTPConnection("127.0.0.1", port, timeout=PATIENCE_S)
+    connection.putrequest(method, path, skip_host=True)
+    for name, value in (("Host", host), ("Origin", origin)):
+        if value is not None:
+            connection.putheader(name, value)
+    connection.endheaders()
+    answer = connection.getresponse()
+    connection.close()
+    return answer
+
+
+def test_a_page_that_opens_late_gets_the_start_and_the_end_of_a_live_recording():
+    recording = GrowingRecording(limit_bytes=7)
+    early = recording.pieces()
+    for piece in (b"start", b"a", b"b", b"c", b"d"):
+        recording.append(piece)
+    late = recording.pieces()
+    assert [*islice(late, 3)] == [b"start", b"c", b"d"]
+    for piece in (b"e", b"f", b"g"):
+        recording.append(piece)
+    assert [*islice(late, 2)] == [b"f", b"g"]
+    assert [*islice(early, 3)] == [b"start", b"f", b"g"]
+
+
+@pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 143)])
+def test_serving_ends_with_the_command(recordings, sent, code):
+    with served(recordings[0]) as (process, _):
+        process.send_signal(sent)
+        assert process.wait(PATIENCE_S) == code
 
 
 def test_what_cannot_be_shown_is_reported_in_one_line(recordings, tmp_path, monkeypatch):
@@ -125,13 +218,18 @@ def test_what_cannot_be_shown_is_reported_in_one_line(recordings, tmp_path, monk
         assert "\n" not in str(error.value)
 
 
-@contextmanager
-def headless(*paths):
-    """Open recordings in a viewer without a screen, which draws with Mesa's software Vulkan."""
+def free_port():
+    """A port for a viewer without a screen, which needs Vulkan."""
     drivers = [*Path("/usr/share/vulkan/icd.d").glob("*.json")]
     if not (find_library("vulkan") and drivers):
         pytest.skip("no Vulkan driver (apt-get install mesa-vulkan-drivers libvulkan1)")
-    port = 20000 + os.getpid() % 20000
+    return free_ports(1)[0]
+
+
+@contextmanager
+def headless(*paths):
+    """Open recordings in a viewer without a screen, which draws with Mesa's software Vulkan."""
+    port = free_port()
     viewer = ViewerClient.spawn(
         headless=True, port=port, hide_welcome_screen=True, executable_path=viewer_binary()
     )
@@ -141,6 +239,46 @@ def headless(*paths):
         yield viewer
     finally:
         viewer.quit()
+
+
+def test_the_window_opens_with_the_trial_and_has_the_mean_cycle_in_its_layout(recordings):
+    port = free_port()
+    program = (
+        "import sys; from pathlib import Path; from pipeline.viewer import serve; "
+        "run = serve.running_viewer; serve.running_viewer = lambda words: run("
+        "['--headless', *(sys.argv[1] if word == 'auto' else word for word in words)]); "
+        "serve.view([*map(Path, sys.argv[2:])])"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", program, str(port), *map(str, recordings)],
+        cwd=Path(__file__).resolve().parents[3],
+    ) as window:
+        try:
+            viewer = connected(port)
+            settled(viewer, 9)
+            time.sleep(2)
+            state = viewer.get_state()
+            assert len(state.recordings) == 2
+            assert state.active_recording.startswith("Recording:hbm_residuals_trial:")
+            assert_no_fault(viewer)
+            (cycles,) = (one for one in state.recordings if one.store_id != state.active_recording)
+            viewer.set_location(cycles.location)
+            time.sleep(2)
+            views = {one.name for one in viewer.get_state().views}
+            assert {name for name in views if not name.startswith("Arrows: ")} == RESIDUALS
+            assert_no_fault(viewer)
+        finally:
+            window.terminate()
+
+
+def connected(port):
+    deadline = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            return ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
+        except Exception:
+            assert time.monotonic() < deadline, "the viewer does not answer"
+            time.sleep(0.2)
 
 
 def test_trial_opens_paused_at_its_start_and_every_view_is_without_fault(recordings):

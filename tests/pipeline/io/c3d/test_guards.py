@@ -26,7 +26,7 @@ SAMPLES = {
     "TYPE-2.C3D": None,
     "TYPE-4.C3D": None,
     "bad_parameter_section.c3d": "the parameter section is broken",
-    "parameterOverflow.c3d": "no marker is ever visible; state the axes",
+    "parameterOverflow.c3d": "no marker is ever visible: export the file again",
     "pc_int.c3d": None,
     "phasespace_sample.c3d": "no length unit is stated",
     "sgi_real.c3d": None,

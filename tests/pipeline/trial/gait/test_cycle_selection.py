@@ -163,3 +163,9 @@ def test_the_onset_comes_from_the_raw_pulse_not_from_resampled_data():
     signal = np.zeros(30_000)
     signal[20_001] = 5.0
     np.testing.assert_allclose(pulse_onsets(recording_with(signal), "Pulse"), [20.001])
+
+
+def test_no_foot_is_said_to_count_where_neither_has_a_cycle():
+    """A note on the left foot would be about nothing."""
+    none = {side: np.empty((0, 2)) for side in ("left", "right")}
+    assert select_cycles(none, Condition(), None)[1] == ()

@@ -36,7 +36,9 @@ def test_events_beyond_the_markers_are_named_with_their_times():
 def test_too_few_foot_strikes_are_counted_by_side():
     one_each = [*strikes(0.5), *strikes(1.1, side="right")]
     reason = cycle_shortage(one_each, (), TIME, SOLVED)
-    expected = "a gait cycle needs two foot strikes of one side, there are 1 left and 1 right"
+    expected = (
+        "a gait cycle needs two foot strikes of one side, there are 1 left and 1 right in 2.99 s"
+    )
     assert reason == expected
     more = cycle_shortage([*one_each, *strikes(4.0, 5.0)], (), TIME, SOLVED)
     assert more == (

@@ -158,6 +158,19 @@ def test_who_stands_has_no_events_and_the_note_says_why(sources):
     )
 
 
+@pytest.mark.parametrize("seconds", [0.4, 0.6, 0.8])
+def test_a_walk_shorter_than_a_stride_has_no_events_and_the_note_says_how_long_it_is(
+    sources, seconds
+):
+    motion = sources[0].motion
+    part = slice(600, 601 + round(100 * seconds))
+    short = FootMotion(*(getattr(motion, name)[part] for name in motion.__slots__))
+    events, _, note = detection.detect_events(replace(sources[0], motion=short, contacts=()), None)
+    assert events == ()
+    assert f"seen for {seconds:.2f} s, less than a stride" in note.text
+    assert "record two strikes of a foot" in note.text
+
+
 def test_plates_that_carry_nobody_alone_leave_the_motion_and_the_note_says_so(sources):
     events, _, note = detection.detect_events(replace(sources[0], contacts=()), "auto")
     assert len(events) > 15

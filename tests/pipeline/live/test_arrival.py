@@ -1,0 +1,135 @@
+"""Clocks that senders set: a stream's time goes on, and its frames are processed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.config.schema import Settings, Subject, Treadmill
+from pipeline.live.arrival import Arrivals
+from pipeline.live.frames.frame import Quality
+from pipeline.live.session import Session
+from pipeline.live.stream import Samples, StreamDescription
+from pipeline.live.watch.monitor import Monitor
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.process import process_recording
+from tests.pipeline import lab
+from tests.pipeline.live.playing import arrivals, chain_of, streams_of
+
+REALTIME = Settings(filter="realtime")
+STREAMS = [
+    StreamDescription("Markers", "markers", ("LHEE",), ("m",), 100.0),
+    StreamDescription("Plates", "analog", ("Fz",), ("N",), 1000.0),
+]
+
+
+@pytest.fixture(scope="module")
+def recording(walker):
+    return lab.cropped(walker, 0, 500)
+
+
+@pytest.fixture(scope="module")
+def body(walker):
+    return process_recording(walker, Subject(sex="female"), REALTIME).body
+
+
+@pytest.fixture(scope="module")
+def usual(recording, body):
+    return followed(body, recording, arrivals(recording))[0]
+
+
+class Given:
+    """A source that gives samples, one chunk after another."""
+
+    def __init__(self, recording, samples):
+        self.streams = tuple(stream for stream, _, _ in streams_of(recording))
+        self.plates = ()
+        self._samples = iter(samples)
+        self.ended = False
+
+    def receive(self, timeout_s):
+        try:
+            return [next(self._samples)]
+        except StopIteration:
+            self.ended = True
+            return []
+
+    def close(self):
+        pass
+
+
+def followed(body, recording, samples):
+    """Frames of a session that receives samples, and the notes that arise."""
+    chain = chain_of(body, Laboratory(Treadmill()), REALTIME, recording)
+    source = Given(recording, samples)
+    session, monitor = Session(source, chain), Monitor(chain, recording.plates)
+    session.start()
+    while not source.ended and session.runs:
+        pass
+    session.stop()
+    assert session.fault is None
+    for each in session.samples:
+        monitor.samples(each)
+    return [frame for frame, _ in session.frames], monitor.notes
+
+
+def clock_set(recording, by_s, at_s, streams):
+    """The samples of a recording, the clock of whose streams is set at a time."""
+    for samples in arrivals(recording):
+        later = (samples.time >= at_s - 1e-9) & (samples.stream in streams)
+        yield replace(samples, time=samples.time + by_s * later)
+
+
+@pytest.mark.parametrize("by_s", [-3600.0, -0.8, 30.0])
+@pytest.mark.parametrize("streams", [("Markers", "Plates"), ("Markers",), ("Plates",)])
+def test_frames_after_a_clock_was_set_are_those_without_it(recording, body, usual, by_s, streams):
+    frames, notes = followed(body, recording, clock_set(recording, by_s, 2.5, streams))
+    assert len(frames) == len(usual) == len(recording.markers.time)
+    for frame, other in zip(frames, usual, strict=True):
+        assert frame.time == pytest.approx(other.time, abs=1e-6)
+        late = Quality.LATE in frame.quality
+        if not late and abs(frame.time - 2.5) > 0.5:
+            np.testing.assert_allclose(frame.q, other.q, atol=1e-6)
+            np.testing.assert_allclose(
+                frame.residual["measured"], other.residual["measured"], atol=1e-3
+            )
+    assert all(frame.quality.counts for frame in frames[-150:-5])
+    set_s = {
+        note.note.values["stream"]: note.note.values["set_s"]
+        for note in notes
+        if note.note.code == "live_clock_set"
+    }
+    assert set_s == {stream: pytest.approx(by_s, abs=1e-6) for stream in streams}
+
+
+def test_a_single_wrong_time_stamp_sets_no_clock():
+    taken = Arrivals(STREAMS)
+    time = np.arange(20) / 100
+    for strange in (-1000.0, 1e12, np.nan, np.inf):
+        spoilt = time.copy()
+        spoilt[10] = strange
+        for k in range(20):
+            given = Samples("Markers", spoilt[k : k + 1], np.zeros((1, 3)))
+            assert taken.take(given, k / 100).clock_set_s == 0
+        time = time + 0.2
+    after = taken.take(Samples("Markers", time[:5], np.zeros((5, 3))), 0.8)
+    np.testing.assert_allclose(after.time[-5:], time[:5])
+
+
+def test_a_stream_that_was_silent_keeps_its_clock():
+    taken = Arrivals(STREAMS)
+    time = np.arange(50) / 100
+    for start_s in (0.0, 60.0):
+        given = taken.take(Samples("Markers", time + start_s, np.zeros((50, 3))), start_s + 0.5)
+        np.testing.assert_array_equal(given.time, time + start_s)
+        assert given.clock_set_s == 0
+
+
+def test_streams_that_are_set_together_stay_together_after_a_pause():
+    """Both send nothing for three seconds; one stops a little earlier than the other."""
+    taken = Arrivals(STREAMS)
+    taken.take(Samples("Markers", 100 + np.arange(100) / 100, np.zeros((100, 3))), 1.0)
+    taken.take(Samples("Plates", 100 + np.arange(980) / 1000, np.zeros((980, 1))), 1.0)
+    markers = taken.take(Samples("Markers", np.arange(100) / 100, np.zeros((100, 3))), 4.0)
+    plates = taken.take(Samples("Plates", np.arange(1000) / 1000, np.zeros((1000, 1))), 4.0)
+    assert plates.time[0] == pytest.approx(markers.time[0], abs=1e-9)

@@ -1,0 +1,115 @@
+"""People beside an empty plate add to what a calibration knows and take nothing from it.
+
+The treadmill bends and yields in six modes, of which two accelerometers cannot show all; nothing of
+it is of the package. Nobody is on the left plate, so that all that compensation leaves is error.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.signal import butter, sosfiltfilt
+
+from hbm import Markers
+from pipeline.config.schema import Treadmill
+from pipeline.io.recording import Analog, Plate, Recording
+from pipeline.trial.ground.calibration_recording import fit_calibration
+from pipeline.trial.ground.empty_plates import plate_samples
+from tests.flexible_treadmill import BOARDS, RATE_HZ, RUNNING, WALKING, FlexibleTreadmill
+
+SEEDS = (0, 3)
+BESIDE = (WALKING, RUNNING, BOARDS)
+ON_BOTH_SIDES = np.array([(0.9, 0.25, 0), (0.9, -0.25, 0), (-0.9, -0.25, 0), (-0.9, 0.25, 0)])
+SLOW = butter(2, 6.0, fs=RATE_HZ, output="sos")
+INSIDE = slice(RATE_HZ, -RATE_HZ)
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    """Of each treadmill: the signal, people beside, and trials that are not fitted."""
+    laboratories = []
+    for seed in SEEDS:
+        machine = FlexibleTreadmill(seed)
+        signal = machine.record(1, sway=0.7, pitch=2.2, highest_hz=5.0)
+        beside = [machine.record(2 + n, person=person) for n, person in enumerate(BESIDE)]
+        commanded = [machine.record(5, sway=0.5), machine.record(6, sway=0.5, person=WALKING)]
+        shaken = [machine.record(7 + n, person=person) for n, person in enumerate(BESIDE)]
+        laboratories.append((signal, beside, commanded, shaken))
+    return laboratories
+
+
+def treadmill(sensors):
+    return Treadmill(
+        accelerometers={f"s{n}": [f"s{n}{axis}" for axis in "xyz"] for n in range(sensors)}
+    )
+
+
+def recording(name, found):
+    time = np.arange(len(found.left)) / RATE_HZ
+    plates = [
+        Plate(
+            number=k,
+            time=time,
+            wrench_in_plate=wrench,
+            rotation=np.eye(3),
+            center=np.zeros(3),
+            corners=ON_BOTH_SIDES,
+        )
+        for k, wrench in enumerate((found.left, found.right), 1)
+    ]
+    names = tuple(f"s{n}{axis}" for n in range(4) for axis in "xyz")
+    analog = Analog(time, names, ("m/s²",) * 12, found.readings)
+    nobody = Markers(time[::5], (), np.empty((len(time[::5]), 0, 3)))
+    return Recording(Path(name), nobody, tuple(plates), analog)
+
+
+def calibrated(laboratory, sensors, people=True):
+    signal, beside, *_ = laboratory
+    recordings = [recording(f"{n}.c3d", one) for n, one in enumerate(beside)] if people else ()
+    return fit_calibration(recording("signal.c3d", signal), treadmill(sensors), None, recordings)
+
+
+def left_and_sd(calibration, found, sensors):
+    """Give what is left of the empty left plate below 6 Hz, and its standard deviation, (N, 6)."""
+    model, one = calibration.in_use["plate 1"], recording("trial.c3d", found)
+    felt, wrench = plate_samples(one, treadmill(sensors), calibration.sensors, None, model.lags_s)[
+        "plate 1"
+    ]
+    left = sosfiltfilt(SLOW, model.compensate(felt, wrench), axis=0)[INSIDE]
+    sd = model.uncertainty(felt, slow=True, zero=False)[INSIDE]
+    return left - left.mean(axis=0), sd
+
+
+def rms(values):
+    return np.sqrt(np.mean(values**2, axis=0))
+
+
+@pytest.mark.parametrize("sensors", [2, 3, 4])
+def test_people_beside_an_empty_plate_leave_commanded_motion_no_worse(recorded, sensors):
+    for laboratory in recorded:
+        alone, beside = (calibrated(laboratory, sensors, people) for people in (False, True))
+        for trial in laboratory[2]:
+            with_people, without = (
+                rms(left_and_sd(one, trial, sensors)[0]) for one in (beside, alone)
+            )
+            assert np.all(with_people < 1.2 * without)
+
+
+@pytest.mark.parametrize("sensors", [2, 3, 4])
+def test_the_standard_deviation_covers_commanded_motion_and_people(recorded, sensors):
+    found = [
+        left_and_sd(calibration, trial, sensors)
+        for laboratory in recorded
+        for calibration in [calibrated(laboratory, sensors)]
+        for trial in (*laboratory[2], *laboratory[3])
+    ]
+    left, sd = (np.concatenate(each) for each in zip(*found, strict=True))
+    assert np.all(rms(sd) > 0.85 * rms(left))
+    assert np.mean(np.abs(left) < 1.96 * sd) > 0.9
+
+
+def test_a_calibration_says_how_much_people_beside_weigh_and_why(recorded):
+    beside = calibrated(recorded[0], 2).choice.beside
+    assert beside.startswith("weight 0.0")
+    assert "left of held-out parts of signal.c3d would be" in beside
+    assert calibrated(recorded[0], 2, people=False).choice.beside == ""

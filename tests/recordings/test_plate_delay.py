@@ -1,0 +1,204 @@
+"""How much later plates are than markers: one estimate, in residuals and in what explains them."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pipeline
+from hbm.markers import read_marker_set
+from pipeline.budgets.explanation import explain
+from pipeline.cli.app import main
+from pipeline.config.schema import Settings, Subject, Treadmill
+from pipeline.io.opensim.trc import read_trc
+from pipeline.io.opensim.trial import read_opensim_trial
+from pipeline.io.read import read_as_stated
+from pipeline.io.stated import Stated
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.process import process_recording
+from pipeline.trial.residuals import residual_rows
+from tests.campaign.explain.faults import Seeded
+from tests.campaign.explain.virtual_trial import (
+    VirtualLaboratory,
+    body_faults,
+    stated_recording,
+    stated_subject,
+    walk_on,
+)
+from tests.recordings.test_generated_walk import MARKER_SETS, MASS_KG, STATURE_M
+
+STILL = Laboratory(Treadmill())
+LATE = "plates are late"
+AXES = "forward,up,right"
+
+
+def marker_set(name):
+    return read_marker_set((MARKER_SETS / f"{name}.toml").read_text(encoding="utf-8"), name)
+
+
+def treadmill(folder):
+    walk = pipeline.read_c3d(folder / "treadmill_hbm2" / "treadmill_events.c3d")
+    return walk, {"subject": Subject(mass_kg=55.3, sex="female")}
+
+
+def steps(folder):
+    folder = folder / "plug_in_gait"
+    static = pipeline.read_c3d(folder / "Static_trial.c3d")
+    person = Subject(mass_kg=85, height_m=1.679, sex="male")
+    return pipeline.read_c3d(folder / "Movement_trial.c3d"), {"subject": person, "static": static}
+
+
+def overground(folder):
+    folder = folder / "opensim_subject01"
+    forces = folder / "subject01_walk1_grf.mot"
+    walk = read_opensim_trial(folder / "subject01_walk1.trc", forces, AXES)
+    static = read_trc(folder / "subject01_static.trc", AXES)
+    known = {"subject": Subject(mass_kg=72.6), "static": static}
+    return walk, known | {"marker_set": marker_set("gait2354")}
+
+
+def generated(folder):
+    folder = folder / "truth_walk"
+    walk = read_opensim_trial(folder / "markers.trc", folder / "grf.mot", AXES)
+    person = Subject(sex="male", mass_kg=MASS_KG, height_m=STATURE_M)
+    return walk, {"subject": person, "marker_set": marker_set("arnold2013")}
+
+
+def child(number):
+    def read(folder):
+        folder = folder / "overground_walks"
+        walk, pose = (folder / f"{number}{kind}.c3d" for kind in ("A05", "A01"))
+        if not walk.exists():
+            walk = folder / f"{number}A06.c3d"
+        known = {"subject": Subject(), "static": read_as_stated(pose, Stated())}
+        return read_as_stated(walk, Stated(), static=pose), known
+
+    read.__name__ = number
+    return read
+
+
+def standing(folder):
+    path = folder / "full_body_standing" / "1min_CGM_HBM_static.c3d"
+    return pipeline.read_c3d(path), {"subject": Subject(sex="male")}
+
+
+def later(recording, delay_s):
+    """The same recording with plates that are later."""
+    plates = tuple(replace(p, time=p.time + delay_s) for p in recording.plates)
+    return replace(recording, plates=plates)
+
+
+def processed(trial, delay_s=0.0, **settings):
+    recording, known = trial
+    return process_recording(later(recording, delay_s), settings=Settings(**settings), **known)
+
+
+def delay_in(explanation):
+    return next(cause for cause in explanation.budget.causes if cause.name == LATE)
+
+
+@pytest.mark.parametrize("read", [treadmill, steps, overground, generated])
+def test_a_delay_that_is_put_into_a_recording_is_found_within_five_percent(shared_data, read):
+    trial = read(shared_data)
+    before = processed(trial)
+    for delay_s in (-0.015, -0.005, 0.005, 0.015):
+        after = processed(trial, delay_s)
+        assert after.delay_s - before.delay_s == pytest.approx(delay_s, rel=0.05)
+        assert after.delay_uncertainty_s == pytest.approx(before.delay_uncertainty_s, rel=0.1)
+
+
+@pytest.mark.parametrize("read", [treadmill, steps, overground, generated])
+@pytest.mark.parametrize("delay_s", [0.0, 0.015])
+def test_residuals_and_their_explanation_have_the_same_delay(shared_data, read, delay_s):
+    trial = read(shared_data)
+    result = processed(trial, delay_s)
+    explanation = explain(later(trial[0], delay_s), STILL, result)
+    found = delay_in(explanation)
+    assert found.size == pytest.approx(result.delay_s, abs=1e-6)
+    assert 1.96 * found.deviation == pytest.approx(result.delay_uncertainty_s, rel=1e-3)
+    advice = [own.action for own in explanation.mending if own.cause == LATE]
+    wanted = f"state plate_delay_s = {result.delay_s:.3f} under [settings]"
+    assert advice == [wanted] * (abs(result.delay_s) > result.delay_uncertainty_s)
+
+
+def test_both_commands_print_the_same_delay(shared_data, tmp_path, capsys):
+    path = shared_data / "treadmill_hbm2" / "treadmill_events.c3d"
+    printed = []
+    for command in ("residuals", "explain"):
+        options = ["--mass-kg", "55.3", "--sex", "female", "--out", str(tmp_path)]
+        assert main([command, str(path), *options]) == 0
+        words = " ".join(capsys.readouterr().out.split())
+        printed += re.findall(r"plates are (?:late )?(-?[\d.]+ ± [\d.]+ ms)", words)
+    assert len(printed) == 2
+    assert len(set(printed)) == 1
+
+
+def test_a_delay_that_is_stated_is_taken_from_what_remains(shared_data):
+    """Also where the statement is wrong: plates that are stated 15 ms too early."""
+    trial = treadmill(shared_data)
+    before, after = processed(trial), processed(trial, plate_delay_s=-0.015)
+    assert after.delay_s - before.delay_s == pytest.approx(0.015, rel=0.05)
+    advice = [own.action for own in explain(trial[0], STILL, after).mending if own.cause == LATE]
+    assert advice == [f"state plate_delay_s = {after.delay_s - 0.015:.3f} under [settings]"]
+
+
+@pytest.mark.parametrize("read", [treadmill, overground, generated])
+def test_both_filters_show_the_same_delay(shared_data, read):
+    """Within a millisecond, of intervals of 5 ms and more."""
+    trial = read(shared_data)
+    live, later_on = (processed(trial, filter=each) for each in ("realtime", "zero_phase"))
+    assert live.delay_s == pytest.approx(later_on.delay_s, abs=1e-3)
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.015])
+def test_quiet_standing_shows_no_delay(shared_data, delay_s):
+    trial = standing(shared_data)
+    result = processed(trial, delay_s)
+    assert np.isnan([result.delay_s, result.delay_uncertainty_s]).all()
+    assert "plate_delay_unknown" in [note.code for note in result.notes]
+    explanation = explain(later(trial[0], delay_s), STILL, result)
+    assert not delay_in(explanation).is_certain
+    assert LATE not in [own.cause for own in explanation.mending]
+
+
+@pytest.mark.parametrize("read", [child("HC030"), child("HC031")])
+@pytest.mark.parametrize("delay_s", [0.0, 0.015])
+def test_half_a_second_on_plates_shows_the_delay_within_ten_milliseconds_or_none(
+    shared_data, read, delay_s
+):
+    result = processed(read(shared_data), delay_s)
+    if not np.isnan(result.delay_s):
+        assert abs(result.delay_s - delay_s) < result.delay_uncertainty_s <= 0.010
+
+
+def test_a_generated_walk_without_a_delay_has_none_in_its_interval(shared_data):
+    """Its body is rigid, and its masses are another model's."""
+    result = processed(generated(shared_data))
+    assert abs(result.delay_s) < result.delay_uncertainty_s
+
+
+def test_delays_of_simulated_people_are_found_without_bias():
+    """Other bodies than the model's, with soft tissue: a rigid one would be 3 ms late."""
+    errors = []
+    for seed, delay_s in enumerate([0.0, 0.007, -0.005, 0.015, 0.003, -0.015], start=50):
+        laboratory, seeded = VirtualLaboratory(seed), Seeded(late_s=delay_s)
+        machine = laboratory.with_faults(seeded)
+        walked = walk_on(machine, body_faults(seeded), (seed, 1))
+        recording = stated_recording(walked, machine, seeded)
+        result = process_recording(recording, stated_subject(walked, seeded), Settings())
+        errors.append(result.delay_s - delay_s)
+        assert abs(errors[-1]) < result.delay_uncertainty_s < 0.006
+    assert abs(np.mean(errors)) < 0.001
+
+
+@pytest.mark.parametrize("read", [treadmill, steps, child("HC030"), child("HC031")])
+def test_residuals_are_explained_over_the_frames_in_which_they_count(shared_data, read):
+    """The same gait cycles, and of each the same frames: so the same RMS."""
+    trial = read(shared_data)
+    result = processed(trial)
+    budget = explain(trial[0], STILL, result).budget
+    rows = [row for row in residual_rows(result, "walk") if row.headline]
+    (cycles,) = result.cycles.values()
+    assert budget.cycles == budget.found_cycles == len(cycles) > 0
+    assert budget.rms == pytest.approx([row.rms for row in rows], rel=0.01)
