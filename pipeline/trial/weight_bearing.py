@@ -55,13 +55,13 @@ def weight_bearing_frames(
         settings.filter,
         at_rest,
     )
+    pose = None if ground.pose is None else (ground.pose.rotation, ground.pose.position)
     carried = support.carried(
-        motion.time,
-        places_of(body, motion.q),
+        support.feet(motion.time, places_of(body, motion.q), pose),
         np.stack(best, axis=1),
         np.column_stack(under_feet.foot_of_plates),
         *vertical,
-        None if ground.pose is None else (ground.pose.rotation, ground.pose.position),
+        pose,
     )
     every = np.stack([wrench for each in ground.variants.values() for wrench in each])
     return np.asarray(carried & np.isfinite(every).all(axis=(0, 2)))

@@ -26,7 +26,7 @@ from pipeline.live.frames.frame import LiveFrame, Quality
 from pipeline.live.frames.ground import LiveGround
 from pipeline.live.frames.settling import LiveValidity
 from pipeline.live.stream import Samples, StreamDescription
-from pipeline.trial.gait.carried import Support
+from pipeline.trial.gait.carried import Feet, Support
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.residuals import reported
 from pipeline.trial.validity import settling_s
@@ -69,6 +69,7 @@ class _Pose:
     q: Array
     feet: Array
     places: Array
+    above: Feet | None
     needed: tuple[Array, Array, Array]
     marker_error: Array
     quality: Quality
@@ -242,11 +243,12 @@ class LiveChain:
         if self.tracker.frozen:
             quality |= Quality.MARKERS_FROZEN
         feet, needed = self.dynamics.feet(solution.q), self.dynamics.needed(q, v, a)
-        places = self.dynamics.places(q)
-        platform = self.ground.seen(position)
-        return _Pose(
-            time, position, platform, q, feet, places, needed, solution.marker_error, quality
-        )
+        places, platform = self.dynamics.places(q), self.ground.seen(position)
+        above = None
+        if platform is not None or self.ground.platform is None:
+            above = self.support.feet(np.array([time]), places[None], _of_one_frame(platform))
+        error = solution.marker_error
+        return _Pose(time, position, platform, q, feet, places, above, needed, error, quality)
 
     def _next(self, complete: bool, started: float) -> LiveFrame:
         """Compute the frame that has waited longest; its last sample arrived when it started."""
@@ -266,17 +268,10 @@ class LiveChain:
             quality |= Quality.PLATFORM_UNKNOWN
         elif np.isnan(best).any():
             quality |= Quality.FORCES_UNKNOWN
-        moves = ground.platform
-        platform = None if moves is None else (moves[0][None], moves[1][None])
-        if not self.support.carried(
-            np.array([time]),
-            pose.places[None],
-            best[None],
-            on[None],
-            pose.needed[1][2:3],
-            by_foot[-1, :, 2].sum()[None],
-            platform,
-        )[0]:
+        platform = _of_one_frame(ground.platform)
+        above = pose.above or self.support.feet(np.array([time]), pose.places[None], platform)
+        need, measured = pose.needed[1][2:3], by_foot[-1, :, 2].sum(keepdims=True)
+        if not self.support.carried(above, best[None], on[None], need, measured, platform)[0]:
             quality |= Quality.NOT_CARRIED
         if uncertain:
             quality |= Quality.FOOT_UNCERTAIN
@@ -301,6 +296,11 @@ class LiveChain:
             markers=pose.position,
             platform=ground.platform,
         )
+
+
+def _of_one_frame(pose: tuple[Array, Array] | None) -> tuple[Array, Array] | None:
+    """Give the pose of a platform with an axis of frames."""
+    return None if pose is None else (pose[0][None], pose[1][None])
 
 
 def _by_foot(wrenches: Array, on: Array) -> Array:

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from hbm.signals.filtering import low_pass
 from pipeline.trial.gait.carried import Support
 
 WEIGHT_N, LENGTH_M, RATE_HZ = 700.0, 0.26, 100.0
@@ -58,7 +59,7 @@ def carried(places, loads, *, corners=BELTS, method="zero_phase", mass=1.0):
     need = np.full(len(TIME), mass * WEIGHT_N)
     support = Support(body, corners, 30.0, 6.0, method)
     wrenches = wrenches_of(places, loads)
-    return support.carried(TIME, places, wrenches, BOTH, need, loads.sum(axis=0))
+    return support.carried(support.feet(TIME, places), wrenches, BOTH, need, loads.sum(axis=0))
 
 
 @pytest.mark.parametrize("mass", [0.8, 1.0, 1.25])
@@ -87,7 +88,46 @@ def test_a_step_half_beside_a_plate_is_not_carried_whatever_it_measures(aside_m)
 def test_a_foot_on_a_plate_that_measures_nothing_is_not_carried():
     places, loads = walking()
     loads[1] = 0.0
-    assert not carried(places, loads)[stance(1) < 1].any()
+    assert not carried(places, loads)[(stance(1) < 1) & (TIME > 0.2)].any()
+
+
+RUNNING = {"speed": 3.0, "stride_s": 0.72, "share": 0.35}
+
+
+def runner(later_s=0.0):
+    """Places of a runner, and half sines of load whose mean is the body weight."""
+    places, _ = walking(**RUNNING)
+    peak_n = np.pi * WEIGHT_N / (4 * RUNNING["share"])
+    phase = [
+        np.mod((TIME - later_s) / RUNNING["stride_s"] + side / 2, 1) / RUNNING["share"]
+        for side in (0, 1)
+    ]
+    return places, np.array([peak_n * np.sin(np.pi * p) * (p < 1) for p in phase])
+
+
+def carried_runner(loads, method="zero_phase"):
+    places, needed = runner()
+    need, measured = (low_pass(x.sum(axis=0), TIME, 6.0, method) for x in (needed, loads))
+    support = Support(BODY, BELTS, 30.0, 6.0, method)
+    feet, wrenches = support.feet(TIME, places), wrenches_of(places, loads)
+    return support.carried(feet, wrenches, BOTH, need, measured)
+
+
+@pytest.mark.parametrize("method", ["zero_phase", "realtime"])
+@pytest.mark.parametrize("later_s", [0.0, 0.01, 0.02, 0.03, -0.02])
+def test_a_runner_on_plates_that_are_late_is_carried_throughout(later_s, method):
+    """The pressure of a late plate is where the foot is when it is measured."""
+    assert carried_runner(runner(later_s)[1], method=method)[20:-20].all()
+
+
+@pytest.mark.parametrize("later_s", [0.0, 0.02])
+def test_a_step_that_no_plate_measures_does_not_count_in_running_either(later_s):
+    loads = runner(later_s)[1]
+    step = (TIME > 4 * 0.72 - 0.05) & (TIME < 4.5 * 0.72)
+    loads[0, step] = 0.0
+    valid = carried_runner(loads)
+    assert not valid[step & (runner()[1][0] > WEIGHT_N)].any()
+    assert valid[(TIME < 2.4) & (TIME > 0.2) | (TIME > 4.0) & (TIME < 7.8)].all()
 
 
 def test_a_foot_whose_plate_has_no_corners_stands_where_the_pressure_is():
@@ -111,8 +151,7 @@ def test_frame_by_frame_the_judgement_is_that_of_all_frames_at_once():
     need = np.full(1, WEIGHT_N)
     one = [
         support.carried(
-            TIME[k : k + 1],
-            places[k : k + 1],
+            support.feet(TIME[k : k + 1], places[k : k + 1]),
             wrenches[k : k + 1],
             BOTH[k : k + 1],
             need,
