@@ -47,7 +47,7 @@ LEFT_AND_RIGHT: Final = np.arange(2)
 ROUNDING_S: Final = 1e-6
 """Of times."""
 SPREAD_PERIODS: Final[Mapping[Method, tuple[float, float]]] = {
-    "zero_phase": (0.7, 0.7),
+    "zero_phase": (0.8, 0.6),
     "realtime": (0.0, 1.0),
 }
 """Periods of the cut-off before and after, over which the low-pass brings a force that is not there
