@@ -57,7 +57,7 @@ from pipeline.trial.study_files import (
     with_unused_renames,
 )
 from pipeline.trial.subject_body import subject_body
-from pipeline.trial.validity import Validity, settled_frames, settling_s, validity_notes
+from pipeline.trial.validity import Validity, carried_notes, settled_frames, settling_s
 from pipeline.trial.weighing import ON_PLATES, BodyMass, body_mass, carried_mass, differing_masses
 from pipeline.trial.weight_bearing import weight_bearing_frames
 from pipeline.trial.window import WantedWindow, counted_span, perturbed_part, window_notes
@@ -197,10 +197,14 @@ def process_recording(
     known, settling = known_frames(body, motion), settling_s(laboratory.filters(settings))
     computed = [np.isfinite(each.residual).all(axis=1) for each in dynamics.values()]
     gapless = np.all([known, shown_frames(body, unfiltered), *computed], axis=0)
+    total = np.sum([*wrenches[ground.best].values()], axis=0)
+    vertical = total[:, 2] + dynamics[ground.best].residual[:, 2], total[:, 2]
     validity = Validity(
         motion=known,
         settled=settled_frames(gapless, motion.time, settling),
-        plates=weight_bearing_frames(body, motion.time, ground, shared, dynamics, events, settings),
+        plates=weight_bearing_frames(
+            body, motion, recording.plates, ground, under_feet, vertical, settings
+        ),
     )
     unknown = forces_of_legs(under_feet.ambiguous | ~validity.plates)
     unknown |= ~validity.settled[:, None]
@@ -220,7 +224,6 @@ def process_recording(
     )
 
     uncertainty = _uncertainty(ground, motion)
-    total = np.sum([*wrenches[ground.best].values()], axis=0)
     residual = np.where(validity.counts[:, None], dynamics[ground.best].residual, np.nan)
     lag_s = acceleration_lag_s(motion.time) if settings.filter == "realtime" else 0.0
     delay = plate_delay(total[:, :3], residual[:, :3], motion.time, lag_s)
@@ -251,7 +254,7 @@ def process_recording(
         *check_events(events, reference),
         *_agreement(events, method, under_feet, motion, settings),
         *contact_notes(under_feet, motion.time),
-        *validity_notes(validity),
+        *carried_notes(validity, motion.time, *vertical),
         *cycle_notes,
         *selection_notes,
         *part_notes,

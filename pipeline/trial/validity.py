@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields
 from typing import Final
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from hbm.notes import Note
 from hbm.signals.filtering import Method
@@ -21,6 +22,10 @@ not settled. Measured by cropping a virtual and a real treadmill trial at 16 hee
 MIN_SETTLING_S: Final = 0.15
 """At higher cut-offs: at 20 Hz, one period leaves 1.7 N and 1.5 of the other filter 4 N, three less
 than 0.1 N."""
+MAX_DOUBTFUL: Final = 0.15
+"""Of what the motion needs: usual errors of gains and stated masses are smaller."""
+STEP_S: Final = 0.5
+"""About a step; at its ends errors of timing cancel."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,9 +134,48 @@ def settled_frames(known: Mask, time: Array, settling: tuple[float, float]) -> M
     return settled
 
 
-def validity_notes(validity: Validity) -> tuple[Note, ...]:
-    """Say in how many frames the plates do not carry the subject, ``frames_not_carried``."""
-    missing = int(np.count_nonzero(~validity.plates))
-    if not missing:
-        return ()
-    return (Note.of("frames_not_carried", missing=missing, frames=len(validity.plates)),)
+def carried_notes(
+    validity: Validity, time: Array, need: Array, measured: Array
+) -> tuple[Note, ...]:
+    """Say what plates measure of what the motion needs where frames are left out, or doubtful.
+
+    Parameters
+    ----------
+    validity
+        Which frames count.
+    time
+        (T,) [s].
+    need, measured
+        Vertical force that the motion needs, and that of all plates, filtered, (T,) [N].
+
+    Returns
+    -------
+    tuple of Note
+        ``frames_not_carried`` where there are such frames; ``carried_in_part`` where, in frames
+        that count, plates measure more than `MAX_DOUBTFUL` too little or too much on average over
+        `STEP_S`.
+    """
+    notes, known = [], np.isfinite(need + measured)
+
+    def share(frames: Mask) -> float:
+        return float(measured[frames].sum() / need[frames].sum()) if frames.any() else np.nan
+
+    if missing := int(np.count_nonzero(~validity.plates)):
+        percent = share(known & ~validity.plates)
+        frames = len(validity.plates)
+        notes.append(Note.of("frames_not_carried", missing=missing, frames=frames, share=percent))
+    counts = known & validity.counts
+    long = max(1, round(STEP_S / float(np.median(np.diff(time)))))
+    present, needed, found = (
+        uniform_filter1d(np.where(counts, each, 0.0), long, mode="constant")
+        for each in (np.ones(len(time)), need, measured)
+    )
+    doubtful = counts & (present > 0.5) & (np.abs(found - needed) > MAX_DOUBTFUL * needed)
+    if doubtful.any():
+        number = int(np.count_nonzero(doubtful))
+        notes.append(
+            Note.of(
+                "carried_in_part", frames=number, first_s=time[doubtful][0], share=share(doubtful)
+            )
+        )
+    return tuple(notes)

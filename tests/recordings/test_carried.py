@@ -13,14 +13,17 @@ import pytest
 from hbm.markers import read_marker_set
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.cli.app import main
-from pipeline.config.schema import Settings, Subject
+from pipeline.config.schema import Settings, Subject, Treadmill
 from pipeline.export.trial import write_tables
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.opensim.sto import read_sto
+from pipeline.live.frames.frame import Quality
 from pipeline.run.store import read_trial
+from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.residuals import residual_table
 from tests.hbm.motions import relabelled
+from tests.pipeline.live.playing import arrivals, chain_of, play
 
 TWO_PLATES = Path(__file__).resolve().parents[1] / "trunk_ends" / "two_plates.toml"
 WOMAN = Subject(sex="female", mass_kg=55.3)
@@ -262,3 +265,50 @@ def test_a_descent_of_steps_is_recognised_solved_and_reported(shared_data, tmp_p
     for arm in ("SHO", "UPA", "ELB", "FRM", "WRA", "WRB", "FIN"):
         for side in "LR":
             assert np.sqrt(np.nanmean(of[side + arm] ** 2)) < 20
+
+
+@pytest.fixture(scope="module")
+def overground(shared_data):
+    folder = shared_data / "overground_walks"
+    return read_c3d(folder / "HC030A05.c3d"), read_c3d(folder / "HC030A01.c3d")
+
+
+def half_beside(walk):
+    """The walk with a plate that ends at its middle and measures half as much."""
+    first, second = walk.plates
+    corners = second.corners.copy()
+    corners[:, 0] = (corners[:, 0] + corners[:, 0].max()) / 2 + 0.02
+    second = replace(second, corners=corners, wrench_in_plate=second.wrench_in_plate / 2)
+    return replace(walk, plates=(first, second))
+
+
+@pytest.mark.parametrize("change", [lambda walk: walk, half_beside])
+def test_which_frames_count_does_not_depend_on_the_body_mass(overground, change):
+    walk, static = overground
+    found = [
+        process_recording(change(walk), Subject(mass_kg=mass_kg), Settings(), static=static)
+        for mass_kg in (41.3, 43.5, 45.8, 48.1, 50.4)
+    ]
+    plates = np.array([result.validity.plates for result in found])
+    assert plates.any()
+    assert (plates == plates[0]).all()
+
+
+def test_frames_that_are_left_out_are_noted_with_what_the_plates_measure(overground):
+    walk, static = overground
+    result = process_recording(walk, Subject(), Settings(), static=static)
+    (note,) = [note for note in result.notes if note.code == "frames_not_carried"]
+    assert 0 < note.values["share"] < 0.5
+    assert "carried_in_part" not in codes(result)
+
+
+def test_overground_the_same_frames_count_live_as_afterwards(overground):
+    walk, static = overground
+    settings = Settings(filter="realtime")
+    result = process_recording(walk, Subject(), settings, static=static)
+    frames = play(chain_of(result.body, Laboratory(Treadmill()), settings, walk), arrivals(walk))
+    counts = np.array([frame.quality.counts for frame in frames])
+    np.testing.assert_array_equal(counts[:-5], result.validity.counts[:-5])
+    vertical = np.array([frame.residual["measured"][2] for frame in frames])
+    assert np.sqrt(np.mean(vertical[counts] ** 2)) < 30
+    assert any(frame.quality & Quality.NOT_CARRIED for frame in frames)

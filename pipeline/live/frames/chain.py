@@ -26,6 +26,7 @@ from pipeline.live.frames.frame import LiveFrame, Quality
 from pipeline.live.frames.ground import LiveGround
 from pipeline.live.frames.settling import LiveValidity
 from pipeline.live.stream import Samples, StreamDescription
+from pipeline.trial.gait.carried import Feet, Support
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.residuals import reported
 from pipeline.trial.validity import settling_s
@@ -67,6 +68,8 @@ class _Pose:
     platform: tuple[Array, Array] | None
     q: Array
     feet: Array
+    places: Array
+    above: Feet | None
     needed: tuple[Array, Array, Array]
     marker_error: Array
     quality: Quality
@@ -158,6 +161,8 @@ class LiveChain:
         self.tracker = MarkerTracker(body, markers.labels)
         self.feet = LiveFeet(len(plates), settings.contact_threshold_n)
         self.dynamics = LiveDynamics(body)
+        corners, cutoff_hz = [plate.corners for plate in plates], settings.cutoff_hz
+        self.support = Support(body, corners, settings.contact_threshold_n, cutoff_hz, "realtime")
         in_real_time = settings.model_copy(update={"filter": "realtime"})
         after_s, _ = settling_s(laboratory.filters(in_real_time))
         self.motion = RealtimeFilter(settings.cutoff_hz, N_Q)
@@ -238,8 +243,12 @@ class LiveChain:
         if self.tracker.frozen:
             quality |= Quality.MARKERS_FROZEN
         feet, needed = self.dynamics.feet(solution.q), self.dynamics.needed(q, v, a)
-        platform = self.ground.seen(position)
-        return _Pose(time, position, platform, q, feet, needed, solution.marker_error, quality)
+        places, platform = self.dynamics.places(q), self.ground.seen(position)
+        above = None
+        if platform is not None or self.ground.platform is None:
+            above = self.support.feet(np.array([time]), places[None], _of_one_frame(platform))
+        error = solution.marker_error
+        return _Pose(time, position, platform, q, feet, places, above, needed, error, quality)
 
     def _next(self, complete: bool, started: float) -> LiveFrame:
         """Compute the frame that has waited longest; its last sample arrived when it started."""
@@ -259,6 +268,11 @@ class LiveChain:
             quality |= Quality.PLATFORM_UNKNOWN
         elif np.isnan(best).any():
             quality |= Quality.FORCES_UNKNOWN
+        platform = _of_one_frame(ground.platform)
+        above = pose.above or self.support.feet(np.array([time]), pose.places[None], platform)
+        need, measured = pose.needed[1][2:3], by_foot[-1, :, 2].sum(keepdims=True)
+        if not self.support.carried(above, best[None], on[None], need, measured, platform)[0]:
+            quality |= Quality.NOT_CARRIED
         if uncertain:
             quality |= Quality.FOOT_UNCERTAIN
         gap = bool(np.isnan(residual).any() or quality & Quality.LIMB_UNSEEN)
@@ -282,6 +296,11 @@ class LiveChain:
             markers=pose.position,
             platform=ground.platform,
         )
+
+
+def _of_one_frame(pose: tuple[Array, Array] | None) -> tuple[Array, Array] | None:
+    """Give the pose of a platform with an axis of frames."""
+    return None if pose is None else (pose[0][None], pose[1][None])
 
 
 def _by_foot(wrenches: Array, on: Array) -> Array:

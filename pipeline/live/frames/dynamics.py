@@ -10,7 +10,7 @@ from hbm.spatial import Array, shift_wrench
 from pipeline.trial.gait.contact import FEET
 from pipeline.trial.gait.events import SIDES
 
-ANKLES, TOES = ([MOVING.index(f"{s}_{part}") for s in SIDES] for part in ("foot", "toes"))
+PLACES = [0, *(MOVING.index(f"{side}_{part}") for part in ("foot", "toes") for side in SIDES)]
 
 
 class LiveDynamics:
@@ -36,9 +36,13 @@ class LiveDynamics:
         q
             Coordinates, (46,) [m and rad].
         """
+        ankles_and_balls = self.places(q)[1:]
+        return np.asarray((ankles_and_balls[:2] + ankles_and_balls[2:]) / 2)
+
+    def places(self, q: Array) -> Array:
+        """Give pelvis, ankles and balls, left before right, coordinates (46,) to (5, 3) [m]."""
         (poses,) = self.segment_poses(q)
-        joints = poses.reshape(len(MOVING), 4, 3)[:, 3]
-        return np.asarray((joints[ANKLES] + joints[TOES]) / 2)
+        return np.asarray(poses.reshape(len(MOVING), 4, 3)[PLACES, 3])
 
     def needed(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
         """Give what a motion needs where nothing but gravity acts, as `hbm.engines`.

@@ -38,6 +38,8 @@ class Quality(IntFlag):
     """Single markers were far from where the body can be."""
     MARKERS_FROZEN = 256
     """All markers repeat their positions exactly: they are not measured."""
+    NOT_CARRIED = 512
+    """A foot stands beside the plates, or on one that measures nothing."""
 
     @property
     def counts(self) -> bool:

@@ -7,7 +7,6 @@ import numpy as np
 
 from hbm.spatial import Array
 from pipeline.live.watch.cycles import LiveCycle
-from pipeline.trial.gait.carried import MAX_LASTING_DEFICIT
 from pipeline.trial.residuals import MAX_FORCE_SHARE, MAX_MOMENT_SHARE
 
 
@@ -43,16 +42,16 @@ class ConditionSoFar:
 
     Attributes
     ----------
-    weight_n
-        Body weight [N].
+    min_valid_share
+        Of a gait cycle's frames in which the plates carry the subject: with less it does not count.
     cycles
         Gait cycles that count, of both sides.
     not_carried
-        Gait cycles that do not, since the plates carried less than 0.8 of the body weight in them:
-        half of a foot beside a plate, or more.
+        Gait cycles that do not, since the plates carried the subject in less than
+        ``min_valid_share`` of them.
     """
 
-    weight_n: float
+    min_valid_share: float
     cycles: int = 0
     not_carried: int = 0
     _counted_s: float = -np.inf
@@ -63,10 +62,10 @@ class ConditionSoFar:
 
     def add(self, cycle: LiveCycle) -> None:
         """Take a cycle that has ended."""
-        if not len(cycle.time):
-            return
-        if cycle.vertical_n < (1 - MAX_LASTING_DEFICIT) * self.weight_n:
+        if cycle.carried_share < self.min_valid_share:
             self.not_carried += 1
+            return
+        if not len(cycle.time):
             return
         self.cycles += 1
         new = cycle.time > self._counted_s

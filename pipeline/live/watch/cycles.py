@@ -9,7 +9,7 @@ import numpy as np
 
 from hbm.spatial import Array
 from pipeline.io.recording import Event
-from pipeline.live.frames.frame import LiveFrame
+from pipeline.live.frames.frame import LiveFrame, Quality
 from pipeline.trial.gait.cycles import MAX_DURATION, MIN_DURATION
 from pipeline.trial.gait.events import MIN_CONTACT_S, MIN_STRIDE_S, SIDES
 
@@ -42,7 +42,9 @@ class LiveCycle:
         Share of its frames that count.
     vertical_n
         Mean vertical ground reaction force of both feet in it, compensated where plates are [N];
-        NaN unless all its frames count.
+        NaN unless all its frames count, or would if the plates carried the subject.
+    carried_share
+        Share of its frames in which the plates carry the subject.
     """
 
     side: str
@@ -54,6 +56,7 @@ class LiveCycle:
     curve: Mapping[str, Array]
     valid_share: float
     vertical_n: float = np.nan
+    carried_share: float = 1.0
 
     @property
     def rms(self) -> dict[str, Array]:
@@ -169,6 +172,8 @@ class GaitTracker:
             forces = [np.linalg.norm(f.by_foot[variant][:, :3].sum(axis=0)) for f in counted]
             peak[variant] = float(max(forces, default=np.nan))
         share, best = len(counted) / len(inside), list(inside[0].by_foot)[-1]
+        qualities = [f.quality for f in inside]
+        known = all((each & ~Quality.NOT_CARRIED).counts for each in qualities)
         vertical = np.mean([f.by_foot[best][:, 2].sum() for f in inside])
         return LiveCycle(
             side,
@@ -179,7 +184,8 @@ class GaitTracker:
             peak,
             curve,
             share,
-            float(vertical) if share == 1 else np.nan,
+            float(vertical) if known else np.nan,
+            1 - sum(bool(each & Quality.NOT_CARRIED) for each in qualities) / len(inside),
         )
 
 

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from hbm.notes import Note
-from hbm.spatial import GRAVITY_MPS2, Array
+from hbm.spatial import Array
 from pipeline.io.recording import Plate
 from pipeline.live.frames.chain import LiveChain
 from pipeline.live.frames.frame import LiveFrame, Quality
@@ -87,7 +87,7 @@ class Monitor:
         streams = (chain.stream.name, *chain.analog.used)
         self._arrived_s = dict.fromkeys(streams, monotonic())
         self._silent: set[str] = set()
-        self.condition = ConditionSoFar(mass_kg * GRAVITY_MPS2)
+        self.condition = ConditionSoFar(chain.settings.min_valid_share)
         self.cycles: deque[LiveCycle] = deque(maxlen=10)
         self.notes: deque[TimedNote] = deque(maxlen=MAX_NOTES)
         self.noted = 0

@@ -1,162 +1,302 @@
 """Whether the plates carry the subject, frame by frame: only then is the residual meaningful.
 
-Newton's second law says what the ground has to carry: the vertical force that the motion needs.
-What the plates do not carry of it is carried by a foot beside them or by a plate that does not
-record.
+A foot is on the ground while its ankle or its tip moves with it. Its outline has to lie within
+those of the plates, and one that is loaded has to be under it wherever the plates measure less than
+the motion needs, m(g + a) of the centre of mass.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
+from compensation import center_of_pressure
+from hbm.body import Body
+from hbm.poses import joint_positions
 from hbm.signals.filtering import Method
 from hbm.signals.samples import stretches
-from hbm.spatial import Array, Mask
-from pipeline.io.recording import Event
-from pipeline.trial.gait.events import SIDES, event_times
+from hbm.spatial import GRAVITY_MPS2, Array, Mask, transform_wrench
+from pipeline.trial.gait.events import SIDES
 
+MAX_SPEED: Final = 0.8
+"""Of an ankle or a tip above the ground that its foot stands on, by the speed of the pelvis above
+it: the ankle still moves when the heel lands."""
+MIN_SPEED_MPS: Final = 0.3
+"""Up to it, a foot stands also where the pelvis does not move: a stumble is faster."""
+MAX_RESTING_MPS: Final = 0.1
+"""Vertical, of the ball of a foot that carries the subject and shows the speed of the ground."""
+MARGIN_M: Final = 0.03
+"""By which the outline of a foot may stick out of a plate: half a foot is 5 cm to the side."""
+MAX_LEVEL_M: Final = 0.08
+"""Between the sole and the surface that it stands on; the next step is twice as high."""
+HEEL, TIP, HALF_WIDTH = -0.23, 0.77, 0.19
+"""Of a foot by its length: places of heel and tip from the ankle, half its width at the ball."""
+HEIGHTS: Final = np.array([0.3, 0.12, 0.0])
+"""Of ankle, ball and tip above the sole, by the length of the foot."""
 MIN_NEED: Final = 0.3
 """Of body weight: in flight there is nothing to carry."""
-MIN_CARRIED: Final = 0.5
-"""Of what the motion needs: errors of timing and of the body model leave more, even at contact."""
-MAX_LASTING_DEFICIT: Final = 0.2
-"""Of body weight, on average over `LASTING_S`: half of a foot beside a plate, or more."""
-LASTING_S: Final = 0.5
-"""About a step; at its ends errors of timing cancel."""
-MIN_LOADED_SHARE: Final = 0.5
-"""Of a stance in which a plate under that foot is loaded, so that it stands on a plate."""
-MIN_STANCE_DEFICIT: Final = 0.1
-"""Of body weight, on average over a stance that no plate sees: less is an error of its events."""
-MAX_GAIN_ERROR: Final = 0.4
-"""Of the share of the need that plates measure in walking when nothing else carries the subject:
-gains and stated masses err by less. Beyond, the plates mostly carry nobody."""
-MAX_STANDING_ERROR: Final = 0.15
-"""The same where nobody walks: a foot that stands beside the plates all the time takes more."""
-USUAL_PERCENTILE: Final = 80.0
-"""Of the share in the frames of a trial: some are of a foot beside the plates."""
-MIN_ALONE: Final = 0.9
-"""Share of all plates' force of one that carries the subject alone."""
-MIN_ALONE_LOAD: Final = 0.3
-"""Of the need: a lighter load is that of a foot which lands or leaves."""
-MIN_ALONE_S: Final = 0.1
-"""That a plate does so: noise of light loads lasts for less."""
-MIN_CONTACTS: Final = 5
-"""For what a plate usually measures: no foot lands half beside it as often, always equally."""
+MAX_LACKING: Final = 0.85
+"""Of what the motion needs, measured: from there on, a foot may rest on its plate without load."""
+MIN_MEASURED: Final = 0.25
+"""Of what the motion needs: below, something else carries the subject. No gain or mass errs so."""
+LASTING_S: Final = 0.1
+"""For which that may last, as errors of timing do, and for which a tip that leaves may touch."""
+LEFT_AND_RIGHT: Final = np.arange(2)
+"""Numbers of the feet."""
+ROUNDING_S: Final = 1e-6
+"""Of times."""
 SPREAD_PERIODS: Final[Mapping[Method, tuple[float, float]]] = {
-    "zero_phase": (0.6, 0.6),
+    "zero_phase": (0.8, 0.6),
     "realtime": (0.0, 1.0),
 }
 """Periods of the cut-off before and after, over which the low-pass brings a force that is not there
-into frames where it is: on a treadmill, a missing step leaves 1 N beyond them."""
+into frames where it is: on a treadmill, a missing step leaves 2 N beyond them."""
 
 
-def carried_frames(
-    time: Array,
-    need: Array,
-    plates: Array,
-    *,
-    weight_n: float,
-    events: Sequence[Event],
-    feet: Mapping[str, Array],
-    threshold_n: float,
-    cutoff_hz: float,
-    method: Method,
-) -> Mask:
-    """Find the frames in which the plates carry the subject.
+def places_of(body: Body, q: Array) -> Array:
+    """Give pelvis, ankles and balls, left before right, coordinates (T, 46) to (T, 5, 3) [m]."""
+    names = ["pelvis", *(f"{side}_{part}" for part in ("foot", "toes") for side in SIDES)]
+    return joint_positions(body, q, names)
 
-    Parameters
+
+@dataclass(frozen=True, slots=True)
+class Feet:
+    """Where both feet are and how they move, in the axes of the platform.
+
+    Attributes
     ----------
     time
         (T,) [s].
-    need
-        Vertical force that the motion needs from the ground, (T,) [N]; NaN where unknown.
-    plates
-        Vertical force of each plate through the same filter, without what it reads at rest, (P, T)
-        [N].
-    weight_n
-        Body weight [N].
-    events
-        Gait events, which say when a foot stands.
-    feet
-        "left_foot" and "right_foot" -> wrench of the plates under that foot, unfiltered, (T, 6).
-    threshold_n
-        Vertical force above which a foot is on a plate [N].
-    cutoff_hz, method
-        The filter, which spreads what is missing into neighbouring frames.
+    velocity
+        Of pelvis, ankles, balls and tips, (T, 7, 3) [m/s].
+    sole
+        Its height, (T, 2) [m].
+    depth
+        How far heel, tip, both sides of the ball and the middle are within each plate, (T, 2, 5, P)
+        [m]; negative outside, NaN where the plate's place is unknown.
+    """
 
-    Returns
-    -------
-    Mask
-        (T,). Not while the plates carry less than half of what the motion needs, not while they
-        miss a fifth of body weight on average over half a second, and not during a stance whose
-        foot loads no plate for half of it; nor next to such frames, as far as the filter reaches.
-        The filter settles within one period of its cut-off at either end; these frames are judged
-        by the first and the last one between them.
+    time: Array
+    velocity: Array
+    sole: Array
+    depth: Array
+
+
+class Support:
+    """Finds the frames in which plates carry the subject, in one call or frame by frame.
+
+    Parameters
+    ----------
+    body
+        The subject.
+    corners
+        Of the plates' surfaces with the platform in neutral, (P, 4, 3) [m]; NaN where unknown.
+    threshold_n
+        Vertical force above which a plate is loaded [N].
+    cutoff_hz, method
+        The filter, which spreads what is missing into other frames. With "realtime" a frame depends
+        on no later one.
+    at_rest_n
+        Vertical force that each plate reads without load, (P,) [N].
 
     Notes
     -----
-    What a plate carries is judged beside what it usually measures in the trial, so that a plate
-    with a wrong gain, or a wrong mass, is not taken for a foot beside the plates: its residual is
-    real.
+    A foot is on the ground where its ankle or its tip is slower than `MAX_SPEED` against it. The
+    ground's velocity is that of the ball at rest of the foot that carried most, last. The plates do
+    not carry the subject
+
+    1. where heel, tip or a side of the ball of a foot on the ground is outside all plates by more
+       than `MARGIN_M`;
+    2. where for `LASTING_S` they measure less than `MAX_LACKING` of the need, while the plate under
+       the middle of a foot on the ground is not loaded;
+    3. where for `LASTING_S` they measure less than `MIN_MEASURED` of the need;
+
+    and as far as the filter spreads it. A foot above the highest plate by more than `MAX_LEVEL_M`
+    hangs in the air; where plates are steps, part of a foot may hang over the edge. The first rule
+    says nothing where a loaded plate has no corners, or its centre of pressure is outside them.
     """
-    needed = need > MIN_NEED * weight_n
-    strikes = sum(event.label == "foot_strike" for event in events)
-    most = MAX_GAIN_ERROR if strikes >= MIN_CONTACTS else MAX_STANDING_ERROR
-    carried = np.sum(plates / _usual_shares(plates, need, needed, time, most)[:, None], axis=0)
-    deficit = np.nan_to_num(need - carried) / weight_n
-    missing = needed & (carried < MIN_CARRIED * need)
-    frames = max(1, round(LASTING_S / float(np.median(np.diff(time)))))
-    lasting = uniform_filter1d(deficit, frames, mode="nearest") > MAX_LASTING_DEFICIT
-    missing |= lasting & (deficit > 0)
-    for side in SIDES:
-        for start, stop in np.searchsorted(time, stances(events, side)):
-            inside = slice(start, stop)
-            loaded = feet[f"{side}_foot"][inside, 2] > threshold_n
-            if np.count_nonzero(loaded) < MIN_LOADED_SHARE * len(loaded):
-                missing[inside] |= np.mean(deficit[inside]) > MIN_STANCE_DEFICIT
-    settled = np.flatnonzero((time >= time[0] + 1 / cutoff_hz) & (time <= time[-1] - 1 / cutoff_hz))
-    if len(settled):
-        missing = missing[np.clip(np.arange(len(time)), settled[0], settled[-1])]
-    before, after = (periods / cutoff_hz for periods in SPREAD_PERIODS[method])
-    return ~widened(missing, time, before, after)
+
+    def __init__(
+        self,
+        body: Body,
+        corners: Sequence[Array],
+        threshold_n: float,
+        cutoff_hz: float,
+        method: Method,
+        at_rest_n: Array | None = None,
+    ) -> None:
+        corner = np.asarray(corners)
+        edge = np.roll(corner, -1, axis=1)[..., :2] - corner[..., :2]
+        inward = np.stack([-edge[..., 1], edge[..., 0]], axis=-1)
+        middle = corner[..., :2].mean(axis=1)[:, None]
+        inward *= np.sign(np.sum(inward * (middle - corner[..., :2]), axis=-1, keepdims=True))
+        size = np.linalg.norm(inward, axis=-1, keepdims=True)
+        inward = inward / np.where(size > 0, size, np.nan)
+        self.begins = np.sum(inward * corner[..., :2], axis=-1).ravel()
+        self.inward = inward.reshape(-1, 2).T
+        self.level = corner[..., 2].mean(axis=1)
+        self.steps = bool(np.ptp(self.level) > MAX_LEVEL_M)
+        self.highest = np.max(self.level) + MAX_LEVEL_M
+        self.length = np.array([body.lengths[f"{side}_foot"] for side in SIDES])[:, None]
+        self.weight_n, self.threshold_n = body.mass * GRAVITY_MPS2, threshold_n
+        self.at_rest_n = np.zeros(len(corner)) if at_rest_n is None else at_rest_n
+        self.method, self.reach_s = method, np.array(SPREAD_PERIODS[method]) / cutoff_hz
+        self.reach_s[1] += LASTING_S
+        self.time, self.points = np.full(1, -np.inf), np.full((1, 7, 3), np.nan)
+        self.ground: Array = np.full((1, 2, 3), np.nan)
+        self.supported_s, self.missing_s = np.full((1, 3), np.inf), np.full(1, -np.inf)
+
+    def feet(self, time: Array, places: Array, pose: tuple[Array, Array] | None = None) -> Feet:
+        """Give where the feet are in the next frames.
+
+        Parameters
+        ----------
+        time
+            (T,) [s].
+        places
+            Pelvis, ankles and balls in the lab, (T, 5, 3) [m], as `places_of` gives them.
+        pose
+            Rotation, (T, 3, 3), and position, (T, 3) [m], of the platform; None where it stands
+            still.
+        """
+        if pose is not None:
+            places = (places - pose[1][:, None]) @ pose[0]
+        ankle, ball = places[:, 1:3], places[:, 3:]
+        along = ball - ankle
+        tip = ankle + along * (TIP * self.length / np.sqrt((along**2).sum(axis=2))[..., None])
+        points = np.concatenate([places, tip], axis=1)
+        every = np.concatenate([self.points, points])
+        step_s = np.diff(np.concatenate([self.time, time]))
+        velocity = (every[1:] - every[:-1]) / step_s[:, None, None]
+        self.time, self.points = time[-1:], points[-1:]
+        heights = points[:, 1:, 2].reshape(-1, 3, 2).transpose(0, 2, 1)
+        sole = (heights - HEIGHTS * self.length).min(axis=2)
+        flat = along[..., :2] * (
+            self.length / np.sqrt((along[..., :2] ** 2).sum(axis=2))[..., None]
+        )
+        across = HALF_WIDTH * flat[..., ::-1] * [-1.0, 1.0]
+        above = ball[..., :2]
+        outline = [ankle[..., :2] + HEEL * flat, tip[..., :2], above + across, above - across]
+        middle = (ankle[..., :2] + above) / 2
+        return Feet(time, velocity, sole, self._depth(np.stack([*outline, middle], axis=2)))
+
+    def carried(
+        self,
+        feet: Feet,
+        wrenches: Array,
+        on: Array,
+        need: Array,
+        measured: Array,
+        pose: tuple[Array, Array] | None = None,
+    ) -> Mask:
+        """Judge the next frames.
+
+        Parameters
+        ----------
+        feet
+            As `feet` gives them.
+        wrenches
+            Of the plates, lab axes about the lab origin, unfiltered, (T, P, 6) [N, N·m].
+        on
+            The foot of each plate, 0 left and 1 right, (T, P).
+        need, measured
+            Vertical force that the motion needs, and that of all plates, filtered, (T,) [N].
+        pose
+            As for `feet`.
+        """
+        time, load = feet.time, wrenches[..., 2] - self.at_rest_n
+        of_foot = (load[:, None] * (on[:, None] == LEFT_AND_RIGHT[:, None])).sum(axis=2)
+        ground = self._ground(feet, of_foot)
+        lacking = (need > MIN_NEED * self.weight_n) & (measured < MAX_LACKING * need)
+        inside = np.all(_within(feet), axis=1)
+        judged = lacking | ~inside if self.method == "realtime" else np.ones(len(time), bool)
+        beside, standing = np.zeros(len(time), bool), np.zeros((len(time), 3), bool)
+        if len(some := np.flatnonzero(judged)):
+            these = Feet(*(getattr(feet, name)[some] for name in Feet.__slots__))
+            at = None if pose is None else (pose[0][some], pose[1][some])
+            loads, grounded = of_foot[some] > self.threshold_n, _grounded(these, ground[some])
+            outside, idle = self._places(these, wrenches[some], load[some], loads, at)
+            beside[some] = (grounded & outside).any(axis=1)
+            standing[some, :2] = grounded & idle
+        standing[:, 2] = measured < MIN_MEASURED * need
+        doubtful = standing & lacking[:, None]
+        ok_s = np.where(doubtful, -np.inf, time[:, None])
+        ok_s = np.maximum.accumulate(np.vstack([np.minimum(self.supported_s, time[0]), ok_s]))[1:]
+        lasting = doubtful & (time[:, None] - ok_s > LASTING_S + ROUNDING_S)
+        missing: Mask = np.asarray(beside | lasting.any(axis=1))
+        if self.method == "realtime":
+            last_s = np.maximum.accumulate(np.where(missing, time, self.missing_s))
+            self.supported_s, self.missing_s = ok_s[-1:], last_s[-1:]
+            return np.asarray(time - last_s > self.reach_s[1] + ROUNDING_S)
+        for channel, long in zip(standing.T, lasting.T, strict=True):
+            for start, stop in stretches(channel):
+                missing[start:stop] |= bool(long[start:stop].any())
+        return ~widened(missing, time, *self.reach_s)
+
+    def _ground(self, feet: Feet, of_foot: Array) -> Array:
+        """Give the velocity of the ground under each foot, (T, 2, 3) [m/s]; NaN where unseen."""
+        ball = feet.velocity[:, 3:5]
+        shows = (of_foot > self.threshold_n) & (of_foot >= of_foot[:, ::-1])
+        shows &= np.abs(ball[..., 2]) < MAX_RESTING_MPS
+        last = np.maximum.accumulate(np.where(shows, np.arange(1, len(of_foot) + 1)[:, None], 0))
+        seen = np.concatenate([self.ground, ball * [1.0, 1.0, 0.0]])
+        ground = seen[last, LEFT_AND_RIGHT]
+        self.ground = ground[-1:]
+        return ground
+
+    def _places(
+        self,
+        feet: Feet,
+        wrenches: Array,
+        load: Array,
+        loads: Mask,
+        pose: tuple[Array, Array] | None,
+    ) -> tuple[Mask, Mask]:
+        """Find feet that would stand beside the plates, and over none that is loaded, (T, 2).
+
+        A foot over no plate, or over one whose place is unknown, bears what it `loads`, (T, 2).
+        """
+        if pose is not None:
+            back = np.swapaxes(pose[0], -1, -2)
+            origin = -(back @ pose[1][..., None])[..., 0]
+            wrenches = transform_wrench(wrenches, back[:, None], origin[:, None])
+        loaded = load > self.threshold_n
+        inside = feet.depth > -MARGIN_M
+        near = ~(np.abs(feet.sole[..., None] - self.level) >= MAX_LEVEL_M)
+        over = (feet.depth[:, :, -1] > 0) & near
+        bears = np.where(over.any(axis=2), (over & loaded[:, None]).any(axis=2), loads)
+        idle = near.any(axis=2) & ~bears
+        outside = ~_within(feet)
+        if self.steps:
+            outside &= ~(np.any(inside, axis=2) & near).any(axis=2)
+        else:
+            outside &= feet.sole < self.highest
+        surface = np.repeat(feet.sole.min(axis=1), wrenches.shape[1])
+        pressure = center_of_pressure(wrenches.reshape(-1, 6), self.threshold_n, surface)[:, :2]
+        depth = np.diagonal(self._depth(pressure.reshape(*loaded.shape, 2)), axis1=1, axis2=2)
+        unknown = np.any(loaded & ~(depth > -MARGIN_M), axis=1) | np.isnan(self.level).any()
+        return outside & ~unknown[:, None], idle
+
+    def _depth(self, points: Array) -> Array:
+        """Give how far points are within each plate's outline, (..., 2) to (..., P) [m]."""
+        depth = points @ self.inward - self.begins
+        return np.asarray(depth.reshape(*points.shape[:-1], -1, 4).min(axis=-1))
 
 
-def stances(events: Sequence[Event], side: str) -> Array:
-    """Give when a foot stands: from each strike to the next foot off, (S, 2) [s].
-
-    A strike without a foot off before the next strike is left out.
-    """
-    strikes = event_times(events, "foot_strike", side)
-    offs = event_times(events, "foot_off", side)
-    following = np.searchsorted(offs, strikes)
-    stop = np.append(offs, np.inf)[following]
-    complete = stop < np.append(strikes[1:], np.inf)
-    return np.column_stack([strikes, stop])[complete]
+def _within(feet: Feet) -> Mask:
+    """Whether the outline of each foot is within those of the plates, (T, 2)."""
+    return np.asarray(np.all(np.any(feet.depth[:, :, :-1] > -MARGIN_M, axis=3), axis=2))
 
 
-def _usual_shares(plates: Array, need: Array, needed: Mask, time: Array, most: float) -> Array:
-    """Give the share of the need that each plate measures when it carries everything, (P,).
-
-    By the frames in which it carries the subject alone, where it does so often enough, else by
-    those of all plates together; at most so far from 1.
-    """
-    total = plates.sum(axis=0)
-    together = _usual(total[needed] / need[needed], most)
-    shares = []
-    for plate in plates:
-        alone = needed & (plate > MIN_ALONE * total) & (plate > MIN_ALONE_LOAD * need)
-        lasting = [time[b - 1] - time[a] > MIN_ALONE_S for a, b in stretches(alone)]
-        often = np.count_nonzero(lasting) >= MIN_CONTACTS
-        shares.append(_usual(plate[alone] / need[alone], MAX_GAIN_ERROR) if often else together)
-    return np.array(shares)
-
-
-def _usual(share: Array, most: float) -> float:
-    """Give what a share usually is; 1 where that is implausible, farther from 1 than so much."""
-    usual = float(np.percentile(share, USUAL_PERCENTILE)) if len(share) else 1.0
-    return usual if abs(usual - 1) <= most else 1.0
+def _grounded(feet: Feet, ground: Array) -> Mask:
+    """Find which feet are on the ground, (T, 2), whose velocity is (T, 2, 3) [m/s]."""
+    velocity = feet.velocity
+    ground = np.nan_to_num(np.where(np.isnan(ground), ground[:, ::-1], ground))
+    walking = velocity[:, :1, :2] - ground[..., :2]
+    most = np.maximum(MAX_SPEED * np.sqrt((walking**2).sum(axis=2)), MIN_SPEED_MPS)
+    ankle_and_tip = velocity[:, [1, 2, 5, 6]].reshape(-1, 2, 2, 3) - ground[:, None]
+    return np.asarray(((ankle_and_tip**2).sum(axis=3) < most[:, None] ** 2).any(axis=1))
 
 
 def widened(mask: Mask, time: Array, before_s: float, after_s: float) -> Mask:

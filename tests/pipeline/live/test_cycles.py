@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hbm.spatial import GRAVITY_MPS2
 from pipeline.config.schema import Settings, Subject
 from pipeline.live.frames.frame import LiveFrame, Quality
 from pipeline.live.watch.condition import ConditionSoFar
@@ -53,7 +52,7 @@ def followed(frames):
 
 
 def so_far_of(result):
-    return ConditionSoFar(result.body.mass * GRAVITY_MPS2)
+    return ConditionSoFar(result.settings.min_valid_share)
 
 
 def test_events_are_those_of_the_trial_and_known_a_tenth_of_a_second_later(result, followed):
@@ -94,15 +93,14 @@ def test_a_cycle_has_its_curve_and_the_root_mean_square_of_its_frames(frames, fo
     assert cycle.valid_share == 1
 
 
-@pytest.mark.parametrize(("share", "left_out"), [(0.9, False), (0.5, True)])
-def test_gait_cycles_with_a_foot_half_beside_its_plate_are_left_out_and_counted(
-    result, frames, share, left_out
+@pytest.mark.parametrize(("every", "left_out"), [(10, False), (1, True)])
+def test_gait_cycles_of_which_the_plates_carry_too_little_are_left_out_and_counted(
+    result, frames, every, left_out
 ):
     tracker, so_far = GaitTracker(), so_far_of(result)
-    beside = np.array([[1.0], [share]])
-    for frame in frames:
-        by_foot = {"measured": frame.by_foot["measured"] * beside} if frame.time > 8 else None
-        for cycle in tracker.add(replace(frame, by_foot=by_foot or frame.by_foot)).cycles:
+    for k, frame in enumerate(frames):
+        beside = Quality.NOT_CARRIED if frame.time > 8 and k % every == 0 else Quality(0)
+        for cycle in tracker.add(replace(frame, quality=frame.quality | beside)).cycles:
             so_far.add(cycle)
     assert (so_far.not_carried > 2) == left_out
     assert (so_far.not_carried == 0) != left_out

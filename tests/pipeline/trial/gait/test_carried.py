@@ -1,131 +1,163 @@
-"""Whether the plates carry the subject: of loads whose missing parts are known."""
+"""Whether the plates carry the subject: feet whose places, and loads whose plates, are known."""
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from pipeline.io.recording import Event
-from pipeline.trial.gait.carried import carried_frames, stances
+from hbm.signals.filtering import low_pass
+from pipeline.trial.gait.carried import Support
 
-WEIGHT_N = 700.0
-STRIDE_S, STANCE_S, STRIDES = 1.1, 0.66, 10
-TIME = np.arange(round(100 * STRIDES * STRIDE_S)) / 100
-BEGIN = {"left": 0.1, "right": 0.1 + STRIDE_S / 2}
-
-
-def load_of(side):
-    """A foot's share of the load, which it takes and leaves within a double support."""
-    double_s = STANCE_S - STRIDE_S / 2
-    since = np.mod(TIME - BEGIN[side], STRIDE_S)
-    return np.clip(np.minimum(since, STANCE_S - since) / double_s, 0, 1)
-
-
-NEED = WEIGHT_N * (1 + 0.25 * np.cos(4 * np.pi * (TIME - 0.155) / STRIDE_S))
-PLATES = np.stack([NEED * load_of("left"), NEED * load_of("right")])
-EVENTS = tuple(
-    Event(begin + STRIDE_S * k + later, label, side)
-    for side, begin in BEGIN.items()
-    for k in range(STRIDES)
-    for later, label in ((0.0, "foot_strike"), (STANCE_S, "foot_off"))
+WEIGHT_N, LENGTH_M, RATE_HZ = 700.0, 0.26, 100.0
+TIME = np.arange(800) / RATE_HZ
+BODY = SimpleNamespace(
+    mass=WEIGHT_N / 9.80665, lengths={"left_foot": LENGTH_M, "right_foot": LENGTH_M}
 )
+LEFT_BELT = np.array([[0.85, 0.5, 0], [0.85, 0, 0], [-0.85, 0, 0], [-0.85, 0.5, 0]])
+BELTS = np.stack([LEFT_BELT, LEFT_BELT - [0, 0.5, 0]])
+BOTH = np.tile([0, 1], (len(TIME), 1))
 
 
-def carried(plates, need=NEED, *, events=EVENTS, method="zero_phase"):
-    feet = {
-        f"{side}_foot": np.outer(plates[k], [0, 0, 1, 0, 0, 0])
-        for k, side in enumerate(("left", "right"))
-    }
-    return carried_frames(
-        TIME,
-        need,
-        plates,
-        weight_n=WEIGHT_N,
-        events=events,
-        feet=feet,
-        threshold_n=30.0,
-        cutoff_hz=6.0,
-        method=method,
-    )
+def stance(side, stride_s=1.1, share=0.6):
+    """Phase of a foot's step, below 1 in stance, (T,)."""
+    return np.mod(TIME / stride_s + 0.5 * side, 1) / share
 
 
-def scaled(side, step, share):
-    """The plates with another share of one step's load."""
-    start, stop = stances(EVENTS, side)[step]
-    plates = PLATES.copy()
-    inside = (start <= TIME) & (stop > TIME)
-    plates[("left", "right").index(side), inside] *= share
-    return plates, start, stop
+def walking(sideways_m=(0.25, -0.25), speed=1.2, stride_s=1.1, share=0.6):
+    """Places of pelvis, ankles and balls on belts, and the vertical load of each foot."""
+    places, loads = np.zeros((len(TIME), 5, 3)), []
+    places[:, 0, 2] = 0.9
+    for side in (0, 1):
+        phase = stance(side, stride_s, share)
+        on, swing = phase < 1, (phase - 1) * share / (1 - share)
+        way = speed * stride_s * share
+        forward = np.where(
+            on, way * (0.5 - phase), way * (swing - 0.5 - np.sin(2 * np.pi * swing) / 6)
+        )
+        lift = np.where(on, 0.0, 0.1 * np.sin(np.pi * np.clip(swing, 0, 1)))
+        for joint, ahead, up in ((1 + side, 0.0, 0.08), (3 + side, 0.13, 0.03)):
+            places[:, joint] = np.column_stack(
+                [forward + ahead, np.full(len(TIME), sideways_m[side]), lift + up]
+            )
+        loads.append(np.where(on, np.clip(np.minimum(phase, 1 - phase) * 8, 0, 1), 0.0))
+    total = np.maximum(np.sum(loads, axis=0), 1e-9)
+    return places, np.array([WEIGHT_N * load / total for load in loads])
 
 
-def test_walking_on_plates_is_carried_throughout():
-    assert carried(PLATES).all()
+def wrenches_of(places, loads):
+    """The plates' wrenches, each under the middle of its foot, (T, 2, 6)."""
+    wrenches = np.zeros((len(TIME), 2, 6))
+    for k in (0, 1):
+        middle = (places[:, 1 + k] + places[:, 3 + k]) / 2
+        force = np.column_stack([0 * loads[k], 0 * loads[k], loads[k]])
+        wrenches[:, k] = np.hstack([force, np.cross(middle * [1, 1, 0], force)])
+    return wrenches
 
 
-@given(
-    gains=st.tuples(st.floats(0.7, 1.3), st.floats(0.7, 1.3)),
-    mass=st.floats(0.9, 1.1),
-    noise=st.floats(0, 20),
-)
-def test_a_wrong_gain_or_mass_is_no_foot_beside_the_plates(gains, mass, noise):
-    """Their residual is real, and has to be shown."""
-    plates = PLATES * np.reshape(gains, (2, 1))
-    plates = plates + np.random.default_rng(0).normal(0, noise, plates.shape)
-    assert carried(plates, NEED * mass).all()
+def carried(places, loads, *, corners=BELTS, method="zero_phase", mass=1.0):
+    body = SimpleNamespace(mass=mass * BODY.mass, lengths=BODY.lengths)
+    need = np.full(len(TIME), mass * WEIGHT_N)
+    support = Support(body, corners, 30.0, 6.0, method)
+    wrenches = wrenches_of(places, loads)
+    return support.carried(support.feet(TIME, places), wrenches, BOTH, need, loads.sum(axis=0))
 
 
-@given(side=st.sampled_from(["left", "right"]), step=st.integers(1, 8), share=st.floats(0.0, 0.5))
-def test_a_step_beside_the_plates_or_half_on_them_does_not_count(side, step, share):
-    plates, start, stop = scaled(side, step, share)
-    valid = carried(plates)
-    missing = NEED - plates.sum(axis=0) > 0.5 * NEED
-    assert not valid[missing].any()
-    assert not valid[(start + 0.15 < TIME) & (stop - 0.15 > TIME)].any()
-    assert valid[(start - 0.5 > TIME) | (stop + 0.5 < TIME)].all()
+@pytest.mark.parametrize("mass", [0.8, 1.0, 1.25])
+@pytest.mark.parametrize("gain", [0.7, 1.0, 1.3])
+def test_walking_on_plates_is_carried_whatever_their_gain_and_the_mass(mass, gain):
+    places, loads = walking()
+    assert carried(places, gain * loads, mass=mass).all()
 
 
-def test_all_of_a_stance_goes_with_the_foot_that_no_plate_sees():
-    """Also its light ends, from strike to foot off, and as far as the low-pass reaches."""
-    plates, start, stop = scaled("right", 4, 0.0)
-    first, last = TIME[~carried(plates)][[0, -1]]
-    assert first == pytest.approx(start - 0.1, abs=0.02)
-    assert last == pytest.approx(stop + 0.1, abs=0.02)
+@pytest.mark.parametrize("aside_m", [0.25, 0.27])
+def test_a_step_half_beside_a_plate_is_not_carried_whatever_it_measures(aside_m):
+    """The sole is 10 cm wide; the outer edge of the belt is at 0.5 m."""
+    places, loads = walking()
+    step = (TIME > 3.0) & (TIME < 4.0)
+    places[step, 1, 1] += aside_m
+    places[step, 3, 1] += aside_m
+    for share in (0.0, 0.5, 1.0):
+        scaled = loads.copy()
+        scaled[0, step] *= share
+        for mass in (0.9, 1.0, 1.1):
+            valid = carried(places, scaled, mass=mass)
+            assert not valid[step & (loads[0] > 100)].any()
+            assert valid[(TIME < 2.6) | (TIME > 4.5)].all()
 
 
-def test_the_causal_filter_spreads_what_is_missing_into_later_frames_only():
-    plates, start, stop = scaled("right", 4, 0.0)
-    first, last = TIME[~carried(plates, method="realtime")][[0, -1]]
-    assert first == pytest.approx(start, abs=0.02)
-    assert last == pytest.approx(stop + 1 / 6, abs=0.02)
+def test_a_foot_on_a_plate_that_measures_nothing_is_not_carried():
+    places, loads = walking()
+    loads[1] = 0.0
+    assert not carried(places, loads)[(stance(1) < 1) & (TIME > 0.2)].any()
 
 
-def test_a_plate_that_begins_late_carries_nobody_before():
-    late = PLATES.copy()
-    late[:, TIME < 5.0] = 0.0
-    valid = carried(late)
-    assert not valid[TIME < 5.0].any()
-    assert valid[TIME > 5.7].all()
+RUNNING = {"speed": 3.0, "stride_s": 0.72, "share": 0.35}
 
 
-@pytest.mark.parametrize("events", [EVENTS, ()])
-def test_without_one_of_two_plates_no_whole_stride_counts(events):
-    valid = carried(PLATES * [[1], [0]], events=events)
-    for start in np.arange(0.1, 9.0, STRIDE_S):
-        assert np.mean(valid[(start <= TIME) & (start + STRIDE_S > TIME)]) < 0.5
+def runner(later_s=0.0):
+    """Places of a runner, and half sines of load whose mean is the body weight."""
+    places, _ = walking(**RUNNING)
+    peak_n = np.pi * WEIGHT_N / (4 * RUNNING["share"])
+    phase = [
+        np.mod((TIME - later_s) / RUNNING["stride_s"] + side / 2, 1) / RUNNING["share"]
+        for side in (0, 1)
+    ]
+    return places, np.array([peak_n * np.sin(np.pi * p) * (p < 1) for p in phase])
 
 
-def test_on_empty_plates_nobody_is_carried():
-    assert not carried(0 * PLATES, events=()).any()
+def carried_runner(loads, method="zero_phase"):
+    places, needed = runner()
+    need, measured = (low_pass(x.sum(axis=0), TIME, 6.0, method) for x in (needed, loads))
+    support = Support(BODY, BELTS, 30.0, 6.0, method)
+    feet, wrenches = support.feet(TIME, places), wrenches_of(places, loads)
+    return support.carried(feet, wrenches, BOTH, need, measured)
 
 
-def test_in_flight_there_is_nothing_to_carry():
-    """Running: each foot loads its plate for less than half of a stride."""
-    since = np.stack([np.mod(TIME - begin, STRIDE_S) for begin in BEGIN.values()])
-    plates = 2.5 * WEIGHT_N * np.clip(np.sin(np.pi * since / 0.4), 0, None) * (since < 0.4)
-    assert (plates.sum(axis=0) == 0).mean() > 0.2
-    assert carried(plates, plates.sum(axis=0), events=()).all()
+@pytest.mark.parametrize("method", ["zero_phase", "realtime"])
+@pytest.mark.parametrize("later_s", [0.0, 0.01, 0.02, 0.03, -0.02])
+def test_a_runner_on_plates_that_are_late_is_carried_throughout(later_s, method):
+    """The pressure of a late plate is where the foot is when it is measured."""
+    assert carried_runner(runner(later_s)[1], method=method)[20:-20].all()
 
 
-def test_frames_whose_need_is_unknown_are_not_judged():
-    need = np.where((TIME > 4) & (TIME < 5), np.nan, NEED)
-    assert carried(PLATES, need).all()
+@pytest.mark.parametrize("later_s", [0.0, 0.02])
+def test_a_step_that_no_plate_measures_does_not_count_in_running_either(later_s):
+    loads = runner(later_s)[1]
+    step = (TIME > 4 * 0.72 - 0.05) & (TIME < 4.5 * 0.72)
+    loads[0, step] = 0.0
+    valid = carried_runner(loads)
+    assert not valid[step & (runner()[1][0] > WEIGHT_N)].any()
+    assert valid[(TIME < 2.4) & (TIME > 0.2) | (TIME > 4.0) & (TIME < 7.8)].all()
+
+
+def test_a_foot_whose_plate_has_no_corners_stands_where_the_pressure_is():
+    places, loads = walking()
+    assert carried(places, loads, corners=np.full((2, 4, 3), np.nan)).all()
+
+
+def test_a_raised_foot_needs_no_plate():
+    """Standing on the left leg for as long as one likes."""
+    places, _ = walking()
+    places[:] = places[0]
+    places[:, [2, 4], 2] += 0.2
+    assert carried(places, np.array([np.full(len(TIME), WEIGHT_N), 0 * TIME])).all()
+
+
+def test_frame_by_frame_the_judgement_is_that_of_all_frames_at_once():
+    places, loads = walking()
+    loads[1, 300:500] = 0.0
+    whole = carried(places, loads, method="realtime")
+    support, wrenches = Support(BODY, BELTS, 30.0, 6.0, "realtime"), wrenches_of(places, loads)
+    need = np.full(1, WEIGHT_N)
+    one = [
+        support.carried(
+            support.feet(TIME[k : k + 1], places[k : k + 1]),
+            wrenches[k : k + 1],
+            BOTH[k : k + 1],
+            need,
+            loads[:, k : k + 1].sum(axis=0),
+        )[0]
+        for k in range(len(TIME))
+    ]
+    np.testing.assert_array_equal(one, whole)
+    assert 0.1 < np.mean(whole) < 1
