@@ -28,7 +28,8 @@ def summary(
     for variant, rms in monitor.condition.rms.items():
         limits = monitor.limits[variant]
         lines.append(
-            f"residuals {variant}, {monitor.condition.cycles} gait cycles: RMS {in_words(rms)}; "
+            f"residuals {variant}, {monitor.condition.cycles} gait cycles of both feet: "
+            f"RMS {in_words(rms)}; "
             f"peaks {limits.force_n:.0f} N (published limit {limits.max_force_n:.0f} N) and "
             f"{limits.moment_nm:.0f} N·m ({limits.max_moment_nm:.0f} N·m)"
         )
