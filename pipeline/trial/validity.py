@@ -158,12 +158,15 @@ def carried_notes(
     notes, known = [], np.isfinite(need + measured)
 
     def share(frames: Mask) -> float:
-        return float(measured[frames].sum() / need[frames].sum()) if frames.any() else np.nan
+        return float(measured[frames].sum() / need[frames].sum())
 
     if missing := int(np.count_nonzero(~validity.plates)):
-        percent = share(known & ~validity.plates)
+        unsupported = known & ~validity.plates
+        percent = f"{100 * share(unsupported):.0f} %" if unsupported.any() else "an unknown part"
         frames = len(validity.plates)
-        notes.append(Note.of("frames_not_carried", missing=missing, frames=frames, share=percent))
+        notes.append(
+            Note.of("frames_not_carried", missing=missing, frames=frames, measured=percent)
+        )
     counts = known & validity.counts
     long = max(1, round(STEP_S / float(np.median(np.diff(time)))))
     present, needed, found = (

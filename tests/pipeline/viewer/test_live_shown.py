@@ -9,7 +9,7 @@ import urllib.request
 from contextlib import contextmanager
 from ctypes.util import find_library
 from dataclasses import replace
-from itertools import cycle, islice
+from itertools import count, cycle, islice
 from pathlib import Path
 
 import numpy as np
@@ -231,9 +231,14 @@ def test_where_it_is_killed_the_view_says_so_and_the_rest_goes_on(trial, frames,
         processes = family(view)
         walk(view, frames, 20)
         processes[killed].kill()
-        for k in range(20):
-            view.show(replace(frames[k], time=1 + k / RATE_HZ))
-        wait_for(lambda: view.fault is not None)
+        number = count(20)
+
+        def noticed_while_frames_come():
+            k = next(number)
+            view.show(replace(frames[k % len(frames)], time=k / RATE_HZ))
+            return view.fault is not None
+
+        wait_for(noticed_while_frames_come)
         assert view.fault == (
             "the viewer was ended by SIGKILL"
             if killed
@@ -242,7 +247,8 @@ def test_where_it_is_killed_the_view_says_so_and_the_rest_goes_on(trial, frames,
         view.show_status("on")
         view.show_cycle("left", dict.fromkeys(trial.ground, np.zeros((101, 6))))
         view.show(frames[0])
-        wait_for(lambda: view.shown + view.left_out == 41)
+        shown = next(number) + 1
+        wait_for(lambda: view.shown + view.left_out == shown)
     wait_for(lambda: all(map(ended, processes)))
 
 
