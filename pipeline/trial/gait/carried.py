@@ -210,7 +210,12 @@ class Support:
         ground = self._ground(feet, of_foot)
         lacking = (need > MIN_NEED * self.weight_n) & (measured < MAX_LACKING * need)
         inside = np.all(_within(feet), axis=1)
-        judged = lacking | ~inside if self.method == "realtime" else np.ones(len(time), bool)
+        judged: Mask = np.asarray(lacking | ~inside)
+        if self.method == "zero_phase":
+            judged[:] = True
+        elif not judged.any():
+            self.supported_s = np.full((1, 3), time[-1])
+            return np.asarray(time - self.missing_s > self.reach_s[1] + ROUNDING_S)
         beside, standing = np.zeros(len(time), bool), np.zeros((len(time), 3), bool)
         if len(some := np.flatnonzero(judged)):
             these = Feet(*(getattr(feet, name)[some] for name in Feet.__slots__))
