@@ -19,7 +19,6 @@ from hbm.spatial import WRENCH_COMPONENTS, Array, read_only
 Kind = Literal["static", "dynamic"]
 Samples = Mapping[str, tuple[Array, Array]]
 """Plate -> what was felt, (N, K) [m/s²], and its wrench, (N, 6) [N, N·m], both without gaps."""
-ALLOWED: Final = MAX_LEFT
 MAX_SHARE: Final = 0.8
 """Of what the static model leaves, that a dynamic one may leave to be chosen: less is no clear gain
 for four times as many numbers."""
@@ -84,7 +83,7 @@ class Comparison:
     @property
     def worse(self) -> tuple[str, ...]:
         """Components that the dynamic model leaves clearly more of."""
-        limit = MAX_WORSE * np.maximum(self.static, NEGLIGIBLE_SHARE * ALLOWED)
+        limit = MAX_WORSE * np.maximum(self.static, NEGLIGIBLE_SHARE * MAX_LEFT)
         found = np.any(self.dynamic > limit, axis=(0, 1))
         return tuple(c for c, bad in zip(WRENCH_COMPONENTS, found, strict=True) if bad)
 
@@ -193,13 +192,13 @@ def weigh_beside(
     >>> weigh_beside([("empty", {"plate 1": rigid})], 3, 100.0)
     (1.0, '')
     """
+    if len(trials) == 1:
+        return 1.0, ""
     signal, plates = trials[0]
     of_plate = {
         name: [(one[name][0][:, :readings], one[name][1]) for _, one in trials if name in one]
         for name in plates
     }
-    if len(trials) == 1:
-        return 1.0, ""
 
     def left(samples: Sequence[tuple[Array, Array]], weight: float) -> Array:
         error, *_ = left_of_held_out(samples, readings, weight)
@@ -329,7 +328,7 @@ def choose_model(own: Sequence[Comparison], others: Sequence[Comparison] = ()) -
         if one.share > 1:
             return Choice("static", "static", f"{one.in_words()}: no gain")
     reason = "; ".join(one.in_words() for one in comparisons)
-    if all(np.all(one.static < NEGLIGIBLE_SHARE * ALLOWED) for one in comparisons):
+    if all(np.all(one.static < NEGLIGIBLE_SHARE * MAX_LEFT) for one in comparisons):
         return Choice("static", "static", f"{reason}: little")
     clear = MAX_SHARE_OF_OTHERS if others else MAX_SHARE
     if np.mean([one.share for one in comparisons]) > clear:
@@ -341,7 +340,7 @@ def choose_model(own: Sequence[Comparison], others: Sequence[Comparison] = ()) -
 
 def _size(left: Array) -> float:
     """Give the RMS of all that passes the calibration's filter, in units of what is allowed."""
-    return float(np.sqrt(np.mean((left[:, 0] / ALLOWED) ** 2)))
+    return float(np.sqrt(np.mean((left[:, 0] / MAX_LEFT) ** 2)))
 
 
 def _on(

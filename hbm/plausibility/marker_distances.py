@@ -57,10 +57,8 @@ def changed_distances(body: Body, markers: Markers) -> tuple[Note, ...]:
         ]
         changes = []
         for a, b in combinations(own, 2):
-            pair = markers.position[:, [markers.names.index(n) for n in (a, b)]]
-            in_trial = np.linalg.norm(pair[:, 0] - pair[:, 1], axis=-1)
-            if np.isfinite(in_trial).any():
-                change = float(np.nanmedian(in_trial)) - distance(on_body[a], on_body[b])
+            change = median_distance(markers, a, b) - distance(on_body[a], on_body[b])
+            if np.isfinite(change):
                 changes.append((f"{a}–{b}", change))
         changes = sorted(
             (c for c in changes if abs(c[1]) > MAX_DISTANCE_CHANGE_M), key=lambda c: -abs(c[1])
@@ -76,3 +74,12 @@ def changed_distances(body: Body, markers: Markers) -> tuple[Note, ...]:
                 )
             )
     return tuple(notes)
+
+
+def median_distance(markers: Markers, first: str, second: str) -> float:
+    """Give the median distance of two markers [m]; NaN where they are never seen together."""
+    if not {first, second} <= set(markers.names):
+        return float("nan")
+    ends = (markers.position[:, markers.names.index(name)] for name in (first, second))
+    apart = np.linalg.norm(np.subtract(*ends), axis=1)
+    return float(np.nanmedian(apart)) if np.isfinite(apart).any() else float("nan")

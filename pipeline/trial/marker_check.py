@@ -6,11 +6,10 @@ from typing import Final
 import numpy as np
 
 from hbm.body import Body
-from hbm.markers import Markers
 from hbm.notes import Note
 from hbm.plausibility.exchanged_labels import labels_exchanged
 from hbm.plausibility.exchanged_sides import sides_exchanged
-from hbm.plausibility.marker_distances import changed_distances
+from hbm.plausibility.marker_distances import changed_distances, median_distance
 from hbm.plausibility.repeated_positions import repeated_positions
 from pipeline.io.recording import Recording
 
@@ -90,7 +89,9 @@ def other_person(
     found = []
     for name, (sides, limit_m) in LENGTHS.items():
         labels = [[marked.get(end, "") for end in ends] for ends in sides]
-        lengths = [[_length(each.markers, *pair) for each in (pose, trial)] for pair in labels]
+        lengths = [
+            [median_distance(each.markers, *pair) for each in (pose, trial)] for pair in labels
+        ]
         there, here = min(lengths, key=lambda pair: _apart(*pair))
         if _apart(there, here) > limit_m and len({a > b for a, b in lengths}) == 1:
             found.append(f"{name} {1000 * there:.0f} mm there, {1000 * here:.0f} mm here")
@@ -99,15 +100,6 @@ def other_person(
         return tuple(notes)
     other = Note.of("static_of_another", file=pose.source.name, lengths=found, known_kg=known_kg)
     return (other, *(note for note in notes if note.code not in EXPLAINED))
-
-
-def _length(markers: Markers, start: str, end: str) -> float:
-    """Give the median distance of two markers [m]; NaN where one is never seen."""
-    if not {start, end} <= set(markers.names):
-        return float("nan")
-    ends = (markers.position[:, markers.names.index(name)] for name in (start, end))
-    apart = np.linalg.norm(np.subtract(*ends), axis=1)
-    return float(np.nanmedian(apart)) if np.isfinite(apart).any() else float("nan")
 
 
 def _apart(there: float, here: float) -> float:

@@ -7,10 +7,10 @@ from hbm.kernels.native import kernels
 from hbm.kernels.one_frame import OneFrameKernel
 from hbm.model import Body
 from hbm.spatial import Array, shift_wrench
+from pipeline.trial.gait.carried import PLACES
 from pipeline.trial.gait.contact import FEET
-from pipeline.trial.gait.events import SIDES
 
-PLACES = [0, *(MOVING.index(f"{side}_{part}") for part in ("foot", "toes") for side in SIDES)]
+OF_PLACES = [MOVING.index(segment) for segment in PLACES]
 
 
 class LiveDynamics:
@@ -42,7 +42,7 @@ class LiveDynamics:
     def places(self, q: Array) -> Array:
         """Give pelvis, ankles and balls, left before right, coordinates (46,) to (5, 3) [m]."""
         (poses,) = self.segment_poses(q)
-        return np.asarray(poses.reshape(len(MOVING), 4, 3)[PLACES, 3])
+        return np.asarray(poses.reshape(len(MOVING), 4, 3)[OF_PLACES, 3])
 
     def needed(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
         """Give what a motion needs where nothing but gravity acts, as `hbm.engines`.

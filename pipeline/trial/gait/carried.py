@@ -54,10 +54,13 @@ SPREAD_PERIODS: Final[Mapping[Method, tuple[float, float]]] = {
 into frames where it is: on a treadmill, a missing step leaves 2 N beyond them."""
 
 
+PLACES: Final = ("pelvis", *(f"{side}_{part}" for part in ("foot", "toes") for side in SIDES))
+"""Segments at whose proximal joints pelvis, ankles and balls are."""
+
+
 def places_of(body: Body, q: Array) -> Array:
     """Give pelvis, ankles and balls, left before right, coordinates (T, 46) to (T, 5, 3) [m]."""
-    names = ["pelvis", *(f"{side}_{part}" for part in ("foot", "toes") for side in SIDES)]
-    return joint_positions(body, q, names)
+    return joint_positions(body, q, PLACES)
 
 
 @dataclass(frozen=True, slots=True)
