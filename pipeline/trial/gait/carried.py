@@ -74,7 +74,7 @@ class Feet:
     velocity
         Of pelvis, ankles, balls and tips, (T, 7, 3) [m/s].
     sole
-        Its height, (T, 2) [m].
+        Height of each sole, (T, 2) [m].
     depth
         How far heel, tip, both sides of the ball and the middle are within each plate, (T, 2, 5, P)
         [m]; negative outside, NaN where the plate's place is unknown.
