@@ -21,12 +21,12 @@ from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated
 from pipeline.trial.ground.accelerometers import (
     accelerations,
+    belt_speed,
     find_accelerometers,
     stated_accelerometers,
 )
 from pipeline.trial.ground.belts import belt_axes
 from pipeline.trial.ground.empty_plates import read_empty
-from pipeline.trial.ground.instruments import belt_speed
 
 RATE_HZ: Final = 100.0
 """At which models are fitted and compared, as D-Flow's (van de Loosdrecht 2018, D.3.4)."""

@@ -13,8 +13,7 @@ from hbm.spatial import GRAVITY_MPS2, Array
 from pipeline.config.live import Live
 from pipeline.io.recording import Plate, Recording
 from pipeline.live.stream import Samples, StreamDescription
-from pipeline.trial.standing import MAX_STILL_EXTENT_M, median_extent
-from pipeline.trial.weighing import MIN_MASS_KG
+from pipeline.trial.subject import MAX_STILL_EXTENT_M, MIN_MASS_KG, median_extent
 
 POSE_S: Final = 1.2
 """A second of standing still, in which the body is built and weighed, and a little more."""

@@ -21,8 +21,7 @@ from pipeline.trial.ground.calibration_file import read_calibration
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.study_files import read_study_laboratory
-from pipeline.trial.subject_body import subject_body
-from pipeline.trial.weighing import body_mass
+from pipeline.trial.subject import body_mass, subject_body
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +96,7 @@ class Preparation:
         Raises
         ------
         ValueError
-            As `pipeline.trial.subject_body.subject_body`; or the mass is not known.
+            As `pipeline.trial.subject.subject_body`; or the mass is not known.
         """
         pose = pose or self.static
         if pose is None:

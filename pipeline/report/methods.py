@@ -19,7 +19,7 @@ from pipeline.run.load import Results
 from pipeline.run.provenance import engines_of
 from pipeline.statistics.design import Design
 from pipeline.statistics.headline import join_names
-from pipeline.trial.gait.perturbations import MIN_PLATFORM_SPEED_MPS
+from pipeline.trial.gait.cycles import MIN_PLATFORM_SPEED_MPS
 from pipeline.trial.quality import settling_s
 from pipeline.trial.summary import TrialSummary
 

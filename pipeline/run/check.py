@@ -20,10 +20,9 @@ from pipeline.config.toml_file import read_segments
 from pipeline.io.read import preview_recording
 from pipeline.io.recording import Preview, Recording
 from pipeline.trial.gait.contact import require_contacts
-from pipeline.trial.gait.cycle_shortage import cycle_shortage
 from pipeline.trial.gait.cycles import found_cycles
 from pipeline.trial.gait.events import SIDES, gait_events
-from pipeline.trial.ground.accelerometers import accelerations
+from pipeline.trial.ground.accelerometers import accelerations, fastest_belt, mean_belt_speed
 from pipeline.trial.ground.belt_calibration import belts_alone, read_belts, roller_notes
 from pipeline.trial.ground.calibration_check import read_check
 from pipeline.trial.ground.calibration_file import read_calibration
@@ -34,9 +33,8 @@ from pipeline.trial.ground.platform import platform_pose
 from pipeline.trial.ground.uncertainty import belt_speed_notes
 from pipeline.trial.quality import settling_s
 from pipeline.trial.study_files import labels_in_none, read_study_file, read_study_plates
-from pipeline.trial.subject_body import subject_body
-from pipeline.trial.weighing import body_mass, differing_masses
-from pipeline.trial.window import NO_POSE, counted_span
+from pipeline.trial.subject import body_mass, differing_masses, subject_body
+from pipeline.trial.window import NO_POSE, counted_span, cycle_shortage
 
 MIN_CYCLE_S: Final = 0.8
 """Gait cycle of fast walking: a recording cannot hold more cycles than of this duration."""
@@ -405,7 +403,10 @@ def _check_ground(
         if readings is not None:
             found.attempt(name, lambda: plate_models(recording, laboratory))
             of_belts = found.attempt(
-                name, lambda: belt_speed_notes(recording, treadmill, calibration)
+                name,
+                lambda: belt_speed_notes(
+                    mean_belt_speed(fastest_belt(recording, treadmill)), calibration
+                ),
             )
             found.notes(name, of_belts or ())
     time, platform = recording.markers.time, treadmill.platform

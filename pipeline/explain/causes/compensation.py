@@ -15,8 +15,9 @@ from hbm.spatial import WRENCH_COMPONENTS, Array, shift_wrench
 from pipeline.explain.cause import Cause
 from pipeline.explain.causes.delay import delayed
 from pipeline.explain.priors import Prior, priors
-from pipeline.explain.processing_chain import ProcessingChain, wrenches_in_lab
+from pipeline.explain.processing_chain import ProcessingChain
 from pipeline.explain.subtracted import Subtracted
+from pipeline.trial.ground.platform import in_lab
 
 SHARE: Final = 0.95
 MOST: Final = 12
@@ -165,8 +166,8 @@ def _to_residual(chain: ProcessingChain, plate: int) -> Array:
     columns = []
     for unit in np.eye(6):
         alone = np.tile(unit, (frames, 1))
-        (in_lab,) = wrenches_in_lab([alone], [chain.plates[plate]], chain.pose)
-        columns.append(shift_wrench(in_lab, chain.motion.value[:, :3]))
+        (moved,) = in_lab([alone], [chain.plates[plate]], chain.pose)
+        columns.append(shift_wrench(moved, chain.motion.value[:, :3]))
     return np.stack(columns, axis=2)
 
 

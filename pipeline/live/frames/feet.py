@@ -3,7 +3,7 @@
 import numpy as np
 
 from hbm.spatial import Array
-from pipeline.trial.gait.pressure import pressure_beside
+from pipeline.trial.gait.contact import pressure_beside
 
 
 class LiveFeet:

@@ -9,8 +9,8 @@ import numpy as np
 
 from hbm.notes import Note
 from hbm.spatial import GRAVITY_MPS2, Array
-from pipeline.trial.plate_check import COMPONENTS, MAX_REST_N, MAX_REST_SHARE, REST_SPREAD_N
-from pipeline.trial.standing import TENTH_S
+from pipeline.trial.checks import COMPONENTS, MAX_REST_N, MAX_REST_SHARE, REST_SPREAD_N
+from pipeline.trial.subject import TENTH_S
 
 KEPT_S: Final = 300.0
 """Over which drift is looked for."""

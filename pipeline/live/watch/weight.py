@@ -7,7 +7,7 @@ import numpy as np
 from hbm.notes import Note
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.live.watch.cycles import LiveCycle
-from pipeline.trial.weighing import differing_masses
+from pipeline.trial.subject import differing_masses
 
 JUDGED: Final = 5
 """Strides of either foot between judgements: some three seconds."""
@@ -25,7 +25,7 @@ class WeightWatch:
     -----
     Over a whole stride a body gains no vertical speed, so that the mean vertical force is its
     weight. The median of five strides, on which one step beside a plate has no effect, is compared
-    with the body mass as trials compare it (`pipeline.trial.weighing.differing_masses`). What two
+    with the body mass as trials compare it (`pipeline.trial.subject.differing_masses`). What two
     such judgements in a row say counts, with the value of the second, in which nothing is left of
     what was before. Strides with frames that do not count are left out.
 

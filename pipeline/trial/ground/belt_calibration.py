@@ -17,7 +17,7 @@ from pipeline.config.schema import Belt, Treadmill
 from pipeline.io.input_file import last_written, naming
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated
-from pipeline.trial.ground.artefacts import plate_artefacts
+from pipeline.trial.ground.accelerometers import belt_speed
 from pipeline.trial.ground.belts import (
     MODEL_RATE_HZ,
     belt_accelerations,
@@ -27,8 +27,8 @@ from pipeline.trial.ground.belts import (
 from pipeline.trial.ground.calibration_check import FAULTS
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.empty_plates import FILTER, read_empty
-from pipeline.trial.ground.instruments import belt_speed
 from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.ground.wrenches import plate_artefacts
 
 FILTER_EDGE_S: Final = 0.5
 """Left out at both ends of the calibration, where the low-pass has no neighbours."""

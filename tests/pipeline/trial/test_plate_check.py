@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from tests.pipeline.trial.standing import WEIGHT_N, late, standing
 
 from hbm.signals.resampling import resample
-from pipeline.trial.plate_check import check_plates, rest_level
-from tests.pipeline.trial.standing import WEIGHT_N, late, standing
+from pipeline.trial.checks import check_plates, rest_level
 
 MASS_KG = 80.0
 SWING = 0.38

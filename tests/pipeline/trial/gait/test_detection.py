@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.recording import Event
 from pipeline.trial.gait import detection
-from pipeline.trial.gait.detection import combined_events
-from pipeline.trial.gait.foot_motion_events import FootMotion
+from pipeline.trial.gait.detection import FootMotion, combined_events
 from pipeline.trial.process import process_recording
 
 KINDS = [(label, side) for label in ("foot_strike", "foot_off") for side in ("left", "right")]
@@ -106,14 +105,14 @@ CODES = {
 @pytest.fixture(scope="module")
 def sources(walker):
     """What the events of a walk can be found from; the file has some of its own."""
-    given = {}
+    given, detect_events = {}, detection.detect_events
 
     def spy(sources, wanted):
         given["sources"] = sources
-        return detection.detect_events(sources, wanted)
+        return detect_events(sources, wanted)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pipeline.trial.process.detect_events", spy)
+        patch.setattr("pipeline.trial.gait.detection.detect_events", spy)
         given["result"] = process_recording(walker, Subject(sex="male"), Settings())
     return given["sources"], given["result"]
 
