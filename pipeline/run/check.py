@@ -23,11 +23,10 @@ from pipeline.trial.gait.contact import require_contacts
 from pipeline.trial.gait.cycles import found_cycles
 from pipeline.trial.gait.events import SIDES, gait_events
 from pipeline.trial.ground.accelerometers import accelerations, fastest_belt, mean_belt_speed
-from pipeline.trial.ground.belt_calibration import belts_alone, read_belts, roller_notes
+from pipeline.trial.ground.belt_calibration import read_belts
 from pipeline.trial.ground.calibration_check import read_check
 from pipeline.trial.ground.calibration_file import read_calibration
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
-from pipeline.trial.ground.empty_plates import read_empty
 from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_uncompensated
 from pipeline.trial.ground.platform import platform_pose
 from pipeline.trial.ground.uncertainty import belt_speed_notes
@@ -177,17 +176,14 @@ def _check_laboratory(study: Study, found: _Collector) -> Laboratory:
 
 
 def _check_belts(study: Study, laboratory: Laboratory, found: _Collector) -> None:
-    """Check the calibration of the belts, if one is stated, and look for unbalanced rollers."""
+    """Check the calibration of the belts, if one is stated."""
     belt = laboratory.treadmill.belt
     if belt is None:
         return
     path = study.path(belt.calibration)
     read = found.attempt(path.name, lambda: read_belts(path, laboratory, study.stated))
     if read is not None:
-        models, notes = read
-        empty = read_empty(path, study.stated, any_forward=laboratory.plates is None)
-        alone, _ = belts_alone(empty, laboratory)
-        found.notes(path.name, (*notes, *roller_notes(alone, models, belt)))
+        found.notes(path.name, read[1])
 
 
 def _check_trial(

@@ -290,11 +290,9 @@ MAX_TOTAL_REST_N: Final = 20.0
 """Of all plates together: 3 % of the weight of a light adult."""
 
 COMPONENTS: Final = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
-NOTED_REST: Final = np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
-"""Of an unloaded plate, moments about its centre [N, N·m]: what a reader of residuals should know;
-real plates, zeroed before the session, read up to a few times as much."""
 MAX_REST: Final = np.array([10.0, 10.0, np.inf, 5.0, 5.0, 5.0])
-"""The same that is a fault; the vertical force is judged by itself."""
+"""Of an unloaded plate, moments about its centre [N, N·m]; real plates, zeroed before the session,
+read a few newtons. The vertical force is judged by itself."""
 MAX_HELD_S: Final = 0.005
 MIN_BESIDE: Final = 0.05
 """Of a component's largest value, on both sides of samples that are exactly zero for so short a
@@ -333,7 +331,7 @@ def check_plates(
         ``plates_apart`` where the plates cover less than 0.9 of the markers' time;
         ``plates_not_zeroed`` where an unloaded plate reads more than 10 N either way, or all
         together more than 20 N; ``plate_components_not_zeroed`` where another component is more
-        than 10 N or 5 N·m from zero then, and ``plate_rest`` where any is more than 1 N or 0.5 N·m;
+        than 10 N or 5 N·m from zero then;
         ``load_jumps`` where their total changes by a fifth of the body weight while the subject
         stands still.
     """
@@ -370,12 +368,11 @@ def _at_rest(
         means = tenths(shift_wrench(wrench, plate.center), time, *common_tenths(time))
         at_rest = np.abs(means[:, 2] - level) <= REST_SPREAD_N / 2
         usual = np.median(means[at_rest], axis=0) if at_rest.any() else np.zeros(6)
-        for code, limit in (("plate_components_not_zeroed", MAX_REST), ("plate_rest", NOTED_REST)):
-            far = np.abs(usual) > limit
-            if far.any():
-                components = {COMPONENTS[k]: usual[k] for k in np.flatnonzero(far)}
-                notes.append(Note.of(code, plate=plate.number, components=components))
-                break
+        far = np.abs(usual) > MAX_REST
+        if far.any():
+            components = {COMPONENTS[k]: usual[k] for k in np.flatnonzero(far)}
+            named = {"plate": plate.number, "components": components}
+            notes.append(Note.of("plate_components_not_zeroed", **named))
     return tuple(notes)
 
 

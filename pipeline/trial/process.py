@@ -2,26 +2,36 @@
 
 from collections.abc import Mapping, Sequence
 
+from hbm.body import Body
 from hbm.engines.choice import choose_engine
 from hbm.markers import MarkerSet, recognise_marker_set
 from hbm.notes import Note
 from hbm.overrides import SegmentOverride
 from hbm.plausibility.body import implausible
+from hbm.spatial import GRAVITY_MPS2, Indices
 from pipeline.config.schema import Condition, PlateContact, Settings, Subject, Treadmill
 from pipeline.config.study import Study
 from pipeline.config.toml_file import read_segments
-from pipeline.io.recording import Recording
+from pipeline.io.recording import Event, Recording
 from pipeline.trial.checks import check_markers, check_motion, check_plates, other_person
 from pipeline.trial.gait.contact import contact_notes
 from pipeline.trial.gait.cycles import found_cycles
-from pipeline.trial.gait.detection import trial_events
+from pipeline.trial.gait.detection import EventSources, detect_events, foot_motion
+from pipeline.trial.gait.events import (
+    TIMED_BY_PLATES,
+    agreement_with_plates,
+    check_events,
+    reference_events,
+)
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
-from pipeline.trial.ground.laboratory import Laboratory, bind
+from pipeline.trial.ground.laboratory import BoundLaboratory, Laboratory, bind
 from pipeline.trial.ground.uncertainty import uncertainty_notes
-from pipeline.trial.ground.wrenches import ground_wrenches
-from pipeline.trial.quality import carried_notes, free_of, settling_s
+from pipeline.trial.ground.wrenches import Ground, ground_wrenches, plate_loads
+from pipeline.trial.quality import NO_SUPPORT, carried_notes, free_of, settling_s
 from pipeline.trial.result import PlateSurface, TrialResult
 from pipeline.trial.stages import (
+    Loads,
+    Pose,
     dynamics_under_feet,
     frame_quality,
     known_forces,
@@ -159,7 +169,7 @@ def process_recording(
     notes += carried_notes(quality, motion.time, loads.need, loads.measured)
 
     # gait: events, the cycles that count, and the delay that the residuals show
-    events = trial_events(lab, body, pose, ground, loads, quality, notes, settings)
+    events = _events(lab, body, pose, ground, loads, quality, notes, settings)
     counted = what_counts(
         recording,
         events,
@@ -305,3 +315,35 @@ def _require_plates(recording: Recording) -> None:
             f"{recording.source.name}: {recording.why_no_plates}; residuals need the ground "
             "reaction wrench (FORCE_PLATFORM group, or a second file with forces)"
         )
+
+
+def _events(
+    lab: BoundLaboratory,
+    body: Body,
+    pose: Pose,
+    ground: Ground,
+    loads: Loads,
+    quality: Indices,
+    notes: list[Note],
+    settings: Settings,
+) -> tuple[Event, ...]:
+    """Give a trial's gait events by the method of the settings; checks of them are noted."""
+    time, threshold_n, feet = pose.motion.time, settings.contact_threshold_n, loads.shared.by_foot
+    sources = EventSources(
+        lab.recording.events,
+        pose.markers,
+        body.marker_set,
+        foot_motion(body, time, pose.solved.q, ground.pose),
+        loads.shared.contacts,
+        plate_loads(lab),
+        body.mass * GRAVITY_MPS2,
+    )
+    events, method, note = detect_events(sources, settings.events)
+    carried = free_of(quality, NO_SUPPORT)
+    reference = reference_events(
+        feet, time, threshold_n, pose.markers, body.marker_set, carried, method
+    )
+    notes += (note, *check_events(events, reference))
+    if method not in TIMED_BY_PLATES:
+        notes += agreement_with_plates(events, feet, time, threshold_n)
+    return events

@@ -16,8 +16,8 @@ from hbm.notes import Note
 from hbm.poses import joint_positions
 from hbm.signals.filtering import butterworth, low_pass
 from hbm.signals.samples import median_of, stretches
-from hbm.spatial import GRAVITY_MPS2, Array, Indices
-from pipeline.config.schema import EventMethod, Settings
+from hbm.spatial import Array
+from pipeline.config.schema import EventMethod
 from pipeline.io.recording import Event
 from pipeline.trial.gait.contact import FEET, MIN_STANCE_S, Contact, Foot
 from pipeline.trial.gait.events import (
@@ -26,20 +26,13 @@ from pipeline.trial.gait.events import (
     MIN_STRIDE_S,
     NONE_IN_FILE,
     SIDES,
-    TIMED_BY_PLATES,
-    agreement_with_plates,
-    check_events,
     event_times,
     has_strides,
     in_order,
     match_times,
-    reference_events,
     zeni_events,
 )
-from pipeline.trial.ground.laboratory import BoundLaboratory
-from pipeline.trial.ground.wrenches import Ground, PlateLoad, plate_loads
-from pipeline.trial.quality import NO_SUPPORT, free_of
-from pipeline.trial.stages import Loads, Pose
+from pipeline.trial.ground.wrenches import PlateLoad
 
 TURN_CUTOFF_HZ: Final = 6.0
 """For when a foot swings forward and back: gait is below it."""
@@ -416,38 +409,6 @@ class EventSources:
     contacts: tuple[Contact, ...]
     loads: tuple[PlateLoad, ...]
     weight_n: float
-
-
-def trial_events(
-    lab: BoundLaboratory,
-    body: Body,
-    pose: Pose,
-    ground: Ground,
-    loads: Loads,
-    quality: Indices,
-    notes: list[Note],
-    settings: Settings,
-) -> tuple[Event, ...]:
-    """Give a trial's gait events by the method of the settings; checks of them are noted."""
-    time, threshold_n, feet = pose.motion.time, settings.contact_threshold_n, loads.shared.by_foot
-    sources = EventSources(
-        lab.recording.events,
-        pose.markers,
-        body.marker_set,
-        foot_motion(body, time, pose.solved.q, ground.pose),
-        loads.shared.contacts,
-        plate_loads(lab),
-        body.mass * GRAVITY_MPS2,
-    )
-    events, method, note = detect_events(sources, settings.events)
-    carried = free_of(quality, NO_SUPPORT)
-    reference = reference_events(
-        feet, time, threshold_n, pose.markers, body.marker_set, carried, method
-    )
-    notes += (note, *check_events(events, reference))
-    if method not in TIMED_BY_PLATES:
-        notes += agreement_with_plates(events, feet, time, threshold_n)
-    return events
 
 
 def detect_events(

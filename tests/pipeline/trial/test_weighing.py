@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.pipeline.trial.standing import WEIGHT_N, late, standing, without_plates
 
 from hbm.notes import Note
 from pipeline.config.schema import Subject
 from pipeline.trial.subject import body_mass, carried_mass, differing_masses
+from tests.pipeline.trial.standing import WEIGHT_N, late, standing, without_plates
 
 NOBODY = Subject()
 STATED = Subject(mass_kg=70.0)

@@ -105,14 +105,14 @@ CODES = {
 @pytest.fixture(scope="module")
 def sources(walker):
     """What the events of a walk can be found from; the file has some of its own."""
-    given, detect_events = {}, detection.detect_events
+    given = {}
 
     def spy(sources, wanted):
         given["sources"] = sources
-        return detect_events(sources, wanted)
+        return detection.detect_events(sources, wanted)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pipeline.trial.gait.detection.detect_events", spy)
+        patch.setattr("pipeline.trial.process.detect_events", spy)
         given["result"] = process_recording(walker, Subject(sex="male"), Settings())
     return given["sources"], given["result"]
 

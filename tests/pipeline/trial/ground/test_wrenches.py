@@ -89,7 +89,7 @@ def test_the_platforms_pose_applies_to_the_measured_plates_too(walker, motions, 
 def test_a_commanded_pose_gives_the_wrenches_that_markers_give(walker, calibration, motions):
     recording = lab.on_platform(walker, motions["both"])
     treadmill = TREADMILL.model_copy(update={"platform": COMMANDED})
-    found, ground, found_notes = filtered_total(recording, Laboratory(treadmill, calibration))
+    found, _, found_notes = filtered_total(recording, Laboratory(treadmill, calibration))
     assert (error(found["compensated"], truth(walker)) < [2, 2, 2, 1, 1, 1]).all()
     notes = {note.code: note for note in found_notes}
     commanded, budget = notes["platform_pose_commanded"], notes["pivot_error_budget"]
@@ -139,7 +139,7 @@ def test_an_empty_plate_keeps_only_what_the_fit_itself_could_not_explain():
 
 
 def test_the_note_on_compensation_names_its_filter(walker, calibration, motions):
-    _, ground, found_notes = filtered_total(
+    *_, found_notes = filtered_total(
         lab.on_platform(walker, motions["sway"]), Laboratory(TREADMILL, calibration)
     )
     (note,) = (note for note in found_notes if note.code == "plates_compensated")
@@ -151,7 +151,7 @@ def test_clipping_is_judged_by_the_stated_range(walker, calibration, motions):
     clipped = {}
     for range_g in (1.05, 2.0):
         treadmill = TREADMILL.model_copy(update={"accelerometer_range_g": range_g})
-        _, ground, found_notes = filtered_total(recording, Laboratory(treadmill, calibration))
+        *_, found_notes = filtered_total(recording, Laboratory(treadmill, calibration))
         clipped[range_g] = [n for n in found_notes if n.code == "accelerometer_clipped"]
     assert clipped[2.0] == []
     assert clipped[1.05]
@@ -201,7 +201,7 @@ def test_accelerometers_that_lag_the_plates_are_aligned_in_calibration_and_trial
     calibration = fit_calibration(empty, treadmill)
     for sensor in calibration.sensors:
         assert abs(sensor.delay_s - 0.025) <= 1.96 * sensor.delay_error_s
-    found, ground, found_notes = filtered_total(recording, Laboratory(treadmill, calibration))
+    found, _, found_notes = filtered_total(recording, Laboratory(treadmill, calibration))
     assert (error(found["compensated"], truth(walker)) < limit).all()
     assert "accelerometers_corrected" in [note.code for note in found_notes]
     unaware = TREADMILL.model_copy(update={"accelerometer_delay_s": 0.0})
