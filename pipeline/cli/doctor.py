@@ -55,11 +55,16 @@ def engine_report(engine: "EngineName") -> str:
     """Say how fast an engine runs and how well the other one agrees, or why it does not run."""
     import numpy as np
 
+    from hbm.body import build_body
     from hbm.dynamics import inverse_dynamics
-    from pipeline.virtual_lab.analysis.true_body import true_body
-    from pipeline.virtual_lab.person.subject import Person, make_subject
+    from hbm.markers import Markers
+    from pipeline.virtual_lab.person.subject import Person, make_subject, t_pose_markers
 
-    body, motion = true_body(make_subject(Person())), random_motion()
+    subject = make_subject(Person())
+    standing = t_pose_markers(subject)[None].repeat(3, axis=0)
+    markers = Markers(np.arange(3.0), subject.skeleton.markers, standing)
+    body = build_body(markers, mass=subject.person.mass_kg, sex=subject.person.sex)
+    motion = random_motion()
     feet = dict.fromkeys(("left_foot", "right_foot"), np.ones((FRAMES, 6)))
     seconds = []
     try:

@@ -14,6 +14,7 @@ from pipeline.virtual_lab.faults import BodyFaults, Faults
 from pipeline.virtual_lab.person.anatomy import Proportions, t_pose
 from pipeline.virtual_lab.person.body.extra_joints import ExtraJoints, draw_extra_joints
 from pipeline.virtual_lab.person.body.inertias import inertias_of, navel_share
+from pipeline.virtual_lab.person.body.kinematics import marker_positions
 from pipeline.virtual_lab.person.body.posture import axes_of, offsets_of
 from pipeline.virtual_lab.person.body.same_body import locate
 from pipeline.virtual_lab.person.body.skeleton import Skeleton
@@ -206,6 +207,13 @@ def make_subject(
         step_parameters,
         style,
     )
+
+
+def t_pose_markers(subject: VirtualSubject) -> Array:
+    """Give a person's markers in the T-pose, (M, 3) [m]."""
+    still = np.zeros(1)
+    q = subject.extra_joints.extend(subject.t_pose[:, None], still, still)
+    return np.asarray(marker_positions(subject.skeleton, q)[0])
 
 
 def _body(

@@ -7,11 +7,11 @@ from hbm.body import build_body
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers, marker_sets
 from hbm.segments import SEXES
-from pipeline.virtual_lab.analysis.true_body import t_pose_markers, true_body
 from pipeline.virtual_lab.faults import BodyFaults, Faults
 from pipeline.virtual_lab.person.anatomy import Proportions, t_pose
 from pipeline.virtual_lab.person.subject import Person, make_subject
 from pipeline.virtual_lab.protocol.walking_protocol import PERSONS
+from tests.validation.true_body import t_pose_markers, true_body
 
 NAMES = tuple(marker_sets()["hbm2"].segment)
 

@@ -1,27 +1,46 @@
-"""What each fault of a laboratory adds to each residual, one fault at a time."""
+"""What each fault of a laboratory adds to each residual, one fault at a time (docs/ablation.md).
+
+Everything but the fault is known without error: the body, the platform's pose, and the treadmill's
+own wrench, unless the case states otherwise.
+"""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import product
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
-from joblib import delayed
+from joblib import delayed as task
 
-from compensation import InertiaModel
+from compensation import InertiaModel, PlatformPose, commanded_pose, fit_inertia, to_lab
 from compensation.signals.protocol import DURATIONS_S, PLATFORM_KINDS
-from hbm.kernels.native import kernels
-from hbm.spatial import Array, Mask
-from hbm.spelling import did_you_mean
+from hbm.body import build_body
+from hbm.dynamics import filter_motion, inverse_dynamics
+from hbm.kinematics import solve_ik
+from hbm.signals.filtering import Method, butterworth, low_pass
+from hbm.signals.resampling import resample
+from hbm.spatial import Array, Mask, shift_wrench, transform_wrench
+from pipeline.io.recording import Recording
+from pipeline.io.units import acceleration_in_mps2
 from pipeline.run.processes import in_processes
 from pipeline.trial.residuals import AXES, UNITS
-from pipeline.virtual_lab.analysis.idealised_processing import Case, fit_models, residual_of
 from pipeline.virtual_lab.faults import BodyFaults, Faults
-from pipeline.virtual_lab.machine.instruments.sampling import SAMPLES_PER_FRAME
+from pipeline.virtual_lab.machine.instruments.force_plate import misplaced
+from pipeline.virtual_lab.machine.instruments.sampling import ANALOG_HZ, SAMPLES_PER_FRAME, delayed
 from pipeline.virtual_lab.machine.treadmill import Machine, TreadmillMotion
+from pipeline.virtual_lab.machine.vibration import Response
 from pipeline.virtual_lab.person.walk import Walk
-from pipeline.virtual_lab.protocol.instrumented_treadmill import make_treadmill
+from pipeline.virtual_lab.protocol.instrumented_treadmill import (
+    PITCH_CHANNEL,
+    SWAY_CHANNEL,
+    InstrumentedTreadmill,
+    make_treadmill,
+    person_loads,
+    record,
+    undergo,
+)
 from pipeline.virtual_lab.protocol.walking_protocol import (
     ANALYSED_CONDITIONS,
     ONSET_PHASE,
@@ -30,8 +49,143 @@ from pipeline.virtual_lab.protocol.walking_protocol import (
     Protocol,
     Setting,
 )
-from pipeline.virtual_lab.protocol.walking_study import ProgressCallback
 from pipeline.virtual_lab.protocol.walking_trial import run_calibration, run_walk, study_subject
+from tests.validation.true_body import true_body
+
+FIT_CUTOFF_HZ: Final = 20.0
+"""Low-pass before a calibration is fitted: the thesis'."""
+T_POSE_S: Final = (0.0, 1.0)
+"""When the subject stands in the T-pose, within `Protocol.standing_s`."""
+Removal = Literal["known", "none", "calibrated"]
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """The faults of a laboratory, and what its processing knows without error.
+
+    Attributes
+    ----------
+    faults
+        Of body and instruments.
+    cutoff_hz, method
+        The filter.
+    body_from_markers
+        Whether the body is built from the recorded markers of the T-pose; else it is the true one
+        (`true_body`).
+    pose_from_channels
+        Whether the platform's pose is taken from its channels; else it is the true one.
+    removal
+        How the treadmill's own wrench is removed from the plates: its true value is subtracted,
+        it is not removed, or it is compensated by a calibrated model.
+    calibration
+        Signal that the model is calibrated on; None for the protocol's.
+    """
+
+    faults: Faults = field(default_factory=Faults.none)
+    cutoff_hz: float = 6.0
+    method: Method = "zero_phase"
+    body_from_markers: bool = False
+    pose_from_channels: bool = False
+    removal: Removal = "known"
+    calibration: str | None = None
+
+
+def residual_of(
+    case: Case,
+    walk: Walk,
+    motion: TreadmillMotion,
+    treadmill: InstrumentedTreadmill,
+    rng: np.random.Generator,
+    models: tuple[InertiaModel, ...] = (),
+) -> Array:
+    """Record a walk with a case's instruments, process it, and give the residual, (T, 6) [N, N·m].
+
+    In lab axes about mid-hip, at the markers' times; ``models`` are one per plate, if the removal
+    is "calibrated".
+    """
+    response = undergo(treadmill, motion, rng.spawn(1)[0], person_loads(walk, motion.time))
+    recording = record(treadmill, motion, walk, "trial.c3d", rng, response)
+    time, person = recording.markers.time, walk.subject.person
+    body = true_body(walk.subject)
+    if case.body_from_markers:
+        body = build_body(
+            recording.markers,
+            mass=person.mass_kg,
+            sex=person.sex,
+            height_m=person.height_m,
+            marker_set=walk.subject.marker_set,
+            window_s=T_POSE_S,
+        )
+    filtered = filter_motion(
+        solve_ik(body, recording.markers), cutoff=case.cutoff_hz, method=case.method
+    )
+    pose = _pose(case, motion, recording)
+    plates = _without_treadmill(case, treadmill, response, recording, models)
+    ground = {
+        f"{side}_foot": butterworth(to_lab(wrench, pose), time, case.cutoff_hz, case.method).value
+        for side, wrench in zip(("left", "right"), plates, strict=True)
+    }
+    return inverse_dynamics(body, filtered, ground).residual
+
+
+def fit_models(treadmill: InstrumentedTreadmill, recording: Recording) -> tuple[InertiaModel, ...]:
+    """Calibrate both plates on a recording of the empty, moving treadmill."""
+    acceleration, *wrenches = (
+        low_pass(signal, ANALOG_HZ, FIT_CUTOFF_HZ, "zero_phase")
+        for signal in (
+            _accelerations(treadmill, recording),
+            *(plate.wrench_in_plate for plate in recording.plates),
+        )
+    )
+    return tuple(fit_inertia(acceleration, wrench) for wrench in wrenches)
+
+
+def _pose(case: Case, motion: TreadmillMotion, recording: Recording) -> PlatformPose:
+    true = motion.platform.pose
+    if not case.pose_from_channels:
+        return PlatformPose(true.rotation[::SAMPLES_PER_FRAME], true.position[::SAMPLES_PER_FRAME])
+    assert recording.analog is not None
+    sway, pitch = (
+        recording.analog.channel(name)[::SAMPLES_PER_FRAME]
+        for name in (SWAY_CHANNEL, PITCH_CHANNEL)
+    )
+    stated = motion.platform.pivot + np.array([0.0, 0.0, case.faults.platform.pivot_error_m])
+    return commanded_pose(sway / 1000, np.radians(pitch), stated)
+
+
+def _without_treadmill(
+    case: Case,
+    treadmill: InstrumentedTreadmill,
+    response: Response,
+    recording: Recording,
+    models: tuple[InertiaModel, ...],
+) -> list[Array]:
+    """Give the plates' wrenches in the platform frame about its origin at the markers' times."""
+    time = recording.markers.time
+    own = [resample(p.time, p.wrench_in_plate, time) for p in recording.plates]
+    if case.removal == "calibrated":
+        clock = recording.plates[0].time
+        acceleration = resample(clock, _accelerations(treadmill, recording), time)
+        own = [m.compensate(acceleration, wrench) for m, wrench in zip(models, own, strict=True)]
+    elif case.removal == "known":
+        faults = case.faults.plates
+        known = response.artefacts
+        for k, plate in enumerate(recording.plates):
+            late = misplaced(delayed(known[k], faults.delays_s[k], plate.time), faults)
+            own[k] -= resample(plate.time, shift_wrench(late, plate.center), time)
+    return [
+        transform_wrench(wrench, plate.rotation, plate.center)
+        for wrench, plate in zip(own, recording.plates, strict=True)
+    ]
+
+
+def _accelerations(treadmill: InstrumentedTreadmill, recording: Recording) -> Array:
+    """Give the accelerometers' channels, (N, 3 per sensor) [m/s²]."""
+    assert recording.analog is not None
+    names = [f"{sensor.name}.{axis}" for sensor in treadmill.sensors for axis in "XYZ"]
+    in_g = np.column_stack([recording.analog.channel(name) for name in names])
+    return acceleration_in_mps2("g") * in_g
+
 
 TRANSPARENT_HZ: Final = 30.0
 """Cut-off frequency that passes all of walking: what it leaves is below 0.1 N."""
@@ -186,66 +340,33 @@ def ablation(
     setting: Setting | None = None,
     subjects: int = 3,
     names: Sequence[str] | None = None,
-    progress: ProgressCallback | None = None,
     jobs: int = 1,
 ) -> pd.DataFrame:
     """Quantify what each fault adds to each residual in each condition.
 
-    Parameters
-    ----------
-    setting
-        Protocol and seed; by default short trials of the thesis' protocol. Its faults are not
-        used: every case has its own.
-    subjects
-        Number of simulated subjects.
-    names
-        Which of the `cases`; by default all.
-    progress
-        Called after every case with its name, the number of cases done, and of all cases.
-    jobs
-        Number of processes.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Long: ``group, case, condition, axis, unit, rms, added``; both in N or N·m, root mean
-        squares over samples and subjects. ``added`` is the RMS of the difference from the residual
-        of the same steps, with the body that the processing knows, in a perfect laboratory with the
-        zero-phase filter at 6 Hz or, for filters, at `TRANSPARENT_HZ`.
-
-    Raises
-    ------
-    ValueError
-        If there is no case of a name.
-
-    Notes
-    -----
-    The true body, the true pose of the platform and the true wrench of the treadmill are known,
-    unless the case states otherwise. In sway, the gait cycles of the perturbations count.
+    Gives ``group, case, condition, axis, unit, rms, added``, both in N or N·m, root mean squares
+    over samples and subjects. ``added`` is the RMS of the difference from the residual of the same
+    steps, with the body that the processing knows, in a perfect laboratory with the zero-phase
+    filter at 6 Hz or, for filters, at `TRANSPARENT_HZ`. In sway, the gait cycles of the
+    perturbations count. The setting's faults are not used: every case has its own.
     """
     setting = setting or Setting(protocol=SHORT)
-    table = _selected(names)
-    kernels()  # compiled once before the processes start
-    tasks = [delayed(_of_case)(setting, group, case, subjects) for group, _, case in table]
-    found = in_processes(tasks, jobs, ordered=True)
+    table = [
+        (group, name, case)
+        for group, own in cases().items()
+        for name, case in own.items()
+        if names is None or name in names
+    ]
+    tasks = [task(_of_case)(setting, group, case, subjects) for group, _, case in table]
     rows = []
-    for done, ((group, name, _), squares) in enumerate(zip(table, found, strict=True), start=1):
+    for (group, name, _), squares in zip(
+        table, in_processes(tasks, jobs, ordered=True), strict=True
+    ):
         for condition, (rms, added) in squares.items():
             for k, (axis, unit) in enumerate(zip(AXES, UNITS, strict=True)):
                 rows.append((group, name, condition, axis, unit, rms[k], added[k]))
-        if progress is not None:
-            progress(name, done, len(table))
     columns = ["group", "case", "condition", "axis", "unit", "rms", "added"]
     return pd.DataFrame(rows, columns=columns)
-
-
-def _selected(names: Sequence[str] | None) -> list[tuple[str, str, Case]]:
-    table = [(group, name, case) for group, own in cases().items() for name, case in own.items()]
-    known = [name for _, name, _ in table]
-    for name in names or ():
-        if name not in known:
-            raise ValueError(f"no case {name!r}{did_you_mean(name, known)}; {', '.join(known)}")
-    return [row for row in table if names is None or row[1] in names]
 
 
 def _of_case(

@@ -8,8 +8,6 @@ import pytest
 from hbm.coordinates import COORDINATES, N_Q
 from hbm.kinematics import solve_ik
 from hbm.spatial import GRAVITY_MPS2
-from pipeline.virtual_lab.analysis.idealised_processing import Case, fit_models, residual_of
-from pipeline.virtual_lab.analysis.true_body import true_body
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instruments.sampling import ANALOG_HZ, SAMPLES_PER_FRAME
 from pipeline.virtual_lab.protocol.instrumented_treadmill import make_treadmill
@@ -22,6 +20,8 @@ from pipeline.virtual_lab.protocol.walking_protocol import (
 )
 from pipeline.virtual_lab.protocol.walking_trial import run_calibration, run_trial, study_subject
 from tests.pipeline.virtual_lab.conftest import SHORT
+from tests.validation.ablation import Case, fit_models, residual_of
+from tests.validation.true_body import true_body
 
 CONDITIONS = ("baseline", "sway", "pitch")
 TRANSPARENT_HZ = 30.0

@@ -3,22 +3,20 @@
 import numpy as np
 import pytest
 
-from pipeline.trial.residuals import AXES
-from pipeline.virtual_lab.analysis.judgement import judge
-from pipeline.virtual_lab.analysis.printed_table_3 import THESIS_SUBJECTS, printed_cells, removed
-from pipeline.virtual_lab.analysis.processed_study import CELLS, LENGTHS_S
-from pipeline.virtual_lab.analysis.unstated import (
+from pipeline.virtual_lab.protocol.walking_protocol import Setting
+from tests.validation.table_3 import CELLS, LENGTHS_S, THESIS_SUBJECTS, printed_cells, removed
+from tests.validation.unstated import (
     DESIGN,
     ESTIMATED,
+    FITTED,
     POSES,
     REFERENCE,
     Response,
+    estimate,
     fit_response,
+    judge,
     unstated_at,
 )
-from pipeline.virtual_lab.analysis.unstated_estimate import FITTED, estimate
-from pipeline.virtual_lab.protocol.setting_file import read_setting, setting_toml
-from pipeline.virtual_lab.protocol.walking_protocol import Setting
 
 WINDOW_S = 0.35
 TRUE = np.array([0.4, -0.3, 0.5, 0.2, np.log(WINDOW_S)])
@@ -75,31 +73,11 @@ def test_a_laboratory_is_found_from_the_cells_without_compensation(responses, po
     assert min(found.misfit, key=found.misfit.get) == pose
 
 
-def test_an_added_residual_is_found_beside_the_other_values(responses):
-    added = np.array([30.0, 25.0, 50.0, 8.0, 15.0, 3.0])
-    own = printed("channels")
-    axis = [AXES.index(name) for name in CELLS.get_level_values("axis")]
-    mean = np.hypot(own["mean"], added[axis])
-    found = estimate(responses, table(mean, 0.01 * mean), adding=True)
-    assert found.added == pytest.approx(added, rel=0.05)
-    assert found.value.pose == "channels"
-    assert found.value.place_forward_m == pytest.approx(unstated_at(TRUE, "none").place_forward_m)
-    assert found.predicted["channels"] == pytest.approx(mean, rel=0.01)
-    assert (found.freedom, len(found.error)) == (18 - 11, 36)
-    assert not estimate(responses, own).added.any()
-
-
 def test_the_point_of_reference_is_the_laboratory_with_its_defaults():
     setting = Setting()
     defaults = unstated_at(np.append(DESIGN[REFERENCE], np.log(0.3)), "channels").apply(setting)
     assert defaults.faults == setting.faults
     assert defaults.protocol.place_forward_m == setting.protocol.place_forward_m
-
-
-def test_estimates_are_a_setting_that_can_be_written_and_read():
-    own = unstated_at(TRUE, "none").apply(Setting())
-    assert read_setting(setting_toml(own)) == own
-    assert own.faults.machine.flexibility == pytest.approx(np.exp(np.log(4) * 0.7), abs=0.01)
 
 
 def test_the_level_is_that_of_all_subjects_and_differences_are_those_of_a_few():
@@ -109,18 +87,16 @@ def test_the_level_is_that_of_all_subjects_and_differences_are_those_of_a_few():
 
 
 @pytest.mark.parametrize("pose", POSES)
-@pytest.mark.parametrize("adding", [False, True])
-def test_cells_with_compensation_change_nothing_of_the_estimate(responses, adding, pose):
+def test_cells_with_compensation_change_nothing_of_the_estimate(responses, pose):
     """Even if they are those of a laboratory with the other pose."""
     own, opposite = printed(pose), printed(next(name for name in POSES if name != pose))
     other = own.assign(mean=np.where(own["compensated"], opposite["mean"], own["mean"]))
     other = other.assign(sd=np.where(own["compensated"], opposite["sd"] / 3, own["sd"]))
-    first, second = (estimate(responses, cells, adding=adding) for cells in (own, other))
+    first, second = (estimate(responses, cells) for cells in (own, other))
     assert first.value.pose == pose
     assert (first.value, first.low, first.high) == (second.value, second.low, second.high)
     assert first.misfit == second.misfit
     assert (first.error == second.error).all()
-    assert (first.added == second.added).all()
 
 
 def test_cells_that_depend_on_a_window_that_is_not_known_have_the_error_of_every_window():
@@ -183,14 +159,6 @@ def test_a_cell_of_another_laboratory_is_named_unexplained_and_no_other():
     assert missed.to_numpy().tolist() == [list(cell)]
 
 
-def test_uncertain_estimates_allow_larger_differences():
-    mean = np.exp(made_up_logs("none", TRUE, WINDOW_S))
-    simulated = people(mean, np.random.default_rng(1))
-    sure = judge(simulated, printed("none"))
-    unsure = judge(simulated, printed("none"), 0.1 * mean, 13)
-    assert (unsure["tolerance"] > sure["tolerance"] + 0.1 * mean[~FITTED]).all()
-
-
 def test_agreement_within_more_than_half_of_a_cell_is_undecided():
     mean = np.exp(made_up_logs("none", TRUE, WINDOW_S))
     simulated = people(mean, np.random.default_rng(1))
@@ -212,10 +180,3 @@ def test_compensation_removes_something_where_the_table_says_so_and_nowhere_else
     judged = judge(np.ones((3, 36)) + np.eye(3, 36), own)
     named = judged.loc[judged["removed"], ["condition", "axis"]].to_numpy().tolist()
     assert sorted(map(tuple, named)) == sorted(removed(own))
-
-
-def test_a_response_between_two_windows_is_between_theirs():
-    response = Response(np.zeros((len(LENGTHS_S), 11, 36)), np.zeros(36))
-    response.coefficients[:, 0] = -np.log(LENGTHS_S)[:, None]
-    x = np.append(np.zeros(4), np.log(0.35))
-    assert response.at(x) == pytest.approx(np.full(36, 1 / 0.35))
