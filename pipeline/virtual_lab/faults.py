@@ -44,12 +44,12 @@ class BodyFaults(InputModel):
 
     ``joint_scale`` multiplies the standard deviations of the joint centres; ``axis_deg`` tilts the
     joint axes; masses and radii of gyration differ by a share of themselves, centres of mass by a
-    distance (`pipeline.virtual_lab.person.body.variation`).
+    distance (`pipeline.virtual_lab.person.variation`).
 
     The others are not in that model, and absent with ``same_body`` whatever their sizes: segment
     inertias of another table; a joint in the middle of the trunk and knees that are no hinges
-    (`pipeline.virtual_lab.person.body.extra_joints`), ankle axes that differ, wobbling masses
-    (`pipeline.virtual_lab.person.body.wobbling`), each with a scale of its published size; shoes,
+    (`pipeline.virtual_lab.person.variation`), ankle axes that differ, wobbling masses
+    (`pipeline.virtual_lab.person.momentum`), each with a scale of its published size; shoes,
     of a mass each, and of a sole that yields under body weight.
     """
 
@@ -186,7 +186,7 @@ class BeltFaults(InputModel):
     """How the belts are driven, and faults of their speed channels.
 
     ``drive`` is "motor", as identified on recordings of a real one
-    (`pipeline.virtual_lab.machine.belt_drive`), or "linear", which follows its command and answers
+    (`pipeline.virtual_lab.machine.belts`), or "linear", which follows its command and answers
     to its acceleration by the second-order response that compensation fits. ``roughness``
     multiplies what was found of a motor's broad-band moment, its rotating parts out of balance and
     the uneven instants of its reports. ``unbalance_kg_per_m`` is the force of an unbalanced roller

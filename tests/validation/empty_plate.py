@@ -15,12 +15,12 @@ from compensation.signals.validation import validation_signals
 from hbm.signals.filtering import low_pass
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
-from pipeline.virtual_lab.machine.instruments.sampling import ANALOG_HZ
+from pipeline.virtual_lab.machine.instruments import ANALOG_HZ
+from pipeline.virtual_lab.machine.platform import Machine
 from pipeline.virtual_lab.machine.structure import make_structure, natural_modes
-from pipeline.virtual_lab.machine.treadmill import Machine
 from pipeline.virtual_lab.person import bystander
 from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
-from pipeline.virtual_lab.protocol.study_text import CUTOFF_HZ
+from pipeline.virtual_lab.protocol.walking_study import CUTOFF_HZ
 
 FORCES: Final = ("forward", "left", "up")
 THESIS_RUNNING_N: Final = (3.9, 1.9, 7.2)

@@ -9,8 +9,8 @@ from hbm.coordinates import COORDINATES, N_Q
 from hbm.kinematics import solve_ik
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.instruments.sampling import ANALOG_HZ, SAMPLES_PER_FRAME
-from pipeline.virtual_lab.protocol.instrumented_treadmill import make_treadmill
+from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
+from pipeline.virtual_lab.machine.instruments import ANALOG_HZ, SAMPLES_PER_FRAME
 from pipeline.virtual_lab.protocol.walking_protocol import (
     ONSET_PHASE,
     PITCH_DEG,

@@ -11,23 +11,21 @@ from hbm.markers import MarkerSet, marker_sets
 from hbm.segments import Sex
 from hbm.spatial import Array
 from pipeline.virtual_lab.faults import BodyFaults, Faults
-from pipeline.virtual_lab.person.anatomy import Proportions, t_pose
-from pipeline.virtual_lab.person.body.extra_joints import ExtraJoints, draw_extra_joints
-from pipeline.virtual_lab.person.body.inertias import inertias_of, navel_share
-from pipeline.virtual_lab.person.body.kinematics import marker_positions
-from pipeline.virtual_lab.person.body.posture import axes_of, offsets_of
-from pipeline.virtual_lab.person.body.same_body import locate
-from pipeline.virtual_lab.person.body.skeleton import Skeleton
-from pipeline.virtual_lab.person.body.variation import (
+from pipeline.virtual_lab.person.anatomy import Proportions, axes_of, locate, offsets_of, t_pose
+from pipeline.virtual_lab.person.body import Skeleton, marker_positions
+from pipeline.virtual_lab.person.feet import SIDES, Sole, sole_of
+from pipeline.virtual_lab.person.gait import STEP_M, StepParameters, size_of
+from pipeline.virtual_lab.person.momentum import WobblingMass, draw_wobbling_masses
+from pipeline.virtual_lab.person.variation import (
     MAX_DEVIATION_SD,
+    ExtraJoints,
+    draw_extra_joints,
+    inertias_of,
+    navel_share,
     vary,
     vary_inertias,
     with_shoes,
 )
-from pipeline.virtual_lab.person.body.wobbling import WobblingMass, draw_wobbling_masses
-from pipeline.virtual_lab.person.gait_pattern import STEP_M, size_of
-from pipeline.virtual_lab.person.sole import SIDES, Sole, sole_of
-from pipeline.virtual_lab.person.steps import StepParameters
 
 HANGING_ARM_DEG: Final = {"ShoulderAbduction": 8.0, "ElbowFlexion": 10.0}
 """Posture of the arms in standing; typical values."""

@@ -3,10 +3,12 @@
 Source: van de Loosdrecht (2018), II.C and D.5.
 """
 
-from typing import Annotated, Final, Literal
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from compensation.signals.protocol import (
     ADVISED_PLATFORM_SIGNAL,
@@ -15,9 +17,12 @@ from compensation.signals.protocol import (
 )
 from hbm.signals.filtering import Method
 from hbm.spatial import Array
+from hbm.toml_text import parse_toml
 from pipeline.config.input_model import InputModel
+from pipeline.config.validation import describe_faults
+from pipeline.io.input_file import read_text
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.person.steps import Steps
+from pipeline.virtual_lab.person.gait import Steps
 from pipeline.virtual_lab.person.subject import Person
 from pipeline.virtual_lab.trajectories import smooth_step
 
@@ -230,3 +235,94 @@ def pitch_command(protocol: Protocol, time: Array) -> Array:
     since = time - protocol.steady_s
     sine = np.sin(2 * np.pi * since / PITCH_PERIOD_S)
     return np.asarray(-np.radians(PITCH_DEG) * smooth_step(since / FADE_S) * sine)
+
+
+SHIPPED: Final = ("thesis",)
+"""Names of the settings beside this module: what a thesis states of its laboratory."""
+
+
+def find_setting(name: Path) -> Setting:
+    """Read a setting from a file, or a shipped one by its name.
+
+    Parameters
+    ----------
+    name
+        A file or, where there is no such file, one of `SHIPPED`.
+
+    Returns
+    -------
+    Setting
+        Checked.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is neither.
+    ValueError
+        As `read_setting`.
+
+    Examples
+    --------
+    >>> find_setting(Path("thesis")).faults.platform.delay_s
+    0.03
+    """
+    if name.exists() or str(name) not in SHIPPED:
+        return read_setting(read_text(name))
+    return read_setting((files(__package__) / f"{name}.toml").read_text(encoding="utf-8"))
+
+
+def read_setting(text: str) -> Setting:
+    """Read a setting from TOML; what is not stated keeps its default.
+
+    Parameters
+    ----------
+    text
+        ``seed``, ``[protocol]``, and every fault in its table: ``[faults.machine]``,
+        ``[faults.clocks]``, ``[faults.body]``, ``[faults.cameras]``, ``[faults.plates]``,
+        ``[faults.accelerometers]``, ``[faults.belts]``, ``[faults.platform]``.
+
+    Returns
+    -------
+    Setting
+        Checked.
+
+    Raises
+    ------
+    ValueError
+        If the text is not TOML, or keys or values are wrong; all of them in one line.
+    """
+    try:
+        table = parse_toml(text)
+    except ValueError as error:
+        raise ValueError(f"setting: not valid TOML: {error}") from error
+    try:
+        return Setting.model_validate(table)
+    except ValidationError as error:
+        raise ValueError("setting: " + "; ".join(describe_faults(error, Setting))) from error
+
+
+def setting_toml(setting: Setting) -> str:
+    """Write a setting as TOML, with every value."""
+    return "\n".join(_lines("", setting))
+
+
+def _lines(name: str, model: BaseModel) -> list[str]:
+    values = {key: getattr(model, key) for key in type(model).model_fields}
+    plain = {k: v for k, v in values.items() if not isinstance(v, BaseModel)}
+    lines = [f"[{name}]"] if name and plain else []
+    lines += [f"{key} = {_toml(value)}" for key, value in plain.items()]
+    lines += [""] if plain else []
+    for key, value in values.items():
+        if isinstance(value, BaseModel):
+            lines += _lines(f"{name}.{key}" if name else key, value)
+    return lines
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return f'"{value}"'
+    if isinstance(value, tuple):
+        return f"[{', '.join(_toml(item) for item in value)}]"
+    return repr(value)

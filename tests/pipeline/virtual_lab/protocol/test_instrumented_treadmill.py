@@ -4,12 +4,9 @@ import numpy as np
 import pytest
 
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.instruments.accelerometer import SENSOR_NAMES
-from pipeline.virtual_lab.protocol.instrumented_treadmill import (
-    PLATFORM_MARKERS_M,
-    make_treadmill,
-    record,
-)
+from pipeline.virtual_lab.machine.instrumented_treadmill import PLATFORM_MARKERS_M, make_treadmill
+from pipeline.virtual_lab.machine.instruments import SENSOR_NAMES
+from pipeline.virtual_lab.protocol.walking_trial import record
 
 
 def test_equal_seeds_give_equal_instruments():

@@ -7,11 +7,16 @@ import numpy as np
 import pytest
 
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.actuators import move_platform
-from pipeline.virtual_lab.protocol.instrumented_treadmill import make_treadmill, record
-from pipeline.virtual_lab.protocol.setting_file import find_setting, read_setting, setting_toml
-from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
-from pipeline.virtual_lab.protocol.walking_trial import run_walk, study_subject
+from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
+from pipeline.virtual_lab.machine.platform import move_platform
+from pipeline.virtual_lab.protocol.walking_protocol import (
+    Protocol,
+    Setting,
+    find_setting,
+    read_setting,
+    setting_toml,
+)
+from pipeline.virtual_lab.protocol.walking_trial import record, run_walk, study_subject
 from tests.pipeline.virtual_lab.conftest import SHORT
 
 FAULTS = [

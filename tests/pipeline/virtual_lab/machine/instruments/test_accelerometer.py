@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.virtual_lab.faults import AccelerometerFaults, Faults
-from pipeline.virtual_lab.machine.instruments.accelerometer import make_accelerometers
+from pipeline.virtual_lab.machine.instruments import make_accelerometers
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.virtual_lab.faults import CameraFaults, Faults
-from pipeline.virtual_lab.machine.instruments.cameras import measure_markers
+from pipeline.virtual_lab.machine.instruments import measure_markers
 
 
 def test_cameras_without_faults_report_the_truth():

@@ -5,7 +5,7 @@ import pytest
 
 from hbm.signals.filtering import low_pass
 from pipeline.virtual_lab.faults import Faults, PlateFaults
-from pipeline.virtual_lab.machine.instruments.force_plate import (
+from pipeline.virtual_lab.machine.instruments import (
     FULL_SCALE_N,
     MOMENT_ARM_M,
     PLATE_CENTERS_M,

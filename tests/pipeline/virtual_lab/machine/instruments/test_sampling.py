@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from hbm.signals.filtering import low_pass
-from pipeline.virtual_lab.machine.instruments.sampling import (
+from pipeline.virtual_lab.machine.instruments import (
+    BeltSpeedSensor,
     Clock,
+    Stream,
     delayed,
     folded,
     interpolated,
@@ -14,7 +16,6 @@ from pipeline.virtual_lab.machine.instruments.sampling import (
     quantise,
     wander,
 )
-from pipeline.virtual_lab.machine.instruments.stream import BeltSpeedSensor, Stream
 
 RATE_HZ = 1000.0
 

@@ -5,8 +5,8 @@ import pytest
 
 from hbm.segments import SEXES
 from pipeline.virtual_lab.faults import BodyFaults
-from pipeline.virtual_lab.person.body.inertias import PAIRED, table
 from pipeline.virtual_lab.person.subject import Person, make_subject
+from pipeline.virtual_lab.person.variation import PAIRED, table
 
 SOURCES = ("de_leva", "dumas")
 
