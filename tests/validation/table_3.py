@@ -18,7 +18,7 @@ from pipeline.run.run import run_study
 from pipeline.run.store import read_trial
 from pipeline.trial.residuals import AXES, reported, variants
 from pipeline.virtual_lab.protocol.walking_protocol import (
-    ANALYSED_CONDITIONS,
+    CONDITIONS,
     Setting,
     find_setting,
 )
@@ -38,7 +38,7 @@ LENGTHS_S: Final = (0.1, 0.2, 0.27, 0.3, 0.4, 0.5, 0.7, 0.9)
 nearly a gait cycle."""
 PERTURBED: Final = "sway"
 KEYS: Final = ["condition", "compensated", "axis"]
-CELLS: Final = pd.MultiIndex.from_product([ANALYSED_CONDITIONS, (False, True), AXES], names=KEYS)
+CELLS: Final = pd.MultiIndex.from_product([CONDITIONS, (False, True), AXES], names=KEYS)
 """Keys of the 36 cells of Table III, in the order of arrays of cells."""
 
 
@@ -51,7 +51,7 @@ def removed(printed: pd.DataFrame) -> list[tuple[str, str]]:
     """Name condition and axis where the mean with compensation is below `MAX_LEFT` of the other."""
     means = printed.pivot(index=["condition", "axis"], columns="compensated", values="mean")
     found = means.index[means[True] < MAX_LEFT * means[False]]
-    return sorted(found, key=lambda cell: (ANALYSED_CONDITIONS.index(cell[0]), cell[1]))
+    return sorted(found, key=lambda cell: (CONDITIONS.index(cell[0]), cell[1]))
 
 
 def process(setting: Setting, folder: Path, jobs: int) -> Path:

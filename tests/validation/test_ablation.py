@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.virtual_lab.protocol.walking_protocol import ANALYSED_CONDITIONS, Setting
+from pipeline.virtual_lab.protocol.walking_protocol import CONDITIONS, Setting
 from tests.pipeline.virtual_lab import conftest
 from tests.validation.ablation import ablation
 
@@ -36,7 +36,7 @@ def added(table, case, condition):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("condition", ANALYSED_CONDITIONS)
+@pytest.mark.parametrize("condition", CONDITIONS)
 def test_a_perfect_laboratory_adds_nothing(table, condition):
     own = table[(table["case"] == "zero phase, 30 Hz") & (table["condition"] == condition)]
     assert (own["added"] == 0).all()
@@ -44,7 +44,7 @@ def test_a_perfect_laboratory_adds_nothing(table, condition):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("condition", ANALYSED_CONDITIONS)
+@pytest.mark.parametrize("condition", CONDITIONS)
 def test_what_a_delay_of_the_plates_adds_is_proportional_to_it(table, condition):
     """A small delay adds its duration times the rate of change of the load."""
     ratio = added(table, "delay 30 ms", condition) / added(table, "delay 10 ms", condition)

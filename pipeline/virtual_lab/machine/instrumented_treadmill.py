@@ -9,7 +9,7 @@ from hbm.markers import Markers
 from hbm.spatial import Array, shift_wrench
 from pipeline.io.recording import Plate
 from pipeline.io.units import acceleration_in_mps2
-from pipeline.virtual_lab.faults import CameraFaults, Faults, PlatformFaults
+from pipeline.virtual_lab.faults import Faults, PlatformFaults
 from pipeline.virtual_lab.machine.belts import Drives, carried_of_belts, make_drives, run_belts
 from pipeline.virtual_lab.machine.instruments import (
     FRAME_HZ,
@@ -38,6 +38,17 @@ from pipeline.virtual_lab.machine.structure import (
     respond,
 )
 
+RATE_PPM: Final = 1.0
+JITTER_S: Final = 0.00002
+"""Error of each instrument's clock, and of the instants of the converter of plates and
+accelerometers (SD); assumed, of instruments that are synchronised."""
+STREAM_JITTER_S: Final = 0.0003
+DOUBLED_PER_MINUTE: Final = 0.3
+"""Of the stream of belt speed and platform channels, of which a sample is now and then a repetition
+of the one before: 0.2 to 0.3 ms and one to three in six minutes are those of the recordings of Hnat
+and van den Bogert (2014)."""
+NOISE_MPS: Final = 0.005
+"""Of the belts' speed channels; assumed."""
 INSTRUMENT_STREAM: Final = 7
 """Number of the random numbers of the instruments, which are not those of a subject."""
 
@@ -143,7 +154,7 @@ def undergo(
         rng,
         people,
     )
-    loads = Loads(carried_of_belts(belts), people, on_frame, faults.machine.people_shake)
+    loads = Loads(carried_of_belts(belts), people, on_frame)
     response = respond(
         treadmill.structure,
         treadmill.machine.assemblies,
@@ -159,9 +170,9 @@ def undergo(
 def _clocks(faults: Faults, rng: np.random.Generator) -> list[Clock]:
     """Draw the clocks of both plates and of every accelerometer that there can be."""
     delays = [*faults.plates.delays_s, *[faults.accelerometers.delay_s] * len(SENSOR_NAMES)]
-    errors = 1e-6 * faults.clocks.rate_ppm * rng.standard_normal(len(delays))
+    errors = 1e-6 * faults.clocks.scale * RATE_PPM * rng.standard_normal(len(delays))
     return [
-        Clock(delay_s, rate, faults.clocks.jitter_s)
+        Clock(delay_s, rate, faults.clocks.scale * JITTER_S)
         for delay_s, rate in zip(delays, errors.tolist(), strict=True)
     ]
 
@@ -234,9 +245,11 @@ def measure_belts(
     """Record the speed of as many belts as there are names, the left one first."""
     faults, rate_hz = treadmill.faults, motion.rate_hz
     # a motor's reports are uneven already
-    jitter_s = faults.clocks.stream_jitter_s if treadmill.drives is None else 0.0
-    stream = Stream(faults.belts.delay_s, jitter_s, faults.clocks.doubled_per_minute, held=True)
-    sensor = BeltSpeedSensor(float(noise_sd_at(faults.belts.noise_mps, rate_hz)), stream)
+    jitter_s = faults.clocks.scale * STREAM_JITTER_S if treadmill.drives is None else 0.0
+    stream = Stream(0.0, jitter_s, faults.clocks.scale * DOUBLED_PER_MINUTE, held=True)
+    sensor = BeltSpeedSensor(
+        float(noise_sd_at(faults.belts.roughness * NOISE_MPS, rate_hz)), stream
+    )
     columns = [
         sensor.measure(belt.reported_speed, rate_hz, own)
         for belt, own, _ in zip(response.belts, rng.spawn(len(response.belts)), names, strict=False)
@@ -252,13 +265,12 @@ def measure_platform(
 ) -> Markers:
     """Record the markers on the platform."""
     step = round(motion.rate_hz / FRAME_HZ)
-    pose, faults = motion.platform.every(step).pose, treadmill.faults.platform
+    pose = motion.platform.every(step).pose
     places = []
     for place in map(np.array, PLATFORM_MARKERS_M.values()):
         moved = place + response.frame @ frame_shape(place)[:3].T
         places.append(pose.position + (pose.rotation @ moved[..., None])[..., 0])
-    cameras = CameraFaults(noise_m=faults.marker_noise_m, gaps_per_minute=faults.gaps_per_minute)
-    measured = measure_markers(np.stack(places, axis=1), cameras, rng, FRAME_HZ)
+    measured = measure_markers(np.stack(places, axis=1), treadmill.faults.cameras, rng, FRAME_HZ)
     return Markers(motion.time[::step], tuple(PLATFORM_MARKERS_M), measured)
 
 
@@ -278,8 +290,8 @@ def measure_pose(
     sway_mm, pitch_deg = 1000 * motion.platform.sway[0], np.degrees(motion.platform.pitch[0])
     true = np.column_stack([sway_mm, pitch_deg])
     delay_s = _pose_delay(treadmill.faults.platform, of_delay)
-    clocks = treadmill.faults.clocks
-    stream = Stream(delay_s, clocks.stream_jitter_s, clocks.doubled_per_minute)
+    scale = treadmill.faults.clocks.scale
+    stream = Stream(delay_s, scale * STREAM_JITTER_S, scale * DOUBLED_PER_MINUTE)
     return (
         (SWAY_CHANNEL, PITCH_CHANNEL),
         ("mm", "deg"),

@@ -1,6 +1,6 @@
 """The instruments and their errors: plates, accelerometers, streams and cameras."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -22,8 +22,6 @@ WANDER_HZ: Final = 0.5
 """Corner frequency of a zero that wanders; assumed."""
 WANDER_UPDATE_HZ: Final = 10.0
 """How often a wandering zero is drawn; in between it is straight."""
-CHUNK_SAMPLES: Final = 16_000
-"""Samples treated at a time, so that they stay in the processor's cache."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,22 +74,20 @@ def interpolated(values: Array, position: Array) -> Array:
     Array
         (K, C); at a sample exactly that.
     """
-    last, found = len(values) - 1, np.empty((len(position), values.shape[1]))
-    for part in chunks(len(position)):
-        here = np.clip(position[part], 0, last)
-        below = np.minimum(here.astype(int), max(last - 1, 0))
-        f = here - below
-        weights = (
-            -f * (f - 1) * (f - 2) / 6,
-            (f + 1) * (f - 1) * (f - 2) / 2,
-            -(f + 1) * f * (f - 2) / 2,
-            (f + 1) * f * (f - 1) / 6,
-        )
-        total = np.zeros((len(here), values.shape[1]))
-        for k, weight in enumerate(weights):
-            total += weight[:, None] * values[np.clip(below + k - 1, 0, last)]
-        found[part] = total
-    return found
+    last = len(values) - 1
+    here = np.clip(position, 0, last)
+    below = np.minimum(here.astype(int), max(last - 1, 0))
+    f = here - below
+    weights = (
+        -f * (f - 1) * (f - 2) / 6,
+        (f + 1) * (f - 1) * (f - 2) / 2,
+        -(f + 1) * f * (f - 2) / 2,
+        (f + 1) * f * (f - 1) / 6,
+    )
+    total = np.zeros((len(here), values.shape[1]))
+    for k, weight in enumerate(weights):
+        total += weight[:, None] * values[np.clip(below + k - 1, 0, last)]
+    return total
 
 
 def delayed(values: Array, delay_s: float, time: Array) -> Array:
@@ -127,14 +123,8 @@ def noise_sd_at(sd: Array | float, rate_hz: float) -> Array:
 
 def add_noise(values: Array, sd: Array | float, rng: np.random.Generator) -> None:
     """Add white noise to readings in place, (N, C), with one standard deviation or one of each."""
-    if not np.any(sd):
-        return
-    drawn = np.empty((min(CHUNK_SAMPLES, len(values)), values.shape[1]))
-    for part in chunks(len(values)):
-        here = values[part]
-        noise = rng.standard_normal(out=drawn[: len(here)])
-        noise *= sd
-        here += noise
+    if np.any(sd):
+        values += sd * rng.standard_normal(values.shape)
 
 
 def wander(count: int, rate_hz: float, channels: int, rng: np.random.Generator) -> Array:
@@ -149,14 +139,12 @@ def wander(count: int, rate_hz: float, channels: int, rng: np.random.Generator) 
     return np.asarray(between.reshape(-1, channels)[:count])
 
 
-def quantise(values: Array, largest: Array | float, bits: int) -> None:
-    """Round readings in place to the steps of a converter's range; 0 bits: not at all."""
+def quantised(values: Array, largest: Array | float, bits: int) -> Array:
+    """Round readings to the steps of a converter's range; 0 bits: not at all."""
     if bits == 0:
-        return
+        return values
     step = np.asarray(largest) / 2 ** (bits - 1)
-    values /= step
-    np.rint(values, out=values)
-    values *= step
+    return np.asarray(np.rint(values / step) * step)
 
 
 def folded(count: int, rng: np.random.Generator) -> Array:
@@ -166,11 +154,6 @@ def folded(count: int, rng: np.random.Generator) -> Array:
     """
     frequency, phase = rng.uniform(0, np.pi), rng.uniform(0, 2 * np.pi)
     return np.asarray(np.sqrt(2) * np.sin(frequency * np.arange(count) + phase))
-
-
-def chunks(count: int) -> Iterator[slice]:
-    """Give the parts of so many samples that are treated at a time."""
-    return (slice(start, start + CHUNK_SAMPLES) for start in range(0, count, CHUNK_SAMPLES))
 
 
 UPDATE_HZ: Final = 200.0
@@ -240,8 +223,8 @@ class BeltSpeedSensor:
         return np.asarray(reported[:, 0])
 
 
-SWAP_S: Final = 0.3
-"""How long two markers keep each other's label; assumed: until a labelling program notices."""
+GAP_S: Final = 0.15
+"""Mean duration of a gap; assumed."""
 MARKERS_OF_A_PERSON: Final = 46
 """Number of markers to which ``gaps_per_minute`` refers: those of the HBM2 set."""
 
@@ -249,7 +232,7 @@ MARKERS_OF_A_PERSON: Final = 46
 def measure_markers(
     position: Array, faults: CameraFaults, rng: np.random.Generator, rate_hz: float
 ) -> Array:
-    """Report marker positions with noise, gaps (NaN) and swapped labels.
+    """Report marker positions with noise and gaps (NaN).
 
     Parameters
     ----------
@@ -270,15 +253,9 @@ def measure_markers(
     frames, markers = position.shape[:2]
     measured = position + faults.noise_m * rng.normal(size=position.shape)
     minutes = frames / rate_hz / 60
-    for _ in range(rng.poisson(faults.swaps_per_minute * minutes)):
-        start, marker = rng.integers(frames), int(rng.integers(markers))
-        distance = np.linalg.norm(position[start] - position[start, marker], axis=1)
-        distance[marker] = np.inf
-        stop, pair = start + round(SWAP_S * rate_hz), [marker, int(np.argmin(distance))]
-        measured[start:stop, pair] = measured[start:stop, pair[::-1]]
     for _ in range(rng.poisson(faults.gaps_per_minute * minutes * markers / MARKERS_OF_A_PERSON)):
         start = rng.integers(frames)
-        length = max(1, round(rng.exponential(faults.gap_s) * rate_hz))
+        length = max(1, round(rng.exponential(GAP_S) * rate_hz))
         measured[start : start + length, rng.integers(markers)] = np.nan
     return measured
 
@@ -293,6 +270,23 @@ MOMENT_ARM_M: Final = 1 / 3
 far the load cells are from the centre of a plate."""
 
 
+FORCE_NOISE_N: Final = 1.1
+MOMENT_NOISE_NM: Final = 0.6
+WANDER_N: Final = 0.15
+"""White noise: real plates at rest have 0.9 to 1.3 N and 0.4 to 0.9 N·m. White noise alone would
+leave half of the 0.13 to 0.27 N that these have below 6 Hz: the zero wanders."""
+CROSS_TALK: Final = 0.002
+CURVATURE: Final = 0.002
+"""Of each component in each other; and of a force at full scale, as a share of that, of plates and
+accelerometers; assumed, of the size that makers state."""
+OFFSET_N: Final = 2.0
+ZERO_SHIFT_N: Final = 0.5
+DRIFT_N_PER_MIN: Final = 0.3
+"""Of the zero, from trial to trial and within one; assumed."""
+ALIAS_N: Final = 0.1
+"""Interference of the motors, from above half the sampling rate; assumed."""
+BITS: Final = 16
+"""Of the converters over the range."""
 FULL_SCALE_N: Final = 4000.0
 """Range of a plate's forces, either way; of its moments, by `MOMENT_ARM_M`; assumed."""
 ERROR_SCALE: Final = np.array([1.0, 1.0, 1.0, *[MOMENT_ARM_M] * 3])
@@ -360,26 +354,16 @@ class ForcePlate:
         """
         of_clock, of_zero, of_wander, of_alias = rng.spawn(4)
         measured = self.clock.sample(wrench, rate_hz, of_clock) @ self.gain.T
-        zero = self.offset + self.zero_shift * of_zero.standard_normal(6)
-        noise = noise_sd_at(self.noise, rate_hz)
-        time = np.arange(len(wrench))[:, None] / rate_hz
-        wandering = wander(len(wrench), rate_hz, 6, of_wander) if self.wander.any() else None
+        measured[:, 2] += self.curvature / self.full_scale_n * measured[:, 2] ** 2
+        measured += self.offset + self.zero_shift * of_zero.standard_normal(6)
+        measured += np.arange(len(wrench))[:, None] / rate_hz * self.drift
+        if self.wander.any():
+            measured += wander(len(wrench), rate_hz, 6, of_wander) * self.wander
         alias = self.alias * of_alias.standard_normal(6)
-        tone = folded(len(wrench), of_alias)[:, None] if self.alias.any() else None
-        for part in chunks(len(wrench)):
-            here = measured[part]
-            if self.curvature:
-                here[:, 2] += self.curvature / self.full_scale_n * here[:, 2] ** 2
-            here += zero
-            if self.drift.any():
-                here += time[part] * self.drift
-            if wandering is not None:
-                here += wandering[part] * self.wander
-            if tone is not None:
-                here += tone[part] * alias
-            add_noise(here, noise, rng)
-            quantise(here, FULL_SCALE_N * ERROR_SCALE, self.bits)
-        return np.asarray(measured)
+        if self.alias.any():
+            measured += folded(len(wrench), of_alias)[:, None] * alias
+        add_noise(measured, noise_sd_at(self.noise, rate_hz), rng)
+        return quantised(measured, FULL_SCALE_N * ERROR_SCALE, self.bits)
 
 
 def make_force_plate(
@@ -401,18 +385,18 @@ def make_force_plate(
     ForcePlate
         Errors of moments are a third of those of forces, in N·m and N (`MOMENT_ARM_M`).
     """
-    gain = np.eye(6) + faults.cross_talk * rng.normal(size=(6, 6)) * ERROR_SCALE[:, None]
+    cross_talk = faults.gain_scale * CROSS_TALK * rng.normal(size=(6, 6))
     return ForcePlate(
-        gain=gain,
-        curvature=faults.curvature * rng.normal(),
+        gain=np.eye(6) + cross_talk * ERROR_SCALE[:, None],
+        curvature=faults.gain_scale * CURVATURE * rng.normal(),
         full_scale_n=FULL_SCALE_N,
-        offset=faults.offset_n * rng.normal(size=6) * ERROR_SCALE,
-        drift=faults.drift_n_per_min / 60 * rng.normal(size=6) * ERROR_SCALE,
-        noise=np.repeat([faults.force_noise_n, faults.moment_noise_nm], 3),
-        wander=faults.wander_n * ERROR_SCALE,
-        zero_shift=faults.zero_shift_n * ERROR_SCALE,
-        alias=faults.alias_n * ERROR_SCALE,
-        bits=faults.bits,
+        offset=faults.zero_scale * OFFSET_N * rng.normal(size=6) * ERROR_SCALE,
+        drift=faults.zero_scale * DRIFT_N_PER_MIN / 60 * rng.normal(size=6) * ERROR_SCALE,
+        noise=faults.noise_scale * np.repeat([FORCE_NOISE_N, MOMENT_NOISE_NM], 3),
+        wander=faults.fine_scale * WANDER_N * ERROR_SCALE,
+        zero_shift=faults.zero_scale * ZERO_SHIFT_N * ERROR_SCALE,
+        alias=faults.fine_scale * ALIAS_N * ERROR_SCALE,
+        bits=BITS if faults.fine_scale else 0,
         clock=clock or Clock(faults.delay_s),
     )
 
@@ -472,6 +456,17 @@ PLACES_M: Final = {
 """Name and place in the platform frame: the first two at opposite corners, as in the thesis; the
 other two, assumed, at other heights, so that they distinguish rotations."""
 SENSOR_NAMES: Final = tuple(PLACES_M)
+RANGE_G: Final = 2.0
+"""The thesis'."""
+NOISE_MPS2: Final = 0.02
+GAIN_SHARE: Final = 0.01
+MISALIGNMENT_DEG: Final = 1.0
+CROSS_AXIS: Final = 0.01
+OFFSET_MPS2: Final = 0.05
+DRIFT_MPS2_PER_MIN: Final = 0.001
+ALIAS_MPS2: Final = 0.002
+"""Standard deviations, of the size that makers state; ``CROSS_AXIS`` is what a channel shows of the
+other two axes beside the misalignment of the sensor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -525,23 +520,14 @@ class Accelerometer:
         """
         of_clock, of_alias = rng.spawn(2)
         measured = self.clock.sample(specific_force, rate_hz, of_clock) @ self.sensitivity.T
-        noise = noise_sd_at(self.noise, rate_hz)
-        time = np.arange(len(measured))[:, None] / rate_hz
+        measured += self.curvature / self.limit * measured**2
+        measured += self.offset
+        measured += np.arange(len(measured))[:, None] / rate_hz * self.drift
         alias = self.alias * of_alias.standard_normal(3)
-        tone = folded(len(measured), of_alias)[:, None] if self.alias else None
-        for part in chunks(len(measured)):
-            here = measured[part]
-            if self.curvature.any():
-                here += self.curvature / self.limit * here**2
-            here += self.offset
-            if self.drift.any():
-                here += time[part] * self.drift
-            if tone is not None:
-                here += tone[part] * alias
-            add_noise(here, noise, rng)
-            np.clip(here, -self.limit, self.limit, out=here)
-            quantise(here, self.limit, self.bits)
-        return np.asarray(measured)
+        if self.alias:
+            measured += folded(len(measured), of_alias)[:, None] * alias
+        add_noise(measured, noise_sd_at(self.noise, rate_hz), rng)
+        return quantised(np.clip(measured, -self.limit, self.limit), self.limit, self.bits)
 
 
 def make_accelerometers(
@@ -564,27 +550,28 @@ def make_accelerometers(
         In the order of `PLACES_M`.
     """
     clocks = clocks or [Clock(faults.delay_s)] * faults.sensors
+    scale = faults.error_scale
     sensors = []
     for (name, place), clock in zip(list(PLACES_M.items())[: faults.sensors], clocks, strict=False):
         axis = rng.normal(size=3)
         misalignment = rotation_about(
-            axis / np.linalg.norm(axis), np.radians(faults.misalignment_deg) * rng.normal()
+            axis / np.linalg.norm(axis), np.radians(scale * MISALIGNMENT_DEG) * rng.normal()
         )
-        gain = np.diag(1 + faults.gain_share * rng.normal(size=3))
-        offset = faults.offset_mps2 * rng.normal(size=3)
-        others = faults.cross_axis * rng.normal(size=(3, 3)) * (1 - np.eye(3))
+        gain = np.diag(1 + scale * GAIN_SHARE * rng.normal(size=3))
+        offset = scale * OFFSET_MPS2 * rng.normal(size=3)
+        others = scale * CROSS_AXIS * rng.normal(size=(3, 3)) * (1 - np.eye(3))
         sensors.append(
             Accelerometer(
                 name,
                 np.array(place),
                 sensitivity=(gain + others) @ misalignment,
                 offset=offset,
-                noise=faults.noise_mps2,
-                limit=faults.range_g * GRAVITY_MPS2,
-                curvature=faults.curvature * rng.normal(size=3),
-                drift=faults.drift_mps2_per_min / 60 * rng.normal(size=3),
-                alias=faults.alias_mps2,
-                bits=faults.bits,
+                noise=faults.noise_scale * NOISE_MPS2,
+                limit=RANGE_G * GRAVITY_MPS2,
+                curvature=scale * CURVATURE * rng.normal(size=3),
+                drift=scale * DRIFT_MPS2_PER_MIN / 60 * rng.normal(size=3),
+                alias=scale * ALIAS_MPS2,
+                bits=BITS if faults.noise_scale else 0,
                 clock=clock,
             )
         )

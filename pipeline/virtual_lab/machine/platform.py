@@ -236,7 +236,6 @@ def make_machine(faults: MachineFaults) -> Machine:
             RIGHT_ASSEMBLY.weighing(faults.assembly_kg),
         ),
         sway_hz=faults.sway_hz,
-        pitch_hz=faults.pitch_hz,
     )
 
 

@@ -399,26 +399,19 @@ class Loads:
         Ground reaction of the left and the right plate on people, likewise; None for nobody.
     on_frame
         Action of people on the frame beside the belts, likewise, (N, 6); None for nobody.
-    people_shake
-        By which the forces of people are multiplied where they make the structure vibrate.
     """
 
     drives: Pair
     people: Pair | None = None
     on_frame: Array | None = None
-    people_shake: float = 1.0
 
     @property
     def shaking(self) -> list[Array]:
         """What makes the structure vibrate: on the left and the right plate, and on the frame."""
         on_plates = list(self.drives)
-        if self.people is not None and self.people_shake > 0:
-            share = self.people_shake
-            people = [load if share == 1 else share * load for load in self.people]
-            on_plates = [drive + load for drive, load in zip(on_plates, people, strict=True)]
-        if self.on_frame is None:
-            return on_plates
-        return [*on_plates, self.people_shake * self.on_frame]
+        if self.people is not None:
+            on_plates = [drive + load for drive, load in zip(on_plates, self.people, strict=True)]
+        return on_plates if self.on_frame is None else [*on_plates, self.on_frame]
 
 
 @dataclass(frozen=True, slots=True)
@@ -533,8 +526,6 @@ def respond(
             own = found[24 + 6 * k : 30 + 6 * k]
             felt = sensor[now].T
             sensor[now] = (felt + own[:3] - _cross(own[3:], felt)).T
-    if loads.people is not None and loads.people_shake != 1:
-        plates += (1 - loads.people_shake) * np.stack(loads.people)
     return Response((plates[0], plates[1]), sensors, frame, loads.people)
 
 

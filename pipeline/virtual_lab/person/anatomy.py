@@ -118,7 +118,6 @@ REACHES_M: Final = (0.0, 0.190, 0.478, 0.752, 0.840)
 BREADTHS: Final[dict[Sex, tuple[float, float]]] = {
     "male": (1.0, 1.0),
     "female": (1.04, 0.92),
-    "unspecified": (1.02, 0.96),
 }
 """Breadth of pelvis and shoulders by that of the reference man of the same stature; assumed."""
 
@@ -303,13 +302,6 @@ def _rows() -> list[tuple[str, Literal["mean", "axis"], str, str]]:
     return rows
 
 
-def _of_sex(table: Mapping[str, tuple[float, float]], sex: Sex) -> tuple[float, float]:
-    if sex == "unspecified":
-        (a, b), (c, d) = table.values()
-        return (a + c) / 2, (b + d) / 2
-    return table[sex]
-
-
 def _pelvis(anatomy: Anatomy, at: Landmarks, shown: frozenset[str], sex: Sex) -> None:
     points = anatomy.points
     front, back = points["mid_asis"], points["mid_psis"]
@@ -330,7 +322,7 @@ def _pelvis(anatomy: Anatomy, at: Landmarks, shown: frozenset[str], sex: Sex) ->
         ]
         points[f"{side}_hip"] = front + R @ np.array(hip)
     points["pelvis"] = (points["right_hip"] + points["left_hip"]) / 2
-    ahead, above = _of_sex(LUMBAR, sex)
+    ahead, above = LUMBAR[sex]
     points["lumbar"] = points["mid_trunk"] = front + R @ (width * np.array([ahead, 0.0, above]))
     anatomy.rotations["pelvis"] = R
     yaw, pitch, roll = angles(R, ((0, 0, 1), (0, 1, 0), (1, 0, 0)))
@@ -345,7 +337,7 @@ def _trunk_and_head(anatomy: Anatomy, at: Landmarks, sex: Sex, navel: float) -> 
     along = points["trunk_top"] - points["trunk_bottom"]
     R = axes_from(np.cross(along, ahead), along, exact="up")
     up = R[:, 2]
-    share, elevation = _of_sex(NECK, sex)
+    share, elevation = NECK[sex]
     neck = rotation_about(-R[:, 1], np.radians(elevation)) @ ahead
     points["neck"] = at["C7"] + share * neck
     hips = points["pelvis"]

@@ -27,6 +27,10 @@ from pipeline.virtual_lab.person.variation import (
     with_shoes,
 )
 
+SHOE_KG: Final = 0.3
+SOLE_M: Final = 0.025
+SOLE_YIELD_M: Final = 0.004
+"""Mass and sole of a shoe, and how far it yields under body weight; assumed."""
 HANGING_ARM_DEG: Final = {"ShoulderAbduction": 8.0, "ElbowFlexion": 10.0}
 """Posture of the arms in standing; typical values."""
 PROPORTION_SD: Final = 0.03
@@ -137,7 +141,6 @@ def make_subject(
     individuality: float = 0.0,
     faults: BodyFaults | None = None,
     forward_m: float = 0.0,
-    variability: float = 1.0,
     rng: np.random.Generator | None = None,
 ) -> VirtualSubject:
     """Give a person a body and a gait.
@@ -155,8 +158,6 @@ def make_subject(
         all.
     forward_m
         How far ahead of the lab's origin the person stands [m].
-    variability
-        Scale of the differences between a person's steps; 1 as in healthy adults.
     rng
         Source of everything individual.
 
@@ -187,11 +188,8 @@ def make_subject(
         typical,
         step_m=STEP_M * size * (1 + individuality * longer),
         width_m=typical.width_m * size * (1 + individuality * STEP_WIDTH_SD * _drawn(gait_rng)),
-        time_sd=variability * typical.time_sd,
-        forward_sd=variability * typical.forward_sd,
-        side_sd=variability * typical.side_sd,
     )
-    style = _gait_style(individuality, variability, gait_rng)
+    style = _gait_style(individuality, gait_rng)
     return VirtualSubject(
         person,
         marker_set,
@@ -199,7 +197,7 @@ def make_subject(
         extra_joints,
         wobbling,
         soles,
-        0.0 if faults.same_body else faults.sole_yield_m,
+        0.0 if faults.same_body else faults.shoe_scale * SOLE_YIELD_M,
         q,
         standing,
         step_parameters,
@@ -226,13 +224,13 @@ def _body(
     names = tuple(worn.segment)
     points = tuple(dict.fromkeys((*marker_sets()["hbm2"].segment, *names, *ANATOMICAL)))
     position = t_pose(points, person.height_m, person.sex, proportions)
-    position += [forward_m, 0.0, 0.0 if faults.same_body else faults.sole_m]
+    position += [forward_m, 0.0, 0.0 if faults.same_body else faults.shoe_scale * SOLE_M]
     at = dict(zip(points, position, strict=True))
     shown = frozenset(worn.landmark)
     suggested = locate(at, shown, person.sex, navel_share(person.sex))
     joint_rng, mass_rng, tissue_rng, motion_rng = rng.spawn(4)
     anatomy = vary(suggested, faults, joint_rng)
-    source, shoe_kg = faults.inertias, faults.shoe_kg
+    source, shoe_kg = faults.inertias, faults.shoe_scale * SHOE_KG
     if faults.same_body:
         source, shoe_kg = "de_leva", 0.0
     bare_kg = person.mass_kg - 2 * shoe_kg
@@ -266,7 +264,7 @@ def _drawn(rng: np.random.Generator) -> float:
     return float(np.clip(rng.normal(), -MAX_DEVIATION_SD, MAX_DEVIATION_SD))
 
 
-def _gait_style(individuality: float, variability: float, rng: np.random.Generator) -> GaitStyle:
+def _gait_style(individuality: float, rng: np.random.Generator) -> GaitStyle:
     count = len(COORDINATES)
     offset, gain, wander = np.zeros(count), np.ones(count), np.zeros(count)
     of_joint: dict[str, tuple[float, float]] = {}
@@ -285,5 +283,5 @@ def _gait_style(individuality: float, variability: float, rng: np.random.Generat
             gain[i] += individuality * (ARM_RANGE_SD if arm else RANGE_SD) * wider
         if joint.startswith(("Pelvis", "ShoulderUp", "ShoulderForward", "ShoulderInward")):
             continue
-        wander[i] = variability * np.radians(ARM_WANDER_DEG if arm else WANDER_DEG)
+        wander[i] = np.radians(ARM_WANDER_DEG if arm else WANDER_DEG)
     return GaitStyle(offset, gain, wander)

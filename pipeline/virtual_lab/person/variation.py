@@ -60,7 +60,7 @@ class Row:
 
 @cache
 def table(source: Source, sex: Sex) -> dict[str, Row]:
-    """Give a table's rows for a sex; "unspecified" is the mean of both.
+    """Give a table's rows for a sex.
 
     Parameters
     ----------
@@ -74,9 +74,6 @@ def table(source: Source, sex: Sex) -> dict[str, Row]:
     dict of str to Row
         By segment, without side.
     """
-    if sex == "unspecified":
-        men, women = table(source, "male"), table(source, "female")
-        return {s: _mean(men[s], women[s]) for s in men}
     text = files(__package__).joinpath("segment_inertias.csv").read_text(encoding="utf-8")
     lines = (line for line in text.splitlines() if not line.startswith("#"))
     rows = [r for r in csv.DictReader(lines) if (r["source"], r["sex"]) == (source, sex)]
@@ -188,21 +185,6 @@ def _tensor(xx: float, yy: float, zz: float, xy: float, xz: float, yz: float) ->
     return np.asarray(np.sign(radii) * radii**2)
 
 
-def _mean(a: Row, b: Row) -> Row:
-    return Row(
-        (a.mass + b.mass) / 2,
-        (a.center + b.center) / 2,
-        _between(a.tensor, b.tensor),
-        (a.length + b.length) / 2,
-    )
-
-
-def _between(a: Array, b: Array) -> Array:
-    """Average the radii of gyration of two tensors."""
-    radii = (np.sign(a) * np.sqrt(np.abs(a)) + np.sign(b) * np.sqrt(np.abs(b))) / 2
-    return np.asarray(np.sign(radii) * radii**2)
-
-
 MIN_MASS_KG: Final = 0.01
 """Segments below this mass are only there to split a joint; their inertia is not varied."""
 JOINT_CENTER_SD_M: Final = {
@@ -211,6 +193,12 @@ JOINT_CENTER_SD_M: Final = {
 }
 """Standard deviation of joint centres in every direction: the hip's as cited above, the others
 assumed. The first is that of the lumbar joint, which carries the mid trunk."""
+AXIS_DEG: Final = 3.0
+MASS_SHARE: Final = 0.06
+CENTER_M: Final = 0.008
+GYRATION_SHARE: Final = 0.05
+"""Standard deviations of joint axes, and of segments' masses, centres and radii of gyration: of the
+sizes cited above."""
 MAX_DEVIATION_SD: Final = 2
 """Nothing varies by more than two standard deviations, so that no body is impossible."""
 MID_TRUNK_SHARE: Final = 0.69
@@ -254,7 +242,7 @@ def vary(anatomy: Anatomy, faults: BodyFaults, rng: np.random.Generator) -> Anat
     axes, points = dict(anatomy.axes), dict(anatomy.points)
     ankle = 0.0 if faults.same_body else faults.ankle_scale
     for name in sorted(axes):
-        axes[name] = _tilted(axes[name], np.radians(faults.axis_deg) * drawn(rng, 3))
+        axes[name] = _tilted(axes[name], np.radians(faults.joint_scale * AXIS_DEG) * drawn(rng, 3))
         sd_deg = _ankle_sd_deg(name)
         if sd_deg is not None:
             first, second = np.radians(sd_deg) * ankle * drawn(rng, 2)
@@ -300,17 +288,18 @@ def vary_inertias(
     draws = {s: (drawn(rng), drawn(rng, 3), drawn(rng)) for s in names}
     if faults.same_body:
         draws["mid_trunk"] = draws["thorax"]
-    heavier = {s: 1 + faults.mass_share * float(draws[s][0][0]) for s in names}
+    heavier = {s: 1 + faults.segment_scale * MASS_SHARE * float(draws[s][0][0]) for s in names}
     total = sum(inertias[s].mass for s in names)
     scale = total / sum(inertias[s].mass * heavier[s] for s in names)
     varied = dict(inertias)
     for s in names:
         part, (_, away, wider) = inertias[s], draws[s]
         factor = scale * heavier[s]
+        gyration = 1 + faults.segment_scale * GYRATION_SHARE * float(wider[0])
         varied[s] = Inertia(
             part.mass * factor,
-            part.center + faults.center_m * away,
-            part.tensor * factor * (1 + faults.gyration_share * float(wider[0])) ** 2,
+            part.center + faults.segment_scale * CENTER_M * away,
+            part.tensor * factor * gyration**2,
         )
     return varied
 

@@ -26,11 +26,9 @@ from pipeline.virtual_lab.person.gait import Steps
 from pipeline.virtual_lab.person.subject import Person
 from pipeline.virtual_lab.trajectories import smooth_step
 
-ConditionName = Literal["familiarisation", "baseline", "sway", "pitch"]
-CONDITIONS: Final[tuple[ConditionName, ...]] = ("familiarisation", "baseline", "sway", "pitch")
-"""All conditions; what is random in a trial depends on the place of its condition here."""
-ANALYSED_CONDITIONS: Final = CONDITIONS[1:]
-"""Those that the thesis analyses."""
+ConditionName = Literal["baseline", "sway", "pitch"]
+CONDITIONS: Final[tuple[ConditionName, ...]] = ("baseline", "sway", "pitch")
+"""The thesis'; what is random in a trial depends on the place of its condition here."""
 
 PERSONS: Final = (
     Person("sub01", "male", 83.0, 1.85, 22),
@@ -77,7 +75,7 @@ MAX_PLACE_M: Final = 0.6
 MIN_BESIDE_S: Final = 12.0
 """Of a recording of people beside an empty plate: 10 s are needed, and its ends are lost."""
 MAX_SCALE: Final = 2.0
-"""Of the differences between people and steps: twice those of the population."""
+"""Of the differences between people: twice those of the population."""
 
 Seconds = Annotated[float, Field(gt=0)]
 Window = Annotated[float, Field(gt=0, le=1.0)]
@@ -99,16 +97,14 @@ class Protocol(InputModel):
     and ``sway_window`` what of a perturbed gait cycle counts: "motion", "cycle", or seconds from
     the onset on.
     ``place_forward_m`` is how far ahead of the middle of the belts people stand and walk.
-    ``individuality`` and ``variability`` scale the differences between people and between a
-    person's steps.
+    ``individuality`` scales the differences between people.
     """
 
-    conditions: Annotated[tuple[ConditionName, ...], Field(strict=False)] = ANALYSED_CONDITIONS
+    conditions: Annotated[tuple[ConditionName, ...], Field(strict=False)] = CONDITIONS
     subjects: Annotated[int, Field(ge=1, le=len(PERSONS))] = len(PERSONS)
     speed_mps: Annotated[float, Field(ge=MIN_SPEED_MPS, le=MAX_SPEED_MPS)] = 1.3
     standing_s: Seconds = 4.0
     starting_s: Seconds = 4.0
-    familiarisation_s: Seconds = 360.0
     baseline_s: Seconds = 120.0
     pitch_s: Seconds = 120.0
     waits_s: Annotated[tuple[Wait, ...], Field(strict=False)] = WAITS_S
@@ -119,7 +115,6 @@ class Protocol(InputModel):
     calibration: CalibrationSignal = "square_sway_300s_3mps"
     beside_s: Annotated[float, Field(ge=0)] = 60.0
     individuality: Annotated[float, Field(ge=0, le=MAX_SCALE)] = 1.0
-    variability: Annotated[float, Field(ge=0, le=MAX_SCALE)] = 1.0
     place_forward_m: Annotated[float, Field(ge=-MAX_PLACE_M, le=MAX_PLACE_M)] = 0.0
 
     @model_validator(mode="after")
@@ -148,7 +143,6 @@ class Protocol(InputModel):
     def duration(self, condition: ConditionName) -> float:
         """Give the duration of a trial [s]."""
         walking = {
-            "familiarisation": self.familiarisation_s,
             "baseline": self.baseline_s,
             "sway": sum(self.waits_s) + AFTER_S,
             "pitch": self.pitch_s,

@@ -10,7 +10,6 @@ from joblib import delayed
 from hbm.coordinates import COORDINATES, N_Q
 from hbm.spatial import Array, shift_wrench
 from pipeline.config.simulated import SIMULATED
-from pipeline.config.toml_file import read_table
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Recording
 from pipeline.io.write import remove_leftovers, whole_file, write_csv, write_text
@@ -200,8 +199,7 @@ def folder_setting(folder: Path) -> Setting | None:
     Raises
     ------
     ValueError
-        If the folder holds other files, a study that was not simulated, or other subjects than
-        those that would be simulated.
+        If the folder holds other files, or a study that was not simulated.
     """
     if not folder.is_dir() or not any(folder.iterdir()):
         return None
@@ -216,8 +214,6 @@ def folder_setting(folder: Path) -> Setting | None:
         setting = read_setting((folder / SIMULATED).read_text(encoding="utf-8-sig"))
     except ValueError as error:
         raise ValueError(f"{folder / SIMULATED}: {error}") from error
-    for person in PERSONS[: setting.protocol.subjects]:
-        _require_person(folder / f"{person.name}.toml", person)
     return setting
 
 
@@ -230,19 +226,6 @@ def require_setting(folder: Path, there: Setting, wanted: Setting) -> None:
             f"{folder}: its study is simulated with {', '.join(different)}; leave out --setting, "
             "--subjects and --seed, or name a new folder"
         )
-
-
-def _require_person(path: Path, person: Person) -> None:
-    """Refuse a subject's file, where there is one, that describes another person."""
-    if not path.is_file():
-        return
-    stated = read_table(path)
-    for key, value in (("id", person.name), ("sex", person.sex), ("height_m", person.height_m)):
-        if stated.get(key, value) not in (value, "unspecified"):
-            raise ValueError(
-                f"{path}: {key} is {stated[key]!r}, that of the simulated subject is {value!r}; "
-                "correct the file or delete it, or name a new folder"
-            )
 
 
 WRENCH: Final = ("fx", "fy", "fz", "mx", "my", "mz")

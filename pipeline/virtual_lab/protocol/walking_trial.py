@@ -187,7 +187,6 @@ def study_subject(setting: Setting, number: int) -> VirtualSubject:
         PERSONS[number],
         marker_set=protocol.marker_set,
         individuality=protocol.individuality,
-        variability=protocol.variability,
         faults=setting.faults.body,
         forward_m=protocol.place_forward_m,
         rng=np.random.default_rng((setting.seed, number)),
@@ -221,7 +220,7 @@ def run_trial(
     """
     walk, motion = run_walk(setting, treadmill.machine, subject, number, condition)
     name = recording_name(subject.person, condition)
-    noise = np.random.default_rng((setting.seed, number, CONDITIONS.index(condition), 1))
+    noise = np.random.default_rng((setting.seed, number, 1 + CONDITIONS.index(condition), 1))
     response = undergo(treadmill, motion, noise.spawn(1)[0], person_loads(walk, motion.time))
     recording = record(treadmill, motion, walk, name, noise, response)
     return WalkingTrial(walk, motion, response, recording)
@@ -236,7 +235,7 @@ def run_walk(
 ) -> tuple[Walk, TreadmillMotion]:
     """Simulate one trial without recording it; parameters as for `run_trial`."""
     protocol, duration = setting.protocol, setting.protocol.duration(condition)
-    rng = np.random.default_rng((setting.seed, number, CONDITIONS.index(condition)))
+    rng = np.random.default_rng((setting.seed, number, 1 + CONDITIONS.index(condition)))
     steps = schedule(
         subject.step_parameters, protocol.speed_mps, protocol.standing_s, duration, rng
     )

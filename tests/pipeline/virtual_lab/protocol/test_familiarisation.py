@@ -11,7 +11,7 @@ from pipeline.run.load import collect
 from pipeline.run.run import run_study
 from pipeline.statistics.comparison import statistics
 from pipeline.statistics.table_3 import table_3
-from pipeline.virtual_lab.protocol.walking_protocol import ANALYSED_CONDITIONS, Protocol, Setting
+from pipeline.virtual_lab.protocol.walking_protocol import CONDITIONS, Protocol, Setting
 from pipeline.virtual_lab.protocol.walking_study import simulate_study
 from tests.pipeline.fake_results import write_fake_results
 
@@ -55,7 +55,7 @@ def test_the_report_shows_familiarisation_beside_the_baseline(study):
 
 def test_familiarisation_changes_no_test_and_no_cell_of_table_3(tmp_path):
     """It is outside the 2 x 3 design, and the table of statistics says so."""
-    conditions = (EXTRA, *ANALYSED_CONDITIONS)
+    conditions = (EXTRA, *CONDITIONS)
     folder = write_fake_results(tmp_path, subjects=3, cycles=2, conditions=conditions)
     with_it = collect(folder).residuals
     without = with_it[with_it["condition"] != EXTRA].reset_index(drop=True)
