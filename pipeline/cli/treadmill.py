@@ -352,9 +352,8 @@ def plates(
     from pipeline.cli.terminal import announcer, note_line, plain_console
     from pipeline.config.plate_study import read_plates_study
     from pipeline.plate_accuracy.accuracy import check_plates
-    from pipeline.plate_accuracy.report import write_report
+    from pipeline.plate_accuracy.report import use_of_calibration, write_report
     from pipeline.plate_accuracy.verdict import describe
-    from pipeline.plate_accuracy.verdict_page import use_of_calibration
     from pipeline.virtual_lab.protocol.known_weights import THESIS_ERRORS, simulate_plates
 
     console = plain_console()

@@ -205,10 +205,6 @@ PIVOT_ERROR_M: Final = 0.05
 compared: one and three frames, and an error of measurement; assumed."""
 NOISE_STREAM: Final = 9
 """Number of the random numbers of the noise, which is the same in all cases."""
-SAME_MODEL: Final = ("joint_scale", "axis_deg", "mass_share", "center_m", "gyration_share")
-"""Faults of bodies that the Human Body Model can represent: it has the wrong values for them."""
-SCALES: Final = ("spine_scale", "knee_scale", "ankle_scale", "wobble_scale")
-SHOES: Final = ("shoe_kg", "sole_m", "sole_yield_m")
 FILTER: Final = "filter"
 """The group of cases that are compared with `TRANSPARENT_HZ`."""
 
@@ -226,12 +222,7 @@ def _with(**parts: dict[str, float]) -> Faults:
 
 def cases() -> dict[str, dict[str, Case]]:
     """Give the cases by group, in the order of the table; faults have their default sizes."""
-    default = Faults()
-    body, cameras, plates = default.body, default.cameras, default.plates
-    machine, clocks = default.machine, dict(default.clocks)
-    noise = {"force_noise_n": plates.force_noise_n, "moment_noise_nm": plates.moment_noise_nm}
-    zero = {"offset_n": plates.offset_n, "drift_n_per_min": plates.drift_n_per_min}
-    gaps = {"gaps_per_minute": cameras.gaps_per_minute, "gap_s": cameras.gap_s}
+    default, noise = Faults(), {"noise_scale": 1.0}
     short, long = ({"delay_s": delay_s} for delay_s in DELAYS_S)
     pivot = {"pivot_error_m": PIVOT_ERROR_M}
     return {
@@ -241,29 +232,21 @@ def cases() -> dict[str, dict[str, Case]]:
             "real time, 6 Hz": Case(method="realtime"),
         },
         "person and cameras": {
-            "joints and inertias, same model": _of_body(
-                **{key: getattr(body, key) for key in SAME_MODEL}
-            ),
-            "other segment inertias": _of_body(inertias=body.inertias),
-            "trunk that bends": _of_body(spine_scale=body.spine_scale),
-            "knees and ankles no hinges": _of_body(
-                knee_scale=body.knee_scale, ankle_scale=body.ankle_scale
-            ),
-            "shoes": _of_body(**{key: getattr(body, key) for key in SHOES}),
-            "soft tissue: wobbling masses": _of_body(wobble_scale=body.wobble_scale),
-            "soft tissue: skin": Case(faults=_with(cameras={"skin_scale": cameras.skin_scale})),
-            "other body": Case(faults=_with(body=dict(body)), body_from_markers=True),
-            f"marker noise {1e3 * cameras.noise_m:g} mm": Case(
-                faults=_with(cameras={"noise_m": cameras.noise_m})
-            ),
-            f"{cameras.gaps_per_minute:g} marker gaps a minute": Case(faults=_with(cameras=gaps)),
+            "joints and inertias, same model": _of_body(joint_scale=1.0, segment_scale=1.0),
+            "other segment inertias": _of_body(inertias="dumas"),
+            "trunk that bends": _of_body(spine_scale=1.0),
+            "knees and ankles no hinges": _of_body(knee_scale=1.0, ankle_scale=1.0),
+            "shoes": _of_body(shoe_scale=1.0),
+            "soft tissue: wobbling masses": _of_body(wobble_scale=1.0),
+            "soft tissue: skin": Case(faults=_with(cameras={"skin_scale": 1.0})),
+            "other body": Case(faults=_with(body=dict(default.body)), body_from_markers=True),
+            "marker noise 0.3 mm": Case(faults=_with(cameras={"noise_m": 0.0003})),
+            "2 marker gaps a minute": Case(faults=_with(cameras={"gaps_per_minute": 2.0})),
         },
         "plates": {
-            f"noise {plates.force_noise_n:g} N": Case(faults=_with(plates=noise)),
-            f"cross-talk {plates.cross_talk:.1%}": Case(
-                faults=_with(plates={"cross_talk": plates.cross_talk})
-            ),
-            f"zero error {plates.offset_n:g} N, and drift": Case(faults=_with(plates=zero)),
+            "noise 1.1 N": Case(faults=_with(plates=noise)),
+            "cross-talk and curvature 0.2 %": Case(faults=_with(plates={"gain_scale": 1.0})),
+            "zero error 2 N, shift and drift": Case(faults=_with(plates={"zero_scale": 1.0})),
             f"delay {1e3 * DELAYS_S[0]:g} ms": Case(
                 faults=_with(plates=short, accelerometers=short)
             ),
@@ -281,10 +264,9 @@ def cases() -> dict[str, dict[str, Case]]:
             ),
         },
         "compensation, what it meets": {
-            "rigid treadmill": _calibrated(machine={}),
-            "platform flexes": _calibrated(machine=dict(machine) | {"people_shake": 0.0}),
-            "people shake it": _calibrated(),
-            "clocks": _calibrated(machine={}, clocks=clocks),
+            "rigid treadmill": _calibrated(rigid=True),
+            "platform flexes, people shake it": _calibrated(),
+            "clocks": _calibrated(rigid=True, clocks=True),
         },
         "compensation, number of accelerometers": {
             "1 accelerometer": _calibrated(sensors=1),
@@ -307,39 +289,32 @@ def cases() -> dict[str, dict[str, Case]]:
     }
 
 
-def _of_body(**values: float | str) -> Case:
+def _of_body(**scales: float | str) -> Case:
     """Give a case whose body has some properties that a body built from its markers has not."""
-    none = {key: value for key, value in dict(Faults.none().body).items() if key in SAME_MODEL}
-    absent = dict.fromkeys(SCALES, 0.0) | dict.fromkeys(SHOES, 0.0) | {"inertias": "de_leva"}
-    own = BodyFaults(same_body=False, **(none | absent | values))
-    faults = Faults.none().model_copy(update={"body": own})
+    own = dict(Faults.none().body) | {"same_body": False} | scales
+    faults = Faults.none().model_copy(update={"body": BodyFaults(**own)})
     return Case(faults=faults, body_from_markers=True)
 
 
 def _calibrated(
-    signal: str | None = None,
-    sensors: int = 2,
-    machine: dict[str, float] | None = None,
-    clocks: dict[str, float] | None = None,
+    signal: str | None = None, sensors: int = 2, *, rigid: bool = False, clocks: bool = False
 ) -> Case:
     """Give a case whose plates and accelerometers have noise, and a compensation fitted to them.
 
-    By default the machine is the laboratory's; ``{}`` is a rigid one. All instruments have one
-    clock but for ``clocks``, with which they have their own delays too.
+    All instruments have one clock, or with ``clocks`` their own, with their own delays.
     """
     default = Faults()
-    plates = {"force_noise_n": default.plates.force_noise_n}
-    plates |= {"moment_noise_nm": default.plates.moment_noise_nm}
+    plates = {"noise_scale": 1.0}
     accelerometers = dict(default.accelerometers) | {"sensors": sensors}
-    if clocks is None:
-        accelerometers["delay_s"] = 0.0
-    else:
+    if clocks:
         plates |= {key: getattr(default.plates, key) for key in ("delay_s", "right_later_s")}
+    else:
+        accelerometers["delay_s"] = 0.0
     faults = _with(
         plates=plates,
         accelerometers=accelerometers,
-        machine=dict(default.machine) if machine is None else machine,
-        clocks=clocks or {},
+        machine={} if rigid else dict(default.machine),
+        clocks={"scale": float(clocks)},
     )
     return Case(faults=faults, removal="calibrated", calibration=signal)
 

@@ -2,13 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
 from hbm.coordinates import COORDINATES, INDEX
 from hbm.markers import MarkerSet, marker_sets
-from hbm.segments import Sex
 from hbm.spatial import Array
 from pipeline.virtual_lab.faults import BodyFaults, Faults
 from pipeline.virtual_lab.person.anatomy import Proportions, axes_of, locate, offsets_of, t_pose
@@ -70,7 +69,7 @@ class Person:
     """A person: name, sex, mass [kg], stature [m], age [years]."""
 
     name: str = "sub01"
-    sex: Sex = "male"
+    sex: Literal["male", "female"] = "male"
     mass_kg: float = 74.6
     height_m: float = 1.78
     age: float = 26.0

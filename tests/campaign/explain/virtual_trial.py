@@ -56,7 +56,7 @@ CALIBRATION_MPS: Final = 3.0
 def background() -> Faults:
     """Give the default laboratory, whose plates have nothing wrong but noise."""
     default, none = Faults(), Faults.none()
-    kept = {"force_noise_n", "moment_noise_nm", "wander_n", "alias_n", "bits"}
+    kept = {"noise_scale", "fine_scale"}
     noise = default.plates.model_dump(include=kept)
     return default.model_copy(update={"plates": none.plates.model_copy(update=noise)})
 
@@ -227,15 +227,14 @@ class VirtualLaboratory:
 def body_faults(seeded: Seeded) -> BodyFaults:
     """Give how far the person differs from the model."""
     body = Faults().body
-    inertias, joints = 1 + seeded.inertias, 1 + seeded.joints
-    scaled = {name: inertias * getattr(body, name) for name in INERTIAS}
-    scaled["joint_scale"] = joints * body.joint_scale
+    inertias = 1 + seeded.inertias
+    scaled: dict[str, float | str] = {
+        "segment_scale": inertias * body.segment_scale,
+        "joint_scale": (1 + seeded.joints) * body.joint_scale,
+    }
     if inertias == 0:
         scaled["inertias"] = "de_leva"
     return body.model_copy(update=scaled)
-
-
-INERTIAS: Final = ("mass_share", "center_m", "gyration_share")
 
 
 def stated_subject(walked: Walked, seeded: Seeded) -> Subject:

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.plate_accuracy.condition_effects import condition_effects, effects_section
+from pipeline.plate_accuracy.accuracy import condition_effects, effects_section
 
 ZONES = ("back", "middle", "front")
 

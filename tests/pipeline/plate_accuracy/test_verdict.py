@@ -13,13 +13,12 @@ from pipeline.config.plate_study import AccuracyLimits, PlatesFile, read_plates_
 from pipeline.config.validation import StudyFaults
 from pipeline.io.axes import parse_axes
 from pipeline.plate_accuracy.accuracy import examine_plates
-from pipeline.plate_accuracy.correction import delay_notes
 from pipeline.plate_accuracy.faults import FaultEstimate, estimate_faults
-from pipeline.plate_accuracy.judgement import Judged
+from pipeline.plate_accuracy.judgement import Judged, delay_notes
+from pipeline.plate_accuracy.report import use_of_calibration, verdict_sections
 from pipeline.plate_accuracy.response import fit_response
 from pipeline.plate_accuracy.trials import UNALIGNED
 from pipeline.plate_accuracy.verdict import Verdict, judge
-from pipeline.plate_accuracy.verdict_page import use_of_calibration, verdict_sections
 from pipeline.virtual_lab.protocol import known_weights
 from pipeline.virtual_lab.protocol.known_weights import THESIS_ERRORS, PlateErrors, simulate_plates
 

@@ -169,16 +169,6 @@ def test_a_person_on_one_plate_shakes_the_other_and_the_accelerometers(at_rest):
     assert all(felt.std(axis=0).max() > 0.02 for felt in found.sensors)
 
 
-def test_people_who_do_not_shake_it_are_carried_as_by_a_rigid_one(at_rest):
-    load = smooth_loads(4000)[0]
-    found = response(make_structure(), at_rest, (load, 0 * load), people_shake=0.0)
-    np.testing.assert_allclose(found.plates[0], load, atol=1e-9)
-    assert not found.artefacts[1].any()
-    half = response(make_structure(), at_rest, (load, 0 * load), people_shake=0.5)
-    whole = response(make_structure(), at_rest, (load, 0 * load))
-    np.testing.assert_allclose(half.frame, whole.frame / 2, atol=1e-12)
-
-
 def test_two_people_shake_it_as_both_one_by_one(at_rest):
     """But for the turned axes, in which the product of both appears."""
     left, right = smooth_loads(4000)

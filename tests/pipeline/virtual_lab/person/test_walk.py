@@ -6,8 +6,9 @@ import pytest
 from hbm.coordinates import INDEX
 from hbm.spatial import GRAVITY_MPS2, shift_wrench
 from pipeline.virtual_lab.machine.platform import Machine
+from pipeline.virtual_lab.person import momentum
 from pipeline.virtual_lab.person.balance import balanced
-from pipeline.virtual_lab.person.body import ALL_COORDINATES, COLUMN, momentum, segment_poses
+from pipeline.virtual_lab.person.body import ALL_COORDINATES, COLUMN, segment_poses
 from pipeline.virtual_lab.person.feet import orientation, rolled
 from pipeline.virtual_lab.person.gait import posture
 from pipeline.virtual_lab.person.momentum import center_of_mass

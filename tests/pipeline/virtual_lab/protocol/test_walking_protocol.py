@@ -58,10 +58,9 @@ def test_the_twenty_waits_are_those_of_the_thesis(twenty):
 def test_conditions_last_as_long_as_in_the_thesis():
     protocol = Protocol()
     walking = {
-        name: protocol.duration(name) - protocol.steady_s
-        for name in ("familiarisation", "baseline", "sway", "pitch")
+        name: protocol.duration(name) - protocol.steady_s for name in ("baseline", "sway", "pitch")
     }
-    assert walking == {"familiarisation": 360, "baseline": 120, "sway": 724, "pitch": 120}
+    assert walking == {"baseline": 120, "sway": 724, "pitch": 120}
     assert protocol.speed_mps == 1.3
     assert protocol.conditions == ("baseline", "sway", "pitch")
 
