@@ -38,10 +38,6 @@ MIN_TRIALS_PER_COEFFICIENT: Final = 3
 """Of an analysis of variance."""
 MIN_BLOCKS: Final = 5
 """Recordings in which thirds of the belt can be compared."""
-MAX_EXPONENT: Final = 2.0
-"""Of a Box-Cox transform, either way: squares and their inverses are the strongest transforms in
-use. Beyond, single values far from the others determine the exponent."""
-ALPHA: Final = 0.05
 LAB_NOTE: Final = "Lab axes: x forward, y left, z up."
 TEST_COLUMNS: Final = (
     *("quantity", "exponent", "shapiro_w", "shapiro_p", "effect", "df", "df_error", "f", "p"),
@@ -63,7 +59,7 @@ class ConditionEffects:
     pairs
         Pairs of levels, Bonferroni-corrected: quantity, factor, first, second, p_bonferroni.
     remarks
-        Where the assumptions do not hold, and what was not tested.
+        What was not tested.
     """
 
     tests: pd.DataFrame
@@ -132,8 +128,6 @@ def condition_effects(errors: pd.DataFrame) -> ConditionEffects:
             pairs.append(compared)
         if not analyses:
             remarks.append(f"{label}: not tested, too few recordings, or nothing varies")
-        if done:
-            remarks += _assumptions(label, pd.concat(done))
         tests += done
     if not tests:
         return ConditionEffects(NO_EFFECTS.tests, NO_EFFECTS.pairs, tuple(remarks))
@@ -180,32 +174,6 @@ def _analyse(one: _Analysis) -> tuple[pd.DataFrame, pd.DataFrame]:
         for factor in one.tested
     ]
     return tests, pd.concat(pairs)
-
-
-def _assumptions(label: str, tests: pd.DataFrame) -> list[str]:
-    """Say of which quantities the exponent or the residuals are out of the ordinary."""
-    each = tests.drop_duplicates("quantity")
-    odd = each[each["exponent"].abs() > MAX_EXPONENT]
-    skew = each[each["shapiro_p"] < ALPHA]
-    remarks = []
-    if len(odd):
-        named = ", ".join(
-            f"{q} (λ = {x:.1f})" for q, x in zip(odd["quantity"], odd["exponent"], strict=True)
-        )
-        remarks.append(
-            f"{label}: Box–Cox exponent beyond ±{MAX_EXPONENT:g} of {named}: these errors "
-            "hardly vary, or single recordings stand out; look at errors.csv before their p"
-        )
-    if len(skew):
-        named = ", ".join(
-            f"{q} (W = {w:.3f}, {'p < 0.001' if p < 0.001 else f'p = {p:.3f}'})"
-            for q, w, p in skew[["quantity", "shapiro_w", "shapiro_p"]].itertuples(index=False)
-        )
-        remarks.append(
-            f"{label}: residuals differ from a normal distribution (Shapiro–Wilk): {named}; their "
-            "p are approximate"
-        )
-    return remarks
 
 
 def effects_section(effects: ConditionEffects) -> list[str]:

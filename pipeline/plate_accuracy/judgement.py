@@ -119,8 +119,6 @@ class Judged:
         Of all four.
     remedy
         What takes it away: the plate's calibration, or nothing.
-    alike
-        A misstatement of the weights that would look the same; empty where none is known.
     examined
         False if it also depends on the response to a component that nothing excited.
     """
@@ -132,7 +130,6 @@ class Judged:
     limit: float
     unit: str
     remedy: Remedy
-    alike: str = ""
     examined: bool = True
 
     @property
@@ -146,13 +143,12 @@ class Judged:
 
     @property
     def sentence(self) -> str:
-        """The estimate, its interval, its limit, and what would look the same."""
+        """The estimate, its interval and its limit."""
         scale, unit = DISPLAY_UNITS.get(self.unit, (1.0, self.unit))
         width = scale * (self.high - self.low) / 2
         size, low, high = (rounded(scale * x, width) for x in (self.size, self.low, self.high))
-        alike = f"; {self.alike} would look the same" if self.alike else ""
         limit = f"{scale * self.limit:g} {unit}"
-        return f"{self.name} {size} {unit} ({low} to {high}; limit {limit}{alike})"
+        return f"{self.name} {size} {unit} ({low} to {high}; limit {limit})"
 
 
 def judge_faults(

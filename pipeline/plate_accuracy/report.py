@@ -12,7 +12,7 @@ import pandas as pd
 from compensation import PlateCalibrations
 from compensation.accuracy.plate_calibration import to_json
 from hbm.spatial import GRAVITY_MPS2
-from pipeline.config.plate_study import FILE, BeltSide, PlatesStudy
+from pipeline.config.plate_study import FILE, PlatesStudy
 from pipeline.figures.style import save_figure
 from pipeline.io.write import markdown, write_csv, write_text
 from pipeline.plate_accuracy.accuracy import (
@@ -66,12 +66,6 @@ def verdict_sections(found: PlateAccuracy, verdicts: Sequence[PlateVerdict]) -> 
         ]
         if verdict.notes:
             lines.append(_listed([f"{note.level}: {note} [{note.code}]" for note in verdict.notes]))
-        alike = [one for one in verdict.judged if one.alike and one.status != "within"]
-        if alike:
-            lines.append(
-                "Weigh the masses and measure center_height_m before the plate is blamed:\n\n"
-                + _listed([f"{one.name}: {one.alike} would look the same" for one in alike])
-            )
         if verdict.corrections:
             lines.append("To correct:\n\n" + _listed(verdict.corrections))
         elif verdict.calibration is not None:
@@ -303,11 +297,6 @@ def _measurements(found: PlateAccuracy) -> list[str]:
         for belt, one in late.items()
         if one is not None
     ]
-    lines += [
-        f"{belt}: noise of the marker causes about {_marker_noise(found, belt):.1f} N of each "
-        "force error by difference in Table I"
-        for belt in belts
-    ]
     for belt in belts:
         noise = np.mean([t.noise for t in found.trials if t.weight.belt == belt], axis=0)
         forces, moments = (", ".join(f"{x:.2f}" for x in part) for part in (noise[:3], noise[3:]))
@@ -315,15 +304,6 @@ def _measurements(found: PlateAccuracy) -> list[str]:
             f"{belt}: noise above {found.study.file.cutoff_hz:g} Hz {forces} N and {moments} N·m"
         )
     return lines
-
-
-def _marker_noise(found: PlateAccuracy, belt: BeltSide) -> float:
-    """Give the force that noise of the marker seems to be [N].
-
-    The weight does not leave the belt, so the vertical acceleration of its marker is noise.
-    """
-    trials = [t for t in found.trials if t.weight.belt == belt]
-    return float(np.mean([np.std(t.truth[t.used, 2]) for t in trials]))
 
 
 def _listed(items: Sequence[str]) -> str:

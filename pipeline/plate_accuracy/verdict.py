@@ -35,10 +35,7 @@ from pipeline.plate_accuracy.response import (
     quantities_of,
     stance_loads,
 )
-from pipeline.plate_accuracy.trials import WeightTrial
 
-POWERS: Final = {"gain of Fz": 1, "curvature": 2}
-"""Fault -> power of the load with which it grows."""
 GAIN: Final = "gain of "
 """With which the names begin of faults that a common misstatement of all masses causes alike."""
 
@@ -86,49 +83,6 @@ def with_heavier_masses(found: PlateAccuracy, share: float) -> PlateAccuracy:
             for one in found.faults
         ),
     )
-
-
-def second_causes(
-    faults: Sequence[FaultEstimate], trials: Sequence[WeightTrial], full_scale_n: float
-) -> dict[str, str]:
-    """Find which misstatement of the weights would look the same as a fault.
-
-    Parameters
-    ----------
-    faults
-        Of one plate.
-    trials
-        Its recordings, from which the faults were estimated.
-    full_scale_n
-        Load at which the curvature is stated [N].
-
-    Returns
-    -------
-    dict[str, str]
-        Fault -> misstatement; of a single mass, the smallest. Only faults that have one.
-    """
-    alike = {}
-    for fault in faults:
-        if fault.fault == "Fx in My":
-            alike[fault.fault] = f"center_height_m wrong by {1000 * abs(fault.value):.2g} mm"
-        elif fault.fault in POWERS:
-            mass, wrong = _misstated_mass(POWERS[fault.fault], fault.value, trials, full_scale_n)
-            alike[fault.fault] = f"{mass:g} kg misstated by {wrong:.2g} kg"
-    return alike
-
-
-def _misstated_mass(
-    power: int, value: float, trials: Sequence[WeightTrial], full_scale_n: float
-) -> tuple[float, float]:
-    """Give the mass whose smallest misstatement has the coefficient, and that one [kg]."""
-    masses = np.array([trial.weight.mass_kg for trial in trials])
-    share = masses * GRAVITY_MPS2 / full_scale_n
-    highest = 2 if len(set(masses)) >= MIN_MASSES else 1
-    effect = np.linalg.pinv(np.vander(share, highest + 1, increasing=True))[power]
-    error = value * (full_scale_n if power == 1 else 1.0) / GRAVITY_MPS2
-    wrong = {mass: abs(error / effect[masses == mass].sum()) for mass in sorted(set(masses))}
-    smallest = min(wrong, key=lambda each: wrong[each])
-    return float(smallest), float(wrong[smallest])
 
 
 Answer = Literal["fit", "fit after correction", "not fit", "cannot be told"]
@@ -371,7 +325,6 @@ def judge(found: PlateAccuracy) -> tuple[PlateVerdict, ...]:
 
 
 def _judge_plate(found: PlateAccuracy, belt: BeltSide) -> PlateVerdict:
-    file, faults = found.study.file, _faults(found, belt)
     own = [trial for trial in found.trials if trial.weight.belt == belt]
     in_use = [trial for trial in found.trials_in_use if trial.weight.belt == belt]
     shared = _shared_gain(found, belt)
@@ -383,15 +336,14 @@ def _judge_plate(found: PlateAccuracy, belt: BeltSide) -> PlateVerdict:
     else:
         shared = 0.0
         corrected, calibration = _correction(found, heavier, belt, judged)
-    alike = second_causes(faults, in_use, file.full_scale_n)
     constant = np.all([trial.constant for trial in own], axis=0)
     return PlateVerdict(
         belt,
-        tuple(replace(one, alike=alike.get(one.name, "")) for one in judged),
+        tuple(judged),
         tuple(corrected),
         _to_record(found, belt),
         _remarks(found, belt),
-        delay_notes(faults),
+        delay_notes(_faults(found, belt)),
         calibration,
         len(in_use),
         with_supports=len({trial.weight.supports for trial in own}) > 1,
