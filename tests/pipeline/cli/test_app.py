@@ -332,7 +332,7 @@ def test_doctor_says_that_there_are_no_compiled_kernels_and_what_to_do(capsys, m
     monkeypatch.setattr(native, "lanes_of_processor", missing)
     monkeypatch.setattr(doctor, "speed", lambda _: 1.0)
     assert main(["doctor"]) == 0
-    out = capsys.readouterr().out
+    out = " ".join(capsys.readouterr().out.split())
     assert "Install a C compiler (gcc or clang), then the package again" in out
     assert "kernels: virtual machine (data [bold] [2024])" in out
 
