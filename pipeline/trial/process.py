@@ -12,8 +12,7 @@ from hbm.notes import Note
 from hbm.overrides import SegmentOverride
 from hbm.plausibility.body import implausible
 from hbm.plausibility.marker_tracking import solve_motion
-from hbm.signals.filtering import low_pass
-from hbm.signals.realtime_filter import acceleration_lag_s
+from hbm.signals.filtering import acceleration_lag_s, low_pass
 from hbm.spatial import GRAVITY_MPS2, Array, Mask
 from pipeline.config.schema import (
     Condition,
