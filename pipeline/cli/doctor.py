@@ -29,8 +29,7 @@ REPETITIONS = 3
 
 def doctor() -> None:
     """Print versions, how kernels and engines run here, how fast, and whether the engines agree."""
-    from hbm.engines.choice import choose_engine
-    from hbm.engines.engine import ENGINES
+    from hbm.engines.engine import ENGINES, choose_engine
     from hbm.kernels.native import kernels
     from pipeline.cli.terminal import announcer, plain_console
 

@@ -8,7 +8,7 @@ from typing import Any, Final, Self
 import numpy as np
 
 from compensation import PlatformPose, to_lab
-from hbm.engines.choice import choose_engine
+from hbm.engines.engine import choose_engine
 from hbm.markers import Markers
 from hbm.model import Body
 from hbm.plausibility.marker_tracking import solve_motion
