@@ -27,7 +27,7 @@ from hbm.coordinates import (
     SIDES,
     support,
 )
-from hbm.ik.posture import undetermined
+from hbm.ik.problem import undetermined
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers, MarkerSet, marker_sets, recognise_marker_set
 from hbm.model import Body, joints_of, pin_model

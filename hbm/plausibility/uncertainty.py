@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 
 from hbm.coordinates import COORDINATES, N_Q, TREE
-from hbm.ik.posture import POSTURE_PRECISION, covariance, marker_slopes, undetermined
+from hbm.ik.problem import POSTURE_PRECISION, covariance, marker_slopes, undetermined
 from hbm.model import Body
 from hbm.motion import Motion
 from hbm.notes import Note
