@@ -10,8 +10,8 @@ from hbm.markers import MarkerSet, recognise_marker_set
 from hbm.motion import Motion
 from hbm.notes import Note
 from hbm.overrides import SegmentOverride
-from hbm.plausibility.body import implausible
-from hbm.plausibility.marker_tracking import solve_motion
+from hbm.plausibility.motion import implausible
+from hbm.plausibility.outliers import solve_motion
 from hbm.signals.filtering import acceleration_lag_s, low_pass
 from hbm.spatial import GRAVITY_MPS2, Array, Mask
 from pipeline.config.schema import (

@@ -14,8 +14,7 @@ from hbm.ik.tracking import TRIES, lowest_of_tries
 from hbm.kernels.native import load
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers
-from hbm.plausibility.marker_tracking import MarkerTracker, beyond_reach, track_motion
-from hbm.plausibility.outliers import MAX_ROUNDS
+from hbm.plausibility.outliers import MAX_ROUNDS, MarkerTracker, beyond_reach, track_motion
 from tests.hbm.motions import markers_of, swinging, with_noise, without
 from tests.synthetic import synthetic_body
 
