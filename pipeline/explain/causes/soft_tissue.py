@@ -15,7 +15,7 @@ import numpy as np
 from hbm.coordinates import FIXED_TO, MOVING, SIDES
 from hbm.poses import segment_frames
 from hbm.segments import NO_INERTIA, Inertia
-from hbm.signals.oscillator import oscillation
+from hbm.signals.filtering import oscillation
 from hbm.spatial import GRAVITY_MPS2, Array
 from pipeline.explain.cause import Cause
 from pipeline.explain.priors import priors
@@ -137,7 +137,7 @@ class WobblingMass:
 
         Notes
         -----
-        `hbm.signals.oscillator.oscillation` gives ``d``. It adds ``m d̈``, and what it needs acts
+        `hbm.signals.filtering.oscillation` gives ``d``. It adds ``m d̈``, and what it needs acts
         ``d`` beside its place.
         """
         drive = -(self.pull - [0, 0, GRAVITY_MPS2]) @ along

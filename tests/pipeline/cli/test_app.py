@@ -13,7 +13,6 @@ import typer
 
 from hbm.body import Body
 from hbm.kernels import native
-from hbm.kernels.compiler import KernelsDisagreeError
 from hbm.markers import Markers
 from pipeline.cli import doctor
 from pipeline.cli.app import app, main
@@ -322,24 +321,19 @@ def test_doctor_says_where_the_engines_disagree(capsys, monkeypatch):
     assert "  kernels: the two engines of inverse dynamics disagree: " in capsys.readouterr().out
 
 
-def test_doctor_shows_that_compiled_kernels_were_refused(capsys, monkeypatch):
-    def refused(*_):
-        raise KernelsDisagreeError("the kernels that cc compiled differ (newton_step by 0.3)")
+def test_doctor_says_that_there_are_no_compiled_kernels_and_what_to_do(capsys, monkeypatch):
+    """Square brackets are printed as they are, not as markup."""
+
+    def missing(_):
+        raise native.LibraryError("data [bold] [2024]")
 
     monkeypatch.setattr(native, "_READY", {})
-    monkeypatch.setattr(native, "compiled_library", refused)
+    monkeypatch.setattr(native, "lanes_of_processor", missing)
     monkeypatch.setattr(doctor, "speed", lambda _: 1.0)
     assert main(["doctor"]) == 0
-    out = capsys.readouterr().out
-    assert "newton_step by 0.3" in out
-    assert "kernels: virtual machine (compiled kernels differ from it)" in out
-
-
-def test_square_brackets_are_printed_as_they_are(capsys, monkeypatch):
-    """Not as markup: names of folders and channels, and units may have them."""
-    monkeypatch.setattr(native, "cache_directory", lambda: "data [bold] [2024]")
-    assert main(["doctor"]) == 0
-    assert "data [bold] [2024]" in capsys.readouterr().out
+    out = " ".join(capsys.readouterr().out.split())
+    assert "Install a C compiler (gcc or clang), then the package again" in out
+    assert "kernels: virtual machine (data [bold] [2024])" in out
 
 
 @pytest.mark.parametrize(

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hbm.ik.lowest import TRIES, lowest, lowest_of_tries
 from hbm.ik.problem import Problem
+from hbm.ik.tracking import TRIES, lowest, lowest_of_tries
 from hbm.kinematics import solve_ik
 from tests.hbm.motions import any_pose, markers_of, with_noise, without
 from tests.synthetic import synthetic_body
@@ -52,7 +52,7 @@ def arms_shown_weakly():
 
 
 def problem_of(body, markers):
-    return Problem(body, markers, {}, {}, {}, tolerance=1e-6, jobs=1)
+    return Problem(body, markers)
 
 
 def test_the_search_never_ends_above_where_it_began(arms_shown_weakly):

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hbm.coordinates import INDEX, TREE
-from hbm.ik.rotations import hinge_angles, nearest_rotation, rotation_terms, three_angles
+from hbm.ik.start import hinge_angles, nearest_rotation, rotation_terms, three_angles
 from hbm.spatial import fit_rotation, rotation_about
 
 FRAMES = 300

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hbm.signals.convolution import Convolution
+from hbm.signals.resampling import Convolution
 
 MARKERS_HZ = 100.0
 

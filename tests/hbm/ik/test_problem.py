@@ -5,8 +5,7 @@ import pytest
 
 from hbm.coordinates import COORDINATES, INDEX
 from hbm.ik.frame_tracking import FrameTracker
-from hbm.ik.posture import POSTURE_PRECISION
-from hbm.ik.problem import Problem
+from hbm.ik.problem import POSTURE_PRECISION, Problem
 from hbm.kinematics import solve_ik
 from tests.hbm.motions import markers_of, swinging, with_noise, without
 from tests.synthetic import synthetic_body
@@ -24,7 +23,7 @@ def truth():
 
 
 def pulled(markers):
-    problem = Problem(BODY, markers, {}, {}, {}, tolerance=1e-6, jobs=1)
+    problem = Problem(BODY, markers)
     return {COORDINATES[i] for i in np.flatnonzero(problem.prior)}
 
 
