@@ -8,25 +8,22 @@ from typing import Final
 import pandas as pd
 
 from pipeline.report.tables import Table
-from pipeline.statistics.comparison import ALL_CELLS
+from pipeline.statistics.comparison import ALL_CELLS, MIXED_ANOVA, RM_ANOVA, Row
 from pipeline.statistics.design import COMPENSATION, Design
-from pipeline.statistics.headline import join_names
-from pipeline.statistics.omnibus import MIXED_ANOVA, RM_ANOVA
-from pipeline.statistics.row import Row
 from pipeline.statistics.table_3 import format_p, number
+from pipeline.statistics.verdict import join_names
 from pipeline.trial.residuals import AXES, DIRECTIONS
 
 ALPHA: Final = 0.05
 """Level of significance, as everywhere in the report."""
 ANOVA_HEADS: Final = (
-    *("Effect", "F", "df", "ε GG", "ε HF", "p", "p corrected", "partial η² [95 % CI]"),
+    *("Effect", "F", "df", "ε GG", "p", "p corrected", "partial η² [95 % CI]"),
     *("power", "Mauchly's W", "its p"),
 )
 FRIEDMAN_HEADS: Final = ("Cells", "χ²", "df", "p", "Kendall's W")
 PAIR_HEADS: Final = (
     *("Pair", "n", "mean difference [95 % CI]", "Cohen's dz [95 % CI]"),
-    *("Hodges–Lehmann shift [95 % CI]", "p, t", "p, Wilcoxon exact", "p, Wilcoxon asymptotic"),
-    *("rank-biserial", "p, Shapiro–Wilk"),
+    *("p, t", "p, Wilcoxon exact", "p, Wilcoxon asymptotic", "rank-biserial"),
 )
 
 
@@ -115,7 +112,6 @@ def _anova_row(row: Row, sphericity: Row | None) -> tuple[str, ...]:
         number(row.statistic, ".2f"),
         f"{row.df1:g}, {row.df2:g}",
         number(row.epsilon, ".3f") if several else "–",
-        number(row.epsilon_hf, ".3f") if several else "–",
         format_p(row.p_uncorrected),
         format_p(row.p_corrected) + " GG" * (row.correction != "none"),
         _with_interval(row, ".2f"),
@@ -151,7 +147,6 @@ def _pair_table(tests: pd.DataFrame, design: Design) -> Iterator[Table]:
             continue
         own = tests[tests["effect"] == pair]
         sizes = _by(own[own["test"] == "estimate"], "effect_size_name")
-        shapiro = own.loc[own["test"].str.startswith("Shapiro"), "p_corrected"]
         exact = of_pair["Wilcoxon exact"]
         rows.append(
             (
@@ -159,12 +154,10 @@ def _pair_table(tests: pd.DataFrame, design: Design) -> Iterator[Table]:
                 str(exact.n),
                 _with_interval(sizes["mean difference"], "+z.1f"),
                 _with_interval(sizes["Cohen's dz"], "+z.2f"),
-                _with_interval(sizes["Hodges-Lehmann shift"], "+z.1f"),
                 format_p(of_pair["paired t"].p_corrected),
                 format_p(exact.p_corrected),
                 format_p(of_pair["Wilcoxon asymptotic"].p_corrected),
                 number(exact.effect_size, "+z.2f"),
-                "".join(format_p(p) for p in shapiro),
             )
         )
     if rows:

@@ -14,8 +14,8 @@ from scipy import stats
 from pipeline.figures.residuals import axis_label, draw_part, label_panels, mean_part
 from pipeline.figures.style import COLOURS, LINE_WIDTH_PT, STYLE, draw_band
 from pipeline.run.load import Results
+from pipeline.statistics.comparison import MIXED_ANOVA, RM_ANOVA
 from pipeline.statistics.design import Design
-from pipeline.statistics.omnibus import MIXED_ANOVA, RM_ANOVA
 from pipeline.statistics.table_3 import format_p
 from pipeline.trial.residuals import AXES, UNITS
 

@@ -18,7 +18,7 @@ from pipeline.report.windows import described
 from pipeline.run.load import Results
 from pipeline.run.provenance import engines_of
 from pipeline.statistics.design import Design
-from pipeline.statistics.headline import join_names
+from pipeline.statistics.verdict import join_names
 from pipeline.trial.gait.perturbations import MIN_PLATFORM_SPEED_MPS
 from pipeline.trial.summary import TrialSummary
 from pipeline.trial.validity import settling_s

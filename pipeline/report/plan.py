@@ -5,9 +5,7 @@ from collections.abc import Sequence
 import pandas as pd
 
 from pipeline.statistics.design import CONFIDENCE, MIN_SUBJECTS, Design
-from pipeline.statistics.headline import level_name
-from pipeline.statistics.sample_size import MAX_SUBJECTS, POWER
-from pipeline.statistics.verdict import Verdict
+from pipeline.statistics.verdict import MAX_SUBJECTS, POWER, Verdict, level_name
 
 
 def plan_table(found: Sequence[Verdict], design: Design) -> pd.DataFrame:

@@ -4,19 +4,12 @@ from typing import Final
 
 import pandas as pd
 
+from pipeline.statistics.comparison import MIXED_ANOVA, RM_ANOVA
 from pipeline.statistics.design import Design, design_of
-from pipeline.statistics.headline import join_names, level_name
-from pipeline.statistics.omnibus import MIXED_ANOVA, RM_ANOVA
-from pipeline.statistics.verdict import judged_conditions
+from pipeline.statistics.verdict import join_names, judged_conditions, level_name
 
 COVARIATES: Final = {"height_m": "stature", "mass_kg": "body mass", "age_years": "age"}
 """Key -> words; the other keys are words."""
-CHECKS: Final = {
-    "sign-flip permutation": "sign-flip permutation tests",
-    "aligned-rank RM-ANOVA": "an aligned-rank analysis of variance",
-    "Friedman": "Friedman's test",
-}
-"""Test -> words."""
 
 
 def statistics_methods(statistics: pd.DataFrame, design: Design) -> list[str]:
@@ -41,8 +34,8 @@ def statistics_methods(statistics: pd.DataFrame, design: Design) -> list[str]:
         parts.append(_anova(design))
     if "paired t" in computed:
         parts.append(_planned_pairs(design))
-    if checks := [words for test, words in CHECKS.items() if test in computed]:
-        parts.append(f"As a check, the effects were also tested by {join_names(checks)}.")
+    if "Friedman" in computed:
+        parts.append("As a check, the cells were also compared by Friedman's test.")
     for test in sorted(computed):
         anova, joint, names = test.partition(" with ")
         if joint and anova in (RM_ANOVA, MIXED_ANOVA):

@@ -8,10 +8,15 @@ from typing import Final
 import pandas as pd
 
 from pipeline.statistics.design import EXPERIMENT_3, Design
-from pipeline.statistics.headline import headlines, level_name
-from pipeline.statistics.sample_size import MAX_SUBJECTS
 from pipeline.statistics.table_3 import number
-from pipeline.statistics.verdict import Answer, Verdict, judged_conditions
+from pipeline.statistics.verdict import (
+    MAX_SUBJECTS,
+    Answer,
+    Verdict,
+    headlines,
+    judged_conditions,
+    level_name,
+)
 from pipeline.trial.residuals import AXES, DIRECTIONS
 
 MAX_AXIS_PERCENT: Final = 100.0

@@ -4,7 +4,7 @@ from typing import Final
 
 import pandas as pd
 
-from pipeline.statistics.headline import join_names
+from pipeline.statistics.verdict import join_names
 
 DESCRIBED: Final = {
     "cycle": "whole gait cycles",

@@ -98,7 +98,7 @@ def write_report(
     write_csv(table, folder / "table_3.csv")
     below = "\n".join(filter(None, (windows_sentence(results.residuals), missing)))
     write_text(f"{table_3_markdown(table, design)}\n{below}\n", folder / "table_3.md")
-    found = verdicts(results.residuals, tests, design, measurement)
+    found = verdicts(results.residuals, design, measurement)
     write_csv(plan_table(found, design), folder / "plan.csv")
     write_text(plan_markdown(found, design), folder / "plan.md")
     with whole_file(folder / "cycles.parquet") as temporary:

@@ -48,7 +48,6 @@ def test_the_analysis_of_variance_is_rs(shown):
         assert anova["partial η² [95 % CI]"][k].startswith(f"{eta:.2f} [0.")
         if r["epsilon"] is not None:
             assert anova["ε GG"][k] == f"{r['epsilon']:.3f}"
-            assert float(anova["ε HF"][k]) > r["epsilon"]
             assert anova["Mauchly's W"][k] == f"{r['mauchly_w']:.3f}"
             assert anova["its p"][k] == f"{r['mauchly_p']:.3f}*"
     assert [p.endswith("GG") for p in anova["p corrected"]] == [False, True, True]
