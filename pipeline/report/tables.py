@@ -78,9 +78,8 @@ def residual_tables(
 
 
 def _table_3(table_3: pd.DataFrame, design: Design) -> Table:
-    columns = printed_columns(table_3, design)
-    heads = tuple(column.head for column in columns)
-    in_two_lines = ([cell.replace(" [", "\n[") for cell in own.cells] for own in columns)
+    heads, columns = zip(*printed_columns(table_3, design), strict=True)
+    in_two_lines = ([cell.replace(" [", "\n[") for cell in own] for own in columns)
     rows = tuple(zip(*in_two_lines, strict=True))
     caption = "Table III. RMS residuals, mean ± SD over n subjects"
     return Table(caption, heads, rows, "numbers table3", table_3_legend(table_3, design))
