@@ -22,7 +22,7 @@ from pathlib import Path
 from pipeline.config.comparison import study_design
 from pipeline.config.study import read_study
 from pipeline.report.figures import marginal_means_figure
-from pipeline.report.plan import plan_markdown
+from pipeline.report.tables import plan_markdown
 from pipeline.run.load import collect
 from pipeline.run.run import run_study
 from pipeline.statistics.comparison import statistics
