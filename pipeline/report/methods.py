@@ -23,8 +23,8 @@ from pipeline.statistics.comparison import MIXED_ANOVA, RM_ANOVA
 from pipeline.statistics.design import Design, design_of
 from pipeline.statistics.verdict import join_names, judged_conditions, level_name
 from pipeline.trial.gait.perturbations import MIN_PLATFORM_SPEED_MPS
+from pipeline.trial.quality import settling_s
 from pipeline.trial.summary import TrialSummary
-from pipeline.trial.validity import settling_s
 
 HIP_METHODS: Final = {
     "harrington": "the regression equations of Harrington et al. (2007)",
