@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
-from pipeline.budgets.explanation import Explanation, explanation_lines
-from pipeline.budgets.table import CAPTION, budget_table
+from pipeline.budgets.explanation import Explanation
+from pipeline.budgets.words import CAPTION, budget_table
 from pipeline.report.blocks import Check, Table, Text
 from pipeline.run.load import Results
 from pipeline.run.provenance import Provenance, TrialState
@@ -157,14 +157,14 @@ def _delay(delay_s: float | None, uncertainty_s: float | None) -> Check:
 
 def causes(name: str, explanation: Explanation) -> tuple[Text, Table]:
     """Show what a trial's residuals are made of: shares, sizes, what to mend, what is open."""
-    shown = budget_table(explanation.budget)
-    heads, columns = zip(*shown.columns, strict=True)
+    title, axes, columns = budget_table(explanation.budget)
+    heads, cells = zip(*columns, strict=True)
     table = Table(
-        caption=f"{name}: {shown.title}",
+        caption=f"{name}: {title}",
         heads=("Residual", *heads),
-        rows=tuple(zip(shown.axes, *columns, strict=True)),
+        rows=tuple(zip(axes, *cells, strict=True)),
         css_class="budget",
         legend=CAPTION,
     )
     notes = (note.text for note in explanation.budget.notes)
-    return Text(name, (*explanation_lines(explanation), *notes)), table
+    return Text(name, (*explanation.lines(), *notes)), table

@@ -9,7 +9,7 @@ import pandas as pd
 
 from hbm.engines.engine import title
 from hbm.spelling import did_you_mean, listed, short
-from pipeline.budgets.measurement import study_covariances, what_is_missing
+from pipeline.budgets.explanation import study_covariances, what_is_missing
 from pipeline.budgets.study import explanations, stale_sentence, unexplained
 from pipeline.config.comparison import groups, study_design
 from pipeline.config.schema import COVARIATES
