@@ -1,4 +1,4 @@
-"""The three kinds of block that the page of a report is made of: texts, tables and pictures."""
+"""What the page of a report is made of: texts, tables, pictures, and templates that place them."""
 
 from base64 import b64encode
 from collections.abc import Iterable, Sequence
@@ -42,20 +42,10 @@ class Table:
     legend: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Picture:
-    """A figure's file: what it shows, what good and bad look like, and what to do."""
-
-    path: Path
-    shows: str
-    judge: str
-    act: str
-
-    @property
-    def data_uri(self) -> str:
-        """The file inside the page."""
-        data = b64encode(self.path.read_bytes()).decode()
-        return f"data:{MEDIA_TYPES[self.path.suffix]};base64,{data}"
+def picture(path: Path) -> str:
+    """Give a figure's file as a source inside the page."""
+    data = b64encode(path.read_bytes()).decode()
+    return f"data:{MEDIA_TYPES[path.suffix]};base64,{data}"
 
 
 def each(texts: Iterable[object]) -> str:

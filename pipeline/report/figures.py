@@ -1,8 +1,7 @@
-"""Figures of a study and their captions: gait cycles, marginal means, one subject's cycles."""
+"""Figures of a study: gait cycles over subjects, marginal means, every cycle of one subject."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final
 
 import matplotlib as mpl
@@ -14,7 +13,6 @@ from scipy import stats
 
 from pipeline.figures.residuals import axis_label, draw_part, label_panels, mean_part
 from pipeline.figures.style import COLOURS, LINE_WIDTH_PT, STYLE, draw_band
-from pipeline.report.blocks import Picture
 from pipeline.run.load import Results
 from pipeline.statistics.comparison import MIXED_ANOVA, RM_ANOVA
 from pipeline.statistics.design import CONFIDENCE, Design
@@ -311,82 +309,3 @@ def _in_time(spans: Spans) -> list[tuple[str, int]]:
     """Give side and number of a trial's gait cycles in order of their starts."""
     keys = [(side, number) for side, own in spans.items() for number in range(1, len(own) + 1)]
     return sorted(keys, key=lambda key: spans[key[0]][key[1] - 1][0])
-
-
-def study_pictures(results: Results, folder: Path, design: Design) -> list[Picture]:
-    """Give the figures over all subjects, from the folder of the drawn ones, with captions."""
-    plates = "with the plates as measured"
-    if results.residuals["compensated"].any():
-        plates = "without (no IC) and with inertia compensation (IC)"
-    present = set(results.cycles["condition"].unique())
-    of_conditions = [
-        _gait_cycle_picture(folder, condition, plates, design, design.reference in present)
-        for condition in drawn_conditions(results.cycles, design)
-    ]
-    return [*of_conditions, _means_picture(folder, plates, design)]
-
-
-def _gait_cycle_picture(
-    folder: Path, condition: str, plates: str, design: Design, has_reference: bool
-) -> Picture:
-    """Caption a gait cycle."""
-    reference = ""
-    if condition != design.reference and has_reference:
-        reference = f", and in {design.reference}"
-    check = "check markers, events and plates in the viewer at this percent of the cycle."
-    act = f"Where the line has a peak that the reference has not, {check}"
-    if design.compensated:
-        act = (
-            "Where IC leaves a peak while the platform moves, check delay and calibration of the "
-            f"accelerometers; where all lines have it, {check}"
-        )
-    return Picture(
-        folder / f"gait_cycle_{condition}.svg",
-        f"Residuals over the gait cycle in {condition} {plates}{reference}; mean ± SD. x forward, "
-        "y right, z up; moments about the midpoint of the hip joints. Cycles of the left foot are "
-        "mirrored (Fy, Mx and Mz change sign). The panels differ in scale.",
-        "Good: the line stays within the band of the reference, a few per cent of body weight from "
-        "zero. Bad: an offset, a peak that the reference has not, or a band that widens at one "
-        "instant of the cycle.",
-        act,
-    )
-
-
-def _means_picture(folder: Path, plates: str, design: Design) -> Picture:
-    """Caption the means."""
-    judge = (
-        "Good: the line is level, and the subjects' thin lines run alike. Bad: one condition "
-        "rises, or a single subject does."
-    )
-    if design.compensated:
-        judge = (
-            "Good: the lines with compensation are level and near the reference, and the subjects' "
-            "thin lines run alike. Bad: one condition rises, or a single subject does; lines that "
-            "are not parallel are an interaction."
-        )
-    return Picture(
-        folder / "marginal_means.svg",
-        f"Mean RMS residual of every condition {plates}, with 95 % confidence intervals; thin "
-        "lines are subjects.",
-        judge,
-        "Where all subjects rise, look at the condition's gait cycle above; where one does, look "
-        "at the quality and the notes of this subject's trials below. Intervals of single means "
-        "may overlap though the paired difference is clear: see the tests above.",
-    )
-
-
-def example_pictures(folder: Path, subject: str | None) -> list[Picture]:
-    """Give the figures of one subject's single cycles; none without a subject."""
-    if subject is None:
-        return []
-    return [
-        Picture(
-            folder / f"raw_{axis}.png",
-            f"Residual {axis} of {subject}, every cycle.",
-            "Good: every cycle is like the others of its condition. Bad: single cycles stand out, "
-            "or the level drifts with time.",
-            "Look at a cycle that stands out in the viewer: a foot on both plates, a wrong event "
-            "or a lost marker. A drift is one of the plates: tare them.",
-        )
-        for axis in AXES
-    ]

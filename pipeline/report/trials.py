@@ -71,7 +71,9 @@ def quality_table(trials: Mapping[str, TrialSummary]) -> Table:
     """Rate every trial by the same criteria."""
     rated = {name: trial_quality(trial) for name, trial in trials.items()}
     heads = ("Trial", *next(iter(rated.values())))
-    rows = [(name, *checks.values()) for name, checks in rated.items()]
+    rows: list[tuple[str | Sequence[Check], ...]] = [
+        (name, *checks.values()) for name, checks in rated.items()
+    ]
     return Table("Quality of every trial", heads, rows, "trials")
 
 

@@ -16,14 +16,9 @@ from pipeline.config.schema import COVARIATES
 from pipeline.config.study import Study, read_study
 from pipeline.figures.style import save_figure
 from pipeline.io.write import whole_file, write_csv, write_text
-from pipeline.report.blocks import TEMPLATES, Table
+from pipeline.report.blocks import TEMPLATES, Table, picture
 from pipeline.report.effects import residual_tests
-from pipeline.report.figures import (
-    example_pictures,
-    example_subject,
-    study_figures,
-    study_pictures,
-)
+from pipeline.report.figures import example_subject, study_figures
 from pipeline.report.methods import bibtex, methods
 from pipeline.report.tables import plan_markdown, plan_table, residual_tables, windows_sentence
 from pipeline.report.trials import LIMITS, causes, problems, quality_table
@@ -127,17 +122,18 @@ def write_report(
     source = provenance(results, states, study)
     write_text(source.to_json(), folder / "study.json")
 
-    figures = folder / "figures"
+    pictures = {}
     for name, figure in study_figures(results, tests, design):
         announce(f"drawing {name}")
-        save_figure(figure, figures / name)
+        save_figure(figure, folder / "figures" / name)
+        suffix = ".png" if name.startswith("raw_") else ".svg"  # every cycle is too many lines
+        pictures[name] = picture(folder / "figures" / f"{name}{suffix}")
 
     order = design.in_order(condition for _, condition in results.summaries)
     keys = sorted(results.summaries, key=lambda key: (key[0], order.index(key[1])))
     trials = {" ".join(key): results.summaries[key] for key in keys}
     failed, stale = unexplained(folder), stale_sentence(folder)
     paragraphs = methods(results, tests, design, study)
-    subject = example_subject(results.cycles)
     tables, inputs = _sources(source)
     of_study = {} if study is None else groups(study.file, study.subjects)
     stated = study is not None and study.file.comparison is not None
@@ -154,9 +150,10 @@ def write_report(
             results.residuals, table, design, {s: g for s, g in of_study.items() if g is not None}
         ),
         tests=residual_tests(tests, design),
-        pictures=study_pictures(results, figures, design),
-        example_subject=subject,
-        example_pictures=example_pictures(figures, subject),
+        pictures=pictures,
+        example_subject=example_subject(results.cycles),
+        any_compensated=bool(results.residuals["compensated"].any()),
+        has_reference=design.reference in set(results.cycles["condition"]),
         trials=trials,
         states=states,
         quality=quality_table(trials),

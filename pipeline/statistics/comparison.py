@@ -350,8 +350,8 @@ def _pairs(cells: pd.DataFrame, design: Design) -> Iterator[Row]:
         estimates.append(_with_size(row, "mean difference", found.mean))
         estimates.append(_with_size(row, "Cohen's dz", found.dz))
     for rows in tests.values():
-        p = np.array([row.p_uncorrected for row in rows])
-        for correction, corrected in _corrected(p, len(design.pairs)).items():
+        alone = np.array([row.p_uncorrected for row in rows])
+        for correction, corrected in _corrected(alone, len(design.pairs)).items():
             for row, p_corrected in zip(rows, corrected, strict=True):
                 yield replace(row, correction=correction, p_corrected=float(p_corrected))
     yield from estimates

@@ -170,7 +170,7 @@ def orthonormal_contrasts(levels: Sequence[int], tested: Sequence[bool]) -> Arra
     for level, is_tested in zip(levels, tested, strict=True):
         basis, _ = np.linalg.qr(np.hstack([np.ones((level, 1)), np.eye(level)[:, 1:]]))
         matrix = np.kron(matrix, basis[:, 1:] if is_tested else basis[:, :1])
-    return matrix
+    return np.asarray(matrix)
 
 
 def _term(

@@ -310,7 +310,7 @@ def subjects_needed(sd: float, room: float, alpha: float) -> int | None:
     """
     if room <= 0:
         return None
-    n = np.arange(2, MAX_SUBJECTS + 1)
+    n = np.arange(2.0, MAX_SUBJECTS + 1)
     enough = noninferiority_power(n, sd, room, alpha) >= POWER
     return int(n[enough.argmax()]) if enough.any() else None
 

@@ -43,8 +43,6 @@ def test_fewer_than_two_subjects_give_one_line(n):
 
 def test_the_command_prints_the_plan_that_it_writes(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(report, "study_figures", lambda *args: iter(()))
-    monkeypatch.setattr(report, "study_pictures", lambda *args: [])
-    monkeypatch.setattr(report, "example_pictures", lambda *args: [])
     write_fake_results(tmp_path, subjects=3, cycles=2)
     assert main(["report", str(tmp_path), "--plan", "--covariate", "mass_kg"]) == 0
     printed = capsys.readouterr().out
