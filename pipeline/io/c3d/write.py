@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from hbm.markers import Markers
 from hbm.spatial import Array, rotate_wrench, shift_wrench
 from pipeline.io.axes import parse_axes
-from pipeline.io.c3d.byte_order import BLOCK_BYTES
-from pipeline.io.c3d.encoding import MAX_ENTRIES, Groups, Value, parameter_section
 from pipeline.io.c3d.force_plates import plate_axes
+from pipeline.io.c3d.parameters import BLOCK_BYTES, MAX_ENTRIES, Groups, Value, parameter_section
 from pipeline.io.recording import Analog, Event, Metadata, Plate
 from pipeline.io.write import whole_file
 
