@@ -1,20 +1,24 @@
 """ASCII exports of Vicon Nexus: blocks of numbers under groups of columns."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from hbm.markers import Markers
 from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import listed, short
-from pipeline.io.axes import parse_axes, settle_axes
+from pipeline.io.columns import (
+    PlateColumns,
+    file_markers,
+    lab_axes,
+    left_out,
+    plates_about_origin,
+    plates_in_si,
+)
 from pipeline.io.input_file import naming
-from pipeline.io.labels import marker_columns
-from pipeline.io.moment_reference import PlateColumns, plates_about_origin
 from pipeline.io.recording import Analog, Metadata, Plate, Recording
 from pipeline.io.stated import Stated, as_stated
 from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows
@@ -204,36 +208,29 @@ def _read(path: Path, stated: Stated) -> Recording:
     groups = [group for group in groups if group.name and not group.name.startswith("*")]
     if not groups:
         raise ValueError("the Trajectories block names no markers with X, Y and Z")
-    markers, subject, label_notes = marker_columns([group.name for group in groups], stated)
     unit = groups[0].units[0]
-    _, unit_notes = stated.marker_unit(unit)
-    position = np.stack(
-        [
-            block.vector(groups[k]) * stated.marker_unit(groups[k].units[0])[0]
-            for k in markers.values()
-        ],
-        axis=1,
-    )
-    position[~np.isfinite(position).all(axis=-1) | ~position.any(axis=-1)] = np.nan
-    stated.check_span(position, unit)
-    settled, axes_notes = settle_axes(
-        stated.axes, position, tuple(markers), marker_set=stated.marker_set
-    )
-    to_lab = parse_axes(settled)
-    notes = [*axes_notes, *skipped, *ending_notes(path), *unit_notes, *label_notes]
+    metre, _ = stated.marker_unit(unit)
+
+    def positions(kept: list[int]) -> Array:
+        metres = [stated.marker_unit(groups[k].units[0])[0] / metre for k in kept]
+        vectors = zip((groups[k] for k in kept), metres, strict=True)
+        return np.stack([block.vector(group) * factor for group, factor in vectors], axis=1)
+
+    markers = file_markers([group.name for group in groups], unit, positions, stated)
+    to_lab, axes_notes = lab_axes(markers, (), stated)
+    notes = [*axes_notes, *skipped, *ending_notes(path), *markers.notes]
     plates: tuple[Plate, ...] = ()
     analog = None
     if "devices" in blocks:
         plates, analog, device_notes = _devices(blocks["devices"], block, to_lab, stated)
         notes += device_notes
-    time = (block.frame - block.frame[0]) / block.rate_hz
     return Recording(
         source=path,
-        markers=Markers(time, tuple(markers), position @ to_lab.T),
+        markers=markers.in_lab((block.frame - block.frame[0]) / block.rate_hz, to_lab),
         plates=plates,
         analog=analog,
         first_frame=int(block.frame[0]),
-        metadata=Metadata(software="Vicon Nexus", subject=subject),
+        metadata=Metadata(software="Vicon Nexus", subject=markers.subject),
         model_outputs=_outputs(blocks.get("model outputs"), block),
         stated=stated,
         notes=tuple(notes),
@@ -266,7 +263,7 @@ def _devices(
         if quantity.lower() in ("force", "moment", "cop") and len(group.components) >= 3:
             measured.setdefault(stem, {})[quantity.lower()] = group
     measured = {stem: parts for stem, parts in measured.items() if "force" in parts}
-    columns, notes = _plates(block, measured, time, stated)
+    columns, notes = plates_in_si(_plates(block, measured, time), stated)
     push = sum(float(np.nan_to_num(plate.force @ to_lab[2]).mean()) for plate in columns)
     if push < 0:
         columns = [replace(plate, force=-plate.force, moment=-plate.moment) for plate in columns]
@@ -278,32 +275,23 @@ def _devices(
 
 
 def _plates(
-    block: Block, measured: Mapping[str, Mapping[str, Group]], time: Array, stated: Stated
-) -> tuple[list[PlateColumns], list[Note]]:
-    """Give the columns of the plates that have all of them, and notes on units and the others."""
-    convert = {
-        "force": stated.force_unit,
-        "moment": stated.moment_unit,
-        "cop": stated.pressure_unit,
-    }
-    found, notes = [], []
+    block: Block, measured: Mapping[str, Mapping[str, Group]], time: Array
+) -> Iterator[PlateColumns | Note]:
+    """Give the columns of each plate, or why it is left out."""
     for number, (stem, parts) in enumerate(measured.items(), start=1):
         name = f"plate {number} ({short(stem)})"
         if "moment" not in parts or "cop" not in parts:
-            reason = (
-                f"it has forces but no {'CoP' if 'moment' in parts else 'moments'}; export Force, "
-                "Moment and CoP: only together they give the wrench in the lab"
+            lacks = "CoP" if "moment" in parts else "moments"
+            yield left_out(
+                name,
+                f"it has forces but no {lacks}; export Force, Moment and CoP: only together they "
+                "give the wrench in the lab",
             )
-            notes.append(Note.of("plate_left_out", plate=name, reason=reason))
             continue
-        units = {quantity: parts[quantity].units[0] for quantity in convert}
-        force, moment, pressure = (
-            block.vector(parts[quantity]) * unit(units[quantity])
-            for quantity, unit in convert.items()
-        )
-        notes += stated.plate_notes(*([unit] for unit in units.values()))
-        found.append(PlateColumns(number, name, time, force, moment, pressure))
-    return found, list(dict.fromkeys(notes))
+        groups = [parts[quantity] for quantity in ("force", "moment", "cop")]
+        force, moment, pressure = (group.units[0] for group in groups)
+        vectors = (block.vector(group) for group in groups)
+        yield PlateColumns(number, name, time, *vectors, (force, moment, pressure))
 
 
 def _analog(block: Block, groups: list[Group], time: Array) -> Analog | None:

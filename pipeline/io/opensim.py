@@ -1,22 +1,27 @@
 """OpenSim's files: TRC, MOT and STO."""
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
 import numpy as np
 
-from hbm.markers import Markers
 from hbm.notes import Note
 from hbm.spatial import Array, read_only, rotate_wrench
 from hbm.spelling import listed, short
-from pipeline.io.axes import mean_force, parse_axes, settle_axes
+from pipeline.io.columns import (
+    FileMarkers,
+    PlateColumns,
+    file_markers,
+    lab_axes,
+    left_out,
+    plates_in_si,
+    wrench_of_torque,
+)
 from pipeline.io.input_file import naming
-from pipeline.io.labels import marker_columns
-from pipeline.io.moment_reference import wrench_of_torque
 from pipeline.io.recording import Metadata, Plate, Recording
 from pipeline.io.stated import Stated, as_stated
 from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows, read_number
@@ -125,32 +130,8 @@ ROUNDED: Final = 1e-6
 """Of a digit: closer to a whole one, a number has no further digits."""
 
 
-@dataclass(frozen=True, slots=True)
-class Trajectories:
-    """Marker trajectories in SI units and the file's own axes and clock.
-
-    Attributes
-    ----------
-    time
-        Times, (T,) [s].
-    names
-        Marker labels, as wanted.
-    position
-        Positions in the file's axes, (T, M, 3) [m]; gaps are NaN.
-    first_frame
-        Number of the first frame.
-    subject
-        Prefix of the labels in the file, empty where they have none.
-    notes
-        On units, labels and how the file ends.
-    """
-
-    time: Array
-    names: tuple[str, ...]
-    position: Array
-    first_frame: int
-    subject: str
-    notes: tuple[Note, ...]
+Trajectories = tuple[FileMarkers, Array, int]
+"""Markers, times on the file's clock, (T,) [s], and number of the first frame."""
 
 
 def read_trc(path: str | Path, stated: Stated | str | None = None) -> Recording:
@@ -188,88 +169,60 @@ def read_trc(path: str | Path, stated: Stated | str | None = None) -> Recording:
     ('LASIS', 'RASIS', 'LMT2')
     """
     path, stated = Path(path), as_stated(stated)
-    found = read_trajectories(path, stated)
+    markers, time, first_frame = read_trajectories(path, stated)
     with naming(path):
-        axes, notes = settle_axes(
-            stated.axes, found.position, found.names, marker_set=stated.marker_set
-        )
-    position = found.position @ parse_axes(axes).T
+        to_lab, notes = lab_axes(markers, (), stated)
     return Recording(
         source=path,
-        markers=Markers(found.time - found.time[0], found.names, position),
-        first_frame=found.first_frame,
-        metadata=Metadata(subject=found.subject),
+        markers=markers.in_lab(time - time[0], to_lab),
+        first_frame=first_frame,
+        metadata=Metadata(subject=markers.subject),
         stated=stated,
-        notes=(*notes, *found.notes),
+        notes=(*notes, *markers.notes),
     )
 
 
 def read_trajectories(path: Path, stated: Stated) -> Trajectories:
-    """Read a TRC file in its own axes.
+    """Read a TRC file in its own axes; empty fields and points at exactly zero are gaps.
 
-    Parameters
-    ----------
-    path
-        The file.
-    stated
-        What is stated about its labels and unit.
-
-    Returns
-    -------
-    Trajectories
-        Positions in metres; empty fields and points at exactly zero are gaps. Times are regular
-        from the first one at the file's rate, since files round them.
-
-    Raises
-    ------
-    ValueError
-        The file is damaged or truncated, or its unit is unknown or contradicts the markers'
-        extent. One line.
-    OSError
-        The file cannot be opened.
+    Times are regular from the first one at the file's rate, since files round them.
     """
     with naming(path):
-        return _trajectories_in(list(lines_of(path)), stated, ending_notes(path))
+        return _trajectories(list(lines_of(path)), stated, ending_notes(path))
 
 
-def _trajectories_in(lines: list[str], stated: Stated, notes: tuple[Note, ...]) -> Trajectories:
+def _trajectories(lines: list[str], stated: Stated, notes: tuple[Note, ...]) -> Trajectories:
     if len(lines) < 6 or not lines[0].startswith("PathFileType"):
         raise ValueError("not a TRC file: it does not begin with 'PathFileType'")
     header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
     if missing := {"DataRate", "NumFrames", "NumMarkers", "Units"} - set(header):
         raise ValueError(f"its header does not say {listed(sorted(missing))}")
-    metre, unit_notes = stated.marker_unit(header["Units"])
     names = tuple(filter(None, names_in(lines[3], "\t")[2:]))
-    markers, subject, label_notes = marker_columns(names, stated)
     columns = ["Frame#", "Time", *(f"{name} {axis}" for name in names for axis in "XYZ")]
     rows = [(k, line) for k, line in enumerate(lines[5:], start=6) if line.strip()]
-    if _stated(header, "NumMarkers") != len(names):
-        count = short(header["NumMarkers"])
-        raise ValueError(f"its header says NumMarkers {count}, but it holds {len(names)}")
-    if _stated(header, "NumFrames") != len(rows):
-        count = short(header["NumFrames"])
+    rate_hz, frames, count = (
+        read_number(header[key], f"{key} in the header")
+        for key in ("DataRate", "NumFrames", "NumMarkers")
+    )
+    if count != len(names):
+        said = short(header["NumMarkers"])
+        raise ValueError(f"its header says NumMarkers {said}, but it holds {len(names)}")
+    if frames != len(rows):
+        said = short(header["NumFrames"])
         if notes and rows and rows[-1][1].count("\t") + 1 < len(columns):  # it ends within a line
-            raise ValueError(f"its header says NumFrames {count}, but it is cut off in {len(rows)}")
-        notes = (*notes, Note.of("frame_count_differs", header=count, found=len(rows)))
+            raise ValueError(f"its header says NumFrames {said}, but it is cut off in {len(rows)}")
+        notes = (*notes, Note.of("frame_count_differs", header=said, found=len(rows)))
     if not rows or not names:
         raise ValueError("it holds no frames")
     filled = ((k, _with_last_gaps(line, len(columns))) for k, line in rows)
     values = parse_rows(filled, "\t", columns)
     if not np.isfinite(values[:, :2]).all():
         raise ValueError("a frame has no number or no time")
-    position = values[:, 2:].reshape(len(rows), len(names), 3) * metre
-    time, time_notes = _regular(values[:, 1], _stated(header, "DataRate"))
-    position[~np.isfinite(position).all(axis=-1) | ~position.any(axis=-1)] = np.nan
-    position = position[:, list(markers.values())]
-    stated.check_span(position, header["Units"])
-    return Trajectories(
-        time,
-        tuple(markers),
-        position,
-        int(values[0, 0]),
-        subject,
-        (*notes, *time_notes, *unit_notes, *label_notes),
-    )
+    position = values[:, 2:].reshape(len(rows), len(names), 3)
+    time, time_notes = _regular(values[:, 1], rate_hz)
+    markers = file_markers(names, header["Units"], lambda kept: position[:, kept], stated)
+    markers = replace(markers, notes=(*notes, *time_notes, *markers.notes))
+    return markers, time, int(values[0, 0])
 
 
 def _regular(stated: Array, rate_hz: float) -> tuple[Array, tuple[Note, ...]]:
@@ -303,10 +256,6 @@ def _rounding(stated: Array, rate_hz: float) -> float:
     return 0.0
 
 
-def _stated(header: Mapping[str, str], key: str) -> float:
-    return read_number(header[key], f"{key} in the header")
-
-
 def _with_last_gaps(line: str, count: int) -> str:
     """Add the tabs that some programs leave out where a frame's last markers are missing."""
     missing = count - line.count("\t") - 1
@@ -325,16 +274,6 @@ TORQUE_COLUMNS: Final = (
 )
 """How programs call the torques of ``ground_force_vx``: ``ground_torque_x``, `` ground_force_mx``:
 word in the place of "force", and what stands before the axis."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Force:
-    """One force of a table in SI units and the file's axes: its point and its torque."""
-
-    name: str
-    force: Array
-    point: Array
-    torque: Array
 
 
 def read_opensim_trial(
@@ -387,44 +326,28 @@ def read_opensim_trial(
     2
     """
     trc, grf_mot, stated = Path(trc), Path(grf_mot), as_stated(stated)
-    found, table = read_trajectories(trc, stated), read_mot(grf_mot)
+    markers, time, first_frame = read_trajectories(trc, stated)
+    table = read_mot(grf_mot)
+    force_time = _evened(table.time) - time[0]
     with naming(grf_mot):
-        forces, force_notes = _forces(table, stated)
+        forces, force_notes = plates_in_si(_forces(table, force_time), stated)
     with naming(trc):
-        axes, axes_notes = settle_axes(
-            stated.axes,
-            found.position,
-            found.names,
-            marker_set=stated.marker_set,
-            plate_forces=[mean_force(each.force) for each in forces],
-        )
-    to_lab = parse_axes(axes)
-    time = _evened(table.time) - found.time[0]
+        to_lab, axes_notes = lab_axes(markers, [each.force for each in forces], stated)
     plates: list[Plate] = []
     torque_notes: list[Note] = []
     for k, each in enumerate(forces, start=1):
-        wrench, notes = wrench_of_torque(
-            each.force, each.torque, each.point, to_lab[2], f"plate {k} ({each.name})"
-        )
-        plates.append(Plate.at_origin(k, time, rotate_wrench(wrench, to_lab)))
+        each = replace(each, name=f"plate {k} ({each.name})")
+        wrench, notes = wrench_of_torque(each, to_lab[2])
+        plates.append(Plate.at_origin(k, force_time, rotate_wrench(wrench, to_lab)))
         torque_notes += notes
-    names = [each.name for each in forces]
     return Recording(
         source=trc,
-        markers=Markers(found.time - found.time[0], found.names, found.position @ to_lab.T),
+        markers=markers.in_lab(time - time[0], to_lab),
         plates=tuple(plates),
-        first_frame=found.first_frame,
-        metadata=Metadata(subject=found.subject),
+        first_frame=first_frame,
+        metadata=Metadata(subject=markers.subject),
         stated=stated,
-        notes=(
-            *axes_notes,
-            *found.notes,
-            *table.notes,
-            Note.of("time_origin", start_s=found.time[0], file=trc.name),
-            Note.of("plates_from_forces", forces=names, file=grf_mot.name),
-            *force_notes,
-            *torque_notes,
-        ),
+        notes=(*axes_notes, *markers.notes, *table.notes, *force_notes, *torque_notes),
     )
 
 
@@ -435,37 +358,29 @@ def _evened(time: Array) -> Array:
     return even if np.abs(time - even).max() <= MAX_ROUNDING * step else time
 
 
-def _forces(table: Table, stated: Stated) -> tuple[list[_Force], list[Note]]:
-    """Give the forces that have all columns, and notes on units and the others."""
-    stems = dict.fromkeys(
-        (found["stem"], found["letter"])
-        for name in table.names
-        if (found := FORCE_COLUMN.fullmatch(name))
-    )
+def _forces(table: Table, time: Array) -> Iterator[PlateColumns | Note]:
+    """Give each force of a table with its point and torque, or why it is left out."""
+    found = [match for name in table.names if (match := FORCE_COLUMN.fullmatch(name))]
+    stems = dict.fromkeys((match["stem"], match["letter"]) for match in found)
     if not stems:
         raise ValueError(f"no forces such as ground_force_vx; columns: {listed(table.names)}")
-    units = stated.force_unit("N"), stated.pressure_unit("m"), stated.moment_unit("Nm")
-    forces, notes = [], [*stated.plate_notes(["N"], ["Nm"], ["m"])]
-    for stem, letter in stems:
+    for k, (stem, letter) in enumerate(stems, start=1):
         torques = dict.fromkeys(
             stem.replace("force", word) + before for word, before in TORQUE_COLUMNS
         )
         there = [name for name in torques if f"{name}x" in table.columns]
-        columns = f"{stem}_{letter}", f"{stem}_p", (there or [*torques])[0]
-        needed = [f"{name}{axis}" for name in columns for axis in "xyz"]
+        columns = f"{stem}_{letter}", (there or [*torques])[0], f"{stem}_p"
+        needed = [f"{columns[part]}{axis}" for part in (0, 2, 1) for axis in "xyz"]
         if absent := [name for name in needed if name not in table.columns]:
-            reason = f"column {short(absent[0])} is absent"
-            notes.append(Note.of("plate_left_out", plate=short(stem), reason=reason))
+            yield left_out(short(stem), f"column {short(absent[0])} is absent")
             continue
         if len(there) > 1:
             raise ValueError(
                 f"the torques of {short(stem)} are there twice, as {short(there[0])}x and "
                 f"{short(there[1])}x; remove those that are not free torques"
             )
-        force, point, torque = (
-            unit * np.column_stack([table.column(f"{name}{axis}") for axis in "xyz"])
-            for name, unit in zip(columns, units, strict=True)
+        force, torque, point = (
+            np.column_stack([table.column(f"{name}{axis}") for axis in "xyz"]) for name in columns
         )
-        point = np.where(force.any(axis=1, keepdims=True), point, 0)
-        forces.append(_Force(short(stem), force, point, torque))
-    return forces, notes
+        point[~force.any(axis=1)] = 0  # it has no meaning there
+        yield PlateColumns(k, short(stem), time, force, torque, point)

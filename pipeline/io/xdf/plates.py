@@ -11,7 +11,7 @@ import numpy as np
 from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import listed
-from pipeline.io.moment_reference import PlateColumns
+from pipeline.io.columns import PlateColumns
 from pipeline.io.recording import Plate
 from pipeline.io.stated import Stated
 from pipeline.io.xdf.channels import Channel, si_units

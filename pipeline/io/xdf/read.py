@@ -13,8 +13,8 @@ from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import listed, printable, short
 from pipeline.io.axes import mean_force, parse_axes, settle_axes
+from pipeline.io.columns import PlateColumns, plates_about_origin
 from pipeline.io.input_file import naming, open_file
-from pipeline.io.moment_reference import PlateColumns, plates_about_origin
 from pipeline.io.recording import Analog, Metadata, Plate, Recording
 from pipeline.io.stated import Stated, as_stated
 from pipeline.io.xdf.channels import Channel, has_markers, marker_layout, parse_channels, si_units
