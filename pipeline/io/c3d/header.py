@@ -106,7 +106,7 @@ class DataSection:
 def settle_counts(
     section: DataSection, header: FrameSize, limits: tuple[int, int], parameters: Parameters
 ) -> tuple[FrameSize, int, tuple[Note, ...]]:
-    """Settle what a file holds, between what it states and its size.
+    """Settle what a frame and a file hold, between what it states and its size.
 
     Parameters
     ----------
@@ -121,11 +121,7 @@ def settle_counts(
 
     Returns
     -------
-    frame
-        What a frame holds.
-    frames
-        Number of frames.
-    notes
+    frame, frames, notes
         ``count_contradicted`` for a count that is not true, ``frames_beyond_count`` where the file
         is longer than its frames.
 
@@ -274,7 +270,6 @@ KEY: Final = 0x50
 """Second byte of every C3D file."""
 EVENTS_KEY: Final = 12345
 """Of header events with labels of four characters."""
-MAX_HEADER_EVENTS: Final = 18
 
 
 @dataclass(frozen=True, slots=True)
@@ -287,14 +282,10 @@ class Header:
         "intel", "dec" or "sgi": how numbers lie in the rest of the file.
     parameter_block, data_block
         First blocks of the parameter and data sections, from 1.
-    n_points, n_analog
-        Points per frame; analog samples per frame, all channels together.
-    analog_per_frame
-        Samples of one analog channel per frame.
-    frames
-        Number of frames.
-    first_frame, last_frame
-        Frame numbers as stored, in 16 bits: too small for long recordings.
+    frame, frames
+        What one frame holds, and how many there are.
+    first_frame
+        Its number as stored, in 16 bits: too small for long recordings.
     scale
         Units per integer step; negative where the data are floating point.
     rate_hz
@@ -308,22 +299,23 @@ class Header:
     byte_order: str
     parameter_block: int
     data_block: int
-    n_points: int
-    n_analog: int
-    analog_per_frame: int
+    frame: FrameSize
     frames: int
     first_frame: int
-    last_frame: int
     scale: float
     rate_hz: float
     events: tuple[tuple[str, float], ...]
     notes: tuple[Note, ...] = ()
 
     @property
-    def frame(self) -> FrameSize:
-        """What one frame of the data section holds."""
-        word_bytes = 4 if self.scale < 0 else 2
-        return FrameSize(self.n_points, self.n_analog, self.analog_per_frame, word_bytes)
+    def n_points(self) -> int:
+        """Points per frame."""
+        return self.frame.points
+
+    @property
+    def analog_per_frame(self) -> int:
+        """Samples of one analog channel per frame."""
+        return self.frame.per_channel
 
     @property
     def channels(self) -> int:
@@ -339,23 +331,8 @@ class Header:
 def read_header(path: Path) -> tuple[Header, Parameters]:
     """Read the header and parameter sections, and settle how much data the file holds.
 
-    Parameters
-    ----------
-    path
-        A C3D file of any byte order.
-
-    Returns
-    -------
-    Header, Parameters
-        The header block with the counts that `settle_counts` gives, and all parameters.
-
-    Raises
-    ------
-    ValueError
-        The file is empty, not a C3D file, its parameter section is broken, it is shorter than it
-        says, or its counts contradict each other.
-    OSError
-        The file cannot be opened.
+    All counts and offsets are checked against each other and the file's size as they are read: a
+    damaged file gives one line of error (ValueError).
     """
     with open_file(path) as file:
         first = file.read(BLOCK_BYTES)
@@ -368,57 +345,44 @@ def read_header(path: Path) -> tuple[Header, Parameters]:
         if len(start) < 4 or start[3] not in BYTE_ORDERS:
             raise ValueError("not a C3D file, or its parameter section is missing")
         byte_order = BYTE_ORDERS[start[3]]
-        header = _parse_header(first, byte_order)
-        if header.data_block > header.parameter_block:
-            section = file.read((header.data_block - header.parameter_block) * BLOCK_BYTES - 4)
-        else:
-            section = file.read(start[2] * BLOCK_BYTES - 4 if start[2] else 0)
+        words = np.frombuffer(first, integer_type(byte_order, signed=False)).astype(int).tolist()
+        scale, rate_hz = (float(floats(first[k : k + 4], byte_order)[0]) for k in (12, 20))
+        if not np.isfinite(scale):
+            raise ValueError("the header's scale of points is not a number")
+        data_block = words[8]
+        blocks = data_block - first[0] if data_block > first[0] else start[2]
+        section = file.read(blocks * BLOCK_BYTES - 4 if blocks else 0)
     parameters = parse_parameters(section, byte_order)
-    return _with_true_counts(header, path, parameters), parameters
-
-
-def _with_true_counts(header: Header, path: Path, parameters: Parameters) -> Header:
-    size = path.stat().st_size - header.data_start
-    if header.data_block <= header.parameter_block:
-        size = 0
+    data_start = (data_block - 1) * BLOCK_BYTES
+    size = path.stat().st_size - data_start if data_block > first[0] else 0
     frame, frames, notes = settle_counts(
-        DataSection(path, header.data_start, size),
-        header.frame,
-        (header.first_frame, header.last_frame),
+        DataSection(path, data_start, size),
+        FrameSize(words[1], words[2], words[9], 4 if scale < 0 else 2),
+        (words[3], words[4]),
         parameters,
     )
-    return replace(
-        header,
-        n_points=frame.points,
-        n_analog=frame.analog,
-        analog_per_frame=frame.per_channel,
+    header = Header(
+        byte_order=byte_order,
+        parameter_block=first[0],
+        data_block=data_block,
+        frame=frame,
         frames=frames,
+        first_frame=words[3],
+        scale=scale,
+        rate_hz=rate_hz,
+        events=_header_events(first, words, byte_order),
         notes=notes,
     )
+    return header, parameters
 
 
-def _parse_header(block: bytes, byte_order: str) -> Header:
-    words = np.frombuffer(block, integer_type(byte_order, signed=False)).astype(int)
-    scale, rate = (float(floats(block[k : k + 4], byte_order)[0]) for k in (12, 20))
-    if not np.isfinite(scale):
-        raise ValueError("the header's scale of points is not a number")
-    events = []
-    if words[149] == EVENTS_KEY:
-        times = floats(block[304:376], byte_order)
-        for k in range(min(int(words[150]), MAX_HEADER_EVENTS)):
-            label = decoded_text(block[396 + 4 * k : 400 + 4 * k])
-            events.append((label, float(times[k])))
-    return Header(
-        byte_order=byte_order,
-        parameter_block=block[0],
-        data_block=int(words[8]),
-        n_points=int(words[1]),
-        n_analog=int(words[2]),
-        analog_per_frame=int(words[9]),
-        frames=0,
-        first_frame=int(words[3]),
-        last_frame=int(words[4]),
-        scale=scale,
-        rate_hz=rate,
-        events=tuple(events),
+def _header_events(
+    block: bytes, words: list[int], byte_order: str
+) -> tuple[tuple[str, float], ...]:
+    """Give label and time of the events that old programs write into the header."""
+    if words[149] != EVENTS_KEY:
+        return ()
+    times = floats(block[304:376], byte_order).tolist()[: words[150]]
+    return tuple(
+        (decoded_text(block[396 + 4 * k : 400 + 4 * k]), time) for k, time in enumerate(times)
     )

@@ -1,6 +1,7 @@
 """C3D files -> Recording: units, axes, labels and plates are settled here, once."""
 
 import re
+from itertools import zip_longest
 from pathlib import Path
 from typing import Final, get_args
 
@@ -46,29 +47,12 @@ LABEL: Final = re.compile(
 
 def read_events(
     header: Header, parameters: Parameters, start_s: float
-) -> tuple[tuple[Event, ...], tuple[Note, ...]]:
-    """Give the foot strikes and foot offs of a file.
+) -> tuple[tuple[Event, ...], list[Note]]:
+    """Give the foot strikes and foot offs of a file, on the clock of its first frame.
 
-    Parameters
-    ----------
-    header, parameters
-        What `read_header` gave for the file.
-    start_s
-        Time of the first frame on the file's own clock [s].
-
-    Returns
-    -------
-    events
-        On the clock of the first frame.
-    notes
-        ``event_times_flat`` where minutes and seconds do not stand in two rows,
-        ``event_sides_from_labels`` where the context does not say the side, but the label does,
-        ``events_left_out`` where there are others.
-
-    Raises
-    ------
-    ValueError
-        EVENT:TIMES holds neither minutes and seconds nor seconds of the labelled events.
+    ``start_s`` is the time of that frame on the file's own clock [s]. Notes: ``event_times_flat``
+    where minutes and seconds do not stand in two rows, ``events_left_out`` where there are others.
+    A ValueError where EVENT:TIMES holds neither minutes and seconds nor seconds of the events.
     """
     times = parameters.numbers("EVENT", "TIMES")
     notes = []
@@ -79,21 +63,17 @@ def read_events(
     else:
         labels, contexts = [label for label, _ in header.events], []
         seconds = np.array([time for _, time in header.events])
-    labels += [""] * (len(seconds) - len(labels))
-    contexts += [""] * (len(seconds) - len(contexts))
     events = []
-    by_label = 0
-    for time, label, context in zip(seconds, labels, contexts, strict=False):
+    for time, label, context in zip_longest(
+        seconds, labels[: len(seconds)], contexts[: len(seconds)], fillvalue=""
+    ):
         kind, side = _kind_and_side(label)
         stated = SIDE_WORDS.get(context.lower(), "")
         if kind and np.isfinite(time) and (side or stated) and side in ("", stated or side):
             events.append(Event(float(time - start_s), kind, stated or side))
-            by_label += not stated
-    if by_label and times.size:
-        notes.append(Note.of("event_sides_from_labels", events=by_label))
     if others := len(seconds) - len(events):
         notes.append(Note.of("events_left_out", events=others))
-    return tuple(events), tuple(notes)
+    return tuple(events), notes
 
 
 def _seconds(times: Array, labelled: int) -> tuple[Array, str]:
@@ -190,6 +170,18 @@ MEASURES: Final = {
 }
 """PROCESSING parameter, without the L or R before it -> factor to SI from the file's kg and mm, and
 bounds beyond which it is not stated (zero) or in another unit [kg or m]."""
+
+
+LIMBS: Final = {
+    "leg_length_m": "LEGLENGTH",
+    "knee_width_m": "KNEEWIDTH",
+    "ankle_width_m": "ANKLEWIDTH",
+    "elbow_width_m": "ELBOWWIDTH",
+    "wrist_width_m": "WRISTWIDTH",
+    "hand_thickness_m": "HANDTHICKNESS",
+    "shoulder_offset_m": "SHOULDEROFFSET",
+}
+"""Attribute of `LimbMeasures` -> its parameter."""
 
 
 def read_c3d(
@@ -308,8 +300,7 @@ def _read(path: Path, stated: Stated, max_frames: int | None) -> Recording:
             *frame_notes,
             *event_notes,
             *plate_notes,
-            *_baseline_notes(parameters, plates),
-            *_compensation_notes(compensation),
+            *_plate_notes(parameters, plates, compensation),
         ),
     )
 
@@ -358,60 +349,48 @@ def _first_frame(header: Header, parameters: Parameters) -> tuple[int, tuple[Not
 def _metadata(parameters: Parameters, labels: PointLabels) -> Metadata:
     software = parameters.texts("MANUFACTURER", "SOFTWARE")
     software += parameters.texts("MANUFACTURER", "VERSION_LABEL")
+    limbs = {
+        side: LimbMeasures(
+            **{field: _measure(parameters, letter + name, name) for field, name in LIMBS.items()}
+        )
+        for side, letter in SIDES.items()
+    }
     return Metadata(
         subject=parameters.text("SUBJECTS", "NAMES") or labels.subject,
         marker_set=parameters.text("SUBJECTS", "MARKER_SETS"),
         manufacturer=parameters.text("MANUFACTURER", "COMPANY"),
         software=" ".join(software),
-        mass_kg=_measure(parameters, "BODYMASS"),
-        height_m=_measure(parameters, "HEIGHT"),
-        limbs=_limbs(parameters),
+        mass_kg=_measure(parameters, "BODYMASS", "BODYMASS"),
+        height_m=_measure(parameters, "HEIGHT", "HEIGHT"),
+        limbs={side: found for side, found in limbs.items() if found != LimbMeasures()},
     )
 
 
-def _limbs(parameters: Parameters) -> dict[str, LimbMeasures]:
-    """Give what was measured on each side, for the sides of which anything was."""
-    limbs = {
-        side: LimbMeasures(
-            leg_length_m=_measure(parameters, "LEGLENGTH", letter),
-            knee_width_m=_measure(parameters, "KNEEWIDTH", letter),
-            ankle_width_m=_measure(parameters, "ANKLEWIDTH", letter),
-            elbow_width_m=_measure(parameters, "ELBOWWIDTH", letter),
-            wrist_width_m=_measure(parameters, "WRISTWIDTH", letter),
-            hand_thickness_m=_measure(parameters, "HANDTHICKNESS", letter),
-            shoulder_offset_m=_measure(parameters, "SHOULDEROFFSET", letter),
-        )
-        for side, letter in SIDES.items()
-    }
-    return {side: measures for side, measures in limbs.items() if measures != LimbMeasures()}
-
-
-def _measure(parameters: Parameters, name: str, letter: str = "") -> float | None:
+def _measure(parameters: Parameters, name: str, kind: str) -> float | None:
     """Give a measure of the subject in SI units; None where it is absent or implausible."""
-    scale, lowest, highest = MEASURES[name]
-    numbers = parameters.numbers("PROCESSING", letter + name)
-    values = [float(value * scale) for value in numbers.flat]
+    scale, lowest, highest = MEASURES[kind]
+    values = [float(value * scale) for value in parameters.numbers("PROCESSING", name).flat]
     plausible = [value for value in values if lowest < value < highest]
     return plausible[-1] if plausible else None
 
 
-def _baseline_notes(parameters: Parameters, plates: list[PlateLayout]) -> list[Note]:
+def _plate_notes(
+    parameters: Parameters, plates: list[PlateLayout], done: Compensation | None
+) -> list[Note]:
+    """Note a baseline that is not subtracted, and what was subtracted before."""
+    notes = []
     zero = parameters.integers("FORCE_PLATFORM", "ZERO").ravel()
     if plates and zero.size == 2 and 0 < zero[0] < zero[1]:
-        return [Note.of("plate_baseline_not_subtracted", first=zero[0], last=zero[1])]
-    return []
-
-
-def _compensation_notes(done: Compensation | None) -> list[Note]:
-    if done is None:
-        return []
-    return [
-        Note.of(
-            "plates_compensated_before",
-            software=done.software,
-            calibrations=tuple(
-                filter(None, (done.calibration, done.belts, done.plate_calibration))
-            ),
-            frame="moving plates" if done.frame == "recorded" else "lab",
+        notes.append(Note.of("plate_baseline_not_subtracted", first=zero[0], last=zero[1]))
+    if done is not None:
+        calibrations = filter(None, (done.calibration, done.belts, done.plate_calibration))
+        frame = "moving plates" if done.frame == "recorded" else "lab"
+        notes.append(
+            Note.of(
+                "plates_compensated_before",
+                software=done.software,
+                calibrations=tuple(calibrations),
+                frame=frame,
+            )
         )
-    ]
+    return notes
