@@ -7,8 +7,7 @@ if TYPE_CHECKING:
     from pipeline.config.schema import Condition, Platform, Settings, Subject, Treadmill
     from pipeline.config.study import Study, read_study
     from pipeline.io.c3d.read import read_c3d
-    from pipeline.io.opensim.trc import read_trc
-    from pipeline.io.opensim.trial import read_opensim_trial
+    from pipeline.io.opensim import read_opensim_trial, read_trc
     from pipeline.io.read import read_recording
     from pipeline.io.recording import Recording
     from pipeline.io.stated import Stated

@@ -93,9 +93,10 @@ def export_study(folder: Path, out: Path, frame: "Frame | None") -> int:
 
 def _checked_by(written: "Written") -> str:
     """Say which readers found that only the plates differ from the original."""
-    readers = " and ".join(filter(None, ("this program", written.verification.reader)))
-    refusals = "".join(f"; {refusal}" for refusal in written.verification.refusals)
-    return f"only the plates differ from the original, as read by {readers}{refusals}"
+    second = written.verification
+    said = f" and {second.reader}" if not second.refusal else ""
+    why = f"; {second.reader} does not read it: {second.refusal}" if second.refusal else ""
+    return f"only the plates differ from the original, as read by this program{said}{why}"
 
 
 def _print_notes(written: "Written", console: "Console", name: str = "") -> None:

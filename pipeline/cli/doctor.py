@@ -20,7 +20,6 @@ PACKAGES = (
     "rerun-sdk",
     "pingouin",
     "ezc3d",
-    "c3d",
 )
 FRAMES = 4096
 """How many frames a kernel is timed with: milliseconds, so that a clock resolves it."""

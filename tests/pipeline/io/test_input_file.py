@@ -19,8 +19,7 @@ from pipeline.io.dflow import read_dflow
 from pipeline.io.input_file import MAX_MESSAGE, FileFault, naming
 from pipeline.io.mox import read_mox
 from pipeline.io.nexus import read_nexus
-from pipeline.io.opensim.sto import read_mot
-from pipeline.io.opensim.trc import read_trc
+from pipeline.io.opensim import read_mot, read_trc
 from pipeline.io.read import read_recording
 from tests.pipeline.other_formats import excerpt, write_dflow, write_mox, write_nexus, write_opensim
 
