@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from compensation.alignment.delay import BLOCKS
-from compensation.inertia.checks import MAX_UNEXPLAINED_N
 from compensation.inertia.fit import fit_inertia
-from compensation.inertia.model import SLOW_HZ, InertiaModel
+from compensation.inertia.model import InertiaModel
+from compensation.inertia.model_error import SLOW_HZ
 from compensation.inputs import read_table
 from hbm.notes import Note
 from hbm.signals.filtering import low_pass
@@ -20,6 +20,10 @@ MIN_COMMANDED_MPS2: Final = 0.2
 """Largest standard deviation of a channel of a platform that follows commands. Trials have 1 m/s²
 and more (pitch of ± 10°, sway of 5 cm in 0.3 s); people on the boards shake a platform by less than
 0.1 m/s²."""
+MIN_LOAD_N: Final = 150.0
+"""Mean force above which a zeroed plate is not empty: a fifth of a body weight."""
+MAX_UNEXPLAINED_N: Final = 30.0
+"""Standard deviation of the force that a fit on an empty plate leaves; usual are a few newtons."""
 PERSON_RMS: Final = np.array([37.1, 30.4, 63.1, 11.4, 20.5, 4.5])
 """RMS of the pelvis residuals of nine adults, of about 75 kg, who walk on a treadmill whose
 platform is at rest: forward, sideways, up [N, N·m] (van de Loosdrecht 2018, Table III, baseline
@@ -103,6 +107,41 @@ def left_over(model: InertiaModel) -> tuple[LeftOver, ...]:
         slow, limit = float(np.asarray(model.rms_slow)[k]), float(MAX_LEFT[k])
         rows.append(LeftOver(name, UNITS[k], float(excited), after, slow, limit, r_squared))
     return tuple(rows)
+
+
+def check_calibration(model: InertiaModel, plate: str) -> tuple[Note, ...]:
+    """Find signs that the plate was not empty in a calibration.
+
+    Parameters
+    ----------
+    model
+        The fitted calibration of one plate.
+    plate
+        The plate's name.
+
+    Returns
+    -------
+    tuple of Note
+        Warnings: ``calibration_loaded`` where the mean force is that of a person,
+        ``calibration_unexplained`` where the fit leaves more force than that of an empty plate.
+
+    Examples
+    --------
+    >>> import compensation, numpy as np
+    >>> accelerations = np.random.default_rng(0).normal([0, 0, 9.81], 1.0, (600, 3))
+    >>> wrench = accelerations @ np.hstack([-150 * np.eye(3), np.full((3, 3), 15.0)])
+    >>> model = compensation.fit_inertia(accelerations, wrench)  # a plate that was not zeroed
+    >>> [note.code for note in check_calibration(model, "plate 1")]
+    ['calibration_loaded']
+    """
+    mean = model.acceleration_mean @ model.gain[: len(model.acceleration_mean), :3]
+    mean = mean + model.gain[-1, :3]  # differences have no mean
+    notes = []
+    if (force := float(np.linalg.norm(mean))) > MIN_LOAD_N:
+        notes.append(Note.of("calibration_loaded", plate=plate, force_n=force))
+    if (left := float(np.linalg.norm(model.sigma[:3]))) > MAX_UNEXPLAINED_N:
+        notes.append(Note.of("calibration_unexplained", plate=plate, force_n=left))
+    return tuple(notes)
 
 
 OF_CALIBRATION: Final = (

@@ -10,7 +10,7 @@ from scipy.signal import hilbert
 from scipy.sparse.linalg import svds
 
 from compensation import InertiaModel
-from compensation.inertia.model import SLOW_HZ
+from compensation.inertia.model_error import SLOW_HZ
 from hbm.spatial import WRENCH_COMPONENTS, Array, shift_wrench
 from pipeline.explain.cause import Cause
 from pipeline.explain.causes.delay import delayed
