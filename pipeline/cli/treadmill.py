@@ -81,7 +81,12 @@ def fit(
     from pipeline.io.write import write_text
     from pipeline.run.job import file_digest
     from pipeline.trial.ground.accelerometers import find_accelerometers, stated_accelerometers
-    from pipeline.trial.ground.calibration_recording import fit_calibration, plates_timed_apart
+    from pipeline.trial.ground.calibration_recording import (
+        MODEL,
+        WEIGHT,
+        fit_calibration,
+        plates_timed_apart,
+    )
     from pipeline.trial.ground.corrected_plates import with_corrected_plates
     from pipeline.trial.ground.empty_plates import BESIDE, read_empty
     from pipeline.trial.ground.platform_delay import recording_delays
@@ -139,15 +144,14 @@ def fit(
     method = setup.filter_method if setup is not None else ""
     console.print(f"accelerometers: {', '.join(sensors)}; low-pass {cutoff_hz:g} Hz, {method}")
     if BESIDE in provenance:
-        weighed = calibration.choice.beside if calibration.choice is not None else ""
-        console.print(f"fitted too: {provenance[BESIDE]}; {weighed}", soft_wrap=True)
+        console.print(f"fitted too: {provenance[BESIDE]}; {provenance[WEIGHT]}", soft_wrap=True)
+    console.print(provenance[MODEL], soft_wrap=True)
     print_table(_sensor_table(calibration), console)
     print_table(_fit_table(calibration), console)
     notes = [
         *calibration.notes,
         *with_corrected_plates(empty, plates).notes[len(empty.notes) :],
         *describe_sensors(calibration.sensors),
-        *([calibration.choice.note] if calibration.choice is not None else []),
         *timing,
         *plates_timed_apart(empty, treadmill, calibration.sensors, plates),
         *belt_speed_notes(empty, treadmill, calibration),
@@ -185,7 +189,7 @@ def _fit_table(calibration: "Calibration") -> "Table":
                 row.verdict,
             )
         table.caption = (
-            f"rank {model.rank} of {1 + len(model.acceleration_mean)}, condition "
+            f"rank {model.rank} of {len(model.gain)}, condition "
             f"{model.condition:.0f}; limit: raises the residuals of a walking adult of 75 kg by "
             "5 %; R² is low where a component hardly moved, without harm"
         )
@@ -196,25 +200,20 @@ def _sensor_table(calibration: "Calibration") -> "Table":
     """Lay out what a calibration found of its accelerometers, with 95 % intervals."""
     from rich.table import Table
 
-    def interval(value: float, error: float | None, scale: float, form: str) -> str:
-        if error is None:
-            return "unknown"
-        return f"{scale * value:{form}} ± {1.96 * scale * error:{form}}"
-
     table = Table(title="The accelerometers (95 % intervals)")
-    for name in ("accelerometer", "later than plates", "gain", "noise", "corrected"):
+    for name in ("accelerometer", "later than plates", "noise", "corrected"):
         table.add_column(
             name, justify="left" if name in ("accelerometer", "corrected") else "right"
         )
     for sensor in calibration.sensors:
-        done = ["delay"] * (sensor.correction_s != 0) + ["gain"] * (sensor.scale != 1)
-        noise = sensor.noise_mps2
+        error, noise = sensor.delay_error_s, sensor.noise_mps2
         table.add_row(
             sensor.name,
-            interval(sensor.delay_s, sensor.delay_error_s, 1000, ".2f") + " ms",
-            interval(sensor.gain, sensor.gain_error, 1, ".3f"),
+            f"{1000 * sensor.delay_s:.2f} ± {1960 * error:.2f} ms"
+            if error is not None
+            else "unknown",
             "unknown" if noise is None else f"{noise:.4f} m/s²",
-            ", ".join(done) or "nothing",
+            "delay" if sensor.correction_s else "nothing",
         )
     return table
 

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from compensation import Calibration, InertiaModel, PlatformPose
-from compensation.inertia.model import SLOW_HZ
+from compensation.inertia.model_error import SLOW_HZ
 from compensation.inertia.model_error import RUNNING_MPS
 from hbm.notes import Note
 from hbm.spatial import WRENCH_COMPONENTS, Array
