@@ -63,7 +63,7 @@ def _explain_trial(request: TrialRequest, out: Path, draws: int) -> int:
     from pipeline.figures.bands import bands_figure
     from pipeline.figures.budget import budget_figure
     from pipeline.figures.style import save_figure
-    from pipeline.run.one_trial import processed_trial
+    from pipeline.run.one_trial import process_request
 
     if request.trial.suffix == RESULT:
         raise ValueError(
@@ -72,7 +72,7 @@ def _explain_trial(request: TrialRequest, out: Path, draws: int) -> int:
         )
     console = plain_console()
     require_folder(out)
-    trial = processed_trial(request, announcer(console))
+    trial = process_request(request, announcer(console))
     explanation = explain(trial.recording, trial.laboratory, trial.result, draws=draws)
     name, bands = request.trial.stem, explanation.budget.bands
     write_explanation(explanation, out / f"{name}{SUFFIX}")

@@ -7,7 +7,7 @@ from typing import Any, Final
 from pydantic import BaseModel, ValidationError
 
 from hbm.toml_text import parse_toml
-from pipeline.config.validation import describe_faults
+from pipeline.config.toml_file import describe_faults
 from pipeline.io.input_file import read_text
 from pipeline.virtual_lab.protocol.walking_protocol import Setting
 

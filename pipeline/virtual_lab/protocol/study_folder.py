@@ -2,8 +2,7 @@
 
 from pathlib import Path
 
-from pipeline.config.simulated import SIMULATED
-from pipeline.config.toml_file import read_table
+from pipeline.config.toml_file import SIMULATED, read_table
 from pipeline.virtual_lab.person.subject import Person
 from pipeline.virtual_lab.protocol.people_beside import beside_names
 from pipeline.virtual_lab.protocol.setting_file import read_setting, setting_toml

@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from pipeline.config.simulated import SIMULATED
+from pipeline.config.toml_file import SIMULATED
 from pipeline.virtual_lab.machine.instruments.accelerometer import SENSOR_NAMES
 from pipeline.virtual_lab.machine.readings import (
     PITCH_CHANNEL,
