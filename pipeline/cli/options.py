@@ -30,9 +30,13 @@ Simulate = Annotated[
 ]
 
 
+def _help(field: FieldInfo) -> str:
+    return " ".join((field.description or "").split())
+
+
 def described(kind: type[InputModel], name: str, *names: str) -> Any:
     """Give the option of a setting, with its description."""
-    return typer.Option(*names, help=f"{kind.model_fields[name].description}.")
+    return typer.Option(*names, help=_help(kind.model_fields[name]))
 
 
 Axes = Annotated[str | None, described(RecordingRules, "axes")]
@@ -74,7 +78,7 @@ def takes_trial_request(command: Callable[..., int | None]) -> Callable[..., int
 
 def _parameter(name: str, field: FieldInfo) -> Parameter:
     """Give a field of a request for typer: an argument if it is required, else an option."""
-    help_text, annotation = f"{field.description}.", str(field.annotation)
+    help_text, annotation = _help(field), str(field.annotation)
     kind: Any = Path if "Path" in annotation else float if "float" in annotation else str
     if get_origin(field.annotation) in (tuple, dict):
         kind = list[str]  # an option that may be repeated

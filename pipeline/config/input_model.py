@@ -34,7 +34,13 @@ class InputModel(BaseModel):
     line and the table in ``docs/conventions.md`` are made.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+    model_config = ConfigDict(
+        extra="forbid",
+        frozen=True,
+        strict=True,
+        allow_inf_nan=False,
+        use_attribute_docstrings=True,
+    )
 
 
 def _file_name(name: str) -> str:

@@ -42,29 +42,21 @@ class Live(InputModel):
     ('FP2.Fx', 'FP2.Fy', 'FP2.Fz', 'FP2.Mx', 'FP2.My', 'FP2.Mz')
     """
 
-    markers: Text | None = Field(
-        None, description="Stream of the markers; default: the only one", examples=["Markers"]
-    )
-    analog: Labels = Field(
-        (),
-        description="Streams of plates, accelerometers, belts and platform; default: all",
-        examples=[["Plates", "Analog"]],
-    )
-    wait_s: Annotated[float, Field(gt=0, le=2)] = Field(
-        0.2, description="How long a frame waits for samples that are late"
-    )
-    listen: Annotated[str, AfterValidator(own_address)] = Field(
-        LOOPBACK,
-        description="This computer's address in the laboratory's network; default: streams of "
-        "this computer alone",
-        examples=["192.168.1.10"],
-    )
+    markers: Text | None = Field(None, examples=["Markers"])
+    """Stream of the markers; default: the only one."""
+    analog: Labels = Field((), examples=[["Plates", "Analog"]])
+    """Streams of plates, accelerometers, belts and platform; default: all."""
+    wait_s: Annotated[float, Field(gt=0, le=2)] = 0.2
+    """How long a frame waits for samples that are late."""
+    listen: Annotated[str, AfterValidator(own_address)] = Field(LOOPBACK, examples=["192.168.1.10"])
+    """This computer's address in the laboratory's network; default: streams of this computer
+    alone."""
     plates: dict[PlateNumber, Six] = Field(
         default_factory=dict,
-        description="Plate and its Fx Fy Fz Mx My Mz, in its own axes about the centre of its "
-        "surface; default: as streams state it, else FP1.Fx, FP1.Fy and so on",
         examples=[{"1": ["FP1.Fx", "FP1.Fy", "FP1.Fz", "FP1.Mx", "FP1.My", "FP1.Mz"]}],
     )
+    """Plate and its Fx Fy Fz Mx My Mz, in its own axes about the centre of its surface; default: as
+    streams state it, else FP1.Fx, FP1.Fy and so on."""
 
     @model_validator(mode="after")
     def _different(self) -> "Live":

@@ -44,49 +44,27 @@ class Settings(InputModel):
     'zero_phase'
     """
 
-    marker_set: Text | None = Field(
-        None,
-        description="Marker set: hbm2, hbm1, pig, cgm2, ior (with _lower: pelvis and legs), or a "
-        "TOML file; default: recognised from the labels",
-        examples=["hbm2"],
-    )
-    cutoff_hz: Annotated[float, Field(ge=0.1, le=50)] = Field(
-        6.0, description="Cut-off of the Butterworth low-pass on coordinates and forces alike"
-    )
-    filter: Literal["realtime", "zero_phase"] = Field(
-        "zero_phase", description="zero_phase, or realtime: causal, as in the Human Body Model"
-    )
-    hip: Literal["harrington", "bell", "functional"] = Field(
-        "harrington", description="Hip joint centres: harrington (2007), bell (1990) or functional"
-    )
-    marker_offset_m: Annotated[float, Field(ge=0, le=0.05)] = Field(
-        MARKER_OFFSET_M, description="Distance from the skin to a marker's centre"
-    )
-    plate_delay_s: DelayS | None = Field(
-        None,
-        description="Delay of the plates relative to the markers; default: their calibration's, "
-        "or none",
-        examples=[0.0],
-    )
-    contact_threshold_n: Annotated[float, Field(gt=0, le=200)] = Field(
-        30.0, description="Vertical force above which a foot is on a plate"
-    )
-    min_valid_share: Annotated[float, Field(gt=0, le=1)] = Field(
-        0.5,
-        description="Smallest share of frames that count in a gait cycle, or in a recording "
-        "without one",
-    )
-    events: EventMethod | None = Field(
-        None,
-        description="Gait events: file, zeni, plates or auto; default: the file's if any, else "
-        "auto",
-        examples=["auto"],
-    )
-    engine: EngineName | None = Field(
-        None,
-        description="Inverse dynamics by pinocchio or kernels; default: pinocchio where installed",
-        examples=["kernels"],
-    )
+    marker_set: Text | None = Field(None, examples=["hbm2"])
+    """Marker set: hbm2, hbm1, pig, cgm2, ior (with _lower: pelvis and legs), or a TOML file;
+    default: recognised from the labels."""
+    cutoff_hz: Annotated[float, Field(ge=0.1, le=50)] = 6.0
+    """Cut-off of the Butterworth low-pass on coordinates and forces alike."""
+    filter: Literal["realtime", "zero_phase"] = "zero_phase"
+    """zero_phase, or realtime: causal, as in the Human Body Model."""
+    hip: Literal["harrington", "bell", "functional"] = "harrington"
+    """Hip joint centres: harrington (2007), bell (1990) or functional."""
+    marker_offset_m: Annotated[float, Field(ge=0, le=0.05)] = MARKER_OFFSET_M
+    """Distance from the skin to a marker's centre."""
+    plate_delay_s: DelayS | None = Field(None, examples=[0.0])
+    """Delay of the plates relative to the markers; default: their calibration's, or none."""
+    contact_threshold_n: Annotated[float, Field(gt=0, le=200)] = 30.0
+    """Vertical force above which a foot is on a plate."""
+    min_valid_share: Annotated[float, Field(gt=0, le=1)] = 0.5
+    """Smallest share of frames that count in a gait cycle, or in a recording without one."""
+    events: EventMethod | None = Field(None, examples=["auto"])
+    """Gait events: file, zeni, plates or auto; default: the file's if any, else auto."""
+    engine: EngineName | None = Field(None, examples=["kernels"])
+    """Inverse dynamics by pinocchio or kernels; default: pinocchio where installed."""
 
 
 class Subject(InputModel):
@@ -98,31 +76,20 @@ class Subject(InputModel):
     True
     """
 
-    id: Name = Field("subject", description="Name of the subject, part of file names")
-    sex: Sex = Field("unspecified", description="male, female or unspecified")
-    mass_kg: Annotated[float, Field(ge=10, le=400)] | None = Field(
-        None,
-        description="Body mass; default: measured by the plates, else the file's",
-        examples=[65.0],
-    )
-    height_m: Annotated[float, Field(ge=0.5, le=2.6)] | None = Field(
-        None,
-        description="Stature; default: the file's, or estimated from the legs",
-        examples=[1.70],
-    )
-    age_years: Annotated[float, Field(ge=0, le=120)] | None = Field(
-        None, description="Age; a covariate", examples=[26.0]
-    )
-    knee_width_m: Annotated[float, Field(ge=0.05, le=0.25)] | None = Field(
-        None,
-        description="Knee width, without medial markers; default: the file's, or estimated",
-        examples=[0.105],
-    )
-    ankle_width_m: Annotated[float, Field(ge=0.03, le=0.2)] | None = Field(
-        None,
-        description="Ankle width, without medial markers; default: the file's, or estimated",
-        examples=[0.072],
-    )
+    id: Name = "subject"
+    """Name of the subject, part of file names."""
+    sex: Sex = "unspecified"
+    """male, female or unspecified."""
+    mass_kg: Annotated[float, Field(ge=10, le=400)] | None = Field(None, examples=[65.0])
+    """Body mass; default: measured by the plates, else the file's."""
+    height_m: Annotated[float, Field(ge=0.5, le=2.6)] | None = Field(None, examples=[1.70])
+    """Stature; default: the file's, or estimated from the legs."""
+    age_years: Annotated[float, Field(ge=0, le=120)] | None = Field(None, examples=[26.0])
+    """Age; a covariate."""
+    knee_width_m: Annotated[float, Field(ge=0.05, le=0.25)] | None = Field(None, examples=[0.105])
+    """Knee width, without medial markers; default: the file's, or estimated."""
+    ankle_width_m: Annotated[float, Field(ge=0.03, le=0.2)] | None = Field(None, examples=[0.072])
+    """Ankle width, without medial markers; default: the file's, or estimated."""
 
 
 class RecordingRules(InputModel):
@@ -134,36 +101,19 @@ class RecordingRules(InputModel):
     'N,Nmm'
     """
 
-    axes: AxesText | None = Field(
-        None,
-        description="Where the files' x, y, z point, e.g. left,back,up; default: inferred",
-        examples=["left,back,up"],
-    )
-    units: LengthUnit | None = Field(
-        None, description="Unit of the markers, e.g. mm; default: the files'", examples=["mm"]
-    )
-    plate_units: PlateUnitsText | None = Field(
-        None,
-        description="Units of the plates' forces and moments, and as a third of centres of "
-        "pressure, e.g. N,Nmm; default: the files'",
-        examples=["N,Nmm"],
-    )
-    label_prefix: Text | None = Field(
-        None,
-        description="Label prefix of the subject, or its number, where several carry the same "
-        "labels",
-        examples=["S01"],
-    )
-    marker_stream: Text | None = Field(
-        None,
-        description="Stream that holds the markers, where several of an XDF file do",
-        examples=["Cameras"],
-    )
-    rename: dict[Text, Text] = Field(
-        default_factory=dict,
-        description="Label in the files, without prefix, and the label wanted",
-        examples=[{"LASI": "LASIS"}],
-    )
+    axes: AxesText | None = Field(None, examples=["left,back,up"])
+    """Where the files' x, y, z point, e.g. left,back,up; default: inferred."""
+    units: LengthUnit | None = Field(None, examples=["mm"])
+    """Unit of the markers, e.g. mm; default: the files'."""
+    plate_units: PlateUnitsText | None = Field(None, examples=["N,Nmm"])
+    """Units of the plates' forces and moments, and as a third of centres of pressure, e.g. N,Nmm;
+    default: the files'."""
+    label_prefix: Text | None = Field(None, examples=["S01"])
+    """Label prefix of the subject, or its number, where several carry the same labels."""
+    marker_stream: Text | None = Field(None, examples=["Cameras"])
+    """Stream that holds the markers, where several of an XDF file do."""
+    rename: dict[Text, Text] = Field(default_factory=dict, examples=[{"LASI": "LASIS"}])
+    """Label in the files, without prefix, and the label wanted."""
 
     def stated(self, marker_set: MarkerSet | None = None) -> Stated:
         """Give what is stated to those who read files, with the set that the markers are of."""
@@ -183,27 +133,17 @@ class Platform(InputModel):
     ('Sway', 'Pitch')
     """
 
-    markers: Labels = Field(
-        (),
-        description="Three markers or more on the platform",
-        examples=[["PLAT1", "PLAT2", "PLAT3", "PLAT4"]],
-    )
-    sway_channel: Text | None = Field(
-        None,
-        description="Channel of the commanded sway, in place of markers and less exact",
-        examples=["Sway"],
-    )
-    pitch_channel: Text | None = Field(
-        None, description="Channel of the commanded pitch", examples=["Pitch"]
-    )
-    pivot_m: PointM = Field(
-        (0.0, 0.0, 0.0), description="A point on the pitch axis, in the lab; for channels"
-    )
-    delay_s: DelayS = Field(
-        0.0,
-        description="Delay of the channels relative to the motion; negative where the platform "
-        "lags behind its command",
-    )
+    markers: Labels = Field((), examples=[["PLAT1", "PLAT2", "PLAT3", "PLAT4"]])
+    """Three markers or more on the platform."""
+    sway_channel: Text | None = Field(None, examples=["Sway"])
+    """Channel of the commanded sway, in place of markers and less exact."""
+    pitch_channel: Text | None = Field(None, examples=["Pitch"])
+    """Channel of the commanded pitch."""
+    pivot_m: PointM = (0.0, 0.0, 0.0)
+    """A point on the pitch axis, in the lab; for channels."""
+    delay_s: DelayS = 0.0
+    """Delay of the channels relative to the motion; negative where the platform lags behind its
+    command."""
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -214,16 +154,14 @@ class Platform(InputModel):
 class Belt(InputModel):
     """How the plates are compensated for the belts' acceleration, before sway and pitch."""
 
-    calibration: Text = Field(
-        description="The empty treadmill, belts accelerating at random", examples=["belts.c3d"]
-    )
+    calibration: Text = Field(examples=["belts.c3d"])
+    """The empty treadmill, belts accelerating at random."""
     speed_channels: Annotated[Labels, Field(min_length=1)] = Field(
-        description="Channel of belt speed for each plate, or one for all",
-        examples=[["Belt.Left", "Belt.Right"]],
+        examples=[["Belt.Left", "Belt.Right"]]
     )
-    cutoff_hz: Annotated[float, Field(ge=0.1, le=45)] = Field(
-        10.0, description="Low-pass on belt acceleration and pitch moment"
-    )
+    """Channel of belt speed for each plate, or one for all."""
+    cutoff_hz: Annotated[float, Field(ge=0.1, le=45)] = 10.0
+    """Low-pass on belt acceleration and pitch moment."""
 
 
 class Treadmill(InputModel):
@@ -236,47 +174,26 @@ class Treadmill(InputModel):
     2.0
     """
 
-    calibration: Text | None = Field(
-        None,
-        description="Recording of the empty, moving treadmill (.c3d), or a calibration fitted to "
-        "one (.json)",
-        examples=["calibration.c3d"],
-    )
-    beside: Labels = Field(
-        (),
-        description="Recordings of people beside an empty plate, fitted with the calibration "
-        "recording",
-        examples=[["walking_right.c3d", "walking_left.c3d", "boards.c3d"]],
-    )
-    check: Text | None = Field(
-        None,
-        description="The empty treadmill on another day: is the calibration still valid?",
-        examples=["empty_day2.c3d"],
-    )
-    accelerometer_unit: Text | None = Field(
-        None, description="g or m/s²; default: as the file says", examples=["g"]
-    )
-    accelerometer_range_g: Annotated[float, Field(gt=0, le=200)] = Field(
-        2.0, description="Largest acceleration that the accelerometers can measure"
-    )
-    accelerometer_delay_s: DelayS | None = Field(
-        None,
-        description="Delay of the accelerometers relative to the plates; default: estimated from "
-        "the calibration recording",
-        examples=[0.0],
-    )
-    inertia_model: Literal["auto", "static", "dynamic"] = Field(
-        "auto",
-        description="static, dynamic, or auto: dynamic where clearly and safely better",
-    )
-    cutoff_hz: FilterCutoffHz = Field(
-        20.0,
-        description="Low-pass of the calibration, and of plates and accelerometers in trials; "
-        "well above that of the settings",
-    )
+    calibration: Text | None = Field(None, examples=["calibration.c3d"])
+    """Recording of the empty, moving treadmill (.c3d), or a calibration fitted to one (.json)."""
+    beside: Labels = Field((), examples=[["walking_right.c3d", "walking_left.c3d", "boards.c3d"]])
+    """Recordings of people beside an empty plate, fitted with the calibration recording."""
+    check: Text | None = Field(None, examples=["empty_day2.c3d"])
+    """The empty treadmill on another day: is the calibration still valid?."""
+    accelerometer_unit: Text | None = Field(None, examples=["g"])
+    """g or m/s²; default: as the file says."""
+    accelerometer_range_g: Annotated[float, Field(gt=0, le=200)] = 2.0
+    """Largest acceleration that the accelerometers can measure."""
+    accelerometer_delay_s: DelayS | None = Field(None, examples=[0.0])
+    """Delay of the accelerometers relative to the plates; default: estimated from the calibration
+    recording."""
+    inertia_model: Literal["auto", "static", "dynamic"] = "auto"
+    """static, dynamic, or auto: dynamic where clearly and safely better."""
+    cutoff_hz: FilterCutoffHz = 20.0
+    """Low-pass of the calibration, and of plates and accelerometers in trials; well above that of
+    the settings."""
     accelerometers: dict[Name, Channels] = Field(
         default_factory=dict,
-        description="Sensor and its x, y and z channels",
         examples=[
             {
                 "rear_left": ["Acc1.X", "Acc1.Y", "Acc1.Z"],
@@ -284,6 +201,7 @@ class Treadmill(InputModel):
             }
         ],
     )
+    """Sensor and its x, y and z channels."""
     belt: Belt | None = None
     platform: Platform | None = None
 
@@ -343,12 +261,9 @@ class Treadmill(InputModel):
 class Plates(InputModel):
     """The force plates."""
 
-    calibration: Text | None = Field(
-        None,
-        description="What 'hbm plates' found with known weights: a 6x6 matrix, an offset and a "
-        "delay of each plate",
-        examples=["plate_calibration.json"],
-    )
+    calibration: Text | None = Field(None, examples=["plate_calibration.json"])
+    """What 'hbm plates' found with known weights: a 6x6 matrix, an offset and a delay of each
+    plate."""
 
     @field_validator("calibration")
     @classmethod
@@ -424,26 +339,18 @@ class Condition(InputModel):
     10 to 40 %
     """
 
-    cycles: Annotated[int, Field(ge=1)] | None = Field(
-        None, description="How many gait cycles are analysed; default: all", examples=[20]
-    )
-    skip_s: Annotated[float, Field(ge=0)] = Field(0.0, description="Time left out at the start")
-    perturbed: bool = Field(
-        False, description="Only gait cycles that contain a perturbation", examples=[True]
-    )
-    pulse_channel: Text | None = Field(
-        None,
-        description="Channel that rises at each onset; default: the platform's motion",
-        examples=["Perturbation"],
-    )
-    window: Window | None = Field(
-        None,
-        description='What counts: "cycle"; "recording", for standing; or a span [start_s, stop_s]. '
-        'Of perturbed gait cycles: "motion", while the platform moves fast; [start_s, stop_s] from '
-        'each onset; or ["10 %", "40 %"] of each. Default: gait cycles, or the whole recording of '
-        "a trial that has none",
-        examples=["motion"],
-    )
+    cycles: Annotated[int, Field(ge=1)] | None = Field(None, examples=[20])
+    """How many gait cycles are analysed; default: all."""
+    skip_s: Annotated[float, Field(ge=0)] = 0.0
+    """Time left out at the start."""
+    perturbed: bool = Field(False, examples=[True])
+    """Only gait cycles that contain a perturbation."""
+    pulse_channel: Text | None = Field(None, examples=["Perturbation"])
+    """Channel that rises at each onset; default: the platform's motion."""
+    window: Window | None = Field(None, examples=["motion"])
+    """What counts: "cycle"; "recording", for standing; or a span [start_s, stop_s]. Of perturbed
+    gait cycles: "motion", while the platform moves fast; [start_s, stop_s] from each onset; or ["10
+    %", "40 %"] of each. Default: gait cycles, or the whole recording of a trial that has none."""
 
     @model_validator(mode="after")
     def _used(self) -> "Condition":
@@ -496,22 +403,16 @@ class Comparison(InputModel):
     0.2
     """
 
-    factor: Name = Field(
-        "condition", description="What the conditions are levels of, as tables name it"
-    )
+    factor: Name = "condition"
+    """What the conditions are levels of, as tables name it."""
     levels: Annotated[Labels, Field(min_length=2)] | None = Field(
-        None,
-        description="Conditions to compare, in order",
-        examples=[["baseline", "sway", "pitch"]],
+        None, examples=[["baseline", "sway", "pitch"]]
     )
-    reference: Text | None = Field(
-        None,
-        description="Level that the others are compared with; default: the first",
-        examples=["baseline"],
-    )
+    """Conditions to compare, in order."""
+    reference: Text | None = Field(None, examples=["baseline"])
+    """Level that the others are compared with; default: the first."""
     pairs: Labels | None = Field(
         None,
-        description="Planned pairs of cells",
         examples=[
             [
                 *("baseline IC - baseline no IC", "sway IC - sway no IC"),
@@ -520,24 +421,18 @@ class Comparison(InputModel):
             ]
         ],
     )
-    correction: Literal["bonferroni", "holm"] = Field(
-        "bonferroni", description="Of their p-values for the number of pairs: bonferroni or holm"
-    )
+    """Planned pairs of cells."""
+    correction: Literal["bonferroni", "holm"] = "bonferroni"
+    """Of their p-values for the number of pairs: bonferroni or holm."""
     covariates: Annotated[tuple[Covariate, ...], Field(strict=False)] | None = Field(
-        None,
-        description="Any of height_m, mass_kg, sex, age_years; default: sex and stature",
-        examples=[["sex", "height_m"]],
+        None, examples=[["sex", "height_m"]]
     )
-    margin: Annotated[float, Field(gt=0, le=1)] = Field(
-        0.2,
-        description="Share of the reference residual by which a residual may exceed it and still "
-        "be at its level",
-    )
-    group: Literal["group", "sex"] | None = Field(
-        None,
-        description="Key of the subjects' files that tells groups apart: group or sex",
-        examples=["group"],
-    )
+    """Any of height_m, mass_kg, sex, age_years; default: sex and stature."""
+    margin: Annotated[float, Field(gt=0, le=1)] = 0.2
+    """Share of the reference residual by which a residual may exceed it and still be at its
+    level."""
+    group: Literal["group", "sex"] | None = Field(None, examples=["group"])
+    """Key of the subjects' files that tells groups apart: group or sex."""
 
     @model_validator(mode="after")
     def _once(self) -> "Comparison":
@@ -555,33 +450,25 @@ class Comparison(InputModel):
 class PlateContact(InputModel):
     """Whose foot was on a plate, where the centre of pressure cannot tell."""
 
-    plate: Annotated[int, Field(ge=1, le=99)] = Field(
-        description="Number of the plate in the file, from 1", examples=[1]
-    )
-    time_s: Annotated[float, Field(ge=0)] = Field(
-        description="Any instant of the contact, from the first frame", examples=[3.2]
-    )
-    foot: Literal["left", "right"] = Field(description="left or right", examples=["left"])
+    plate: Annotated[int, Field(ge=1, le=99)] = Field(examples=[1])
+    """Number of the plate in the file, from 1."""
+    time_s: Annotated[float, Field(ge=0)] = Field(examples=[3.2])
+    """Any instant of the contact, from the first frame."""
+    foot: Literal["left", "right"] = Field(examples=["left"])
+    """left or right."""
 
 
 class Trial(InputModel):
     """One recording with the files that belong to it, or the reason why there is none."""
 
-    file: Text | None = Field(None, description="The recording")
-    forces: Text | None = Field(
-        None,
-        description="Ground reaction forces (.mot) of a .trc file",
-        examples=["sub01_baseline.mot"],
-    )
-    record: Text | None = Field(
-        None,
-        description="Record module's file of D-Flow's mocap text",
-        examples=["sub01_record.txt"],
-    )
-    exclude: Text | None = Field(
-        None,
-        description="Why the trial cannot be used; it stays in the table with this reason",
-    )
+    file: Text | None = None
+    """The recording."""
+    forces: Text | None = Field(None, examples=["sub01_baseline.mot"])
+    """Ground reaction forces (.mot) of a .trc file."""
+    record: Text | None = Field(None, examples=["sub01_record.txt"])
+    """Record module's file of D-Flow's mocap text."""
+    exclude: Text | None = None
+    """Why the trial cannot be used; it stays in the table with this reason."""
     contacts: Annotated[tuple[PlateContact, ...], Field(strict=False)] = ()
 
     @property
@@ -593,9 +480,8 @@ class Trial(InputModel):
 class StudyFile(RecordingRules):
     """The contents of ``study.toml``."""
 
-    name: Annotated[str, AfterValidator(printable)] = Field(
-        "study", description="Name of the study, in the report"
-    )
+    name: Annotated[str, AfterValidator(printable)] = "study"
+    """Name of the study, in the report."""
     settings: Settings = Settings()
     plates: Plates = Plates()
     treadmill: Treadmill = Treadmill()
@@ -607,27 +493,16 @@ class StudyFile(RecordingRules):
 class SubjectFile(Subject):
     """The contents of a subject's file."""
 
-    id: Name = Field(description="Name of the subject, part of file names")
-    group: Text | None = Field(
-        None,
-        description="Group of the subject, where [comparison] in study.toml compares groups",
-        examples=["before surgery"],
-    )
-    static: Text | None = Field(
-        None,
-        description="Calibration pose; default: the quietest second of each trial",
-        examples=["sub01_static.c3d"],
-    )
-    hip_trial: Text | None = Field(
-        None,
-        description="Recording in which both thighs swing, for functional hip centres",
-        examples=["sub01_star.c3d"],
-    )
-    segments: Text | None = Field(
-        None,
-        description="TOML with known segment inertias: prostheses, braces, shoes, scans",
-        examples=["sub01_segments.toml"],
-    )
+    id: Name
+    """Name of the subject, part of file names."""
+    group: Text | None = Field(None, examples=["before surgery"])
+    """Group of the subject, where [comparison] in study.toml compares groups."""
+    static: Text | None = Field(None, examples=["sub01_static.c3d"])
+    """Calibration pose; default: the quietest second of each trial."""
+    hip_trial: Text | None = Field(None, examples=["sub01_star.c3d"])
+    """Recording in which both thighs swing, for functional hip centres."""
+    segments: Text | None = Field(None, examples=["sub01_segments.toml"])
+    """TOML with known segment inertias: prostheses, braces, shoes, scans."""
     trials: dict[str, Trial]
 
     @property

@@ -143,6 +143,7 @@ def settings_table() -> str:
         words = ", ".join(stated.get("enum", ()))
         least = stated.get("minimum", stated.get("exclusiveMinimum"))
         allowed = words if least is None else f"{least:g} to {stated['maximum']:g}"
+        meaning = " ".join(field["description"].split())
         default = "" if field["default"] is None else f"`{json.dumps(field['default'])}`"
-        lines.append(f"| `{name}` | {default} | {allowed} | {field['description']} |")
+        lines.append(f"| `{name}` | {default} | {allowed} | {meaning} |")
     return "\n".join(lines) + "\n"

@@ -34,46 +34,33 @@ class TrialRequest(Settings, Subject, RecordingRules):
     The options of the command line are made from these fields: ``--mass-kg`` is ``mass_kg``.
     """
 
-    trial: Path = Field(
-        description="The trial: C3D, TRC, D-Flow, .mox, Nexus ASCII or XDF, recognised by content"
-    )
-    static: Path | None = Field(None, description="Calibration pose; default: the trial itself")
-    forces: Path | None = Field(None, description="Ground reaction forces (.mot) of a .trc trial")
-    record: Path | None = Field(None, description="D-Flow record file of a D-Flow mocap file")
-    rename: Annotated[dict[str, str], BeforeValidator(_renamed)] = Field(
-        default_factory=dict,
-        description="OLD=NEW: a label in the files and the one wanted; repeatable",
-    )
-    hip_trial: Path | None = Field(
-        None, description="Recording in which the thighs swing, for --hip functional"
-    )
-    segments: Path | None = Field(
-        None, description="TOML with known segment inertias: prostheses, shoes, scans"
-    )
-    plate_delay_ms: Annotated[float, Field(ge=-500, le=500)] | None = Field(
-        None,
-        description="Delay of the plates relative to the markers; default: their calibration's, "
-        "or none",
-    )
-    span: str | None = Field(
-        None,
-        description="What counts in place of gait cycles: start and stop in s, e.g. 5,15, or all; "
-        "default: all where there is no gait cycle",
-    )
-    plate_calibration: Path | None = Field(
-        None, description="Calibration of the plates by known weights (hbm plates)"
-    )
-    calibration: Path | None = Field(
-        None, description="Calibration of the moving treadmill (hbm calibration fit)"
-    )
-    accelerometer: tuple[str, ...] = Field(
-        (),
-        description="SENSOR=X,Y,Z: channels of an accelerometer, if not as in the calibration; "
-        "repeatable",
-    )
-    platform_markers: str = Field(
-        "", description="Markers on a moving platform, e.g. PLAT1,PLAT2,PLAT3"
-    )
+    trial: Path
+    """The trial: C3D, TRC, D-Flow, .mox, Nexus ASCII or XDF, recognised by content."""
+    static: Path | None = None
+    """Calibration pose; default: the trial itself."""
+    forces: Path | None = None
+    """Ground reaction forces (.mot) of a .trc trial."""
+    record: Path | None = None
+    """D-Flow record file of a D-Flow mocap file."""
+    rename: Annotated[dict[str, str], BeforeValidator(_renamed)] = Field(default_factory=dict)
+    """OLD=NEW: a label in the files and the one wanted; repeatable."""
+    hip_trial: Path | None = None
+    """Recording in which the thighs swing, for --hip functional."""
+    segments: Path | None = None
+    """TOML with known segment inertias: prostheses, shoes, scans."""
+    plate_delay_ms: Annotated[float, Field(ge=-500, le=500)] | None = None
+    """Delay of the plates relative to the markers; default: their calibration's, or none."""
+    span: str | None = None
+    """What counts in place of gait cycles: start and stop in s, e.g. 5,15, or all; default: all
+    where there is no gait cycle."""
+    plate_calibration: Path | None = None
+    """Calibration of the plates by known weights (hbm plates)."""
+    calibration: Path | None = None
+    """Calibration of the moving treadmill (hbm calibration fit)."""
+    accelerometer: tuple[str, ...] = ()
+    """SENSOR=X,Y,Z: channels of an accelerometer, if not as in the calibration; repeatable."""
+    platform_markers: str = ""
+    """Markers on a moving platform, e.g. PLAT1,PLAT2,PLAT3."""
 
     @property
     def window(self) -> Literal["recording"] | tuple[float, float] | None:
