@@ -11,7 +11,6 @@ from pipeline.trial.residuals import (
     marker_rows,
     residual_rows,
     threshold_rows,
-    variants,
 )
 from pipeline.trial.result import TrialResult
 
@@ -57,7 +56,7 @@ def _circumstances(result: TrialResult) -> str:
 
 
 def _residuals(result: TrialResult) -> str:
-    names = list(variants(result))
+    names = list(result.variants)
     rows = headline_rows(residual_rows(result, result.source.stem))
     lines = [
         "## Pelvis residuals (RMS)",

@@ -17,7 +17,8 @@ from pipeline.explain.shares import NORMAL_95
 from pipeline.figures.residuals import residual_figure
 from pipeline.figures.style import COLOURS
 from pipeline.trial.gait.cycles import mean_and_sd, normalise
-from pipeline.trial.residuals import AXES, cycle_residuals, reported, variants
+from pipeline.trial.quality import Quality, free_of
+from pipeline.trial.residuals import AXES, cycle_residuals, reported
 from pipeline.trial.result import TrialResult
 from pipeline.viewer.blueprint import cycle_layout, trial_layout
 from pipeline.viewer.body import draw_body, send_body
@@ -97,8 +98,9 @@ def write_recording(
 
     whole, view = clock(motion.time), clock(motion.time[shown])
     perturbed = [(t, t + PERTURBATION_S, "perturbation") for t in result.onsets.tolist()]
-    uncertain = intervals_of(result.ambiguous, motion.time, "uncertain")
-    uncounted = intervals_of(~result.validity.counts, motion.time, "does not count")
+    foot_uncertain = ~free_of(result.quality, Quality.FOOT_UNCERTAIN)
+    uncertain = intervals_of(foot_uncertain, motion.time, "uncertain")
+    uncounted = intervals_of(~result.counts, motion.time, "does not count")
     has_cycles = any(len(spans) for spans in result.cycles.values())
     has_phases = bool(result.events or uncertain or uncounted or perturbed)
     layout = trial_layout(pelvis, phases=has_phases, figure=has_cycles)
@@ -112,7 +114,7 @@ def write_recording(
         send_markers(stream, view, measured, body, rotation, origin)
         draw_plates(stream, result.plates)
         send_platform(stream, view, pose)
-        for name, dynamics in variants(result).items():
+        for name, dynamics in result.variants.items():
             draw_arrows(stream, name)
             send_ground(
                 stream,
@@ -123,11 +125,11 @@ def write_recording(
                 platform=pose,
                 threshold_n=result.settings.contact_threshold_n,
             )
-            residual = np.where(result.validity.counts[:, None], dynamics.residual, np.nan)
+            residual = np.where(result.counts[:, None], dynamics.residual, np.nan)
             send_residual(stream, view, name, residual[shown], pelvis)
         curves = {
-            n: np.where(result.validity.counts[:, None], reported(d.residual), np.nan)
-            for n, d in variants(result).items()
+            n: np.where(result.counts[:, None], reported(d.residual), np.nan)
+            for n, d in result.variants.items()
         }
         if bands is not None:
             curves |= _ends_of_bands(bands, motion.time)
@@ -169,7 +171,7 @@ def write_cycles(result: TrialResult, path: Path) -> None:
             f"{result.source.name}: no gait cycle was found, so there is no mean one to show"
         )
     motion = result.motion
-    settled = np.where(result.validity.settled[:, None], motion.q, np.nan)
+    settled = np.where(free_of(result.quality, Quality.SETTLING)[:, None], motion.q, np.nan)
     q, _ = mean_and_sd(normalise(motion.time, settled, spans))
     rotation, origin = segment_frames(result.body, q)
     timelines = {"gait_cycle_percent": np.arange(len(q))}
@@ -180,7 +182,7 @@ def write_cycles(result: TrialResult, path: Path) -> None:
         draw_body(stream, result.body)
         send_body(stream, timelines, rotation, origin)
         curves: dict[str, Array] = {}
-        for name in variants(result):
+        for name in result.variants:
             middle, spread = mean_and_sd(cycle_residuals(result, name)[side])
             draw_arrows(stream, name)
             send_residual(stream, timelines, name, reported(middle), origin[:, PELVIS])
