@@ -15,7 +15,7 @@ from pathlib import Path
 from sphinx.application import Sphinx
 
 from pipeline.config.templates import settings_table
-from pipeline.explain.priors import priors
+from pipeline.explain.cause import priors
 
 DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent

@@ -4,12 +4,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
 import pandas as pd
 from scipy import stats
 
 from pipeline.io.write import markdown
-from pipeline.statistics.factorial import anova, box_cox, compare_levels, residuals
+from pipeline.statistics.factorial import anova, compare_levels, residuals
 
 FACTORS: Final = ("belt", "profile", "speed_mps", "position_m", "mass_kg")
 MIN_TRIALS_PER_COEFFICIENT: Final = 3
@@ -142,13 +141,15 @@ def _of_thirds(errors: pd.DataFrame) -> Iterator[_Analysis]:
 def _analyse(one: _Analysis) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Give tests and pairs of one quantity."""
     sizes = one.data["orthogonal"].to_numpy()
-    transformed = box_cox(sizes / np.exp(np.log(sizes).mean()))  # λ is the same in any unit
-    data = one.data.assign(y=transformed.values)
+    if not (sizes > 0).all():
+        raise ValueError("a Box–Cox transform needs positive values, none missing")
+    transformed, exponent = stats.boxcox(sizes / stats.gmean(sizes))  # λ is the same in any unit
+    data = one.data.assign(y=transformed)
     table = anova(data, "y", one.factors)
     normal = stats.shapiro(residuals(data, "y", one.factors))
     tests = table[table["effect"].isin(one.tested)].assign(
         quantity=one.quantity,
-        exponent=transformed.exponent,
+        exponent=exponent,
         shapiro_w=normal.statistic,
         shapiro_p=normal.pvalue,
         df_error=table["df"].iloc[-1],
