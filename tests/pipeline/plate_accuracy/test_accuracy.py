@@ -13,7 +13,7 @@ import pytest
 
 from pipeline.cli.app import main
 from pipeline.config.plate_study import read_plates_study
-from pipeline.config.validation import StudyFaults
+from pipeline.config.toml_file import StudyFaults
 from pipeline.plate_accuracy.accuracy import check_plates
 from pipeline.plate_accuracy.faults import FaultEstimate, find_vibration
 from pipeline.plate_accuracy.report import COLUMNS, table_1

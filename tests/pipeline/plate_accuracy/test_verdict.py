@@ -10,7 +10,7 @@ from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS
 from pipeline.cli.app import main
 from pipeline.config.plate_correction import read_plate_correction
 from pipeline.config.plate_study import AccuracyLimits, PlatesFile, read_plates_study
-from pipeline.config.validation import StudyFaults
+from pipeline.config.toml_file import StudyFaults
 from pipeline.io.axes import parse_axes
 from pipeline.plate_accuracy.accuracy import examine_plates
 from pipeline.plate_accuracy.faults import FaultEstimate, estimate_faults
