@@ -26,9 +26,9 @@ from pipeline.explain.processing_chain import ProcessingChain, processing_chain
 from pipeline.explain.shares import NORMAL_95, indistinct, shares_of_groups
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.quality import settling_s
 from pipeline.trial.residuals import windows
 from pipeline.trial.result import TrialResult
-from pipeline.trial.validity import settling_s
 
 MAX_FRAMES: Final = 6000
 """Of a long trial, a minute of which tells as much."""
@@ -186,7 +186,7 @@ def explained_part(
     chain = processing_chain(recording, laboratory, result, frames)
     inside = (spans[:, 0] >= chain.time[0]) & (spans[:, 1] <= chain.time[-1])
     to_hz = HIGHEST_IN_CUTOFFS * chain.settings.cutoff_hz
-    series = cycle_series(chain.time, spans[inside], to_hz, result.validity.counts[frames])
+    series = cycle_series(chain.time, spans[inside], to_hz, result.counts[frames])
     known = known_plates(chain, laboratory)
     causes = (
         *plate_causes(chain, known, None if known.delay_is_measured else _delay(result, known)),
@@ -222,7 +222,7 @@ def _spans(result: TrialResult) -> tuple[Array, int]:
 
     As in `pipeline.trial.residuals`, of the side with the most cycles.
     """
-    time, counts = result.motion.time, result.validity.counts
+    time, counts = result.motion.time, result.counts
     cycles = () if result.span else max(result.cycles.values(), key=len, default=())
     spans = np.reshape(cycles if len(cycles) else windows(result)[0].spans, (-1, 2))
     some = [counts[(time >= start) & (time < stop)].any() for start, stop in spans]

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from hbm.spatial import Array
 from pipeline.figures.style import COLOURS, STYLE, draw_band
 from pipeline.trial.gait.cycles import mean_and_sd, normalise
+from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.residuals import (
     AXES,
     DIRECTIONS,
@@ -17,7 +18,6 @@ from pipeline.trial.residuals import (
     counted,
     cycle_residuals,
     reported,
-    variants,
 )
 from pipeline.trial.result import TrialResult
 from pipeline.trial.summary import TrialSummary
@@ -53,10 +53,10 @@ def residual_figure(result: TrialResult) -> Figure:
 def _over_time(result: TrialResult) -> Figure:
     """Draw residuals over time where filters have settled, grey where frames do not count."""
     time, counts = result.motion.time, counted(result)
-    settled = result.validity.settled[:, None]
+    settled = free_of(result.quality, Quality.SETTLING)[:, None]
     with mpl.rc_context(STYLE):
         figure, panels = _panels()
-        for variant, dynamics in variants(result).items():
+        for variant, dynamics in result.variants.items():
             values = reported(np.where(settled, dynamics.residual, np.nan))
             for k, panel in enumerate(panels):
                 panel.plot(time, values[:, k], color=UNCOUNTED, lw=0.6)
@@ -67,10 +67,10 @@ def _over_time(result: TrialResult) -> Figure:
                     _draw_uncertainty(panel, time, inside, spread)
         label_panels(panels, (float(time[0]), float(time[-1])), "time (s)")
         for k, panel in enumerate(panels):
-            largest = [np.abs(reported(d.residual)[counts, k]) for d in variants(result).values()]
+            largest = [np.abs(reported(d.residual)[counts, k]) for d in result.variants.values()]
             if counts.any():
                 panel.set_ylim(*(1.2 * np.max(largest) * np.array([-1, 1])))
-        if len(variants(result)) > 1:
+        if len(result.variants) > 1:
             _draw_legend(figure, panels[0])
         what = "grey: left out" if counts.any() else "all frames are left out"
         figure.suptitle(f"{result.source.name}: pelvis residuals, {what}", fontsize=10)
@@ -87,7 +87,7 @@ def _over_cycle(result: TrialResult) -> Figure:
     with mpl.rc_context(STYLE):
         figure, panels = _panels()
         side = "right" if len(result.cycles.get("right", ())) else "left"
-        for variant in variants(result):
+        for variant in result.variants:
             curves, spans = cycle_residuals(result, variant)[side], result.cycles[side]
             mean, sd = mean_and_sd(curves)
             percent = np.linspace(0, 100, len(mean))
@@ -99,7 +99,7 @@ def _over_cycle(result: TrialResult) -> Figure:
                     _draw_uncertainty(panel, percent, mean[:, k], spread)
         label_panels(panels)
         draw_part(panels, mean_part([result]))
-        if len(variants(result)) > 1:
+        if len(result.variants) > 1:
             _draw_legend(figure, panels[0])
         count = len(result.cycles[side])
         figure.suptitle(

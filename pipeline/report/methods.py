@@ -20,8 +20,8 @@ from pipeline.run.provenance import engines_of
 from pipeline.statistics.design import Design
 from pipeline.statistics.headline import join_names
 from pipeline.trial.gait.perturbations import MIN_PLATFORM_SPEED_MPS
+from pipeline.trial.quality import settling_s
 from pipeline.trial.summary import TrialSummary
-from pipeline.trial.validity import settling_s
 
 HIP_METHODS: Final = {
     "harrington": ("the regression equations of Harrington et al. (2007)", "harrington2007"),

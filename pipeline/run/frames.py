@@ -1,7 +1,7 @@
 """A trial frame by frame, as the columns of a table and back."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -13,20 +13,17 @@ from hbm.dynamics import Dynamics
 from hbm.engines.engine import EngineUsed
 from hbm.markers import Markers
 from hbm.motion import Motion
-from hbm.spatial import Array, Mask
+from hbm.spatial import Array, Indices, Mask
 from pipeline.io.recording import Event
 from pipeline.run.header import TrialHeader, plates_of
-from pipeline.trial.residuals import AXES, reported, variants
+from pipeline.trial.residuals import AXES, reported
 from pipeline.trial.result import CompensationUncertainty, TrialResult
-from pipeline.trial.validity import Validity
 
 WRENCH: Final = ("fx", "fy", "fz", "mx", "my", "mz")
 POSE: Final = (*(f"r{row}{column}" for row in "123" for column in "123"), "x", "y", "z")
 """Rotation matrix, row by row, and position of the platform."""
 
-MASKS: Final = tuple(field.name for field in fields(Validity))
-
-Column = Array | Mask | Sequence[str]
+Column = Array | Indices | Mask | Sequence[str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +35,7 @@ class Frames:
     dynamics: Mapping[str, Dynamics]
     ground: dict[str, dict[str, Array]]
     platform: PlatformPose | None
-    ambiguous: Mask
-    validity: Validity
+    quality: Indices
     uncertainty: CompensationUncertainty | None
 
 
@@ -60,10 +56,9 @@ def frame_table(result: TrialResult) -> pa.Table:
         ``marker_error.NAME`` [m]; ``event``, such as "left foot_strike", on the frame nearest to
         it. In lab axes (X forward, Y left, Z up): ``ground.measured.left_foot.fx`` … ``mz`` [N,
         N·m] about the lab origin, ``marker.NAME.x`` [m] as measured, ``platform.r11`` … ``z``.
-        ``converged``, ``observed.NAME``, ``gradient`` of the inverse kinematics; ``ambiguous``
-        where the split of a plate between the feet is uncertain; ``valid.motion``,
-        ``valid.plates`` and ``valid.settled``, all true where a residual counts
-        (`pipeline.trial.validity.Validity`). With a calibration of the platform, one standard
+        ``converged``, ``observed.NAME``, ``gradient`` of the inverse kinematics; ``quality``,
+        the sum of the flags of `pipeline.trial.quality.Quality` that say why the frame does not
+        count or is doubtful, 0 where nothing is. With a calibration of the platform, one standard
         deviation due to the compensation: ``uncertainty.residual.Fx`` … and
         ``uncertainty.plate_1.fx`` …, lab axes about the lab origin [N, N·m].
     """
@@ -71,7 +66,7 @@ def frame_table(result: TrialResult) -> pa.Table:
     columns: dict[str, Column] = {"time_s": motion.time}
     for symbol, values in (("q", motion.q), ("v", motion.v), ("a", motion.a)):
         columns |= _by_coordinate(symbol, values)
-    for variant, dynamics in variants(result).items():
+    for variant, dynamics in result.variants.items():
         columns |= _by_coordinate(f"tau.{variant}", dynamics.tau)
         columns |= _columns(f"residual.{variant}", AXES, reported(dynamics.residual))
     columns |= _columns("marker_error", motion.markers, motion.marker_error)
@@ -93,8 +88,7 @@ def frame_table(result: TrialResult) -> pa.Table:
     columns |= {
         "converged": motion.converged,
         "gradient": gradient,
-        "ambiguous": result.ambiguous,
-        **{f"valid.{name}": getattr(result.validity, name) for name in MASKS},
+        "quality": result.quality,
     }
     return pa.table({name: pa.array(column) for name, column in columns.items()})
 
@@ -158,8 +152,7 @@ def read_frames(table: pa.Table, header: TrialHeader, engine: EngineUsed) -> Fra
         dynamics=dynamics,
         ground=ground,
         platform=None if pose is None else PlatformPose(pose[:, :9].reshape(-1, 3, 3), pose[:, 9:]),
-        ambiguous=table.column("ambiguous").to_numpy(),
-        validity=Validity(**{name: table.column(f"valid.{name}").to_numpy() for name in MASKS}),
+        quality=table.column("quality").to_numpy(),
         uncertainty=uncertainty,
     )
 

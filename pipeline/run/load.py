@@ -9,10 +9,10 @@ import numpy as np
 import pandas as pd
 
 from hbm.spatial import Array, Mask
-from pipeline.run.frames import MASKS
 from pipeline.run.store import StoredTrial, open_trial
 from pipeline.trial.gait.cycle_table import cycle_table
 from pipeline.trial.gait.cycles import normalise
+from pipeline.trial.quality import free_of
 from pipeline.trial.residuals import AXES, UNIT_OF, ResidualRow
 from pipeline.trial.summary import TrialSummary
 
@@ -156,8 +156,8 @@ def _subjects(summaries: Mapping[tuple[str, str], TrialSummary]) -> pd.DataFrame
 def _residuals(stored: StoredTrial) -> tuple[Array, Mask, dict[bool, Array]]:
     """Read times, which frames count, and the reported residuals of each variant, (T, 6)."""
     names = {False: "measured", True: "compensated"}
-    (time,) = stored.columns(["time_s"]).T
-    counts = np.all(stored.columns([f"valid.{name}" for name in MASKS]), axis=1)
+    time, quality = stored.columns(["time_s", "quality"]).T
+    counts = free_of(quality.astype(int))
     variants = sorted({row.compensated for row in stored.summary.residuals})
     return (
         time,

@@ -33,7 +33,7 @@ DIGEST_START: Final = DIGEST + b"\x18\x40"
 """How a Parquet file stores that key, with type and length of the 64 characters that follow."""
 COMPRESSION: Final = "snappy"
 """Half the time of zstd for 7 % more."""
-COMPRESSED: Final = ("observed.", "valid.", "time_s", "event")
+COMPRESSED: Final = ("observed.", "quality", "time_s", "event")
 """What columns begin with that compress well. Computed numbers do not, and of markers' positions a
 quarter would be saved, 9 % of a file, for half the time that it takes to write it."""
 MAX_REASON: Final = 120
@@ -216,20 +216,18 @@ def _result(summary: TrialSummary, header: TrialHeader, frames: Frames) -> Trial
         first_frame=header.first_frame,
         plates=plates_of(header),
         motion=frames.motion,
-        measured=frames.dynamics["measured"],
-        compensated=frames.dynamics.get("compensated"),
+        variants=frames.dynamics,
         ground=frames.ground,
         platform=frames.platform,
         events=header.events,
         cycles={side: np.reshape(spans, (-1, 2)) for side, spans in summary.cycles.items()},
         found_cycles=summary.found_cycles,
         span=summary.span,
-        validity=frames.validity,
+        quality=frames.quality,
         delay_s=np.nan if summary.delay_s is None else summary.delay_s,
         delay_uncertainty_s=(
             np.nan if summary.delay_uncertainty_s is None else summary.delay_uncertainty_s
         ),
-        ambiguous=frames.ambiguous,
         notes=summary.notes,
         overridden_segments=summary.overridden_segments,
         onsets=header.onsets,

@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from hbm.dynamics import Dynamics
 from hbm.model import Body
 from hbm.poses import center_of_mass, joint_positions
 from hbm.spatial import GRAVITY_MPS2, Array, Mask
@@ -147,12 +146,6 @@ def reported(residual: Array) -> Array:
     return np.asarray(residual * REPORTED_SIGN)
 
 
-def variants(result: TrialResult) -> dict[str, Dynamics]:
-    """Give the dynamics with the plates as measured and, where there is one, compensated."""
-    both = {"measured": result.measured, "compensated": result.compensated}
-    return {name: dynamics for name, dynamics in both.items() if dynamics is not None}
-
-
 def cycle_residuals(result: TrialResult, variant: str) -> dict[str, Array]:
     """Give the residuals of every gait cycle over 0–100 %.
 
@@ -168,8 +161,8 @@ def cycle_residuals(result: TrialResult, variant: str) -> dict[str, Array]:
     dict[str, Array]
         Side -> (C, 101, 6) in the reported axes [N, N·m]; NaN where frames do not count.
     """
-    dynamics = variants(result)[variant]
-    values = np.where(result.validity.counts[:, None], reported(dynamics.residual), np.nan)
+    dynamics = result.variants[variant]
+    values = np.where(result.counts[:, None], reported(dynamics.residual), np.nan)
     return {side: normalise(dynamics.time, values, spans) for side, spans in result.cycles.items()}
 
 
@@ -196,7 +189,7 @@ def counted(result: TrialResult) -> Mask:
 
 def _counted(result: TrialResult, window: Window) -> Mask:
     inside = frames_within(result.motion.time, {"": window.spans}, None)
-    return np.asarray(inside & result.validity.counts)
+    return np.asarray(inside & result.counts)
 
 
 def headline_rows(rows: Iterable[ResidualRow]) -> tuple[ResidualRow, ...]:
@@ -222,10 +215,10 @@ def cycles_of(result: TrialResult, condition: str) -> pd.DataFrame:
     """
     residuals = {
         name == "compensated": reported(dynamics.residual)
-        for name, dynamics in variants(result).items()
+        for name, dynamics in result.variants.items()
     }
     cycles = {} if result.span else result.cycles
-    table = cycle_table(result.motion.time, result.validity.counts, residuals, cycles, UNIT_OF)
+    table = cycle_table(result.motion.time, result.counts, residuals, cycles, UNIT_OF)
     table.insert(0, "condition", condition)
     table.insert(0, "subject", result.subject.id)
     return table
@@ -283,7 +276,7 @@ def _rows(result: TrialResult, condition: str, window: Window) -> list[ResidualR
     weight = result.body.mass * GRAVITY_MPS2
     scale = np.array([weight] * 3 + [weight * result.body.height_m] * 3) / 100
     rows = []
-    for name, dynamics in variants(result).items():
+    for name, dynamics in result.variants.items():
         value = reported(dynamics.residual[counts])
         rms = np.sqrt(np.mean(value**2, axis=0))
         rms_of_cycles = _rms_of_cycles(result, name, window)
@@ -363,7 +356,7 @@ def threshold_rows(result: TrialResult) -> tuple[ThresholdRow, ...]:
     q = result.motion.q[inside]
     height = height_of_mass(result.body, q)
     rows = []
-    for name, dynamics in variants(result).items():
+    for name, dynamics in result.variants.items():
         ground = np.sum(list(result.ground[name].values()), axis=0)[inside, :3]
         external = float(np.linalg.norm(ground, axis=1).max())
         residual = dynamics.residual[inside]

@@ -10,13 +10,14 @@ from numpy.typing import ArrayLike
 from compensation.platform.pose import PlatformPose
 from hbm.body import Body
 from hbm.dynamics import Dynamics
+from hbm.engines.engine import EngineUsed
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.notes import Note
-from hbm.spatial import Array, Mask, read_only
+from hbm.spatial import Array, Indices, Mask, read_only
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.recording import Event
-from pipeline.trial.validity import Validity
+from pipeline.trial.quality import free_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,13 +117,12 @@ class TrialResult:
         Where the force plates are.
     motion
         Filtered motion with marker errors.
-    measured
-        Dynamics with the plates as measured.
-    compensated
-        Dynamics with the platform's artefacts removed; None without a calibration.
+    variants
+        Name -> dynamics: "measured" with the plates as measured and, with a calibration,
+        "compensated" without what the treadmill's motion adds; the last is closest to the truth.
     ground
-        Variant ("measured", "compensated") -> foot -> filtered wrench on it, (T, 6) [N, N·m], lab
-        axes about the lab origin.
+        Name of the variant -> foot -> filtered wrench on it, (T, 6) [N, N·m], lab axes about the
+        lab origin.
     events
         Gait events.
     cycles
@@ -132,16 +132,15 @@ class TrialResult:
     span
         Start and stop of the stretch of the recording that counts in place of gait cycles [s]; None
         where gait cycles count.
-    validity
-        Which frames count within them.
+    quality
+        Why each frame does not count, (T,): flags of `pipeline.trial.quality.Quality`, 0 where
+        nothing is doubtful. Where the foot is uncertain, the forces of the legs' coordinates are
+        NaN; where filters settle, all of them.
     delay_s, delay_uncertainty_s
         How much later the plates are than the markers, and half of its 95 % interval; NaN where it
         is not determined.
     platform
         The platform's pose, (T,) frames; None for a treadmill that stands still.
-    ambiguous
-        Frames in which the split of a plate between the feet is uncertain, (T,); the forces of the
-        legs' coordinates are NaN there.
     notes
         What was inferred, locked, filled or refused.
     overridden_segments
@@ -174,18 +173,16 @@ class TrialResult:
     first_frame: int
     plates: tuple[PlateSurface, ...]
     motion: Motion
-    measured: Dynamics
-    compensated: Dynamics | None
+    variants: Mapping[str, Dynamics]
     ground: dict[str, dict[str, Array]]
     platform: PlatformPose | None
     events: tuple[Event, ...]
     cycles: dict[str, Array]
     found_cycles: int
     span: tuple[float, float] | None
-    validity: Validity
+    quality: Indices
     delay_s: float
     delay_uncertainty_s: float
-    ambiguous: Mask
     notes: tuple[Note, ...]
     overridden_segments: tuple[str, ...] = ()
     onsets: Array = field(default_factory=lambda: np.empty(0))
@@ -193,10 +190,33 @@ class TrialResult:
     uncertainty: CompensationUncertainty | None = None
 
     def __post_init__(self) -> None:
+        if not self.variants:
+            raise ValueError(f"{self.source.name}: no variant of the plates' wrenches")
         frames = len(self.motion.time)
         for name, count in (
             ("markers have", len(self.markers.time)),
-            ("the validity has", len(self.validity.motion)),
+            ("the quality has", len(self.quality)),
         ):
             if count != frames:
                 raise ValueError(f"{self.source.name}: {name} {count} frames, the motion {frames}")
+        self.quality.setflags(write=False)
+
+    @property
+    def measured(self) -> Dynamics:
+        """The variant with the plates as measured."""
+        return self.variants["measured"]
+
+    @property
+    def compensated(self) -> Dynamics | None:
+        """The variant without what the treadmill's motion adds; None without a calibration."""
+        return self.variants.get("compensated")
+
+    @property
+    def counts(self) -> Mask:
+        """Frames whose residuals count, (T,)."""
+        return free_of(self.quality)
+
+    @property
+    def engine(self) -> EngineUsed:
+        """The engine of the inverse dynamics, the same for all variants."""
+        return next(iter(self.variants.values())).engine

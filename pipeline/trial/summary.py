@@ -25,7 +25,7 @@ from pipeline.trial.residuals import (
 from pipeline.trial.result import CyclePart, TrialResult
 from pipeline.trial.window import shortage
 
-FORMAT_VERSION: Final = 7
+FORMAT_VERSION: Final = 8
 """Of stored trials, summary and frames together; raised with every change of what they hold."""
 STRICT_JSON: Final = ConfigDict(strict=True, extra="forbid", ser_json_inf_nan="constants")
 """Nothing unknown, nothing of another type; NaN is written as such."""
@@ -199,7 +199,7 @@ def summarise(result: TrialResult, condition: str, key: str) -> TrialSummary:
         subject=result.subject,
         settings=result.settings,
         versions={name: version(name) for name in PACKAGES},
-        engine=result.measured.engine,
+        engine=result.engine,
         body_mass_kg=result.body.mass,
         height_m=result.body.height_m,
         marker_set=result.body.marker_set.name,

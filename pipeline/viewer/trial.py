@@ -17,6 +17,7 @@ from pipeline.explain.shares import NORMAL_95
 from pipeline.figures.residuals import residual_figure
 from pipeline.figures.style import COLOURS
 from pipeline.trial.gait.cycles import mean_and_sd, normalise
+from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.residuals import (
     AXES,
     DIRECTIONS,
@@ -26,7 +27,6 @@ from pipeline.trial.residuals import (
     reported,
     residual_rows,
     threshold_rows,
-    variants,
 )
 from pipeline.trial.result import TrialResult
 from pipeline.viewer.file import Timelines, printable, recording_file
@@ -99,26 +99,23 @@ def write_recording(
         return {"time": time, "frame": frame + result.first_frame}
 
     whole, view = clock(motion.time), clock(motion.time[shown])
-    counts = result.validity.counts
+    counts, uncertain = result.counts, ~free_of(result.quality, Quality.FOOT_UNCERTAIN)
     states = {
         "perturbation": (
             [(t, t + PERTURBATION_S, "perturbation") for t in result.onsets.tolist()],
             PERTURBATION_COLOUR,
         ),
-        "plate_split": (
-            intervals_of(result.ambiguous, motion.time, "uncertain"),
-            UNCERTAIN_COLOUR,
-        ),
+        "plate_split": (intervals_of(uncertain, motion.time, "uncertain"), UNCERTAIN_COLOUR),
         "residual": (intervals_of(~counts, motion.time, "does not count"), UNCOUNTED_COLOUR),
     }
     has_cycles = any(len(spans) for spans in result.cycles.values())
     has_phases = bool(result.events or any(found for found, _ in states.values()))
     layout = trial_layout(motion.q[shown, :3], phases=has_phases, figure=has_cycles)
     with recording_file(path, TRIAL_APPLICATION, _title(result), layout) as stream:
-        draw_scene(stream, body, markers.names, result.plates, variants(result))
+        draw_scene(stream, body, markers.names, result.plates, result.variants)
         residual = {
             name: np.where(counts[:, None], dynamics.residual, np.nan)
-            for name, dynamics in variants(result).items()
+            for name, dynamics in result.variants.items()
         }
         send_scene(
             stream,
@@ -174,7 +171,7 @@ def write_cycles(result: TrialResult, path: Path) -> None:
             f"{result.source.name}: no gait cycle was found, so there is no mean one to show"
         )
     motion = result.motion
-    settled = np.where(result.validity.settled[:, None], motion.q, np.nan)
+    settled = np.where(free_of(result.quality, Quality.SETTLING)[:, None], motion.q, np.nan)
     q, _ = mean_and_sd(normalise(motion.time, settled, spans))
     rotation, origin = segment_frames(result.body, q)
     timelines = {"gait_cycle_percent": np.arange(len(q))}
@@ -184,7 +181,7 @@ def write_cycles(result: TrialResult, path: Path) -> None:
         draw_body(stream, result.body)
         send_body(stream, timelines, rotation, origin)
         curves: dict[str, Array] = {}
-        for name in variants(result):
+        for name in result.variants:
             middle, spread = mean_and_sd(cycle_residuals(result, name)[side])
             draw_residual(stream, name)
             send_residual(stream, timelines, name, reported(middle), q[:, :3])
@@ -218,7 +215,7 @@ def trial_summary(result: TrialResult) -> str:
     """Give residuals, peaks beside their limits and notes of a trial, in Markdown."""
     lines = [f"# {_title(result)}", ""]
     if counted(result).any():
-        names = list(variants(result))
+        names = list(result.variants)
         rows = headline_rows(residual_rows(result, result.source.stem))
         lines += [
             "## Pelvis residuals (RMS)",

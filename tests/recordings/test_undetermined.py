@@ -82,7 +82,7 @@ def test_a_trunk_of_three_markers_moves_as_with_all_and_leaves_half_the_residual
 def change_by_noise(files, gone, of):
     """RMS of how far two trials with other noise differ where both count."""
     one, other = (result_of(files, gone, seed) for seed in (1, 2))
-    counts = one.validity.counts & other.validity.counts
+    counts = one.counts & other.counts
     return np.sqrt(np.mean((of(one) - of(other))[counts] ** 2))
 
 

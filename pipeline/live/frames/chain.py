@@ -22,14 +22,14 @@ from pipeline.live.frames.buffer import SampleBuffer
 from pipeline.live.frames.channels import AnalogStreams
 from pipeline.live.frames.dynamics import LiveDynamics
 from pipeline.live.frames.feet import LiveFeet
-from pipeline.live.frames.frame import LiveFrame, Quality
+from pipeline.live.frames.frame import LiveFrame
 from pipeline.live.frames.ground import LiveGround
 from pipeline.live.frames.settling import LiveValidity
 from pipeline.live.stream import Samples, StreamDescription
 from pipeline.trial.gait.carried import Feet, Support
 from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.quality import Quality, settling_s
 from pipeline.trial.residuals import reported
-from pipeline.trial.validity import settling_s
 
 ROUNDING_S: Final = 1e-6
 """Of time stamps; what lies so near the end of a reach has no weight."""

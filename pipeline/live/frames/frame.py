@@ -2,49 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import IntFlag
 
 import numpy as np
 
 from hbm.spatial import Array, Mask
-
-
-class Quality(IntFlag):
-    """Why a frame does not count, or counts in part; 0 where nothing is doubtful.
-
-    Examples
-    --------
-    >>> (Quality.SETTLING | Quality.MARKERS_LEFT_OUT).counts
-    False
-    >>> Quality.MARKERS_LEFT_OUT.counts
-    True
-    """
-
-    POSE_UNKNOWN = 1
-    """Markers do not show pelvis and trunk."""
-    LIMB_UNSEEN = 2
-    """Markers do not show a leg, one of its joints, or the pelvis: it keeps its last pose."""
-    FORCES_UNKNOWN = 4
-    """A plate, an accelerometer or a belt has no samples around the frame."""
-    PLATFORM_UNKNOWN = 8
-    """The platform's pose is not known, or its neutral one is still measured."""
-    LATE = 16
-    """Samples did not arrive in time."""
-    SETTLING = 32
-    """The filters have not settled since the start or since a gap."""
-    FOOT_UNCERTAIN = 64
-    """Whose foot is on a plate: the joint moments of the legs are uncertain, residuals are not."""
-    MARKERS_LEFT_OUT = 128
-    """Single markers were far from where the body can be."""
-    MARKERS_FROZEN = 256
-    """All markers repeat their positions exactly: they are not measured."""
-    NOT_CARRIED = 512
-    """A foot stands beside the plates, or on one that measures nothing."""
-
-    @property
-    def counts(self) -> bool:
-        """Whether the residuals of the frame count."""
-        return not self & ~(Quality.FOOT_UNCERTAIN | Quality.MARKERS_LEFT_OUT)
+from pipeline.trial.quality import Quality
 
 
 def _none() -> Array:

@@ -8,8 +8,8 @@ from hbm.coordinates import LIMBS, TREE
 from hbm.ik.frame_tracking import FrameSolution
 from hbm.model import Body
 from hbm.spatial import Mask
-from pipeline.live.frames.frame import Quality
 from pipeline.trial.motion_check import LEGS, MAX_UNSEEN_PELVIS_S
+from pipeline.trial.quality import Quality
 
 
 class LiveValidity:

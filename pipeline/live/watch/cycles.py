@@ -9,9 +9,10 @@ import numpy as np
 
 from hbm.spatial import Array
 from pipeline.io.recording import Event
-from pipeline.live.frames.frame import LiveFrame, Quality
+from pipeline.live.frames.frame import LiveFrame
 from pipeline.trial.gait.cycles import MAX_DURATION, MIN_DURATION
 from pipeline.trial.gait.events import MIN_CONTACT_S, MIN_STRIDE_S, SIDES
+from pipeline.trial.quality import Quality
 
 MAX_CYCLE_S: Final = 2.5
 """Beyond it, the subject has stood still."""
@@ -108,7 +109,7 @@ class GaitTracker:
     Examples
     --------
     >>> from dataclasses import replace
-    >>> from pipeline.live.frames.frame import Quality
+    >>> from pipeline.trial.quality import Quality
     >>> still = LiveFrame(0, 0.0, np.zeros(46), {}, {}, {}, np.zeros(2, bool), np.zeros(1),
     ...                   Quality(0), 0.0)
     >>> tracker, events = GaitTracker(), []

@@ -6,7 +6,8 @@ from typing import Final
 import numpy as np
 
 from hbm.notes import Note
-from pipeline.live.frames.frame import LiveFrame, Quality
+from pipeline.live.frames.frame import LiveFrame
+from pipeline.trial.quality import Quality
 
 JUDGED_S: Final = 0.5
 """Frames whose markers are judged together: where none fits, they are computed slowly."""

@@ -12,7 +12,7 @@ from hbm.notes import Note
 from hbm.spatial import Array
 from pipeline.io.recording import Plate
 from pipeline.live.frames.chain import LiveChain
-from pipeline.live.frames.frame import LiveFrame, Quality
+from pipeline.live.frames.frame import LiveFrame
 from pipeline.live.stream import Samples
 from pipeline.live.watch.condition import ConditionSoFar, Limits
 from pipeline.live.watch.cycles import GaitTracker, LiveCycle
@@ -22,6 +22,7 @@ from pipeline.live.watch.losses import Losses
 from pipeline.live.watch.markers import MarkerGaps
 from pipeline.live.watch.plates import PlateWatch
 from pipeline.live.watch.weight import WeightWatch
+from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import AXES, height_of_mass
 
 LATENCIES: Final = 6000

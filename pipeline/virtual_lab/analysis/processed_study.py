@@ -12,7 +12,7 @@ from hbm.spatial import Array
 from pipeline.config.study import read_study
 from pipeline.run.run import run_study
 from pipeline.run.store import read_summary, read_trial
-from pipeline.trial.residuals import AXES, reported, variants
+from pipeline.trial.residuals import AXES, reported
 from pipeline.virtual_lab.protocol.walking_protocol import ANALYSED_CONDITIONS, Setting
 from pipeline.virtual_lab.protocol.walking_study import simulate_study
 
@@ -69,8 +69,8 @@ def after_onsets(paths: list[Path]) -> pd.DataFrame:
         trial = read_trial(path)
         since = trial.motion.time[:, None] - trial.onsets
         for length_s in LENGTHS_S:
-            inside = ((since >= 0) & (since < length_s)).any(axis=1) & trial.validity.counts
-            for variant, dynamics in variants(trial).items():
+            inside = ((since >= 0) & (since < length_s)).any(axis=1) & trial.counts
+            for variant, dynamics in trial.variants.items():
                 rms = np.sqrt(np.mean(reported(dynamics.residual[inside]) ** 2, axis=0))
                 for axis, value in zip(AXES, rms, strict=True):
                     key = trial.subject.id, variant == "compensated", length_s, axis

@@ -18,8 +18,8 @@ from pipeline.cli import main
 from pipeline.cli.live.following import take_new
 from pipeline.cli.live.session import missing_teller
 from pipeline.io.read import read_recording
-from pipeline.live.frames.frame import Quality
 from pipeline.live.recorder.recorder import RESULTS, STREAMS
+from pipeline.trial.quality import Quality
 from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
 
 DURATION_S = 14.0

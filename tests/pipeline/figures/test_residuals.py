@@ -38,7 +38,7 @@ def test_cycles_of_the_left_foot_are_drawn_where_there_are_none_of_the_right(tri
 
 def test_a_trial_without_compensation_has_one_line_and_no_legend(trial):
     ground = {"measured": trial.ground["measured"]}
-    figure = residual_figure(replace(trial, compensated=None, ground=ground))
+    figure = residual_figure(replace(trial, variants={"measured": trial.measured}, ground=ground))
     assert figure.legends == []
     assert len(figure.axes[0].collections) == 1
 

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from pipeline.config.schema import Settings, Subject
-from pipeline.live.frames.frame import LiveFrame, Quality
+from pipeline.live.frames.frame import LiveFrame
 from pipeline.live.watch.condition import ConditionSoFar
 from pipeline.live.watch.cycles import MAX_CYCLE_S, GaitTracker
 from pipeline.trial.gait.events import MIN_CONTACT_S, event_times
 from pipeline.trial.process import process_recording
+from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import reported
 
 FRAME_S = 0.01
@@ -37,7 +38,7 @@ def frames(result):
             by_foot={"measured": ground[k]},
             contact=ground[k, :, 2] > threshold_n,
             marker_error=result.motion.marker_error[k],
-            quality=Quality(0) if result.validity.counts[k] else Quality.SETTLING,
+            quality=Quality(0) if result.counts[k] else Quality.SETTLING,
             computing_s=1e-4,
         )
         for k, time in enumerate(result.motion.time)
@@ -76,7 +77,7 @@ def test_the_running_root_mean_square_is_over_every_frame_of_the_cycles_once(
         for cycle in gait.cycles:
             so_far.add(cycle)
             inside |= (result.motion.time >= cycle.start_s) & (result.motion.time < cycle.stop_s)
-    inside &= result.validity.counts
+    inside &= result.counts
     expected = np.sqrt(np.mean(reported(result.measured.residual[inside]) ** 2, axis=0))
     np.testing.assert_allclose(so_far.rms["measured"], expected, rtol=1e-9)
     assert so_far.cycles >= sum(map(len, result.cycles.values())) - 2

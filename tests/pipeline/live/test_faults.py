@@ -12,9 +12,9 @@ from pipeline.config.live import Live
 from pipeline.config.schema import Platform, Settings, Subject, Treadmill
 from pipeline.config.study import read_study
 from pipeline.live.frames.chain import LiveChain
-from pipeline.live.frames.frame import Quality
 from pipeline.live.stream import Samples
 from pipeline.trial.process import process_recording
+from pipeline.trial.quality import Quality
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
 from tests.pipeline import lab
 from tests.pipeline.live.playing import arrivals, chain_of, play, streams_of

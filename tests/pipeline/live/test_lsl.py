@@ -28,7 +28,7 @@ from tests.pipeline.other_formats import excerpt
 pytest.importorskip("pylsl", reason="the extra live is not installed")
 
 from pipeline.io.xdf.channels import Channel, parse_channels
-from pipeline.live.frames.frame import LiveFrame, Quality
+from pipeline.live.frames.frame import LiveFrame
 from pipeline.live.network import load_lsl
 from pipeline.live.outlet import Outlet, result_channels, result_outlet
 from pipeline.live.replay import Replay
@@ -37,6 +37,7 @@ from pipeline.live.sources.clock_offset import ClockOffset
 from pipeline.live.sources.lsl import LslSource
 from pipeline.live.sources.lsl_inlet import share_clocks
 from pipeline.live.sources.recorded import recorded_streams
+from pipeline.trial.quality import Quality
 
 AXES = Stated(axes="forward,left,up")
 NAMES = ("LASIS", "RASIS", "SACR")

@@ -9,9 +9,9 @@ from pipeline.config.live import Live
 from pipeline.config.schema import Settings, Subject
 from pipeline.config.study import read_study
 from pipeline.live.frames.chain import LiveChain
-from pipeline.live.frames.frame import Quality
 from pipeline.live.sources.recorded import RecordedSource
 from pipeline.trial.process import process_recording
+from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import reported
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
 

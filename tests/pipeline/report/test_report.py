@@ -13,6 +13,7 @@ from pipeline.report import write as report
 from pipeline.report.write import write_report
 from pipeline.run import provenance
 from pipeline.run.store import write_trial
+from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import AXES
 from tests.pipeline.fake_results import (
     fake_trial,
@@ -350,7 +351,7 @@ def test_a_trial_without_residuals_is_in_no_table_with_its_reason(tmp_path, quic
     result = fake_trial(3, "pitch", cycles=2)
     lost = replace(
         standing(result),
-        validity=replace(result.validity, plates=~result.validity.plates),
+        quality=result.quality | int(Quality.NOT_CARRIED),
         notes=(Note.of("no_residuals", reason="the plates carry the subject in no frame"),),
     )
     write_trial(lost, "pitch", "key", tmp_path / "trials" / "sub03_pitch.parquet")

@@ -15,6 +15,7 @@ from pipeline.run.run import run_study
 from pipeline.run.store import read_summary, read_trial
 from pipeline.trial.gait.events import zeni_events
 from pipeline.trial.process import process_recording, process_trial
+from pipeline.trial.quality import Quality, free_of
 from tests.pipeline import lab
 
 CONTACT = '[[trials.quiet.contacts]]\nplate = {}\ntime_s = {}\nfoot = "{}"\n'
@@ -184,8 +185,9 @@ def test_nobody_on_the_plates_is_one_line_and_frames_are_written(walker, tmp_pat
         "carry the subject in no frame from 0.00 to 1.49 s\n"
     )
     frames = pd.read_parquet(out / "empty.parquet")
-    assert not frames["valid.plates"].any()
-    assert frames["valid.motion"].all()
+    quality = frames["quality"].to_numpy()
+    assert (quality & Quality.NOT_CARRIED).all()
+    assert free_of(quality, Quality.POSE_UNKNOWN).all()
     assert list(pd.read_csv(out / "empty_residuals.csv")["rms"]) == []
 
 

@@ -12,6 +12,7 @@ from hbm.poses import center_of_mass
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.cli.trial import print_result
 from pipeline.report.trial_quality import trial_quality
+from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import (
     AXES,
     counted,
@@ -20,7 +21,6 @@ from pipeline.trial.residuals import (
     reported,
     residual_table,
     threshold_rows,
-    variants,
 )
 from pipeline.trial.summary import summarise
 
@@ -30,7 +30,7 @@ SPANS = np.array([[6.0, 7.0], [7.0, 8.5]])
 def with_residual(result, residual, spans=SPANS):
     """The trial with another residual, both variants, and other cycles of the right foot."""
     measured = replace(result.measured, residual=residual)
-    return replace(result, measured=measured, compensated=None, cycles={"right": spans})
+    return replace(result, variants={"measured": measured}, cycles={"right": spans})
 
 
 def time_of(result):
@@ -100,7 +100,7 @@ def test_where_nothing_counts_there_are_no_rows(processed):
 
 def masked(result, *, plates):
     """The trial with other frames in which the plates carry the subject."""
-    return replace(result, validity=replace(result.validity, plates=plates))
+    return replace(result, quality=np.where(plates, 0, int(Quality.NOT_CARRIED)))
 
 
 def test_frames_that_do_not_count_are_in_no_number(processed):
@@ -184,8 +184,7 @@ def test_marker_errors_leave_gaps_out_and_count_them(processed):
 
 
 def test_variants_are_named_in_order(processed):
-    assert list(variants(processed)) == ["measured", "compensated"]
-    assert list(variants(replace(processed, compensated=None))) == ["measured"]
+    assert list(processed.variants) == ["measured", "compensated"]
 
 
 def with_unseen(result, *names):

@@ -91,10 +91,10 @@ def test_live_traces_are_the_residuals_of_every_frame_that_counts(frame_by_frame
     for k, axis in enumerate(AXES):
         drawn = np.array(frame_by_frame.rows(f"residual/{axis}", "scalars"))
         for variant, dynamics in zip(VARIANTS, (trial.measured, trial.compensated), strict=True):
-            counts = trial.validity.counts[:, None]
+            counts = trial.counts[:, None]
             expected = np.where(counts, reported(dynamics.residual), np.nan)[:, k]
             np.testing.assert_array_equal(drawn[:, VARIANTS.index(variant)], expected)
-    assert not trial.validity.counts[LOST].any()
+    assert not trial.counts[LOST].any()
 
 
 def test_a_frame_without_coordinates_has_no_body(frame_by_frame):

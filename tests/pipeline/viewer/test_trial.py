@@ -16,6 +16,7 @@ from hbm.coordinates import MOVING
 from hbm.poses import marker_positions, segment_frames
 from hbm.spatial import shift_wrench
 from pipeline.trial.gait.cycles import normalise
+from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import AXES, cycle_residuals, reported, residual_table
 from pipeline.viewer.file import printable, recording_file, send
 from pipeline.viewer.layout import cycle_layout
@@ -273,7 +274,7 @@ def test_frames_without_solution_hide_the_body_and_break_the_curves(broken):
 def test_no_residual_is_shown_where_filters_have_not_settled(trial, tmp_path):
     settled = np.ones(FRAMES, bool)
     settled[:18] = settled[-18:] = False
-    result = replace(trial, validity=replace(trial.validity, settled=settled))
+    result = replace(trial, quality=np.where(settled, 0, int(Quality.SETTLING)))
     write_recording(result, tmp_path / "ends.rrd")
     stored = Stored(tmp_path / "ends.rrd")
     curve = np.array(stored.rows("residual/Fx", "scalars"))

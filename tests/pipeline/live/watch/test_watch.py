@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.config.schema import Settings, Subject
-from pipeline.live.frames.frame import LiveFrame, Quality
+from pipeline.live.frames.frame import LiveFrame
 from pipeline.live.stream import Samples, StreamDescription
 from pipeline.live.watch.cycles import GaitTracker
 from pipeline.live.watch.delay import DelayWatch
@@ -18,6 +18,7 @@ from pipeline.live.watch.markers import GONE_S, MarkerGaps
 from pipeline.live.watch.plates import PlateWatch
 from pipeline.live.watch.weight import WeightWatch
 from pipeline.trial.process import process_recording
+from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import reported
 from pipeline.trial.weighing import differing_masses
 from tests.pipeline import lab
@@ -127,7 +128,7 @@ def frames_of(result, gain=lambda time: np.ones(2)):
             by_foot={"measured": by_foot},
             contact=by_foot[:, 2] > 30,
             marker_error=result.motion.marker_error[k],
-            quality=Quality(0) if result.validity.counts[k] else Quality.SETTLING,
+            quality=Quality(0) if result.counts[k] else Quality.SETTLING,
             computing_s=0.0,
         )
 

@@ -161,7 +161,7 @@ def test_trials_keep_the_uncertainty_of_every_frame_and_its_rms(processed):
     assert "uncertainty.plate_2.mx" in table.column_names
     rows = residual_rows(processed, "pitch")
     assert all(row.compensation_sd is None for row in rows if not row.compensated)
-    counted = processed.validity.counts
+    counted = processed.counts
     expected = np.sqrt(np.mean(spread.residual[counted] ** 2, axis=0))
     stated = [row.compensation_sd for row in rows if row.compensated]
     np.testing.assert_allclose(stated, expected, rtol=0.3)

@@ -1,7 +1,7 @@
-"""Which frames of a trial count: pose known, plates carrying the subject, filters settled."""
+"""Which frames count, and why others do not: one integer of flags per frame."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+from enum import IntFlag
 from typing import Final
 
 import numpy as np
@@ -10,7 +10,7 @@ from scipy.ndimage import uniform_filter1d
 from hbm.notes import Note
 from hbm.signals.filtering import Method
 from hbm.signals.samples import stretches
-from hbm.spatial import Array, Mask, read_only
+from hbm.spatial import Array, Indices, Mask
 
 SETTLING_PERIODS: Final[Mapping[Method, tuple[float, float]]] = {
     "zero_phase": (1.0, 1.0),
@@ -28,50 +28,67 @@ STEP_S: Final = 0.5
 """About a step; at its ends errors of timing cancel."""
 
 
-@dataclass(frozen=True, slots=True)
-class Validity:
-    """Frames in which the motion is known, all support of the body measured, and filters settled.
+class Quality(IntFlag):
+    """Why a frame does not count, or counts in part; 0 where nothing is doubtful.
 
-    Attributes
-    ----------
-    motion
-        Frames in which markers show pelvis and trunk, so that the pose is known, (T,); see
-        `pipeline.trial.motion_check.known_frames`. Head, arms and legs without markers are
-        interpolated; `hbm.motion.Motion.observed` marks them.
-    plates
-        Frames in which the plates carry the subject, (T,); see `pipeline.trial.weight_bearing`.
-    settled
-        Frames far enough from the ends of the recording and from every gap of motion or plates, so
-        that the filters have settled, (T,); see `settled_frames`.
+    The flags of whole trials and of live frames: each holds one integer per frame.
 
     Examples
     --------
-    >>> yes, no = True, False
-    >>> validity = Validity(np.array([yes, yes, no]), np.array([yes, no, no]), np.array([yes] * 3))
-    >>> validity.counts.tolist()
-    [True, False, False]
+    >>> (Quality.SETTLING | Quality.MARKERS_LEFT_OUT).counts
+    False
+    >>> Quality.MARKERS_LEFT_OUT.counts
+    True
     """
 
-    motion: Mask
-    plates: Mask
-    settled: Mask
-
-    def __post_init__(self) -> None:
-        shapes = []
-        for field in fields(self):
-            mask = read_only(getattr(self, field.name), bool)
-            object.__setattr__(self, field.name, mask)
-            shapes.append(mask.shape)
-        if len(set(shapes)) > 1 or len(shapes[0]) != 1:
-            found = ", ".join(map(str, shapes))
-            raise ValueError(
-                f"validity: motion, plates and settled must have the same shape (T,), got {found}"
-            )
+    POSE_UNKNOWN = 1
+    """Markers do not show pelvis and trunk."""
+    LIMB_UNSEEN = 2
+    """Markers do not show a leg, one of its joints, or the pelvis: it keeps its last pose."""
+    FORCES_UNKNOWN = 4
+    """A plate, an accelerometer or a belt has no samples around the frame."""
+    PLATFORM_UNKNOWN = 8
+    """The platform's pose is not known, or its neutral one is still measured."""
+    LATE = 16
+    """Samples did not arrive in time."""
+    SETTLING = 32
+    """The filters have not settled: near a gap, or near an end of the recording."""
+    FOOT_UNCERTAIN = 64
+    """Whose foot is on a plate: the joint moments of the legs are uncertain, residuals are not."""
+    MARKERS_LEFT_OUT = 128
+    """Single markers were far from where the body can be."""
+    MARKERS_FROZEN = 256
+    """All markers repeat their positions exactly: they are not measured."""
+    NOT_CARRIED = 512
+    """A foot stands beside the plates, or on one that measures nothing."""
 
     @property
-    def counts(self) -> Mask:
-        """Frames that count, (T,)."""
-        return np.asarray(self.motion & self.plates & self.settled)
+    def counts(self) -> bool:
+        """Whether the residuals of the frame count."""
+        return not self & DOES_NOT_COUNT
+
+
+DOES_NOT_COUNT: Final = Quality(sum(Quality)) & ~(Quality.FOOT_UNCERTAIN | Quality.MARKERS_LEFT_OUT)
+"""Flags of frames in which residuals do not count."""
+NO_SUPPORT: Final = Quality.FORCES_UNKNOWN | Quality.PLATFORM_UNKNOWN | Quality.NOT_CARRIED
+"""Flags of frames in which the plates are not known to carry the subject."""
+
+
+def free_of(quality: Indices, flags: Quality = DOES_NOT_COUNT) -> Mask:
+    """Find the frames without any of some flags, (T,); by default those that count.
+
+    Examples
+    --------
+    >>> quality = np.array([0, Quality.SETTLING, Quality.FOOT_UNCERTAIN])
+    >>> free_of(quality).tolist(), free_of(quality, Quality.FOOT_UNCERTAIN).tolist()
+    ([True, False, True], [True, True, False])
+    """
+    return np.asarray(quality & int(flags) == 0)
+
+
+def flagged(flags: Mapping[Quality, Mask]) -> Indices:
+    """Give the flags of every frame, (T,), from the frames of each flag, (T,)."""
+    return np.sum([np.where(frames, int(flag), 0) for flag, frames in flags.items()], axis=0)
 
 
 def settling_s(filters: Iterable[tuple[Method, float]]) -> tuple[float, float]:
@@ -134,15 +151,13 @@ def settled_frames(known: Mask, time: Array, settling: tuple[float, float]) -> M
     return settled
 
 
-def carried_notes(
-    validity: Validity, time: Array, need: Array, measured: Array
-) -> tuple[Note, ...]:
+def carried_notes(quality: Indices, time: Array, need: Array, measured: Array) -> tuple[Note, ...]:
     """Say what plates measure of what the motion needs where frames are left out, or doubtful.
 
     Parameters
     ----------
-    validity
-        Which frames count.
+    quality
+        Flags of every frame, (T,).
     time
         (T,) [s].
     need, measured
@@ -156,18 +171,19 @@ def carried_notes(
         `STEP_S`.
     """
     notes, known = [], np.isfinite(need + measured)
+    carried = free_of(quality, NO_SUPPORT)
 
     def share(frames: Mask) -> float:
         return float(measured[frames].sum() / need[frames].sum())
 
-    if missing := int(np.count_nonzero(~validity.plates)):
-        unsupported = known & ~validity.plates
+    if missing := int(np.count_nonzero(~carried)):
+        unsupported = known & ~carried
         percent = f"{100 * share(unsupported):.0f} %" if unsupported.any() else "an unknown part"
-        frames = len(validity.plates)
+        frames = len(carried)
         notes.append(
             Note.of("frames_not_carried", missing=missing, frames=frames, measured=percent)
         )
-    counts = known & validity.counts
+    counts = known & free_of(quality)
     long = max(1, round(STEP_S / float(np.median(np.diff(time)))))
     present, needed, found = (
         uniform_filter1d(np.where(counts, each, 0.0), long, mode="constant")
