@@ -1,15 +1,33 @@
-"""Causes of residuals in words: what groups of them are called, what to do about them, sizes."""
+"""Causes of residuals in words: names of groups, sizes, what to mend, a table of shares, lines."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
 
 from hbm.spatial import Array
-from pipeline.explain.budget import EstimatedCause
+from pipeline.explain.budget import Budget, EstimatedCause, GroupShare
 from pipeline.explain.cause import OF_PERSON, CauseGroup
+from pipeline.explain.explain import MIN_CYCLES
 from pipeline.explain.shares import NORMAL_95
-from pipeline.trial.residuals import AXES
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.residuals import AXES, UNITS
+from pipeline.trial.result import TrialResult
+
+MIN_FALL: Final = 0.03
+"""Share of a residual's RMS that mending a cause has to take away to be worth a word."""
+MAX_MENDINGS: Final = 3
+LATE: Final = "plates are late"
+MASS: Final = "body mass"
+"""Names of causes that a person can state."""
+MAX_CAUSES: Final = 5
+"""Named one by one; the file has all."""
+CAPTION: Final = (
+    "RMS with its 95 % interval of measurement; shares of the mean square in % ± 95 % interval. A "
+    "negative share: without this cause the residual would be larger."
+)
+Column = tuple[str, tuple[str, ...]]
+"""Head and cells of a column."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,3 +214,142 @@ def _words(group: str) -> GroupWords:
     """Give the words of a group; of one that is unknown here, its name."""
     known = {str(name): words for name, words in GROUPS.items()}
     return known.get(group) or GroupWords("", group.replace("_", " "), "{cause}")
+
+
+@dataclass(frozen=True, slots=True)
+class Mending:
+    """What to do about a cause of certain size, and what that would change.
+
+    Attributes
+    ----------
+    cause
+        Its name.
+    action
+        What to do.
+    axis
+        The residual that falls most, as a share of itself.
+    before, after
+        Its RMS now and without the cause [N, N·m].
+    """
+
+    cause: str
+    action: str
+    axis: str
+    before: float
+    after: float
+
+    def __str__(self) -> str:
+        unit = UNITS[AXES.index(self.axis)]
+        return f"{self.action} ({self.axis} {self.before:.1f} → {self.after:.1f} {unit})"
+
+
+def most_worth_mending(
+    budget: Budget, result: TrialResult, laboratory: Laboratory
+) -> tuple[Mending, ...]:
+    """Find what is most worth mending.
+
+    Parameters
+    ----------
+    budget
+        What the residuals are made of.
+    result, laboratory
+        The trial and its laboratory: what is stated of them now.
+
+    Returns
+    -------
+    tuple of Mending
+        Causes whose 95 % interval excludes zero and without which a residual would be smaller, the
+        one with the largest share first; none that nothing in the laboratory changes. A delay or a
+        mass is given as the line that states it.
+    """
+    found = []
+    for cause in budget.causes:
+        fall = 1 - cause.left / budget.rms
+        axis = int(fall.argmax())
+        if cause.is_certain and fall[axis] >= MIN_FALL:
+            action = _stated(cause, result, laboratory)
+            rms = float(budget.rms[axis]), float(cause.left[axis])
+            if action:
+                found.append((fall[axis], Mending(cause.name, action, AXES[axis], *rms)))
+    found.sort(key=lambda each: -each[0])
+    return tuple(own for _, own in found[:MAX_MENDINGS])
+
+
+def _stated(cause: EstimatedCause, result: TrialResult, laboratory: Laboratory) -> str:
+    """Give the line that states a cause, or what to do where there is none."""
+    calibrated = laboratory.plates is not None
+    if cause.name == LATE and not calibrated:
+        delay_s = (result.settings.plate_delay_s or 0.0) + cause.size
+        return f"state plate_delay_s = {delay_s:.3f} under [settings]"
+    if cause.name == MASS:
+        mass_kg = result.body.mass / (1 + cause.size)
+        return f"state mass_kg = {mass_kg:.1f} of the subject, once scales confirm it"
+    return mending(cause.group, f"{cause.name} {size_in_words(cause)}")
+
+
+def budget_table(budget: Budget) -> tuple[str, tuple[str, ...], list[Column]]:
+    """Lay out what a trial's residuals are made of.
+
+    Returns
+    -------
+    title
+        Which trial, and what of it.
+    axes
+        Heads of the rows: the residuals.
+    columns
+        Heads and cells of the others: the RMS, one for each group of causes, the rest.
+    """
+    plates = "compensated plates" if budget.compensated else "plates as measured"
+    counts = "no gait cycles"
+    if budget.cycles:
+        counts = f"{budget.cycles} of {budget.found_cycles} gait cycles of one side"
+    title = (
+        f"Pelvis residuals of {budget.source.name} and what they are made of, {plates}, {counts}"
+    )
+    interval = [f"{low:.1f}–{high:.1f}" for low, high in zip(budget.low, budget.high, strict=True)]
+    columns = [
+        ("RMS", tuple(f"{value:.1f}" for value in budget.rms)),
+        ("95 %", tuple(interval)),
+        *((_head(budget, group), tuple(_shares(group))) for group in budget.groups),
+        ("not explained", tuple(f"{100 * share:z.0f}" for share in budget.unexplained)),
+    ]
+    return title, tuple(f"{axis}, {unit}" for axis, unit in zip(AXES, UNITS, strict=True)), columns
+
+
+def _head(budget: Budget, group: GroupShare) -> str:
+    """Name a group, with the size of its cause where it is only one."""
+    name = group_name(group.groups)
+    own = [cause for cause in budget.causes if cause.group in group.groups]
+    return f"{name}: {size_in_words(own[0])}" if len(own) == 1 else name
+
+
+def _shares(group: GroupShare) -> Iterator[str]:
+    """Write the share of each residual with its 95 % interval, where that is not 0."""
+    for share, deviation in zip(group.share, group.deviation, strict=True):
+        half = 100 * NORMAL_95 * deviation
+        text = f"{100 * share:z.0f}"
+        yield f"{text} ± {half:.0f}" if half >= 0.5 else text
+
+
+def budget_lines(budget: Budget, mendings: Sequence[Mending]) -> Iterator[str]:
+    """Say what a table of shares does not: sizes, what to mend, what is merged, the check."""
+    certain = [cause for cause in budget.causes if cause.is_certain][:MAX_CAUSES]
+    if certain:
+        named = [f"{cause.name} {size_in_words(cause)}" for cause in certain]
+        yield f"Largest causes (size ± 95 % interval): {'; '.join(named)}."
+    else:
+        yield "No single cause is certain: the 95 % interval of every size contains zero."
+    if mendings:
+        yield f"Most worth mending: {'; '.join(map(str, mendings))}."
+    else:
+        yield "Nothing is clearly worth mending: no certain cause makes much of a residual."
+    for group in budget.groups:
+        if are_apart(group.groups):
+            ways = how_to_tell_apart(group.groups)
+            how = f": {'; '.join(ways)}" if ways else ""
+            yield f"This trial cannot tell apart {group_name(group.groups)}{how or ' from it'}."
+    of = "cycles" if budget.cycles >= MIN_CYCLES else "frames"
+    yield (
+        f"Held-out check: the causes found in one half of the {of} take away of the mean square of "
+        f"the other half {shares_in_words(budget.held_out)}."
+    )

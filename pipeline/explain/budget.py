@@ -158,27 +158,6 @@ class RmsUncertainty:
 
 
 @dataclass(frozen=True, slots=True)
-class Drawn:
-    """How sure the RMS of residuals is, by Monte Carlo through the whole chain.
-
-    Attributes
-    ----------
-    draws
-        How many.
-    mean, deviation
-        Of the RMS with errors of usual size added, (6,) [N, N·m].
-    low, high
-        Between which 95 % of the draws are, (6,).
-    """
-
-    draws: int
-    mean: ByAxis
-    deviation: ByAxis
-    low: ByAxis
-    high: ByAxis
-
-
-@dataclass(frozen=True, slots=True)
 class CycleRms:
     """The RMS of residuals over a gait cycle, with its 95 % interval of measurement.
 
@@ -260,8 +239,6 @@ class Budget:
         for whole ones.
     of_cycles
         The RMS of each cycle.
-    drawn
-        Monte Carlo, where it was asked for.
     bands
         The residuals over time; not in files of JSON.
     """
@@ -281,5 +258,4 @@ class Budget:
     uncertainty: tuple[RmsUncertainty, ...] = ()
     of_window: tuple[RmsUncertainty, ...] = ()
     of_cycles: tuple[CycleRms, ...] = ()
-    drawn: Drawn | None = None
     bands: Annotated[Bands | None, PlainValidator(_as_it_is), Field(exclude=True)] = None

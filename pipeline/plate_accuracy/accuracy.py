@@ -31,7 +31,7 @@ from pipeline.plate_accuracy.trials import (
     read_weight,
     static_places,
 )
-from pipeline.statistics.factorial import anova, box_cox, compare_levels, residuals
+from pipeline.statistics.factorial import anova, compare_levels, residuals
 
 FACTORS: Final = ("belt", "profile", "speed_mps", "position_m", "mass_kg")
 MIN_TRIALS_PER_COEFFICIENT: Final = 3
@@ -138,13 +138,15 @@ def _analyse(
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Give tests and pairs of one quantity; ``tested`` are the factors of interest."""
     sizes = data["orthogonal"].to_numpy()
-    transformed = box_cox(sizes / np.exp(np.log(sizes).mean()))  # λ is the same in any unit
-    data = data.assign(y=transformed.values)
+    if not (sizes > 0).all():
+        raise ValueError("a Box–Cox transform needs positive values, none missing")
+    transformed, exponent = stats.boxcox(sizes / stats.gmean(sizes))  # λ is the same in any unit
+    data = data.assign(y=transformed)
     table = anova(data, "y", factors)
     normal = stats.shapiro(residuals(data, "y", factors))
     tests = table[table["effect"].isin(tested)].assign(
         quantity=quantity,
-        exponent=transformed.exponent,
+        exponent=exponent,
         shapiro_w=normal.statistic,
         shapiro_p=normal.pvalue,
         df_error=table["df"].iloc[-1],

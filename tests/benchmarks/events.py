@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from hbm.plausibility.labels import without_frozen_frames
 from hbm.plausibility.outliers import solve_without_outliers
-from hbm.plausibility.repeated_positions import without_frozen_frames
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.config.schema import Settings, Subject, Treadmill
 from pipeline.config.study import Study, read_study
@@ -32,7 +32,7 @@ from pipeline.trial.ground.wrenches import ground_wrenches
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
 from pipeline.trial.subject_body import subject_body
 from pipeline.trial.weighing import body_mass
-from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
+from pipeline.virtual_lab.protocol.walking_protocol import (Protocol, Setting)
 from pipeline.virtual_lab.protocol.walking_study import simulate_study
 
 SEEDS = (1, 2, 3)

@@ -17,7 +17,7 @@ import numpy as np
 
 from hbm.segments import Sex
 from hbm.spatial import Array, axes_from, distance, perpendicular, rotation_about, unit
-from pipeline.virtual_lab.person.body import LINKS, PARENT
+from pipeline.virtual_lab.person.body import (LINKS, PARENT)
 
 SIDES: Final = {"right": 1.0, "left": -1.0}
 """Side -> sign of its medial direction, where left is positive."""

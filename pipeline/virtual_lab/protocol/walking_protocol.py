@@ -19,7 +19,7 @@ from hbm.signals.filtering import Method
 from hbm.spatial import Array
 from hbm.toml_text import parse_toml
 from pipeline.config.input_model import InputModel
-from pipeline.config.validation import describe_faults
+from pipeline.config.toml_file import describe_faults
 from pipeline.io.input_file import read_text
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.person.gait import Steps

@@ -6,12 +6,13 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from pipeline.budgets.advice import MASS, most_worth_mending
 from pipeline.budgets.words import (
     GROUPS,
+    MASS,
     are_apart,
     group_name,
     how_to_tell_apart,
+    most_worth_mending,
     size_in_words,
 )
 from pipeline.explain.budget import Budget, EstimatedCause

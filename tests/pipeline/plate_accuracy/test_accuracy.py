@@ -13,12 +13,12 @@ import pytest
 
 from pipeline.cli.app import main
 from pipeline.config.plate_study import read_plates_study
-from pipeline.config.validation import StudyFaults
+from pipeline.config.toml_file import StudyFaults
 from pipeline.plate_accuracy.accuracy import check_plates
 from pipeline.plate_accuracy.faults import find_vibration
 from pipeline.plate_accuracy.verdict import describe, judge
 from pipeline.virtual_lab.protocol import known_weights
-from pipeline.virtual_lab.protocol.known_weights import PlateErrors, simulate_plates
+from pipeline.virtual_lab.protocol.known_weights import (PlateErrors, simulate_plates)
 
 FEW = {
     "speeds": (0.7, 1.0),

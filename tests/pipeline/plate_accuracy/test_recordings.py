@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.cli.app import main
 from pipeline.config.plate_study import read_plates_study
-from pipeline.config.validation import StudyFaults
+from pipeline.config.toml_file import StudyFaults
 from pipeline.io.c3d.read import read_c3d
 from pipeline.plate_accuracy.accuracy import check_plates
 from pipeline.plate_accuracy.trials import (
@@ -18,7 +18,7 @@ from pipeline.plate_accuracy.trials import (
     read_with_marker,
     static_places,
 )
-from pipeline.virtual_lab.protocol.known_weights import PlateErrors, simulate_plates
+from pipeline.virtual_lab.protocol.known_weights import (PlateErrors, simulate_plates)
 from tests.pipeline.other_formats import write_dflow
 
 FEW = {

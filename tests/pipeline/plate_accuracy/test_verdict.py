@@ -10,7 +10,7 @@ from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS
 from pipeline.cli.app import main
 from pipeline.config.plate_correction import read_plate_correction
 from pipeline.config.plate_study import AccuracyLimits, PlatesFile, read_plates_study
-from pipeline.config.validation import StudyFaults
+from pipeline.config.toml_file import StudyFaults
 from pipeline.io.axes import parse_axes
 from pipeline.plate_accuracy.accuracy import examine_plates
 from pipeline.plate_accuracy.faults import FaultEstimate, estimate_faults
@@ -20,7 +20,7 @@ from pipeline.plate_accuracy.response import fit_response
 from pipeline.plate_accuracy.trials import UNALIGNED
 from pipeline.plate_accuracy.verdict import Verdict, judge
 from pipeline.virtual_lab.protocol import known_weights
-from pipeline.virtual_lab.protocol.known_weights import THESIS_ERRORS, PlateErrors, simulate_plates
+from pipeline.virtual_lab.protocol.known_weights import (THESIS_ERRORS, PlateErrors, simulate_plates)
 
 ONE = {"speeds": (1.0,), "weights": (22.56,), "positions": (0.25,)}
 """Two recordings, sine and square."""

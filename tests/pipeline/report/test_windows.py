@@ -9,7 +9,7 @@ import pytest
 from pipeline.cli.results import print_study_residuals
 from pipeline.figures.residuals import mean_part, residual_figure
 from pipeline.report.figures import gait_cycle_figure
-from pipeline.report.windows import windows_sentence
+from pipeline.report.tables import windows_sentence
 from pipeline.report.write import write_report
 from pipeline.run.load import collect
 from pipeline.run.store import write_trial

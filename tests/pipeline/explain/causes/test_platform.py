@@ -5,7 +5,7 @@ import pytest
 
 from compensation import PlatformPose, commanded_pose
 from hbm.spatial import rotation_about
-from pipeline.explain.causes.platform import platform_causes
+from pipeline.explain.causes.treadmill import platform_causes
 from tests.pipeline import lab
 from tests.pipeline.explain.moving_trial import (
     CHANNELS,
