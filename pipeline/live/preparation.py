@@ -6,7 +6,7 @@ from pathlib import Path
 
 from hbm.model import Body
 from hbm.notes import Note
-from hbm.plausibility.body import implausible
+from hbm.plausibility.motion import implausible
 from pipeline.config.live import Live
 from pipeline.config.schema import Settings, SubjectFile, Treadmill
 from pipeline.config.study import Study, read_study

@@ -12,27 +12,78 @@ from hbm.notes import Note
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS
 from pipeline.config.plate_study import BeltSide
 from pipeline.plate_accuracy.accuracy import PlateAccuracy
-from pipeline.plate_accuracy.correction import delay_notes, plate_calibration
 from pipeline.plate_accuracy.faults import FaultEstimate
 from pipeline.plate_accuracy.judgement import (
     DISPLAY_UNITS,
     TOTAL,
     Judged,
+    delay_notes,
     either,
     judge_faults,
     judge_linearity,
     judge_noise,
     judge_totals,
     judge_unexamined,
+    plate_calibration,
     rounded,
 )
-from pipeline.plate_accuracy.response import EXCITED, MIN_MASSES, MY
-from pipeline.plate_accuracy.second_causes import (
-    second_causes,
-    shared_gain,
-    with_heavier_masses,
+from pipeline.plate_accuracy.response import (
+    EXCITED,
+    MIN_MASSES,
+    MY,
+    QUANTITIES,
+    quantities_of,
+    stance_loads,
 )
-from pipeline.plate_accuracy.stance import QUANTITIES, quantities_of, stance_loads
+
+GAIN: Final = "gain of "
+"""With which the names begin of faults that a common misstatement of all masses causes alike."""
+
+
+def shared_gain(faults: Sequence[FaultEstimate], most: float) -> float:
+    """Find the part of all gains that one misstatement of all masses would explain.
+
+    Parameters
+    ----------
+    faults
+        Of all plates on which the same masses were recorded.
+    most
+        By which share all masses may be misstated at most.
+
+    Returns
+    -------
+    float
+        The mean gain less 1, weighted by precision, but not beyond the 95 % interval of any gain:
+        where a plate or a component is right, or gains differ in sign, next to nothing is shared.
+    """
+    gains = [fault for fault in faults if fault.fault.startswith(GAIN)]
+    if not gains:
+        return 0.0
+    value, half = np.array([(one.value, one.uncertainty) for one in gains]).T
+    half = np.maximum(half, np.finfo(float).eps)
+    mean = float(np.average(value, weights=half**-2))
+    side = np.sign(mean)
+    return float(side * max(min(side * mean, np.min(side * value + half), most), 0.0))
+
+
+def with_heavier_masses(found: PlateAccuracy, share: float) -> PlateAccuracy:
+    """Give the gains, responses and linearities as if all masses were heavier by a share."""
+    real = 1 + share
+    responses = {}
+    for belt, response in found.responses.items():
+        matrix = response.matrix.copy()
+        matrix[:, :, response.examined] /= real
+        responses[belt] = replace(response, matrix=matrix, curvature=response.curvature / real**2)
+    return replace(
+        found,
+        responses=responses,
+        linearities={b: replace(x, slope=x.slope / real) for b, x in found.linearities.items()},
+        faults=tuple(
+            replace(one, value=(1 + one.value) / real - 1) if one.fault.startswith(GAIN) else one
+            for one in found.faults
+        ),
+    )
+
 
 Answer = Literal["fit", "fit after correction", "not fit", "cannot be told"]
 MAX_FAULTS: Final = 3
@@ -274,7 +325,6 @@ def judge(found: PlateAccuracy) -> tuple[PlateVerdict, ...]:
 
 
 def _judge_plate(found: PlateAccuracy, belt: BeltSide) -> PlateVerdict:
-    file, faults = found.study.file, _faults(found, belt)
     own = [trial for trial in found.trials if trial.weight.belt == belt]
     in_use = [trial for trial in found.trials_in_use if trial.weight.belt == belt]
     shared = _shared_gain(found, belt)
@@ -286,15 +336,14 @@ def _judge_plate(found: PlateAccuracy, belt: BeltSide) -> PlateVerdict:
     else:
         shared = 0.0
         corrected, calibration = _correction(found, heavier, belt, judged)
-    alike = second_causes(faults, in_use, file.full_scale_n)
     constant = np.all([trial.constant for trial in own], axis=0)
     return PlateVerdict(
         belt,
-        tuple(replace(one, alike=alike.get(one.name, "")) for one in judged),
+        tuple(judged),
         tuple(corrected),
         _to_record(found, belt),
         _remarks(found, belt),
-        delay_notes(faults),
+        delay_notes(_faults(found, belt)),
         calibration,
         len(in_use),
         with_supports=len({trial.weight.supports for trial in own}) > 1,

@@ -11,8 +11,7 @@ from hbm.markers import read_marker_set
 from pipeline.budgets.explanation import explain
 from pipeline.cli.app import main
 from pipeline.config.schema import Settings, Subject, Treadmill
-from pipeline.io.opensim.trc import read_trc
-from pipeline.io.opensim.trial import read_opensim_trial
+from pipeline.io.opensim import read_opensim_trial, read_trc
 from pipeline.io.read import read_as_stated
 from pipeline.io.stated import Stated
 from pipeline.trial.ground.laboratory import Laboratory

@@ -15,7 +15,7 @@ from pipeline.live.recorder.recorder import Recorder
 from pipeline.live.session import Session
 from pipeline.live.watch.cycles import LiveCycle
 from pipeline.live.watch.monitor import Monitor
-from pipeline.viewer.live_frames import ShownFrame
+from pipeline.viewer.live import ShownFrame
 
 if TYPE_CHECKING:
     from pipeline.viewer.live import LiveView

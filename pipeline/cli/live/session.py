@@ -32,8 +32,7 @@ from pipeline.live.watch.monitor import Monitor
 from pipeline.trial.result import PlateSurface
 
 if TYPE_CHECKING:
-    from pipeline.viewer.live import LiveView
-    from pipeline.viewer.live_frames import Screen
+    from pipeline.viewer.live import LiveView, Screen
 
 TOLD_S: Final = 3.0
 """Between lines that say why there is no body yet."""

@@ -17,7 +17,7 @@ from hbm.kinematics import solve_ik
 from hbm.model import Body
 from hbm.poses import segment_frames
 from hbm.segments import NO_INERTIA, Inertia
-from hbm.signals.oscillator import oscillation
+from hbm.signals.filtering import oscillation
 from hbm.spatial import GRAVITY_MPS2, Array, rotation_about
 from pipeline.explain.cause import Cause, Prior, priors
 from pipeline.explain.processing_chain import ProcessingChain, needed_wrench
@@ -339,7 +339,7 @@ class WobblingMass:
 
         Notes
         -----
-        `hbm.signals.oscillator.oscillation` gives ``d``. It adds ``m d̈``, and what it needs acts
+        `hbm.signals.filtering.oscillation` gives ``d``. It adds ``m d̈``, and what it needs acts
         ``d`` beside its place.
         """
         drive = -(self.pull - [0, 0, GRAVITY_MPS2]) @ along

@@ -10,8 +10,8 @@ import numpy as np
 
 from hbm.coordinates import N_Q
 from hbm.model import Body
-from hbm.plausibility.marker_tracking import MarkerTracker
-from hbm.signals.realtime_filter import RealtimeFilter
+from hbm.plausibility.outliers import MarkerTracker
+from hbm.signals.filtering import RealtimeFilter
 from hbm.spatial import Array
 from hbm.spelling import listed
 from pipeline.config.live import Live

@@ -3,8 +3,8 @@
 import numpy as np
 
 from hbm.coordinates import LAST_Q, MOVING, N_Q, support
+from hbm.kernels.kernel import OneFrameKernel
 from hbm.kernels.native import kernels
-from hbm.kernels.one_frame import OneFrameKernel
 from hbm.model import Body
 from hbm.spatial import Array, shift_wrench
 from pipeline.trial.gait.carried import PLACES

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from compensation import Setup
-from hbm.signals.convolution import Convolution
+from hbm.signals.resampling import Convolution
 from hbm.spatial import Array, transform_wrench
 from pipeline.config.schema import Settings
 from pipeline.io.recording import Plate

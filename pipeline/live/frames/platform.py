@@ -7,7 +7,7 @@ import numpy as np
 
 from compensation import commanded_pose, fit_pose, neutral_markers
 from compensation.platform.markers import MAX_DISTANCE_M
-from hbm.signals.convolution import Convolution
+from hbm.signals.resampling import Convolution
 from hbm.spatial import Array, fit_rotation
 from pipeline.config.schema import Platform
 from pipeline.io.units import angle_in_rad, length_in_m

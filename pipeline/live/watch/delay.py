@@ -7,7 +7,7 @@ import numpy as np
 
 from compensation import marker_plate_delay
 from hbm.notes import Note
-from hbm.signals.realtime_filter import acceleration_lag_s
+from hbm.signals.filtering import acceleration_lag_s
 from pipeline.live.frames.frame import LiveFrame
 from pipeline.trial.residuals import REPORTED_SIGN
 

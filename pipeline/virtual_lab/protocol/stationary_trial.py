@@ -12,20 +12,19 @@ from hbm.spatial import Array, shift_wrench
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Metadata
 from pipeline.virtual_lab.faults import CameraFaults
-from pipeline.virtual_lab.machine.instruments.cameras import measure_markers
-from pipeline.virtual_lab.machine.instruments.force_plate import (
+from pipeline.virtual_lab.machine.instruments import (
+    ANALOG_HZ,
+    FRAME_HZ,
     PLATE_CENTERS_M,
     ForcePlate,
+    measure_markers,
     recorded_plate,
 )
-from pipeline.virtual_lab.machine.instruments.sampling import ANALOG_HZ, FRAME_HZ
-from pipeline.virtual_lab.machine.platform import stationary_platform
-from pipeline.virtual_lab.machine.treadmill import BeltRamp
-from pipeline.virtual_lab.person.body.kinematics import marker_positions
-from pipeline.virtual_lab.person.ground_reaction import foot_wrenches, plate_wrenches
-from pipeline.virtual_lab.person.steps import schedule
+from pipeline.virtual_lab.machine.platform import BeltRamp, stationary_platform
+from pipeline.virtual_lab.person.body import marker_positions
+from pipeline.virtual_lab.person.gait import schedule
 from pipeline.virtual_lab.person.subject import Person, VirtualSubject, make_subject
-from pipeline.virtual_lab.person.walk import simulate_walk
+from pipeline.virtual_lab.person.walk import foot_wrenches, plate_wrenches, simulate_walk
 from pipeline.virtual_lab.trajectories import Trajectory
 
 STANDING_S: Final = 2.5

@@ -13,12 +13,11 @@ import pytest
 
 from pipeline.cli.app import main
 from pipeline.config.plate_study import read_plates_study
-from pipeline.config.validation import StudyFaults
+from pipeline.config.toml_file import StudyFaults
 from pipeline.plate_accuracy.accuracy import check_plates
-from pipeline.plate_accuracy.faults import FaultEstimate
+from pipeline.plate_accuracy.faults import FaultEstimate, find_vibration
 from pipeline.plate_accuracy.report import COLUMNS, table_1
 from pipeline.plate_accuracy.verdict import describe, judge
-from pipeline.plate_accuracy.vibration import find_vibration
 from pipeline.virtual_lab.protocol import known_weights
 from pipeline.virtual_lab.protocol.known_weights import PlateErrors, simulate_plates
 

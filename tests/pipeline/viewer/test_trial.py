@@ -18,8 +18,8 @@ from hbm.spatial import shift_wrench
 from pipeline.trial.gait.cycles import normalise
 from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import AXES, cycle_residuals, reported, residual_table
-from pipeline.viewer.blueprint import cycle_layout
 from pipeline.viewer.file import printable, recording_file, send
+from pipeline.viewer.layout import cycle_layout
 from pipeline.viewer.scene import pressure_point
 from pipeline.viewer.serve import viewer_binary
 from pipeline.viewer.trial import write_cycles, write_recording

@@ -3,10 +3,15 @@
 import numpy as np
 import pytest
 
-from pipeline.virtual_lab.machine.actuators import move_platform
-from pipeline.virtual_lab.machine.artefacts import inertial_wrench, weight_of
-from pipeline.virtual_lab.machine.platform import motion_terms, specific_force
-from pipeline.virtual_lab.machine.treadmill import LEFT_ASSEMBLY, Machine
+from pipeline.virtual_lab.machine.platform import (
+    LEFT_ASSEMBLY,
+    Machine,
+    inertial_wrench,
+    motion_terms,
+    move_platform,
+    specific_force,
+    weight_of,
+)
 from pipeline.virtual_lab.protocol.walking_protocol import PITCH_DEG
 
 RATE_HZ = 1000.0

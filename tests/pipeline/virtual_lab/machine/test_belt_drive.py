@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.virtual_lab.machine.belt_drive import run_belt
-from pipeline.virtual_lab.machine.belt_parameters import (
+from pipeline.virtual_lab.machine.belts import (
     PARAMETERS_TOML,
     RotatingLine,
     identified_drive,
+    run_belt,
     scattered_drive,
 )
 

@@ -4,12 +4,9 @@ import numpy as np
 import pytest
 
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.instruments.accelerometer import SENSOR_NAMES
-from pipeline.virtual_lab.protocol.instrumented_treadmill import (
-    PLATFORM_MARKERS_M,
-    make_treadmill,
-    record,
-)
+from pipeline.virtual_lab.machine.instrumented_treadmill import PLATFORM_MARKERS_M, make_treadmill
+from pipeline.virtual_lab.machine.instruments import SENSOR_NAMES
+from pipeline.virtual_lab.protocol.walking_trial import record
 
 
 def test_equal_seeds_give_equal_instruments():
@@ -90,10 +87,9 @@ def test_a_replayed_platform_is_off_by_one_whole_number_of_frames_in_each_record
 @pytest.mark.parametrize(
     ("table", "changes"),
     [
-        ("plates", {"force_noise_n": 0.0, "wander_n": 0.0, "cross_talk": 0.0}),
-        ("accelerometers", {"noise_mps2": 0.0, "gain_share": 0.0}),
-        ("belts", {"noise_mps": 0.0}),
-        ("platform", {"marker_noise_m": 0.0, "gaps_per_minute": 0.0}),
+        ("plates", {"noise_scale": 0.0, "gain_scale": 0.0}),
+        ("accelerometers", {"noise_scale": 0.0, "error_scale": 0.0}),
+        ("cameras", {"noise_m": 0.0, "gaps_per_minute": 0.0}),
     ],
 )
 def test_a_fault_that_is_switched_off_changes_its_own_device_alone(perfect, table, changes):
@@ -108,7 +104,7 @@ def test_a_fault_that_is_switched_off_changes_its_own_device_alone(perfect, tabl
             "plates": np.hstack([plate.wrench_in_plate for plate in result.plates]),
             "accelerometers": values[:, :6],
             "belts": values[:, 6:8],
-            "platform": result.markers.position.reshape(len(result.markers.time), -1),
+            "cameras": result.markers.position.reshape(len(result.markers.time), -1),
         }
 
     without = getattr(Faults(), table).model_copy(update=changes)

@@ -8,13 +8,12 @@ from pipeline.config.study import read_study
 from pipeline.trial.ground.empty_plates import BESIDE as FITTED_TOO
 from pipeline.trial.study_files import read_study_laboratory
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.instruments.force_plate import PLATE_WIDTH_M
+from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
+from pipeline.virtual_lab.machine.instruments import PLATE_WIDTH_M
 from pipeline.virtual_lab.person.bystander import MASS_KG
-from pipeline.virtual_lab.protocol.instrumented_treadmill import make_treadmill
-from pipeline.virtual_lab.protocol.people_beside import BESIDE, beside_names, run_beside
-from pipeline.virtual_lab.protocol.study_text import study_texts
+from pipeline.virtual_lab.protocol.calibration_trial import BESIDE, beside_names, run_beside
 from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
-from pipeline.virtual_lab.protocol.walking_study import simulate_study
+from pipeline.virtual_lab.protocol.walking_study import simulate_study, study_texts
 
 SHORT = Setting(protocol=Protocol(beside_s=12.0))
 EMPTY = {"right": {1}, "left": {2}, "boards": {1, 2}}

@@ -9,15 +9,10 @@ from pipeline.config.schema import Treadmill
 from pipeline.trial.ground.accelerometers import accelerations
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.virtual_lab.faults import Faults, MachineFaults
-from pipeline.virtual_lab.machine.actuators import move_platform
-from pipeline.virtual_lab.machine.instruments.accelerometer import SENSOR_NAMES
-from pipeline.virtual_lab.machine.treadmill import BeltRamp, TreadmillMotion
-from pipeline.virtual_lab.person.steps import StepParameters, schedule
-from pipeline.virtual_lab.protocol.instrumented_treadmill import (
-    PULSE_CHANNEL,
-    make_treadmill,
-    record,
-)
+from pipeline.virtual_lab.machine.instrumented_treadmill import PULSE_CHANNEL, make_treadmill
+from pipeline.virtual_lab.machine.instruments import SENSOR_NAMES
+from pipeline.virtual_lab.machine.platform import BeltRamp, TreadmillMotion, move_platform
+from pipeline.virtual_lab.person.gait import StepParameters, schedule
 from pipeline.virtual_lab.protocol.walking_protocol import (
     DEMO,
     ONSET_PHASE,
@@ -28,7 +23,7 @@ from pipeline.virtual_lab.protocol.walking_protocol import (
     pitch_command,
     sway_command,
 )
-from pipeline.virtual_lab.protocol.walking_trial import run_signal
+from pipeline.virtual_lab.protocol.walking_trial import record, run_signal
 from tests.pipeline.virtual_lab.conftest import SHORT
 
 THESIS_WAITS_S = (
@@ -63,10 +58,9 @@ def test_the_twenty_waits_are_those_of_the_thesis(twenty):
 def test_conditions_last_as_long_as_in_the_thesis():
     protocol = Protocol()
     walking = {
-        name: protocol.duration(name) - protocol.steady_s
-        for name in ("familiarisation", "baseline", "sway", "pitch")
+        name: protocol.duration(name) - protocol.steady_s for name in ("baseline", "sway", "pitch")
     }
-    assert walking == {"familiarisation": 360, "baseline": 120, "sway": 724, "pitch": 120}
+    assert walking == {"baseline": 120, "sway": 724, "pitch": 120}
     assert protocol.speed_mps == 1.3
     assert protocol.conditions == ("baseline", "sway", "pitch")
 

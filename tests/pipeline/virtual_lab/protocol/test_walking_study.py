@@ -18,16 +18,14 @@ from hbm.markers import marker_sets
 from hbm.signals.resampling import resample
 from pipeline.config.study import read_study
 from pipeline.io.c3d.read import read_c3d
-from pipeline.virtual_lab.protocol.instrumented_treadmill import (
+from pipeline.virtual_lab.machine.instrumented_treadmill import (
     PLATFORM_MARKERS_M,
     PULSE_CHANNEL,
     make_treadmill,
-    record,
 )
-from pipeline.virtual_lab.protocol.setting_file import setting_toml
-from pipeline.virtual_lab.protocol.walking_protocol import PERSONS, Protocol, Setting
+from pipeline.virtual_lab.protocol.walking_protocol import PERSONS, Protocol, Setting, setting_toml
 from pipeline.virtual_lab.protocol.walking_study import WRENCH, simulate_study
-from pipeline.virtual_lab.protocol.walking_trial import run_walk, study_subject
+from pipeline.virtual_lab.protocol.walking_trial import record, run_walk, study_subject
 
 ROOT = Path(__file__).resolve().parents[4]
 SMALL = Protocol(

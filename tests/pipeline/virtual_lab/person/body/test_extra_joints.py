@@ -5,8 +5,7 @@ import pytest
 
 from hbm.coordinates import COORDINATES, INDEX
 from pipeline.virtual_lab.faults import BodyFaults, Faults
-from pipeline.virtual_lab.person.body.kinematics import segment_poses
-from pipeline.virtual_lab.person.body.skeleton import COLUMN, EXTRA, KNEE, SPINE
+from pipeline.virtual_lab.person.body import COLUMN, EXTRA, KNEE, SPINE, segment_poses
 from pipeline.virtual_lab.person.subject import Person, make_subject
 
 
