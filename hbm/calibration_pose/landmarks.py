@@ -5,9 +5,10 @@ note; where there is none the error says which marker would do. All positions ar
 whatever direction the subject faces.
 
 De Leva's lengths of the trunk are distances between landmarks that are projected on a segment's
-longitudinal axis. Her rows agree only so: with VERT-CERV and with VERT-MIDG, whose ends lie a hand's breadth apart in
-depth, the head's centre is 121.5 mm below the vertex; with CERV-XYPH and with SUPR-XYPH, the upper
-trunk's is 122.6 mm below the cervicale; and the trunk's parts sum to the trunk within 0.1 mm.
+longitudinal axis. Her rows agree only so: with VERT-CERV and with VERT-MIDG, whose ends lie a
+hand's breadth apart in depth, the head's centre is 121.5 mm below the vertex; with CERV-XYPH and
+with SUPR-XYPH, the upper trunk's is 122.6 mm below the cervicale; and the trunk's parts sum to the
+trunk within 0.1 mm.
 """
 
 from collections.abc import Mapping

@@ -188,3 +188,12 @@ def test_every_reference_is_valid_bibtex(key):
         assert re.search(rf"\b{field}\s*= {{.+", entry)
     if entry.startswith(("@article", "@inproceedings")):
         assert re.search(r"(doi|url)\s*= {(10\.\d{4,}/\S+|https://\S+)}", entry)
+
+
+def test_the_methods_are_six_paragraphs(usual):
+    _, results = usual
+    tests = statistics(results.residuals, results.subjects)
+    assert len(methods(results, tests, EXPERIMENT_3)) == 6
+    other = Settings(cutoff_hz=12, filter="realtime")
+    mixed = described(results, lambda trial: replace(trial, settings=other))
+    assert "as in the real-time filter of the Human Body Model) and a second-order" in mixed
