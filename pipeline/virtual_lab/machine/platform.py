@@ -15,7 +15,7 @@ from compensation.platform.pose import PlatformPose
 from compensation.signals.signal import MachineLimits
 from hbm.spatial import GRAVITY_MPS2, Array, skew
 from pipeline.virtual_lab.faults import MachineFaults
-from pipeline.virtual_lab.trajectories import (Trajectory, fit_trajectory, smooth_step)
+from pipeline.virtual_lab.trajectories import Trajectory, fit_trajectory, smooth_step
 
 Pair = tuple[Array, Array]
 """Of the left and the right plate or belt."""

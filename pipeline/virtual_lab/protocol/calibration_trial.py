@@ -12,12 +12,20 @@ from hbm.markers import Markers
 from hbm.spatial import Array
 from pipeline.io.recording import Analog, Recording
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.instrumented_treadmill import (BELT_CHANNELS, InstrumentedTreadmill, make_treadmill, measure_accelerations, measure_belts, measure_plates, undergo)
-from pipeline.virtual_lab.machine.instruments import (ANALOG_HZ, FRAME_HZ, SAMPLES_PER_FRAME)
-from pipeline.virtual_lab.machine.platform import (TreadmillMotion, move_platform)
+from pipeline.virtual_lab.machine.instrumented_treadmill import (
+    BELT_CHANNELS,
+    InstrumentedTreadmill,
+    make_treadmill,
+    measure_accelerations,
+    measure_belts,
+    measure_plates,
+    undergo,
+)
+from pipeline.virtual_lab.machine.instruments import ANALOG_HZ, FRAME_HZ, SAMPLES_PER_FRAME
+from pipeline.virtual_lab.machine.platform import TreadmillMotion, move_platform
 from pipeline.virtual_lab.machine.structure import Response
 from pipeline.virtual_lab.person import bystander
-from pipeline.virtual_lab.protocol.walking_protocol import (PERSONS, Setting)
+from pipeline.virtual_lab.protocol.walking_protocol import PERSONS, Setting
 
 BELT_CHANNEL: Final = "BeltSpeed"
 LABORATORY: Final = 0
