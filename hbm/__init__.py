@@ -16,17 +16,17 @@ if TYPE_CHECKING:
     from hbm.markers.trajectories import Markers
     from hbm.motion import Motion
     from hbm.overrides import SegmentOverride, read_overrides
-    from hbm.plausibility.body import implausible
-    from hbm.plausibility.marker_distances import changed_distances
+    from hbm.plausibility.labels import changed_distances
+    from hbm.plausibility.motion import implausible
 
 _HOME = {
     "Body": "body",
     "build_body": "body",
     "COORDINATES": "coordinates",
     "HBM_ORDER": "coordinates",
-    "changed_distances": "plausibility.marker_distances",
+    "changed_distances": "plausibility.labels",
     "describe": "description",
-    "implausible": "plausibility.body",
+    "implausible": "plausibility.motion",
     "Dynamics": "dynamics",
     "filter_motion": "dynamics",
     "functional_hips": "calibration_pose.functional",

@@ -13,12 +13,11 @@ from hbm.calibration_pose.anatomy import (
     HipRule,
     LimbMeasures,
     Measures,
+    elbow_notes,
 )
-from hbm.calibration_pose.arms import elbow_notes
 from hbm.calibration_pose.frame_selection import select_frames
-from hbm.calibration_pose.landmarks import locate_anatomy
+from hbm.calibration_pose.landmarks import locate_anatomy, stand_trunk
 from hbm.calibration_pose.shape import average, shape_of
-from hbm.calibration_pose.trunk_levels import stand_trunk
 from hbm.coordinates import (
     COORDINATES,
     LAST_Q,
@@ -27,13 +26,13 @@ from hbm.coordinates import (
     SIDES,
     support,
 )
-from hbm.ik.posture import undetermined
+from hbm.ik.problem import undetermined
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers, MarkerSet, marker_sets, recognise_marker_set
 from hbm.model import Body, joints_of, pin_model
 from hbm.notes import Note
 from hbm.overrides import SegmentOverride, apply_overrides
-from hbm.plausibility.uncertainty import mass_not_shown
+from hbm.plausibility.motion import mass_not_shown
 from hbm.poses import segment_frames
 from hbm.segments import Inertia, Proportions, Sex, proportions, segment_inertia
 from hbm.spatial import Array, Indices, distance

@@ -5,7 +5,7 @@ import numpy as np
 from hbm.coordinates import PARENT
 from hbm.model import Body
 from hbm.notes import Note
-from hbm.plausibility.body import implausible
+from hbm.plausibility.motion import implausible
 from hbm.spatial import Array
 
 

@@ -43,7 +43,7 @@ def export_trial(request: "TrialRequest", out: Path, frame: "Frame | None") -> P
         calibrations,
         out / request.trial.name,
         frame=frame,
-        plate_delay_s=request.plate_delay_s,
+        plate_delay_s=request.plate_delay,
     )
     console = plain_console()
     _print_notes(written, console)
@@ -93,9 +93,10 @@ def export_study(folder: Path, out: Path, frame: "Frame | None") -> int:
 
 def _checked_by(written: "Written") -> str:
     """Say which readers found that only the plates differ from the original."""
-    readers = " and ".join(filter(None, ("this program", written.verification.reader)))
-    refusals = "".join(f"; {refusal}" for refusal in written.verification.refusals)
-    return f"only the plates differ from the original, as read by {readers}{refusals}"
+    second = written.verification
+    said = f" and {second.reader}" if not second.refusal else ""
+    why = f"; {second.reader} does not read it: {second.refusal}" if second.refusal else ""
+    return f"only the plates differ from the original, as read by this program{said}{why}"
 
 
 def _print_notes(written: "Written", console: "Console", name: str = "") -> None:

@@ -123,7 +123,7 @@ def print_study_residuals(folder: Path) -> None:
     from rich.table import Table
 
     from pipeline.cli.terminal import plain_console, print_table
-    from pipeline.report.windows import windows_sentence
+    from pipeline.report.tables import windows_sentence
     from pipeline.run.load import collect
     from pipeline.statistics.design import unstated_design
 

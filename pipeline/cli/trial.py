@@ -39,7 +39,7 @@ def residuals(request: TrialRequest, out: Out = Path("results")) -> None:
         )
     console = plain_console()
     require_folder(out)
-    result = process_request(request, announcer(console))
+    result = process_request(request, announcer(console)).result
     name = request.trial.stem
     write_trial(result, name, "", out / f"{name}.parquet")
     write_csv(residual_table(result, name), out / f"{name}_residuals.csv")
@@ -127,7 +127,7 @@ def export(
     if bids:
         written += write_bids(read_requested(request), bids, subject, task)
     if models:
-        result = read_trial(request.trial) if processed else process_request(request)
+        result = read_trial(request.trial) if processed else process_request(request).result
         written += write_models(result, osim=osim, urdf=urdf)
         if tables:
             written += write_tables(result, tables, request.trial.stem, ankle_zero)

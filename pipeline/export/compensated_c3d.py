@@ -13,7 +13,7 @@ from hbm.spatial import Array
 from pipeline.config.schema import Trial
 from pipeline.config.study import Study
 from pipeline.io.c3d.rewrite import rewrite_plates
-from pipeline.io.c3d.second_reader.rewritten import Verification
+from pipeline.io.c3d.second_reader import SecondReading
 from pipeline.io.read import file_format
 from pipeline.io.recording import Compensation, Recording
 from pipeline.run.job import describe_error, file_digest
@@ -59,7 +59,7 @@ class Written:
     """
 
     path: Path
-    verification: Verification
+    verification: SecondReading
     notes: tuple[Note, ...]
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from compensation import marker_plate_delay
 from hbm.notes import Note
-from hbm.signals.realtime_filter import acceleration_lag_s
+from hbm.signals.filtering import acceleration_lag_s
 from hbm.signals.samples import stretches
 from hbm.spatial import GRAVITY_MPS2, Array
 from pipeline.io.recording import Plate

@@ -11,7 +11,7 @@ import numpy as np
 from hbm.markers import Markers
 from hbm.model import Body
 from hbm.notes import Note
-from hbm.plausibility.body import implausible
+from hbm.plausibility.motion import implausible
 from hbm.spatial import GRAVITY_MPS2, Array
 from hbm.spelling import listed, short
 from pipeline.config.live import Live

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal
 
-from hbm.engines.choice import engine_identity
+from hbm.engines.engine import engine_identity
 from hbm.notes import Note
 from pipeline.config.study import Study
 from pipeline.io.input_file import last_written

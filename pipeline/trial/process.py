@@ -5,15 +5,14 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hbm.dynamics import filter_motion, inverse_dynamics_variants
-from hbm.engines.choice import choose_engine
+from hbm.engines.engine import choose_engine
 from hbm.markers import MarkerSet, recognise_marker_set
 from hbm.motion import Motion
 from hbm.notes import Note
 from hbm.overrides import SegmentOverride
-from hbm.plausibility.body import implausible
-from hbm.plausibility.marker_tracking import solve_motion
-from hbm.signals.filtering import low_pass
-from hbm.signals.realtime_filter import acceleration_lag_s
+from hbm.plausibility.motion import implausible
+from hbm.plausibility.outliers import solve_motion
+from hbm.signals.filtering import acceleration_lag_s, low_pass
 from hbm.spatial import GRAVITY_MPS2, Array, Mask
 from pipeline.config.schema import (
     Condition,

@@ -9,8 +9,7 @@ import numpy as np
 from compensation.platform.pose import PlatformPose
 from hbm.notes import Note
 from hbm.spatial import Array, Indices, Mask
-from pipeline.config.schema import Condition
-from pipeline.config.window import Interval
+from pipeline.config.schema import Condition, Interval
 from pipeline.io.recording import Event
 from pipeline.trial.gait.cycle_shortage import cycle_shortage
 from pipeline.trial.gait.cycles import found_cycles

@@ -16,7 +16,7 @@ from pipeline.cli.app import main
 from pipeline.config.schema import Settings, Subject, Treadmill
 from pipeline.export.trial import write_tables
 from pipeline.io.c3d.read import read_c3d
-from pipeline.io.opensim.sto import read_sto
+from pipeline.io.opensim import read_sto
 from pipeline.run.store import read_trial
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording

@@ -11,9 +11,7 @@ from hbm.kinematics import solve_ik
 from hbm.markers import read_marker_set
 from hbm.signals.filtering import butterworth
 from hbm.signals.resampling import resample
-from pipeline.io.opensim.sto import read_sto
-from pipeline.io.opensim.trc import read_trc
-from pipeline.io.opensim.trial import read_opensim_trial
+from pipeline.io.opensim import read_opensim_trial, read_sto, read_trc
 
 MARKER_SETS = Path(__file__).resolve().parents[2] / "subjects" / "marker_sets"
 AXES = "forward,up,right"

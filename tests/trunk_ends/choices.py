@@ -9,8 +9,7 @@ import numpy as np
 from hbm.body import Body
 from hbm.calibration_pose.anatomy import Anatomy, Measures
 from hbm.calibration_pose.frame_selection import select_frames
-from hbm.calibration_pose.landmarks import locate_anatomy
-from hbm.calibration_pose.trunk_levels import height_per_cervicale
+from hbm.calibration_pose.landmarks import height_per_cervicale, locate_anatomy
 from hbm.markers import Markers
 from hbm.segments import SAMPLE_STATURE_M, Proportions, Sex, proportions, segment_inertia
 from hbm.spatial import Array

@@ -10,11 +10,11 @@ import numpy as np
 
 from hbm.coordinates import LAST_Q, LIMBS, MOVING, N_Q, TREE, support
 from hbm.ik.frame_tracking import FrameSolution
+from hbm.kernels.kernel import OneFrameKernel
 from hbm.kernels.native import kernels
-from hbm.kernels.one_frame import OneFrameKernel
 from hbm.model import Body
-from hbm.plausibility.marker_tracking import MarkerTracker
-from hbm.signals.realtime_filter import RealtimeFilter
+from hbm.plausibility.outliers import MarkerTracker
+from hbm.signals.filtering import RealtimeFilter
 from hbm.spatial import Array, Mask, shift_wrench
 from hbm.spelling import listed
 from pipeline.config.live import Live

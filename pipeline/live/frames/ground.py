@@ -8,7 +8,7 @@ import numpy as np
 
 from compensation import BeltModel, Setup, commanded_pose, fit_pose, neutral_markers
 from compensation.platform.markers import MAX_DISTANCE_M
-from hbm.signals.convolution import Convolution
+from hbm.signals.resampling import Convolution
 from hbm.spatial import Array, fit_rotation, transform_wrench
 from pipeline.config.schema import Platform, Settings
 from pipeline.io.recording import Plate

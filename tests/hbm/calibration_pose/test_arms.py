@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hbm.calibration_pose.anatomy import LimbMeasures, Measures
-from hbm.calibration_pose.arms import elbow_center, elbow_notes
+from hbm.calibration_pose.anatomy import LimbMeasures, Measures, elbow_center, elbow_notes
 from hbm.calibration_pose.landmarks import locate_anatomy
 from hbm.markers import marker_sets
 from hbm.notes import Note

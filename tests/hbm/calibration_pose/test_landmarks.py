@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from hbm.calibration_pose.anatomy import LimbMeasures, Measures
-from hbm.calibration_pose.axial import hip_center, pelvis_frame
-from hbm.calibration_pose.landmarks import locate_anatomy
+from hbm.calibration_pose.landmarks import hip_center, locate_anatomy, pelvis_frame
 from hbm.markers import marker_sets
 from hbm.notes import Note
 from tests.hbm.people import hbm1_person

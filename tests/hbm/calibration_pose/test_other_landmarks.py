@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from hbm.calibration_pose.anatomy import LimbMeasures, Measures
-from hbm.calibration_pose.landmarks import locate_anatomy
-from hbm.calibration_pose.legs import alignment_corner
-from hbm.calibration_pose.trunk_levels import stand_trunk
+from hbm.calibration_pose.anatomy import LimbMeasures, Measures, alignment_corner
+from hbm.calibration_pose.landmarks import locate_anatomy, stand_trunk
 from hbm.markers import marker_sets
 from hbm.notes import Note
 from hbm.spatial import rotation_about, unit

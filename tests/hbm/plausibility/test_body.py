@@ -2,7 +2,7 @@
 
 from hbm.body import build_body
 from hbm.description import describe
-from hbm.plausibility.body import implausible
+from hbm.plausibility.motion import implausible
 from tests.hbm.people import person
 from tests.synthetic import MASS_KG, T_POSE_MM, synthetic_body
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hbm.markers import Markers, marker_sets, read_marker_set
-from hbm.plausibility.exchanged_sides import counterparts, sides_exchanged
+from hbm.plausibility.labels import counterparts, sides_exchanged
 from tests.hbm.motions import relabelled, without
 from tests.hbm.people import moved
 from tests.synthetic import synthetic_body, synthetic_t_pose

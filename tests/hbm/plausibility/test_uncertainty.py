@@ -7,7 +7,7 @@ from hbm.coordinates import INDEX
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers
 from hbm.notes import Note
-from hbm.plausibility.uncertainty import ROTATES, angle_uncertainty, undetermined_notes
+from hbm.plausibility.motion import ROTATES, angle_uncertainty, undetermined_notes
 from tests.hbm.motions import without
 from tests.synthetic import synthetic_body, synthetic_t_pose
 

@@ -167,7 +167,7 @@ def exchanged(values):
     ("change", "code", "said"),
     [
         (lambda values: None, 0, "the calibration is still valid by day2.c3d"),
-        (turned, 1, "accelerometer rear_left was turned by 4.0 ±"),
+        (turned, 1, "the calibration is no longer valid by day2.c3d: plate 1: Fx left"),
         (inverted, 1, "rear_left is turned by 180° since the calibration: it is upside down"),
         (dead, 1, "rear_left reads a median of 0 m/s²"),
         (exchanged, 1, "look swapped: exchanged, they match the calibration"),
@@ -200,11 +200,11 @@ def test_a_study_names_a_recording_of_another_day_and_its_trials_carry_the_verdi
     lab.save(with_values(empty(2), turned), study / "day2.c3d")
     loaded = read_study(study)
     remarks = [r.note.code for r in check_study(loaded).remarks if r.place == "day2.c3d"]
-    assert remarks == ["calibration_sensor_turned"]
-    assert [n.code for n in read_study_laboratory(loaded).notes] == ["calibration_sensor_turned"]
+    assert remarks == ["calibration_outdated"]
+    assert [n.code for n in read_study_laboratory(loaded).notes] == ["calibration_outdated"]
     run = ["run", str(study), "--subject", "sub01", "--condition", "pitch", "--out"]
     assert main([*run, str(tmp_path / "results")]) == 0
-    assert "rear_left was turned by 4" in " ".join(capsys.readouterr().out.split())
+    assert "no longer valid by day2.c3d" in " ".join(capsys.readouterr().out.split())
 
 
 def test_a_check_without_a_calibration_is_refused(moving_study, tmp_path):

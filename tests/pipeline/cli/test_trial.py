@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from pipeline.cli.app import main
-from pipeline.io.opensim.sto import read_sto
+from pipeline.io.opensim import read_sto
 from pipeline.run.store import read_summary
 from pipeline.trial.quality import free_of
 

@@ -123,7 +123,7 @@ def test_the_file_says_what_was_done(recordings, study, written):
         assert (done.belts, done.belts_sha256, done.filter) == ("", "", "none")
         assert done.cutoff_hz == CUTOFF_HZ
         assert done.frame == (frame or "recorded")
-        assert written[frame].verification.reader
+        assert written[frame].verification.disagreements == ()
 
 
 @pytest.mark.parametrize("compensate", [False, True])

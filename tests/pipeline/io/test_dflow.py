@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from hbm.notes import Note
-from pipeline.io.dflow import read_dflow
-from pipeline.io.dflow_record import read_record
+from pipeline.io.dflow import read_dflow, read_record
 from pipeline.io.read import read_recording
 from tests.pipeline.other_formats import excerpt, write_dflow
 

@@ -6,8 +6,7 @@ from hypothesis import strategies as st
 from hbm.markers import Markers
 from hbm.notes import Note
 from pipeline.export.opensim_tables import write_trc
-from pipeline.io.opensim.sto import read_sto
-from pipeline.io.opensim.trial import read_opensim_trial
+from pipeline.io.opensim import read_opensim_trial, read_sto
 from pipeline.io.stated import Stated
 
 TRIALS = {

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pipeline.io.opensim.trc import read_trajectories, read_trc
+from pipeline.io.opensim import read_trajectories, read_trc
 from pipeline.io.stated import Stated
 
 

@@ -11,7 +11,7 @@ from rich.console import Console
 from hbm.poses import center_of_mass
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.cli.trial import print_result
-from pipeline.report.trial_quality import trial_quality
+from pipeline.report.trials import trial_quality
 from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import (
     AXES,
@@ -215,6 +215,6 @@ def test_markers_that_were_never_seen_are_named_and_have_no_error(processed):
 def test_where_no_marker_was_seen_the_error_is_unknown(processed):
     terminal, report = printed(with_unseen(processed, *processed.motion.markers))
     assert "marker error unknown; never seen: " in terminal
-    assert "Check(value='unknown', rating='fail'" in report
+    assert "('fail', 'unknown', '')" in report
     for text in (terminal, report):
         assert not re.search(r"\bnan\b", text)

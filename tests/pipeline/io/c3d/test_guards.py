@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pipeline.io.c3d.byte_order import floats
+from pipeline.io.c3d.parameters import floats
 from pipeline.io.c3d.read import read_c3d
 
 ezc3d = pytest.importorskip("ezc3d", reason="ezc3d has no wheel for this system")
