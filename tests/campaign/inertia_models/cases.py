@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+from compensation.inertia.dynamic import LAGS_S
 
 from compensation import MachineLimits, Signal, best_places, validation_signals
 from compensation.inertia.choice import rms_left
-from compensation.inertia.dynamic import LAGS_S
 from compensation.signals.protocol import platform_signal
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording
@@ -16,10 +16,13 @@ from pipeline.trial.ground.accelerometers import find_accelerometers
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.empty_plates import plate_samples
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.instrumented_treadmill import (InstrumentedTreadmill, make_treadmill)
+from pipeline.virtual_lab.machine.instrumented_treadmill import (
+    InstrumentedTreadmill,
+    make_treadmill,
+)
 from pipeline.virtual_lab.person import bystander
-from pipeline.virtual_lab.protocol.calibration_trial import (record_signal_trial, sample_times)
-from pipeline.virtual_lab.protocol.ranking_study import (BESIDE_THE_BELTS, BYSTANDERS)
+from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
+from pipeline.virtual_lab.protocol.ranking_study import BESIDE_THE_BELTS, BYSTANDERS
 
 
 @dataclass(frozen=True)

@@ -13,14 +13,13 @@ from pipeline.config.schema import Settings, Subject, Treadmill
 from pipeline.io.read import read_recording
 from pipeline.live import session as module
 from pipeline.live.frames.chain import LiveChain
-from pipeline.live.pose import PoseFinder
-from pipeline.live.recorder.descriptions import described_streams
-from pipeline.live.recorder.recorder import RESULTS, STREAMS, Recorder
-from pipeline.live.result_row import result_columns, result_row
+from pipeline.live.monitor import Monitor
+from pipeline.live.outlet import result_columns, result_row
+from pipeline.live.preparation import PoseFinder
+from pipeline.live.recording import RESULTS, STREAMS, Recorder, described_streams
+from pipeline.live.replay import RecordedSource
 from pipeline.live.session import Session
-from pipeline.live.sources.recorded import RecordedSource
 from pipeline.live.stream import Samples, StreamDescription
-from pipeline.live.watch.monitor import Monitor
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.residuals import headline_rows, residual_rows
@@ -196,7 +195,7 @@ def test_no_pose_is_found_without_load_or_markers(walker, stream, factor, why_no
 def test_streams_that_fall_silent_and_return_are_noted(walker, followed, monkeypatch):
     computed, _, frames, _ = followed
     now = [100.0]
-    monkeypatch.setattr("pipeline.live.watch.monitor.monotonic", lambda: now[0])
+    monkeypatch.setattr("pipeline.live.monitor.monotonic", lambda: now[0])
     monitor = Monitor(computed, walker.plates)
     plates = Samples("Plates", np.array([1.0]), np.zeros((1, 12)))
     monitor.samples(plates)

@@ -15,10 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.io.read import read_recording
-from pipeline.live.recorder import recorder as module
-from pipeline.live.recorder.recorder import RESULTS, STREAMS, Recorder
-from pipeline.live.recorder.result_parts import ResultParts
-from pipeline.live.recorder.xdf_writer import XdfWriter
+from pipeline.live import recording as module
+from pipeline.live.recording import RESULTS, STREAMS, Recorder, ResultParts, XdfWriter
 from pipeline.live.stream import Samples
 from tests.pipeline import xdf_file as xdf
 from tests.pipeline.other_formats import excerpt
@@ -153,7 +151,7 @@ import sys, time
 from pathlib import Path
 from xml.etree import ElementTree
 import numpy as np
-from pipeline.live.recorder.recorder import Recorder
+from pipeline.live.recording import Recorder
 from pipeline.live.stream import Samples
 info = ElementTree.fromstring(sys.argv[2])
 recorder = Recorder(Path(sys.argv[1]), [info], ["time_s"])

@@ -1,4 +1,4 @@
-"""Gait events and cycles as soon as they are known."""
+"""Gait events and cycles as soon as they are known, and the residuals of a condition so far."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -9,10 +9,11 @@ import numpy as np
 
 from hbm.spatial import Array
 from pipeline.io.recording import Event
-from pipeline.live.frames.frame import LiveFrame
+from pipeline.live.frames.chain import LiveFrame
 from pipeline.trial.gait.cycles import MAX_DURATION, MIN_DURATION
 from pipeline.trial.gait.events import MIN_CONTACT_S, MIN_STRIDE_S, SIDES
 from pipeline.trial.quality import Quality
+from pipeline.trial.residuals import MAX_FORCE_SHARE, MAX_MOMENT_SHARE
 
 MAX_CYCLE_S: Final = 2.5
 """Beyond it, the subject has stood still."""
@@ -39,8 +40,6 @@ class LiveCycle:
         Largest ground reaction force of both feet in them, by variant [N].
     curve
         Variant -> residuals over 0 to 100 %, (101, 6); NaN where frames do not count.
-    valid_share
-        Share of its frames that count.
     vertical_n
         Mean vertical ground reaction force of both feet in it, compensated where plates are [N];
         NaN unless all its frames count, or would if the plates carried the subject.
@@ -55,16 +54,8 @@ class LiveCycle:
     residual: Mapping[str, Array]
     peak_ground_n: Mapping[str, float]
     curve: Mapping[str, Array]
-    valid_share: float
     vertical_n: float = np.nan
     carried_share: float = 1.0
-
-    @property
-    def rms(self) -> dict[str, Array]:
-        """Variant -> root mean square over the frames that count, (6,); NaN where none does."""
-        if not len(self.time):
-            return {variant: np.full(6, np.nan) for variant in self.residual}
-        return {v: np.sqrt(np.mean(r**2, axis=0)) for v, r in self.residual.items()}
 
 
 @dataclass(slots=True)
@@ -172,7 +163,7 @@ class GaitTracker:
             curve[variant] = np.column_stack(columns)
             forces = [np.linalg.norm(f.by_foot[variant][:, :3].sum(axis=0)) for f in counted]
             peak[variant] = float(max(forces, default=np.nan))
-        share, best = len(counted) / len(inside), list(inside[0].by_foot)[-1]
+        best = list(inside[0].by_foot)[-1]
         qualities = [f.quality for f in inside]
         known = all((each & ~Quality.NOT_CARRIED).counts for each in qualities)
         vertical = np.mean([f.by_foot[best][:, 2].sum() for f in inside])
@@ -184,7 +175,6 @@ class GaitTracker:
             residual,
             peak,
             curve,
-            share,
             float(vertical) if known else np.nan,
             1 - sum(bool(each & Quality.NOT_CARRIED) for each in qualities) / len(inside),
         )
@@ -203,3 +193,91 @@ def _change(foot: _Foot, loaded: bool, time: float) -> float | None:
         return None
     at, foot.loaded, foot.changed_s = foot.changed_s, loaded, None
     return at
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Peak residuals beside their published limits (Hicks et al. 2015, J Biomech Eng 137:020905).
+
+    Attributes
+    ----------
+    force_n, moment_nm
+        Largest magnitude of the residual force and moment.
+    max_force_n, max_moment_nm
+        5 % of the largest ground reaction force, and 1 % of the height of the centre of mass times
+        that force.
+    """
+
+    force_n: float
+    moment_nm: float
+    max_force_n: float
+    max_moment_nm: float
+
+
+@dataclass(slots=True)
+class ConditionSoFar:
+    """Summarises the gait cycles of a condition as they end, in memory that does not grow.
+
+    A frame that is in a cycle of either foot counts once; trials count the cycles of one foot.
+
+    Attributes
+    ----------
+    min_valid_share
+        Of a gait cycle's frames in which the plates carry the subject: with less it does not count.
+    cycles
+        Gait cycles that count, of both sides.
+    not_carried
+        Gait cycles that do not, since the plates carried the subject in less than
+        ``min_valid_share`` of them.
+    """
+
+    min_valid_share: float
+    cycles: int = 0
+    not_carried: int = 0
+    _counted_s: float = -np.inf
+    _frames: int = 0
+    _squares: dict[str, Array] = field(default_factory=dict)
+    _peaks: dict[str, Array] = field(default_factory=dict)
+    _ground_n: dict[str, float] = field(default_factory=dict)
+
+    def add(self, cycle: LiveCycle) -> None:
+        """Take a cycle that has ended."""
+        if cycle.carried_share < self.min_valid_share:
+            self.not_carried += 1
+            return
+        if not len(cycle.time):
+            return
+        self.cycles += 1
+        new = cycle.time > self._counted_s
+        self._counted_s = max(self._counted_s, float(cycle.time[-1]))
+        self._frames += int(np.count_nonzero(new))
+        for variant, residual in cycle.residual.items():
+            sums = self._squares.setdefault(variant, np.zeros(6))
+            sums += (residual[new] ** 2).sum(axis=0)
+            size = np.linalg.norm(residual.reshape(-1, 2, 3), axis=2).max(axis=0)
+            self._peaks[variant] = np.maximum(self._peaks.get(variant, np.zeros(2)), size)
+            largest = max(self._ground_n.get(variant, 0.0), cycle.peak_ground_n[variant])
+            self._ground_n[variant] = largest
+
+    @property
+    def rms(self) -> Mapping[str, Array]:
+        """Variant -> root mean square over all frames of all cycles, (6,) [N, N·m]."""
+        return {v: np.sqrt(sums / self._frames) for v, sums in self._squares.items()}
+
+    def limits(self, center_of_mass_m: float) -> Mapping[str, Limits]:
+        """Give the peaks beside their limits, by variant.
+
+        Parameters
+        ----------
+        center_of_mass_m
+            Height of the body's centre of mass above the feet (`height_of_mass`) [m].
+        """
+        return {
+            variant: Limits(
+                float(force),
+                float(moment),
+                MAX_FORCE_SHARE * self._ground_n[variant],
+                MAX_MOMENT_SHARE * center_of_mass_m * self._ground_n[variant],
+            )
+            for variant, (force, moment) in self._peaks.items()
+        }

@@ -8,15 +8,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.config.schema import Settings, Subject
-from pipeline.live.frames.frame import LiveFrame
+from pipeline.live.cycles import GaitTracker
+from pipeline.live.frames.chain import LiveFrame
+from pipeline.live.monitor import (
+    GONE_S,
+    DelayWatch,
+    FitWatch,
+    Losses,
+    MarkerGaps,
+    PlateWatch,
+    WeightWatch,
+)
 from pipeline.live.stream import Samples, StreamDescription
-from pipeline.live.watch.cycles import GaitTracker
-from pipeline.live.watch.delay import DelayWatch
-from pipeline.live.watch.fit import FitWatch, FootWatch
-from pipeline.live.watch.losses import Losses
-from pipeline.live.watch.markers import GONE_S, MarkerGaps
-from pipeline.live.watch.plates import PlateWatch
-from pipeline.live.watch.weight import WeightWatch
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import reported
@@ -27,13 +30,13 @@ MASS_KG = 70.0
 STEP_S = 0.001
 
 
-def walking(minutes, drift_n_per_min=0.0, rest_n=0.0, rate_hz=250):
+def walking(minutes, rest_n=0.0, rate_hz=250):
     """A plate's load of a foot that is on it 60 % of the time, with noise: (N,) and (N, 6)."""
     time = np.arange(round(60 * minutes * rate_hz)) / rate_hz
     phase = time % 1.1 / 1.1
     load = np.where(phase < 0.6, 700 * np.sin(np.pi * phase / 0.6).clip(0) ** 0.3, 0.0)
     wrench = np.random.default_rng(3).normal(0, 1, (len(time), 6))
-    wrench[:, 2] += load + rest_n + drift_n_per_min * time / 60
+    wrench[:, 2] += load + rest_n
     return time, wrench
 
 
@@ -44,18 +47,6 @@ def noted(watch, time, wrench, each=25):
 
 def test_a_good_plate_is_not_noted():
     assert noted(PlateWatch(1, MASS_KG), *walking(3)) == []
-
-
-@pytest.mark.parametrize("drift", [3.0, -5.0])
-def test_a_plate_that_drifts_is_noted_with_its_drift(drift):
-    first, *_ = noted(PlateWatch(2, MASS_KG), *walking(3, drift))
-    assert (first.code, first.values["plate"]) == ("live_plate_drifts", 2)
-    assert first.values["drift_n_per_min"] == pytest.approx(drift, rel=0.1)
-
-
-def test_drift_is_noted_once_a_minute_at_most():
-    notes = noted(PlateWatch(1, MASS_KG), *walking(4, 2.0))
-    assert 1 <= len(notes) <= 3
 
 
 @pytest.mark.parametrize("up", [1.0, -1.0])
@@ -95,7 +86,6 @@ def test_a_marker_is_noted_once_for_each_time_that_it_is_gone_for_long(gone, eac
     for k in range(0, 300, each):
         notes += gaps.add(time[k : k + each], position[k : k + each])
     assert [note.values["marker"] for note in notes] == ["RASIS"] * (gone >= 100 * GONE_S)
-    assert gaps.missing.tolist() == [30, gone]
 
 
 @pytest.fixture(scope="module")
@@ -177,16 +167,15 @@ def test_a_trial_is_judged_alike_by_its_whole_and_by_its_strides(result):
 
 
 @pytest.mark.parametrize("foot", [0, 1])
-def test_a_foot_beside_the_plates_for_a_while_is_noted_and_so_is_its_return(result, foot):
+def test_a_foot_beside_the_plates_for_a_while_is_noted(result, foot):
     """Its plate carries nothing then: the other foot's strides are no gait cycles, but weigh."""
 
     def gain(time):
         return np.where(np.arange(2) == foot, not 12 < time < 26, 1.0)
 
-    (gone_s, gone), (back_s, back) = weighed(result, gain)
-    assert (gone.code, back.code) == ("live_weight_differs", "live_weight_agrees")
+    ((gone_s, gone),) = weighed(result, gain)
     assert gone.values["difference"] == pytest.approx(-0.5, abs=0.15)
-    assert 12 < gone_s < 26 < back_s < 35
+    assert 12 < gone_s < 26
 
 
 def test_one_step_beside_a_plate_is_not_noted(result):
@@ -199,7 +188,7 @@ def test_strides_with_frames_that_do_not_count_are_not_weighed(result):
         late = replace(frame, quality=Quality.LATE if k % 50 == 0 else frame.quality)
         for stride in tracker.add(late).strides:
             assert np.isnan(stride.vertical_n)
-            assert watch.add(stride) == ()
+            assert watch.add(stride) == []
 
 
 def fitted(error_m, quality, seen=True, count=500):
@@ -234,8 +223,8 @@ def fitted(error_m, quality, seen=True, count=500):
 def test_markers_that_do_not_fit_and_feet_beside_the_pressure_are_noted_once(
     frames, codes, left_out
 ):
-    fit, feet = FitWatch(["LASIS", "RASIS"], [0, 1]), FootWatch()
-    notes = [note for frame in frames for note in (*fit.add(frame), *feet.add(frame))]
+    fit = FitWatch(["LASIS", "RASIS"], [0, 1])
+    notes = [note for frame in frames for note in fit.add(frame)]
     assert [note.code for note in notes] == codes
     if left_out:
         assert notes[0].values["left_out"] == left_out
