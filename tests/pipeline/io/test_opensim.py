@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from hbm.markers import Markers
 from hbm.notes import Note
-from pipeline.export.opensim_tables import write_trc
+from pipeline.export.tables import write_trc
 from pipeline.io.opensim import read_opensim_trial, read_sto
 from pipeline.io.stated import Stated
 
