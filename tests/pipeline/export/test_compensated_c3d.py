@@ -279,16 +279,16 @@ def test_a_study_is_written_whole_and_what_fails_is_listed(study, tmp_path):
         folder=tmp_path / "study",
         subjects={**study.subjects, "sub02": second.model_copy(update={"trials": trials})},
     )
-    outcomes = {o.name: o for o in write_compensated_study(other, tmp_path / "out", None)}
+    outcomes = dict(write_compensated_study(other, tmp_path / "out", None))
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
         "sub01_baseline.c3d",
         "sub01_pitch.c3d",
         "sub01_sway.c3d",
     ]
-    assert "not a C3D file" in outcomes["damaged.c3d"].reason
-    assert "lies outside the study's folder" in outcomes["../elsewhere.c3d"].reason
-    assert "trial.trc: is a TRC file; --c3d copies a C3D file" in outcomes["trial.trc"].reason
-    assert all(outcomes[f"sub01_{c}.c3d"].written for c in ("baseline", "sway", "pitch"))
+    assert "not a C3D file" in outcomes["damaged.c3d"]
+    assert "lies outside the study's folder" in outcomes["../elsewhere.c3d"]
+    assert "trial.trc: is a TRC file; --c3d copies a C3D file" in outcomes["trial.trc"]
+    assert all(outcomes[f"sub01_{c}.c3d"].path for c in ("baseline", "sway", "pitch"))
 
 
 def test_a_study_with_compensated_recordings_and_a_calibration_is_at_fault(
