@@ -11,7 +11,6 @@ from hbm.spatial import rotation_about
 from pipeline.config.study import read_study
 from pipeline.export.compensated_c3d import (
     Calibrations,
-    require_c3d,
     write_compensated,
     write_compensated_study,
 )
@@ -212,11 +211,6 @@ def test_a_frame_without_a_pose_is_refused(original, calibrations, tmp_path):
         write_compensated(original, level, tmp_path / "x.c3d", frame="lab")
 
 
-def test_a_written_file_is_not_written_again(recordings, calibrations, tmp_path):
-    with pytest.raises(ValueError, match=r"None\.c3d: its plates are compensated already, by hbm"):
-        write_compensated(recordings[None], calibrations, tmp_path / "x.c3d")
-
-
 def test_a_recording_without_plates_is_refused(original, calibrations, tmp_path):
     path = lab.save(replace(original, plates=()), tmp_path / "no_plates.c3d")
     with pytest.raises(ValueError, match=r"no_plates\.c3d: the file has no force plates"):
@@ -307,10 +301,3 @@ def test_a_study_without_a_calibration_is_refused_in_one_line(study, tmp_path):
     without = replace(study, file=study.file.model_copy(update={"treadmill": treadmill}))
     with pytest.raises(ValueError, match=r"study\.toml names no calibration in \[treadmill\]"):
         next(write_compensated_study(without, tmp_path, None))
-
-
-def test_a_recording_of_another_format_is_refused_before_it_is_read(tmp_path):
-    path = tmp_path / "mocap.txt"
-    path.write_text("TimeStamp\tFrameNumber\tLASIS.PosX\n0.0\t1\t0.1\n", encoding="utf-8")
-    with pytest.raises(ValueError, match=r"mocap\.txt: is a D-Flow file; --c3d copies a C3D file"):
-        require_c3d(path)
