@@ -97,7 +97,8 @@ def export(
     from pipeline.cli.compensated import export_study, export_trial
     from pipeline.cli.terminal import note_line, plain_console
     from pipeline.export.bids import write_bids
-    from pipeline.export.trial import write_models, write_tables
+    from pipeline.export.models import write_osim, write_urdf
+    from pipeline.export.tables import write_tables
     from pipeline.run.one_trial import process_request, read_requested
     from pipeline.run.store import read_trial
 
@@ -128,7 +129,10 @@ def export(
         written += write_bids(read_requested(request), bids, subject, task)
     if models:
         result = read_trial(request.trial) if processed else process_request(request).result
-        written += write_models(result, osim=osim, urdf=urdf)
+        for path, write in ((osim, write_osim), (urdf, write_urdf)):
+            if path:
+                write(result.body, path)
+                written.append(path)
         if tables:
             written += write_tables(result, tables, request.trial.stem, ankle_zero)
             plates = _plates(result.compensated is not None)

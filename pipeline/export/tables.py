@@ -1,9 +1,9 @@
-"""Results as the tables that OpenSim's tools open: MOT, STO, TRC and external loads.
+"""Results as tables that other programs open: OpenSim's MOT, STO, TRC and external loads; CSV.
 
 All are in the lab's axes (x forward, y left, z up), which are the ground axes of the model that
-`pipeline.export.opensim_model.write_osim` writes, and in SI units but for angles in degrees where
-the header says so. Gaps are NaN in MOT and STO, empty fields in TRC. OpenSim's tools
-fit splines to whole columns, so give them an interval without gaps.
+`pipeline.export.models.write_osim` writes, and in SI units but for angles in degrees where the
+header says so. Gaps are NaN in MOT and STO, empty fields in TRC and CSV. OpenSim's tools fit
+splines to whole columns, so give them an interval without gaps.
 """
 
 from collections.abc import Mapping
@@ -12,13 +12,87 @@ from typing import Final
 from xml.etree import ElementTree as ET
 
 import numpy as np
+import pandas as pd
 
-from hbm.coordinates import HBM_ORDER, INDEX, LAST_Q, TREE
+from hbm.clinical import AnkleZero, clinical_angles
+from hbm.coordinates import COORDINATES, HBM_ORDER, INDEX, LAST_Q, TREE
 from hbm.dynamics import Dynamics
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.spatial import Array
-from pipeline.io.write import whole_file, write_text
+from pipeline.io.write import whole_file, write_csv, write_text
+from pipeline.trial.result import TrialResult
+
+
+def write_tables(
+    result: TrialResult, folder: Path, name: str, ankle_zero: AnkleZero = "right_angle"
+) -> list[Path]:
+    """Write a trial's coordinates, forces, loads, markers and clinical angles.
+
+    Parameters
+    ----------
+    result
+        The processed trial. Forces and loads are of the plates compensated, where they are. Where
+        these do not carry the subject, the forces of pelvis and legs are NaN.
+    folder
+        Where; made where there is none.
+    name
+        What the files' names begin with.
+    ankle_zero
+        See `angle_table`.
+
+    Returns
+    -------
+    list of Path
+        Coordinates and external loads (.mot), generalized forces (.sto), measured markers (.trc),
+        clinical angles (.csv), and the description of the loads (.xml).
+    """
+    suffixes = "_angles.csv", "_coordinates.mot", "_forces.sto", "_loads.mot", ".trc"
+    written = [folder / f"{name}{suffix}" for suffix in suffixes]
+    angles, coordinates, forces, loads, markers = written
+    variant, dynamics = list(result.variants.items())[-1]
+    pelvis = np.array([name.startswith("Pelvis") for name in COORDINATES])
+    dynamics = dynamics.without_forces(np.outer(~result.counts, pelvis))
+    write_csv(angle_table(result.motion, ankle_zero), angles)
+    write_coordinates(result.motion, coordinates)
+    write_forces(dynamics, forces)
+    write_external_loads(result.motion.time, result.ground[variant], loads)
+    write_trc(result.markers, markers)
+    return [*written, loads.with_suffix(".xml")]
+
+
+def angle_table(motion: Motion, ankle_zero: AnkleZero = "right_angle") -> pd.DataFrame:
+    """Lay out the clinical angles of a motion with one row per frame.
+
+    Parameters
+    ----------
+    motion
+        The coordinates.
+    ankle_zero
+        Where the ankle is zero, "right_angle" or "in_line"; see
+        `hbm.clinical.clinical_angles`, which also gives the meaning of every sign.
+
+    Returns
+    -------
+    pandas.DataFrame
+        ``time_s``, then every coordinate in the Human Body Model's order, named with its unit:
+        ``PelvisX_m``, ``RKneeFlexion_deg``; NaN where no marker ever shows it.
+
+    Raises
+    ------
+    ValueError
+        If the ankle's zero is unknown.
+    """
+    columns: dict[str, object] = {"time_s": motion.time}
+    seen = motion.observed.any(axis=0)
+    angles = clinical_angles(np.where(seen, motion.q, np.nan), ankle_zero=ankle_zero)
+    for name, value in zip(HBM_ORDER, angles.T, strict=True):
+        if TREE[INDEX[name]].translates:
+            columns[f"{name}_m"] = value
+        else:
+            columns[f"{name}_deg"] = np.degrees(value)
+    return pd.DataFrame(columns)
+
 
 MAX_JITTER: Final = 0.1
 """Deviation of sample times from even spacing, in sampling intervals; rounding of written times is

@@ -1,4 +1,4 @@
-"""A body as an OpenSim 4 model."""
+"""A body as a model of other programs: OpenSim 4, and URDF for Pinocchio, MuJoCo and ROS."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -8,7 +8,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from hbm.body import Body
-from hbm.coordinates import FIXED_TO, MOVING, PARENT
+from hbm.coordinates import FIXED_TO, LAST_Q, MOVING, PARENT, TREE
 from hbm.model import MODEL_NAME, Joint
 from hbm.segments import NO_INERTIA, Inertia
 from hbm.spatial import GRAVITY_MPS2, Array
@@ -68,9 +68,7 @@ def write_osim(body: Body, path: str | Path) -> None:
         _add(marker, "socket_parent_frame", f"/bodyset/{segment}")
         _add(marker, "location", _numbers(place))
         _add(marker, "fixed", "true")
-    ET.indent(document)
-    with whole_file(Path(path)) as temporary:
-        ET.ElementTree(document).write(temporary, encoding="UTF-8", xml_declaration=True)
+    _write(document, path)
 
 
 def _add(parent: ET.Element, tag: str, text: str = "", **attributes: str) -> ET.Element:
@@ -131,3 +129,88 @@ def _axes(transform: ET.Element, kind: str, own: list[Joint]) -> None:
             _add(_add(element, "LinearFunction", name="function"), "coefficients", "1 0")
         else:
             _add(_add(element, "Constant", name="function"), "value", "0")
+
+
+def _write(root: ET.Element, path: str | Path) -> None:
+    ET.indent(root)
+    with whole_file(Path(path)) as temporary:
+        ET.ElementTree(root).write(temporary, encoding="UTF-8", xml_declaration=True)
+
+
+TOKEN_INERTIA: Final = Inertia(1e-12, np.zeros(3), 1e-14 * np.eye(3))
+"""Inertia of links without a segment, since MuJoCo refuses moving links below 1e-15."""
+LIMITS: Final = {"lower": "-100", "upper": "100", "effort": "1e6", "velocity": "1e6"}
+"""Limits of every joint [rad or m], since URDF requires them: beyond what a trial reaches."""
+
+
+def write_urdf(body: Body, path: str | Path) -> None:
+    """Write a body as URDF.
+
+    Parameters
+    ----------
+    body
+        The subject.
+    path
+        Where to write; by custom it ends in ``.urdf``.
+
+    Notes
+    -----
+    Same joints, axes, inertias and markers, and the same 46 coordinates by name, sign and zero.
+    The root link ``ground`` is the lab: z up.
+
+    * URDF's joints have one axis, so there are links without a segment between the coordinates of a
+      joint. They and the shoulder points have 1e-12 kg and 1e-14 kg·m², because MuJoCo refuses
+      moving links below 1e-15; forces change by some 1e-10 N.
+    * Rotations are ``revolute`` within ±100 rad rather than ``continuous``, which Pinocchio would
+      describe by sine and cosine; translations are within ±100 m.
+    * The mid trunk is a link on a fixed joint, and so are the markers, without mass. MuJoCo keeps
+      them because the file asks it to.
+    """
+    robot = ET.Element("robot", name=MODEL_NAME)
+    ET.SubElement(ET.SubElement(robot, "mujoco"), "compiler", fusestatic="false")
+    ET.SubElement(robot, "link", name="ground")
+    for i, joint in enumerate(body.joints):
+        _link(robot, _name(i), body.segments.get(_name(i), TOKEN_INERTIA))
+        kind = "prismatic" if joint.translates else "revolute"
+        element = _urdf_joint(robot, joint.name, kind, _name(joint.parent), _name(i), joint.offset)
+        ET.SubElement(element, "axis", xyz=_numbers(joint.axis))
+        ET.SubElement(element, "limit", LIMITS)
+    for name, carrier in FIXED_TO.items():
+        _link(robot, name, body.segments[name])
+        _urdf_joint(robot, f"{name}_joint", "fixed", carrier, name, np.zeros(3))
+    for name, segment, place in zip(
+        body.markers, body.marker_segment, body.marker_position, strict=True
+    ):
+        ET.SubElement(robot, "link", name=name)
+        _urdf_joint(robot, f"{name}_joint", "fixed", segment, name, place)
+    _write(robot, path)
+
+
+def _name(i: int) -> str:
+    """Name the link that coordinate ``i`` moves: a segment's name where it is the last to do so."""
+    if i < 0:
+        return "ground"
+    segment = TREE[i].segment
+    return segment if i == LAST_Q[segment] else f"{TREE[i].name}_link"
+
+
+def _link(robot: ET.Element, name: str, inertia: Inertia) -> None:
+    inertial = ET.SubElement(ET.SubElement(robot, "link", name=name), "inertial")
+    ET.SubElement(inertial, "origin", xyz=_numbers(inertia.center))
+    ET.SubElement(inertial, "mass", value=_numbers([inertia.mass]))
+    moments = {
+        f"i{'xyz'[j]}{'xyz'[k]}": _numbers([inertia.tensor[j, k]])
+        for j in range(3)
+        for k in range(j, 3)
+    }
+    ET.SubElement(inertial, "inertia", moments)
+
+
+def _urdf_joint(
+    robot: ET.Element, name: str, kind: str, parent: str, child: str, place: Array
+) -> ET.Element:
+    joint = ET.SubElement(robot, "joint", name=name, type=kind)
+    ET.SubElement(joint, "parent", link=parent)
+    ET.SubElement(joint, "child", link=child)
+    ET.SubElement(joint, "origin", xyz=_numbers(place))
+    return joint
