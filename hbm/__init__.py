@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from hbm.dynamics import inverse_dynamics_variants as inverse_dynamics_variants
     from hbm.kinematics import solve_ik as solve_ik
     from hbm.markers.marker_set import MarkerSet as MarkerSet
-    from hbm.markers.table import marker_sets as marker_sets
-    from hbm.markers.table import read_marker_set as read_marker_set
+    from hbm.markers.marker_set import marker_sets as marker_sets
+    from hbm.markers.marker_set import read_marker_set as read_marker_set
     from hbm.markers.trajectories import Markers as Markers
     from hbm.motion import Motion as Motion
     from hbm.overrides import SegmentOverride as SegmentOverride
@@ -43,11 +43,7 @@ _NAMES: Final = {
         "inverse_dynamics_variants",
     ),
     "kinematics": ("solve_ik",),
-    "markers.marker_set": ("MarkerSet",),
-    "markers.table": (
-        "marker_sets",
-        "read_marker_set",
-    ),
+    "markers.marker_set": ("MarkerSet", "marker_sets", "read_marker_set"),
     "markers.trajectories": ("Markers",),
     "motion": ("Motion",),
     "overrides": (

@@ -4,8 +4,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Final
 
-from hbm.spelling import did_you_mean, listed, short
-from hbm.toml_text import Table
+from hbm.spelling import Table, did_you_mean, listed, short
 from pipeline.config.plate_correction import read_plate_correction
 from pipeline.config.schema import StudyFile, SubjectFile
 from pipeline.config.toml_file import read_segments

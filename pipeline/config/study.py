@@ -10,8 +10,7 @@ from pathlib import Path
 
 from hbm.coordinates import SEGMENTS
 from hbm.markers import MarkerSet, marker_sets, read_marker_set
-from hbm.spelling import did_you_mean, shown
-from hbm.toml_text import Table
+from hbm.spelling import Table, did_you_mean, shown
 from pipeline.config.comparison import comparison_faults
 from pipeline.config.consistency import (
     body_faults,

@@ -5,7 +5,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from hbm.overrides import SegmentOverride, read_overrides
-from hbm.toml_text import Table, parse_toml
+from hbm.spelling import Table, parse_toml
 from pipeline.config.validation import Model, StudyFaults, describe_faults
 from pipeline.io.input_file import naming, read_text
 
