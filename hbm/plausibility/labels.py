@@ -1,6 +1,6 @@
 """Checks of a trial's markers before inverse kinematics: positions, labels, sides, distances."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import combinations
 from typing import Final
 
@@ -175,10 +175,6 @@ markers as close together."""
 MIN_FORWARD_M: Final = 0.05
 """Horizontal distance from sacrum to front of the pelvis; less when lying, and the way forward is
 unknown then."""
-MIN_MISFIT_M: Final = 0.03
-MAX_MISFIT_M: Final = 0.015
-"""Differences of distances from the body's: skin changes those within a segment by 1 to 2 cm."""
-
 MAX_PAIRS_NAMED: Final = 6
 """Pairs of exchanged markers in a note; a whole side has about twenty."""
 
@@ -206,9 +202,8 @@ def sides_exchanged(body: Body, markers: Markers, recording: str) -> tuple[Note,
     over the recording). The way to the left follows from the vertical and from sacrum and front of
     the pelvis, whose middles do not depend on the sides' labels.
 
-    Where a pair is closer together, and on forearms and hands, which people cross, it is exchanged
-    if its distances to the other markers of its segments differ from the body's by more than 3 cm
-    as labelled and by less than 1.5 cm exchanged (means of medians).
+    Pairs that are closer together and those of forearms and hands, which people cross, are not
+    judged: `changed_distances` finds them by their distances to other markers.
 
     Examples
     --------
@@ -227,11 +222,11 @@ def sides_exchanged(body: Body, markers: Markers, recording: str) -> tuple[Note,
     for left, right in counterparts(body.marker_set).items():
         if not {left, right} <= set(markers.names):
             continue
-        crosses = body.marker_set.segment[left].endswith(CROSSING_SEGMENTS)
+        if body.marker_set.segment[left].endswith(CROSSING_SEGMENTS):
+            continue
         between = _of(markers, left) - _of(markers, right)
-        sideways = np.nan if crosses else _median(np.sum(between * to_the_left, axis=-1))
-        certain = abs(sideways) > MIN_SEPARATION_M
-        if sideways < 0 if certain else _fit_exchanged(body, markers, left, right):
+        sideways = _median(np.sum(between * to_the_left, axis=-1))
+        if sideways < -MIN_SEPARATION_M:
             exchanged.append(f"{left}/{right}")
     if not exchanged:
         return ()
@@ -270,31 +265,6 @@ def first_named(pairs: Sequence[str]) -> tuple[str, ...]:
     """Give the first few of exchanged pairs, and an ellipsis where there are more."""
     more = len(pairs) > MAX_PAIRS_NAMED
     return (*pairs[:MAX_PAIRS_NAMED], *(["…"] if more else []))
-
-
-def _fit_exchanged(body: Body, markers: Markers, left: str, right: str) -> bool:
-    """Tell whether a pair fits its segments exchanged, and does not as labelled."""
-    if not {left, right} <= set(body.markers):
-        return False
-    labelled = _misfits(body, markers, {left: left, right: right})
-    exchanged = _misfits(body, markers, {left: right, right: left})
-    if not labelled:
-        return False
-    return bool(np.mean(labelled) > MIN_MISFIT_M and np.mean(exchanged) < MAX_MISFIT_M)
-
-
-def _misfits(body: Body, markers: Markers, label: Mapping[str, str]) -> list[float]:
-    """Give by how much markers of other labels miss their distances on their segments [m]."""
-    on_body = dict(zip(body.markers, body.marker_position, strict=True))
-    segment_of = body.segment_of
-    misfits = []
-    for name, other in label.items():
-        for near in body.markers:
-            own = segment_of[near] == segment_of[name] and near not in label
-            if own and near in markers.names:
-                apart = np.linalg.norm(_of(markers, other) - _of(markers, near), axis=-1)
-                misfits.append(abs(_median(apart) - distance(on_body[name], on_body[near])))
-    return misfits
 
 
 def _of(markers: Markers, name: str) -> Array:

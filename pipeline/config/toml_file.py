@@ -9,8 +9,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from hbm.overrides import SegmentOverride, read_overrides
-from hbm.spelling import did_you_mean, short, shown
-from hbm.toml_text import Table, parse_toml
+from hbm.spelling import Table, did_you_mean, parse_toml, short, shown
 from pipeline.io.input_file import fault_line, is_file, naming, read_text
 
 SIMULATED: Final = "truth/setting.toml"

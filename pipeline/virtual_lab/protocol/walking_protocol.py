@@ -17,7 +17,7 @@ from compensation.signals.protocol import (
 )
 from hbm.signals.filtering import Method
 from hbm.spatial import Array
-from hbm.toml_text import parse_toml
+from hbm.spelling import parse_toml
 from pipeline.config.input_model import InputModel
 from pipeline.config.toml_file import describe_faults
 from pipeline.io.input_file import read_text
