@@ -2,15 +2,16 @@
 
 from typing import Final
 
+import numpy as np
+
 from hbm.notes import warnings_first
 from pipeline.trial.residuals import (
     AXES,
     DIRECTIONS,
     counted,
-    headline_rows,
-    marker_rows,
-    residual_rows,
-    threshold_rows,
+    marker_table,
+    residual_table,
+    threshold_table,
 )
 from pipeline.trial.result import TrialResult
 
@@ -57,7 +58,8 @@ def _circumstances(result: TrialResult) -> str:
 
 def _residuals(result: TrialResult) -> str:
     names = list(result.variants)
-    rows = headline_rows(residual_rows(result, result.source.stem))
+    table = residual_table(result, result.source.stem)
+    rows = list(table[table["headline"].astype(bool)].itertuples())
     lines = [
         "## Pelvis residuals (RMS)",
         "|  | direction | " + " | ".join(f"{name} | %" for name in names) + " |",
@@ -77,7 +79,7 @@ def _thresholds(result: TrialResult) -> str:
         "| plates | residual | peak | limit |  |",
         "|---|---|---:|---:|---|",
     ]
-    for row in threshold_rows(result):
+    for row in threshold_table(result).itertuples():
         plates = "compensated" if row.compensated else "measured"
         verdict = "passes" if row.passed else "**fails**"
         lines.append(
@@ -88,9 +90,10 @@ def _thresholds(result: TrialResult) -> str:
 
 
 def _markers(result: TrialResult) -> str:
-    *single, every = marker_rows(result)
-    seen = sorted((row for row in single if row.seen), key=lambda row: -row.rms_mm)
-    unseen = ", ".join(row.marker for row in single if not row.seen)
+    table = marker_table(result)
+    *single, every = table.itertuples()
+    seen = list(table[:-1].dropna().sort_values("rms_mm", ascending=False).itertuples())
+    unseen = ", ".join(row.marker for row in single if np.isnan(row.rms_mm))
     lines = [
         "## Distance of markers from the model",
         f"The {min(LISTED_MARKERS, len(seen))} largest of {len(seen)}, and all markers."

@@ -40,7 +40,7 @@ def test_familiarisation_is_simulated_and_processed_like_any_other_condition(stu
     condition = read_study(study / "study").file.conditions[EXTRA]
     assert (condition.cycles, condition.skip_s, condition.perturbed) == (50, 10.0, False)
     results = collect(study / "results")
-    assert sorted(results.summaries) == [("sub01", "baseline"), ("sub01", EXTRA)]
+    assert sorted(results.trials) == [("sub01", "baseline"), ("sub01", EXTRA)]
     rows = results.residuals[results.residuals["condition"] == EXTRA]
     assert rows["window"].unique().tolist() == ["cycle"]
     assert set(rows["compensated"]) == {True, False}
