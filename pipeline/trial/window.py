@@ -275,11 +275,6 @@ def window_notes(
     return (Note.of(code, reason=reason, start_s=span[0], stop_s=span[1]),)
 
 
-def shortage(notes: Iterable[Note]) -> str:
-    """Say why a trial has no residuals; empty where its notes do not."""
-    return next((str(note.values["reason"]) for note in notes if note.code == "no_residuals"), "")
-
-
 def _too_little(time: Array, quality: Indices) -> str:
     """Say how little of a recording could stand in for gait cycles."""
     valid, frames = np.count_nonzero(free_of(quality)), len(time)
