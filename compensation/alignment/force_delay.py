@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from compensation.alignment.delay import Delay
-from hbm.signals.oscillator import oscillation
+from hbm.signals.filtering import oscillation
 from hbm.signals.resampling import interpolate
 from hbm.spatial import Array, Mask
 

@@ -10,30 +10,21 @@ from typing import Any, Final
 import numpy as np
 from scipy.linalg import block_diag
 
-from compensation.inertia.checks import check_calibration
-from compensation.inertia.choice import Choice
 from compensation.inertia.model import InertiaModel, Setup
 from compensation.inertia.model_error import ModelError
-from compensation.inertia.quality import LeftOver, left_over, verdict_notes
+from compensation.inertia.quality import LeftOver, check_calibration, left_over, verdict_notes
 from compensation.inertia.sensors import Sensor
 from compensation.inputs import refuse_gaps
 from hbm.notes import Note
 from hbm.spatial import Array, read_only
 
 FORMAT: Final = "hbm-residuals inertia calibration"
-VERSION: Final = 6
-WITHOUT_SENSORS: Final = (1, 2)
-"""Versions without delays and gains of the accelerometers, which are then used as they are, and
-without the correlation of plates. The first one did not name its filter either, which was always
-the zero-phase one, and stored warnings.
-"""
-WITHOUT_MODEL_ERROR: Final = (*WITHOUT_SENSORS, 3)
-"""Versions of static models alone, which know of noise alone."""
-WITHOUT_BELTS: Final = (*WITHOUT_MODEL_ERROR, 4)
-"""Versions that expect the same error at every speed of the belts."""
-WITHOUT_VERDICT: Final = (*WITHOUT_BELTS, 5)
-"""Versions that do not say whether what is left is within its limits."""
-OF_BELTS: Final = ("per_belts", "belts_mps")
+VERSION: Final = 7
+RELEASED: Final = 2
+"""Version of 0.2.0: static models alone, which know of noise alone and are not judged, and no
+delays of the accelerometers, whose readings are then used as they are."""
+OF_UNITS: Final = ("acceleration_unit", "wrench_unit")
+"""Entries of that version, which were always m/s² and N, N·m."""
 MAX_REASON: Final = 120
 """Characters of what is wrong, which names what the file holds."""
 
@@ -49,15 +40,13 @@ class Calibration:
     provenance
         Origin of the models, for people: recording, its hash, date, program version, …
     sensors
-        The accelerometers with their delays and gains, which were undone before the fit and have
-        to be in every trial; empty where they were used as they are.
+        The accelerometers with their delays, which were undone before the fit and have to be
+        in every trial; empty where they were used as they are.
     correlation
         Of what is left below 6 Hz between the components of all plates, in the order of `plates`,
         (6 P, 6 P); None where it is unknown: the plates then count as independent.
     dynamic
         Plate name -> the dynamic model that compensates trials; empty where the static one does.
-    choice
-        Which of them does, and why; None where there was none to choose.
     verdict
         Plate -> what the model in use leaves of each component, beside its limit. By default as
         `left_over` judges it now; empty where it was not judged.
@@ -79,7 +68,6 @@ class Calibration:
     sensors: tuple[Sensor, ...] = ()
     correlation: Array | None = None
     dynamic: Mapping[str, InertiaModel] = field(default_factory=dict)
-    choice: Choice | None = None
     verdict: Mapping[str, tuple[LeftOver, ...]] | None = None
 
     def __post_init__(self) -> None:
@@ -155,7 +143,6 @@ def to_json(calibration: Calibration) -> str:
         if calibration.correlation is not None
         else None,
         "dynamic": {name: _plain(model) for name, model in calibration.dynamic.items()},
-        "choice": asdict(calibration.choice) if calibration.choice is not None else None,
         "verdict": {
             plate: [asdict(row) | {"passed": row.passed} for row in rows]
             for plate, rows in (calibration.verdict or {}).items()
@@ -200,22 +187,28 @@ calibration'
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise ValueError(f"the text is not a calibration: its format should be {FORMAT!r}")
     version = document.get("version")
-    if version not in (*WITHOUT_VERDICT, VERSION):
+    if version not in (RELEASED, VERSION):
         raise ValueError(
-            f"the calibration has version {version}, this program reads versions 1 to {VERSION}; "
-            "fit it again"
+            f"the calibration has version {version}, this program reads versions {RELEASED} and "
+            f"{VERSION}; fit it again"
         )
     try:
-        old = version in WITHOUT_SENSORS
-        plates = {name: _model(plain, version) for name, plain in document["plates"].items()}
-        sensors = () if old else tuple(Sensor(**plain) for plain in document["sensors"])
-        correlation = None if old else document["correlation"]
-        dynamic, choice = (
-            ({}, None) if version in WITHOUT_MODEL_ERROR else _chosen(document, version)
+        if version == RELEASED:
+            unknown = {"correlation": None, "sensors": [], "dynamic": {}, "verdict": {}}
+            document |= unknown
+            for plain in document["plates"].values():
+                plain |= {"model_error": None, "correlation": np.eye(6), "rms_slow": None}
+        plates, dynamic = (
+            {name: _model(plain) for name, plain in document[part].items()}
+            for part in ("plates", "dynamic")
         )
-        verdict = {} if version in WITHOUT_VERDICT else _judged(document["verdict"], plates)
         calibration = Calibration(
-            plates, document["provenance"], sensors, correlation, dynamic, choice, verdict
+            plates,
+            document["provenance"],
+            tuple(Sensor(**plain) for plain in document["sensors"]),
+            document["correlation"],
+            dynamic,
+            _judged(document["verdict"], plates),
         )
     except (KeyError, TypeError, AttributeError, OverflowError) as error:
         reason = str(error)[:MAX_REASON]
@@ -232,14 +225,6 @@ def _plain(model: InertiaModel) -> dict[str, Any]:
         "setup": asdict(model.setup) if model.setup is not None else None,
         "model_error": _arrays_as_lists(model.model_error) if model.model_error else None,
     }
-
-
-def _chosen(
-    document: dict[str, Any], version: int
-) -> tuple[dict[str, InertiaModel], Choice | None]:
-    dynamic = {name: _model(plain, version) for name, plain in document["dynamic"].items()}
-    choice = document["choice"]
-    return dynamic, None if choice is None else Choice(**choice)
 
 
 def _judged(
@@ -264,15 +249,12 @@ def _arrays_as_lists(
     return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in values}
 
 
-def _model(plain: dict[str, Any], version: int) -> InertiaModel:
-    old = version in WITHOUT_SENSORS
-    known = {name: value for name, value in plain.items() if name != "warnings" or not old}
-    for needed in () if old else ("correlation", "rms_slow"):
+def _model(plain: dict[str, Any]) -> InertiaModel:
+    setup = {k: v for k, v in plain["setup"].items() if k not in OF_UNITS}
+    for needed in ("correlation", "rms_slow"):
         _ = plain[needed]
-    known["setup"] = Setup(**plain["setup"])
-    if version not in WITHOUT_MODEL_ERROR:
-        of_model = plain["model_error"]  # None: read from a file of an earlier version
-        for needed in () if of_model is None or version in WITHOUT_BELTS else OF_BELTS:
-            _ = of_model[needed]
-        known["model_error"] = of_model if of_model is None else ModelError(**of_model)
-    return InertiaModel(**known)
+    error = plain["model_error"]
+    for needed in () if error is None else ("per_belts", "belts_mps"):
+        _ = error[needed]
+    known = {"setup": Setup(**setup), "model_error": error and ModelError(**error)}
+    return InertiaModel(**(plain | known))

@@ -12,7 +12,7 @@ from typing import Any, Final, Self
 import numpy as np
 
 from compensation import PlatformPose
-from hbm.engines.choice import choose_engine
+from hbm.engines.engine import choose_engine
 from hbm.markers import Markers
 from hbm.model import Body
 from hbm.signals.filtering import Filtered, butterworth, low_pass

@@ -10,7 +10,7 @@ import numpy as np
 from compensation.inertia.sensors import describe_sensors
 from hbm.body import Body
 from hbm.coordinates import COORDINATES, LAST_Q, support
-from hbm.engines.choice import choose_engine
+from hbm.engines.engine import choose_engine
 from hbm.notes import Note, NoteValue
 from hbm.signals.filtering import low_pass
 from hbm.spelling import did_you_mean

@@ -11,13 +11,14 @@ from hbm.coordinates import LIMBS, TREE
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.notes import Note
-from hbm.plausibility.exchanged_labels import labels_exchanged
-from hbm.plausibility.exchanged_sides import sides_exchanged
-from hbm.plausibility.joint_ranges import impossible_angles
-from hbm.plausibility.marker_distances import changed_distances, median_distance
-from hbm.plausibility.marker_errors import large_marker_errors
-from hbm.plausibility.repeated_positions import repeated_positions
-from hbm.plausibility.uncertainty import undetermined_notes
+from hbm.plausibility.labels import (
+    changed_distances,
+    labels_exchanged,
+    median_distance,
+    repeated_positions,
+    sides_exchanged,
+)
+from hbm.plausibility.motion import impossible_angles, large_marker_errors, undetermined_notes
 from hbm.signals.samples import stretches
 from hbm.spatial import GRAVITY_MPS2, Array, Mask, shift_wrench
 from pipeline.io.recording import Recording

@@ -3,13 +3,19 @@
 from collections.abc import Mapping, Sequence
 
 from hbm.body import Body
-from hbm.engines.choice import choose_engine
+from hbm.engines.engine import choose_engine
 from hbm.markers import MarkerSet, recognise_marker_set
 from hbm.notes import Note
 from hbm.overrides import SegmentOverride
-from hbm.plausibility.body import implausible
+from hbm.plausibility.motion import implausible
 from hbm.spatial import GRAVITY_MPS2, Indices
-from pipeline.config.schema import Condition, PlateContact, Settings, Subject, Treadmill
+from pipeline.config.schema import (
+    Condition,
+    PlateContact,
+    Settings,
+    Subject,
+    Treadmill,
+)
 from pipeline.config.study import Study
 from pipeline.config.toml_file import read_segments
 from pipeline.io.recording import Event, Recording

@@ -8,8 +8,8 @@ calls all of them. An explanation changes an input of a stage and runs what depe
 One frame at a time: `by_foot` (`pipeline.trial.gait.contact`) takes the plates of one frame,
 (P, 6), as it takes those of a trial, (T, P, 6), and `in_lab` (`pipeline.trial.ground.platform`) any
 number of frames. What a frame needs of the frames before it is in small objects with a method for
-the next one: `hbm.plausibility.marker_tracking.MarkerTracker` and
-`hbm.signals.realtime_filter.RealtimeFilter` for pose and forces, and
+the next one: `hbm.plausibility.outliers.MarkerTracker` and
+`hbm.signals.filtering.RealtimeFilter` for pose and forces, and
 `pipeline.trial.gait.carried.Support` for the quality, whose flags are those of
 `pipeline.trial.quality.Quality`. `pipeline.trial.ground.laboratory.bind` looks up delays, models
 and channels once, before the first frame.
@@ -26,9 +26,8 @@ from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics_variants
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.notes import Note
-from hbm.plausibility.marker_tracking import solve_motion
-from hbm.signals.filtering import low_pass
-from hbm.signals.realtime_filter import acceleration_lag_s
+from hbm.plausibility.outliers import solve_motion
+from hbm.signals.filtering import acceleration_lag_s, low_pass
 from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask
 from pipeline.config.schema import PlateContact, Settings
 from pipeline.io.recording import Plate

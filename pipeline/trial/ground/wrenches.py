@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from compensation import Calibration, InertiaModel, PlatformPose, check_trial
-from compensation.inertia.model import SLOW_HZ
+from compensation.inertia.model_error import SLOW_HZ
 from hbm.notes import Note
 from hbm.signals.filtering import Method
 from hbm.signals.resampling import interpolate, resample, resample_in_real_time

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+from compensation.inertia.dynamic import LAGS_S
 
 from compensation import MachineLimits, Signal, best_places, validation_signals
 from compensation.inertia.choice import rms_left
-from compensation.inertia.dynamic import LAGS_S
 from compensation.signals.protocol import platform_signal
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording

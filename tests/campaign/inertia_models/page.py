@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-
 from compensation.inertia.dynamic import LAGS_S
+
 from hbm.spatial import WRENCH_COMPONENTS
 from pipeline.virtual_lab.protocol.ranking_study import BYSTANDERS
 from tests.campaign.inertia_models.cases import (

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-
 from compensation.inertia.checks import check_trial
+
 from compensation.inertia.fit import fit_inertia
 from hbm.notes import Note
 

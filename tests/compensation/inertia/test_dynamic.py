@@ -9,11 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from compensation.inertia.dynamic import LAGS_S, left_of_held_out
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from compensation import Setup, dynamic_channels, fit_dynamic, fit_inertia
-from compensation.inertia.dynamic import LAGS_S, left_of_held_out
 
 RATE_HZ = 200.0
 SETUP = Setup(("rear", "front"), RATE_HZ, 20.0)

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from compensation.inertia.checks import check_calibration
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from compensation.inertia.checks import check_calibration
 from compensation.inertia.fit import fit_inertia, sensor_noise_of
 
 

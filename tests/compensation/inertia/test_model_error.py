@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from compensation.inertia.residual import zero_of_trials
 from scipy.signal import butter, resample, sosfiltfilt
 
 from compensation.inertia.choice import weigh_beside
 from compensation.inertia.fit import fit_inertia, fit_trials
 from compensation.inertia.model import Setup
 from compensation.inertia.model_error import fit_model_error
-from compensation.inertia.residual import zero_of_trials
 from hbm.signals.filtering import low_pass
 
 RATE_HZ = 100.0

@@ -4,18 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pipeline.run.frames import frame_table
 
 from hbm.signals.filtering import low_pass
 from hbm.spatial import rotation_about, transform_wrench
 from pipeline.config.schema import Platform, Treadmill
-from pipeline.run.frames import frame_table
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.uncertainty import (
     Spread,
     sum_deviation,
 )
-from pipeline.trial.residuals import residual_rows
+from pipeline.trial.residuals import residual_table
 from tests.pipeline import lab
 from tests.pipeline.trial.ground.grounds import ground_of
 
@@ -152,7 +152,7 @@ def test_trials_keep_the_uncertainty_of_every_frame_and_its_rms(processed):
         table.column("uncertainty.residual.Fz").to_numpy(), spread.residual[:, 2]
     )
     assert "uncertainty.plate_2.mx" in table.column_names
-    rows = residual_rows(processed, "pitch")
+    rows = residual_table(processed, "pitch")
     assert all(row.compensation_sd is None for row in rows if not row.compensated)
     counted = processed.counts
     expected = np.sqrt(np.mean(spread.residual[counted] ** 2, axis=0))
