@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compensation.alignment.delay import BLOCKS
+from compensation.delay import BLOCKS
 from compensation.inertia.fit import fit_inertia
 from compensation.inertia.model import InertiaModel
 from compensation.inertia.model_error import SLOW_HZ

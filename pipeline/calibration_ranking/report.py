@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
-from compensation.signals.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
+from compensation.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
 from pipeline.calibration_ranking.belts import taken_away
 from pipeline.calibration_ranking.choice import count_best, thesis_choice
 from pipeline.calibration_ranking.effects import (

@@ -18,7 +18,7 @@ from compensation import (
     resample_signal,
     validation_signals,
 )
-from compensation.signals.protocol import (
+from compensation.protocol import (
     BELT_KINDS,
     BELT_VARIANCE,
     DURATIONS_S,
@@ -172,18 +172,18 @@ def signal_figure(signal: Signal, limits: MachineLimits) -> Figure:
         Sway, pitch and belts from top to bottom; over time on the left, over frequency on the
         right.
     """
-    spectrum = acceleration_spectrum(signal)
-    to_degrees = np.degrees(1.0)
+    frequency, density_of = acceleration_spectrum(signal)
+    sway, pitch, belt = density_of.T
     rows = (
-        ("sway (m)", signal.sway, limits.sway_m, spectrum.sway, "(m/s²)²/Hz"),
+        ("sway (m)", signal.sway, limits.sway_m, sway, "(m/s²)²/Hz"),
         (
             "pitch (°)",
             np.degrees(signal.pitch),
             limits.pitch_deg,
-            spectrum.pitch * to_degrees**2,
+            pitch * np.degrees(1.0) ** 2,
             "(°/s²)²/Hz",
         ),
-        ("belts (m/s)", signal.belt_speed, limits.belt_m_per_s, spectrum.belt, "(m/s²)²/Hz"),
+        ("belts (m/s)", signal.belt_speed, limits.belt_m_per_s, belt, "(m/s²)²/Hz"),
     )
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9, 6), layout="constrained")
@@ -195,7 +195,7 @@ def signal_figure(signal: Signal, limits: MachineLimits) -> Figure:
             motion.set_ylabel(name)
             moves = power > max(MIN_SHOWN_SHARE * power.max(), ROUNDING)
             shown = np.where(moves, power, np.nan)
-            density.plot(spectrum.frequency, shown, color=COLOURS["compensated"], linewidth=1)
+            density.plot(frequency, shown, color=COLOURS["compensated"], linewidth=1)
             density.set_ylabel(unit)
             if moves.any():
                 density.set_yscale("log")

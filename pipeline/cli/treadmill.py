@@ -237,7 +237,7 @@ def signals(
     Exit code 1 if an advised signal is beyond the machine.
     """
     from compensation import MachineLimits
-    from compensation.signals.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
+    from compensation.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
     from pipeline.calibration_ranking.signal_files import KINDS, protocol_signals, write_signals
     from pipeline.cli.terminal import plain_console
 

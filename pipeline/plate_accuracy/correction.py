@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 from compensation import Delay, PlateCalibration, agreed_delay
-from compensation.alignment.agreement import AgreedDelay
+from compensation.hammer import AgreedDelay
 from hbm.notes import Note
 from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.plate_accuracy.faults import FaultEstimate

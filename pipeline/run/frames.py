@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 import pyarrow as pa
 
-from compensation.platform.pose import PlatformPose
+from compensation.platform import PlatformPose
 from hbm.coordinates import COORDINATES, HBM_ORDER
 from hbm.dynamics import Dynamics
 from hbm.engines.engine import EngineUsed

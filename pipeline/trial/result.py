@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compensation.platform.pose import PlatformPose
+from compensation.platform import PlatformPose
 from hbm.body import Body
 from hbm.dynamics import Dynamics
 from hbm.markers import Markers

@@ -10,7 +10,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from compensation.platform.pose import PlatformPose
+from compensation.platform import PlatformPose
 from hbm.model import Body
 from hbm.spatial import Array, Mask
 from pipeline.trial.result import PlateSurface

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 import rerun as rr
 
-from compensation.platform.pose import PlatformPose
+from compensation.platform import PlatformPose
 from hbm.coordinates import MOVING
 from hbm.markers import Markers
 from hbm.poses import segment_frames

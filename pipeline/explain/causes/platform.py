@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 
 from compensation import PlatformPose, interpolate_pose
-from compensation.platform.pose import LEFT
+from compensation.platform import LEFT
 from hbm.spatial import Array, rotation_about
 from pipeline.config.schema import Platform
 from pipeline.explain.cause import Cause, Change

@@ -10,7 +10,7 @@ import pandas as pd
 from joblib import delayed
 
 from compensation import InertiaModel
-from compensation.signals.protocol import DURATIONS_S, PLATFORM_KINDS
+from compensation.protocol import DURATIONS_S, PLATFORM_KINDS
 from hbm.kernels.native import kernels
 from hbm.spatial import Array, Mask
 from hbm.spelling import did_you_mean

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from compensation.platform.pose import PlatformPose
+from compensation.platform import PlatformPose
 from hbm.spatial import GRAVITY_MPS2, Array
 from pipeline.virtual_lab.trajectories import Trajectory, fit_trajectory
 

@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from compensation.signals.signal import MachineLimits
+from compensation.signals import MachineLimits
 from hbm.spatial import Array
 from pipeline.virtual_lab.faults import MachineFaults
 from pipeline.virtual_lab.machine.platform import PlatformMotion

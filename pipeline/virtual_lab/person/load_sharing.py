@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from compensation.platform.pose import PlatformPose
+from compensation.platform import PlatformPose
 from hbm.spatial import Array, transform_wrench
 from pipeline.virtual_lab.person.balance import pressure_on_platform
 from pipeline.virtual_lab.person.foot_placement import FootPlacement

@@ -4,7 +4,7 @@ from typing import Final
 
 import numpy as np
 
-from compensation.platform.pose import PlatformPose
+from compensation.platform import PlatformPose
 from hbm.spatial import Array
 from pipeline.virtual_lab.person.balance import RATE_HZ, in_lab, on_platform
 from pipeline.virtual_lab.person.body.kinematics import segment_poses

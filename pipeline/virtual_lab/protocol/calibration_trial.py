@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from compensation.signals.signal import Signal, resample_signal
+from compensation.signals import Signal, resample_signal
 from hbm.markers import Markers
 from hbm.spatial import Array
 from pipeline.io.recording import Analog, Recording

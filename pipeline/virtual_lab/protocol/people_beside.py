@@ -5,7 +5,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from compensation.signals.validation import RUNNING_MPS
+from compensation.protocol import RUNNING_MPS
 from hbm.spatial import Array
 from pipeline.io.recording import Recording
 from pipeline.virtual_lab.machine.actuators import move_platform

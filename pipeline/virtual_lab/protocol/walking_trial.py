@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compensation.signals.protocol import pitch_and_sway_signals
-from compensation.signals.signal import Signal, resample_signal
+from compensation.protocol import pitch_and_sway_signals
+from compensation.signals import Signal, resample_signal
 from pipeline.io.recording import Recording
 from pipeline.virtual_lab.machine.actuators import move_platform
 from pipeline.virtual_lab.machine.instruments.sampling import ANALOG_HZ, SAMPLES_PER_FRAME

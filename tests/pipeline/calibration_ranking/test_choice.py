@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from compensation import fit_belt
-from compensation.signals.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
+from compensation.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
 from pipeline.calibration_ranking.belts import taken_away
 from pipeline.calibration_ranking.choice import (
     SMALLEST_DIFFERENCE,

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from compensation import belt_acceleration, low_pass, pitch_and_sway_signals, validation_signals
-from compensation.signals.protocol import (
+from compensation.protocol import (
     ADVISED_BELT_SIGNAL,
     ADVISED_PLATFORM_SIGNAL,
     PLATFORM_KINDS,

@@ -15,7 +15,7 @@ from compensation import (
     resample_signal,
     validation_signals,
 )
-from compensation.signals.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
+from compensation.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
 from pipeline.calibration_ranking import signal_files
 from pipeline.calibration_ranking.signal_files import (
     protocol_signals,

@@ -6,9 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from compensation.alignment.delay import estimate_delay, undo_delay
-from compensation.alignment.hammer import hammer_delay, hammer_impacts
-from compensation.alignment.plate import PlateAlignment, fit_plate_alignment
+from compensation import Delay, agreed_delay
+from compensation.accuracy import PlateAlignment, fit_plate_alignment
+from compensation.delay import STEP_TOLERANCE, estimate_delay, without_step
+from compensation.hammer import hammer_delay, hammer_impacts
 
 # Delays from motion -----------------------------------------------------------------------------
 
@@ -75,17 +76,6 @@ def test_negative_delay_is_that_of_the_exchanged_devices(laboratory):
     assert back.seconds == pytest.approx(-forth.seconds, abs=1e-3)
 
 
-@pytest.mark.parametrize("delay_s", [0.0071, -0.0844, 0.0])
-def test_undoing_a_delay_gives_the_signal_back(delay_s):
-    time = np.arange(500) / 100
-    signal = np.column_stack([np.sin(4 * time), np.cos(3 * time)])
-    late = np.column_stack([np.sin(4 * (time - delay_s)), np.cos(3 * (time - delay_s))])
-    undone = undo_delay(late, delay_s, 100)
-    known = np.isfinite(undone).all(axis=1)
-    np.testing.assert_allclose(undone[known][5:-5], signal[known][5:-5], atol=1e-6)
-    assert np.sum(~known) == np.ceil(abs(delay_s) * 100)  # what was not recorded is not invented
-
-
 def still(table, column):
     table = table.copy()
     table[:, column] = 1.0
@@ -120,13 +110,6 @@ def test_wrong_motion_gets_one_clear_error(laboratory, spoil, message):
     pair = shifted_pair(laboratory, 0.0, 1, cutoff_hz=20, duration=20)
     with pytest.raises(ValueError, match=message):
         estimate_delay(*spoil(*pair), 100)
-
-
-def test_wrong_input_of_undo_delay_gets_one_clear_error():
-    with pytest.raises(ValueError, match="rate_hz must be a positive"):
-        undo_delay(np.ones((10, 2)), 0.01, -100)
-    with pytest.raises(ValueError, match="1 sample"):
-        undo_delay(np.ones((1, 2)), 0.01, 100)
 
 
 # Delays from hammer impacts ---------------------------------------------------------------------
@@ -316,3 +299,63 @@ def test_the_fit_is_a_minimum_of_the_squared_distances():
 def test_wrong_places_get_one_clear_error(spoil, message):
     with pytest.raises(ValueError, match=message):
         fit_plate_alignment(*spoil(*places(4)))
+
+
+@pytest.mark.parametrize("share", [0.3, 0.7, 1.0, 1.6])
+def test_steps_that_are_too_short_or_too_long_by_a_factor_lead_to_the_same_delay(share):
+    """A plain repetition would need some sixty of the shortest ones."""
+    best, tried = np.array([0.4, -1.7]), []
+
+    def step_of(shifts):
+        tried.append(shifts)
+        return share * np.sin(best - shifts), len(tried)
+
+    shifts, found = without_step(step_of, np.zeros(2))
+    np.testing.assert_allclose(shifts, best, atol=STEP_TOLERANCE / share)
+    assert found == len(tried) <= 12
+
+
+def test_no_shift_goes_beyond_the_limit():
+    shifts, _ = without_step(lambda shifts: (10 - shifts, None), np.zeros(1), limit=3)
+    assert shifts == 3
+
+
+def test_the_delay_in_motion_is_used_where_it_is_precise():
+    found = agreed_delay(Delay(0.0040, 0.00001), Delay(0.0042, 0.0004))
+    assert (found.method, found.delay.seconds) == ("motion", 0.0042)
+
+
+def test_a_delay_in_motion_known_to_some_milliseconds_only_leaves_it_to_the_hammer():
+    assert agreed_delay(Delay(0.0040, 0.0001), Delay(0.0042, 0.002)).method == "hammer"
+
+
+def test_of_two_vague_delays_the_less_vague_one_is_used():
+    assert agreed_delay(Delay(0.0040, 0.003), Delay(0.0042, 0.002)).method == "motion"
+
+
+@pytest.mark.parametrize(
+    ("hammer", "motion", "method"),
+    [(Delay(0.004, 0.1), None, "hammer"), (None, Delay(0.004, 0.1), "motion")],
+)
+def test_the_only_delay_is_used_and_nothing_contradicts_it(hammer, motion, method):
+    found = agreed_delay(hammer, motion)
+    assert found.method == method
+    assert np.isnan(found.difference_s)
+    assert not found.disagree
+
+
+def test_without_any_delay_there_is_none_to_agree_on():
+    assert agreed_delay(None, None) is None
+
+
+@pytest.mark.parametrize(("apart_s", "disagree"), [(0.00038, False), (0.00040, True)])
+def test_methods_disagree_where_their_intervals_no_longer_overlap(apart_s, disagree):
+    """Two standard errors of 0.1 ms: ± 0.196 ms each."""
+    found = agreed_delay(Delay(0.004 + apart_s, 0.0001), Delay(0.004, 0.0001))
+    assert found.disagree is disagree
+    assert found.difference_s == pytest.approx(apart_s)
+
+
+def test_few_impacts_widen_the_interval():
+    """Student's t of two degrees of freedom is 4.30."""
+    assert Delay(0.0, 0.001, degrees_of_freedom=2).uncertainty == pytest.approx(0.0043027, rel=1e-4)

@@ -6,20 +6,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from compensation import check_pose
-from compensation.alignment.delay import estimate_delay
-from compensation.platform.markers import fit_pose, neutral_markers
-from compensation.platform.pose import (
+from compensation.delay import estimate_delay
+from compensation.platform import (
     PlatformPose,
+    center_of_pressure,
     commanded_pose,
+    fit_pose,
+    free_moment,
     interpolate_pose,
     mean_pose,
+    moment_error_of_pivot,
+    neutral_markers,
     pose_delay,
     specific_force,
-)
-from compensation.platform.wrench import (
-    center_of_pressure,
-    free_moment,
-    moment_error_of_pivot,
     to_lab,
 )
 from hbm.notes import Note

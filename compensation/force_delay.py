@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compensation.alignment.delay import Delay
+from compensation.delay import Delay
 from hbm.signals.oscillator import oscillation
 from hbm.signals.resampling import interpolate
 from hbm.spatial import Array, Mask

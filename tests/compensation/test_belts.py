@@ -7,15 +7,17 @@ from hypothesis import strategies as st
 from scipy.interpolate import make_smoothing_spline
 from scipy.signal import butter, sosfiltfilt
 
-from compensation.belt.cutoff import cutoff_of_spline, spline_smoothing
-from compensation.belt.model import (
+from compensation.belts import (
     BeltModel,
+    Roller,
     _best_numerator,
     _sensitivities,
     belt_acceleration,
+    cutoff_of_spline,
     fit_belt,
+    fit_roller,
+    spline_smoothing,
 )
-from compensation.belt.roller import Roller, fit_roller
 from hbm.signals.filtering import low_pass
 
 THETA = np.array([-1.2, 0.52, 3.0, -3.1, 1.1])

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from compensation.alignment.force_delay import marker_plate_delay, soft_tissue
+from compensation.force_delay import marker_plate_delay, soft_tissue
 from hbm.signals.filtering import low_pass
 from hbm.signals.resampling import interpolate
 

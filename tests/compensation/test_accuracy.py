@@ -10,9 +10,6 @@ from scipy.optimize import minimize
 from compensation import (
     fit_line_orthogonal,
     linearity,
-    mean_by_level,
-    rms_difference,
-    rms_orthogonal,
     wrench_of_weight,
 )
 
@@ -49,11 +46,6 @@ def test_an_accelerated_weight_pushes_back_through_its_centre():
 
 
 # Errors -----------------------------------------------------------------------------------------
-
-
-def test_rms_difference_of_a_known_error():
-    truth = np.random.default_rng(0).normal(size=(500, 2)) * 100
-    np.testing.assert_allclose(rms_difference(truth + np.array([3.0, -4.0]), truth), [3, 4])
 
 
 def test_total_least_squares_agrees_with_a_numerical_minimum():
@@ -102,13 +94,6 @@ def test_exchanging_measured_and_truth_keeps_the_orthogonal_error(seed):
     assert forth.slope == pytest.approx(1 / back.slope)
 
 
-def test_orthogonal_error_of_channels_is_that_of_their_lines():
-    pairs = [scattered(seed) for seed in (3, 4)]
-    measured, truth = (np.column_stack(c) for c in zip(*pairs, strict=True))
-    expected = [fit_line_orthogonal(*pair).rmse for pair in pairs]
-    np.testing.assert_array_equal(rms_orthogonal(measured, truth), expected)
-
-
 # Linearity --------------------------------------------------------------------------------------
 
 
@@ -151,20 +136,6 @@ def test_a_straight_plate_has_no_nonlinearity_and_a_curved_one_needs_the_parabol
     assert curved.r_squared_first < 1 - 1e-5
 
 
-# Levels -----------------------------------------------------------------------------------------
-
-
-def test_errors_are_averaged_per_level():
-    errors = np.array([[1.0, 10], [3, 30], [5, 50], [7, 70]])
-    found = mean_by_level(errors, {"speed": [0.3, 0.3, 1.0, 1.0], "belt": ["l", "r", "l", "r"]})
-    assert {f: list(levels) for f, levels in found.items()} == {
-        "speed": [0.3, 1.0],
-        "belt": ["l", "r"],
-    }
-    np.testing.assert_allclose(found["speed"][1.0], [6, 60])
-    np.testing.assert_allclose(found["belt"]["r"], [5, 50])
-
-
 # Wrong input ------------------------------------------------------------------------------------
 
 MARKER = np.column_stack([0.3 * np.sin(2 * time), 0 * time, 1 + 0 * time])
@@ -188,10 +159,6 @@ def gap(values):
         (lambda: wrench_of_weight(36_000, MARKER, 100, 0.2), "weight in kilograms"),
         (lambda: wrench_of_weight(0, MARKER, 100, 0.2), "weight in kilograms"),
         (lambda: wrench_of_weight(36, MARKER, 0, 0.2), "rate_hz must be a positive"),
-        (lambda: rms_difference(MARKER, MARKER[::10]), "different rates"),
-        (lambda: rms_difference(MARKER, MARKER[:, :2]), "measured has 3 channels, truth 2"),
-        (lambda: rms_difference(gap(MARKER), MARKER), "measured: 4 of 2000"),
-        (lambda: rms_difference(1000 * MARKER, MARKER), "measured is 1e.03 times the truth"),
         (lambda: fit_line_orthogonal(PAIR[0], 0 * PAIR[1]), "constant in truth"),
         (lambda: fit_line_orthogonal(0 * PAIR[0], PAIR[1]), "constant in measured"),
         (lambda: fit_line_orthogonal(PAIR[0] / 1000, PAIR[1]), "are both in one unit"),
@@ -203,7 +170,6 @@ def gap(values):
         (lambda: linearity(LOADS, LOADS / 1000, 510), "are both in one unit"),
         (lambda: linearity(LOADS, gap(LOADS), 510), "measured loads: 4 of 24"),
         (lambda: linearity(LOADS, LOADS, 0), "full_scale must be a positive"),
-        (lambda: mean_by_level(np.ones((4, 2)), {"speed": [1, 2]}), "2 levels for 4 trials"),
     ],
 )
 def test_wrong_input_gets_one_clear_error(call, message):

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from compensation import PlateCalibration, PlateCalibrations
-from compensation.accuracy.plate_calibration import from_json, to_json
+from compensation.plate_calibration import from_json, to_json
 from hbm.spatial import rotate_wrench, rotation_about, transform_wrench
 
 RNG = np.random.default_rng(16)
