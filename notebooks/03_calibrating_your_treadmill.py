@@ -34,8 +34,8 @@ from pipeline.trial.ground.accelerometers import accelerations
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.empty_plates import plate_samples
 from pipeline.virtual_lab.faults import AccelerometerFaults, Faults
-from pipeline.virtual_lab.machine.instruments.accelerometer import SENSOR_NAMES
-from pipeline.virtual_lab.protocol.instrumented_treadmill import make_treadmill
+from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
+from pipeline.virtual_lab.machine.instruments import SENSOR_NAMES
 from pipeline.virtual_lab.protocol.walking_trial import run_signal
 
 components = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")

@@ -7,8 +7,7 @@ if TYPE_CHECKING:
     from pipeline.config.schema import Condition, Platform, Settings, Subject, Treadmill
     from pipeline.config.study import Study, read_study
     from pipeline.io.c3d.read import read_c3d
-    from pipeline.io.opensim.trc import read_trc
-    from pipeline.io.opensim.trial import read_opensim_trial
+    from pipeline.io.opensim import read_opensim_trial, read_trc
     from pipeline.io.read import read_recording
     from pipeline.io.recording import Recording
     from pipeline.io.stated import Stated
@@ -36,10 +35,10 @@ _HOME = {
     "process_trial": "trial.process",
     "read_c3d": "io.c3d.read",
     "read_calibration": "trial.ground.calibration_file",
-    "read_opensim_trial": "io.opensim.trial",
+    "read_opensim_trial": "io.opensim",
     "read_recording": "io.read",
     "read_study": "config.study",
-    "read_trc": "io.opensim.trc",
+    "read_trc": "io.opensim",
     "read_trial": "run.store",
     "residual_table": "trial.residuals",
     "run_study": "run.run",

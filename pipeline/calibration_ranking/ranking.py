@@ -7,12 +7,11 @@ from typing import Final, Generic, TypeVar
 
 import numpy as np
 import pandas as pd
-from scipy.stats import rankdata
+from scipy.stats import friedmanchisquare, rankdata
 
 from compensation import BeltModel, InertiaModel, fit_inertia
 from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.calibration_ranking.trials import RATE_HZ, PlatformTrial
-from pipeline.statistics.nonparametric import kendalls_w
 
 BLOCK_S: Final = 5.0
 """Of validation trials: longer than their errors are correlated."""
@@ -169,8 +168,8 @@ def ranked(scores: pd.DataFrame, resampled: Array, models: Mapping[str, Model]) 
     wide = scores.pivot(index=["validation", "component"], columns="trial", values="reduction")
     agreement = (np.nan, np.nan)
     if wide.shape[0] > 1 and wide.shape[1] > 2:
-        w, _, p = kendalls_w(wide.to_numpy())
-        agreement = (w, p)
+        chi2, p = friedmanchisquare(*wide.to_numpy().T)
+        agreement = (float(chi2 / (wide.shape[0] * (wide.shape[1] - 1))), float(p))
     return Ranking(table, scores, agreement, models)
 
 

@@ -18,7 +18,9 @@ from pipeline.cli.options import (
     Seed,
     Simulate,
     Units,
+    described,
 )
+from pipeline.config.schema import Platform, Treadmill
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -32,21 +34,14 @@ def fit(
     axes: Axes = None,
     units: Units = None,
     plate_units: PlateUnits = None,
-    cutoff_hz: Annotated[
-        float,
-        typer.Option(min=0.1, max=100, help="Low-pass of fit and trials, zero phase (-3 dB)."),
-    ] = 20.0,
-    accelerometer_unit: Annotated[
-        str | None, typer.Option(help="g or m/s²; default: as the file says.")
-    ] = None,
+    cutoff_hz: Annotated[float, described(Treadmill, "cutoff_hz")] = Treadmill().cutoff_hz,
+    accelerometer_unit: Annotated[str | None, described(Treadmill, "accelerometer_unit")] = None,
     accelerometer: Accelerometers = None,
     platform_markers: Annotated[
         str, typer.Option(help="Markers on the platform: how plates and commands are timed.")
     ] = "",
-    sway_channel: Annotated[str | None, typer.Option(help="Channel of the commanded sway.")] = None,
-    pitch_channel: Annotated[
-        str | None, typer.Option(help="Channel of the commanded pitch.")
-    ] = None,
+    sway_channel: Annotated[str | None, described(Platform, "sway_channel")] = None,
+    pitch_channel: Annotated[str | None, described(Platform, "pitch_channel")] = None,
     plate_calibration: PlateCorrectionFile = None,
     beside: Annotated[
         list[Path] | None,
@@ -57,13 +52,8 @@ def fit(
         ),
     ] = None,
     inertia_model: Annotated[
-        str,
-        typer.Option(
-            "--model",
-            "--inertia-model",
-            help="static, dynamic, or auto: dynamic where clearly and safely better.",
-        ),
-    ] = "auto",
+        str, described(Treadmill, "inertia_model", "--model", "--inertia-model")
+    ] = Treadmill().inertia_model,
     check: Annotated[
         list[Path] | None,
         typer.Option("--check", help="As --beside, only to compare both models by; repeatable."),
@@ -75,8 +65,8 @@ def fit(
     from hbm.notes import warnings_first
     from pipeline.cli.terminal import note_line, plain_console, print_table
     from pipeline.config.plate_correction import read_plate_correction
-    from pipeline.config.schema import Platform, RecordingRules, Treadmill
-    from pipeline.config.validation import check_options
+    from pipeline.config.schema import RecordingRules
+    from pipeline.config.toml_file import check_options
     from pipeline.io.units import acceleration_in_mps2
     from pipeline.io.write import write_text
     from pipeline.run.job import file_digest
@@ -351,9 +341,8 @@ def plates(
     from pipeline.cli.terminal import announcer, note_line, plain_console
     from pipeline.config.plate_study import read_plates_study
     from pipeline.plate_accuracy.accuracy import check_plates
-    from pipeline.plate_accuracy.report import write_report
+    from pipeline.plate_accuracy.report import use_of_calibration, write_report
     from pipeline.plate_accuracy.verdict import describe
-    from pipeline.plate_accuracy.verdict_page import use_of_calibration
     from pipeline.virtual_lab.protocol.known_weights import THESIS_ERRORS, simulate_plates
 
     console = plain_console()

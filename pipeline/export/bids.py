@@ -2,8 +2,7 @@
 
 import json
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
@@ -16,8 +15,8 @@ from pipeline.io.write import whole_file, write_text
 
 BIDS_VERSION: Final = "1.10.0"
 FRAME: Final = "lab"
-AXES: Final = "ALS"
-"""Anterior, left, superior: what x, y and z point to."""
+SPACE: Final = {"SpatialAxes": "ALS", "RotationOrder": "n/a", "RotationRule": "n/a"}
+"""x, y and z point to anterior, left and superior."""
 MAX_JITTER: Final = 0.1
 """Deviation of sample times from even spacing, in sampling intervals; rounding of written times is
 smaller."""
@@ -37,13 +36,8 @@ and moment about the origin of the lab. Gaps are n/a. Times start at 0 at the fi
 """
 
 
-@dataclass(frozen=True, slots=True)
-class _Channel:
-    name: str
-    component: str
-    kind: str
-    point: str
-    unit: str
+System = tuple[Array, pd.DataFrame, Array]
+"""Times (N,) [s], one row per channel, samples (N, channels)."""
 
 
 def write_bids(recording: Recording, folder: str | Path, subject: str, task: str) -> list[Path]:
@@ -75,110 +69,81 @@ def write_bids(recording: Recording, folder: str | Path, subject: str, task: str
         if not re.fullmatch(r"[0-9a-zA-Z]+", label):
             raise ValueError(f"{name} {label!r}: BIDS allows letters and digits only")
     systems = _systems(recording)
-    clocks = {name: _rate(recording, name, time) for name, (time, _, _) in systems.items()}
+    rates = {name: _rate_hz(recording, name, time) for name, (time, _, _) in systems.items()}
     folder = Path(folder)
     place = folder / f"sub-{subject}" / "motion"
     written = _data_set(folder, subject)
     for name, (_, channels, values) in systems.items():
-        stem = place / f"sub-{subject}_task-{task}_tracksys-{name}"
-        written += _system(stem, recording, task, clocks[name], channels, values)
+        stem = f"{place / f'sub-{subject}_task-{task}_tracksys-{name}'}"
+        optical = name == "optical"
+        description = {
+            "TaskName": task,
+            "SamplingFrequency": rates[name],
+            "TrackedPointsCount": channels["tracked_point"].nunique() if optical else 0,
+            "MotionChannelCount": len(channels),
+            ("POSChannelCount" if optical else "MISCChannelCount"): len(channels),
+            "RecordingDuration": len(values) / rates[name],
+            "RecordingType": "continuous",
+            "MissingValues": "n/a",
+            "TrackingSystemName": name,
+            "SoftwareVersions": _software(recording.metadata.software),
+        }
+        written += [
+            _tsv(Path(f"{stem}_motion.tsv"), pd.DataFrame(values), header=False),
+            _json(Path(f"{stem}_motion.json"), description),
+            _tsv(Path(f"{stem}_channels.tsv"), channels),
+            _json(Path(f"{stem}_channels.json"), {"reference_frame": {"Levels": {FRAME: SPACE}}}),
+        ]
     if recording.events:
-        stem = place / f"sub-{subject}_task-{task}"
+        stem = f"{place / f'sub-{subject}_task-{task}'}"
         kinds = [f"{event.side}_{event.label}" for event in recording.events]
-        table = pd.DataFrame(
-            {
-                "onset": [event.time for event in recording.events],
-                "duration": 0,
-                "trial_type": kinds,
-            }
-        )
-        written.append(_tsv(Path(f"{stem}_events.tsv"), table))
+        onsets = [event.time for event in recording.events]
+        table = pd.DataFrame({"onset": onsets, "duration": 0, "trial_type": kinds})
         levels = {kind: kind.replace("_", " ") for kind in dict.fromkeys(kinds)}
         meaning = {"trial_type": {"Description": "gait event", "Levels": levels}}
-        written.append(_json(Path(f"{stem}_events.json"), meaning))
+        written += [
+            _tsv(Path(f"{stem}_events.tsv"), table),
+            _json(Path(f"{stem}_events.json"), meaning),
+        ]
     return written
 
 
-def _systems(recording: Recording) -> dict[str, tuple[Array, list[_Channel], Array]]:
+def _systems(recording: Recording) -> dict[str, System]:
     """Give time, channels and samples of each tracking system."""
-    markers = recording.markers
-    points = [_Channel(f"{n}_{a}", a, "POS", n, "m") for n in markers.names for a in "xyz"]
-    found = {"optical": (markers.time, points, markers.position.reshape(len(markers.time), -1))}
-    if recording.plates:
-        channels = [
-            _Channel(f"plate{plate.number}_{what}_{a}", a, "MISC", f"plate{plate.number}", unit)
-            for plate in recording.plates
+    markers, plates, analog = recording.markers, recording.plates, recording.analog
+    points = [(f"{name}_{a}", a, "POS", name, "m", FRAME) for name in markers.names for a in "xyz"]
+    position = markers.position.reshape(len(markers.time), -1)
+    found = {"optical": (markers.time, _channels(points), position)}
+    if plates:
+        if any(not np.array_equal(plate.time, plates[0].time) for plate in plates):
+            raise ValueError(f"{recording.source.name}: the plates have different clocks")
+        of_plates = [
+            (f"plate{plate.number}_{what}_{a}", a, "MISC", f"plate{plate.number}", unit, FRAME)
+            for plate in plates
             for what, unit in (("force", "N"), ("moment", "N m"))
             for a in "xyz"
         ]
-        time = recording.plates[0].time
-        wrenches = [plate.wrench for plate in recording.plates]
-        if any(not np.array_equal(plate.time, time) for plate in recording.plates):
-            raise ValueError(f"{recording.source.name}: the plates have different clocks")
-        found["plates"] = (time, channels, np.hstack(wrenches))
-    if (analog := recording.analog) is not None:
-        channels = [
-            _Channel(name, "n/a", "MISC", "n/a", unit or "n/a")
-            for name, unit in zip(analog.names, analog.units, strict=True)
-        ]
-        found["analog"] = (analog.time, channels, analog.values)
+        wrenches = np.hstack([plate.wrench for plate in plates])
+        found["plates"] = (plates[0].time, _channels(of_plates), wrenches)
+    if analog is not None:
+        named = zip(analog.names, analog.units, strict=True)
+        others = [(name, "n/a", "MISC", "n/a", unit or "n/a", "n/a") for name, unit in named]
+        found["analog"] = (analog.time, _channels(others), analog.values)
     return found
 
 
-def _rate(recording: Recording, name: str, time: Array) -> float:
+def _channels(rows: list[tuple[str, ...]]) -> pd.DataFrame:
+    columns = ["name", "component", "type", "tracked_point", "units", "reference_frame"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def _rate_hz(recording: Recording, name: str, time: Array) -> float:
     steps = np.diff(time)
     if not len(steps) or np.ptp(steps) > MAX_JITTER * steps.mean():
         raise ValueError(
             f"{recording.source.name}: BIDS needs two or more samples, evenly spaced ({name})"
         )
     return float(1 / steps.mean())
-
-
-def _system(
-    stem: Path,
-    recording: Recording,
-    task: str,
-    rate_hz: float,
-    channels: Sequence[_Channel],
-    values: Array,
-) -> list[Path]:
-    optical = any(channel.kind == "POS" for channel in channels)
-    points = {channel.point for channel in channels} - {"n/a"}
-    frames = [FRAME if channel.component != "n/a" else "n/a" for channel in channels]
-    table = pd.DataFrame(
-        {
-            "name": [channel.name for channel in channels],
-            "component": [channel.component for channel in channels],
-            "type": [channel.kind for channel in channels],
-            "tracked_point": [channel.point for channel in channels],
-            "units": [channel.unit for channel in channels],
-            "reference_frame": frames,
-        }
-    )
-    description = {
-        "TaskName": task,
-        "SamplingFrequency": rate_hz,
-        "TrackedPointsCount": len(points) if optical else 0,
-        "MotionChannelCount": len(channels),
-        ("POSChannelCount" if optical else "MISCChannelCount"): len(channels),
-        "RecordingDuration": len(values) / rate_hz,
-        "RecordingType": "continuous",
-        "MissingValues": "n/a",
-        "TrackingSystemName": stem.name.rpartition("-")[2],
-        "SoftwareVersions": _software(recording.metadata.software),
-    }
-    space = {
-        "reference_frame": {
-            "Levels": {FRAME: {"SpatialAxes": AXES, "RotationOrder": "n/a", "RotationRule": "n/a"}}
-        }
-    }
-    samples = _tsv(Path(f"{stem}_motion.tsv"), pd.DataFrame(values), header=False)
-    return [
-        samples,
-        _json(Path(f"{stem}_motion.json"), description),
-        _tsv(Path(f"{stem}_channels.tsv"), table),
-        _json(Path(f"{stem}_channels.json"), space),
-    ]
 
 
 def _software(text: str) -> str:
@@ -192,21 +157,16 @@ def _data_set(folder: Path, subject: str) -> list[Path]:
     written = []
     description, readme = folder / "dataset_description.json", folder / "README.md"
     if not description.exists():
-        data_set = {
-            "Name": folder.resolve().name,
-            "BIDSVersion": BIDS_VERSION,
-            "DatasetType": "raw",
-        }
+        name = folder.resolve().name
+        data_set = {"Name": name, "BIDSVersion": BIDS_VERSION, "DatasetType": "raw"}
         written.append(_json(description, data_set))
     if not readme.exists() and not (folder / "README").exists():
         write_text(README, readme)
         written.append(readme)
     people = folder / "participants.tsv"
-    known = (
-        pd.read_csv(people, sep="\t", dtype=str, keep_default_na=False)
-        if people.exists()
-        else pd.DataFrame({"participant_id": []}, dtype=str)
-    )
+    known = pd.DataFrame({"participant_id": []}, dtype=str)
+    if people.exists():
+        known = pd.read_csv(people, sep="\t", dtype=str, keep_default_na=False)
     if "participant_id" not in known:
         raise ValueError(f"{people}: no column participant_id")
     if f"sub-{subject}" not in set(known["participant_id"]):

@@ -2,25 +2,189 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 
-from hbm.markers import Markers
 from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import listed, short
-from pipeline.io.axes import mean_force, parse_axes, settle_axes
-from pipeline.io.dflow_record import on_clock, read_record
+from pipeline.io.columns import (
+    PlateColumns,
+    file_markers,
+    lab_axes,
+    left_out,
+    plates_about_origin,
+    plates_in_si,
+)
 from pipeline.io.input_file import naming
-from pipeline.io.labels import marker_columns
-from pipeline.io.moment_reference import PlateColumns, plates_about_origin
 from pipeline.io.recording import Analog, Metadata, Recording
 from pipeline.io.stated import Stated, as_stated
 from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows
+
+EVENT: Final = re.compile(r"#\s*EVENT\s+(\S+)\s*-\s*COUNT\s+(\d+)", re.IGNORECASE)
+TOTAL: Final = re.compile(r"#\s*EVENT\s+(\S+)\s+occur+ed\s+(\d+)\s+times?", re.IGNORECASE)
+
+MIN_COVERED: Final = 0.9
+"""Share of the frames' time: both modules are started and stopped by hand, some frames apart."""
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """What a record file holds, on D-Flow's clock.
+
+    Attributes
+    ----------
+    time
+        Times of the rows, (N,) [s].
+    names
+        Signals, without the time.
+    values
+        (N, K), as the file has them.
+    events
+        Letter -> times [s], in the middle between the rows around the event.
+    notes
+        On how the file ends: ``last_line_unended``, and ``record_unended`` where the counts of
+        events are missing that D-Flow writes last.
+    """
+
+    time: Array
+    names: tuple[str, ...]
+    values: Array
+    events: dict[str, tuple[float, ...]]
+    notes: tuple[Note, ...] = ()
+
+
+def read_record(path: str | Path) -> Record:
+    """Read a file of D-Flow's record module.
+
+    Parameters
+    ----------
+    path
+        The file (.txt).
+
+    Returns
+    -------
+    Record
+        Signals and events.
+
+    Raises
+    ------
+    ValueError
+        The file is damaged, its times do not increase, or it holds fewer events than it counts.
+    OSError
+        The file cannot be opened.
+    """
+    path = Path(path)
+    with naming(path):
+        return _record(lines_of(path), ending_notes(path))
+
+
+def _record(lines: Iterator[str], notes: tuple[Note, ...]) -> Record:
+    names = names_in(next(lines, "").rstrip(), "\t")
+    if names[0] != "Time":
+        raise ValueError(f"not a D-Flow record file: its first column is {short(names[0])!r}")
+    rows: list[tuple[int, str]] = []
+    marks: list[tuple[str, int]] = []
+    totals: dict[str, int] = {}
+    for number, line in enumerate(lines, start=2):
+        if event := EVENT.match(line.strip()):
+            marks.append((event[1], len(rows)))
+        elif total := TOTAL.match(line.strip()):
+            totals[total[1]] = int(total[2])
+        elif line.strip() and not line.lstrip().startswith("#"):
+            rows.append((number, line))
+    values = parse_rows(rows, "\t", names)
+    if len(values) < 2:
+        raise ValueError(f"it holds {len(values)} rows, expected at least 2")
+    time = values[:, 0]
+    if not (np.diff(time) >= 0).all():
+        raise ValueError("its times do not increase")
+    counts = Counter(name for name, _ in marks)
+    for name, stated in totals.items():
+        if counts[name] != stated:
+            raise ValueError(f"it counts {stated} events {name} but holds {counts[name]}")
+    if uncounted := sorted(set(counts) - set(totals)):
+        notes = (*notes, Note.of("record_unended", events=uncounted))
+    events: dict[str, tuple[float, ...]] = {}
+    for name, row in marks:
+        around = time[max(row - 1, 0) : row + 1]
+        events[name] = (*events.get(name, ()), float(around.mean()))
+    return Record(time, tuple(names[1:]), values[:, 1:], events, notes)
+
+
+def on_clock(
+    record: Record, name: str, stamps: Array, time: Array, analog: Analog | None
+) -> tuple[Analog, dict[str, tuple[float, ...]], list[Note]]:
+    """Bring a record onto the cameras' clock.
+
+    Parameters
+    ----------
+    record
+        The record.
+    name
+        Its file's name, for the note.
+    stamps
+        D-Flow's time stamp of each camera frame, (T,) [s]; NaN where the frame was dropped.
+    time
+        The frames' times on the recording's clock, (T,) [s].
+    analog
+        Channels that are already on that clock, which the record's follow.
+
+    Returns
+    -------
+    analog
+        All channels; NaN outside the record.
+    events
+        Letter -> times [s] on the recording's clock.
+    notes
+        ``record_interpolated``; ``record_short`` where the record covers less than nine tenths of
+        the frames.
+
+    Raises
+    ------
+    ValueError
+        The two do not overlap in time, or a signal has the name of a channel.
+
+    Notes
+    -----
+    Time stamps scatter and bunch up when D-Flow lags, so the clocks are related by a straight line
+    through all of them, not frame by frame.
+    """
+    seen = np.isfinite(stamps)
+    rate, start = np.polyfit(time[seen] - time[seen].mean(), stamps[seen], 1)
+    start = float(np.median(stamps[seen] - rate * time[seen]))
+    clock = (record.time - start) / rate
+    if clock[-1] < time[0] or clock[0] > time[-1]:
+        raise ValueError(
+            f"its times {record.time[0]:.2f}–{record.time[-1]:.2f} s do not overlap the "
+            f"markers' {start:.2f}–{start + rate * time[-1]:.2f} s; is it of the same trial?"
+        )
+    known = analog or Analog(time, (), (), np.empty((len(time), 0)))
+    if twice := sorted({*known.names} & {*record.names}):
+        raise ValueError(f"signals named like the mocap file's: {listed(twice)}")
+    signals = [np.interp(time, clock, values, np.nan, np.nan) for values in record.values.T]
+    both = Analog(
+        time,
+        known.names + record.names,
+        known.units + ("",) * len(record.names),
+        np.column_stack([known.values, *signals]),
+    )
+    events = {
+        letter: tuple((at - start) / float(rate) for at in times)
+        for letter, times in record.events.items()
+    }
+    counted = [f"{letter} ×{len(times)}" for letter, times in events.items()] or ["none"]
+    notes = [Note.of("record_interpolated", signals=len(record.names), file=name, events=counted)]
+    covered = np.clip(clock[[0, -1]], time[0], time[-1])
+    if np.ptp(covered) < MIN_COVERED * np.ptp(time):
+        notes.append(Note.of("record_short", file=name, first_s=covered[0], last_s=covered[1]))
+    return both, events, notes
+
 
 AXES: Final = "right,up,back"
 """D-Flow's own, of x, y and z."""
@@ -56,10 +220,6 @@ class _Table:
     rate_hz: float
     notes: tuple[Note, ...]
 
-    def vector(self, stem: str) -> Array:
-        """Give the three columns of a quantity, (T, 3)."""
-        return self.vectors([stem])[:, 0]
-
     def vectors(self, stems: Iterable[str]) -> Array:
         """Give the three columns of each of several quantities, (T, stems, 3)."""
         wanted = [(stem, f"{stem}{axis}") for stem in stems for axis in "XYZ"]
@@ -73,11 +233,7 @@ class _Table:
 
 
 def read_dflow(
-    path: str | Path,
-    stated: Stated | str | None = None,
-    *,
-    record: str | Path | None = None,
-    missing: Literal["auto", "held", "zero"] = "auto",
+    path: str | Path, stated: Stated | str | None = None, *, record: str | Path | None = None
 ) -> Recording:
     """Read a file of D-Flow's mocap module, and one of its record module beside it.
 
@@ -91,9 +247,6 @@ def read_dflow(
     record
         A record file of the same session: its signals become analog channels on the cameras'
         clock, its events ``metadata.dflow_events``.
-    missing
-        How this version of D-Flow writes a marker that no camera sees: "held" at its last place
-        (before 3.16.2) or "zero"; by default both are gaps.
 
     Returns
     -------
@@ -112,52 +265,35 @@ def read_dflow(
 
     Notes
     -----
-    A marker at exactly the same place, to the micrometre, as in the frame before was not seen:
-    noise never repeats itself in three coordinates. Force is taken as acting on the subject, and
-    moments as about the common origin of plates and cameras; `wrench_about_origin` checks this
+    A marker that no camera sees is written at zero or, before D-Flow 3.16.2, at its last place;
+    both are gaps. One at exactly the same place, to the micrometre, as in the frame before was not
+    seen: noise never repeats itself in three coordinates. Force is taken as acting on the subject,
+    and moments as about the common origin of plates and cameras; `wrench_about_origin` checks this
     against the centres of pressure and takes another point where they demand it.
     """
     path = Path(path)
     with naming(path):
-        return _read(path, as_stated(stated), Path(record) if record else None, missing)
+        return _read(path, as_stated(stated), Path(record) if record else None)
 
 
-def _read(path: Path, stated: Stated, record: Path | None, missing: str) -> Recording:
+def _read(path: Path, stated: Stated, record: Path | None) -> Recording:
     table = _table(path)
-    stems = dict.fromkeys(m[1] for name in table.columns if (m := MARKER.fullmatch(name)))
-    stems = {stem: None for stem in stems if stem.lower() not in SEGMENTS}
+    found = dict.fromkeys(m[1] for name in table.columns if (m := MARKER.fullmatch(name)))
+    stems = [stem for stem in found if stem.lower() not in SEGMENTS]
     if not stems:
         raise ValueError("no markers: no column such as LASIS.PosX")
-    metre, unit_notes = stated.marker_unit("m")
-    markers, subject, label_notes = marker_columns(list(stems), stated)
-    kept = [list(stems)[k] for k in markers.values()]
-    position = table.vectors(f"{stem}.Pos" for stem in kept)
-    position *= metre
-    gaps = _gaps(position, list(markers), missing)
-    stated.check_span(position, "m")
+    markers = file_markers(stems, "m", partial(_positions, table, stems), stated, _gaps)
     numbers = dict.fromkeys(int(m[1]) for name in table.columns if (m := PLATE.fullmatch(name)))
-    time = np.arange(len(position)) / table.rate_hz
-    columns, plate_notes = _plates(table, numbers, stated, time)
-    loads = [mean_force(plate.force) for plate in columns]
-    settled, axes_notes = settle_axes(
-        stated.axes or AXES,
-        position,
-        tuple(markers),
-        marker_set=stated.marker_set,
-        plate_forces=loads,
-    )
-    if stated.axes is None:
-        default = Note.of("axes_of_format", axes=AXES.split(","), program="D-Flow")
-        axes_notes = (default, *axes_notes[1:])
-    to_lab = parse_axes(settled)
+    time = np.arange(len(table.values)) / table.rate_hz
+    columns, plate_notes = plates_in_si(_plates(table, numbers, time), stated)
+    to_lab, axes_notes = lab_axes(markers, [p.force for p in columns], stated, AXES, "D-Flow")
     plates, moment_notes = plates_about_origin(columns, to_lab)
     used = {f"{stem}.Pos{axis}" for stem in stems for axis in "XYZ"}
     used |= {f"FP{k}.{q}{axis}" for k in numbers for q in ("For", "Mom", "Cop") for axis in "XYZ"}
     analog = _analog(table, used, time)
     first_frame, stamps, table_notes = table.first_frame, table.stamps, table.notes
     del table  # as large as all that is read from it
-    position = position @ to_lab.T
-    notes = [*axes_notes, *table_notes, *unit_notes, *label_notes, *gaps]
+    notes = [*axes_notes, *table_notes, *markers.notes]
     events: Mapping[str, tuple[float, ...]] = {}
     if record:
         signals = read_record(record)
@@ -166,11 +302,11 @@ def _read(path: Path, stated: Stated, record: Path | None, missing: str) -> Reco
         notes += [*signals.notes, *clock_notes]
     return Recording(
         source=path,
-        markers=Markers(time, tuple(markers), position),
+        markers=markers.in_lab(time, to_lab),
         plates=plates,
         analog=analog,
         first_frame=first_frame,
-        metadata=Metadata(subject=subject, software="D-Flow", dflow_events=events),
+        metadata=Metadata(subject=markers.subject, software="D-Flow", dflow_events=events),
         stated=stated,
         notes=(*notes, *plate_notes, *moment_notes),
     )
@@ -207,8 +343,6 @@ def _table(path: Path) -> _Table:
         values[index] = held
     rate, clock = _rate(index, stamps)
     notes = [*ending_notes(path), clock]
-    if not new.all():
-        notes.append(Note.of("rows_repeated", rows=np.count_nonzero(~new)))
     if total > len(frames):
         notes.append(Note.of("frames_dropped", dropped=total - len(frames), frames=total))
     return _Table(
@@ -235,46 +369,36 @@ def _rate(index: Array, stamps: Array) -> tuple[float, Note]:
     return rate, Note.of("frame_clock", rate_hz=rate, scatter_s=scatter_s)
 
 
-def _gaps(position: Array, names: Sequence[str], missing: str) -> list[Note]:
+def _positions(table: _Table, stems: Sequence[str], kept: Iterable[int]) -> Array:
+    return table.vectors(f"{stems[k]}.Pos" for k in kept)
+
+
+def _gaps(position: Array, names: Sequence[str]) -> list[Note]:
     """Make markers that no camera saw NaN, in place, and note how many."""
     zero = (position == 0).all(axis=-1)
     held = np.zeros_like(zero)
     for k in range(len(names)):  # one by one: a file may be as large as the memory allows
         held[1:, k] = (position[1:, k] == position[:-1, k]).all(axis=-1) & ~zero[1:, k]
     notes = []
-    for kind, unseen, code in (
-        ("zero", zero, "markers_written_as_zero"),
-        ("held", held, "markers_held"),
-    ):
-        if missing in ("auto", kind) and unseen.any():
+    for unseen, code in ((zero, "markers_written_as_zero"), (held, "markers_held")):
+        if unseen.any():
             position[unseen] = np.nan
-            with_gaps = unseen.any(axis=0)
-            markers = [name for name, gap in zip(names, with_gaps, strict=True) if gap]
+            markers = [names[k] for k in np.flatnonzero(unseen.any(axis=0))]
             notes.append(Note.of(code, samples=np.count_nonzero(unseen), markers=markers))
     return notes
 
 
-def _plates(
-    table: _Table, numbers: Iterable[int], stated: Stated, time: Array
-) -> tuple[list[PlateColumns], list[Note]]:
-    """Give the columns of the plates that have all of them, and notes on units and the others."""
-    units = {
-        "For": stated.force_unit("N"),
-        "Mom": stated.moment_unit("Nm"),
-        "Cop": stated.pressure_unit("m"),
-    }
-    found, notes = [], [*stated.plate_notes(["N"], ["Nm"], ["m"])]
+def _plates(table: _Table, numbers: Iterable[int], time: Array) -> Iterator[PlateColumns | Note]:
+    """Give the columns of each plate, or why it is left out."""
     for number in numbers:
-        name = f"plate {number}"
         needed = [f"FP{number}.{quantity}{axis}" for quantity in ("For", "Mom") for axis in "XYZ"]
         if absent := [column for column in needed if column not in table.columns]:
-            reason = f"column {absent[0]} is absent"
-            notes.append(Note.of("plate_left_out", plate=name, reason=reason))
+            yield left_out(f"plate {number}", f"column {absent[0]} is absent")
             continue
-        present = [q for q in units if q != "Cop" or f"FP{number}.CopX" in table.columns]
-        force, moment, *pressure = (table.vector(f"FP{number}.{q}") * units[q] for q in present)
-        found.append(PlateColumns(number, name, time, force, moment, next(iter(pressure), None)))
-    return found, notes
+        vectors = [f"FP{number}.{quantity}" for quantity in ("For", "Mom", "Cop")]
+        vectors = vectors[: 3 if f"FP{number}.CopX" in table.columns else 2]
+        values = (table.vectors([name])[:, 0] for name in vectors)
+        yield PlateColumns(number, f"plate {number}", time, *values)
 
 
 def _analog(table: _Table, used: set[str], time: Array) -> Analog | None:

@@ -81,8 +81,6 @@ def without_prefixes(labels: Sequence[str], prefix: str | None) -> Labels:
             f"or by its number in the file ({listed(numbers)}), for example --label-prefix "
             f'{numbers[0]}, or label_prefix = "{numbers[0]}" in study.toml'
         )
-    if prefixes:
-        notes.append(Note.of("subject_prefixes_removed", prefixes=len(prefixes)))
     return Labels(bare, prefix or next(iter(prefixes), ""), tuple(notes))
 
 

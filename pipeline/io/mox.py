@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -10,14 +10,18 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from hbm.markers import Markers
 from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import printable, short
-from pipeline.io.axes import mean_force, parse_axes, settle_axes
+from pipeline.io.columns import (
+    PlateColumns,
+    file_markers,
+    lab_axes,
+    left_out,
+    plates_about_origin,
+    plates_in_si,
+)
 from pipeline.io.input_file import naming, open_file
-from pipeline.io.labels import marker_columns
-from pipeline.io.moment_reference import PlateColumns, plates_about_origin
 from pipeline.io.recording import Analog, Metadata, Recording
 from pipeline.io.stated import Stated, as_stated
 from pipeline.io.text_table import decoded, read_number
@@ -32,6 +36,10 @@ MARKER: Final = re.compile(
 PLATE: Final = re.compile(
     r"FP(?P<number>\d*)(?: - |\.)(?P<what>For|Mom|Cop)(?:ce|ent|)? ?(?P<axis>[XYZ])", re.IGNORECASE
 )
+
+
+Channel = tuple[float, Array]
+"""Rate [Hz] and samples."""
 
 
 def read_mox(path: str | Path, stated: Stated | str | None = None) -> Recording:
@@ -73,62 +81,41 @@ def read_mox(path: str | Path, stated: Stated | str | None = None) -> Recording:
 
 def _read(path: Path, stated: Stated) -> Recording:
     with open_file(path) as file:
-        header, channels, rates = _channels(file.read())
-    marked = {k: m for k in channels if (m := MARKER.fullmatch(k))}
-    stems = dict.fromkeys(m["a"] or m["b"] for m in marked.values())
+        header, channels = _channels(file.read())
+    marked, on_plates = ({k: m for k in channels if (m := p.fullmatch(k))} for p in (MARKER, PLATE))
+    stems = list(dict.fromkeys(m["a"] or m["b"] for m in marked.values()))
     if not stems:
         raise ValueError("no markers: no channel such as LASIS.PosX")
-    metre, unit_notes = stated.marker_unit("m")
-    markers, subject, label_notes = marker_columns(list(stems), stated)
-    rate, position = _vectors(
-        {(m["a"] or m["b"], m["axis"]): k for k, m in marked.items()},
-        [list(stems)[k] for k in markers.values()],
-        channels,
-        rates,
-    )
-    position *= metre
-    position[~np.isfinite(position).all(axis=-1) | ~position.any(axis=-1)] = np.nan
-    stated.check_span(position, "m")
-    on_plates = {k: m for k in channels if (m := PLATE.fullmatch(k))}
-    parts = {
-        (f"{int(m['number'] or 1)} {m['what'].lower()}", m["axis"].upper()): k
-        for k, m in on_plates.items()
-    }
-    numbers = dict.fromkeys(int(m["number"] or 1) for m in on_plates.values())
-    columns, plate_notes = _plates(parts, numbers, channels, rates, stated)
-    settled, axes_notes = settle_axes(
-        stated.axes,
-        position,
-        tuple(markers),
-        marker_set=stated.marker_set,
-        plate_forces=[mean_force(plate.force) for plate in columns],
-    )
-    to_lab = parse_axes(settled)
+    parts = {f"{m['a'] or m['b']} {m['axis']}": channels[k] for k, m in marked.items()}
+    rate = 0.0
+
+    def positions(kept: list[int]) -> Array:
+        nonlocal rate
+        rate, vectors = _vectors(parts, [stems[k] for k in kept])
+        return vectors
+
+    markers = file_markers(stems, "m", positions, stated)
+    columns, plate_notes = plates_in_si(_plates(channels, on_plates), stated)
+    to_lab, axes_notes = lab_axes(markers, [plate.force for plate in columns], stated)
     plates, moment_notes = plates_about_origin(columns, to_lab)
-    rest = [k for k in channels if k not in marked and k not in on_plates]
-    analog, analog_notes = _analog(rest, channels, rates, rate, len(position))
+    rest = {k: channel for k, channel in channels.items() if k not in {*marked, *on_plates}}
+    frames = len(markers.position)
+    analog, analog_notes = _analog(rest, (rate, frames))
     if plates:
         moment_notes.append(Note.of("force_sign_unconfirmed"))
     return Recording(
         source=path,
-        markers=Markers(np.arange(len(position)) / rate, tuple(markers), position @ to_lab.T),
+        markers=markers.in_lab(np.arange(frames) / rate, to_lab),
         plates=plates,
         analog=analog,
-        metadata=replace(header, subject=header.subject or subject),
+        metadata=replace(header, subject=header.subject or markers.subject),
         stated=stated,
-        notes=(
-            *axes_notes,
-            *unit_notes,
-            *label_notes,
-            *plate_notes,
-            *moment_notes,
-            *analog_notes,
-        ),
+        notes=(*axes_notes, *markers.notes, *plate_notes, *moment_notes, *analog_notes),
     )
 
 
-def _channels(content: bytes) -> tuple[Metadata, dict[str, Array], dict[str, float]]:
-    """Give what the header says, and each channel's samples and rate [Hz]."""
+def _channels(content: bytes) -> tuple[Metadata, dict[str, Channel]]:
+    """Give what the header says, and each channel's rate [Hz] and samples."""
     decoded(content)
     try:
         root = ElementTree.fromstring(content)
@@ -142,104 +129,78 @@ def _channels(content: bytes) -> tuple[Metadata, dict[str, Array], dict[str, flo
         printable(root.findtext(f"viewer_header/{tag}", "").strip())
         for tag in ("patient_id", "trial_date", "comments", "nr_of_samples")
     )
-    channels: dict[str, Array] = {}
-    rates: dict[str, float] = {}
+    channels: dict[str, Channel] = {}
     for element in root.iterfind("viewer_data/viewer_channel"):
         name = printable(element.findtext("channel_label", "").strip())
         if name in channels:
             raise ValueError(f"several channels have the label {short(name)!r}")
         words = element.findtext("raw_channel_data/channel_data", "").split()
-        rate = element.findtext("raw_channel_data/sampling_frequency", "")
-        rates[name] = read_number(rate, f"sampling_frequency of channel {short(name)!r}")
+        text = element.findtext("raw_channel_data/sampling_frequency", "")
+        rate = read_number(text, f"sampling_frequency of channel {short(name)!r}")
         try:
-            channels[name] = np.array(words, float)
+            samples = np.array(words, float)
         except ValueError:
-            channels[name] = np.array(
-                [read_number(word, f"channel {short(name)!r}") for word in words]
-            )
-        if not 0 < rates[name] < MAX_RATE_HZ or not (np.abs(channels[name]) < MAX_VALUE).all():
+            samples = np.array([read_number(word, f"channel {short(name)!r}") for word in words])
+        if not 0 < rate < MAX_RATE_HZ or not (np.abs(samples) < MAX_VALUE).all():
             raise ValueError(
                 f"channel {short(name)!r} holds a rate or value that cannot be measured"
             )
+        channels[name] = rate, samples
     if not channels:
         raise ValueError("it holds no channels (viewer_data/viewer_channel)")
-    if count and all(str(len(samples)) != count for samples in channels.values()):
+    if count and all(str(len(samples)) != count for _, samples in channels.values()):
         raise ValueError(f"its header says nr_of_samples {count}, but no channel holds as many")
-    return Metadata(subject=subject, date=date, comments=comments), channels, rates
+    return Metadata(subject=subject, date=date, comments=comments), channels
 
 
-def _vectors(
-    parts: Mapping[tuple[str, str], str],
-    stems: list[str],
-    channels: Mapping[str, Array],
-    rates: Mapping[str, float],
-) -> tuple[float, Array]:
-    """Stack channels of one clock: rate, and (samples, stems, 3)."""
-    if absent := [f"{s} {a}" for s in stems for a in "XYZ" if (s, a) not in parts]:
+def _vectors(parts: Mapping[str, Channel], stems: Sequence[str]) -> tuple[float, Array]:
+    """Stack channels "stem X", "stem Y", "stem Z" of one clock: rate and (samples, stems, 3)."""
+    names = [f"{stem} {axis}" for stem in stems for axis in "XYZ"]
+    if absent := [name for name in names if name not in parts]:
         raise ValueError(f"there is no channel for {short(absent[0])}")
-    used = [parts[stem, axis] for stem in stems for axis in "XYZ"]
-    if len(clocks := {(rates[k], len(channels[k])) for k in used}) > 1:
+    if len(clocks := {(parts[name][0], len(parts[name][1])) for name in names}) > 1:
         raise ValueError(
             f"the channels of {short(stems[0])} and the like differ in rate or number of samples; "
             "the file is truncated or mixed"
         )
     ((rate, count),) = clocks
     if count < 2:
-        raise ValueError(f"{short(used[0])!r} holds {count} samples, expected at least 2")
-    stacked = np.stack([channels[k] for k in used], axis=1)
+        raise ValueError(f"{short(names[0])!r} holds {count} samples, expected at least 2")
+    stacked = np.stack([parts[name][1] for name in names], axis=1)
     return rate, stacked.reshape(count, len(stems), 3)
 
 
 def _plates(
-    parts: Mapping[tuple[str, str], str],
-    numbers: Iterable[int],
-    channels: Mapping[str, Array],
-    rates: Mapping[str, float],
-    stated: Stated,
-) -> tuple[list[PlateColumns], list[Note]]:
-    """Give the channels of the plates that have all of them, and notes on units and the others."""
-    units = {
-        "for": stated.force_unit("N"),
-        "mom": stated.moment_unit("Nm"),
-        "cop": stated.pressure_unit("m"),
+    channels: Mapping[str, Channel], on_plates: Mapping[str, re.Match[str]]
+) -> Iterator[PlateColumns | Note]:
+    """Give the channels of each plate, or why it is left out."""
+    parts = {
+        f"{int(m['number'] or 1)} {m['what'].lower()} {m['axis'].upper()}": channels[k]
+        for k, m in on_plates.items()
     }
-    found, notes = [], [*stated.plate_notes(["N"], ["Nm"], ["m"])]
-    for number in numbers:
-        name = f"plate {number}"
-        present = [q for q in units if q != "cop" or (f"{number} cop", "X") in parts]
-        needed = [(f"{number} {quantity}", axis) for quantity in present for axis in "XYZ"]
-        if absent := [" ".join(part) for part in needed if part not in parts]:
-            reason = f"there is no channel for {absent[0]}"
-            notes.append(Note.of("plate_left_out", plate=name, reason=reason))
-            continue
-        rate, vectors = _vectors(parts, [f"{number} {q}" for q in present], channels, rates)
-        scaled = (
-            vector * units[quantity]
-            for quantity, vector in zip(present, vectors.transpose(1, 0, 2), strict=True)
-        )
-        force, moment, *pressure = scaled
-        time = np.arange(len(force)) / rate
-        found.append(PlateColumns(number, name, time, force, moment, next(iter(pressure), None)))
-    return found, notes
+    for number in dict.fromkeys(int(m["number"] or 1) for m in on_plates.values()):
+        stems = [f"{number} for", f"{number} mom"]
+        stems += [f"{number} cop"] * (f"{number} cop X" in parts)
+        needed = [f"{stem} {axis}" for stem in stems for axis in "XYZ"]
+        if absent := [name for name in needed if name not in parts]:
+            yield left_out(f"plate {number}", f"there is no channel for {absent[0]}")
+        else:
+            rate, vectors = _vectors(parts, stems)
+            time = np.arange(len(vectors)) / rate
+            yield PlateColumns(number, f"plate {number}", time, *vectors.transpose(1, 0, 2))
 
 
 def _analog(
-    names: list[str],
-    channels: Mapping[str, Array],
-    rates: Mapping[str, float],
-    marker_rate: float,
-    frames: int,
+    channels: Mapping[str, Channel], of_markers: tuple[float, int]
 ) -> tuple[Analog | None, list[Note]]:
     """Give the channels of the commonest rate and length, and note which are left out."""
-    clocks = Counter((rates[k], len(channels[k])) for k in names)
+    clocks = {name: (rate, len(samples)) for name, (rate, samples) in channels.items()}
     if not clocks:
         return None, []
-    clock = max(sorted(clocks), key=lambda c: (clocks[c], c == (marker_rate, frames)))
-    kept: list[str] = []
-    left: list[str] = []
-    for name in names:
-        (kept if (rates[name], len(channels[name])) == clock else left).append(name)
-    time = np.arange(clock[1]) / clock[0]
-    values = np.column_stack([channels[k] for k in kept])
+    counts = Counter(clocks.values())
+    rate, count = clock = max(sorted(counts), key=lambda c: (counts[c], c == of_markers))
+    kept = tuple(name for name in channels if clocks[name] == clock)
+    left = [name for name in channels if clocks[name] != clock]
+    values = np.column_stack([channels[name][1] for name in kept])
     notes = [Note.of("channels_left_out", channels=left)] if left else []
-    return Analog(time, tuple(kept), ("",) * len(kept), values), notes
+    return Analog(np.arange(count) / rate, kept, ("",) * len(kept), values), notes

@@ -1,23 +1,164 @@
-"""ASCII exports of Vicon Nexus."""
+"""ASCII exports of Vicon Nexus: blocks of numbers under groups of columns."""
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
-from hbm.markers import Markers
 from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import listed, short
-from pipeline.io.axes import parse_axes, settle_axes
+from pipeline.io.columns import (
+    PlateColumns,
+    file_markers,
+    lab_axes,
+    left_out,
+    plates_about_origin,
+    plates_in_si,
+)
 from pipeline.io.input_file import naming
-from pipeline.io.labels import marker_columns
-from pipeline.io.moment_reference import PlateColumns, plates_about_origin
-from pipeline.io.nexus_blocks import Block, Group, read_blocks
 from pipeline.io.recording import Analog, Metadata, Plate, Recording
 from pipeline.io.stated import Stated, as_stated
-from pipeline.io.text_table import ending_notes, lines_of
+from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows
+
+TITLES: Final = ("devices", "trajectories", "model outputs")
+SEPARATORS: Final = ("\t", ";", ",")
+HEADER_LINES: Final = 5
+"""Title, rate, groups, components, units."""
+MAX_RATE_HZ: Final = 1e6
+"""Beyond it the line is no rate."""
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Adjacent columns under one name: ``first`` is the index of the first in `Block.values`."""
+
+    name: str
+    first: int
+    components: tuple[str, ...]
+    units: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """One block: its rate [Hz], frame and sub frame of each row, (N,), and values, (N, K)."""
+
+    rate_hz: float
+    frame: Array
+    sub_frame: Array
+    groups: tuple[Group, ...]
+    values: Array
+
+    def vector(self, group: Group) -> Array:
+        """Give the first three columns of a group, (N, 3), in the file's unit."""
+        return self.values[:, group.first : group.first + 3]
+
+
+def is_nexus(lines: Sequence[str]) -> bool:
+    """Whether a text begins like a Nexus export: a title, a rate, then "Frame, Sub Frame"."""
+    filled = [line for line in lines if _bare(line)][:4]
+    return len(filled) > 2 and "".join(filled[2:]).lower().replace(" ", "").find("subframe") >= 0
+
+
+def read_blocks(lines: Sequence[str]) -> tuple[dict[str, Block], list[Note]]:
+    """Cut an export into blocks.
+
+    Parameters
+    ----------
+    lines
+        The text.
+
+    Returns
+    -------
+    blocks
+        Title in small letters -> block; of devices, trajectories and model outputs.
+    notes
+        ``blocks_left_out`` where there are other blocks.
+
+    Raises
+    ------
+    ValueError
+        A block is truncated, has no such header, or holds something that is no number.
+    """
+    blocks: dict[str, Block] = {}
+    skipped = []
+    start = 0
+    while start < len(lines):
+        if not _bare(lines[start]):
+            start += 1
+            continue
+        stop = start + 1
+        while stop < len(lines) and _bare(lines[stop]):
+            stop += 1
+        title = _bare(lines[start])
+        if title.lower() in blocks:
+            raise ValueError(f"line {start + 1}: a second block {short(title)}")
+        if title.lower() in TITLES:
+            try:
+                blocks[title.lower()] = _block(lines[start:stop], start + 1)
+            except ValueError as error:
+                raise ValueError(f"{title}: {error}") from error
+        else:
+            skipped.append(short(title))
+        start = stop
+    notes = [Note.of("blocks_left_out", blocks=skipped)] if skipped else []
+    return blocks, notes
+
+
+def _block(lines: Sequence[str], first_line: int) -> Block:
+    if len(lines) <= HEADER_LINES:
+        raise ValueError(
+            f"the block at line {first_line} ends after {len(lines)} lines: the file is truncated"
+        )
+    _, rate, names, components, units = lines[:HEADER_LINES]
+    separator = next((s for s in SEPARATORS if s in components), ",")
+    labels = names_in(components.rstrip(f" {separator}"), separator)
+    if [label.lower() for label in labels[:2]] != ["frame", "sub frame"] or len(labels) < 3:
+        raise ValueError(
+            f"line {first_line + 3} is {short(components)!r}, expected Frame, Sub Frame, components"
+        )
+    rows = enumerate(lines[HEADER_LINES:], start=first_line + HEADER_LINES)
+    values = parse_rows(rows, separator, labels)
+    frame, sub_frame = values[:, 0], values[:, 1]
+    if not (np.isfinite(values[:, :2]).all() and (values[:, :2] % 1 == 0).all()):
+        raise ValueError("a row has no frame or sub frame number")
+    if (sub_frame == 0).all() and (np.diff(frame) != 1).any():
+        raise ValueError("frames do not count upward one by one")
+    return Block(
+        _rate(_bare(rate)),
+        frame,
+        sub_frame,
+        _groups(names_in(names, separator), labels, names_in(units, separator)),
+        values,
+    )
+
+
+def _groups(names: list[str], labels: list[str], units: list[str]) -> tuple[Group, ...]:
+    names = [name.strip('"') for name in names]
+    starts = [k for k, name in enumerate(names[: len(labels)]) if name and k >= 2]
+    if not starts:
+        raise ValueError("its third line names no columns")
+    if beyond := [name for name in names[len(labels) :] if name]:
+        raise ValueError(f"{short(beyond[0])!r} is the name of a column that is not there")
+    units = units + [""] * (len(labels) - len(units))
+    spans = zip(starts, [*starts[1:], len(labels)], strict=True)
+    return tuple(Group(names[a], a, tuple(labels[a:b]), tuple(units[a:b])) for a, b in spans)
+
+
+def _rate(text: str) -> float:
+    try:
+        rate = float(text)
+    except ValueError as error:
+        raise ValueError(f"its second line is {short(text)!r}, expected a rate in Hz") from error
+    if not 0 < rate < MAX_RATE_HZ:
+        raise ValueError(f"its rate is {rate:g} Hz")
+    return rate
+
+
+def _bare(line: str) -> str:
+    return line.strip(' \t,;"')
 
 
 def read_nexus(path: str | Path, stated: Stated | str | None = None) -> Recording:
@@ -67,36 +208,29 @@ def _read(path: Path, stated: Stated) -> Recording:
     groups = [group for group in groups if group.name and not group.name.startswith("*")]
     if not groups:
         raise ValueError("the Trajectories block names no markers with X, Y and Z")
-    markers, subject, label_notes = marker_columns([group.name for group in groups], stated)
     unit = groups[0].units[0]
-    _, unit_notes = stated.marker_unit(unit)
-    position = np.stack(
-        [
-            block.vector(groups[k]) * stated.marker_unit(groups[k].units[0])[0]
-            for k in markers.values()
-        ],
-        axis=1,
-    )
-    position[~np.isfinite(position).all(axis=-1) | ~position.any(axis=-1)] = np.nan
-    stated.check_span(position, unit)
-    settled, axes_notes = settle_axes(
-        stated.axes, position, tuple(markers), marker_set=stated.marker_set
-    )
-    to_lab = parse_axes(settled)
-    notes = [*axes_notes, *skipped, *ending_notes(path), *unit_notes, *label_notes]
+    metre, _ = stated.marker_unit(unit)
+
+    def positions(kept: list[int]) -> Array:
+        metres = [stated.marker_unit(groups[k].units[0])[0] / metre for k in kept]
+        vectors = zip((groups[k] for k in kept), metres, strict=True)
+        return np.stack([block.vector(group) * factor for group, factor in vectors], axis=1)
+
+    markers = file_markers([group.name for group in groups], unit, positions, stated)
+    to_lab, axes_notes = lab_axes(markers, (), stated)
+    notes = [*axes_notes, *skipped, *ending_notes(path), *markers.notes]
     plates: tuple[Plate, ...] = ()
     analog = None
     if "devices" in blocks:
         plates, analog, device_notes = _devices(blocks["devices"], block, to_lab, stated)
         notes += device_notes
-    time = (block.frame - block.frame[0]) / block.rate_hz
     return Recording(
         source=path,
-        markers=Markers(time, tuple(markers), position @ to_lab.T),
+        markers=markers.in_lab((block.frame - block.frame[0]) / block.rate_hz, to_lab),
         plates=plates,
         analog=analog,
         first_frame=int(block.frame[0]),
-        metadata=Metadata(software="Vicon Nexus", subject=subject),
+        metadata=Metadata(software="Vicon Nexus", subject=markers.subject),
         model_outputs=_outputs(blocks.get("model outputs"), block),
         stated=stated,
         notes=tuple(notes),
@@ -129,7 +263,7 @@ def _devices(
         if quantity.lower() in ("force", "moment", "cop") and len(group.components) >= 3:
             measured.setdefault(stem, {})[quantity.lower()] = group
     measured = {stem: parts for stem, parts in measured.items() if "force" in parts}
-    columns, notes = _plates(block, measured, time, stated)
+    columns, notes = plates_in_si(_plates(block, measured, time), stated)
     push = sum(float(np.nan_to_num(plate.force @ to_lab[2]).mean()) for plate in columns)
     if push < 0:
         columns = [replace(plate, force=-plate.force, moment=-plate.moment) for plate in columns]
@@ -141,32 +275,23 @@ def _devices(
 
 
 def _plates(
-    block: Block, measured: Mapping[str, Mapping[str, Group]], time: Array, stated: Stated
-) -> tuple[list[PlateColumns], list[Note]]:
-    """Give the columns of the plates that have all of them, and notes on units and the others."""
-    convert = {
-        "force": stated.force_unit,
-        "moment": stated.moment_unit,
-        "cop": stated.pressure_unit,
-    }
-    found, notes = [], []
+    block: Block, measured: Mapping[str, Mapping[str, Group]], time: Array
+) -> Iterator[PlateColumns | Note]:
+    """Give the columns of each plate, or why it is left out."""
     for number, (stem, parts) in enumerate(measured.items(), start=1):
         name = f"plate {number} ({short(stem)})"
         if "moment" not in parts or "cop" not in parts:
-            reason = (
-                f"it has forces but no {'CoP' if 'moment' in parts else 'moments'}; export Force, "
-                "Moment and CoP: only together they give the wrench in the lab"
+            lacks = "CoP" if "moment" in parts else "moments"
+            yield left_out(
+                name,
+                f"it has forces but no {lacks}; export Force, Moment and CoP: only together they "
+                "give the wrench in the lab",
             )
-            notes.append(Note.of("plate_left_out", plate=name, reason=reason))
             continue
-        units = {quantity: parts[quantity].units[0] for quantity in convert}
-        force, moment, pressure = (
-            block.vector(parts[quantity]) * unit(units[quantity])
-            for quantity, unit in convert.items()
-        )
-        notes += stated.plate_notes(*([unit] for unit in units.values()))
-        found.append(PlateColumns(number, name, time, force, moment, pressure))
-    return found, list(dict.fromkeys(notes))
+        groups = [parts[quantity] for quantity in ("force", "moment", "cop")]
+        force, moment, pressure = (group.units[0] for group in groups)
+        vectors = (block.vector(group) for group in groups)
+        yield PlateColumns(number, name, time, *vectors, units=(force, moment, pressure))
 
 
 def _analog(block: Block, groups: list[Group], time: Array) -> Analog | None:

@@ -15,10 +15,8 @@ from pipeline.io.c3d.read import preview_c3d, read_c3d
 from pipeline.io.dflow import read_dflow
 from pipeline.io.input_file import naming, open_file
 from pipeline.io.mox import ROOT, read_mox
-from pipeline.io.nexus import read_nexus
-from pipeline.io.nexus_blocks import is_nexus
-from pipeline.io.opensim.trc import read_trc
-from pipeline.io.opensim.trial import read_opensim_trial
+from pipeline.io.nexus import is_nexus, read_nexus
+from pipeline.io.opensim import read_opensim_trial, read_trc
 from pipeline.io.recording import Preview, Recording
 from pipeline.io.stated import Stated
 from pipeline.io.text_table import EMPTY, decoded

@@ -14,7 +14,6 @@ from pipeline.io.units import (
     STATE_UNITS,
     check_span,
     force_in_n,
-    is_cut_off,
     length_in_m,
     length_of_moment,
     moment_in_nm,
@@ -124,8 +123,7 @@ class Stated:
         metre
             One of the stated unit, else of the file's [m].
         notes
-            ``units_stated`` or ``units_overruled`` where a stated unit is not the file's,
-            ``unit_cut_off`` where only the beginning of the file's unit is there.
+            ``units_stated`` or ``units_overruled`` where a stated unit is not the file's.
 
         Raises
         ------
@@ -136,7 +134,7 @@ class Stated:
             written = [(self.units, unit, length_in_m)]
             return length_in_m(self.units), _stated_notes("markers", self.units, written)
         try:
-            return length_in_m(unit), _cut_off_notes([unit])
+            return length_in_m(unit), ()
         except ValueError as error:
             raise ValueError(f"{error}; {STATE_UNITS}") from error
 
@@ -170,12 +168,9 @@ class Stated:
         self, forces: Iterable[str], moments: Iterable[str] = (), pressures: Iterable[str] = ()
     ) -> tuple[Note, ...]:
         """Give notes on the units of plates as `marker_unit` does, from those that files state."""
-        forces, moments, pressures = (
-            list(dict.fromkeys(units)) for units in (forces, moments, pressures)
-        )
         plates = self._plates
         if plates is None:
-            return _cut_off_notes([*forces, *moments, *pressures])
+            return ()
         written = [
             *((plates.force, unit, force_in_n) for unit in forces),
             *((plates.moment, unit, moment_in_nm) for unit in moments),
@@ -238,8 +233,3 @@ def _stated_notes(
     code = "units_overruled" if other else "units_stated"
     written = listed(dict.fromkeys([*other, *unknown]))
     return (Note.of(code, quantity=quantity, stated=stated, written=written),)
-
-
-def _cut_off_notes(units: Iterable[str]) -> tuple[Note, ...]:
-    cut = [short(unit) for unit in dict.fromkeys(units) if is_cut_off(unit)]
-    return (Note.of("unit_cut_off", units=cut),) if cut else ()

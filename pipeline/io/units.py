@@ -64,17 +64,6 @@ def length_of_moment(unit: str) -> str:
     return _force_and_length(unit)[1]
 
 
-def is_cut_off(unit: str) -> bool:
-    """Whether a unit is known although the end of a word in it is missing, as in "mete"."""
-    plain = _plain(unit)
-    words = {*WORDS, *(word.removesuffix("s") for word in WORDS)}
-    lengths = {*LENGTHS, *(word for word in words if "met" in word)}
-    forces = {*FORCES, *(word for word in words if "newton" in word)}
-    whole = lengths | forces | {force + length for force in forces for length in lengths}
-    known = _symbol(plain) in {*LENGTHS, *FORCES} or all(_force_and_length(unit))
-    return known and plain not in whole
-
-
 def acceleration_in_mps2(unit: str) -> float:
     """Give one unit of acceleration in m/s²; raises ValueError where it is unknown."""
     return _lookup(unit, ACCELERATIONS, "acceleration", "g or m/s²")

@@ -14,8 +14,8 @@ from scipy import stats
 from pipeline.figures.residuals import axis_label, draw_part, label_panels, mean_part
 from pipeline.figures.style import COLOURS, LINE_WIDTH_PT, STYLE, draw_band
 from pipeline.run.load import Results
-from pipeline.statistics.design import Design
-from pipeline.statistics.omnibus import MIXED_ANOVA, RM_ANOVA
+from pipeline.statistics.comparison import MIXED_ANOVA, RM_ANOVA
+from pipeline.statistics.design import CONFIDENCE, Design
 from pipeline.statistics.table_3 import format_p
 from pipeline.trial.residuals import AXES, UNITS
 
@@ -72,14 +72,14 @@ def study_figures(
         ``raw_AXIS`` (F.14–F.19), the latter where there are gait cycles.
     """
     for condition in drawn_conditions(results.cycles, design):
-        grey = mean_part(t for t in results.summaries.values() if t.condition == condition)
+        grey = mean_part(t for t in results.trials.values() if t.condition == condition)
         figure = gait_cycle_figure(results.cycles, condition, design, grey=grey)
         yield f"gait_cycle_{condition}", figure
     yield "marginal_means", marginal_means_figure(results.residuals, statistics, design)
     subject = example_subject(results.cycles)
     if subject is None:
         return
-    spans = {c: trial.cycles for (s, c), trial in results.summaries.items() if s == subject}
+    spans = {c: trial.cycles for (s, c), trial in results.trials.items() if s == subject}
     own = results.cycles[results.cycles["subject"] == subject]
     for axis in AXES:
         yield f"raw_{axis}", raw_figure(own, spans, axis, design)
@@ -168,6 +168,7 @@ def gait_cycle_figure(
 
 
 def _legend_below(figure: Figure, panel: Axes) -> None:
+    """Name the curves of a panel below all of them."""
     handles, labels = panel.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
 
@@ -219,8 +220,9 @@ def marginal_means_figure(
 
 
 def _draw_means(panel: Axes, rms: pd.DataFrame, variant: Variant) -> None:
+    """Draw means with intervals over conditions, and each subject as a thin line."""
     n = rms.count()
-    half = stats.t.isf(0.025, (n - 1).clip(lower=1)) * rms.std() / np.sqrt(n)
+    half = stats.t.isf((1 - CONFIDENCE) / 2, (n - 1).clip(lower=1)) * rms.std() / np.sqrt(n)
     x = np.arange(len(rms.columns)) + variant.offset
     panel.plot(x, rms.to_numpy().T, color=variant.colour, lw=THIN_LINE_PT, alpha=0.3)
     panel.errorbar(

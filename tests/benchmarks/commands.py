@@ -30,17 +30,16 @@ def help_time() -> float:
 
 
 def first_use(folder: Path, frames: int) -> Row:
-    """Time ``hbm residuals`` on a short trial [s], with an empty cache and again."""
+    """Time ``hbm residuals`` on a short trial [s], twice."""
     write_trial(walk(frames), folder / "trial.c3d")
     write_c3d(folder / "static.c3d", synthetic_t_pose())
     command = ("-m", "pipeline.cli", "residuals", str(folder / "trial.c3d"))
     command += ("--static", str(folder / "static.c3d"), "--mass-kg", str(MASS_KG))
     command += ("--out", str(folder / "results"))
-    cache = {"HBM_CACHE_DIR": str(folder / "cache")}
     cpu_before = _children_cpu()
-    first = _seconds(*command, **cache)
+    first = _seconds(*command)
     first_cpu = _children_cpu() - cpu_before
-    second = _seconds(*command, **cache)
+    second = _seconds(*command)
     return {"frames": frames, "first_s": first, "first_cpu_s": first_cpu, "second_s": second}
 
 
@@ -86,18 +85,18 @@ def _children_cpu() -> float:
     return used.children_user + used.children_system
 
 
-def _seconds(*arguments: str, **environment: str) -> float:
+def _seconds(*arguments: str) -> float:
     start = time.perf_counter()
-    _run(*arguments, **environment)
+    _run(*arguments)
     return time.perf_counter() - start
 
 
-def _run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+def _run(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, *arguments],
         check=True,
         capture_output=True,
         text=True,
         cwd=ROOT,
-        env=os.environ | ONE_THREAD | environment,
+        env=os.environ | ONE_THREAD,
     )

@@ -7,7 +7,7 @@ import pytest
 
 from hbm.markers import Markers
 from pipeline.config.study import read_study
-from pipeline.io.c3d.encoding import parameter_section
+from pipeline.io.c3d.parameters import parameter_section
 from pipeline.io.recording import Plate
 from pipeline.run.run import run_study
 from pipeline.trial.process import process_trial

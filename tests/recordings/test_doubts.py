@@ -8,8 +8,7 @@ import pytest
 from hbm.markers import MarkerSet, read_marker_set
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.c3d.read import read_c3d
-from pipeline.io.opensim.trc import read_trc
-from pipeline.io.opensim.trial import read_opensim_trial
+from pipeline.io.opensim import read_opensim_trial, read_trc
 from pipeline.trial.process import process_recording
 from tests.hbm.motions import exchanged, relabelled
 

@@ -11,9 +11,7 @@ from hbm.kinematics import solve_ik
 from hbm.markers import read_marker_set
 from hbm.signals.filtering import butterworth
 from hbm.signals.resampling import resample
-from pipeline.io.opensim.sto import read_sto
-from pipeline.io.opensim.trc import read_trc
-from pipeline.io.opensim.trial import read_opensim_trial
+from pipeline.io.opensim import read_opensim_trial, read_sto, read_trc
 
 MARKER_SETS = Path(__file__).resolve().parents[2] / "subjects" / "marker_sets"
 AXES = "forward,up,right"
@@ -47,7 +45,7 @@ def motion(body, walk):
 
 
 def test_a_t_pose_makes_a_body_with_arms_and_head(body):
-    assert body.notes[0].code == "calibration_pose_still"
+    assert body.notes[0].values["posture"] == "standing still"
     assert len(body.markers) == 49
     hands = {f"{s}{n}" for s in "RL" for n in ("WristFlexion", "HandAbduction")}
     assert set(body.locked) == hands

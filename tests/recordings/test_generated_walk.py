@@ -16,7 +16,7 @@ from hbm.overrides import SegmentOverride
 from hbm.poses import segment_frames
 from hbm.signals.filtering import butterworth
 from hbm.signals.resampling import resample
-from pipeline.io.opensim.trial import read_opensim_trial
+from pipeline.io.opensim import read_opensim_trial
 
 MARKER_SETS = Path(__file__).resolve().parents[2] / "subjects" / "marker_sets"
 MASS_KG = 72.84

@@ -19,8 +19,7 @@ from hbm.signals.filtering import butterworth
 from hbm.signals.resampling import resample
 from hbm.spatial import GRAVITY_MPS2, Array
 from pipeline.io.c3d.read import read_c3d
-from pipeline.io.opensim.trc import read_trc
-from pipeline.io.opensim.trial import read_opensim_trial
+from pipeline.io.opensim import read_opensim_trial, read_trc
 
 HERE: Final = Path(__file__).resolve().parent
 SUBJECTS: Final = HERE.parents[1] / "subjects" / "marker_sets"

@@ -25,7 +25,7 @@ from pipeline.virtual_lab.machine.instrumented_treadmill import (
     InstrumentedTreadmill,
     make_treadmill,
 )
-from pipeline.virtual_lab.machine.instruments.sampling import ANALOG_HZ, SAMPLES_PER_FRAME
+from pipeline.virtual_lab.machine.instruments import ANALOG_HZ, SAMPLES_PER_FRAME
 from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
 from pipeline.virtual_lab.protocol.ranking_study import BESIDE_THE_BELTS, BYSTANDERS
 

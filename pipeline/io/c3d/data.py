@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbm.notes import Note
-from pipeline.io.c3d.byte_order import floats, integer_type
 from pipeline.io.c3d.header import Header
-from pipeline.io.c3d.parameters import Parameters
+from pipeline.io.c3d.parameters import Parameters, floats, integer_type
 
 FRAMES_PER_SLICE: Final = 512
 """Half a megabyte at a time: large enough for NumPy, and small enough for a processor's cache."""

@@ -73,17 +73,16 @@ def sort_labels(parameters: Parameters, n_points: int, stated: Stated) -> PointL
     Outputs are the points listed in POINT:ANGLES, MOMENTS and the like, those so named, and
     Vicon's segment frames: four points named by one stem and O, A, L, P.
     """
-    labels, nameless = _labels(parameters, n_points)
+    labels = parameters.texts("POINT", "LABELS")[:n_points]
+    labels += [""] * (n_points - len(labels))
+    labels = [label or f"unlabelled_{k + 1}" for k, label in enumerate(labels)]
     found = without_prefixes(labels, stated.label_prefix)
-    notes = [*nameless, *found.notes]
+    notes = [*found.notes]
     computed = _outputs(parameters, labels, found.bare)
     outputs = _unique({k: name for k, name in found.bare.items() if k in computed}, notes)
     markers = _unique({k: name for k, name in found.bare.items() if k not in computed}, notes)
     renamed, rename_notes = rename_markers(markers, stated)
-    notes += rename_notes
-    if outputs:
-        notes.append(Note.of("model_outputs_set_aside", points=len(outputs)))
-    return PointLabels(renamed, outputs, found.subject, tuple(notes))
+    return PointLabels(renamed, outputs, found.subject, (*notes, *rename_notes))
 
 
 def channel_labels(parameters: Parameters, count: int) -> tuple[list[str], list[str]]:
@@ -92,16 +91,6 @@ def channel_labels(parameters: Parameters, count: int) -> tuple[list[str], list[
     units = parameters.texts("ANALOG", "UNITS")[:count]
     names += [f"channel_{k + 1}" for k in range(len(names), count)]
     return names, units + [""] * (count - len(units))
-
-
-def _labels(parameters: Parameters, n_points: int) -> tuple[list[str], list[Note]]:
-    labels = parameters.texts("POINT", "LABELS")[:n_points]
-    labels += [""] * (n_points - len(labels))
-    nameless = [k for k, label in enumerate(labels) if not label]
-    for k in nameless:
-        labels[k] = f"unlabelled_{k + 1}"
-    notes = [Note.of("points_without_label", points=len(nameless))] if nameless else []
-    return labels, notes
 
 
 def _outputs(parameters: Parameters, labels: Sequence[str], bare: Mapping[int, str]) -> set[int]:

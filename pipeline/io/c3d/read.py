@@ -1,14 +1,9 @@
-"""C3D files -> Recording: units, axes, labels and plates are settled here, once.
+"""C3D files -> Recording: units, axes, labels and plates are settled here, once."""
 
-The file is parsed here (`header`, `data`): every count and offset is checked against the file's
-size before it is used, so that a damaged file gives one line of error. The native library ezc3d
-1.7.2 is a second reader only (`second_reader`). Of the sample files it refuses the SGI ones and
-takes 34 s and 12.6 GB to refuse one with a broken parameter section; it reads a truncated file
-short without a warning, and one in 400 files with random damage ends the interpreter.
-"""
-
+import re
+from itertools import zip_longest
 from pathlib import Path
-from typing import Final
+from typing import Final, get_args
 
 import numpy as np
 
@@ -17,17 +12,146 @@ from hbm.coordinates import SIDES
 from hbm.markers import Markers
 from hbm.notes import Note
 from hbm.spatial import Array, frozen
+from hbm.spelling import short
 from pipeline.io.axes import mean_force, parse_axes, settle_axes
-from pipeline.io.c3d.compensation import read_compensation
 from pipeline.io.c3d.data import Samples, missing_share, read_samples
-from pipeline.io.c3d.events import read_events
 from pipeline.io.c3d.force_plates import PlateLayout, plate_layouts
 from pipeline.io.c3d.header import Header, read_header
 from pipeline.io.c3d.labels import PointLabels, channel_labels, sort_labels
-from pipeline.io.c3d.parameters import Parameters
+from pipeline.io.c3d.parameters import Parameters, Value
 from pipeline.io.input_file import naming
-from pipeline.io.recording import Analog, Compensation, Metadata, Plate, Preview, Recording
+from pipeline.io.recording import (
+    Analog,
+    Compensation,
+    Event,
+    Metadata,
+    Plate,
+    PlateFrame,
+    Preview,
+    Recording,
+)
 from pipeline.io.stated import Stated, as_stated
+
+KINDS: Final = {
+    **dict.fromkeys(
+        ("footstrike", "heelstrike", "initialcontact", "fs", "hs", "ic"), "foot_strike"
+    ),
+    **dict.fromkeys(("footoff", "toeoff", "fo", "to"), "foot_off"),
+}
+"""Letters of a label without its side -> kind of event."""
+SIDE_WORDS: Final = {"left": "left", "l": "left", "right": "right", "r": "right"}
+LABEL: Final = re.compile(
+    rf"(?P<before>{'|'.join(SIDE_WORDS)})?(?P<kind>{'|'.join(KINDS)})(?P<after>{'|'.join(SIDE_WORDS)})?"
+)
+
+
+def read_events(
+    header: Header, parameters: Parameters, start_s: float
+) -> tuple[tuple[Event, ...], list[Note]]:
+    """Give the foot strikes and foot offs of a file, on the clock of its first frame.
+
+    ``start_s`` is the time of that frame on the file's own clock [s]. Notes: ``event_times_flat``
+    where minutes and seconds do not stand in two rows, ``events_left_out`` where there are others.
+    A ValueError where EVENT:TIMES holds neither minutes and seconds nor seconds of the events.
+    """
+    times = parameters.numbers("EVENT", "TIMES")
+    notes = []
+    if times.size:
+        labels, contexts = (parameters.texts("EVENT", name) for name in ("LABELS", "CONTEXTS"))
+        seconds, flat = _seconds(times, len(labels))
+        notes += [Note.of("event_times_flat", numbers=flat)] if flat else []
+    else:
+        labels, contexts = [label for label, _ in header.events], []
+        seconds = np.array([time for _, time in header.events])
+    events = []
+    for time, label, context in zip_longest(
+        seconds, labels[: len(seconds)], contexts[: len(seconds)], fillvalue=""
+    ):
+        kind, side = _kind_and_side(label)
+        stated = SIDE_WORDS.get(context.lower(), "")
+        if kind and np.isfinite(time) and (side or stated) and side in ("", stated or side):
+            events.append(Event(float(time - start_s), kind, stated or side))
+    if others := len(seconds) - len(events):
+        notes.append(Note.of("events_left_out", events=others))
+    return tuple(events), notes
+
+
+def _seconds(times: Array, labelled: int) -> tuple[Array, str]:
+    """Give the times of the events [s], and how they stand in the file if not in two rows."""
+    if times.ndim == 2 and len(times) == 2:
+        return 60 * times[0] + times[1], ""
+    flat = times.ravel(order="F")
+    if len(flat) == 2 * labelled and (flat[::2] % 1 == 0).all():
+        return 60 * flat[::2] + flat[1::2], "minutes and seconds in turn"
+    if len(flat) == labelled or not labelled:
+        return flat, "seconds"
+    raise ValueError(
+        f"EVENT:TIMES holds {len(flat)} numbers for {labelled} labels, expected minutes and "
+        "seconds of each event; correct the events in the capture software, or delete them to use "
+        "those that the markers show"
+    )
+
+
+def _kind_and_side(label: str) -> tuple[str, str]:
+    """Give kind and side that a label states, such as "Left Foot Strike" or "RHS"; "" if not."""
+    found = LABEL.fullmatch("".join(re.findall("[a-z]", label.lower())))
+    if found is None:
+        return "", ""
+    sides = {SIDE_WORDS[word] for word in (found["before"], found["after"]) if word}
+    return (KINDS[found["kind"]], "".join(sides)) if len(sides) < 2 else ("", "")
+
+
+GROUP: Final = "HBM_RESIDUALS"
+TEXTS: Final = {
+    "SOFTWARE": "software",
+    "CALIBRATION": "calibration",
+    "CALIBRATION_SHA256": "calibration_sha256",
+    "BELTS": "belts",
+    "BELTS_SHA256": "belts_sha256",
+    "PLATE_CALIBRATION": "plate_calibration",
+    "PLATE_CALIBRATION_SHA256": "plate_calibration_sha256",
+    "FILTER": "filter",
+    "FRAME": "frame",
+}
+"""Parameter -> attribute of `Compensation`."""
+
+
+def compensation_group(compensation: Compensation) -> dict[str, Value]:
+    """Give the group's parameters; what is not known is left out."""
+    members: dict[str, Value] = {
+        name: text
+        for name, attribute in TEXTS.items()
+        if (text := getattr(compensation, attribute))
+    }
+    members["PLATES"] = np.array(compensation.plates, int)
+    if compensation.cutoff_hz is not None:
+        members["CUTOFF_HZ"] = np.array([compensation.cutoff_hz])
+    return members
+
+
+def read_compensation(parameters: Parameters) -> Compensation | None:
+    """Read what was subtracted from a file's plates; None where they are as measured.
+
+    Raises
+    ------
+    ValueError
+        The group says something that this version does not know.
+    """
+    if GROUP not in parameters.groups:
+        return None
+    texts = {attribute: parameters.text(GROUP, name) for name, attribute in TEXTS.items()}
+    frames: tuple[PlateFrame, ...] = get_args(PlateFrame)
+    stated = texts.pop("frame")
+    frame = next((known for known in frames if known == stated), None)
+    if frame is None:
+        raise ValueError(
+            f"{GROUP}:FRAME is {short(stated)!r}, expected one of "
+            f"{', '.join(frames)}; another version of this program wrote it"
+        )
+    plates = tuple(parameters.integers(GROUP, "PLATES").ravel().tolist())
+    cutoff_hz = next(iter(parameters.numbers(GROUP, "CUTOFF_HZ").flat), None)
+    return Compensation(**texts, plates=plates, cutoff_hz=cutoff_hz, frame=frame)
+
 
 BEGINNING_FRAMES: Final = 1000
 """Ten seconds at 100 Hz: enough gait to infer axes, weigh the subject and find events."""
@@ -46,6 +170,18 @@ MEASURES: Final = {
 }
 """PROCESSING parameter, without the L or R before it -> factor to SI from the file's kg and mm, and
 bounds beyond which it is not stated (zero) or in another unit [kg or m]."""
+
+
+LIMBS: Final = {
+    "leg_length_m": "LEGLENGTH",
+    "knee_width_m": "KNEEWIDTH",
+    "ankle_width_m": "ANKLEWIDTH",
+    "elbow_width_m": "ELBOWWIDTH",
+    "wrist_width_m": "WRISTWIDTH",
+    "hand_thickness_m": "HANDTHICKNESS",
+    "shoulder_offset_m": "SHOULDEROFFSET",
+}
+"""Attribute of `LimbMeasures` -> its parameter."""
 
 
 def read_c3d(
@@ -164,8 +300,7 @@ def _read(path: Path, stated: Stated, max_frames: int | None) -> Recording:
             *frame_notes,
             *event_notes,
             *plate_notes,
-            *_baseline_notes(parameters, plates),
-            *_compensation_notes(compensation),
+            *_plate_notes(parameters, plates, compensation),
         ),
     )
 
@@ -214,60 +349,48 @@ def _first_frame(header: Header, parameters: Parameters) -> tuple[int, tuple[Not
 def _metadata(parameters: Parameters, labels: PointLabels) -> Metadata:
     software = parameters.texts("MANUFACTURER", "SOFTWARE")
     software += parameters.texts("MANUFACTURER", "VERSION_LABEL")
+    limbs = {
+        side: LimbMeasures(
+            **{field: _measure(parameters, letter + name, name) for field, name in LIMBS.items()}
+        )
+        for side, letter in SIDES.items()
+    }
     return Metadata(
         subject=parameters.text("SUBJECTS", "NAMES") or labels.subject,
         marker_set=parameters.text("SUBJECTS", "MARKER_SETS"),
         manufacturer=parameters.text("MANUFACTURER", "COMPANY"),
         software=" ".join(software),
-        mass_kg=_measure(parameters, "BODYMASS"),
-        height_m=_measure(parameters, "HEIGHT"),
-        limbs=_limbs(parameters),
+        mass_kg=_measure(parameters, "BODYMASS", "BODYMASS"),
+        height_m=_measure(parameters, "HEIGHT", "HEIGHT"),
+        limbs={side: found for side, found in limbs.items() if found != LimbMeasures()},
     )
 
 
-def _limbs(parameters: Parameters) -> dict[str, LimbMeasures]:
-    """Give what was measured on each side, for the sides of which anything was."""
-    limbs = {
-        side: LimbMeasures(
-            leg_length_m=_measure(parameters, "LEGLENGTH", letter),
-            knee_width_m=_measure(parameters, "KNEEWIDTH", letter),
-            ankle_width_m=_measure(parameters, "ANKLEWIDTH", letter),
-            elbow_width_m=_measure(parameters, "ELBOWWIDTH", letter),
-            wrist_width_m=_measure(parameters, "WRISTWIDTH", letter),
-            hand_thickness_m=_measure(parameters, "HANDTHICKNESS", letter),
-            shoulder_offset_m=_measure(parameters, "SHOULDEROFFSET", letter),
-        )
-        for side, letter in SIDES.items()
-    }
-    return {side: measures for side, measures in limbs.items() if measures != LimbMeasures()}
-
-
-def _measure(parameters: Parameters, name: str, letter: str = "") -> float | None:
+def _measure(parameters: Parameters, name: str, kind: str) -> float | None:
     """Give a measure of the subject in SI units; None where it is absent or implausible."""
-    scale, lowest, highest = MEASURES[name]
-    numbers = parameters.numbers("PROCESSING", letter + name)
-    values = [float(value * scale) for value in numbers.flat]
+    scale, lowest, highest = MEASURES[kind]
+    values = [float(value * scale) for value in parameters.numbers("PROCESSING", name).flat]
     plausible = [value for value in values if lowest < value < highest]
     return plausible[-1] if plausible else None
 
 
-def _baseline_notes(parameters: Parameters, plates: list[PlateLayout]) -> list[Note]:
+def _plate_notes(
+    parameters: Parameters, plates: list[PlateLayout], done: Compensation | None
+) -> list[Note]:
+    """Note a baseline that is not subtracted, and what was subtracted before."""
+    notes = []
     zero = parameters.integers("FORCE_PLATFORM", "ZERO").ravel()
     if plates and zero.size == 2 and 0 < zero[0] < zero[1]:
-        return [Note.of("plate_baseline_not_subtracted", first=zero[0], last=zero[1])]
-    return []
-
-
-def _compensation_notes(done: Compensation | None) -> list[Note]:
-    if done is None:
-        return []
-    return [
-        Note.of(
-            "plates_compensated_before",
-            software=done.software,
-            calibrations=tuple(
-                filter(None, (done.calibration, done.belts, done.plate_calibration))
-            ),
-            frame="moving plates" if done.frame == "recorded" else "lab",
+        notes.append(Note.of("plate_baseline_not_subtracted", first=zero[0], last=zero[1]))
+    if done is not None:
+        calibrations = filter(None, (done.calibration, done.belts, done.plate_calibration))
+        frame = "moving plates" if done.frame == "recorded" else "lab"
+        notes.append(
+            Note.of(
+                "plates_compensated_before",
+                software=done.software,
+                calibrations=tuple(calibrations),
+                frame=frame,
+            )
         )
-    ]
+    return notes

@@ -11,14 +11,12 @@ from pathlib import Path
 from typing import BinaryIO, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hbm.markers import Markers
 from hbm.spatial import Array, rotate_wrench, shift_wrench
 from pipeline.io.axes import parse_axes
-from pipeline.io.c3d.byte_order import BLOCK_BYTES
-from pipeline.io.c3d.encoding import MAX_ENTRIES, Groups, Value, parameter_section
 from pipeline.io.c3d.force_plates import plate_axes
+from pipeline.io.c3d.parameters import BLOCK_BYTES, MAX_ENTRIES, Groups, Value, parameter_section
 from pipeline.io.recording import Analog, Event, Metadata, Plate
 from pipeline.io.write import whole_file
 
@@ -78,10 +76,7 @@ def write_c3d(
         raise ValueError("a C3D file needs at least two frames, since it states a frame rate")
     to_file = parse_axes(axes).T
     channels = _channels(markers, plates, analog, to_file)
-    groups: Groups = {
-        "TRIAL": _trial(markers, first_frame),
-        "SUBJECTS": _subjects(metadata),
-        "POINT": _point(markers, to_file),
+    groups = _marker_groups(markers, to_file, first_frame, metadata) | {
         "ANALOG": _analog(channels, markers),
         "FORCE_PLATFORM": _force_platform(plates, to_file),
         "EVENT": _events(events, (first_frame - 1) / markers.rate_hz),
@@ -89,7 +84,14 @@ def write_c3d(
             "COMPANY": metadata.manufacturer or PROGRAM,
             "SOFTWARE": metadata.software or PROGRAM,
         },
-        "PROCESSING": _processing(metadata),
+        "PROCESSING": {
+            name: np.array([float(value)])
+            for name, value in (
+                ("Bodymass", metadata.mass_kg),
+                ("Height", metadata.height_m and metadata.height_m * MM_PER_M),
+            )
+            if value is not None
+        },
     }
     data_block = 2 + -(-len(parameter_section(groups, 0)) // BLOCK_BYTES)
     section = parameter_section(groups, data_block)
@@ -134,50 +136,44 @@ def _wrench_on_disk(plate: Plate, to_file: Array) -> Array:
     return rotate_wrench(shift_wrench(plate.wrench, plate.corners.mean(axis=0)), rotation.T)
 
 
-def _trial(markers: Markers, first_frame: int) -> dict[str, Value]:
-    last = first_frame + len(markers.time) - 1
+def _marker_groups(
+    markers: Markers, to_file: Array, first_frame: int, metadata: Metadata
+) -> Groups:
+    """Give the groups TRIAL, SUBJECTS and POINT."""
+    frames, names = len(markers.time), list(markers.names)
+    last_frame = first_frame + frames - 1
+    ends = (np.array(divmod(frame, MAX_COUNT + 1)[::-1]) for frame in (first_frame, last_frame))
+    screen = [to_file @ direction for direction in np.eye(3)[[0, 2]]]
+    largest = [int(np.argmax(np.abs(vector))) for vector in screen]
+    forward, up = (
+        f"{'+' if vector[k] > 0 else '-'}{'XYZ'[k]}"
+        for vector, k in zip(screen, largest, strict=True)
+    )
     return {
-        "ACTUAL_START_FIELD": _low_and_high_word(first_frame),
-        "ACTUAL_END_FIELD": _low_and_high_word(last),
-        "CAMERA_RATE": np.array([markers.rate_hz]),
+        "TRIAL": {
+            **dict(zip(("ACTUAL_START_FIELD", "ACTUAL_END_FIELD"), ends, strict=True)),
+            "CAMERA_RATE": np.array([markers.rate_hz]),
+        },
+        "SUBJECTS": {
+            "USED": np.array([1]),
+            "IS_STATIC": np.array([0]),
+            "USES_PREFIXES": np.array([0]),
+            "NAMES": [metadata.subject],
+            "MARKER_SETS": [metadata.marker_set],
+        },
+        "POINT": {
+            "USED": np.array([len(names)]),
+            "FRAMES": np.array([min(frames, MAX_COUNT)]),
+            "LONG_FRAMES": np.array([float(frames)]),
+            "SCALE": np.array([-1.0]),
+            "RATE": np.array([markers.rate_hz]),
+            "X_SCREEN": forward,
+            "Y_SCREEN": up,
+            "UNITS": "mm",
+            **_paged("LABELS", names),
+            **_paged("DESCRIPTIONS", [""] * len(names)),
+        },
     }
-
-
-def _low_and_high_word(number: int) -> NDArray[np.integer]:
-    high, low = divmod(number, MAX_COUNT + 1)
-    return np.array([low, high])
-
-
-def _subjects(metadata: Metadata) -> dict[str, Value]:
-    return {
-        "USED": np.array([1]),
-        "IS_STATIC": np.array([0]),
-        "USES_PREFIXES": np.array([0]),
-        "NAMES": [metadata.subject],
-        "MARKER_SETS": [metadata.marker_set],
-    }
-
-
-def _point(markers: Markers, to_file: Array) -> dict[str, Value]:
-    frames = len(markers.time)
-    forward, up = (_signed_axis(to_file @ direction) for direction in np.eye(3)[[0, 2]])
-    return {
-        "USED": np.array([len(markers.names)]),
-        "FRAMES": np.array([min(frames, MAX_COUNT)]),
-        "LONG_FRAMES": np.array([float(frames)]),
-        "SCALE": np.array([-1.0]),
-        "RATE": np.array([markers.rate_hz]),
-        "X_SCREEN": forward,
-        "Y_SCREEN": up,
-        "UNITS": "mm",
-        **_paged("LABELS", list(markers.names)),
-        **_paged("DESCRIPTIONS", [""] * len(markers.names)),
-    }
-
-
-def _signed_axis(vector: Array) -> str:
-    k = int(np.argmax(np.abs(vector)))
-    return f"{'+' if vector[k] > 0 else '-'}{'XYZ'[k]}"
 
 
 def _analog(channels: Analog, markers: Markers) -> dict[str, Value]:
@@ -217,23 +213,13 @@ def _events(events: Sequence[Event], start: float) -> dict[str, Value]:
     }
 
 
-def _processing(metadata: Metadata) -> dict[str, Value]:
-    stated = {"Bodymass": (metadata.mass_kg, 1.0), "Height": (metadata.height_m, MM_PER_M)}
-    return {
-        name: np.array([value * scale])
-        for name, (value, scale) in stated.items()
-        if value is not None
-    }
-
-
 def _paged(name: str, values: Sequence[str] | Array) -> dict[str, Value]:
-    count = values.shape[-1] if isinstance(values, np.ndarray) else len(values)
+    """Give a list in NAME, NAME2, NAME3, … of as many entries as a parameter may have."""
+    array = values if isinstance(values, np.ndarray) else np.array(values, object)
     pages: dict[str, Value] = {}
-    for page, start in enumerate(range(0, max(count, 1), MAX_ENTRIES), start=1):
-        part = slice(start, start + MAX_ENTRIES)
-        pages[f"{name}{page if page > 1 else ''}"] = (
-            values[..., part] if isinstance(values, np.ndarray) else values[part]
-        )
+    for page, start in enumerate(range(0, max(array.shape[-1], 1), MAX_ENTRIES), start=1):
+        part = array[..., start : start + MAX_ENTRIES]
+        pages[name + str(page) * (page > 1)] = part if array is values else part.tolist()
     return pages
 
 

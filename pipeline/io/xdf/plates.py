@@ -1,7 +1,7 @@
 """Force plates among the channels of streams."""
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 from xml.etree.ElementTree import Element
@@ -11,9 +11,8 @@ import numpy as np
 from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import listed
-from pipeline.io.moment_reference import PlateColumns
+from pipeline.io.columns import PlateColumns, left_out
 from pipeline.io.recording import Plate
-from pipeline.io.stated import Stated
 from pipeline.io.xdf.channels import Channel, si_units
 
 COMPONENTS: Final = ("ForceX", "ForceY", "ForceZ", "MomentX", "MomentY", "MomentZ")
@@ -109,12 +108,8 @@ def find_plates(
 
 
 def dflow_plates(
-    channels: Sequence[Channel],
-    time: Array,
-    values: Array,
-    stated: Stated,
-    described: Collection[int] = (),
-) -> tuple[list[PlateColumns], list[Note]]:
+    channels: Sequence[Channel], time: Array, values: Array, described: Collection[int] = ()
+) -> Iterator[PlateColumns | Note]:
     """Find the plates whose channels are named as D-Flow names them, such as FP1.ForX.
 
     Parameters
@@ -123,51 +118,25 @@ def dflow_plates(
         Of a stream.
     time, values
         Its samples, (N,) [s] and (N, K).
-    stated
-        What is stated about units.
     described
         Plates that the stream describes, which are not looked for.
-
-    Returns
-    -------
-    plates
-        Their wrenches are about the origin of the markers' axes, or where their centres of
-        pressure show it.
-    notes
-        On units, and ``plate_left_out`` where a channel is absent.
-
-    Raises
-    ------
-    ValueError
-        A unit is unknown.
     """
     numbered: dict[int, dict[str, int]] = {}
     for k, channel in enumerate(channels):
         match = DFLOW_PLATE.fullmatch(channel.label)
         if match and int(match[1]) not in described:
             numbered.setdefault(int(match[1]), {})[match[2] + match[3]] = k
-    plates, notes = [], []
-    convert = {"For": stated.force_unit, "Mom": stated.moment_unit, "Cop": stated.pressure_unit}
     for number, of_plate in numbered.items():
         name = f"plate {number}"
-        vectors: dict[str, Array] = {}
-        units: dict[str, str] = {}
-        for quantity, unit_of in convert.items():
-            columns = [of_plate[quantity + axis] for axis in "XYZ" if quantity + axis in of_plate]
-            if len(columns) == 3:
-                units[quantity] = channels[columns[0]].unit
-                vectors[quantity] = values[:, columns] * unit_of(units[quantity])
-        if absent := [f"FP{number}.{q}X … Z" for q in ("For", "Mom") if q not in vectors]:
-            reason = f"there are not all channels {listed(absent)}"
-            notes.append(Note.of("plate_left_out", plate=name, reason=reason))
+        columns = {q: [of_plate.get(q + a, -1) for a in "XYZ"] for q in ("For", "Mom", "Cop")}
+        columns = {q: found for q, found in columns.items() if -1 not in found}
+        if absent := [f"FP{number}.{q}X … Z" for q in ("For", "Mom") if q not in columns]:
+            yield left_out(name, f"there are not all channels {listed(absent)}")
             continue
-        notes += stated.plate_notes(
-            [units["For"]], [units["Mom"]], [units["Cop"]] if "Cop" in units else []
-        )
-        plates.append(
-            PlateColumns(number, name, time, vectors["For"], vectors["Mom"], vectors.get("Cop"))
-        )
-    return plates, notes
+        vectors = [values[:, found] for found in columns.values()]
+        units = [channels[found[0]].unit for found in columns.values()]
+        force, moment, pressure = [*units, "m"][:3]
+        yield PlateColumns(number, name, time, *vectors[:3], units=(force, moment, pressure))
 
 
 def _place(described: Element) -> tuple[Array, Array, Array]:

@@ -1,20 +1,24 @@
 """XDF files, as LabRecorder writes them from streams of Lab Streaming Layer."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
-from hbm.markers import Markers
 from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import listed, printable, short
-from pipeline.io.axes import mean_force, parse_axes, settle_axes
+from pipeline.io.columns import (
+    FileMarkers,
+    PlateColumns,
+    lab_axes,
+    plates_about_origin,
+    plates_in_si,
+)
 from pipeline.io.input_file import naming, open_file
-from pipeline.io.moment_reference import PlateColumns, plates_about_origin
 from pipeline.io.recording import Analog, Metadata, Plate, Recording
 from pipeline.io.stated import Stated, as_stated
 from pipeline.io.xdf.channels import Channel, has_markers, marker_layout, parse_channels, si_units
@@ -92,41 +96,34 @@ def _read(path: Path, stated: Stated) -> Recording:
     streams = [s for s in streams if len(s.stamps) > 1]
     if twice := [name for name, n in Counter(s.name for s in streams).items() if n > 1]:
         raise ValueError(f"several streams are called {listed(map(repr, twice))}")
-    channels = {s.name: _channels(s) for s in streams}
+    channels = {s.name: _of(s, parse_channels, s.info, s.values.shape[1]) for s in streams}
+    with_markers = [s for s in streams if has_markers(s.content_type, channels[s.name])]
     regular = [
-        s
-        for s in streams
-        if s.rate_hz > 0 or s.name == stated.marker_stream or _has_markers(s, channels[s.name])
+        s for s in streams if s.rate_hz > 0 or s.name == stated.marker_stream or s in with_markers
     ]
     left = [s.name for s in streams if s not in regular] + texts
-    stream = _of_markers(regular, channels, stated)
+    stream = _of_markers(regular, with_markers, stated.marker_stream, list(channels))
     layout = marker_layout(channels[stream.name], stated)
-    clock = _clock(stream)
+    clock: Clock = _of(stream, find_clock, stream.stamps, stream.rate_hz)
     position = layout.positions(clock.on_frames(stream.values)).reshape(clock.frames, -1, 3)
     stated.check_span(position, layout.unit)
+    markers = FileMarkers(layout.names, position, layout.subject, layout.notes)
     notes = [*layout.notes, *_clock_notes(stream, clock)]
     signals = []
     for other in regular:
-        if other is stream:
-            continue
-        found, more = _signals(other, channels[other.name], clock.start_s, stated)
-        signals.append(found)
-        notes += more
+        if other is not stream:
+            found, more = _signals(other, channels[other.name], clock.start_s, stated)
+            signals.append(found)
+            notes += more
     columns = [plate for s in signals for plate in s.columns]
     written = printable((stream.info.findtext("desc/axes") or "").strip())
-    settled, axes_notes = settle_axes(
-        stated.axes or written or None,
-        position,
-        layout.names,
-        marker_set=stated.marker_set,
-        plate_forces=[mean_force(plate.force) for plate in columns],
+    to_lab, axes_notes = lab_axes(
+        markers,
+        [plate.force for plate in columns],
+        stated,
+        written or None,
+        "the stream's description",
     )
-    if written and stated.axes is None:
-        told = Note.of(
-            "axes_of_format", axes=settled.split(","), program="the stream's description"
-        )
-        axes_notes = (told, *axes_notes[1:])
-    to_lab = parse_axes(settled)
     about_origin, moment_notes = plates_about_origin(columns, to_lab)
     plates = [p.plate(s.time, s.values, to_lab) for s in signals for p in s.plates]
     analog, analog_notes = _analog(signals)
@@ -136,7 +133,7 @@ def _read(path: Path, stated: Stated) -> Recording:
         notes.append(Note.of("recording_unended"))
     return Recording(
         source=path,
-        markers=Markers(clock.time - clock.start_s, layout.names, position @ to_lab.T),
+        markers=markers.in_lab(clock.time - clock.start_s, to_lab),
         plates=tuple(_in_order([*plates, *about_origin])),
         analog=analog,
         metadata=Metadata(subject=layout.subject, software="LabRecorder"),
@@ -145,50 +142,38 @@ def _read(path: Path, stated: Stated) -> Recording:
     )
 
 
+def _of(stream: Stream, find: Callable[..., Any], *given: Any) -> Any:
+    """Find something in a stream; what is wrong is said with its name."""
+    try:
+        return find(*given)
+    except ValueError as error:
+        raise ValueError(f"stream {short(stream.name)!r}: {error}") from error
+
+
 def _of_markers(
-    streams: Sequence[Stream], channels: Mapping[str, Sequence[Channel]], stated: Stated
+    streams: Sequence[Stream], found: Sequence[Stream], wanted: str | None, names: Sequence[str]
 ) -> Stream:
-    """Give the stream that holds the markers."""
-    if stated.marker_stream is not None:
-        streams = [s for s in streams if s.name == stated.marker_stream]
-        if not streams:
+    """Give the stream that holds the markers: the one of the wanted name, or the only one."""
+    there = f"streams there: {listed(map(repr, names))}"
+    if wanted is not None:
+        found = [s for s in streams if s.name == wanted]
+        if not found:
             raise ValueError(
-                f"no stream is called {short(stated.marker_stream)!r} as marker_stream states; "
-                f"streams there: {listed(map(repr, channels))}"
+                f"no stream is called {short(wanted)!r} as marker_stream states; {there}"
             )
-        return streams[0]
-    found = [s for s in streams if _has_markers(s, channels[s.name])]
     if not found:
         raise ValueError(
             "no stream holds markers: none has the content type MoCap or channels of type "
-            f"PositionX; streams there: {listed(map(repr, channels))}"
+            f"PositionX; {there}"
         )
     if len(found) > 1:
-        names = [s.name for s in found]
+        several = [s.name for s in found]
         raise ValueError(
-            f"{len(found)} streams hold markers ({listed(map(repr, names))}): choose one, for "
-            f"example --marker-stream {short(names[0])!r}, or marker_stream = {short(names[0])!r} "
-            "in study.toml"
+            f"{len(found)} streams hold markers ({listed(map(repr, several))}): choose one, for "
+            f"example --marker-stream {short(several[0])!r}, or marker_stream = "
+            f"{short(several[0])!r} in study.toml"
         )
     return found[0]
-
-
-def _has_markers(stream: Stream, channels: Sequence[Channel]) -> bool:
-    return has_markers(stream.content_type, channels)
-
-
-def _channels(stream: Stream) -> tuple[Channel, ...]:
-    try:
-        return parse_channels(stream.info, stream.values.shape[1])
-    except ValueError as error:
-        raise ValueError(f"stream {short(stream.name)!r}: {error}") from error
-
-
-def _clock(stream: Stream) -> Clock:
-    try:
-        return find_clock(stream.stamps, stream.rate_hz)
-    except ValueError as error:
-        raise ValueError(f"stream {short(stream.name)!r}: {error}") from error
 
 
 def _clock_notes(stream: Stream, clock: Clock) -> list[Note]:
@@ -211,7 +196,7 @@ def _clock_notes(stream: Stream, clock: Clock) -> list[Note]:
 def _signals(
     stream: Stream, channels: tuple[Channel, ...], start_s: float, stated: Stated
 ) -> tuple[_Signals, list[Note]]:
-    clock = _clock(stream)
+    clock: Clock = _of(stream, find_clock, stream.stamps, stream.rate_hz)
     time, values = clock.time - start_s, clock.on_frames(stream.values)
     plates, left_out = find_plates(stream.info, channels)
     notes = [
@@ -219,7 +204,7 @@ def _signals(
         for number, why in left_out.items()
     ]
     placed = {plate.number for plate in plates}
-    columns, more = dflow_plates(channels, time, values, stated, placed)
+    columns, more = plates_in_si(dflow_plates(channels, time, values, placed), stated)
     found = _Signals(stream.name, channels, time, values, tuple(plates), tuple(columns))
     return found, [*_clock_notes(stream, clock), *notes, *more]
 

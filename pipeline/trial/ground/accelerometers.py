@@ -9,8 +9,7 @@ import numpy as np
 
 from compensation import Sensor, dynamic_channels
 from hbm.notes import Note
-from hbm.signals.convolution import Convolution
-from hbm.signals.resampling import resample
+from hbm.signals.resampling import Convolution, resample
 from hbm.spatial import Array
 from hbm.spelling import short
 from pipeline.config.schema import Treadmill

@@ -6,8 +6,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from hbm.markers import Markers
-from hbm.plausibility.exchanged_labels import labels_exchanged
-from hbm.plausibility.exchanged_sides import counterparts
+from hbm.plausibility.labels import counterparts, labels_exchanged
 from tests.hbm.motions import exchanged, markers_of, swinging, with_noise, without
 from tests.synthetic import synthetic_body
 

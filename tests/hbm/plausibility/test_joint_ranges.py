@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hbm.coordinates import INDEX
 from hbm.ik.continuity import BALL_JOINTS
 from hbm.kinematics import solve_ik
-from hbm.plausibility.joint_ranges import RANGE_DEG, impossible_angles
+from hbm.plausibility.motion import RANGE_DEG, impossible_angles
 from tests.hbm.motions import any_pose, relabelled, without
 from tests.synthetic import synthetic_body, synthetic_t_pose
 

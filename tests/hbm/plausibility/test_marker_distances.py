@@ -1,7 +1,7 @@
 """Markers of one segment that change their distances."""
 
 from hbm.markers import Markers
-from hbm.plausibility.marker_distances import changed_distances
+from hbm.plausibility.labels import changed_distances
 from tests.hbm.motions import relabelled, without
 from tests.synthetic import synthetic_body
 

@@ -8,7 +8,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from hbm.kinematics import solve_ik
-from hbm.plausibility.marker_errors import large_marker_errors
+from hbm.plausibility.motion import large_marker_errors
 from tests.hbm.motions import relabelled, without
 from tests.synthetic import synthetic_body
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hbm.markers import Markers
-from hbm.plausibility.repeated_positions import frozen_frames, repeated_positions
+from hbm.plausibility.labels import frozen_frames, repeated_positions
 from tests.hbm.motions import markers_of, swinging, with_noise, without
 from tests.synthetic import synthetic_body
 

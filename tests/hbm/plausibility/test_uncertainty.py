@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from hbm.coordinates import INDEX
+from hbm.ik.problem import covariance, marker_slopes
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers
 from hbm.notes import Note
-from hbm.plausibility.uncertainty import ROTATES, angle_uncertainty, undetermined_notes
+from hbm.plausibility.motion import ROTATES, undetermined_notes
 from tests.hbm.motions import without
 from tests.synthetic import synthetic_body, synthetic_t_pose
 
@@ -28,7 +29,10 @@ def test_the_uncertainty_is_the_scatter_of_solutions_with_errors_of_10_mm(pose):
     position = np.repeat(pose.position[:1], times, axis=0)
     position = position + rng.normal(scale=0.01, size=position.shape)
     solved = solve_ik(BODY, Markers(np.arange(times) / 100, pose.names, position))
-    expected = angle_uncertainty(BODY, solve_ik(BODY, pose), np.array([0]))[0]
+    still = solve_ik(BODY, pose)
+    own = [BODY.markers.index(name) for name in still.markers]
+    slopes = marker_slopes(BODY, still.q[0])[:, own]
+    expected = np.sqrt(np.diag(covariance(slopes, np.ones(len(own)))))
     shown = ROTATES & (expected < np.radians(8))
     assert np.count_nonzero(shown) > 25
     np.testing.assert_allclose(solved.q.std(axis=0)[shown], expected[shown], rtol=0.2)

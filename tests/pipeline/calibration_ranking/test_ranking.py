@@ -84,7 +84,7 @@ def test_columns_in_one_order_agree_completely():
 
 
 def test_a_rigid_platform_with_ideal_instruments_is_compensated_completely():
-    quiet = {"force_noise_n": 1e-9, "moment_noise_nm": 1e-9}  # a dead channel is refused
+    quiet = {"noise_scale": 1e-9}  # a dead channel is refused
     faults = stated(Faults.none(), plates=quiet)
     calibration = [trial(RANDOM, 1, faults=faults), trial(SHORT, 2, name="b", faults=faults)]
     moved = trial(validation_signals()[1], 3, faults=faults)
@@ -96,8 +96,8 @@ def test_a_rigid_platform_with_ideal_instruments_is_compensated_completely():
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_where_the_bootstrap_is_certain_every_seed_has_the_same_winner(seed):
     noisy = stated(
-        plates={"force_noise_n": 1000.0, "moment_noise_nm": 500.0},
-        accelerometers={"noise_mps2": 3.0},
+        plates={"noise_scale": 900.0},
+        accelerometers={"noise_scale": 150.0},
     )
     calibration = [
         trial(RANDOM, 10 * seed, name="good"),

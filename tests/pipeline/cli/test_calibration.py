@@ -15,7 +15,7 @@ from pipeline.config.schema import Treadmill
 from pipeline.config.study import read_study
 from pipeline.live.preparation import prepare
 from pipeline.run.check import check_study
-from pipeline.run.store import read_summary
+from pipeline.run.store import read_trial
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.study_files import read_study_laboratory
 from pipeline.virtual_lab.faults import BeltFaults, Faults
@@ -274,7 +274,7 @@ def test_the_verdict_on_a_recording_of_the_study_is_in_everything_that_a_run_lea
     assert main(["report", str(out)]) == 0
     stated = json.loads((out / "study.json").read_text(encoding="utf-8"))["calibration"]
     assert stated == notes
-    summary = read_summary(out / "trials" / "sub01_pitch.parquet")
+    summary = read_trial(out / "trials" / "sub01_pitch.parquet", frames=False)
     assert [n.level for n in summary.of_calibration] == ["warning"] * fails
     page = (out / "report.html").read_text(encoding="utf-8")
     assert (BEYOND in page) == fails

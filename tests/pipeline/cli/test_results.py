@@ -6,8 +6,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 from pipeline.cli.app import main
-from pipeline.run.store import read_trial, write_digest
-from pipeline.trial.summary import FORMAT_VERSION
+from pipeline.run.store import FORMAT_VERSION, read_trial, write_digest
 
 VERSION = f'"version":{FORMAT_VERSION}'.encode()
 

@@ -10,15 +10,13 @@ from hbm.dynamics import Dynamics
 from hbm.engines.engine import EngineUsed
 from hbm.markers import Markers
 from hbm.motion import Motion
-from pipeline.export.opensim_tables import (
+from pipeline.export.tables import (
     write_coordinates,
     write_external_loads,
     write_forces,
     write_trc,
 )
-from pipeline.io.opensim.sto import read_mot, read_sto
-from pipeline.io.opensim.trc import read_trc
-from pipeline.io.opensim.trial import read_opensim_trial
+from pipeline.io.opensim import read_mot, read_opensim_trial, read_sto, read_trc
 from tests.synthetic import synthetic_t_pose
 
 TIME = 2.5 + np.arange(20) / 100

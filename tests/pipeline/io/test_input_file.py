@@ -12,15 +12,13 @@ from hypothesis import strategies as st
 from hbm.notes import Note
 from hbm.spelling import printable, short, shown
 from pipeline.config.study import read_study
-from pipeline.config.toml_file import read_segments, read_table
-from pipeline.config.validation import StudyFaults
+from pipeline.config.toml_file import StudyFaults, read_segments, read_table
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.dflow import read_dflow
 from pipeline.io.input_file import MAX_MESSAGE, FileFault, naming
 from pipeline.io.mox import read_mox
 from pipeline.io.nexus import read_nexus
-from pipeline.io.opensim.sto import read_mot
-from pipeline.io.opensim.trc import read_trc
+from pipeline.io.opensim import read_mot, read_trc
 from pipeline.io.read import read_recording
 from tests.pipeline.other_formats import excerpt, write_dflow, write_mox, write_nexus, write_opensim
 

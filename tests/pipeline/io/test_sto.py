@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.export.opensim_tables import write_trc
-from pipeline.io.opensim.sto import read_mot, read_sto
+from pipeline.export.tables import write_trc
+from pipeline.io.opensim import read_mot, read_sto
 from tests.synthetic import synthetic_t_pose
 
 ROOT = Path(__file__).parents[3]
@@ -128,7 +128,7 @@ def test_the_forces_of_a_table_of_sixty_thousand_columns_are_found_at_once(tmp_p
     mot.write_text("\n".join([*head, *rows]) + "\n", encoding="utf-8")
     write_trc(synthetic_t_pose(), trc)
     code = (
-        "import sys; from pipeline.io.opensim.trial import read_opensim_trial; "
+        "import sys; from pipeline.io.opensim import read_opensim_trial; "
         "read_opensim_trial(sys.argv[1], sys.argv[2], 'forward,left,up')"
     )
     asked = [sys.executable, "-c", code, str(trc), str(mot)]

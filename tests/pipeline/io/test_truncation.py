@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hbm.notes import Note
-from pipeline.io.opensim.sto import read_mot
+from pipeline.io.opensim import read_mot
 from pipeline.io.read import read_recording
 from tests.pipeline.io.test_read import one_line
 from tests.pipeline.other_formats import excerpt, write_dflow, write_mox, write_nexus, write_opensim

@@ -13,25 +13,24 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from pipeline.run.header import TrialHeader, header_of, plates_of
 
 from hbm.coordinates import HBM_ORDER, INDEX
 from pipeline.io.recording import Event
-from pipeline.run.header import TrialHeader, header_of, plates_of
 from pipeline.run.load import collect
 from pipeline.run.store import (
     DIGEST,
+    FORMAT_VERSION,
     HEADER,
     NO_DIGEST,
     SUMMARY,
     open_trial,
-    read_summary,
     read_trial,
     write_digest,
     write_trial,
 )
 from pipeline.trial.residuals import reported, residual_table
 from pipeline.trial.result import PlateSurface
-from pipeline.trial.summary import FORMAT_VERSION, summarise
 from tests.pipeline.equality import assert_identical
 from tests.pipeline.fake_results import fake_trial
 from tests.pipeline.viewer_trial import viewer_trial
@@ -42,7 +41,7 @@ VERSION = f'"version":{FORMAT_VERSION}'.encode()
 @pytest.fixture(scope="module")
 def written(processed, tmp_path_factory):
     path = tmp_path_factory.mktemp("trials") / "sub01_pitch.parquet"
-    write_trial(processed, "pitch", "a key", path)
+    write_trial(replace(processed, condition="pitch", key="a key"), path)
     return path
 
 
@@ -69,7 +68,7 @@ def test_trials_with_gaps_unsolved_frames_and_onsets_are_read_back(tmp_path, com
         delay_uncertainty_s=np.nan,
         overridden_segments=("left_foot",),
     )
-    write_trial(result, "walk", "", tmp_path / "walk.parquet")
+    write_trial(replace(result, condition="walk", key=""), tmp_path / "walk.parquet")
     assert_identical(read_trial(tmp_path / "walk.parquet"), result)
 
 
@@ -105,7 +104,7 @@ def test_numbers_other_than_the_frames_are_read_back_exactly(
 
 def test_tables_of_a_trial_read_back_are_those_it_was_written_with(processed, written):
     summary = summarise(read_trial(written), "pitch", "a key")
-    assert summary == read_summary(written)
+    assert summary == read_trial(written, frames=False)
     assert summary == summarise(processed, "pitch", "a key")
 
 
@@ -139,7 +138,7 @@ def test_events_are_on_the_frame_nearest_to_them(processed, written):
 
 
 def test_the_summary_is_read_without_the_frames(processed, written):
-    summary = read_summary(written)
+    summary = read_trial(written, frames=False)
     assert summary == summarise(processed, "pitch", "a key")
     assert (summary.key, summary.condition, summary.subject.id) == ("a key", "pitch", "sub01")
     assert summary.settings == processed.settings
@@ -187,7 +186,7 @@ def test_a_summary_of_another_format_gives_one_line(written, tmp_path, before, a
     with pytest.raises(
         ValueError, match=rf"^other\.parquet: {reason}.*'hbm run' makes it again; otherwise"
     ):
-        read_summary(path)
+        read_trial(path, frames=False)
 
 
 def test_a_file_without_a_place_for_the_checksum_is_refused_and_stays_as_it_is(tmp_path):
@@ -201,11 +200,11 @@ def test_a_file_without_a_place_for_the_checksum_is_refused_and_stays_as_it_is(t
 
 def test_equal_results_give_equal_bytes(processed, written, tmp_path):
     again = tmp_path / "again.parquet"
-    write_trial(processed, "pitch", "a key", again)
+    write_trial(replace(processed, condition="pitch", key="a key"), again)
     assert again.read_bytes() == written.read_bytes()
 
 
-@pytest.mark.parametrize("read", [read_summary, read_trial])
+@pytest.mark.parametrize("read", [read_trial])
 @pytest.mark.parametrize("keep", [0, 1, 100, 0.5, -1])
 def test_a_truncated_file_is_not_a_result(written, tmp_path, keep, read):
     whole = written.read_bytes()
@@ -217,7 +216,7 @@ def test_a_truncated_file_is_not_a_result(written, tmp_path, keep, read):
 
 def test_every_flipped_bit_is_found(tmp_path):
     path, broken = tmp_path / "small.parquet", tmp_path / "broken.parquet"
-    write_trial(fake_trial(1, "sway", cycles=2), "sway", "a key", path)
+    write_trial(replace(fake_trial(1, "sway", cycles=2), condition="sway", key="a key"), path)
     whole = path.read_bytes()
     step = len(whole) // 300
     footer = len(whole) - int.from_bytes(whole[-8:-4], "little")
@@ -237,7 +236,7 @@ def test_what_one_reader_refuses_every_reader_refuses(written, tmp_path):
     whole = bytearray(written.read_bytes())
     whole[100_000] ^= 1
     broken.write_bytes(whole)
-    for read, path in ((read_summary, broken), (read_trial, broken), (collect, tmp_path)):
+    for read, path in ((read_trial, broken), (read_trial, broken), (collect, tmp_path)):
         with pytest.raises(
             ValueError, match=r"^broken\.parquet is damaged: its bytes are not thos"
         ):
@@ -266,7 +265,7 @@ def test_a_trial_that_lacks_frames_or_gait_cycles_is_damaged(
 ):
     rewrite(written, tmp_path / "less.parquet", change, frames=frames)
     with pytest.raises(ValueError, match=rf"^less\.parquet is damaged: {reason}; 'hbm run' makes"):
-        read_summary(tmp_path / "less.parquet")
+        read_trial(tmp_path / "less.parquet", frames=False)
 
 
 SHAPES = {
@@ -331,7 +330,7 @@ def test_a_missing_column_gives_one_line(written, tmp_path):
         read_trial(tmp_path / "less.parquet")
 
 
-@pytest.mark.parametrize("read", [read_summary, read_trial])
+@pytest.mark.parametrize("read", [read_trial])
 def test_another_parquet_file_is_not_a_result(tmp_path, read):
     other = tmp_path / "other.parquet"
     pd.DataFrame({"x": [1]}).to_parquet(other)
@@ -351,8 +350,8 @@ def test_a_write_that_fails_leaves_what_was_there(processed, written, tmp_path, 
 
     monkeypatch.setattr(pq.ParquetWriter, "write_table", full)
     with pytest.raises(OSError, match="No space left"):
-        write_trial(processed, "pitch", "another key", path)
-    assert read_summary(path).key == "a key"
+        write_trial(replace(processed, condition="pitch", key="another key"), path)
+    assert read_trial(path, frames=False).key == "a key"
     assert [p.name for p in tmp_path.iterdir()] == ["trial.parquet"]
 
 

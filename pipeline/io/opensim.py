@@ -1,0 +1,386 @@
+"""OpenSim's files: TRC, MOT and STO."""
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+
+from hbm.notes import Note
+from hbm.spatial import Array, read_only, rotate_wrench
+from hbm.spelling import listed, short
+from pipeline.io.columns import (
+    FileMarkers,
+    PlateColumns,
+    file_markers,
+    lab_axes,
+    left_out,
+    plates_in_si,
+    wrench_of_torque,
+)
+from pipeline.io.input_file import naming
+from pipeline.io.recording import Metadata, Plate, Recording
+from pipeline.io.stated import Stated, as_stated
+from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows, read_number
+
+TRANSLATIONS: Final = ("_tx", "_ty", "_tz")
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table over time.
+
+    Attributes
+    ----------
+    time
+        Times, (N,) [s].
+    names
+        Column names without ``time``.
+    values
+        Values as the file holds them, (N, K).
+    in_degrees
+        Whether the rotational coordinates are in degrees, as the file states.
+    notes
+        On how the file ends.
+    columns
+        Name -> column of ``values``, the first one of that name.
+    """
+
+    time: Array
+    names: tuple[str, ...]
+    values: Array
+    in_degrees: bool
+    notes: tuple[Note, ...] = ()
+    columns: Mapping[str, int] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "time", read_only(self.time))
+        object.__setattr__(self, "values", read_only(self.values))
+        columns = {name: k for k, name in reversed([*enumerate(self.names)])}
+        object.__setattr__(self, "columns", MappingProxyType(columns))
+
+    def column(self, name: str) -> Array:
+        """Give one column as the file holds it, (N,); a KeyError lists the columns that exist."""
+        if name not in self.columns:
+            raise KeyError(f"no column {short(name)!r}; present: {listed(self.names)}")
+        return self.values[:, self.columns[name]]
+
+    def coordinate(self, name: str) -> Array:
+        """Give one coordinate, (N,): in rad, or in m where its name ends in _tx, _ty or _tz."""
+        column = self.column(name)
+        rotational = not name.endswith(TRANSLATIONS)
+        return np.deg2rad(column) if self.in_degrees and rotational else column
+
+
+def read_sto(path: str | Path) -> Table:
+    """Read a MOT or STO file of any version.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    Table
+        Its columns; nothing is converted. Without ``inDegrees`` in the header angles are radians,
+        as in OpenSim.
+
+    Raises
+    ------
+    ValueError
+        The file has no header or time column, is truncated, or holds something that is no number.
+    OSError
+        The file cannot be opened.
+    """
+    path = Path(path)
+    with naming(path):
+        return _table(list(lines_of(path)), ending_notes(path))
+
+
+read_mot = read_sto
+
+
+def _table(lines: list[str], notes: tuple[Note, ...]) -> Table:
+    ends = [k for k, line in enumerate(lines) if line.strip().lower() == "endheader"]
+    if not ends:
+        raise ValueError("not a MOT or STO file: it has no line 'endheader'")
+    pairs = (line.partition("=") for line in lines[: ends[0]] if "=" in line)
+    header = {key.strip().lower(): value.strip().lower() for key, _, value in pairs}
+    body = [(k, line) for k, line in enumerate(lines, start=1) if k > ends[0] + 1 and line.strip()]
+    names = names_in(body[0][1]) if body else []
+    if not names or names[0].lower() != "time":
+        raise ValueError(f"its first column is {listed(names[:1])}, expected 'time'")
+    values = parse_rows(((k, "\t".join(line.split())) for k, line in body[1:]), "\t", names)
+    for key, count in (("nrows", values.shape[0]), ("ncolumns", values.shape[1])):
+        if key in header and header[key] != str(count):
+            raise ValueError(f"its header says {key}={short(header[key])} but it holds {count}")
+    in_degrees = header.get("indegrees", "no") == "yes"
+    return Table(values[:, 0], tuple(names[1:]), values[:, 1:], in_degrees, notes)
+
+
+MIN_RATE_HZ, MAX_RATE_HZ = 1.0, 100_000.0
+"""Of cameras."""
+MAX_TIME_ERROR: Final = 0.1
+"""In frames: files round their times, but not by more than this beyond half of their last digit."""
+ROUNDED: Final = 1e-6
+"""Of a digit: closer to a whole one, a number has no further digits."""
+
+
+Trajectories = tuple[FileMarkers, Array, int]
+"""Markers, times on the file's clock, (T,) [s], and number of the first frame."""
+
+
+def read_trc(path: str | Path, stated: Stated | str | None = None) -> Recording:
+    """Read a TRC file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    stated
+        What is stated about it, as for `pipeline.io.c3d.read.read_c3d`.
+
+    Returns
+    -------
+    Recording
+        Markers in lab axes; times start at 0 at the first frame.
+
+    Raises
+    ------
+    ValueError
+        The file is damaged or truncated, its unit is unknown or contradicts the markers' extent,
+        or its axes cannot be inferred. One line.
+    OSError
+        The file cannot be opened.
+
+    Examples
+    --------
+    >>> import hbm, numpy as np, pipeline
+    >>> from pipeline.export.tables import write_trc
+    >>> standing = np.tile([[0.1, 0.1, 1.0], [0.1, -0.1, 1.0], [0.1, 0.1, 0.0]], (50, 1, 1))
+    >>> markers = hbm.Markers(np.arange(50) / 100, ("LASIS", "RASIS", "LMT2"), standing)
+    >>> write_trc(markers, "pose.trc")
+    >>> recording = pipeline.read_trc("pose.trc", "forward,left,up")
+    >>> recording.markers.names
+    ('LASIS', 'RASIS', 'LMT2')
+    """
+    path, stated = Path(path), as_stated(stated)
+    markers, time, first_frame = read_trajectories(path, stated)
+    with naming(path):
+        to_lab, notes = lab_axes(markers, (), stated)
+    return Recording(
+        source=path,
+        markers=markers.in_lab(time - time[0], to_lab),
+        first_frame=first_frame,
+        metadata=Metadata(subject=markers.subject),
+        stated=stated,
+        notes=(*notes, *markers.notes),
+    )
+
+
+def read_trajectories(path: Path, stated: Stated) -> Trajectories:
+    """Read a TRC file in its own axes; empty fields and points at exactly zero are gaps.
+
+    Times are regular from the first one at the file's rate, since files round them.
+    """
+    with naming(path):
+        return _trajectories(list(lines_of(path)), stated, ending_notes(path))
+
+
+def _trajectories(lines: list[str], stated: Stated, notes: tuple[Note, ...]) -> Trajectories:
+    if len(lines) < 6 or not lines[0].startswith("PathFileType"):
+        raise ValueError("not a TRC file: it does not begin with 'PathFileType'")
+    header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
+    if missing := {"DataRate", "NumFrames", "NumMarkers", "Units"} - set(header):
+        raise ValueError(f"its header does not say {listed(sorted(missing))}")
+    names = tuple(filter(None, names_in(lines[3], "\t")[2:]))
+    columns = ["Frame#", "Time", *(f"{name} {axis}" for name in names for axis in "XYZ")]
+    rows = [(k, line) for k, line in enumerate(lines[5:], start=6) if line.strip()]
+    rate_hz, frames, count = (
+        read_number(header[key], f"{key} in the header")
+        for key in ("DataRate", "NumFrames", "NumMarkers")
+    )
+    if count != len(names):
+        said = short(header["NumMarkers"])
+        raise ValueError(f"its header says NumMarkers {said}, but it holds {len(names)}")
+    if frames != len(rows):
+        said = short(header["NumFrames"])
+        if notes and rows and rows[-1][1].count("\t") + 1 < len(columns):  # it ends within a line
+            raise ValueError(f"its header says NumFrames {said}, but it is cut off in {len(rows)}")
+        notes = (*notes, Note.of("frame_count_differs", header=said, found=len(rows)))
+    if not rows or not names:
+        raise ValueError("it holds no frames")
+    filled = ((k, _with_last_gaps(line, len(columns))) for k, line in rows)
+    values = parse_rows(filled, "\t", columns)
+    if not np.isfinite(values[:, :2]).all():
+        raise ValueError("a frame has no number or no time")
+    position = values[:, 2:].reshape(len(rows), len(names), 3)
+    time, time_notes = _regular(values[:, 1], rate_hz)
+    markers = file_markers(names, header["Units"], lambda kept: position[:, kept], stated)
+    markers = replace(markers, notes=(*notes, *time_notes, *markers.notes))
+    return markers, time, int(values[0, 0])
+
+
+def _regular(stated: Array, rate_hz: float) -> tuple[Array, tuple[Note, ...]]:
+    """Give regular times [s] at a rate, as the stated ones are but for their rounding."""
+    if not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:
+        raise ValueError(
+            f"its header says {rate_hz:g} Hz, expected {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g} Hz"
+        )
+    after = np.arange(len(stated)) / rate_hz
+    rounding = _rounding(stated, rate_hz)
+    time: Array = (float(np.mean(stated - after)) if rounding else stated[0]) + after
+    wrong = np.flatnonzero(~(np.abs(stated - time) < MAX_TIME_ERROR / rate_hz + 2 * rounding))
+    if len(wrong):
+        k = wrong[0]
+        raise ValueError(
+            f"its times are not the regular times of its rate of {rate_hz:g} Hz: frame {k + 1} of "
+            f"{len(time)} is at {stated[k]:.6g} s, expected {time[k]:.6g} s; correct DataRate, or "
+            "export the file again"
+        )
+    if not rounding:
+        return time, ()
+    return time, (Note.of("times_rounded", digit_s=2 * rounding, rate_hz=rate_hz),)
+
+
+def _rounding(stated: Array, rate_hz: float) -> float:
+    """Give half of the last digit of rounded times [s]; 0 where the steps have no more digits."""
+    for unit in (0.01, 0.001):
+        if np.abs(stated / unit - np.round(stated / unit)).max() < ROUNDED:
+            step = 1 / rate_hz / unit
+            return 0.0 if abs(step - round(step)) < ROUNDED else unit / 2
+    return 0.0
+
+
+def _with_last_gaps(line: str, count: int) -> str:
+    """Add the tabs that some programs leave out where a frame's last markers are missing."""
+    missing = count - line.count("\t") - 1
+    return line + "\t" * missing if missing > 0 and missing % 3 == 0 else line
+
+
+MAX_ROUNDING: Final = 0.05
+"""In steps: times printed with few digits differ from even ones by less."""
+FORCE_COLUMN: Final = re.compile(r"(?P<stem>.*force.*)_(?P<letter>[vf])[xyz]")
+TORQUE_COLUMNS: Final = (
+    ("torque", "_"),
+    ("moment", "_"),
+    ("torque", "_m"),
+    ("moment", "_m"),
+    ("force", "_m"),
+)
+"""How programs call the torques of ``ground_force_vx``: ``ground_torque_x``, `` ground_force_mx``:
+word in the place of "force", and what stands before the axis."""
+
+
+def read_opensim_trial(
+    trc: str | Path, grf_mot: str | Path, stated: Stated | str | None = None
+) -> Recording:
+    """Read markers from a TRC file and ground reaction forces from a MOT file.
+
+    Parameters
+    ----------
+    trc
+        Marker trajectories.
+    grf_mot
+        Forces, points of application and torques in OpenSim's naming, on the same clock and in the
+        same axes as the markers; N, m and N·m, if no other units are stated.
+    stated
+        What is stated about the files, as for `pipeline.io.c3d.read.read_c3d`.
+
+    Returns
+    -------
+    Recording
+        Times start at 0 at the first frame of the TRC file. Each force is a plate with identity
+        rotation and centre at the lab origin, so that its wrench in the plate is the wrench about
+        the lab origin; its corners are unknown (NaN).
+
+    Raises
+    ------
+    ValueError
+        As `read_trc` and `read_mot`, or the table names no forces. One line.
+    OSError
+        A file cannot be opened.
+
+    Notes
+    -----
+    Moment about the origin of force f at point p with torque t: p × f + t, unless t turns out to be
+    the moment about a fixed point (`wrench_of_torque`). Where a force is exactly zero its point has
+    no meaning and is not used. MOT files often print times with so few digits that the steps look
+    uneven; force times within a twentieth of a step of even ones become even.
+
+    Examples
+    --------
+    >>> import numpy as np, pipeline
+    >>> from pipeline.export.tables import write_external_loads, write_trc
+    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> walk = simulate_trial("walk.c3d", duration_s=8.0)
+    >>> write_trc(pipeline.read_c3d("walk.c3d").markers, "walk.trc")
+    >>> feet = {"left_foot": walk.left, "right_foot": walk.right}
+    >>> write_external_loads(walk.time, feet, "walk_grf.mot")
+    >>> recording = pipeline.read_opensim_trial("walk.trc", "walk_grf.mot")
+    >>> len(recording.plates)
+    2
+    """
+    trc, grf_mot, stated = Path(trc), Path(grf_mot), as_stated(stated)
+    markers, time, first_frame = read_trajectories(trc, stated)
+    table = read_mot(grf_mot)
+    force_time = _evened(table.time) - time[0]
+    with naming(grf_mot):
+        forces, force_notes = plates_in_si(_forces(table, force_time), stated)
+    with naming(trc):
+        to_lab, axes_notes = lab_axes(markers, [each.force for each in forces], stated)
+    plates: list[Plate] = []
+    torque_notes: list[Note] = []
+    for k, each in enumerate(forces, start=1):
+        each = replace(each, name=f"plate {k} ({each.name})")
+        wrench, notes = wrench_of_torque(each, to_lab[2])
+        plates.append(Plate.at_origin(k, force_time, rotate_wrench(wrench, to_lab)))
+        torque_notes += notes
+    return Recording(
+        source=trc,
+        markers=markers.in_lab(time - time[0], to_lab),
+        plates=tuple(plates),
+        first_frame=first_frame,
+        metadata=Metadata(subject=markers.subject),
+        stated=stated,
+        notes=(*axes_notes, *markers.notes, *table.notes, *force_notes, *torque_notes),
+    )
+
+
+def _evened(time: Array) -> Array:
+    """Give even times where the printed ones are those but for their rounding."""
+    even = np.linspace(time[0], time[-1], len(time))
+    step = even[1] - even[0] if len(time) > 1 else 0.0
+    return even if np.abs(time - even).max() <= MAX_ROUNDING * step else time
+
+
+def _forces(table: Table, time: Array) -> Iterator[PlateColumns | Note]:
+    """Give each force of a table with its point and torque, or why it is left out."""
+    found = [match for name in table.names if (match := FORCE_COLUMN.fullmatch(name))]
+    stems = dict.fromkeys((match["stem"], match["letter"]) for match in found)
+    if not stems:
+        raise ValueError(f"no forces such as ground_force_vx; columns: {listed(table.names)}")
+    for k, (stem, letter) in enumerate(stems, start=1):
+        torques = dict.fromkeys(
+            stem.replace("force", word) + before for word, before in TORQUE_COLUMNS
+        )
+        there = [name for name in torques if f"{name}x" in table.columns]
+        columns = f"{stem}_{letter}", (there or [*torques])[0], f"{stem}_p"
+        needed = [f"{columns[part]}{axis}" for part in (0, 2, 1) for axis in "xyz"]
+        if absent := [name for name in needed if name not in table.columns]:
+            yield left_out(short(stem), f"column {short(absent[0])} is absent")
+            continue
+        if len(there) > 1:
+            raise ValueError(
+                f"the torques of {short(stem)} are there twice, as {short(there[0])}x and "
+                f"{short(there[1])}x; remove those that are not free torques"
+            )
+        force, torque, point = (
+            np.column_stack([table.column(f"{name}{axis}") for axis in "xyz"]) for name in columns
+        )
+        point[~force.any(axis=1)] = 0  # it has no meaning there
+        yield PlateColumns(k, short(stem), time, force, torque, point)

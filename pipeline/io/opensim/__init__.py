@@ -1,1 +1,0 @@
-"""OpenSim's files: TRC, MOT and STO -> `Recording`."""

@@ -1,0 +1,257 @@
+"""ezc3d reads the same content, or every difference is named; it may crash or be absent."""
+
+import struct
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from hbm.markers import Markers
+from pipeline.io.c3d import second_reader
+from pipeline.io.c3d.header import read_header
+from pipeline.io.c3d.parameters import parameter_records
+from pipeline.io.c3d.second_reader import check_rewritten, compare_readers, installed
+from pipeline.io.c3d.write import write_c3d
+from pipeline.io.recording import Analog
+
+needs_ezc3d = pytest.mark.skipif(not installed(), reason="no ezc3d wheel for this system")
+UNREAD = {
+    "axes_flipped_by_one_bit_53172_3.c3d": "MIPS processor type not supported",
+    "axes_flipped_by_one_bit_67360_3.c3d": "MIPS processor type not supported",
+    "phasespace_sample.c3d": "it reads 0 of 701 frames",
+    "sgi_real.c3d": "MIPS processor type not supported",
+    "type1.C3D": "it reads 0 of 6 analog channels",
+}
+REFUSED = {
+    "Empty.c3d": "the file is empty",
+    "MACsample.c3d": "the header scales points by",
+    "bad_parameter_section.c3d": "the parameter section is broken",
+}
+BLOCK = 512
+
+
+@needs_ezc3d
+def test_every_real_file_is_the_same_to_both_readers(shared_data):
+    for path in shared_data.rglob("*"):
+        if path.suffix.lower() != ".c3d":
+            continue
+        if path.name in REFUSED:
+            with pytest.raises(ValueError, match=REFUSED[path.name]):
+                compare_readers(path)
+            continue
+        found = compare_readers(path)
+        assert found.disagreements == (), path.name
+        assert found.refusal.startswith(UNREAD.get(path.name, "")), path.name
+        assert bool(found.refusal) == (path.name in UNREAD), path.name
+
+
+@pytest.fixture
+def everything(raw_c3d):
+    """A file with a gap, channels at three samples a frame, events; frames count from 11."""
+    rng = np.random.default_rng(2)
+    points = rng.normal(500, 400, size=(20, 5, 4)) * [1, 1, 1, 0]
+    points[4:7, 2] = (0, 0, 0, -1)
+    return raw_c3d(
+        points,
+        rng.normal(size=(20, 3, 8)),
+        first_frame=11,
+        POINT={"LABELS": list("ABCDE")},
+        ANALOG={"OFFSET": np.arange(8), "SCALE": rng.normal(size=8), "GEN_SCALE": np.array([0.3])},
+        EVENT={
+            "USED": np.array([2]),
+            "CONTEXTS": ["Left", "Right"],
+            "LABELS": ["Foot Strike", "Foot Off"],
+            "TIMES": np.array([[0.0, 0], [0.05, 0.1]]),
+        },
+    )
+
+
+@needs_ezc3d
+@pytest.mark.parametrize(
+    ("name", "place", "value", "line"),
+    [
+        ("analog", (16, 6), 7.5, "channel A6, frame 16: "),
+        ("points", (3, 1, 2), 7.5, "marker B, frame 14: ["),
+        ("points", (5, 2), 1.0, None),
+        ("residuals", (slice(3, 6), 0), -1.0, "marker A, frame 14: ["),
+        ("rate_hz", (), 99.0, "frame rate: 100 Hz here, 99 Hz"),
+        ("EVENT:TIMES", 3, 0.2, "parameter EVENT:TIMES: "),
+        ("POINT:LABELS", 1, "X", "parameter POINT:LABELS: "),
+        ("POINT:UNITS", 0, "m", "parameter POINT:UNITS: ['mm'] here, ['m']"),
+    ],
+)
+def test_any_difference_is_named_with_channel_frame_and_values(
+    everything, monkeypatch, name, place, value, line
+):
+    read = second_reader._read_by_ezc3d
+
+    def altered(path):
+        arrays = {key: np.array(array) for key, array in read(path).items()}
+        arrays[name][place] = value
+        return arrays
+
+    monkeypatch.setattr(second_reader, "_read_by_ezc3d", altered)
+    found = compare_readers(everything)
+    assert not found.refusal
+    if line is None:  # the residual says that the point is a gap
+        assert found.disagreements == ()
+    else:
+        (printed,) = found.disagreements
+        assert printed.startswith(line)
+
+
+@needs_ezc3d
+@pytest.mark.parametrize("scale", [-1.0, 0.1])
+@pytest.mark.parametrize("offset", [0, 30_000, -100])
+def test_equal_content_has_no_difference(raw_c3d, scale, offset):
+    """Scales are no powers of two, so the order of scaling would show; ezc3d drops signs."""
+    rng = np.random.default_rng(3)
+    path = raw_c3d(
+        rng.integers(-30000, 30000, size=(50, 7, 4)) * [1, 1, 1, 0],
+        rng.integers(-30000, 30000, size=(50, 4, 6)),
+        scale=scale,
+        POINT={"LABELS": list("ABCDEFG")},
+        ANALOG={
+            "OFFSET": np.full(6, offset),
+            "SCALE": rng.normal(size=6),
+            "GEN_SCALE": np.array([0.0123]),
+        },
+    )
+    found = compare_readers(path)
+    assert found.disagreements == ()
+    assert ("ANALOG:OFFSET" in found.refusal) == (offset < 0)
+
+
+@needs_ezc3d
+@pytest.mark.slow
+def test_a_trial_of_twelve_minutes_is_read_twice(tmp_path):
+    """72,000 frames of the files that this project writes: within the limits of memory and time."""
+    time, sample_time = np.arange(72_000) / 100, np.arange(720_000) / 1000
+    position = np.ones((72_000, 46, 3)) * time[:, None, None]
+    markers = Markers(time, tuple(f"M{k}" for k in range(46)), position)
+    values = np.ones((720_000, 12)) * sample_time[:, None]
+    path = tmp_path / "long.c3d"
+    names = tuple(f"A{k}" for k in range(12))
+    write_c3d(path, markers, analog=Analog(sample_time, names, ("V",) * 12, values))
+    found = compare_readers(path)
+    assert (found.refusal, found.disagreements) == ("", ())
+
+
+@pytest.mark.parametrize(
+    ("code", "reason"),
+    [
+        pytest.param(
+            "import ctypes; ctypes.string_at(0)",
+            "its process ends with SIGSEGV",
+            marks=pytest.mark.skipif(sys.platform == "win32", reason="signals only on POSIX"),
+        ),
+        ("import time; time.sleep(60)", "it takes more than 1 s"),
+        ("", "its process ends without a result"),
+        ("import sys; open(sys.argv[2], 'w').write('{')", "its process ends without a result"),
+        ("raise SystemExit('no\\nC3D')", "no C3D"),
+    ],
+)
+def test_a_program_that_crashes_hangs_or_leaves_nothing_costs_one_line(
+    everything, monkeypatch, tmp_path, code, reason
+):
+    program = tmp_path / "program.py"
+    program.write_text(code, encoding="utf-8")
+    monkeypatch.setattr(second_reader, "PROGRAM", program)
+    monkeypatch.setattr(second_reader, "installed", lambda: True)
+    monkeypatch.setattr(second_reader, "version", lambda _: "0")
+    monkeypatch.setattr(second_reader, "SECONDS", 1.0 if "more than 1 s" in reason else 60.0)
+    found = compare_readers(everything)
+    assert (found.reader, found.refusal, found.disagreements) == ("ezc3d 0", reason, ())
+
+
+@needs_ezc3d
+@pytest.mark.skipif(sys.platform != "linux", reason="memory is limited only on Linux")
+def test_memory_is_limited(shared_data):
+    """Without a limit, ezc3d 1.7.2 takes 12.6 GB and half a minute for this file."""
+    path = shared_data / "c3d_samples" / "bad_parameter_section.c3d"
+    with pytest.raises(ValueError, match=r"it needs more than 1\.1 GB of memory"):
+        second_reader._read_by_ezc3d(path)
+
+
+def test_a_library_whose_import_is_blocked_is_not_installed(everything, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ezc3d", None)
+    found = compare_readers(everything)
+    assert (found.reader, found.refusal) == ("ezc3d", "it is not installed")
+
+
+def rewritten(original, change):
+    """Copy a file and change its bytes, given them and where the data begin."""
+    header, _ = read_header(original)
+    content = bytearray(original.read_bytes())
+    change(content, header.data_start, header.frame.bytes)
+    path = original.with_name("written.c3d")
+    path.write_bytes(content)
+    return path
+
+
+def flipped(word, frame):
+    """Flip the lowest bit of a word of one frame."""
+
+    def change(content, start, size):
+        content[start + frame * size + 4 * word] ^= 1
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("word", "message"),
+    [
+        (4 + 1, "marker B differs in frame 14"),
+        (4 + 3, "marker B differs in frame 14"),
+        (20 + 8 + 6, "channel A6 differs in frame 14"),
+    ],
+)
+def test_one_bit_outside_the_changed_channels_is_named(everything, word, message):
+    written = rewritten(everything, flipped(word, 3))
+    with pytest.raises(ValueError, match=rf"^the copy is not made_to_order\.c3d .*: {message}$"):
+        check_rewritten(everything, written, changed_channels=(0, 1, 5))
+
+
+def test_what_was_to_change_may_differ(everything):
+    for change in (lambda *_: None, flipped(20 + 8 + 6, 3)):
+        found = check_rewritten(everything, rewritten(everything, change), changed_channels=(6,))
+        assert found.reader.startswith("ezc3d")
+        assert bool(found.refusal) != installed()
+
+    def later(content, *_):
+        at = content.index(struct.pack("<f", 0.05))
+        content[at : at + 4] = struct.pack("<f", 0.06)
+
+    written = rewritten(everything, later)
+    check_rewritten(everything, written, changed_channels=(), changed_parameters=["EVENT:TIMES"])
+    with pytest.raises(ValueError, match=r"parameter EVENT:TIMES differs$"):
+        check_rewritten(everything, written, changed_channels=())
+
+
+@given(place=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7))
+@settings(
+    max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+def test_no_bit_may_change_but_the_place_of_the_data_and_the_end_of_the_parameters(
+    everything, place, bit
+):
+    """Free are bytes 17 and 18, POINT:DATA_START, the length of the section, and what ends it."""
+    content = everything.read_bytes()
+    header, _ = read_header(everything)
+    section, start = ((k - 1) * BLOCK for k in (header.parameter_block, header.data_block))
+    records = list(parameter_records(content[section + 4 : start], header.byte_order))
+    (data_start,) = (record for record in records if record.name == "DATA_START")
+    free = {16, 17, *range(section, section + 3)}
+    first = section + 4
+    free |= set(range(first + data_start.start, first + data_start.pointer + data_start.step))
+    free |= {first + records[-1].pointer, first + records[-1].pointer + 1}
+    free |= set(range(len(content[:start].rstrip(b"\0")), start))
+    at = int(place * len(content))
+    if at in free:
+        return
+    written = rewritten(everything, lambda c, *_: c.__setitem__(at, c[at] ^ (1 << bit)))
+    with pytest.raises(ValueError, match=r"^the copy is not ") as caught:
+        check_rewritten(everything, written, changed_channels=())
+    assert "\n" not in str(caught.value)
