@@ -30,7 +30,7 @@ from compensation.hammer import (
 from compensation.inertia.calibration import Calibration, from_json, to_json
 from compensation.inertia.fit import dynamic_channels, fit_inertia, fit_trials
 from compensation.inertia.model import InertiaModel, Setup
-from compensation.inertia.quality import check_calibration, left_over, refuse_unusable
+from compensation.inertia.quality import left_over, refuse_unusable
 from compensation.inertia.sensors import Sensor, check_trial, find_sensors, sensor_noise_of
 from compensation.plate_calibration import PlateCalibration, PlateCalibrations
 from compensation.platform import (

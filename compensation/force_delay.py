@@ -3,10 +3,10 @@
 from typing import Final
 
 import numpy as np
-from hbm.signals.filtering import oscillation
 from numpy.typing import ArrayLike
 
 from compensation.delay import Delay
+from hbm.signals.filtering import oscillation
 from hbm.signals.resampling import interpolate
 from hbm.spatial import Array, Mask
 
