@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from pydantic import PlainSerializer, PlainValidator
 
 from compensation.inertia.quality import OF_CALIBRATION
-from compensation.platform.pose import PlatformPose
+from compensation.platform import PlatformPose
 from hbm.body import Body
 from hbm.dynamics import Dynamics
 from hbm.engines.engine import EngineUsed

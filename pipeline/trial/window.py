@@ -8,7 +8,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from compensation.platform.pose import PlatformPose
+from compensation.platform import PlatformPose
 from hbm.notes import Note
 from hbm.spatial import Array, Indices, Mask
 from pipeline.config.schema import Condition, Interval

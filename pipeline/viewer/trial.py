@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 import rerun as rr
 
-from compensation.platform.pose import PlatformPose
+from compensation.platform import PlatformPose
 from hbm.markers import Markers
 from hbm.notes import warnings_first
 from hbm.poses import segment_frames

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compensation.platform.pose import PlatformPose
+from compensation.platform import PlatformPose
 from hbm.notes import Note
 from hbm.signals.filtering import low_pass
 from hbm.signals.resampling import interpolate

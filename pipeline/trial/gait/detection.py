@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from scipy.signal import find_peaks
 
-from compensation.platform.pose import PlatformPose
+from compensation.platform import PlatformPose
 from hbm.body import Body
 from hbm.markers import Markers, MarkerSet
 from hbm.notes import Note

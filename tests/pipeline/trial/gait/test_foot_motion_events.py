@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from compensation.platform.pose import PlatformPose
+from compensation.platform import PlatformPose
 from pipeline.trial.gait import detection as module
 from pipeline.trial.gait.detection import FootMotion, foot_motion, foot_motion_events
 
