@@ -29,7 +29,7 @@ def check(
     from pipeline.config.toml_file import check_options
     from pipeline.trial.ground.accelerometers import stated_accelerometers
     from pipeline.trial.ground.calibration_check import check_recording
-    from pipeline.trial.ground.empty_plates import read_empty
+    from pipeline.trial.ground.calibration_recording import read_empty
     from pipeline.trial.ground.laboratory import read_laboratory
 
     plates = read_plate_correction(plate_calibration) if plate_calibration else None

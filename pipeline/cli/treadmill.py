@@ -73,13 +73,14 @@ def fit(
     from pipeline.run.job import file_digest
     from pipeline.trial.ground.accelerometers import find_accelerometers, stated_accelerometers
     from pipeline.trial.ground.calibration_recording import (
+        BESIDE,
         MODEL,
         WEIGHT,
         fit_calibration,
         plates_timed_apart,
+        read_empty,
     )
     from pipeline.trial.ground.corrected_plates import with_corrected_plates
-    from pipeline.trial.ground.empty_plates import BESIDE, read_empty
     from pipeline.trial.ground.platform import recording_delays
     from pipeline.trial.ground.uncertainty import belt_speed_notes
 
