@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 from compensation import BeltModel, Setup, commanded_pose, fit_pose, neutral_markers
-from compensation.platform.markers import MAX_DISTANCE_M
+from compensation.platform import MAX_DISTANCE_M
 from hbm.signals.resampling import Convolution
 from hbm.spatial import Array, fit_rotation, transform_wrench
 from pipeline.config.schema import Platform, Settings

@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from compensation.signals.protocol import pitch_and_sway_signals
-from compensation.signals.signal import Signal, resample_signal
+from compensation.protocol import pitch_and_sway_signals
+from compensation.signals import Signal, resample_signal
 from hbm.markers import Markers
 from hbm.spatial import Array
 from pipeline.io.recording import Analog, Metadata, Recording

@@ -22,7 +22,7 @@ from pipeline.live.session import Session
 from pipeline.live.stream import Samples, StreamDescription
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
-from pipeline.trial.residuals import headline_rows, residual_rows
+from pipeline.trial.residuals import residual_table
 from tests.pipeline.live.perturbed import Faults, PerturbedSource
 from tests.pipeline.live.playing import chain_of
 
@@ -88,8 +88,7 @@ def test_a_recorded_session_processed_afterwards_gives_the_residuals_of_the_tria
     again = process_recording(
         read_recording(followed[3] / STREAMS), Subject(sex="female"), REALTIME
     )
-    rows = (headline_rows(residual_rows(each, "level")) for each in (again, result))
-    ours, true = ([row.rms for row in each] for each in rows)
+    ours, true = (residual_table(each, "level")["rms"] for each in (again, result))
     np.testing.assert_allclose(ours, true, rtol=1e-6)
 
 
@@ -105,7 +104,7 @@ def test_results_on_disk_are_those_of_the_frames(followed):
 def test_the_monitor_has_the_residuals_of_the_trial(result, followed):
     """Gait cycles by the plates' contacts, of the trial by the motion of the feet."""
     monitor = followed[1]
-    true = [row.rms for row in headline_rows(residual_rows(result, "level"))]
+    true = residual_table(result, "level")["rms"]
     np.testing.assert_allclose(monitor.condition.rms["measured"], true, rtol=0.15)
     assert monitor.condition.cycles > 12
     assert f"{monitor.condition.cycles} gait cycles · RMS Fx" in monitor.status()
