@@ -23,7 +23,7 @@ from pipeline.io.recording import Plate
 from pipeline.live.frames.channels import AnalogStreams, SampleBuffer
 from pipeline.live.frames.ground import LiveGround, Pose
 from pipeline.live.stream import Samples, StreamDescription
-from pipeline.trial.gait.carried import PLACES, Support
+from pipeline.trial.gait.carried import PLACES, Feet, Support
 from pipeline.trial.gait.contact import FEET
 from pipeline.trial.gait.pressure import pressure_beside
 from pipeline.trial.ground.laboratory import Laboratory
@@ -129,6 +129,7 @@ class _Pose:
     q: Array
     feet: Array
     places: Array
+    above: Feet | None
     needed: tuple[Array, Array, Array]
     marker_error: Array
     quality: Quality
@@ -294,14 +295,18 @@ class LiveChain:
         self.motion.step(time, solution.q)
         q, v, a = self.motion.value, self.motion.velocity, self.motion.acceleration
         tau, wrench, motion = self.newton_euler(q, v, a)
-        feet = self._places(solution.q)[1:]
+        feet, places = self._places(solution.q)[1:], self._places(q)
+        platform, above = self.ground.seen(position), None
+        if platform is not None or self.ground.platform is None:  # else it waits for its commands
+            above = self._above_plates(time, places, platform)
         return _Pose(
             time,
             position,
-            self.ground.seen(position),
+            platform,
             q,
             (feet[:2] + feet[2:]) / 2,
-            self._places(q),
+            places,
+            above,
             (tau.copy(), wrench.copy(), motion.reshape(N_Q, 6).copy()),
             solution.marker_error,
             self._quality_of_pose(time, solution),
@@ -311,6 +316,9 @@ class LiveChain:
         """Give pelvis, ankles and balls, left before right, coordinates (46,) to (5, 3) [m]."""
         (poses,) = self.segment_poses(q)
         return np.asarray(poses.reshape(len(MOVING), 4, 3)[OF_PLACES, 3])
+
+    def _above_plates(self, time: float, places: Array, platform: Pose | None) -> Feet:
+        return self.support.feet(np.array([time]), places[None], _one(platform))
 
     def _quality_of_pose(self, time: float, solution: FrameSolution) -> Quality:
         """Say what markers do not show in a frame."""
@@ -354,11 +362,12 @@ class LiveChain:
             quality |= Quality.PLATFORM_UNKNOWN
         elif np.isnan(wrenches[-1]).any():
             quality |= Quality.FORCES_UNKNOWN
-        moved = None if platform is None else (platform[0][None], platform[1][None])
-        above = self.support.feet(np.array([time]), pose.places[None], moved)
+        above = pose.above or self._above_plates(time, pose.places, platform)
         measured = by_foot[-1, :, 2].sum(keepdims=True)
         best = wrenches[-1][None]
-        if not self.support.carried(above, best, on[None], wrench[2:3], measured, moved)[0]:
+        if not self.support.carried(above, best, on[None], wrench[2:3], measured, _one(platform))[
+            0
+        ]:
             quality |= Quality.NOT_CARRIED
         if uncertain:
             quality |= Quality.FOOT_UNCERTAIN
@@ -409,6 +418,11 @@ class LiveChain:
         if self.known_since is None or since_s > self.motion.longest_s:
             self.known_since = time
         return time - self.known_since >= self.settling_s
+
+
+def _one(platform: Pose | None) -> Pose | None:
+    """Give a platform's pose with an axis of frames."""
+    return None if platform is None else (platform[0][None], platform[1][None])
 
 
 def _described(
