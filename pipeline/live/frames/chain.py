@@ -23,11 +23,10 @@ from pipeline.io.recording import Plate
 from pipeline.live.frames.channels import AnalogStreams, SampleBuffer
 from pipeline.live.frames.ground import LiveGround, Pose
 from pipeline.live.stream import Samples, StreamDescription
+from pipeline.trial.checks import LEGS, MAX_UNSEEN_PELVIS_S
 from pipeline.trial.gait.carried import PLACES, Feet, Support
-from pipeline.trial.gait.contact import FEET
-from pipeline.trial.gait.pressure import pressure_beside
+from pipeline.trial.gait.contact import FEET, pressure_beside
 from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.motion_check import LEGS, MAX_UNSEEN_PELVIS_S
 from pipeline.trial.quality import Quality, settling_s
 from pipeline.trial.residuals import reported
 
