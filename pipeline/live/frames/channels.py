@@ -116,13 +116,16 @@ class AnalogStreams:
             self.used[samples.stream].append(samples.time, samples.values)
 
     def find(
-        self, labels: Sequence[str], unit_in_si: Callable[[str], float], unit: str | None = None
+        self,
+        labels: Sequence[str],
+        unit_in_si: Sequence[Callable[[str], float]],
+        unit: str | None = None,
     ) -> Channels:
         """Find channels of one stream, in this order.
 
-        ``unit_in_si`` gives one of a unit in SI, such as `pipeline.io.units.length_in_m`; the unit
-        is as stated, else as the stream has it. A ValueError says that no stream has all of them,
-        that several have, or that a unit is unknown.
+        Of each, ``unit_in_si`` gives one of a unit in SI, such as `pipeline.io.units.length_in_m`;
+        the unit is as stated, else as the stream has it. A ValueError says that no stream has all
+        of them, that several have, or that a unit is unknown.
         """
         having = [s for s in self.streams.values() if set(labels) <= set(s.labels)]
         if len(having) != 1:
@@ -139,7 +142,8 @@ class AnalogStreams:
         stream = having[0]
         columns = [stream.labels.index(label) for label in labels]
         try:
-            factor = [unit_in_si(unit or stream.units[column]) for column in columns]
+            units = [unit or stream.units[column] for column in columns]
+            factor = [in_si(each) for in_si, each in zip(unit_in_si, units, strict=True)]
         except ValueError as error:
             raise ValueError(f"stream {short(stream.name)!r}: {error}") from error
         buffer = self.used[stream.name] = self.buffers[stream.name]

@@ -89,7 +89,7 @@ class CommandedPlatform:
         for channel, unit_in_si in channels:
             found = None
             if channel is not None:
-                stream = analog.find([channel], unit_in_si)
+                stream = analog.find([channel], [unit_in_si])
                 found = stream, Convolution.between(stream.rate_hz, frames_hz)
             self.commands.append(found)
         reaches = [command[1].reach_s for command in self.commands if command is not None]
@@ -169,6 +169,7 @@ class LiveBelts:
             self.moments[k].append(np.array([at]), np.array([[moment]]))
 
 
+PLATE_UNITS: Final = (*[force_in_n] * 3, *[moment_in_nm] * 3)
 LIVE: Final = "live"
 """What is compensated, in messages."""
 
@@ -195,7 +196,7 @@ class LiveGround:
         treadmill = laboratory.treadmill
         self.plates, self.laboratory = plates, laboratory
         self.delays_s = plate_delays_s(plates, laboratory.plates, settings.plate_delay_s)
-        each = [_plate_channels(analog, six) for six in channels]
+        each = [analog.find(six, PLATE_UNITS) for six in channels]
         self.groups = _grouped(each, self.delays_s, frames_hz)
         corrections = [_correction(plate, laboratory) for plate in plates]
         self.corrections, self.offsets = map(np.array, zip(*corrections, strict=True))
@@ -210,7 +211,7 @@ class LiveGround:
             self.gains = [(model.gain[:-1], model.gain[-1]) for model in models]
             names = [name for axes in sensors.values() for name in axes]
             unit = treadmill.accelerometer_unit
-            self.readings = analog.find(names, acceleration_in_mps2, unit)
+            self.readings = analog.find(names, [acceleration_in_mps2] * len(names), unit)
             self.accelerometers = RealtimeAccelerometers.of(
                 treadmill,
                 laboratory.calibration.sensors,
@@ -290,7 +291,7 @@ class LiveGround:
             )
         count = len(belt.speed_channels)
         names = [belt.speed_channels[k % count] for k in range(len(self.plates))]
-        found = analog.find(names, speed_in_mps)
+        found = analog.find(names, [speed_in_mps] * len(names))
         belts = RealtimeBelts.of(models, found.rate_hz, 0.0)
         self.ahead_s.append(max(self.delays_s) + belts.ahead_s)
         self.sides = np.array([np.r_[np.zeros(3), belt_side(plate)] for plate in self.plates])
@@ -322,21 +323,6 @@ def _grouped(each: Sequence[Channels], delays_s: Sequence[float], frames_hz: flo
         how = Convolution.between(own[0].rate_hz, frames_hz)
         groups.append((plates, of_all, how, delay_s))
     return groups
-
-
-def _plate_channels(analog: AnalogStreams, six: Sequence[str]) -> Channels:
-    forces, moments = (
-        analog.find(labels, unit_in_si)
-        for labels, unit_in_si in ((six[:3], force_in_n), (six[3:], moment_in_nm))
-    )
-    if forces.buffer is not moments.buffer:
-        raise ValueError(f"the six channels {', '.join(six)} of a plate are not in one stream")
-    return Channels(
-        forces.buffer,
-        np.concatenate([forces.columns, moments.columns]),
-        np.concatenate([forces.factor, moments.factor]),
-        forces.rate_hz,
-    )
 
 
 def _correction(plate: Plate, laboratory: Laboratory) -> tuple[Array, Array]:
