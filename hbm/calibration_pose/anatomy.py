@@ -316,9 +316,12 @@ def elbow_notes(anatomies: list[Anatomy], landmarks: set[str]) -> list[Note]:
         if s + "MEE" not in landmarks and f"{side}_elbow" in anatomies[0].points:
             flexion = float(np.mean([_flexion(anatomy, side) for anatomy in anatomies]))
             if flexion < STRAIGHT_ELBOW_RAD:
-                degrees = float(np.degrees(flexion))
-                values = {"side": side, "marker": s + "MEE", "flexion_deg": degrees}
-                notes.append(Note.of("elbow_axis_uncertain", **values))
+                flexion_deg, marker = np.degrees(flexion), s + "MEE"
+                notes.append(
+                    Note.of(
+                        "elbow_axis_uncertain", side=side, marker=marker, flexion_deg=flexion_deg
+                    )
+                )
             else:
                 rule = f"{side} elbow axis across the plane of shoulder, elbow and wrist"
                 notes.append(substituted(s + "MEE", rule))

@@ -53,14 +53,10 @@ def frozen_frames(markers: Markers, names: Iterable[str]) -> Mask:
     [21, 39]
     """
     wanted = set(names)
-    frozen, visible = np.ones(len(markers.time), bool), np.zeros(len(markers.time), bool)
-    for name, path in zip(markers.names, np.swapaxes(markers.position, 0, 1), strict=True):
-        if name in wanted:
-            seen, repeated = _repeated(path)
-            frozen &= repeated | ~seen
-            visible |= seen
-    frozen &= visible
-    result: Mask = np.zeros(len(frozen), bool)
+    own = [k for k, name in enumerate(markers.names) if name in wanted]
+    seen, repeated = _repeated(markers.position[:, own])
+    frozen: Mask = np.asarray((repeated | ~seen).all(axis=1) & seen.any(axis=1))
+    result = np.zeros(len(frozen), bool)
     for stretch in _lasting(frozen, markers.time, MIN_FROZEN_S):
         result[stretch] = True
     return result
@@ -146,12 +142,10 @@ def _constant_times(body: Body, markers: Markers) -> dict[str, float]:
 
 
 def _repeated(position: Array) -> tuple[Mask, Mask]:
-    """Give which positions (T, 3) are known, and which equal those of the frame before."""
-    seen = np.isfinite(position[:, 0])
-    repeated = np.zeros(seen.shape, bool)
-    x, y, z = (position[1:] == position[:-1]).T
-    repeated[1:] = x & y & z
-    return seen, repeated
+    """Give which positions, (T, ..., 3), are known, and which equal those of the frame before."""
+    repeated = np.zeros(position.shape[:-1], bool)
+    repeated[1:] = (position[1:] == position[:-1]).all(axis=-1)
+    return np.isfinite(position[..., 0]), repeated
 
 
 def _lasting(mask: Mask, time: Array, duration_s: float) -> Iterator[slice]:
@@ -288,6 +282,7 @@ def _to_the_left(markers: Markers, marker_set: MarkerSet) -> Array:
 
 
 def _median(values: Array) -> float:
+    """Give the median of known values; NaN where there is none."""
     known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else np.nan
 
@@ -337,11 +332,11 @@ def labels_exchanged(markers: Markers, names: Iterable[str]) -> tuple[Note, ...]
     if not names:
         return ()
     paths = [markers.position[:, markers.names.index(name)] for name in names]
-    jump = np.stack([_jumps(markers.time, path) for path in paths]).T
+    expected = [_extrapolated(markers.time, path) for path in paths]
+    jump = np.linalg.norm(np.subtract(paths, expected), axis=-1).T
     jumped: Mask = jump > MIN_JUMP_M
     if jumped.sum(axis=1).max(initial=0) < 2:
         return ()
-    expected = [_extrapolated(markers.time, path) for path in paths]
     found: dict[str, list[float]] = {}
     jumped[1:][frozen_frames(markers, names)[:-1]] = False
     for frame in np.flatnonzero(jumped.sum(axis=1) > 1):
@@ -376,18 +371,6 @@ def _extrapolated(time: Array, path: Array) -> Array:
     share, seen = _steps_alike(time[frames]), path[frames]
     expected[frames[2:]] = seen[1:-1] + share[:, None] * (seen[1:-1] - seen[:-2])
     return expected
-
-
-def _jumps(time: Array, path: Array) -> Array:
-    """Give how far a marker (T, 3) is from there, (T,) [m]; NaN where unknown."""
-    jump = np.full(len(path), np.nan)
-    known = np.isfinite(path[:, 0])
-    square, share = 0.0, _steps_alike(time[known])
-    for coordinate in path.T:
-        steps = np.diff(coordinate[known])
-        square = square + (steps[1:] - share * steps[:-1]) ** 2
-    jump[np.flatnonzero(known)[2:]] = np.sqrt(square)
-    return jump
 
 
 def _steps_alike(at: Array) -> Array:
@@ -440,22 +423,20 @@ def changed_distances(body: Body, markers: Markers) -> tuple[Note, ...]:
             for name, segment in body.segment_of.items()
             if segment == s and name in markers.names
         ]
-        changes = []
-        for a, b in combinations(own, 2):
-            change = median_distance(markers, a, b) - distance(on_body[a], on_body[b])
-            if np.isfinite(change):
-                changes.append((f"{a}–{b}", change))
-        changes = sorted(
-            (c for c in changes if abs(c[1]) > MAX_DISTANCE_CHANGE_M), key=lambda c: -abs(c[1])
-        )
-        if changes:
+        changes = {
+            f"{a}–{b}": median_distance(markers, a, b) - distance(on_body[a], on_body[b])
+            for a, b in combinations(own, 2)
+        }
+        large = [pair for pair, change in changes.items() if abs(change) > MAX_DISTANCE_CHANGE_M]
+        large.sort(key=lambda pair: -abs(changes[pair]))
+        if large:
             notes.append(
                 Note.of(
                     "marker_distances_changed",
                     segment=s,
-                    pairs=len(changes),
+                    pairs=len(large),
                     limit_m=MAX_DISTANCE_CHANGE_M,
-                    largest_m=dict(changes[:MAX_DISTANCES_NAMED]),
+                    largest_m={pair: changes[pair] for pair in large[:MAX_DISTANCES_NAMED]},
                 )
             )
     return tuple(notes)
@@ -465,6 +446,4 @@ def median_distance(markers: Markers, first: str, second: str) -> float:
     """Give the median distance of two markers [m]; NaN where they are never seen together."""
     if not {first, second} <= set(markers.names):
         return float("nan")
-    ends = (markers.position[:, markers.names.index(name)] for name in (first, second))
-    apart = np.linalg.norm(np.subtract(*ends), axis=1)
-    return float(np.nanmedian(apart)) if np.isfinite(apart).any() else float("nan")
+    return _median(np.linalg.norm(_of(markers, first) - _of(markers, second), axis=1))

@@ -98,7 +98,7 @@ def undetermined_notes(body: Body, motion: Motion) -> tuple[Note, ...]:
 
 def seen_markers(motion: Motion) -> list[str]:
     """Give the markers that are seen in any frame of a motion."""
-    seen = np.isfinite(motion.marker_error).any(axis=0)
+    seen = np.atleast_1d(np.isfinite(motion.marker_error).any(axis=0))
     return [name for name, ever in zip(motion.markers, seen, strict=True) if ever]
 
 

@@ -19,7 +19,7 @@ from typing import Any, BinaryIO, Final, Literal, Union, get_args, get_origin, g
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 
 from compensation.platform import PlatformPose
 from hbm.coordinates import COORDINATES, HBM_ORDER
@@ -30,6 +30,7 @@ from hbm.motion import Motion
 from hbm.notes import Note
 from hbm.spatial import Array, Indices, Mask
 from hbm.spelling import short
+from pipeline.config.toml_file import fault_of
 from pipeline.io.input_file import open_file
 from pipeline.io.recording import Event
 from pipeline.io.write import whole_file, write_text
@@ -237,7 +238,10 @@ def _typed(kind: Any, stored: Any) -> Any:
             raise TypeError(f"unknown: {', '.join(unknown)}")
         return kind(**{name: _typed(own, stored[name]) for name, own in types.items()})
     if isinstance(kind, type) and issubclass(kind, BaseModel):
-        return kind.model_validate(stored)
+        try:
+            return kind.model_validate(stored)
+        except ValidationError as error:
+            raise TypeError(fault_of(error)) from error
     if origin is tuple or origin is np.ndarray:
         if not isinstance(stored, list):
             raise TypeError(f"expected several values, got {short(stored)}")

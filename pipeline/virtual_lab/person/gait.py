@@ -193,7 +193,7 @@ def _table() -> tuple[Array, dict[str, tuple[bool, Array]]]:
     The last are (slopes, K, 2).
     """
     path = Path(__file__).with_name("gait.csv")
-    rows = pd.read_csv(path, comment="#", float_precision="round_trip")
+    rows = pd.read_csv(path, comment="#")
     slopes, rows["at"] = np.unique(rows["slope_deg"], return_inverse=True)
     found = {}
     for name, own in rows.groupby("coordinate", sort=False):

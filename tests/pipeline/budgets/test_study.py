@@ -15,6 +15,7 @@ from pipeline.config.study import read_study
 from pipeline.report.write import write_report
 from pipeline.run.run import run_study
 from pipeline.run.store import read_trial
+from pipeline.trial.residuals import residual_table
 
 
 @pytest.fixture(scope="module")
@@ -210,7 +211,8 @@ def test_the_uncertainty_of_a_perturbed_trial_is_also_of_the_part_that_counts(ex
         for name in ("baseline", "sway")
     }
     assert budgets["baseline"].of_window == ()
-    rows = read_trial(explained / "trials" / "sub01_sway.parquet", frames=False).residuals
+    trial = read_trial(explained / "trials" / "sub01_sway.parquet")
+    rows = list(residual_table(trial, "sway").itertuples())
     for window, values in (
         ("motion", budgets["sway"].of_window),
         ("cycle", budgets["sway"].uncertainty),

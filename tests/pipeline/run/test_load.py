@@ -9,7 +9,7 @@ import pytest
 from pipeline.run.load import collect
 from pipeline.run.store import read_trial
 from pipeline.trial.gait.cycles import normalise
-from pipeline.trial.residuals import AXES, cycles_of
+from pipeline.trial.residuals import AXES, cycles_of, residual_table
 from tests.pipeline import lab
 
 
@@ -21,12 +21,12 @@ def gathered(finished):
 def test_residuals_of_every_trial_are_in_one_table(finished, gathered):
     assert len(gathered.residuals) == 2 * 3 * 2 * 6
     for path in (finished / "trials").glob("*.parquet"):
-        trial = read_trial(path, frames=False)
+        trial = read_trial(path)
         rows = gathered.residuals[
             (gathered.residuals["subject"] == trial.subject.id)
             & (gathered.residuals["condition"] == trial.condition)
         ]
-        expected = pd.DataFrame(trial.residuals)
+        expected = residual_table(trial, trial.condition)
         pd.testing.assert_frame_equal(rows.reset_index(drop=True), expected)
 
 

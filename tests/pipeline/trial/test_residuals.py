@@ -111,7 +111,7 @@ def test_frames_that_do_not_count_are_in_no_number(processed):
     for column in ("rms", "rms_of_cycles", "peak"):
         np.testing.assert_allclose(table[column], 1.0, rtol=1e-9)
     np.testing.assert_allclose(table["valid_share"], 1 - 0.2 / 2.5, atol=0.002)
-    limits = threshold_table(masked(result, plates=carried)).itertuples()
+    limits = list(threshold_table(masked(result, plates=carried)).itertuples())
     assert limits[0].peak == pytest.approx(np.sqrt(3))
     curves = cycle_residuals(masked(result, plates=carried), "measured")["right"]
     assert np.isnan(curves[0, 42:58]).all()

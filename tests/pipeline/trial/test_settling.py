@@ -151,9 +151,7 @@ def test_cycles_without_a_frame_that_counts_are_not_counted(whole):
         cycles={"right": whole.cycles["right"]},
         quality=quality,
     )
-    assert {row.n_cycles for row in residual_table(result, "level")} == {
-        len(whole.cycles["right"]) - 1
-    }
+    assert set(residual_table(result, "level")["n_cycles"]) == {len(whole.cycles["right"]) - 1}
     assert not counted(result)[(whole.motion.time >= start) & (whole.motion.time < stop)].any()
 
 
