@@ -1,13 +1,16 @@
 """Causes of residuals in words: names of groups, sizes, what to mend, a table of shares, lines."""
 
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
 from itertools import pairwise
 from typing import Final
 
 from hbm.spatial import Array
 from pipeline.explain.budget import Budget, EstimatedCause, GroupShare
-from pipeline.explain.cause import OF_PERSON, CauseGroup
+from pipeline.explain.cause import OF_PERSON
 from pipeline.explain.explain import MIN_CYCLES
 from pipeline.explain.shares import NORMAL_95
 from pipeline.trial.ground.laboratory import Laboratory
@@ -45,8 +48,8 @@ class GroupWords:
         What tells the size of its causes in another way; empty where nothing simple does.
     """
 
-    owner: str
     what: str
+    owner: str = ""
     mend: str = ""
     know: str = ""
 
@@ -56,63 +59,12 @@ class GroupWords:
         return f"{self.owner} {self.what}".strip()
 
 
-GROUPS: Final[Mapping[CauseGroup, GroupWords]] = {
-    "zero": GroupWords(
-        "plates'",
-        "zero",
-        "zero the plates ({cause})",
-        "record 5 s of empty plates before the trial",
-    ),
-    "inertia": GroupWords(
-        "body's",
-        "masses",
-        "check the body's masses and centres of mass ({cause})",
-        "weigh the subject on scales and state mass_kg in the subject's file",
-    ),
-    "delay": GroupWords(
-        "plates'",
-        "delay",
-        "measure the plates' delay ({cause})",
-        "hit a plate with a hammer that carries a marker (hbm plates)",
-    ),
-    "gain": GroupWords(
-        "plates'",
-        "gain and cross-talk",
-        "calibrate the plates with known weights ({cause})",
-        "load the plates with known weights (hbm plates)",
-    ),
-    "place": GroupWords(
-        "plates'",
-        "place and direction",
-        "measure again where the plates are ({cause})",
-        "press a pole with markers on the plates at known points",
-    ),
-    "platform": GroupWords(
-        "platform's",
-        "pose",
-        "check the platform's pose ({cause})",
-        "record the platform at rest in neutral, with markers on it",
-    ),
-    "compensation": GroupWords(
-        "",
-        "compensation",
-        "calibrate the moving treadmill again ({cause})",
-        "record the empty treadmill in motion on the same day (hbm calibration check)",
-    ),
-    "markers": GroupWords(
-        "",
-        "joints and markers",
-        "repeat the calibration pose, with all markers in place ({cause})",
-        "record swinging thighs (--hip functional) and markers on both sides of knees and ankles",
-    ),
-    "skin": GroupWords("", "skin motion", "place the markers where skin moves less ({cause})"),
-    "soft_tissue": GroupWords("", "soft tissue"),
-    "filter": GroupWords("", "filter"),
-}
-"""By group, those first that are the easiest to find out in another way."""
+@cache
+def groups() -> Mapping[str, GroupWords]:
+    """Give the words of groups of causes, as `words.toml` lists them; "person" is `OF_PERSON`."""
+    text = files("pipeline.budgets").joinpath("words.toml").read_text(encoding="utf-8")
+    return {name: GroupWords(**own) for name, own in tomllib.loads(text).items()}
 
-PERSON: Final = GroupWords("", "body and markers", know=GROUPS["inertia"].know)
-"""Of several groups of `OF_PERSON`."""
 
 SHOWN_UNITS: Final[Mapping[str, tuple[float, str]]] = {
     "s": (1000.0, "ms"),
@@ -123,7 +75,7 @@ SHOWN_UNITS: Final[Mapping[str, tuple[float, str]]] = {
 """Unit of a size -> factor and the unit that a person reads it in."""
 
 
-def group_name(groups: Sequence[str]) -> str:
+def group_name(names: Sequence[str]) -> str:
     """Name groups of causes that cannot be told apart.
 
     Examples
@@ -133,7 +85,7 @@ def group_name(groups: Sequence[str]) -> str:
     >>> group_name(["inertia", "markers", "skin", "soft_tissue"])
     'body and markers'
     """
-    words = _apart(groups)
+    words = _apart(names)
     parts = [words[0].name]
     for before, own in pairwise(words):
         owner = "their" if own.owner and own.owner == before.owner else own.owner
@@ -141,12 +93,12 @@ def group_name(groups: Sequence[str]) -> str:
     return ", or ".join(parts)
 
 
-def how_to_tell_apart(groups: Sequence[str]) -> tuple[str, ...]:
+def how_to_tell_apart(names: Sequence[str]) -> tuple[str, ...]:
     """Say what knowing would tell groups of causes apart.
 
     Parameters
     ----------
-    groups
+    names
         Groups that a trial cannot tell apart.
 
     Returns
@@ -160,21 +112,13 @@ def how_to_tell_apart(groups: Sequence[str]) -> tuple[str, ...]:
     >>> how_to_tell_apart(["gain", "zero"])
     ('record 5 s of empty plates before the trial',)
     """
-    apart = _apart(sorted(groups, key=[str(group) for group in GROUPS].index))
+    apart = _apart(sorted(names, key=[*groups()].index))
     return tuple([words.know for words in apart if words.know][: len(apart) - 1])
 
 
-def are_apart(groups: Sequence[str]) -> bool:
+def are_apart(names: Sequence[str]) -> bool:
     """Tell whether groups that are named together are more than one to their reader."""
-    return len(_apart(groups)) > 1
-
-
-def mending(group: str, cause: str) -> str:
-    """Say what to do about a cause, such as "zero the plates (plate 1: zero of Fy)".
-
-    Empty where nothing in the laboratory changes it.
-    """
-    return _words(group).mend.format(cause=cause)
+    return len(_apart(names)) > 1
 
 
 def size_in_words(cause: EstimatedCause) -> str:
@@ -198,22 +142,16 @@ def shares_in_words(shares: Array) -> str:
     return ", ".join(named) + " (negative: they add)" * bool((shares < 0).any())
 
 
-def _apart(groups: Sequence[str]) -> list[GroupWords]:
+def _apart(names: Sequence[str]) -> list[GroupWords]:
     """Give the words of groups, those of the person as one."""
-    person = [group for group in groups if group in OF_PERSON]
+    person = [name for name in names if name in OF_PERSON]
     if len(person) < 2:
-        return [_words(group) for group in groups]
+        return [groups()[name] for name in names]
     return [
-        PERSON if group == person[0] else _words(group)
-        for group in groups
-        if group not in person[1:]
+        groups()["person" if name == person[0] else name]
+        for name in names
+        if name not in person[1:]
     ]
-
-
-def _words(group: str) -> GroupWords:
-    """Give the words of a group; of one that is unknown here, its name."""
-    known = {str(name): words for name, words in GROUPS.items()}
-    return known.get(group) or GroupWords("", group.replace("_", " "), "{cause}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -284,7 +222,7 @@ def _stated(cause: EstimatedCause, result: TrialResult, laboratory: Laboratory) 
     if cause.name == MASS:
         mass_kg = result.body.mass / (1 + cause.size)
         return f"state mass_kg = {mass_kg:.1f} of the subject, once scales confirm it"
-    return mending(cause.group, f"{cause.name} {size_in_words(cause)}")
+    return groups()[cause.group].mend.format(cause=f"{cause.name} {size_in_words(cause)}")
 
 
 def budget_table(budget: Budget) -> tuple[str, tuple[str, ...], list[Column]]:

@@ -26,7 +26,7 @@ def check(
     from pipeline.cli.terminal import note_line, plain_console, print_table
     from pipeline.config.plate_correction import read_plate_correction
     from pipeline.config.schema import RecordingRules
-    from pipeline.config.validation import check_options
+    from pipeline.config.toml_file import check_options
     from pipeline.trial.ground.accelerometers import stated_accelerometers
     from pipeline.trial.ground.calibration_check import check_recording
     from pipeline.trial.ground.empty_plates import read_empty

@@ -47,7 +47,7 @@ def _explain_trial(request: TrialRequest, out: Path) -> int:
     from pipeline.cli.terminal import announcer, plain_console
     from pipeline.figures.explained import bands_figure, budget_figure
     from pipeline.figures.style import save_figure
-    from pipeline.run.one_trial import processed_trial
+    from pipeline.run.one_trial import process_request
 
     if request.trial.suffix == RESULT:
         raise ValueError(
@@ -56,7 +56,7 @@ def _explain_trial(request: TrialRequest, out: Path) -> int:
         )
     console = plain_console()
     require_folder(out)
-    trial = processed_trial(request, announcer(console))
+    trial = process_request(request, announcer(console))
     explanation = explain(trial.recording, trial.laboratory, trial.result)
     name, bands = request.trial.stem, explanation.budget.bands
     write_explanation(explanation, out / f"{name}{SUFFIX}")

@@ -18,7 +18,9 @@ from pipeline.cli.options import (
     Seed,
     Simulate,
     Units,
+    described,
 )
+from pipeline.config.schema import Platform, Treadmill
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -32,21 +34,14 @@ def fit(
     axes: Axes = None,
     units: Units = None,
     plate_units: PlateUnits = None,
-    cutoff_hz: Annotated[
-        float,
-        typer.Option(min=0.1, max=100, help="Low-pass of fit and trials, zero phase (-3 dB)."),
-    ] = 20.0,
-    accelerometer_unit: Annotated[
-        str | None, typer.Option(help="g or m/s²; default: as the file says.")
-    ] = None,
+    cutoff_hz: Annotated[float, described(Treadmill, "cutoff_hz")] = Treadmill().cutoff_hz,
+    accelerometer_unit: Annotated[str | None, described(Treadmill, "accelerometer_unit")] = None,
     accelerometer: Accelerometers = None,
     platform_markers: Annotated[
         str, typer.Option(help="Markers on the platform: how plates and commands are timed.")
     ] = "",
-    sway_channel: Annotated[str | None, typer.Option(help="Channel of the commanded sway.")] = None,
-    pitch_channel: Annotated[
-        str | None, typer.Option(help="Channel of the commanded pitch.")
-    ] = None,
+    sway_channel: Annotated[str | None, described(Platform, "sway_channel")] = None,
+    pitch_channel: Annotated[str | None, described(Platform, "pitch_channel")] = None,
     plate_calibration: PlateCorrectionFile = None,
     beside: Annotated[
         list[Path] | None,
@@ -57,13 +52,8 @@ def fit(
         ),
     ] = None,
     inertia_model: Annotated[
-        str,
-        typer.Option(
-            "--model",
-            "--inertia-model",
-            help="static, dynamic, or auto: dynamic where clearly and safely better.",
-        ),
-    ] = "auto",
+        str, described(Treadmill, "inertia_model", "--model", "--inertia-model")
+    ] = Treadmill().inertia_model,
     check: Annotated[
         list[Path] | None,
         typer.Option("--check", help="As --beside, only to compare both models by; repeatable."),
@@ -75,8 +65,8 @@ def fit(
     from hbm.notes import warnings_first
     from pipeline.cli.terminal import note_line, plain_console, print_table
     from pipeline.config.plate_correction import read_plate_correction
-    from pipeline.config.schema import Platform, RecordingRules, Treadmill
-    from pipeline.config.validation import check_options
+    from pipeline.config.schema import RecordingRules
+    from pipeline.config.toml_file import check_options
     from pipeline.io.units import acceleration_in_mps2
     from pipeline.io.write import write_text
     from pipeline.run.job import file_digest
@@ -177,7 +167,7 @@ def _fit_table(calibration: "Calibration") -> "Table":
         left = name in ("plate", "component", "verdict")
         table.add_column(name, justify="left" if left else "right")
     for name, model in calibration.in_use.items():
-        for row in (calibration.verdict or {})[name]:
+        for row in calibration.verdict[name]:
             table.add_row(
                 name,
                 row.component,
@@ -237,7 +227,7 @@ def signals(
     Exit code 1 if an advised signal is beyond the machine.
     """
     from compensation import MachineLimits
-    from compensation.signals.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
+    from compensation.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
     from pipeline.calibration_ranking.signal_files import KINDS, protocol_signals, write_signals
     from pipeline.cli.terminal import plain_console
 
@@ -256,18 +246,18 @@ def signals(
     console = plain_console()
     kinds = KINDS if kind == "all" else (kind,)
     drawn = {name: protocol_signals(name, seed, limits) for name in kinds}
-    if not any(signals.possible for signals in drawn.values()):
-        raise ValueError(f"the machine can do none of these: {drawn[kinds[0]].beyond[0]}")
-    for name, signals in drawn.items():
-        written = write_signals(signals.possible, out / name, rate_hz, limits)
+    if not any(possible for possible, _ in drawn.values()):
+        raise ValueError(f"the machine can do none of these: {drawn[kinds[0]][1][0]}")
+    for name, (possible, beyond) in drawn.items():
+        written = write_signals(possible, out / name, rate_hz, limits)
         console.print(f"{len(written)} signals at {rate_hz:g} Hz in {out / name}", soft_wrap=True)
-        for line in signals.beyond:
+        for line in beyond:
             console.print(f"not written, beyond the machine: {name} {line}", soft_wrap=True)
     to_begin_with = {"pitch_sway": ADVISED_PLATFORM_SIGNAL, "belt": ADVISED_BELT_SIGNAL}
     lacking = [
         advised
         for name, advised in to_begin_with.items()
-        if name in drawn and advised not in {s.name for s in drawn[name].possible}
+        if name in drawn and advised not in {s.name for s in drawn[name][0]}
     ]
     if lacking:
         console.print(
@@ -308,9 +298,8 @@ def rank(
     out: Out = Path("ranking"),
 ) -> None:
     """Rank calibration trials by how well they compensate the validation trials."""
-    from pipeline.calibration_ranking.experiment import rank_recordings
     from pipeline.calibration_ranking.report import write_results
-    from pipeline.calibration_ranking.trials import RankingSettings
+    from pipeline.calibration_ranking.trials import RankingSettings, read_trials
     from pipeline.cli.terminal import StepProgress, plain_console
     from pipeline.virtual_lab.protocol.ranking_study import TRIALS, simulate_ranking
 
@@ -332,8 +321,8 @@ def rank(
             for done, path in enumerate(simulate_ranking(folder, seed), 1):
                 progress.show(path.name, done, TRIALS)
     with StepProgress(console, "reading", "recordings") as progress:
-        found = rank_recordings(folder, settings, seed, progress.show)
-    for sentence in write_results(found, out):
+        trials = read_trials(folder, settings, progress.show)
+    for sentence in write_results(trials, seed, out):
         console.print(sentence, soft_wrap=True)
     console.print(f"written to {out}: ranking.md, tables, figures", soft_wrap=True)
 

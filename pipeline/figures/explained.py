@@ -10,7 +10,7 @@ from hbm.spatial import Array
 from pipeline.budgets.words import group_name
 from pipeline.explain.budget import Bands, Budget
 from pipeline.explain.shares import NORMAL_95
-from pipeline.figures.residuals import label_panels
+from pipeline.figures.residuals import label_panels, legend_below, six_panels
 from pipeline.figures.style import BAND_OPACITY, COLOURS, STYLE
 from pipeline.trial.gait.cycles import mean_and_sd, normalise
 from pipeline.trial.residuals import AXES, UNITS
@@ -87,8 +87,7 @@ def bands_figure(bands: Bands, name: str) -> Figure:
     half = NORMAL_95 * np.sqrt(np.nanmean(variance, axis=0))
     percent = np.linspace(0, 100, len(mean))
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9, 5), layout="constrained")
-        panels = figure.subplots(2, 3, sharex=True).ravel()
+        figure, panels = six_panels()
         for k, panel in enumerate(panels):
             for spread, colour, label in (
                 (half[:, k], "#777777", "95 % interval of measurement"),
@@ -105,8 +104,7 @@ def bands_figure(bands: Bands, name: str) -> Figure:
                 )
             panel.plot(percent, mean[:, k], color=COLOURS["measured"], label="mean")
         label_panels(panels)
-        handles = panels[0].get_legend_handles_labels()
-        figure.legend(*handles, loc="outside lower center", ncols=3, frameon=False)
+        legend_below(figure, panels[0])
         figure.suptitle(
             f"{name}: pelvis residuals of {len(spans)} gait cycles and how sure they are",
             fontsize=10,

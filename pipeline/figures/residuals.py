@@ -20,7 +20,6 @@ from pipeline.trial.residuals import (
     reported,
 )
 from pipeline.trial.result import TrialResult
-from pipeline.trial.summary import TrialSummary
 
 UNCOUNTED = "#BBBBBB"
 """Colour of frames that do not count, and of the part of the gait cycle that does."""
@@ -55,7 +54,7 @@ def _over_time(result: TrialResult) -> Figure:
     time, counts = result.motion.time, counted(result)
     settled = free_of(result.quality, Quality.SETTLING)[:, None]
     with mpl.rc_context(STYLE):
-        figure, panels = _panels()
+        figure, panels = six_panels()
         for variant, dynamics in result.variants.items():
             values = reported(np.where(settled, dynamics.residual, np.nan))
             for k, panel in enumerate(panels):
@@ -71,21 +70,22 @@ def _over_time(result: TrialResult) -> Figure:
             if counts.any():
                 panel.set_ylim(*(1.2 * np.max(largest) * np.array([-1, 1])))
         if len(result.variants) > 1:
-            _draw_legend(figure, panels[0])
+            legend_below(figure, panels[0])
         what = "grey: left out" if counts.any() else "all frames are left out"
         figure.suptitle(f"{result.source.name}: pelvis residuals, {what}", fontsize=10)
     return figure
 
 
-def _panels() -> tuple[Figure, Sequence[Axes]]:
-    figure = Figure(figsize=(9, 5), layout="constrained")
+def six_panels(size_inch: tuple[float, float] = (9, 5)) -> tuple[Figure, Sequence[Axes]]:
+    """Give a figure of six panels: forces above, moments below."""
+    figure = Figure(figsize=size_inch, layout="constrained")
     return figure, figure.subplots(2, 3, sharex=True).ravel()
 
 
 def _over_cycle(result: TrialResult) -> Figure:
     """Draw mean ± SD over the gait cycles of one side."""
     with mpl.rc_context(STYLE):
-        figure, panels = _panels()
+        figure, panels = six_panels()
         side = "right" if len(result.cycles.get("right", ())) else "left"
         for variant in result.variants:
             curves, spans = cycle_residuals(result, variant)[side], result.cycles[side]
@@ -100,7 +100,7 @@ def _over_cycle(result: TrialResult) -> Figure:
         label_panels(panels)
         draw_part(panels, mean_part([result]))
         if len(result.variants) > 1:
-            _draw_legend(figure, panels[0])
+            legend_below(figure, panels[0])
         count = len(result.cycles[side])
         figure.suptitle(
             f"{result.source.name}: pelvis residuals, mean ± SD of {count} {side} gait cycles",
@@ -109,10 +109,10 @@ def _over_cycle(result: TrialResult) -> Figure:
     return figure
 
 
-def _draw_legend(figure: Figure, panel: Axes) -> None:
-    """Name the curves of a panel below all of them."""
+def legend_below(figure: Figure, panel: Axes) -> None:
+    """Name the curves of a panel below all of them, up to four in a line."""
     named = panel.get_legend_handles_labels()
-    figure.legend(*named, loc="outside lower center", ncols=len(named[1]), frameon=False)
+    figure.legend(*named, loc="outside lower center", ncols=min(4, len(named[1])), frameon=False)
 
 
 def _draw_uncertainty(panel: Axes, x: Array, middle: Array, spread: Array) -> None:
@@ -129,7 +129,7 @@ def _draw_uncertainty(panel: Axes, x: Array, middle: Array, spread: Array) -> No
     )
 
 
-def mean_part(trials: Iterable[TrialResult | TrialSummary]) -> tuple[float, float] | None:
+def mean_part(trials: Iterable[TrialResult]) -> tuple[float, float] | None:
     """Give mean start and stop of the part of the gait cycles that counts [%]; None without."""
     parts = [t.part.percent(t.cycles) for t in trials if t.part is not None]
     known = np.concatenate([np.empty((0, 2)), *parts])

@@ -1,6 +1,6 @@
 """Experiment 1: errors of force plates under known weights, and how they depend on conditions."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -67,21 +67,6 @@ class ConditionEffects:
     remarks: tuple[str, ...] = ()
 
 
-NO_EFFECTS: Final = ConditionEffects(
-    pd.DataFrame(columns=TEST_COLUMNS), pd.DataFrame(columns=PAIR_COLUMNS)
-)
-
-
-@dataclass(frozen=True, slots=True)
-class _Analysis:
-    """Data of one quantity, the factors of its model, and those of them that are of interest."""
-
-    quantity: str
-    data: pd.DataFrame
-    factors: Sequence[str]
-    tested: Sequence[str]
-
-
 def reported_errors(errors: pd.DataFrame) -> pd.DataFrame:
     """Give the errors of the recordings with supports, or of all where none has supports."""
     return errors[errors["supports"] == errors["supports"].any()]
@@ -111,69 +96,66 @@ def condition_effects(errors: pd.DataFrame) -> ConditionEffects:
     leaves belt and profile in the error, and does not state whether the transformed data were
     normal.
     """
-    supported = reported_errors(errors)
+    supported, factors = reported_errors(errors), list(FACTORS)
+    whole, thirds = (supported[(supported["zone"] == "all") == entire] for entire in (True, False))
+    varied = [factor for factor in factors if whole[factor].nunique() > 1]
+    coefficients = 1 + sum(whole[factor].nunique() - 1 for factor in varied)
     tests, pairs, remarks = [], [], []
-    for label, analyses in (
-        ("whole recordings", list(_of_recordings(supported))),
-        ("thirds of the belt", list(_of_thirds(supported))),
+    for label, data, used, tested in (
+        ("whole recordings", whole, varied, varied),
+        ("thirds of the belt", thirds, ["file", "zone"], ["zone"]),
     ):
-        done = []
-        for one in analyses:
-            try:
-                table, compared = _analyse(one)
-            except ValueError as error:
-                remarks.append(f"{one.quantity}, {label}: not tested: {error}")
+        analysed = False
+        for quantity, part in data.groupby("quantity", sort=False):
+            if data is thirds:
+                part = part[part.groupby("file")["zone"].transform("nunique") > 1]
+                enough = part["file"].nunique() >= MIN_BLOCKS
+            else:
+                enough = bool(used) and len(part) >= MIN_TRIALS_PER_COEFFICIENT * coefficients
+            if not enough:
                 continue
-            done.append(table)
+            analysed = True
+            try:
+                table, compared = _analyse(str(quantity), part, used, tested)
+            except ValueError as error:
+                remarks.append(f"{quantity}, {label}: not tested: {error}")
+                continue
+            tests.append(table)
             pairs.append(compared)
-        if not analyses:
+        if not analysed:
             remarks.append(f"{label}: not tested, too few recordings, or nothing varies")
-        tests += done
-    if not tests:
-        return ConditionEffects(NO_EFFECTS.tests, NO_EFFECTS.pairs, tuple(remarks))
     return ConditionEffects(
-        pd.concat(tests, ignore_index=True)[list(TEST_COLUMNS)],
-        pd.concat(pairs, ignore_index=True)[list(PAIR_COLUMNS)],
-        tuple(remarks),
+        _joined(tests, TEST_COLUMNS), _joined(pairs, PAIR_COLUMNS), tuple(remarks)
     )
 
 
-def _of_recordings(errors: pd.DataFrame) -> Iterator[_Analysis]:
-    whole = errors[errors["zone"] == "all"]
-    used = [factor for factor in FACTORS if whole[factor].nunique() > 1]
-    for quantity, part in whole.groupby("quantity", sort=False):
-        coefficients = 1 + sum(part[factor].nunique() - 1 for factor in used)
-        if used and len(part) >= MIN_TRIALS_PER_COEFFICIENT * coefficients:
-            yield _Analysis(str(quantity), part, used, used)
+def _joined(tables: list[pd.DataFrame], columns: Sequence[str]) -> pd.DataFrame:
+    if not tables:
+        return pd.DataFrame(columns=list(columns))
+    return pd.concat(tables, ignore_index=True)[list(columns)]
 
 
-def _of_thirds(errors: pd.DataFrame) -> Iterator[_Analysis]:
-    thirds = errors[errors["zone"] != "all"]
-    for quantity, part in thirds.groupby("quantity", sort=False):
-        several = part[part.groupby("file")["zone"].transform("nunique") > 1]
-        if several["file"].nunique() >= MIN_BLOCKS:
-            yield _Analysis(str(quantity), several, ("file", "zone"), ("zone",))
-
-
-def _analyse(one: _Analysis) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Give tests and pairs of one quantity."""
-    sizes = one.data["orthogonal"].to_numpy()
+def _analyse(
+    quantity: str, data: pd.DataFrame, factors: Sequence[str], tested: Sequence[str]
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Give tests and pairs of one quantity; ``tested`` are the factors of interest."""
+    sizes = data["orthogonal"].to_numpy()
     if not (sizes > 0).all():
         raise ValueError("a Box–Cox transform needs positive values, none missing")
     transformed, exponent = stats.boxcox(sizes / stats.gmean(sizes))  # λ is the same in any unit
-    data = one.data.assign(y=transformed)
-    table = anova(data, "y", one.factors)
-    normal = stats.shapiro(residuals(data, "y", one.factors))
-    tests = table[table["effect"].isin(one.tested)].assign(
-        quantity=one.quantity,
+    data = data.assign(y=transformed)
+    table = anova(data, "y", factors)
+    normal = stats.shapiro(residuals(data, "y", factors))
+    tests = table[table["effect"].isin(tested)].assign(
+        quantity=quantity,
         exponent=exponent,
         shapiro_w=normal.statistic,
         shapiro_p=normal.pvalue,
         df_error=table["df"].iloc[-1],
     )
     pairs = [
-        compare_levels(data, "y", one.factors, factor).assign(quantity=one.quantity, factor=factor)
-        for factor in one.tested
+        compare_levels(data, "y", factors, factor).assign(quantity=quantity, factor=factor)
+        for factor in tested
     ]
     return tests, pd.concat(pairs)
 
@@ -310,7 +292,7 @@ def examine_plates(study: PlatesStudy) -> PlateAccuracy:
         faults=estimate_faults(
             trials, responses, alignments, delays, height_stated=file.height_stated
         ),
-        effects=NO_EFFECTS,
+        effects=ConditionEffects(pd.DataFrame(), pd.DataFrame()),
     )
 
 

@@ -42,16 +42,6 @@ EDGE_S: Final = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Vibration:
-    """A line in the spectrum of all recordings; errors are standard errors over recordings."""
-
-    amplitude_m: float
-    amplitude_error_m: float
-    frequency_hz: float
-    frequency_error_hz: float
-
-
-@dataclass(frozen=True, slots=True)
 class _Residual:
     """Of a recording: times, the centre of pressure minus its regression on motion, and motion."""
 
@@ -60,7 +50,7 @@ class _Residual:
     motion: Array
 
 
-def find_vibration(trials: Sequence[WeightTrial]) -> Vibration | None:
+def find_vibration(trials: Sequence[WeightTrial]) -> tuple[Array, Array] | None:
     """Find the strongest line in the centre of pressure along the belt, if there is one.
 
     Parameters
@@ -70,10 +60,11 @@ def find_vibration(trials: Sequence[WeightTrial]) -> Vibration | None:
 
     Returns
     -------
-    Vibration or None
-        None where no line from 0.5 to 15 Hz exceeds its surroundings significantly (1 % over all
-        frequencies), with fewer than two recordings, or where a true load is at times so small
-        that it has no centre of pressure (the marker's noise exceeds a weight's acceleration).
+    tuple or None
+        Amplitude [m] and frequency [Hz], and their standard errors over recordings. None where no
+        line from 0.5 to 15 Hz exceeds its surroundings significantly (1 % over all frequencies),
+        with fewer than two recordings, or where a true load is at times so small that it has no
+        centre of pressure (the marker's noise exceeds a weight's acceleration).
 
     Notes
     -----
@@ -100,13 +91,8 @@ def find_vibration(trials: Sequence[WeightTrial]) -> Vibration | None:
         return None
     middle = float(np.mean(own))
     amplitudes = np.array([_amplitude(residual, middle) for residual in residuals])
-    root = np.sqrt(len(trials))
-    return Vibration(
-        float(amplitudes.mean()),
-        float(amplitudes.std(ddof=1) / root),
-        middle,
-        float(own.std(ddof=1) / root),
-    )
+    each = np.column_stack([amplitudes, own])
+    return each.mean(axis=0), each.std(axis=0, ddof=1) / np.sqrt(len(trials))
 
 
 def _residual(trial: WeightTrial) -> _Residual:
@@ -306,17 +292,10 @@ def _vibration_fault(
     vibration = find_vibration(alike)
     if vibration is None:
         return None
-    return FaultEstimate(
-        belt,
-        f"vibration {'with' if supports else 'without'} supports",
-        vibration.amplitude_m,
-        vibration.amplitude_error_m,
-        "m",
-        len(alike) - 1,
-        significant=True,
-        frequency_hz=vibration.frequency_hz,
-        frequency_error_hz=vibration.frequency_error_hz,
-    )
+    (amplitude_m, hz), (amplitude_error_m, hz_error) = (part.tolist() for part in vibration)
+    name = f"vibration {'with' if supports else 'without'} supports"
+    known = (amplitude_m, amplitude_error_m, "m", len(alike) - 1, True, hz, hz_error)
+    return FaultEstimate(belt, name, *known)
 
 
 def _tested(estimate: FaultEstimate, tests: int) -> FaultEstimate:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import stats
 
 from compensation import Delay, Linearity, PlateCalibration, agreed_delay
-from compensation.alignment.agreement import AgreedDelay
+from compensation.hammer import AgreedDelay
 from hbm.notes import Note
 from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.config.plate_study import AccuracyLimits
@@ -245,23 +245,18 @@ def judge_totals(
 
     Quantities that depend on what was not examined cannot be within their limits.
     """
-    found = total_errors(response, loads, calibration)
     suffix = "" if calibration is None else " after correction"
     remedy: Remedy = "calibration" if calibration is None else "none"
     units = {"F": ("N", limits.force_n), "C": ("m", limits.cop_m), "M": ("N·m", limits.moment_nm)}
-    return [
-        Judged(
-            f"{TOTAL} of {name}{suffix}",
-            float(found.size[k]),
-            float(found.low[k]),
-            float(found.high[k]),
-            units[name[0]][1],
-            units[name[0]][0],
-            remedy,
-            examined=name not in unexamined,
+    found = np.transpose(total_errors(response, loads, calibration)).tolist()
+    judged = []
+    for name, (size, low, high) in zip(QUANTITIES, found, strict=True):
+        unit, limit = units[name[0]]
+        examined = name not in unexamined
+        judged.append(
+            Judged(f"{TOTAL} of {name}{suffix}", size, low, high, limit, unit, remedy, examined)
         )
-        for k, name in enumerate(QUANTITIES)
-    ]
+    return judged
 
 
 def either(stated: Sequence[Judged], otherwise: Sequence[Judged]) -> list[Judged]:

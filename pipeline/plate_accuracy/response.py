@@ -303,22 +303,9 @@ def quantities_of(components: Collection[int]) -> tuple[str, ...]:
     return tuple(name for k, name in enumerate(QUANTITIES) if effect[:, :, k].any())
 
 
-@dataclass(frozen=True, slots=True)
-class TotalErrors:
-    """Root-mean-square errors over loads, with 95 % confidence intervals; (8,) for `QUANTITIES`.
-
-    Forces [N], centres of pressure [m], moments about the person's centre of mass, 1 m above the
-    load [N·m].
-    """
-
-    size: Array
-    low: Array
-    high: Array
-
-
 def total_errors(
     response: PlateResponse, loads: Array, calibration: PlateCalibration | None = None
-) -> TotalErrors:
+) -> tuple[Array, Array, Array]:
     """Find the errors of a plate under given loads: what it reports less the truth.
 
     Parameters
@@ -332,9 +319,11 @@ def total_errors(
 
     Returns
     -------
-    TotalErrors
-        Systematic error, drift of a minute and scatter together. A delay is an error of time and
-        not in it.
+    size, low, high
+        Root mean squares over the loads with their 95 % intervals, (8,) each for `QUANTITIES`:
+        forces [N], centres of pressure [m], moments about the person's centre of mass, 1 m above
+        the load [N·m]. Systematic error, drift of a minute and scatter together. A delay is an
+        error of time and not in it.
 
     Notes
     -----
@@ -359,10 +348,10 @@ def total_errors(
     random = np.einsum("klqc,klc->klq", effect**2, variance).mean(axis=1)
     systematic, unsure = _rms(error[0]), response.quantile * _rms(standard_error(error))
     wide = response.quantile * standard_error(random)
-    return TotalErrors(
-        size=np.sqrt(systematic**2 + random[0]),
-        low=np.sqrt(np.maximum(systematic - unsure, 0) ** 2 + np.maximum(random[0] - wide, 0)),
-        high=np.sqrt((systematic + unsure) ** 2 + random[0] + wide),
+    return (
+        np.sqrt(systematic**2 + random[0]),
+        np.sqrt(np.maximum(systematic - unsure, 0) ** 2 + np.maximum(random[0] - wide, 0)),
+        np.sqrt((systematic + unsure) ** 2 + random[0] + wide),
     )
 
 

@@ -1,6 +1,5 @@
 """The verdict of experiment 1: whether each plate is accurate enough, and what to correct."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal
@@ -89,8 +88,6 @@ Answer = Literal["fit", "fit after correction", "not fit", "cannot be told"]
 MAX_FAULTS: Final = 3
 MAX_TOTALS: Final = 2
 """In the sentence of a verdict; verdict.md lists all."""
-MAX_MORE: Final = 10
-"""Times as many recordings are worth advising; where more are needed, the error is its limit."""
 COEFFICIENTS: Final = len(EXCITED) + 4
 """Of a plate's response: with a constant, time, the delay and the curvature."""
 AXES: Final = {"x": "forward", "y": "lateral", "z": "vertical"}
@@ -158,8 +155,6 @@ class PlateVerdict:
     calibration
         The correction of the plate; None where nothing is to be corrected, and where none is
         known that leaves no total error both beyond its limit and larger than without it.
-    recordings
-        Of weights, on this plate.
     with_supports
         True where there are recordings with and without supports: the verdict is for use with them.
     largest_n
@@ -180,7 +175,6 @@ class PlateVerdict:
     remarks: tuple[str, ...]
     notes: tuple[Note, ...]
     calibration: PlateCalibration | None
-    recordings: int
     with_supports: bool
     largest_n: float
     constant: tuple[str, ...]
@@ -280,7 +274,7 @@ class PlateVerdict:
         return "; ".join(listed)
 
     def _advice(self) -> list[str]:
-        """Say what to do about the masses, or how many recordings would decide what is unclear."""
+        """Say what to do about the masses, or about what is unclear."""
         if self.shared:
             size = f"{100 * abs(self.shared):.2g} %"
             heavier, high = ("heavier", "high") if self.shared > 0 else ("lighter", "low")
@@ -289,20 +283,11 @@ class PlateVerdict:
                 "mass_uncertainty_percent: all gains of every plate are "
                 f"{size} too {high}, or all masses as much {heavier} than stated"
             ]
-        everything = (*self.judged, *self.corrected)
-        unclear = [one for one in everything if one.status == "unclear"]
-        if not unclear:
-            return []
-        with np.errstate(divide="ignore"):
-            more = {
-                one.name: np.square((one.high - one.size) / np.abs(one.size - one.limit)) - 1
-                for one in unclear
-            }
-        name = max(more, key=lambda each: more[each])
-        if not more[name] < MAX_MORE:
-            return [f"{name} is so close to its limit that more recordings would hardly tell"]
-        number = max(math.ceil(more[name] * self.recordings), 1)
-        return [f"record about {number} more weights on this plate"]
+        unclear = [one for one in (*self.judged, *self.corrected) if one.status == "unclear"]
+        near = min(unclear, key=lambda one: abs(one.size / one.limit - 1), default=None)
+        return (
+            [] if near is None else [f"record more weights on this plate: {near.name} is unclear"]
+        )
 
 
 def judge(found: PlateAccuracy) -> tuple[PlateVerdict, ...]:
@@ -345,7 +330,6 @@ def _judge_plate(found: PlateAccuracy, belt: BeltSide) -> PlateVerdict:
         _remarks(found, belt),
         delay_notes(_faults(found, belt)),
         calibration,
-        len(in_use),
         with_supports=len({trial.weight.supports for trial in own}) > 1,
         largest_n=GRAVITY_MPS2 * max(trial.weight.mass_kg for trial in in_use),
         constant=tuple(name for name, one in zip(WRENCH_COMPONENTS, constant, strict=True) if one),

@@ -1,7 +1,7 @@
 """What the page of a report is made of: texts, tables, pictures, and templates that place them."""
 
 from base64 import b64encode
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -53,4 +53,10 @@ def each(texts: Iterable[object]) -> str:
     return join_names(sorted(set(map(str, texts))))
 
 
-TEMPLATES.filters |= {"names": join_names, "each": each}
+def words(keys: Iterable[str], known: Mapping[str, str]) -> list[str]:
+    """Say in words those of some keys that are known."""
+    present = set(keys)
+    return [text for key, text in known.items() if key in present]
+
+
+TEMPLATES.filters |= {"names": join_names, "each": each, "words": words}

@@ -10,9 +10,6 @@ from typing import Any, Final, cast
 
 import pandas as pd
 
-from hbm.engines.engine import EngineName
-from hbm.signals.filtering import Method
-from pipeline.config.schema import Condition
 from pipeline.config.study import Study
 from pipeline.figures.residuals import mean_part
 from pipeline.report.blocks import TEMPLATES
@@ -24,41 +21,9 @@ from pipeline.statistics.design import Design, design_of
 from pipeline.statistics.verdict import join_names, judged_conditions, level_name
 from pipeline.trial.gait.perturbations import MIN_PLATFORM_SPEED_MPS
 from pipeline.trial.quality import settling_s
-from pipeline.trial.summary import TrialSummary
+from pipeline.trial.result import TrialResult
 
-HIP_METHODS: Final = {
-    "harrington": "the regression equations of Harrington et al. (2007)",
-    "bell": "the regression equations of Bell et al. (1990)",
-    "functional": "symmetrical centre of rotation estimation (Ehrig et al. 2006)",
-}
-FILTERS: Final[dict[Method, str]] = {
-    "zero_phase": "a second-order Butterworth low-pass filter applied forward and backward (−3 dB "
-    "at {cutoff_hz:g} Hz after both passes)",
-    "realtime": "a causal second-order Butterworth low-pass filter (cut-off {cutoff_hz:g} Hz, as "
-    "in the real-time filter of the Human Body Model)",
-}
-MASS_ORIGINS: Final = {
-    "mass_stated": "as stated",
-    "mass_weighed": "measured by the force plates in the steadiest second of standing still",
-    "mass_of_file": "as stated in the recording",
-}
-MOTION: Final = (
-    "detected from the motion of the feet relative to the ground that carries them, between the "
-    "turning points of Zeni et al. (2008)"
-)
-EVENT_ORIGINS: Final = {
-    "events_of_file": "those of the recordings",
-    "events_from_markers": "detected from heel, toe and sacrum markers (Zeni et al. 2008)",
-    "events_of_plates": "detected where the force of a plate that carries one foot alone passes "
-    "20 N",
-    "events_calibrated": f"{MOTION}, and timed, or calibrated for each foot, by the instants at "
-    "which the force of a plate that carries one foot alone passes 20 N",
-    "events_uncalibrated": MOTION,
-}
-"""Note -> where body mass and gait events came from."""
 SEXES: Final = {"male": "male", "female": "female", "unspecified": "of unspecified sex"}
-COVARIATES: Final = {"height_m": "stature", "mass_kg": "body mass", "age_years": "age"}
-"""Key -> words; the other keys are words."""
 CITED_ELSEWHERE: Final = ("hbm_residuals", "vandeloosdrecht2018", "hicks2015")
 """Works that the report rests on, or names outside the Methods."""
 
@@ -86,7 +51,7 @@ def methods(
     list of str
         Paragraphs, to be copied and shortened.
     """
-    trials = list(results.summaries.values())
+    trials = list(results.trials.values())
     text = TEMPLATES.get_template("methods.txt").render(
         trials=trials,
         design=design,
@@ -124,15 +89,15 @@ def bibtex(paragraphs: Sequence[str], software_version: str) -> str:
     return entries.replace("{VERSION}", f"{{{software_version}}}")
 
 
-def _noted(trials: Sequence[TrialSummary], code: str) -> list[Mapping[str, Any]]:
+def _noted(trials: Sequence[TrialResult], code: str) -> list[Mapping[str, Any]]:
     """Give the values of all notes of a code."""
     return [note.values for trial in trials for note in trial.notes if note.code == code]
 
 
 def _of_subjects(
-    results: Results, trials: Sequence[TrialSummary], design: Design
+    results: Results, trials: Sequence[TrialResult], design: Design
 ) -> dict[str, object]:
-    """Describe the subjects, and where their mass and stature came from."""
+    """Describe the subjects."""
     people = results.subjects
     sexes = people["sex"].value_counts()
     measures = [
@@ -144,77 +109,43 @@ def _of_subjects(
         )
         if people[column].notna().all()
     ]
-    stated = [trial.subject.height_m is not None for trial in trials]
-    stature = "was as stated"
-    if not all(stated):
-        some = "as stated or, where it was not, " * any(stated)
-        stature = f"was {some}estimated from leg length"
     counts = [f"{sexes[sex]} {words}" for sex, words in SEXES.items() if sex in sexes]
+    stated = [trial.subject.height_m is not None for trial in trials]
     return {
-        "people": people,
-        "people_in_words": "; ".join([", ".join(counts), *measures]),
+        "people": len(people),
+        "people_in_words": [", ".join(counts), *measures],
         "conditions": design.in_order(trial.condition for trial in trials),
-        "mass": ", or ".join(_origins(MASS_ORIGINS, trials)),
-        "stature": f"stature {stature}",
+        "all_statures_stated": all(stated),
+        "some_statures_stated": any(stated),
     }
 
 
-def _origins(origins: Mapping[str, str], trials: Sequence[TrialSummary]) -> list[str]:
-    """Give the origins that the notes of any trial state."""
-    codes = {note.code for trial in trials for note in trial.notes}
-    return [words for code, words in origins.items() if code in codes]
-
-
-def _of_kinematics(trials: Sequence[TrialSummary]) -> dict[str, object]:
+def _of_kinematics(trials: Sequence[TrialResult]) -> dict[str, object]:
     """Describe body, inverse kinematics, filters and the equations of motion."""
     settings = [trial.settings for trial in trials]
-    sexes = {trial.subject.sex for trial in trials}
-    sex = "for the subject's sex"
-    if "unspecified" in sexes:
-        sex = "(mean of both sexes)" if len(sexes) == 1 else f"{sex} (mean of both if unspecified)"
     priors = {
         f"{name} {sd:.0f}°"
         for values in _noted(trials, "coordinates_uncertain")
         for name, sd in cast(Mapping[str, float], values["deviation_deg"]).items()
     }
+    own = {t.subject.id: t.overridden_segments for t in trials if t.overridden_segments}
     return {
-        "hips": [HIP_METHODS[each.hip] for each in settings],
+        "settings": settings,
         "offsets_mm": [f"{1000 * each.marker_offset_m:g}" for each in settings],
-        "filters": [FILTERS[each.filter].format(cutoff_hz=each.cutoff_hz) for each in settings],
-        "sex": sex,
-        "overridden": sorted(
-            {
-                f"{trial.subject.id}: {join_names(trial.overridden_segments)}"
-                for trial in trials
-                if trial.overridden_segments
-            }
-        ),
+        "filters": sorted({(each.filter, f"{each.cutoff_hz:g}") for each in settings}),
+        "sexes": sorted({trial.subject.sex for trial in trials}),
+        "overridden": sorted(f"{name}: {join_names(parts)}" for name, parts in own.items()),
         "trunk_levels": [
             f"{values['level']} from {values['shown']}"
             for values in _noted(trials, "trunk_level_from_proportions")
         ],
-        "locked": sorted({name for trial in trials for name in trial.locked}),
+        "locked": sorted({name for trial in trials for name in trial.body.locked}),
         "priors": sorted(priors),
-        "engines": [
-            {
-                "solver": _solver(used.name, used.version),
-                "checked_by": used.other and _solver(used.other, str(used.other_version)),
-                "frames": used.frames,
-                "difference": f"{used.difference:.0e}",
-            }
-            for used in engines_of([trial.engine for trial in trials])
-        ],
+        "engines": engines_of([trial.engine for trial in trials]),
     }
 
 
-def _solver(name: EngineName, number: str) -> str:
-    """Name an implementation of the equations of motion."""
-    if name == "pinocchio":
-        return f"Pinocchio {number} (Carpentier et al. 2019)"
-    return f"equations generated with {number.replace('casadi', 'CasADi')}"
-
-
-def _of_forces(trials: Sequence[TrialSummary], study: Study | None) -> dict[str, object]:
+def _of_forces(trials: Sequence[TrialResult], study: Study | None) -> dict[str, object]:
     """Describe the plates, their way into the lab, and the compensation."""
     corrected = [
         *_noted(trials, "plates_corrected"),
@@ -224,7 +155,6 @@ def _of_forces(trials: Sequence[TrialSummary], study: Study | None) -> dict[str,
     treadmill = study.file.treadmill if study else None
     return {
         "treadmill": treadmill,
-        "platform": treadmill.platform if treadmill else None,
         "plate_files": [values["calibration"] for values in corrected],
         "plate_delays": [
             f"{1000 * delay_s:.1f} ms (plate {plate})"
@@ -234,14 +164,14 @@ def _of_forces(trials: Sequence[TrialSummary], study: Study | None) -> dict[str,
         ],
         "delays_ms": sorted({f"{1000 * (t.settings.plate_delay_s or 0.0):g}" for t in trials}),
         "thresholds_n": [f"{trial.settings.contact_threshold_n:g}" for trial in trials],
-        "compensated": any(row.compensated for trial in trials for row in trial.residuals),
+        "compensated": any("compensated" in trial.variants for trial in trials),
         "lags_ms": next((lags for lags in dynamic if isinstance(lags, tuple)), ()),
         "doubts": dict.fromkeys(note.text for trial in trials for note in trial.of_calibration),
     }
 
 
 def _of_cycles(
-    trials: Sequence[TrialSummary], study: Study | None, design: Design
+    trials: Sequence[TrialResult], study: Study | None, design: Design
 ) -> dict[str, object]:
     """Describe gait events, the cycles that count, and spans in place of them."""
     walking = [trial for trial in trials if trial.span is None]
@@ -254,23 +184,19 @@ def _of_cycles(
             counts.setdefault(trial.condition, []).append(number)
         else:
             spans_s.setdefault(trial.condition, []).append(trial.span[1] - trial.span[0])
-    settling = [settling_s([(t.settings.filter, t.settings.cutoff_hz)]) for t in trials]
+    settling = {settling_s([(t.settings.filter, t.settings.cutoff_hz)]) for t in trials}
     return {
-        "event_origins": _origins(EVENT_ORIGINS, trials),
-        "selections": [_selection(name, rule) for name, rule in rules.items() if name in counts],
+        "codes": {note.code for trial in trials for note in trial.notes},
+        "rules": [(name, rule) for name, rule in rules.items() if name in counts],
         "parts": _parts(walking),
         "cycle_counts": [f"{_range(counts[c], '.0f')} ({c})" for c in design.in_order(counts)],
         "spans": [f"{_range(spans_s[c], '.1f')} s ({c})" for c in design.in_order(spans_s)],
-        "settling": [
-            f"within {after:.2f} s after a start"
-            + f" and {before:.2f} s before an end" * (before > 0)
-            for after, before in settling
-        ],
+        "settling": sorted((f"{after:.2f}", f"{before:.2f}") for after, before in settling),
         "shares": [f"{100 * trial.settings.min_valid_share:g} %" for trial in trials],
     }
 
 
-def _parts(trials: Sequence[TrialSummary]) -> list[tuple[str, str, str]]:
+def _parts(trials: Sequence[TrialResult]) -> list[tuple[str, str, str]]:
     """Give each condition of which a part of the cycles counts, the part, and where it is [%]."""
     found = []
     for condition, name in {t.condition: t.part.name for t in trials if t.part}.items():
@@ -280,20 +206,6 @@ def _parts(trials: Sequence[TrialSummary]) -> list[tuple[str, str, str]]:
         mean = mean_part(t for t in trials if t.condition == condition)
         found.append((condition, part, f"{mean[0]:.0f} to {mean[1]:.0f}" if mean else ""))
     return found
-
-
-def _selection(condition: str, rule: Condition) -> str:
-    """Say which gait cycles of a condition are analysed."""
-    if rule.perturbed:
-        cycles = f"the first {rule.cycles} cycles" if rule.cycles else "the cycles"
-        source = "the pulse channel" if rule.pulse_channel else "the platform's motion"
-        return (
-            f"in {condition} {cycles} of either foot that contained a perturbation (onset from "
-            f"{source})"
-        )
-    cycles = f"the first {rule.cycles}" if rule.cycles else "all"
-    start = f" after {rule.skip_s:g} s" if rule.skip_s else ""
-    return f"in {condition} {cycles} cycles of the right foot{start}"
 
 
 def _of_statistics(statistics: pd.DataFrame, design: Design) -> dict[str, object]:
@@ -309,36 +221,16 @@ def _of_statistics(statistics: pd.DataFrame, design: Design) -> dict[str, object
             pairs.append(f"{others} against {design.reference_cell}")
     return {
         "tested": tested,
-        "anova": _anova(design) if {RM_ANOVA, MIXED_ANOVA} & set(tested) else "",
         "pairs": pairs,
         "judged": judged_conditions(design),
         "level": level_name(design),
         "joint": [
-            [COVARIATES.get(name, name) for name in names.split(" and ")]
-            for anova, _, names in joint
-            if anova in (RM_ANOVA, MIXED_ANOVA)
+            names.split(" and ") for anova, _, names in joint if anova in (RM_ANOVA, MIXED_ANOVA)
         ],
     }
 
 
-def _anova(design: Design) -> str:
-    """Describe the analysis of variance."""
-    factors = ["compensation (no IC, IC)"] * design.compensated
-    if len(design.conditions) > 1:
-        factors.append(f"{design.factor} ({', '.join(design.conditions)})")
-    if design.group is not None:
-        return (
-            f"a mixed analysis of variance with {design.group} between subjects and "
-            f"{join_names(factors)} within subjects"
-        )
-    ways, plural = ("two-way", "s") if len(factors) > 1 else ("one-way", "")
-    return (
-        f"a {ways} repeated-measures analysis of variance with the factor{plural} "
-        f"{join_names(factors)}"
-    )
-
-
-def _of_software(trials: Sequence[TrialSummary], statistics: pd.DataFrame) -> dict[str, object]:
+def _of_software(trials: Sequence[TrialResult], statistics: pd.DataFrame) -> dict[str, object]:
     """Name the software with its versions."""
     versions = trials[0].versions
     packages = [f"{name} {versions[name.lower()]}" for name in ("CasADi", "NumPy", "SciPy")]

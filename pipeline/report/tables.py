@@ -1,7 +1,7 @@
 """The residuals as tables: Table III, means, groups, what they are of, and the plan of a study."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from math import nan
 from typing import Final
 
@@ -117,27 +117,14 @@ def plan_table(found: Sequence[Verdict], design: Design) -> pd.DataFrame:
         deviation of the differences from it; margin; n; needed and needed_as_observed, empty
         beyond 1000 subjects or where the difference observed exceeds the margin.
     """
-    rows = [
-        {
-            "axis": v.axis,
-            "unit": v.unit,
-            "condition": v.condition,
-            "reference": v.baseline,
-            "difference": v.difference,
-            "sd": v.sd,
-            "margin": design.margin * v.baseline,
-            "n": v.n,
-            "needed": v.needed,
-            "needed_as_observed": v.needed_as_observed,
-        }
-        for v in found
-    ]
-    columns = (
+    table = pd.DataFrame(found, columns=[field.name for field in fields(Verdict)])
+    table = table.rename(columns={"baseline": "reference"})
+    columns = [
         *("axis", "unit", "condition", "reference", "difference", "sd", "margin", "n"),
         *("needed", "needed_as_observed"),
-    )
+    ]
     counts = {"needed": "Int64", "needed_as_observed": "Int64"}
-    return pd.DataFrame(rows, columns=columns).astype(counts)
+    return table.assign(margin=design.margin * table["reference"])[columns].astype(counts)
 
 
 def plan_markdown(found: Sequence[Verdict], design: Design) -> str:

@@ -70,12 +70,13 @@ def repeated_measures_glm(
     Parameters
     ----------
     values
-        One value per subject and cell, (n, levels of factor 1, levels of factor 2, …).
+        One value per subject and cell, (n, levels of factor 1, levels of factor 2, …), none of
+        them missing.
     factors
         Names of the within-subject factors, in the order of the axes of `values`.
     between
-        One value per subject, (n,): texts make a group (effect-coded), numbers a covariate, which
-        is centred, so that the within effects are tested for the average subject.
+        One value per subject, (n,), none missing: texts make a group (effect-coded), numbers a
+        covariate, which is centred, so that the within effects are tested for the average subject.
 
     Returns
     -------
@@ -85,8 +86,8 @@ def repeated_measures_glm(
     Raises
     ------
     ValueError
-        If a value is missing, between variables are constant or linearly dependent, or too few
-        subjects are left for an error term.
+        If between variables are constant or linearly dependent, or subjects are too few for an
+        error term.
 
     Notes
     -----
@@ -102,12 +103,8 @@ def repeated_measures_glm(
     """
     values = np.asarray(values, float)
     n, *levels = values.shape
-    if len(levels) != len(factors):
-        raise ValueError(f"values need one axis per factor {tuple(factors)}, got {values.shape}")
-    if not np.isfinite(values).all():
-        raise ValueError("a cell is missing: leave incomplete subjects out")
     blocks = {"": np.ones((n, 1))}
-    blocks |= {name: _coded(name, column, n) for name, column in (between or {}).items()}
+    blocks |= {name: _coded(name, column) for name, column in (between or {}).items()}
     design = np.hstack(list(blocks.values()))
     df_error = n - design.shape[1]
     if df_error < 1:
@@ -143,19 +140,15 @@ def repeated_measures_glm(
     return tuple(terms)
 
 
-def _coded(name: str, column: Array, n: int) -> Array:
+def _coded(name: str, column: Array) -> Array:
     """Code a group by its effects, or centre a covariate, (n, columns)."""
     column = np.asarray(column)
-    if column.shape != (n,):
-        raise ValueError(f"{name}: expected one value for each of {n} subjects")
     if np.issubdtype(column.dtype, np.number):
         column = column.astype(float)
         block = (column - column.mean())[:, None]
     else:
         group = (column[:, None] == np.unique(column)).astype(float)
         block = group[:, :-1] - group[:, -1:]
-    if not np.isfinite(block).all():
-        raise ValueError(f"{name}: missing for a subject")
     if block.size == 0 or np.ptp(block) == 0:
         raise ValueError(f"{name}: the same for all subjects, so its effect cannot be tested")
     return block

@@ -18,8 +18,8 @@ from typing import Final
 
 import numpy as np
 
-from compensation.signals.protocol import platform_signal
-from compensation.signals.signal import MachineLimits
+from compensation.protocol import platform_signal
+from compensation.signals import MachineLimits
 from hbm.spatial import Array, rotation_about
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording

@@ -3,7 +3,7 @@
 import numpy as np
 
 from pipeline.trial.residuals import reported
-from pipeline.viewer.live_frames import ShownFrame
+from pipeline.viewer.live import ShownFrame
 
 
 def shown_frames(trial) -> list[ShownFrame]:

@@ -15,7 +15,7 @@ import pandas as pd
 from joblib import delayed as task
 
 from compensation import InertiaModel, PlatformPose, commanded_pose, fit_inertia, to_lab
-from compensation.signals.protocol import DURATIONS_S, PLATFORM_KINDS
+from compensation.protocol import DURATIONS_S, PLATFORM_KINDS
 from hbm.body import build_body
 from hbm.dynamics import filter_motion, inverse_dynamics
 from hbm.kinematics import solve_ik

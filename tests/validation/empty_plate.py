@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
-from compensation.signals.validation import validation_signals
+from compensation.protocol import validation_signals
 from hbm.signals.filtering import low_pass
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill

@@ -12,8 +12,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from compensation import fit_inertia
-from compensation.signals.protocol import ADVISED_PLATFORM_SIGNAL, pitch_and_sway_signals
-from compensation.signals.validation import validation_signals
+from compensation.protocol import (
+    ADVISED_PLATFORM_SIGNAL,
+    pitch_and_sway_signals,
+    validation_signals,
+)
 from hbm.signals.filtering import low_pass
 from hbm.spatial import GRAVITY_MPS2, Array
 from pipeline.io.recording import Recording

@@ -16,7 +16,6 @@ from pipeline.virtual_lab.machine.instruments import (
     PLATE_CENTERS_M,
     SENSOR_NAMES,
     Accelerometer,
-    BeltSpeedSensor,
     Clock,
     ForcePlate,
     Stream,
@@ -247,14 +246,13 @@ def measure_belts(
     # a motor's reports are uneven already
     jitter_s = faults.clocks.scale * STREAM_JITTER_S if treadmill.drives is None else 0.0
     stream = Stream(0.0, jitter_s, faults.clocks.scale * DOUBLED_PER_MINUTE, held=True)
-    sensor = BeltSpeedSensor(
-        float(noise_sd_at(faults.belts.roughness * NOISE_MPS, rate_hz)), stream
-    )
-    columns = [
-        sensor.measure(belt.reported_speed, rate_hz, own)
-        for belt, own, _ in zip(response.belts, rng.spawn(len(response.belts)), names, strict=False)
-    ]
-    return names, ("m/s",) * len(names), np.column_stack(columns)
+    noise = noise_sd_at(faults.belts.roughness * NOISE_MPS, rate_hz)
+    columns = []
+    for belt, own, _ in zip(response.belts, rng.spawn(len(response.belts)), names, strict=False):
+        reported = stream.sample(belt.reported_speed[:, None], rate_hz, own.spawn(1)[0])
+        add_noise(reported, noise, own)
+        columns.append(reported)
+    return names, ("m/s",) * len(names), np.hstack(columns)
 
 
 def measure_platform(

@@ -200,29 +200,6 @@ class Stream:
         return interpolated(values, np.arange(count) + np.repeat(late, step)[:count])
 
 
-@dataclass(frozen=True, slots=True)
-class BeltSpeedSensor:
-    """Reports the speed of a belt.
-
-    Attributes
-    ----------
-    noise
-        Standard deviation of white noise on the way to the recorder, from sample to sample [m/s].
-    stream
-        When the speed is read.
-    """
-
-    noise: float
-    stream: Stream = Stream(held=True)
-
-    def measure(self, speed: Array, rate_hz: float, rng: np.random.Generator) -> Array:
-        """Report the true speed of a belt, (N,) [m/s] at ``rate_hz``."""
-        (of_stream,) = rng.spawn(1)
-        reported = self.stream.sample(speed[:, None], rate_hz, of_stream)
-        add_noise(reported, self.noise, rng)
-        return np.asarray(reported[:, 0])
-
-
 GAP_S: Final = 0.15
 """Mean duration of a gap; assumed."""
 MARKERS_OF_A_PERSON: Final = 46

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_banded
 from scipy.ndimage import gaussian_filter1d
 
-from compensation.platform.pose import PlatformPose
+from compensation.platform import PlatformPose
 from hbm.coordinates import INDEX
 from hbm.spatial import GRAVITY_MPS2, Array, Mask
 from pipeline.virtual_lab.person.body import (

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from compensation.platform.pose import PlatformPose
+from compensation.platform import PlatformPose
 from hbm.coordinates import INDEX
 from hbm.spatial import Array, transform_wrench
 from pipeline.io.recording import Event

@@ -6,8 +6,8 @@ from typing import Final, Literal
 
 import numpy as np
 
-from compensation.signals.signal import Signal, resample_signal
-from compensation.signals.validation import RUNNING_MPS
+from compensation.protocol import RUNNING_MPS
+from compensation.signals import Signal, resample_signal
 from hbm.markers import Markers
 from hbm.spatial import Array
 from pipeline.io.recording import Analog, Recording

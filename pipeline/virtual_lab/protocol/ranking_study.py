@@ -7,9 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from compensation.signals.protocol import belt_signals, pitch_and_sway_signals
-from compensation.signals.signal import Signal
-from compensation.signals.validation import validation_signals
+from compensation.protocol import belt_signals, pitch_and_sway_signals, validation_signals
+from compensation.signals import Signal
 from hbm.spatial import Array
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Recording

@@ -10,7 +10,6 @@ from hbm.coordinates import N_Q
 from hbm.markers import Markers
 from hbm.spatial import Array, shift_wrench
 from pipeline.io.c3d.write import write_c3d
-from pipeline.io.recording import Metadata
 from pipeline.virtual_lab.faults import CameraFaults
 from pipeline.virtual_lab.machine.instruments import (
     ANALOG_HZ,
@@ -25,6 +24,7 @@ from pipeline.virtual_lab.person.body import marker_positions
 from pipeline.virtual_lab.person.gait import schedule
 from pipeline.virtual_lab.person.subject import Person, VirtualSubject, make_subject
 from pipeline.virtual_lab.person.walk import foot_wrenches, plate_wrenches, simulate_walk
+from pipeline.virtual_lab.protocol.walking_trial import stated
 from pipeline.virtual_lab.trajectories import Trajectory
 
 STANDING_S: Final = 2.5
@@ -116,12 +116,7 @@ def simulate_trial(
         path,
         Markers(frames, subject.skeleton.markers, markers),
         plates,
-        metadata=Metadata(
-            subject=subject.person.name,
-            mass_kg=subject.person.mass_kg,
-            height_m=subject.person.height_m,
-            marker_set=subject.marker_set,
-        ),
+        metadata=stated(subject),
     )
     feet = foot_wrenches(walk, frames)
     return Truth(subject, walk.motion, frames, q[:, :N_Q], feet["left"], feet["right"])

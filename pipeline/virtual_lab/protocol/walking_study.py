@@ -9,7 +9,7 @@ from joblib import delayed
 
 from hbm.coordinates import COORDINATES, N_Q
 from hbm.spatial import Array, shift_wrench
-from pipeline.config.simulated import SIMULATED
+from pipeline.config.toml_file import SIMULATED
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Recording
 from pipeline.io.write import remove_leftovers, whole_file, write_csv, write_text

@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from compensation.signals.protocol import pitch_and_sway_signals
-from compensation.signals.signal import Signal, resample_signal
+from compensation.protocol import pitch_and_sway_signals
+from compensation.signals import Signal, resample_signal
 from hbm.markers import Markers
 from hbm.spatial import Array
 from pipeline.io.recording import Analog, Metadata, Recording
@@ -121,7 +121,7 @@ def record(
         markers=markers,
         plates=measure_plates(treadmill, motion, response, of_plates),
         analog=Analog(motion.time, sum(names, ()), sum(units, ()), np.hstack(columns)),
-        metadata=_metadata(walk) if walk else Metadata(),
+        metadata=stated(walk.subject) if walk else Metadata(),
     )
 
 
@@ -148,13 +148,14 @@ def _with_person(
     )
 
 
-def _metadata(walk: Walk) -> Metadata:
-    person = walk.subject.person
+def stated(subject: VirtualSubject) -> Metadata:
+    """Give what a file states of a person."""
+    person = subject.person
     return Metadata(
         subject=person.name,
         mass_kg=person.mass_kg,
         height_m=person.height_m,
-        marker_set=walk.subject.marker_set,
+        marker_set=subject.marker_set,
     )
 
 

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from compensation import InertiaModel
-from compensation.signals.protocol import platform_signal
+from compensation.protocol import platform_signal
 from hbm.spatial import Array
 from pipeline.config.schema import Platform, Subject, Treadmill
 from pipeline.io.recording import Recording

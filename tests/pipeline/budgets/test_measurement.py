@@ -11,9 +11,7 @@ from pipeline.budgets.explanation import (
     study_covariances,
     what_is_missing,
 )
-from pipeline.budgets.words import GROUPS
 from pipeline.explain.budget import Budget, RmsUncertainty
-from pipeline.explain.cause import SHARED_WITHIN
 from pipeline.trial.residuals import AXES
 
 DOCS = Path(__file__).parents[3] / "docs"
@@ -103,12 +101,3 @@ def test_a_trial_without_explanation_leaves_the_study_without_intervals_and_a_li
         "'hbm explain RESULTS' adds intervals of measurement."
     )
     assert what_is_missing(known, table(TRIALS[0])) == ""
-
-
-def test_the_page_says_how_each_group_is_shared():
-    text = (DOCS / "explain.md").read_text(encoding="utf-8")
-    table = text.partition("How errors are shared")[2].partition("Each cause enters")[0]
-    rows = dict(zip(("laboratory", "subject", "trial"), table.splitlines()[4:], strict=False))
-    for group, level in SHARED_WITHIN.items():
-        assert GROUPS[group].name in rows[level], group
-        assert level in rows[level]

@@ -1,6 +1,5 @@
 """The command line: what it loads, its exit codes, and its one line for every mistake."""
 
-import dataclasses
 import os
 import re
 import subprocess
@@ -16,12 +15,10 @@ from hbm.kernels import native
 from hbm.markers import Markers
 from pipeline.cli import doctor
 from pipeline.cli.app import app, main
-from pipeline.config.schema import Settings, Subject
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Plate
 from pipeline.io.write import write_text
 from pipeline.run import one_trial
-from pipeline.run.request import TrialRequest
 from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
 from pipeline.virtual_lab.protocol.walking_study import folder_setting, study_files, study_texts
 from tests.synthetic import synthetic_t_pose
@@ -126,29 +123,8 @@ def test_a_mistake_gives_one_line_with_what_is_wrong(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_request_has_the_defaults_of_a_study():
-    request = TrialRequest(Path("trial.c3d"))
-    for model in (Settings(), Subject()):
-        for name, value in model:
-            if hasattr(request, name):
-                assert getattr(request, name) == value, name
-
-
-def test_everything_that_a_study_states_of_settings_and_body_is_an_option():
-    options = {name for p in COMMANDS["residuals"].params for name in p.opts}
-    stated = {*Settings.model_fields, *Subject.model_fields} - {"id", "age_years", "plate_delay_s"}
-    assert {f"--{name.replace('_', '-')}" for name in stated} < options
-    assert "--plate-delay-ms" in options
-
-
-def test_residuals_and_export_take_the_same_request():
-    fields = {field.name for field in dataclasses.fields(TrialRequest)}
-    for name in ("residuals", "export"):
-        assert fields < {parameter.name for parameter in COMMANDS[name].params}
-
-
 def test_all_faults_of_the_options_are_listed_at_once(folder, capsys):
-    options = {"--mass-kg": 2, "--height-m": 178, "--cutoff-hz": 600, "--hip": "left"}
+    options = {"--mass-kg": 2, "--cutoff-hz": 600, "--hip": "left"}
     words = [word for pair in options.items() for word in pair]
     line = refused(capsys, "residuals", folder / "still.c3d", *words)
     for option in options:

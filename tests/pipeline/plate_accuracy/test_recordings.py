@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.cli.app import main
 from pipeline.config.plate_study import read_plates_study
-from pipeline.config.validation import StudyFaults
+from pipeline.config.toml_file import StudyFaults
 from pipeline.io.c3d.read import read_c3d
 from pipeline.plate_accuracy.accuracy import check_plates
 from pipeline.plate_accuracy.trials import (

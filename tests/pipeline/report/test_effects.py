@@ -53,11 +53,6 @@ def test_the_analysis_of_variance_is_rs(shown):
     assert [p.endswith("GG") for p in anova["p corrected"]] == [False, True, True]
 
 
-def test_covariates_have_a_table_of_their_own(shown):
-    assert shown[1][1].caption == "RM-ANOVA with sex and height_m, n = 9"
-    assert "IC × height_m" in columns(shown[1][1])["Effect"]
-
-
 def test_friedman_shows_kendalls_w(shown):
     friedman = columns(shown[1][2])
     r = ORACLE["friedman_cells"]

@@ -154,9 +154,3 @@ def test_differences_that_are_all_zero_have_no_test_at_all():
     found = compare_paired(np.zeros(4))
     assert np.isnan([found.t, found.w, found.p_exact, found.rank_biserial]).all()
     assert found.mean.value == 0
-
-
-@pytest.mark.parametrize("differences", [[1.0], [1.0, np.nan]])
-def test_a_comparison_needs_two_subjects_and_no_missing_value(differences):
-    with pytest.raises(ValueError, match="at least 2 differences and none missing"):
-        compare_paired(np.array(differences))

@@ -104,9 +104,3 @@ def test_a_pose_from_markers_has_neither_delay_nor_pivot():
 
 def test_a_treadmill_that_stands_still_has_no_causes_of_a_platform(chain):
     assert list(platform_causes(chain, None)) == []
-
-
-def test_what_moves_with_the_platform_is_told_from_what_does_not(chain):
-    moving = {each.name for each in platform_causes(chain, CHANNELS) if each.of_platform}
-    assert "platform: late" in moving
-    assert "platform: zero of sway" not in moving
