@@ -64,13 +64,13 @@ def read_events(
         labels, contexts = [label for label, _ in header.events], []
         seconds = np.array([time for _, time in header.events])
     events = []
-    for time, label, context in zip_longest(
-        seconds, labels[: len(seconds)], contexts[: len(seconds)], fillvalue=""
-    ):
+    count = len(seconds)
+    texts = zip_longest([""] * count, labels[:count], contexts[:count], fillvalue="")
+    for time, (_, label, context) in zip(seconds.tolist(), texts, strict=True):
         kind, side = _kind_and_side(label)
         stated = SIDE_WORDS.get(context.lower(), "")
         if kind and np.isfinite(time) and (side or stated) and side in ("", stated or side):
-            events.append(Event(float(time - start_s), kind, stated or side))
+            events.append(Event(time - start_s, kind, stated or side))
     if others := len(seconds) - len(events):
         notes.append(Note.of("events_left_out", events=others))
     return tuple(events), notes

@@ -213,10 +213,7 @@ def _differences(
         ("frames", len(second["points"]) if header.n_points else frames, frames),
         ("points", second["points"].shape[1], header.n_points),
         ("analog channels", second["analog"].shape[1], channels),
-        (
-            "samples of a channel",
-            *(len(a) * bool(channels) for a in (second["analog"], samples.analog)),
-        ),
+        ("samples", len(second["analog"]) if channels else 0, len(samples.analog)),
     )
     for name, read, held in counts:
         if read != held:
