@@ -14,7 +14,8 @@ from pathlib import Path
 
 from sphinx.application import Sphinx
 
-from pipeline.explain.priors import priors
+from pipeline.config.templates import settings_table
+from pipeline.explain.cause import priors
 
 DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent
@@ -24,7 +25,8 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
 project = PROJECT["name"]
 version = release = PROJECT["version"]
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
-exclude_patterns = ["conf.py", "viewer_picture.py", "api/priors.md"]  # included
+exclude_patterns = ["conf.py", "viewer_picture.py", "api/priors.md", "api/settings.md"]
+# those of api/ are included
 
 html_theme = "furo"
 html_title = f"{project} {version}"
@@ -55,6 +57,7 @@ def setup(app: Sphinx) -> None:
     for name, page in {**{p: _public_names(p) for p in PACKAGES}, "modules": _modules()}.items():
         (DOCS / "api" / f"{name}.md").write_text(page, encoding="utf-8")
     (DOCS / "api" / "priors.md").write_text(_priors(), encoding="utf-8")
+    (DOCS / "api" / "settings.md").write_text(settings_table(), encoding="utf-8")
     app.connect("include-read", _lead_links_to_the_root)
     app.connect("autodoc-process-signature", _shorten_arrays)
 

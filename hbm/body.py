@@ -13,12 +13,11 @@ from hbm.calibration_pose.anatomy import (
     HipRule,
     LimbMeasures,
     Measures,
+    elbow_notes,
 )
-from hbm.calibration_pose.arms import elbow_notes
 from hbm.calibration_pose.frame_selection import select_frames
-from hbm.calibration_pose.landmarks import locate_anatomy
+from hbm.calibration_pose.landmarks import locate_anatomy, stand_trunk
 from hbm.calibration_pose.shape import average, shape_of
-from hbm.calibration_pose.trunk_levels import stand_trunk
 from hbm.coordinates import (
     COORDINATES,
     LAST_Q,
@@ -27,13 +26,13 @@ from hbm.coordinates import (
     SIDES,
     support,
 )
-from hbm.ik.posture import undetermined
+from hbm.ik.problem import undetermined
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers, MarkerSet, marker_sets, recognise_marker_set
 from hbm.model import Body, joints_of, pin_model
 from hbm.notes import Note
 from hbm.overrides import SegmentOverride, apply_overrides
-from hbm.plausibility.uncertainty import mass_not_shown
+from hbm.plausibility.motion import mass_not_shown
 from hbm.poses import segment_frames
 from hbm.segments import Inertia, Proportions, Sex, proportions, segment_inertia
 from hbm.spatial import Array, Indices, distance
@@ -153,8 +152,8 @@ def build_body(
     present = _present(chosen, static_markers)
     segment, landmark = chosen.segment | present.segment, present.landmark
     used = list(present.segment)
-    selection = select_frames(static_markers, used, window_s)
-    calibration = _take(static_markers, used, selection.frames)
+    frames, still, pose_note = select_frames(static_markers, used, window_s)
+    calibration = _take(static_markers, used, frames)
     poses = [dict(zip(used, p, strict=True)) for p in calibration.position]
     poses = [{name: p for name, p in at.items() if not np.isnan(p[0])} for at in poses]
     anatomies = [
@@ -163,7 +162,7 @@ def build_body(
     ]
     for at, anatomy in zip(poses, anatomies, strict=True):
         at |= {chosen.landmark[mark]: position for mark, position in anatomy.markers.items()}
-    notes = [selection.note, *dict.fromkeys(note for a in anatomies for note in a.notes)]
+    notes = [pose_note, *dict.fromkeys(note for a in anatomies for note in a.notes)]
     notes += elbow_notes(anatomies, set(landmark))
     if marker_set is None and chosen.name not in marker_sets():
         notes.append(Note.of("marker_sets_mixed", title=chosen.title))
@@ -205,7 +204,7 @@ def build_body(
         notes=tuple(notes),
     )
     body = replace(body, notes=(*notes, *mass_not_shown(body, undetermined(body, markers)[1])))
-    if not selection.still:
+    if not still:
         body = _with_fitted_tracking_markers(body, calibration, set(landmark.values()))
     with suppress(ImportError):  # on Windows, for which Pinocchio has no wheel
         pin_model(body)

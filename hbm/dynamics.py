@@ -7,9 +7,16 @@ from typing import Final
 import numpy as np
 
 from hbm.coordinates import COORDINATES, INDEX, LAST_Q, N_Q, support
-from hbm.engines.agreement import frames_to_check, require_agreement
-from hbm.engines.choice import choose_engine, other_engine
-from hbm.engines.engine import Engine, EngineName, EngineUsed, title
+from hbm.engines.engine import (
+    Engine,
+    EngineName,
+    EngineUsed,
+    choose_engine,
+    frames_to_check,
+    other_engine,
+    require_agreement,
+    title,
+)
 from hbm.model import Body
 from hbm.motion import Motion
 from hbm.signals.filtering import Method, butterworth

@@ -9,7 +9,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hbm.coordinates import INDEX
 from hbm.ik.problem import Problem
 from hbm.ik.tracking import Tracker
 from hbm.markers import Markers
@@ -22,8 +21,6 @@ def solve_ik(
     markers: Markers,
     *,
     weights: Mapping[str, float] | None = None,
-    limits: Mapping[str, tuple[float, float]] | None = None,
-    priors: Mapping[str, tuple[float, float]] | None = None,
     tolerance: float = 1e-6,
     jobs: int = 1,
 ) -> Motion:
@@ -38,11 +35,6 @@ def solve_ik(
         ignored.
     weights
         Marker -> weight in the sum of squares; 1 where not named.
-    limits
-        Coordinate -> lowest and highest value [m or rad]; unbounded where not named.
-    priors
-        Coordinate -> weight w and value p [m or rad] of a term w (q − p)²/2 that is added to the
-        markers' ``½ Σ w |r − m|²`` [w in m²/rad², or 1 for a translation]; none where not named.
     tolerance
         Largest last step of any coordinate [rad or m]; convergence is quadratic, so the error that
         remains is far smaller.
@@ -54,15 +46,15 @@ def solve_ik(
     Motion
         ``q``, marker errors and which coordinates were observed; ``v`` and ``a`` are NaN until
         `filter_motion`. What the markers of the trial do not determine is held near zero by a prior
-        (`hbm.ik.posture`), what none of them shows at zero; coordinates that lose their markers for
+        (`hbm.ik.problem`), what none of them shows at zero; coordinates that lose their markers for
         a while, and limbs whose markers fit no pose, are interpolated in time.
         Only a pelvis or a trunk that markers do not show leaves a frame unsolved.
 
     Raises
     ------
     ValueError
-        If none of the body's markers is in the trial, or a weight, limit or prior names a marker or
-        coordinate that does not exist, or has an impossible value.
+        If none of the body's markers is in the trial, or a weight is negative or of a marker that
+        the body does not have.
 
     Examples
     --------
@@ -80,23 +72,5 @@ def solve_ik(
             raise ValueError(f"weight for {name!r}, which is not a marker of the body")
         if not (weight >= 0 and np.isfinite(weight)):
             raise ValueError(f"the weight of {name} must be 0 or more, got {weight:g}")
-    for kind, pairs in (("limit", limits or {}), ("prior", priors or {})):
-        for name, (first, second) in pairs.items():
-            if name not in INDEX:
-                raise ValueError(f"{kind} for {name!r}, which is not a coordinate")
-            if kind == "limit" and not first <= second:
-                raise ValueError(
-                    f"the limits of {name} are in the wrong order: {first:g}, {second:g}"
-                )
-            if kind == "prior" and not (first >= 0 and np.isfinite([first, second]).all()):
-                raise ValueError(f"the prior of {name} must be a weight of 0 or more and a value")
-    problem = Problem(
-        body,
-        markers,
-        weights or {},
-        limits or {},
-        priors or {},
-        tolerance=tolerance,
-        jobs=jobs,
-    )
+    problem = Problem(body, markers, weights or {}, tolerance=tolerance, jobs=jobs)
     return Tracker(problem).motion()

@@ -19,13 +19,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from compensation import fit_inertia, pitch_and_sway_signals, validation_signals
-from compensation.signals.protocol import ADVISED_PLATFORM_SIGNAL
+from compensation.protocol import ADVISED_PLATFORM_SIGNAL
 from pipeline.config.schema import Treadmill
 from pipeline.figures.style import COLOURS
 from pipeline.trial.ground.accelerometers import accelerations
 from pipeline.trial.ground.empty_plates import setup_of
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.protocol.instrumented_treadmill import make_treadmill
+from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
 from pipeline.virtual_lab.protocol.walking_trial import run_signal
 
 # %% [markdown]

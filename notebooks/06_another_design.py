@@ -22,13 +22,12 @@ from pathlib import Path
 from pipeline.config.comparison import study_design
 from pipeline.config.study import read_study
 from pipeline.report.figures import marginal_means_figure
-from pipeline.report.plan import plan_markdown
+from pipeline.report.tables import plan_markdown
 from pipeline.run.load import collect
 from pipeline.run.run import run_study
 from pipeline.statistics.comparison import statistics
-from pipeline.statistics.headline import headlines
 from pipeline.statistics.table_3 import table_3, table_3_markdown
-from pipeline.statistics.verdict import verdicts
+from pipeline.statistics.verdict import headlines, verdicts
 from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
 from pipeline.virtual_lab.protocol.walking_protocol import PERSONS
 
@@ -111,7 +110,7 @@ print(table_3_markdown(table_3(results.residuals, tests, design), design))
 # new one. The plan tells how many subjects would show it.
 
 # %%
-found = verdicts(results.residuals, tests, design)
+found = verdicts(results.residuals, design)
 print(*headlines(found, design), sep="\n")
 print(plan_markdown(found, design))
 

@@ -21,9 +21,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import pipeline
-from pipeline.budgets.explanation import explain, explanation_lines
-from pipeline.budgets.table import budget_table
-from pipeline.budgets.words import size_in_words
+from pipeline.budgets.explanation import explain
+from pipeline.budgets.words import budget_table, size_in_words
 from pipeline.config.schema import Treadmill
 from pipeline.figures.residuals import label_panels
 from pipeline.figures.style import COLOURS, draw_band
@@ -64,13 +63,13 @@ result = pipeline.process_recording(tampered, subject, pipeline.Settings())
 
 # %%
 explanation = explain(tampered, laboratory, result)
-table = budget_table(explanation.budget)
-print(table.title)
-for head, cells in (("", table.axes), *table.columns):
+title, axes, columns = budget_table(explanation.budget)
+print(title)
+for head, cells in (("", axes), *columns):
     print(f"{head[:32]:32}", *(f"{cell:>10}" for cell in cells))
 
 # %%
-for line in explanation_lines(explanation):
+for line in explanation.lines():
     print(line)
 
 # %% [markdown]

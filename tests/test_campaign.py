@@ -147,7 +147,7 @@ def test_other_residuals_without_a_note_are_silent(walker):
     residual = known.measured.residual
     for shift, kind in ((0.4, None), (2.0, "silent")):
         measured = replace(known.measured, residual=residual + shift * np.sign(residual))
-        outcome = numbers_changed(replace(known, measured=measured), known)
+        outcome = numbers_changed(replace(known, variants={"measured": measured}), known)
         assert (outcome and outcome.kind) == kind
     (note,) = (note for note in known.notes if note.code == "axes_inferred")
     assert noted(known.notes, known.notes) is None

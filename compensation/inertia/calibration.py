@@ -1,39 +1,29 @@
 """A treadmill's calibration as text: one inertia model per plate, and its provenance."""
 
 import json
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
-from itertools import chain
 from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
 from scipy.linalg import block_diag
 
-from compensation.inertia.checks import check_calibration
-from compensation.inertia.choice import Choice
 from compensation.inertia.model import InertiaModel, Setup
 from compensation.inertia.model_error import ModelError
-from compensation.inertia.quality import LeftOver, left_over, verdict_notes
+from compensation.inertia.quality import MIN_LOAD_N, LeftOver, left_over
 from compensation.inertia.sensors import Sensor
 from compensation.inputs import refuse_gaps
 from hbm.notes import Note
 from hbm.spatial import Array, read_only
 
 FORMAT: Final = "hbm-residuals inertia calibration"
-VERSION: Final = 6
-WITHOUT_SENSORS: Final = (1, 2)
-"""Versions without delays and gains of the accelerometers, which are then used as they are, and
-without the correlation of plates. The first one did not name its filter either, which was always
-the zero-phase one, and stored warnings.
-"""
-WITHOUT_MODEL_ERROR: Final = (*WITHOUT_SENSORS, 3)
-"""Versions of static models alone, which know of noise alone."""
-WITHOUT_BELTS: Final = (*WITHOUT_MODEL_ERROR, 4)
-"""Versions that expect the same error at every speed of the belts."""
-WITHOUT_VERDICT: Final = (*WITHOUT_BELTS, 5)
-"""Versions that do not say whether what is left is within its limits."""
-OF_BELTS: Final = ("per_belts", "belts_mps")
+VERSION: Final = 7
+RELEASED: Final = 2
+"""Version of 0.2.0: static models alone, which know of noise alone and are not judged, and no
+delays of the accelerometers, whose readings are then used as they are."""
+OF_UNITS: Final = ("acceleration_unit", "wrench_unit")
+"""Entries of that version, which were always m/s² and N, N·m."""
 MAX_REASON: Final = 120
 """Characters of what is wrong, which names what the file holds."""
 
@@ -49,18 +39,13 @@ class Calibration:
     provenance
         Origin of the models, for people: recording, its hash, date, program version, …
     sensors
-        The accelerometers with their delays and gains, which were undone before the fit and have
-        to be in every trial; empty where they were used as they are.
+        The accelerometers with their delays, which were undone before the fit and have to be
+        in every trial; empty where they were used as they are.
     correlation
         Of what is left below 6 Hz between the components of all plates, in the order of `plates`,
         (6 P, 6 P); None where it is unknown: the plates then count as independent.
     dynamic
         Plate name -> the dynamic model that compensates trials; empty where the static one does.
-    choice
-        Which of them does, and why; None where there was none to choose.
-    verdict
-        Plate -> what the model in use leaves of each component, beside its limit. By default as
-        `left_over` judges it now; empty where it was not judged.
 
     Examples
     --------
@@ -79,8 +64,6 @@ class Calibration:
     sensors: tuple[Sensor, ...] = ()
     correlation: Array | None = None
     dynamic: Mapping[str, InertiaModel] = field(default_factory=dict)
-    choice: Choice | None = None
-    verdict: Mapping[str, tuple[LeftOver, ...]] | None = None
 
     def __post_init__(self) -> None:
         if not self.plates:
@@ -97,10 +80,7 @@ class Calibration:
                 )
             if self.sensors and model.sensors != tuple(sensor.name for sensor in self.sensors):
                 raise ValueError(f"plate {name}: its accelerometers are not those described")
-        if self.verdict is None:
-            judged = {name: left_over(model) for name, model in self.in_use.items()}
-            object.__setattr__(self, "verdict", judged)
-        for name in ("plates", "provenance", "dynamic", "verdict"):
+        for name in ("plates", "provenance", "dynamic"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
         if self.correlation is None:
             return
@@ -118,10 +98,35 @@ class Calibration:
         return self.dynamic or self.plates
 
     @property
+    def verdict(self) -> dict[str, tuple[LeftOver, ...]]:
+        """Plate -> what its model leaves of each component, beside its limit.
+
+        Empty of a file of version 2, which does not say what is left below 6 Hz.
+        """
+        if any(model.model_error is None for model in self.in_use.values()):
+            return {}
+        return {name: left_over(model) for name, model in self.in_use.items()}
+
+    @property
     def notes(self) -> tuple[Note, ...]:
         """What to know wherever it is used: plates that were loaded, and the verdict."""
-        loaded = (check_calibration(model, name) for name, model in self.in_use.items())
-        return (*chain.from_iterable(loaded), *verdict_notes(self.verdict or {}))
+        notes = []
+        for name, model in self.in_use.items():
+            k = len(model.acceleration_mean)  # differences have no mean
+            mean = model.acceleration_mean @ model.gain[:k, :3] + model.gain[-1, :3]
+            if (force := float(np.linalg.norm(mean))) > MIN_LOAD_N:
+                notes.append(Note.of("calibration_loaded", plate=name, force_n=force))
+        beyond = [
+            f"{plate} {row.component} {row.left:.1f} {row.unit} (limit {row.limit:.1f})"
+            for plate, rows in self.verdict.items()
+            for row in rows
+            if not row.passed
+        ]
+        if beyond:
+            notes.append(Note.of("calibration_leaves_much", left=beyond))
+        if not self.verdict:
+            notes.append(Note.of("calibration_not_judged"))
+        return tuple(notes)
 
     def correlation_of(self, plates: Sequence[str]) -> Array:
         """Give the correlation of what is left of some plates, (6 P, 6 P), in their order."""
@@ -155,11 +160,6 @@ def to_json(calibration: Calibration) -> str:
         if calibration.correlation is not None
         else None,
         "dynamic": {name: _plain(model) for name, model in calibration.dynamic.items()},
-        "choice": asdict(calibration.choice) if calibration.choice is not None else None,
-        "verdict": {
-            plate: [asdict(row) | {"passed": row.passed} for row in rows]
-            for plate, rows in (calibration.verdict or {}).items()
-        },
     }
     return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
 
@@ -200,22 +200,27 @@ calibration'
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise ValueError(f"the text is not a calibration: its format should be {FORMAT!r}")
     version = document.get("version")
-    if version not in (*WITHOUT_VERDICT, VERSION):
+    if version not in (RELEASED, VERSION):
         raise ValueError(
-            f"the calibration has version {version}, this program reads versions 1 to {VERSION}; "
-            "fit it again"
+            f"the calibration has version {version}, this program reads versions {RELEASED} and "
+            f"{VERSION}; fit it again"
         )
     try:
-        old = version in WITHOUT_SENSORS
-        plates = {name: _model(plain, version) for name, plain in document["plates"].items()}
-        sensors = () if old else tuple(Sensor(**plain) for plain in document["sensors"])
-        correlation = None if old else document["correlation"]
-        dynamic, choice = (
-            ({}, None) if version in WITHOUT_MODEL_ERROR else _chosen(document, version)
+        if version == RELEASED:
+            unknown = {"correlation": None, "sensors": [], "dynamic": {}}
+            document |= unknown
+            for plain in document["plates"].values():
+                plain |= {"model_error": None, "correlation": np.eye(6), "rms_slow": None}
+        plates, dynamic = (
+            {name: _model(plain) for name, plain in document[part].items()}
+            for part in ("plates", "dynamic")
         )
-        verdict = {} if version in WITHOUT_VERDICT else _judged(document["verdict"], plates)
         calibration = Calibration(
-            plates, document["provenance"], sensors, correlation, dynamic, choice, verdict
+            plates,
+            document["provenance"],
+            tuple(Sensor(**plain) for plain in document["sensors"]),
+            document["correlation"],
+            dynamic,
         )
     except (KeyError, TypeError, AttributeError, OverflowError) as error:
         reason = str(error)[:MAX_REASON]
@@ -226,53 +231,25 @@ calibration'
     return calibration
 
 
-def _plain(model: InertiaModel) -> dict[str, Any]:
-    plain = _arrays_as_lists(model, without=("setup", "model_error"))
-    return plain | {
-        "setup": asdict(model.setup) if model.setup is not None else None,
-        "model_error": _arrays_as_lists(model.model_error) if model.model_error else None,
+def _plain(part: InertiaModel | ModelError | Setup) -> dict[str, Any]:
+    """Give the fields of a dataclass as JSON has them."""
+    values = {f.name: getattr(part, f.name) for f in fields(part)}
+    return {
+        name: value.tolist()
+        if isinstance(value, np.ndarray)
+        else _plain(value)
+        if isinstance(value, (ModelError, Setup))
+        else value
+        for name, value in values.items()
     }
 
 
-def _chosen(
-    document: dict[str, Any], version: int
-) -> tuple[dict[str, InertiaModel], Choice | None]:
-    dynamic = {name: _model(plain, version) for name, plain in document["dynamic"].items()}
-    choice = document["choice"]
-    return dynamic, None if choice is None else Choice(**choice)
-
-
-def _judged(
-    plain: Mapping[str, list[dict[str, Any]]], plates: Collection[str]
-) -> dict[str, tuple[LeftOver, ...]]:
-    """Read the verdict; one of other plates, or that contradicts its numbers, is damaged."""
-    verdict = {
-        plate: tuple(LeftOver(**{k: v for k, v in row.items() if k != "passed"}) for row in rows)
-        for plate, rows in plain.items()
-    }
-    passed = {plate: [row.passed for row in rows] for plate, rows in verdict.items()}
-    stated = {plate: [row["passed"] for row in rows] for plate, rows in plain.items()}
-    if passed != stated or (verdict and verdict.keys() != set(plates)):
-        raise KeyError("verdict")
-    return verdict
-
-
-def _arrays_as_lists(
-    part: InertiaModel | ModelError, without: Sequence[str] = ()
-) -> dict[str, Any]:
-    values = ((f.name, getattr(part, f.name)) for f in fields(part) if f.name not in without)
-    return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in values}
-
-
-def _model(plain: dict[str, Any], version: int) -> InertiaModel:
-    old = version in WITHOUT_SENSORS
-    known = {name: value for name, value in plain.items() if name != "warnings" or not old}
-    for needed in () if old else ("correlation", "rms_slow"):
+def _model(plain: dict[str, Any]) -> InertiaModel:
+    setup = {k: v for k, v in plain["setup"].items() if k not in OF_UNITS}
+    for needed in ("correlation", "rms_slow"):
         _ = plain[needed]
-    known["setup"] = Setup(**plain["setup"])
-    if version not in WITHOUT_MODEL_ERROR:
-        of_model = plain["model_error"]  # None: read from a file of an earlier version
-        for needed in () if of_model is None or version in WITHOUT_BELTS else OF_BELTS:
-            _ = of_model[needed]
-        known["model_error"] = of_model if of_model is None else ModelError(**of_model)
-    return InertiaModel(**known)
+    error = plain["model_error"]
+    for needed in () if error is None else ("per_belts", "belts_mps"):
+        _ = error[needed]
+    known = {"setup": Setup(**setup), "model_error": error and ModelError(**error)}
+    return InertiaModel(**(plain | known))

@@ -8,22 +8,24 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from compensation.inertia.model import InertiaModel, Setup, sensor_names
-from compensation.inertia.plausibility import (
-    refuse_other_units,
-    refuse_other_wrench_units,
-    refuse_still_platform,
-)
-from compensation.inertia.residual import (
+from compensation.inertia.model_error import (
     correlation_of,
-    held_out,
-    model_error_of,
-    recording_weights,
+    fit_model_error,
     slow_part,
     zero_of_trials,
 )
-from compensation.inputs import read_table, refuse_constant, refuse_unequal
+from compensation.inputs import (
+    read_rate,
+    read_table,
+    refuse_constant,
+    refuse_other_units,
+    refuse_other_wrench_units,
+    refuse_still_platform,
+    refuse_unequal,
+)
 from hbm.spatial import WRENCH_COMPONENTS, Array, Indices
 
+Trial = tuple[ArrayLike, ArrayLike]
 MIN_SAMPLES_PER_GAIN: Final = 10
 """Fewer fit the noise; a minute at 100 Hz has hundreds."""
 BLOCKS: Final = 60
@@ -31,10 +33,23 @@ BLOCKS: Final = 60
 MIN_SIGNAL_TO_NOISE: Final = 1.0
 """Variance of motion per variance of noise, in a principal direction, above which the noise's share
 is taken out; below it the direction is noise, and taking its share out would change the sign."""
-RIGID_DIRECTIONS: Final = 5
-"""Of sway and pitch: ``f₀``, the angular acceleration and the angular velocity squared."""
 MAX_SENSOR_NOISE_MPS2: Final = 1.0
 """A tenth of gravity: no accelerometer on a platform is noisier after the filter."""
+HELD_OUT_PARTS: Final = 10
+"""Of a recording, each predicted by the rest: 6 s of a minute."""
+MIN_LEFT_SHARE: Final = 1e-3
+"""Of a direction's energy that must be in the rest for its gain to be found without a part."""
+LAGS_S: Final = (0.01, 0.02, 0.04)
+"""Of the second differences: short against the periods that pass 20 Hz, up to a tenth of a second
+of motion in all. Longer ones hardly leave less in the virtual laboratory, and one accelerometer
+then takes slow pitch for fast."""
+DIFFERENCE_SD_MPS2: Final = (0.03, 0.03, 0.1)
+"""By which a difference must vary before its gain follows the recording, with one accelerometer,
+two, and three or more: a tenth and less of what a calibration signal excites. Three that are not in
+line show the platform's motion by themselves, and the differences have to account for bending
+alone; with fewer they also stand in for rotation that is not shown, but comes with vibration.
+Directions that the calibration hardly excites keep the gains of the static model. Judged in
+docs/inertia_models.md."""
 
 
 def fit_inertia(
@@ -124,12 +139,13 @@ def fit_inertia(
 
 
 def fit_trials(
-    trials: Sequence[tuple[ArrayLike, ArrayLike]],
+    trials: Sequence[Trial],
     setup: Setup | None = None,
     sensor_noise: ArrayLike = 0.0,
     zero_sd: ArrayLike | None = None,
     belts_mps: ArrayLike = (),
     beside_weight: float = 1.0,
+    lags_s: Sequence[float] = (),
 ) -> InertiaModel:
     """Fit one model to several recordings of an empty plate, each with a zero of its own.
 
@@ -149,6 +165,9 @@ def fit_trials(
     beside_weight
         Weight of a sample of the recordings after the first, of people beside, by that of the
         first, of commanded motion; above 0, at most 1. `weigh_beside` finds it.
+    lags_s
+        Of a dynamic model: the accelerations are followed by their differences over these lags, as
+        `dynamic_channels` gives them, (N, k (1 + lags)) [s]. Empty for a static one.
 
     Returns
     -------
@@ -158,7 +177,8 @@ def fit_trials(
     Raises
     ------
     ValueError
-        No recordings; else as `fit_inertia`, for all recordings together.
+        No recordings; a dynamic model of signals that passed a real-time filter, in which nothing
+        is known of the instants to come; else as `fit_inertia`, for all recordings together.
 
     Notes
     -----
@@ -167,6 +187,12 @@ def fit_trials(
     which they occur. What they do not show at all spoils the gains for commanded motion, unless
     these recordings weigh little. However little, they count in full in what the model is expected
     to leave.
+
+    Between accelerometers and load cells the structure bends: a mode of natural frequency ``ω₀``
+    that the accelerometers do not follow turns the acceleration ``a`` at the frequency ``ω`` into
+    ``a / (1 − ω²/ω₀²)``, a series in even derivatives of ``a``. Second differences over some lags
+    stand for these derivatives. Their gains have a penalty (ridge regression, Hoerl and Kennard
+    1970), those of the readings and the offset none.
 
     Examples
     --------
@@ -183,40 +209,44 @@ def fit_trials(
         raise ValueError(f"recordings differ in channels: {[a.shape[1] for a, _ in read]}")
     for one, other in read:
         refuse_unequal(accelerations=one, wrench=other)
-    a, w = (np.vstack(both) for both in zip(*read, strict=True))
-    n, k = a.shape
-    sensors = sensor_names(setup, k)
-    if n < MIN_SAMPLES_PER_GAIN * (k + 1):
+    felt, w = (np.vstack(both) for both in zip(*read, strict=True))
+    n, channels = felt.shape
+    k = channels // (1 + len(lags_s))
+    a = felt[:, :k]
+    if k * (1 + len(lags_s)) != channels:
         raise ValueError(
-            f"{n} samples are too few to fit {k + 1} gains per component; "
-            f"give at least {MIN_SAMPLES_PER_GAIN * (k + 1)}, better a minute of motion"
+            f"channels: {channels}, expected the readings of all accelerometers and as many "
+            f"differences for each of {len(lags_s)} lags"
         )
-    channels = tuple(f"sensor {sensor} {axis}" for sensor in sensors for axis in "xyz")
-    refuse_constant(a, "accelerations", channels)
+    sensors = sensor_names(setup, k)
+    if lags_s:
+        refuse_real_time(setup)
+    if is_short(felt):
+        raise ValueError(
+            f"{n} samples are too few to fit {channels + 1} gains per component; "
+            f"give at least {MIN_SAMPLES_PER_GAIN * (channels + 1)}, better a minute of motion"
+        )
+    names = tuple(f"sensor {sensor} {axis}" for sensor in sensors for axis in "xyz")
+    refuse_constant(a, "accelerations", names)
     refuse_constant(w, "wrench", WRENCH_COMPONENTS)
     refuse_other_units(a, sensors)
     refuse_still_platform(a)
     refuse_other_wrench_units(a, w)
-    noise = _read_noise(sensor_noise, k)
+    noise = _read_noise(0.0 if lags_s else sensor_noise, k)
 
     counts = np.array([len(one) for one, _ in read])
     ends = np.cumsum(counts)[:-1]
     felt_mean = np.array([one.mean(axis=0) for one, _ in read])
     wrench_mean = np.array([other.mean(axis=0) for _, other in read])
     mean = felt_mean.mean(axis=0)
-    weight = np.repeat(recording_weights(counts, beside_weight), counts)
+    weight, u, s, directions = _decomposed([x for x, _ in read], len(lags_s), beside_weight, noise)
     root = np.sqrt(weight)[:, None]
-    scale = (noise if noise.any() else np.std(a, axis=0)) * np.sqrt(n)
-    centred = (a - _repeated(felt_mean, counts)) / scale
-    u, s, vt = np.linalg.svd(root * centred, full_matrices=False)
-    rank = int(np.sum(s > s[0] * n * np.finfo(float).eps))
-    u, s, directions = u[:, :rank], s[:rank], vt[:rank].T / scale[:, None]
     noisy = np.where(noise.any() & (s**2 > 1 + MIN_SIGNAL_TO_NOISE), 1.0, 0.0)  # of each direction
     slopes = (s / (s**2 - noisy))[:, None] * (u.T @ (root * w))
-    to_gain = np.block([[directions, np.zeros((k, 1))], [-mean @ directions, np.ones(1)]])
+    to_gain = np.block([[directions, np.zeros((channels, 1))], [-mean @ directions, np.ones(1)]])
     gain = to_gain @ np.vstack([slopes, wrench_mean.mean(axis=0)])
     zeros = wrench_mean - felt_mean @ gain[:-1]
-    residual = w - (gain[:-1].T @ a.T).T - _repeated(zeros, counts)
+    residual = w - (gain[:-1].T @ felt.T).T - _repeated(zeros, counts)
 
     one_of_each = np.repeat(n / (len(read) * counts), counts)
     design = np.column_stack([root * u * s, one_of_each])
@@ -225,25 +255,27 @@ def fit_trials(
     scores = np.stack(
         [design[i:j].T @ residual[i:j] + weight[i:j].sum() * share for i, j in blocks]
     )
+    if lags_s:
+        scores -= scores.mean(axis=0)  # with a penalty they do not add up to 0
     meat = np.einsum("brc,bsc->crs", scores, scores) * len(scores) / (len(scores) - 1)
     bread = to_gain / np.append(s**2 - noisy, n)
 
-    left = np.split(residual, ends)
-    slow = [part for part in (slow_part(one, setup) for one in left) if part is not None]
-    all_slow = np.vstack(slow) if len(slow) == len(read) else None
-    zero = zero_of_trials(zeros, zero_sd)
+    rate_hz, cutoff_hz = (None, None) if setup is None else (setup.rate_hz, setup.cutoff_hz)
+    slow = [slow_part(part, rate_hz) for part in np.split(residual, ends)]
+    known = [part for part in slow if part is not None]
+    all_slow = np.vstack(known) if len(known) == len(read) else None
     about = w - _repeated(wrench_mean, counts)
-    unseen = np.vstack(held_out(np.split(u, ends), np.split(root * about, ends), noisy / s**2))
+    unseen = _held_out(np.split(u, ends), np.split(root * about, ends), noisy / s**2)
     return InertiaModel(
         gain=gain,
         covariance=bread @ meat @ bread.T,
-        sigma=np.sqrt(np.sum(residual**2, axis=0) / (n - rank - len(read))),
-        rank=rank + 1,
+        sigma=np.sqrt(np.sum(residual**2, axis=0) / (n - len(s) - len(read))),
+        rank=len(s) + 1,
         condition=float(s[0] / s[-1]),
         r_squared=1 - np.sum(residual**2, axis=0) / np.sum(about**2, axis=0),
         rms_measured=np.sqrt(np.mean(w**2, axis=0)),
         rms_compensated=np.sqrt(np.mean(residual**2, axis=0)),
-        acceleration_mean=mean,
+        acceleration_mean=mean[:k],
         acceleration_covariance=np.cov(a, rowvar=False),
         acceleration_low=a.min(axis=0),
         acceleration_high=a.max(axis=0),
@@ -252,10 +284,163 @@ def fit_trials(
         setup=setup,
         correlation=correlation_of(residual if all_slow is None else all_slow),
         rms_slow=None if all_slow is None else np.sqrt(np.mean(all_slow**2, axis=0)),
-        model_error=model_error_of(
-            [one for one, _ in read], np.split(unseen / root, ends), setup, zero, belts_mps
+        model_error=fit_model_error(
+            [one[:, :k] for one, _ in read],
+            np.split(np.vstack(unseen) / root, ends),
+            rate_hz,
+            cutoff_hz,
+            zero_of_trials(zeros, zero_sd),
+            belts_mps,
         ),
+        lags_s=tuple(lags_s),
     )
+
+
+def left_of_held_out(
+    trials: Sequence[tuple[Array, Array]], lags: int = 0, beside_weight: float = 1.0
+) -> list[Array]:
+    """Give what models leave of parts of recordings to which they were not fitted.
+
+    Parameters
+    ----------
+    trials
+        Of each recording the channels (N, K) [m/s²] and the wrench (N, 6) [N, N·m], as for
+        `fit_trials`.
+    lags
+        Of how many lags there are differences.
+    beside_weight
+        As for `fit_trials`.
+
+    Returns
+    -------
+    list of Array
+        Of each recording, about its own zero, (N, 6) [N, N·m]. Each is cut into ten parts, and each
+        part is compensated by a model fitted to all others.
+
+    Examples
+    --------
+    >>> felt = np.random.default_rng(0).normal([0, 0, 9.81], 1.0, (600, 3))
+    >>> wrench = felt @ np.hstack([-150 * np.eye(3), np.full((3, 3), 15.0)])
+    >>> bool(np.abs(left_of_held_out([(felt, wrench)])).max() < 1e-6)
+    True
+    """
+    felt, wrenches = zip(*trials, strict=True)
+    weight, u, s, _ = _decomposed(felt, lags, beside_weight, np.zeros(1))
+    root, ends = np.sqrt(weight)[:, None], np.cumsum([len(x) for x in felt])[:-1]
+    about = np.vstack([w - w.mean(axis=0) for w in wrenches])
+    unseen = _held_out(np.split(u, ends), np.split(root * about, ends), np.zeros(len(s)))
+    return np.split(np.vstack(unseen) / root, ends)
+
+
+def is_short(felt: Array) -> bool:
+    """Whether channels (N, K) are too few samples to fit their gains."""
+    return len(felt) < MIN_SAMPLES_PER_GAIN * (felt.shape[1] + 1)
+
+
+def refuse_real_time(setup: Setup | None) -> None:
+    """Raise a ValueError where signals are filtered in real time: differences look ahead."""
+    if setup is not None and setup.cutoff_hz is not None and setup.filter_method == "realtime":
+        raise ValueError(
+            f"a dynamic model needs the accelerations of the next {max(LAGS_S):g} s, which a "
+            "real-time filter does not know; use the static model, or filter with zero_phase"
+        )
+
+
+def _decomposed(
+    felt: Sequence[Array], lags: int, beside_weight: float, noise: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Decompose weighted channels of recordings about their means, and the penalty, by a SVD.
+
+    Gives the weight of every sample (N,), left vectors (N, r), singular values (r,), of channels in
+    units of their noise or standard deviation, and directions (K, r) by which gains follow.
+    """
+    if not 0 < beside_weight <= 1:
+        raise ValueError(f"beside_weight must be above 0 and at most 1, got {beside_weight}")
+    counts = np.array([len(x) for x in felt])
+    of_each = np.where(np.arange(len(felt)) == 0, 1.0, beside_weight)
+    n, weight = counts.sum(), np.repeat(of_each * counts.sum() / (of_each @ counts), counts)
+    a = np.vstack(felt)
+    centred = a - _repeated(np.array([x.mean(axis=0) for x in felt]), counts)
+    size = noise if noise.any() else np.std(a, axis=0)
+    penalty, k = np.zeros(a.shape[1]), a.shape[1] // (1 + lags)
+    penalty[k:] = DIFFERENCE_SD_MPS2[min(k // 3, len(DIFFERENCE_SD_MPS2)) - 1]
+    scale = np.hypot(size, penalty) * np.sqrt(n)
+    rows = np.sqrt(weight)[:, None] * (centred / scale)
+    rows = np.vstack([rows, np.diag(penalty * np.sqrt(n) / scale)[k:]])
+    u, s, vt = np.linalg.svd(rows, full_matrices=False)
+    rank = int(np.sum(s > s[0] * n * np.finfo(float).eps))
+    return weight, u[:n, :rank], s[:rank], vt[:rank].T / scale[:, None]
+
+
+def _held_out(orthonormal: Sequence[Array], wrench: Sequence[Array], noise: Array) -> list[Array]:
+    """Give what a fit leaves of each part of its recordings if that part is not fitted.
+
+    Of left vectors (N, r) and wrench (N, 6) of each recording, weighted alike, and the share of
+    each direction's energy that is noise, (r,). The zero of a recording remains that of all of it.
+    """
+    right = np.sum([u.T @ w for u, w in zip(orthonormal, wrench, strict=True)], axis=0)
+    count = sum(map(len, wrench))
+    found = []
+    for u, w in zip(orthonormal, wrench, strict=True):
+        left = np.empty_like(w)
+        for i, j in pairwise(np.linspace(0, len(w), HELD_OUT_PARTS + 1).astype(int)):
+            rest = np.diag(1 - noise * (count - (j - i)) / count) - u[i:j].T @ u[i:j]
+            slopes = np.linalg.pinv(rest, MIN_LEFT_SHARE, hermitian=True)
+            left[i:j] = w[i:j] - u[i:j] @ (slopes @ (right - u[i:j].T @ w[i:j]))
+        found.append(left)
+    return found
+
+
+def dynamic_channels(
+    accelerations: ArrayLike, rate_hz: float, lags_s: Sequence[float] = LAGS_S
+) -> Array:
+    """Give the readings and their second differences, of which a dynamic model is a function.
+
+    Parameters
+    ----------
+    accelerations
+        Readings of the accelerometers, (N, k) [m/s²], equal steps. Gaps (NaN) stay gaps.
+    rate_hz
+        Their sampling rate [Hz].
+    lags_s
+        Lags of the differences; whole samples are taken, at least one [s].
+
+    Returns
+    -------
+    Array
+        The readings ``a(t)``, then for every lag ``l`` the difference
+        ``a(t + l) − 2 a(t) + a(t − l)``, (N, k (1 + lags)) [m/s²]; 0 where a gap or the end of the
+        recording is nearer than the lag.
+
+    Raises
+    ------
+    ValueError
+        Wrong shape, or a rate that is not positive.
+
+    Notes
+    -----
+    The differences vanish for whatever is constant or changes evenly, as gravity under slow tilt:
+    that is left to the gains of the readings.
+
+    Examples
+    --------
+    >>> dynamic_channels([[0.0], [1.0], [4.0], [9.0]], 100.0, [0.01]).T
+    array([[0., 1., 4., 9.],
+           [0., 2., 2., 0.]])
+    """
+    a, rate = np.asarray(accelerations, float), read_rate(rate_hz)
+    if a.ndim != 2:
+        raise ValueError(f"accelerations must have shape (samples, channels), got {a.shape}")
+    channels = [a]
+    for lag_s in lags_s:
+        step = max(round(lag_s * rate), 1)
+        difference = np.zeros_like(a)  # in memory as the readings are
+        if 2 * step < len(a):
+            within = a[2 * step :] - 2 * a[step:-step] + a[: -2 * step]
+            difference[step:-step] = np.nan_to_num(within, posinf=np.nan, neginf=np.nan)
+        difference[np.isnan(a)] = np.nan
+        channels.append(difference)
+    return np.hstack(channels)
 
 
 def _repeated(of_each: Array, counts: Indices) -> Array:
@@ -264,48 +449,6 @@ def _repeated(of_each: Array, counts: Indices) -> Array:
     Every channel is in one piece of memory, as samples are: it takes a tenth of the time to sum.
     """
     return np.repeat(of_each.T, counts, axis=1).T
-
-
-def sensor_noise_of(accelerations: ArrayLike) -> float:
-    """Estimate the accelerometers' noise from a calibration trial of sway and pitch.
-
-    Parameters
-    ----------
-    accelerations
-        Readings of two or more accelerometers, (N, k) [m/s²], filtered as for the fit.
-
-    Returns
-    -------
-    float
-        Standard deviation of the noise per channel [m/s²].
-
-    Raises
-    ------
-    ValueError
-        Fewer than two sensors, wrong shape, no samples or gaps.
-
-    Notes
-    -----
-    Rigid sway and pitch move the ``k`` channels along five directions only; the variance of the
-    other ``k - 5`` principal directions is noise, taken as equal in all channels. On a platform
-    that also rolls, yaws or bends the estimate is too large.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> rng = np.random.default_rng(0)
-    >>> five = rng.normal(size=(5000, 5)) @ rng.normal(size=(5, 6))
-    >>> round(sensor_noise_of(five + 0.02 * rng.normal(size=(5000, 6))), 3)
-    0.02
-    """
-    a = read_table(accelerations, "accelerations")
-    if a.shape[1] <= RIGID_DIRECTIONS or a.shape[1] % 3 or len(a) < 2:
-        raise ValueError(
-            f"accelerations of shape {a.shape} do not separate noise from motion; "
-            "give two sensors or more, 3 channels each"
-        )
-    variance = np.linalg.eigvalsh(np.cov(a, rowvar=False))
-    return float(np.sqrt(max(variance[:-RIGID_DIRECTIONS].mean(), 0.0)))
 
 
 def _read_noise(sensor_noise: ArrayLike, channels: int) -> Array:

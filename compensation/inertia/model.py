@@ -6,19 +6,21 @@ recording of the empty, moving treadmill is enough to identify them.
 """
 
 from dataclasses import dataclass, field
-from typing import Final, get_args
+from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from compensation.inertia.model_error import ModelError
-from compensation.inertia.plausibility import refuse_other_units
-from compensation.inputs import read_rate, read_table, refuse_gaps, refuse_unequal
+from compensation.inputs import (
+    read_rate,
+    read_table,
+    refuse_gaps,
+    refuse_other_units,
+    refuse_unequal,
+)
 from hbm.signals.filtering import Method, low_pass
 from hbm.spatial import Array, read_only
-
-SLOW_HZ: Final = 6.0
-"""Cut-off of the Human Body Model, through which residuals pass."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,8 +35,6 @@ class Setup:
         Sampling rate of accelerations and wrench [Hz].
     cutoff_hz
         Low-pass cut-off that was applied to both [Hz]; None where they are unfiltered.
-    acceleration_unit, wrench_unit
-        Units of the numbers that went into the fit.
     filter_method
         How they were low-passed, as `low_pass` names it; of no meaning where they are unfiltered.
 
@@ -48,8 +48,6 @@ class Setup:
     sensors: tuple[str, ...]
     rate_hz: float
     cutoff_hz: float | None
-    acceleration_unit: str = "m/s²"
-    wrench_unit: str = "N, N·m"
     filter_method: Method = "zero_phase"
 
     def __post_init__(self) -> None:
@@ -107,7 +105,7 @@ class InertiaModel:
     sigma
         Standard deviation of the calibration's residual, (6,) [N, N·m].
     rank, condition
-        Rank of the design matrix with its offset, at most k + 1; condition number of its centred
+        Rank of the design matrix with its offset, at most K + 1; condition number of its centred
         channels in units of their standard deviation, or of their noise where that was given.
     r_squared, rms_measured, rms_compensated
         Of the calibration, per component, (6,).
@@ -128,7 +126,7 @@ class InertiaModel:
         As `rms_compensated`, of what passes a low-pass of `SLOW_HZ` as residuals do; by default,
         where the rate is unknown, `rms_compensated`.
     model_error
-        What the model leaves besides noise, and the plate's zero; None of files of versions 1 to 3.
+        What the model leaves besides noise, and the plate's zero; None of files of version 2.
     lags_s
         Of a dynamic model: its accelerations are those of `dynamic_channels` for these lags, the
         readings first, (N, K). Empty for a static one, of which K = k [s].
@@ -195,11 +193,6 @@ class InertiaModel:
     def sensors(self) -> tuple[str, ...]:
         """Names of the accelerometers: the setup's, or numbers from 1."""
         return sensor_names(self.setup, len(self.acceleration_mean))
-
-    @property
-    def rms_reduction(self) -> Array:
-        """Reduction of the calibration's RMS per component, (6,) [%]."""
-        return 100 * (1 - self.rms_compensated / self.rms_measured)
 
     def predict(self, accelerations: ArrayLike) -> Array:
         """Predict the wrench of the empty plate.
@@ -301,11 +294,11 @@ class InertiaModel:
         Raises
         ------
         ValueError
-            Sensors, rate, filter or units differ, or the model does not state them.
+            Sensors, rate or filter differ, or the model does not state them.
         """
         if self.setup is None:
             raise ValueError("the model does not state how it was recorded; fit it with a setup")
-        fields = ["sensors", "rate_hz", "cutoff_hz", "acceleration_unit", "wrench_unit"]
+        fields = ["sensors", "rate_hz", "cutoff_hz"]
         if setup.cutoff_hz is not None:
             fields.append("filter_method")
         differ = [

@@ -18,10 +18,19 @@ from scipy.optimize import nnls
 from scipy.stats import norm
 from scipy.stats import t as student_t
 
-from compensation.inputs import refuse_gaps
+from compensation.inputs import read_table, refuse_gaps
 from hbm.signals.filtering import low_pass
 from hbm.spatial import Array, read_only
 
+SLOW_HZ: Final = 6.0
+"""Cut-off of the Human Body Model, through which residuals pass."""
+ZERO_SD: Final = np.repeat([0.5, 0.25], 3)
+"""Standard deviation of a plate's zero from recording to recording [N, N·m], as far as recordings
+do not show it; assumed, of a plate that is zeroed on the same day."""
+ZERO_DEGREES: Final = 3
+"""Degrees of freedom that the assumed value is worth beside those that recordings show of three
+forces or moments, three per recording after the first; and what is pooled over them beside those of
+one component, one per recording after the first."""
 EDGES_HZ: Final = (2.0, 4.0, 6.0, 9.0, 12.0)
 """Between the bands of frequencies: commanded motion and steps, their harmonics, the modes of a
 platform's base, and the rest up to the calibration's low-pass."""
@@ -174,9 +183,9 @@ class ModelError:
 
 def fit_model_error(
     accelerations: Sequence[Array],
-    left: Sequence[Array],
-    left_slow: Sequence[Array],
+    unseen: Sequence[Array],
     rate_hz: float | None,
+    cutoff_hz: float | None,
     zero: ArrayLike,
     belts_mps: ArrayLike = (),
 ) -> ModelError:
@@ -186,27 +195,16 @@ def fit_model_error(
     ----------
     accelerations
         Readings of every recording of the calibration, (N, k) [m/s²].
-    left
-        What the model leaves of each recording about its zero, every part predicted by a model
-        fitted to the others, (N, 6) [N, N·m].
-    left_slow
-        The same below 6 Hz.
-    rate_hz
-        Of all of them; None where it is unknown: then the error is the same in every motion.
+    unseen
+        What is left of each part of each recording by a model fitted to the others, about the zero
+        of the recording, (N, 6) [N, N·m].
+    rate_hz, cutoff_hz
+        Of all of them; a rate of None where it is unknown: then, and where a recording is too
+        short, the error is the same in every motion.
     zero
         Standard deviation of a trial's zero about the calibration's, (6,) [N, N·m].
     belts_mps
         Speed of the belts in every recording, (M,) [m/s]; empty where it is unknown.
-
-    Returns
-    -------
-    ModelError
-        With variances that are 0 or positive.
-
-    Raises
-    ------
-    ValueError
-        If there are speeds of other than all recordings.
 
     Notes
     -----
@@ -225,30 +223,47 @@ def fit_model_error(
     speeds = np.abs(np.array(belts_mps, float))
     if len(speeds) not in (0, len(accelerations)):
         raise ValueError(f"{len(speeds)} belt speeds for {len(accelerations)} recordings")
+    slow = [slow_part(part, rate_hz) for part in unseen]
+    thin = 1
+    if rate_hz is not None and all(part is not None for part in slow):
+        if cutoff_hz is not None:  # fewer samples hold as much of a low-passed signal
+            thin = max(int(rate_hz / (MIN_RATE_PER_CUTOFF * cutoff_hz)), 1)
+        rate_hz /= thin
+    else:
+        slow, rate_hz = list(unseen), None
+    accelerations = [part[::thin] for part in accelerations]
+    left, left_slow = (
+        [part[::thin] for part in side if part is not None] for side in (unseen, slow)
+    )
     center = np.mean([a.mean(axis=0) for a in accelerations], axis=0)
-    squares = [np.vstack(side) ** 2 for side in (left, left_slow)]
     k = len(center)
     if rate_hz is None:
-        floor = np.array([square.mean(axis=0) for square in squares])
+        floor = np.tile(np.mean(np.vstack(left) ** 2, axis=0), (2, 1))
         none = np.zeros((0, k, k)), np.zeros((2, 0, 6))
         return ModelError(center, *none, floor, np.array(zero), belts_mps=speeds)
     bands = [_bands(a - center, rate_hz) for a in accelerations]
     directions = np.array([_directions(of_band) for of_band in zip(*bands, strict=True)])
     step = max(round(SMOOTHING_S * rate_hz), 1)
-    energies = [_energies(band, directions, rate_hz)[step // 2 :: step] for band in bands]
-    shown = _shown(speeds)
+
+    def averaged(values: Array) -> Array:
+        """Average squares over time, one row for every `SMOOTHING_S`."""
+        return _smooth(values**2, rate_hz)[step // 2 :: step]
+
+    energies = [averaged(_turned(band, directions)) for band in bands]
+    running = speeds[speeds > RUNNING_MPS]
+    several = running.max(initial=0.0) > MIN_FASTER * running.min(initial=np.inf)
+    shown = [len(running) < len(speeds), bool(several)]  # whether recordings tell each term apart
     of_belts = _belt_terms(speeds) * shown if len(speeds) else np.zeros((len(energies), 2))
     designs = [
         np.column_stack([energy, np.tile([*terms, 1.0], (len(energy), 1))])
         for energy, terms in zip(energies, of_belts, strict=True)
     ]
-    found = []
-    for side in (left, left_slow):
-        averaged = [_smooth(part**2, rate_hz)[step // 2 :: step] for part in side]
-        found.append(_not_negative(designs, averaged))
-    factors = np.array(found)
-    rollers = -2 if shown[1] else -3
-    factors[:, rollers] *= _belt_widening(speeds)
+    factors = np.array(
+        [_not_negative(designs, [averaged(part) for part in side]) for side in (left, left_slow)]
+    )
+    if speeds.any():  # the factor of the variance that grows with speed: few recordings show it
+        recordings = np.sum(speeds**4) ** 2 / np.sum(speeds**8)
+        factors[:, -2 if several else -3] *= widening(BELT_DEGREES * recordings) ** 2
     return ModelError(
         center,
         directions,
@@ -271,32 +286,88 @@ def widening(degrees: float) -> float:
     return float(student_t.ppf(0.975, degrees) / norm.ppf(0.975))
 
 
-def thinned(rate_hz: float, cutoff_hz: float | None) -> int:
-    """Give how many samples one of a low-passed signal stands for without loss."""
-    if cutoff_hz is None:
-        return 1
-    return max(int(rate_hz / (MIN_RATE_PER_CUTOFF * cutoff_hz)), 1)
+def zero_of_trials(zeros: ArrayLike, stated: ArrayLike | None = None) -> Array:
+    """Give the standard deviation of a trial's zero about that of a calibration.
+
+    Parameters
+    ----------
+    zeros
+        Zero of the plate in every recording of the calibration, (M, 6) [N, N·m]; the calibration's
+        is their mean.
+    stated
+        Standard deviation of the zero of one recording, where it is known, one for all or (6,).
+
+    Returns
+    -------
+    Array
+        (6,) [N, N·m]: of one recording that of the difference of two zeros, as stated or of
+        `ZERO_SD`. Of several, where none is stated, their scatter counts, of each component
+        beside that of all forces or all moments, which counts beside the assumed one; widened as
+        an interval of Student's t is.
+
+    Examples
+    --------
+    >>> zero_of_trials(np.zeros((1, 6))).round(2)
+    array([0.71, 0.71, 0.71, 0.35, 0.35, 0.35])
+    """
+    zeros = np.asarray(zeros, float)
+    both = np.sqrt(1 + 1 / len(zeros))
+    if len(zeros) == 1 or stated is not None:
+        sd = np.broadcast_to(np.asarray(ZERO_SD if stated is None else stated, float), (6,))
+        if not np.all(np.isfinite(sd) & (sd >= 0)):
+            raise ValueError(f"zero_sd must be 0 or positive, got {sd}")
+        return np.asarray(both * sd)
+    squares = np.sum((zeros - zeros.mean(axis=0)) ** 2, axis=0)
+    alike = np.repeat(squares.reshape(2, 3).sum(axis=1), 3)
+    degrees = ZERO_DEGREES + 3 * (len(zeros) - 1)
+    pooled = (alike + ZERO_DEGREES * ZERO_SD**2) / degrees
+    variance = (squares + ZERO_DEGREES * pooled) / (len(zeros) - 1 + ZERO_DEGREES)
+    return np.asarray(both * np.sqrt(variance) * widening(degrees))
+
+
+def slow_part(residual: Array, rate_hz: float | None) -> Array | None:
+    """Give what passes the filter of trials, (N, C); None without a second of known rate.
+
+    The calibration's own filter passes vibration of the platform's base, which is not in residuals.
+    """
+    if rate_hz is None or len(residual) < rate_hz or rate_hz < 4 * SLOW_HZ:
+        return None
+    return low_pass(residual, rate_hz, SLOW_HZ, "zero_phase")
+
+
+def residual_correlation(residual: ArrayLike, rate_hz: float | None = None) -> Array:
+    """Give the correlations of what calibrations leave, of several plates side by side.
+
+    Parameters
+    ----------
+    residual
+        At common instants, (N, C) [N, N·m].
+    rate_hz
+        Of the samples; None where it is unknown.
+
+    Returns
+    -------
+    Array
+        (C, C), below 6 Hz where a second of known rate is given; 0 with a channel of which nothing
+        is left. Plates are compensated by the same accelerometers, whose noise is in all of them.
+    """
+    left = read_table(residual, "residual")
+    slow = slow_part(left, rate_hz)
+    return correlation_of(left if slow is None else slow)
+
+
+def correlation_of(residual: Array) -> Array:
+    """Give the correlations between channels, (C, C); 0 with one that leaves nothing."""
+    size = np.sqrt(np.mean(residual**2, axis=0))
+    scaled = residual / np.where(size > 0, size, 1.0)
+    correlation = scaled.T @ scaled / len(scaled)
+    np.fill_diagonal(correlation, 1.0)
+    return correlation
 
 
 def _belt_terms(speed: Array) -> Array:
     """Give whether belts run, and the fourth power of their speed, (..., 2)."""
     return np.stack([np.abs(speed) > RUNNING_MPS, speed**4], axis=-1)
-
-
-def _shown(speeds: Array) -> list[bool]:
-    """Whether recordings tell each of the terms from the rest."""
-    running = speeds[speeds > RUNNING_MPS]
-    several = running.max(initial=0.0) > MIN_FASTER * running.min(initial=np.inf)
-    return [len(running) < len(speeds), bool(several)]
-
-
-def _belt_widening(speeds: Array) -> float:
-    """Give the factor of the variance that grows with speed, by how many recordings show it."""
-    shown = speeds**4
-    if not shown.any():
-        return 1.0
-    recordings = shown.sum() ** 2 / np.sum(shown**2)
-    return widening(BELT_DEGREES * recordings) ** 2
 
 
 def _bands(moved: Array, rate_hz: float) -> list[Array]:
@@ -319,11 +390,6 @@ def _directions(recordings: Sequence[Array]) -> Array:
     traces = [max(float(np.trace(square)), np.finfo(float).tiny) for square in squares]
     alike = np.sum([s / trace for s, trace in zip(squares, traces, strict=True)], axis=0)
     return np.asarray(np.linalg.eigh(alike)[1])
-
-
-def _energies(bands: Sequence[Array], directions: Array, rate_hz: float) -> Array:
-    """Give squared readings in every direction of every band, averaged over time, (N, B k)."""
-    return _smooth(_turned(bands, directions) ** 2, rate_hz)
 
 
 def _turned(bands: Sequence[Array], directions: Array) -> Array:

@@ -1,26 +1,35 @@
-"""Whether a calibration recording serves: did the platform move, was it empty, what is left."""
+"""Whether a calibration serves: by what it leaves of its recording, and of one of another day."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from compensation.inertia.checks import MAX_UNEXPLAINED_N
+from compensation.delay import BLOCKS
+from compensation.inertia.fit import fit_inertia
 from compensation.inertia.model import InertiaModel
-from hbm.notes import Note
+from compensation.inertia.model_error import SLOW_HZ
+from compensation.inputs import read_table
+from hbm.signals.filtering import low_pass
 from hbm.spatial import WRENCH_COMPONENTS, Array, read_only
 
 MIN_COMMANDED_MPS2: Final = 0.2
 """Largest standard deviation of a channel of a platform that follows commands. Trials have 1 m/s²
 and more (pitch of ± 10°, sway of 5 cm in 0.3 s); people on the boards shake a platform by less than
 0.1 m/s²."""
+MIN_LOAD_N: Final = 150.0
+"""Mean force above which a zeroed plate is not empty: a fifth of a body weight."""
+MAX_UNEXPLAINED_N: Final = 30.0
+"""Standard deviation of the force that a fit on an empty plate leaves; usual are a few newtons."""
 PERSON_RMS: Final = np.array([37.1, 30.4, 63.1, 11.4, 20.5, 4.5])
 """RMS of the pelvis residuals of nine adults, of about 75 kg, who walk on a treadmill whose
 platform is at rest: forward, sideways, up [N, N·m] (van de Loosdrecht 2018, Table III, baseline
 without compensation)."""
 MAX_RISE: Final = 0.05
 """By which what compensation leaves may raise these residuals; our choice."""
+UNITS: Final = ("N",) * 3 + ("N·m",) * 3
 HIP_HEIGHT_M: Final = 1.0
 """Above the plates: a horizontal force on them is a moment about the hips."""
 
@@ -95,34 +104,16 @@ def left_over(model: InertiaModel) -> tuple[LeftOver, ...]:
         after, r_squared = float(model.rms_compensated[k]), float(model.r_squared[k])
         excited = after / np.sqrt(1 - r_squared) if r_squared < 1 else float(model.rms_measured[k])
         slow, limit = float(np.asarray(model.rms_slow)[k]), float(MAX_LEFT[k])
-        unit = "N" if k < 3 else "N·m"
-        rows.append(LeftOver(name, unit, float(excited), after, slow, limit, r_squared))
+        rows.append(LeftOver(name, UNITS[k], float(excited), after, slow, limit, r_squared))
     return tuple(rows)
 
 
 OF_CALIBRATION: Final = (
     "calibration_loaded",
-    "calibration_unexplained",
     "calibration_leaves_much",
     "calibration_not_judged",
 )
 """Codes of notes on a calibration that hold for everything that uses it."""
-
-
-def verdict_notes(verdict: Mapping[str, Sequence[LeftOver]]) -> tuple[Note, ...]:
-    """Put the verdict on a calibration, plate -> components, into one note; none where it passes.
-
-    Without any plate, as of files of earlier versions, the calibration was not judged.
-    """
-    if not verdict:
-        return (Note.of("calibration_not_judged"),)
-    beyond = [
-        f"{plate} {row.component} {row.left:.1f} {row.unit} (limit {row.limit:.1f})"
-        for plate, rows in verdict.items()
-        for row in rows
-        if not row.passed
-    ]
-    return (Note.of("calibration_leaves_much", left=beyond),) if beyond else ()
 
 
 def refuse_unusable(plates: Mapping[str, InertiaModel]) -> None:
@@ -171,3 +162,102 @@ expected 0.2 or more); record the empty treadmill while it follows a calibration
             f"no calibration: {'; '.join(seen)}; record the empty treadmill while it follows a "
             "calibration signal"
         )
+
+
+MAX_GAIN: Final = 0.5
+"""By how much more of the limits than a new fit a calibration may leave on another day."""
+MAX_ROLLERS: Final = 4.0
+"""Of what is expected, that a new fit may leave: rollers out of balance leave up to twice as much
+in one recording as in another, and no new calibration changes that. Whatever rattles or leans on a
+plate leaves more."""
+MAX_ZERO_CHANGE: Final = np.repeat([3.0, 0.6], 3)
+"""By which the zero of a plate may have changed [N, N·m]; in children, errors of 3 N do not change
+joint moments beyond their spread (doi 10.1016/j.jbiomech.2024.112351). 0.6 N·m, a millimetre under
+75 kg, are our choice."""
+CONTROL_LIMIT: Final = 3.0
+"""Standard deviations of a zero from recording to recording that are no drift (Shewhart 1931)."""
+
+
+@dataclass(frozen=True, slots=True)
+class DayCheck:
+    """What an empty recording of another day says about the calibration of one plate.
+
+    Attributes
+    ----------
+    left, left_by_new_fit
+        RMS about the mean below 6 Hz that the calibration, and a fit to the recording itself,
+        leave, (6,) [N, N·m].
+    zero_change
+        Of the plate, (6,) [N, N·m].
+    faults
+        What is beyond its limit, in words; empty where the calibration is still valid.
+    """
+
+    left: Array
+    left_by_new_fit: Array
+    zero_change: Array
+    faults: tuple[str, ...]
+
+
+def check_another_day(
+    model: InertiaModel,
+    accelerations: ArrayLike,
+    wrench: ArrayLike,
+    belts_mps: ArrayLike | None = None,
+) -> DayCheck:
+    """Compare the calibration of a plate with an empty recording of another day.
+
+    Parameters
+    ----------
+    model
+        Of the plate, static, with a setup.
+    accelerations
+        Of the recording, with the calibration's delays undone, low-passed as its setup says,
+        (N, k) [m/s²].
+    wrench
+        At the same instants, equally filtered, (N, 6) [N, N·m].
+    belts_mps
+        Speed of the belts at the same instants, (N,) [m/s]; None where it is unknown.
+
+    Raises
+    ------
+    ValueError
+        Wrong shapes or gaps; or a recording that shows nothing: a platform that hardly moves,
+        somebody on the boards.
+
+    Notes
+    -----
+    The calibration is valid where a new fit would take away no more than half of what may be left,
+    leaves no more itself than rollers out of balance do, and the zero has changed by no more than
+    zeros do.
+    """
+    if model.setup is None:
+        raise ValueError("the model does not state how it was recorded; fit it with a setup")
+    a, w = read_table(accelerations, "accelerations"), read_table(wrench, "wrench", 6)
+    new = fit_inertia(a, w, model.setup)
+    refuse_unusable({"the plate": new})
+    error, newly = (
+        low_pass(each.compensate(a, w), model.setup.rate_hz, SLOW_HZ, "zero_phase")
+        for each in (model, new)
+    )
+    left, by_new, zero = error.std(axis=0), newly.std(axis=0), error.mean(axis=0)
+    expected = model.uncertainty(a, slow=True, zero=False, belts_mps=belts_mps)
+    rollers = MAX_ROLLERS * np.sqrt(np.mean(expected**2, axis=0))
+    beyond = left**2 - by_new**2 > (MAX_GAIN * MAX_LEFT) ** 2
+    beyond |= by_new > np.maximum(MAX_LEFT, rollers)
+    means = [block.mean(axis=0) for block in np.array_split(error, BLOCKS)]
+    usual = np.std(means, axis=0, ddof=1) / np.sqrt(BLOCKS)
+    if model.model_error is not None:
+        usual = np.hypot(usual, model.model_error.zero)
+    moved = np.abs(zero) > np.maximum(MAX_ZERO_CHANGE, CONTROL_LIMIT * usual)
+    faults = [
+        f"{name} left {left[k]:.1f} {UNITS[k]}, by a new fit {by_new[k]:.1f}"
+        for k, name in enumerate(WRENCH_COMPONENTS)
+        if beyond[k]
+    ]
+    faults += [
+        f"zero of {name} {zero[k]:+.1f} {UNITS[k]}"
+        for k, name in enumerate(WRENCH_COMPONENTS)
+        if moved[k]
+    ]
+    return DayCheck(left, by_new, zero, tuple(faults))

@@ -1,36 +1,43 @@
-"""What a calibration recording shows of its accelerometers: delay, gain and noise of each."""
+"""Accelerometers: what a calibration shows of each, and whether a trial's are as they were."""
 
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.signal import welch
 
-from compensation.alignment.delay import BLOCKS
-from compensation.alignment.sensor_delay import sensor_delays
-from compensation.inertia.fit import RIGID_DIRECTIONS, sensor_noise_of
-from compensation.inertia.model import Setup, sensor_names
-from compensation.inertia.plausibility import MIN_MOTION_MPS2
+from compensation.delay import sensor_delays
+from compensation.inertia.model import InertiaModel, Setup, sensor_names
 from compensation.inputs import read_table
 from hbm.notes import Note
 from hbm.spatial import GRAVITY_MPS2, Array
 
 QUANTILE_95: Final = 1.96
-REST_S: Final = 0.5
-"""Longer than a period of any motion of a platform but the slowest."""
-OFFSET_SD_MPS2: Final = 0.1
-"""Of an accelerometer's offset, 10 mg: what adjustment by hand leaves of the data sheets' 25 to 50.
-At rest it cannot be told from a gain that is 1 % wrong."""
-AXIS_GAIN_SD: Final = 0.01
-"""Of the gains of one sensor's axes about their mean: 1 % in data sheets."""
-MIN_SWAY_TO_NOISE: Final = 100.0
-"""Variance of what two sensors agree in, by what they disagree in: less shows no common sway."""
+RIGID_DIRECTIONS: Final = 5
+"""Of sway and pitch: ``f₀``, the angular acceleration and the angular velocity squared."""
 NOISE_BAND: Final = (2.0, 0.4)
 """Times the cut-off, and times the sampling rate: between them readings are noise alone."""
 MAX_NOISE_EXCESS: Final = 1.1
 """Factor by which the sensors may disagree more than their noise explains. On a platform that bends
 or vibrates it is more, and its part cannot be taken out as noise."""
+CLIPPED_SHARE: Final = 0.98
+"""Of a sensor's range, from which on a sample counts as clipped; room for an error of the gain."""
+MAX_EXCESS_SHARE: Final = 0.05
+"""Of the calibration's range, by which a trial may exceed it; a linear model extrapolates."""
+MIN_ROTATION_DEG: Final = 45.0
+"""Between calibration and trial; the platform itself tilts by 10° at most."""
+GRAVITY_FACTOR: Final = 2.0
+"""Either way from gravity; a sensor whose median is outside is dead or in another unit."""
+CONSTRAINT_MPS2: Final = 0.05
+"""Standard deviation below which a combination of channels was constant in the calibration."""
+DRIFT_MPS2: Final = 0.03
+"""By which the offsets of sensors are assumed to change between calibration and trial."""
+MAX_VIOLATION: Final = 9.0
+"""Mean square of the constraints, in units of that drift squared: three times the drift."""
+MIN_IMPROVEMENT: Final = 4.0
+"""Factor by which exchanging two sensors must reduce that mean square; 2 in root mean square."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,48 +51,37 @@ class Sensor:
     delay_s, delay_error_s
         How much later it is than the plates, and the standard error [s]; the error is None where
         the delay could not be estimated, and 0 where it was stated.
-    gain, gain_error
-        Reading by true acceleration, and the standard error; the error is None where the recording
-        shows no gain.
     noise_mps2
         Standard deviation of its noise per channel, low-passed as for the fit [m/s²]; None where it
         could not be told from motion.
 
     Examples
     --------
-    >>> late = Sensor("rear", 0.005, 0.0001, gain=1.004, gain_error=0.009, noise_mps2=0.006)
-    >>> late.correction_s, late.scale
-    (0.005, 1.0)
+    >>> Sensor("rear", 0.005, 0.0001).correction_s, Sensor("front", 0.0001, 0.0001).correction_s
+    (0.005, 0.0)
     """
 
     name: str
     delay_s: float = 0.0
     delay_error_s: float | None = None
-    gain: float = 1.0
-    gain_error: float | None = None
     noise_mps2: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ("delay_s", "delay_error_s", "gain", "gain_error", "noise_mps2"):
+        for name in ("delay_s", "delay_error_s", "noise_mps2"):
             value = getattr(self, name)
-            if value is None and name not in ("delay_s", "gain"):
+            if value is None and name != "delay_s":
                 continue
             if isinstance(value, bool) or not isinstance(value, (int, float)):
                 raise TypeError(f"sensor {self.name}: {name} must be a number, got {value!r}")
-            if not np.isfinite(value) or (name not in ("delay_s",) and value < 0):
+            if not np.isfinite(value) or (name != "delay_s" and value < 0):
                 raise ValueError(f"sensor {self.name}: {name} cannot be {value}")
-        if not self.gain > 0:
-            raise ValueError(f"sensor {self.name}: gain must be positive, got {self.gain}")
 
     @property
     def correction_s(self) -> float:
         """The delay that is undone: the estimate where its interval excludes 0, else 0 [s]."""
-        return self.delay_s if _differs(self.delay_s, self.delay_error_s) else 0.0
-
-    @property
-    def scale(self) -> float:
-        """The gain that is divided by: the estimate where its interval excludes 1, else 1."""
-        return self.gain if _differs(self.gain - 1, self.gain_error) else 1.0
+        error = self.delay_error_s
+        known = error is not None and abs(self.delay_s) > QUANTILE_95 * error
+        return self.delay_s if known else 0.0
 
 
 def find_sensors(
@@ -95,7 +91,7 @@ def find_sensors(
     setup: Setup,
     readings_rate_hz: float,
 ) -> tuple[Sensor, ...]:
-    """Estimate delay, gain and noise of every accelerometer of a calibration recording.
+    """Estimate delay and noise of every accelerometer of a calibration recording.
 
     Parameters
     ----------
@@ -122,14 +118,9 @@ def find_sensors(
 
     Notes
     -----
-    Delays are those of `compensation.alignment.sensor_delay.sensor_delays`.
+    Delays are those of `compensation.delay.sensor_delays`.
 
-    The gain of a sensor is absorbed by the fit. It matters where the sensor is exchanged or its
-    setting changes, and because it shows a wrong setting. Two observations determine it: at rest a
-    sensor reads 9.81 m/s², apart from its offset; and where two sensors ``a₁, a₂`` sway on one
-    rigid body, ``n₁·a₁ + n₂·a₂`` is constant for one ``(n₁, n₂)``, with ``|n₂|/|n₁|`` the ratio of
-    their gains along the sway. Both are weighted by their errors in a least-squares fit of the
-    logarithms.
+    The gain of a sensor is absorbed by the fit.
 
     Noise is read from the density of the readings between twice the cut-off and 0.4 of their rate,
     taken as white.
@@ -147,27 +138,16 @@ def find_sensors(
     """
     a, w = read_table(accelerations, "accelerations"), read_table(wrench, "wrench")
     names = sensor_names(setup, a.shape[1])
-    gains, gain_errors = _gains(a, setup.rate_hz)
     noise = _noise(read_table(readings, "readings", a.shape[1]), readings_rate_hz, setup)
     try:
         delays = [(d.seconds, d.standard_error) for d in sensor_delays(a, w, setup.rate_hz)]
     except ValueError:
         delays = []
-    sensors = []
+    found = []
     for k, name in enumerate(names):
         late, error = delays[k] if delays and np.isfinite(delays[k][1]) else (0.0, None)
-        known = np.isfinite(gain_errors[k])
-        sensors.append(
-            Sensor(
-                name,
-                delay_s=late,
-                delay_error_s=error,
-                gain=float(gains[k]) if known else 1.0,
-                gain_error=float(gain_errors[k]) if known else None,
-                noise_mps2=float(noise[k]) if noise is not None else None,
-            )
-        )
-    return tuple(sensors)
+        found.append(Sensor(name, late, error, float(noise[k]) if noise is not None else None))
+    return tuple(found)
 
 
 def noise_for_fit(sensors: tuple[Sensor, ...], accelerations: ArrayLike) -> Array | float:
@@ -185,7 +165,7 @@ def noise_for_fit(sensors: tuple[Sensor, ...], accelerations: ArrayLike) -> Arra
 
 
 def describe_sensors(sensors: tuple[Sensor, ...]) -> tuple[Note, ...]:
-    """Say which sensors are late or wrongly scaled, and of which the delay is unknown."""
+    """Say which sensors are late, and of which the delay is unknown."""
     notes = []
     for sensor in sensors:
         if sensor.delay_error_s is None:
@@ -199,78 +179,103 @@ def describe_sensors(sensors: tuple[Sensor, ...]) -> tuple[Note, ...]:
                     interval_s=QUANTILE_95 * sensor.delay_error_s,
                 )
             )
-        if sensor.scale != 1 and sensor.gain_error is not None:
-            notes.append(
-                Note.of(
-                    "accelerometer_gain",
-                    sensor=sensor.name,
-                    excess=sensor.gain - 1,
-                    interval=QUANTILE_95 * sensor.gain_error,
-                )
-            )
     return tuple(notes)
 
 
-def _differs(value: float, error: float | None) -> bool:
-    return error is not None and abs(value) > QUANTILE_95 * error
+def sensor_noise_of(accelerations: ArrayLike) -> float:
+    """Estimate the accelerometers' noise from a calibration trial of sway and pitch.
 
+    Parameters
+    ----------
+    accelerations
+        Readings of two or more accelerometers, (N, k) [m/s²], filtered as for the fit.
 
-def _gains(a: Array, rate_hz: float) -> tuple[Array, Array]:
-    """Give gain and standard error of every sensor, (S,); errors are infinite where unknown."""
-    parts = np.split(a, a.shape[1] // 3, axis=1)
-    rows, observed, sd = [], [], []
-    rest = _at_rest(a, rate_hz)
-    if rest.any():
-        for k, part in enumerate(parts):
-            rows.append(np.eye(len(parts))[k])
-            size = np.mean(np.linalg.norm(part[rest], axis=1))
-            observed.append(np.log(size / GRAVITY_MPS2))
-            sd.append(OFFSET_SD_MPS2 / GRAVITY_MPS2)
-    for k in range(1, len(parts)):
-        ratio, error = _sway_ratio(parts[0], parts[k])
-        if np.isfinite(error):
-            rows.append(np.eye(len(parts))[k] - np.eye(len(parts))[0])
-            observed.append(np.log(ratio))
-            sd.append(float(np.hypot(error / ratio, np.sqrt(2) * AXIS_GAIN_SD)))
-    if not rest.any():  # ratios alone leave open which sensor is wrong
-        return np.ones(len(parts)), np.full(len(parts), np.inf)
-    weighted = np.array(rows) / np.array(sd)[:, None]
-    covariance = np.linalg.inv(weighted.T @ weighted)
-    gains = np.exp(covariance @ weighted.T @ (np.array(observed) / np.array(sd)))
-    return gains, gains * np.sqrt(np.diag(covariance))
+    Returns
+    -------
+    float
+        Standard deviation of the noise per channel [m/s²].
 
+    Raises
+    ------
+    ValueError
+        Fewer than two sensors, wrong shape, no samples or gaps.
 
-def _at_rest(a: Array, rate_hz: float) -> Array:
-    """Give the samples of those half seconds in which no channel moves, (N,)."""
-    length = max(round(REST_S * rate_hz), 2)
-    whole = len(a) // length * length
-    windows = a[:whole].reshape(-1, length, a.shape[1])
-    still = windows.std(axis=1).max(axis=1) < MIN_MOTION_MPS2
-    return np.concatenate([np.repeat(still, length), np.zeros(len(a) - whole, bool)])
+    Notes
+    -----
+    Rigid sway and pitch move the ``k`` channels along five directions only; the variance of the
+    other ``k - 5`` principal directions is noise, taken as equal in all channels. On a platform
+    that also rolls, yaws or bends the estimate is too large.
 
-
-def _sway_ratio(first: Array, second: Array) -> tuple[float, float]:
-    """Give the gain of the second sensor by that of the first, and its error; inf if unknown."""
-    both = np.hstack([first, second])
-    blocks = [np.cov(b, rowvar=False) * len(b) for b in np.array_split(both, BLOCKS)]
-    total = np.cov(both, rowvar=False) * len(both)
-    ratios = [_ratio_of(total - block) for block in blocks]
-    spread = np.var(ratios) * (len(ratios) - 1)
-    variance, directions = np.linalg.eigh(total)
-    shared = [
-        d @ part @ d
-        for d, part in zip(
-            np.split(directions[:, 0], 2), (total[:3, :3], total[3:, 3:]), strict=True
+    Examples
+    --------
+    >>> import numpy as np
+    >>> rng = np.random.default_rng(0)
+    >>> five = rng.normal(size=(5000, 5)) @ rng.normal(size=(5, 6))
+    >>> round(sensor_noise_of(five + 0.02 * rng.normal(size=(5000, 6))), 3)
+    0.02
+    """
+    a = read_table(accelerations, "accelerations")
+    if a.shape[1] <= RIGID_DIRECTIONS or a.shape[1] % 3 or len(a) < 2:
+        raise ValueError(
+            f"accelerations of shape {a.shape} do not separate noise from motion; "
+            "give two sensors or more, 3 channels each"
         )
-    ]
-    if not min(shared) > MIN_SWAY_TO_NOISE * max(float(variance[0]), 0.0):
-        return 1.0, np.inf
-    return _ratio_of(total), float(np.sqrt(spread))
+    variance = np.linalg.eigvalsh(np.cov(a, rowvar=False))
+    return float(np.sqrt(max(variance[:-RIGID_DIRECTIONS].mean(), 0.0)))
 
 
-def _ratio_of(covariance: Array) -> float:
-    first, second = np.split(np.linalg.eigh(covariance)[1][:, 0], 2)
-    return float(np.linalg.norm(first) / max(np.linalg.norm(second), np.finfo(float).tiny))
+def check_trial(
+    model: InertiaModel, accelerations: ArrayLike, range_g: float = 2.0
+) -> tuple[Note, ...]:
+    """Find what in a trial's accelerations makes its compensation doubtful.
+
+    Parameters
+    ----------
+    model
+        The fitted calibration.
+    accelerations
+        Of the trial, in the calibration's order and unit, (N, k) [m/s²]. Clipping is seen best
+        before any filter.
+    range_g
+        Range of the accelerometers [g].
+
+    Returns
+    -------
+    tuple of Note
+        Warnings, empty where nothing is doubtful: a channel that is dead or clipped, a sensor
+        that was rotated or is upside down, two that are swapped, motion beyond that of the
+        calibration.
+
+    Raises
+    ------
+    ValueError
+        Wrong shape, no samples or gaps.
+
+    Notes
+    -----
+    Swapped sensors show in the combinations of channels that hardly changed in the calibration,
+    such as the difference of two sensors along the sway: they stay as they were unless a sensor
+    was moved. Two sensors whose offsets and axes agree to within 0.03 m/s² cannot be
+    distinguished.
+
+    Examples
+    --------
+    >>> import compensation, numpy as np
+    >>> accelerations = np.random.default_rng(0).normal([0, 0, 9.81], 1.0, (600, 3))
+    >>> wrench = accelerations @ np.hstack([-150 * np.eye(3), np.full((3, 3), 15.0)])
+    >>> model = compensation.fit_inertia(accelerations, wrench)
+    >>> [note.code for note in check_trial(model, -accelerations)]
+    ['accelerometer_inverted', 'calibration_range_exceeded']
+    """
+    a = read_table(accelerations, "accelerations", len(model.acceleration_mean))
+    dead = _dead(model, a)
+    if dead:
+        return dead
+    return (
+        *_clipped(model, a, range_g * GRAVITY_MPS2),
+        *(_rotated(model, a) or _swapped(model, a)),
+        *_beyond(model, a),
+    )
 
 
 def _noise(readings: Array, rate_hz: float, setup: Setup) -> Array | None:
@@ -289,3 +294,100 @@ def _noise(readings: Array, rate_hz: float, setup: Setup) -> Array | None:
     passed = float(np.sum(setup.low_pass(impulse, rate_hz) ** 2))
     found: Array = np.sqrt(passed * white.reshape(-1, 3).mean(axis=1))
     return found
+
+
+def _channels(model: InertiaModel) -> list[str]:
+    return [f"{sensor} {axis}" for sensor in model.sensors for axis in "xyz"]
+
+
+def _by_sensor(values: Array) -> Array:
+    return values.reshape(*values.shape[:-1], -1, 3)
+
+
+def _dead(model: InertiaModel, a: Array) -> tuple[Note, ...]:
+    readings = _by_sensor(a)
+    size = np.median(np.sqrt(np.vecdot(readings, readings)), axis=0)
+    still = (a == a[0]).all(axis=0)
+    without_gravity = [
+        Note.of("accelerometer_silent", sensor=sensor, median_mps2=size, gravity_mps2=GRAVITY_MPS2)
+        for sensor, size in zip(model.sensors, size, strict=True)
+        if not GRAVITY_MPS2 / GRAVITY_FACTOR < size < GRAVITY_FACTOR * GRAVITY_MPS2
+    ]
+    stuck = [
+        Note.of("accelerometer_constant", channel=channel, value_mps2=value)
+        for channel, value, dead in zip(_channels(model), a[0], still, strict=True)
+        if dead and not still.all()
+    ]
+    return (*without_gravity, *stuck)
+
+
+def _clipped(model: InertiaModel, a: Array, limit: float) -> tuple[Note, ...]:
+    share = np.mean(np.abs(a) >= CLIPPED_SHARE * limit, axis=0)
+    return tuple(
+        Note.of("accelerometer_clipped", channel=channel, limit_mps2=limit, share=share)
+        for channel, share in zip(_channels(model), share, strict=True)
+        if share > 0
+    )
+
+
+def _rotated(model: InertiaModel, a: Array) -> tuple[Note, ...]:
+    now, then = _by_sensor(a.mean(axis=0)), _by_sensor(model.acceleration_mean)
+    cosine = np.sum(now * then, axis=1) / np.linalg.norm(now, axis=1) / np.linalg.norm(then, axis=1)
+    angles = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+    return tuple(
+        Note.of(
+            "accelerometer_inverted" if angle > 180 - MIN_ROTATION_DEG else "accelerometer_turned",
+            sensor=sensor,
+            angle_deg=angle,
+        )
+        for sensor, angle in zip(model.sensors, angles, strict=True)
+        if angle > MIN_ROTATION_DEG
+    )
+
+
+def _swapped(model: InertiaModel, a: Array) -> tuple[Note, ...]:
+    variance, directions = np.linalg.eigh(model.acceleration_covariance)
+    constant = variance < CONSTRAINT_MPS2**2
+    if not constant.any():
+        return ()
+    weights = directions[:, constant] / np.sqrt(np.maximum(variance[constant], 0) + DRIFT_MPS2**2)
+
+    def violation(order: list[int]) -> float:
+        reordered = _by_sensor(a)[:, order].reshape(a.shape)
+        return float(np.mean(((reordered - model.acceleration_mean) @ weights) ** 2))
+
+    order = list(range(len(model.sensors)))
+    as_is = violation(order)
+    if as_is < MAX_VIOLATION:
+        return ()
+    exchanged = {}
+    for i, j in combinations(order, 2):
+        other = order.copy()
+        other[i], other[j] = j, i
+        exchanged[i, j] = violation(other)
+    best = min(exchanged, key=lambda pair: exchanged[pair], default=None)
+    if best is None or exchanged[best] > as_is / MIN_IMPROVEMENT:
+        return ()
+    i, j = best
+    return (Note.of("accelerometers_swapped", first=model.sensors[i], second=model.sensors[j]),)
+
+
+def _beyond(model: InertiaModel, a: Array) -> tuple[Note, ...]:
+    low, high = model.acceleration_low, model.acceleration_high
+    margin = MAX_EXCESS_SHARE * (high - low)
+    outside = (a < low - margin) | (a > high + margin)
+    share = float(np.mean(outside.any(axis=1)))
+    if share == 0:
+        return ()
+    worst = int(np.argmax(outside.mean(axis=0)))
+    return (
+        Note.of(
+            "calibration_range_exceeded",
+            share=share,
+            channel=_channels(model)[worst],
+            low_mps2=a[:, worst].min(),
+            high_mps2=a[:, worst].max(),
+            calibrated_low_mps2=low[worst],
+            calibrated_high_mps2=high[worst],
+        ),
+    )

@@ -1,12 +1,15 @@
-"""Joint centres and axes of a subject in the calibration pose, and the measures they depend on."""
+"""Joint centres and axes of a subject, and the joints of arms and legs from their landmarks."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final, Literal
 
+import numpy as np
+
+from hbm.coordinates import SIDES
 from hbm.notes import Note
 from hbm.segments import Sex
-from hbm.spatial import Array
+from hbm.spatial import Array, cross, distance, perpendicular, unit
 
 HipRule = Literal["harrington", "bell"]
 MEDIAL_SIGN: Final = {"right": 1.0, "left": -1.0}
@@ -102,6 +105,15 @@ class Anatomy:
     markers: dict[str, Array] = field(default_factory=dict)
     notes: list[Note] = field(default_factory=list)
 
+    def substitute(self, missing: str, rule: str) -> None:
+        """Note the rule that replaced a missing landmark."""
+        self.notes.append(substituted(missing, rule))
+
+
+def substituted(missing: str, rule: str) -> Note:
+    """Say by which rule a missing landmark was replaced."""
+    return Note.of("landmark_substituted", missing=missing, rule=rule)
+
 
 def need(landmarks: Mapping[str, Array], *names: str, purpose: str, instead: str) -> list[Array]:
     """Give landmarks, or raise a ValueError that names the missing and what would replace them."""
@@ -112,3 +124,373 @@ def need(landmarks: Mapping[str, Array], *names: str, purpose: str, instead: str
             f"no marker shows in the calibration pose; {instead} would do instead"
         )
     return [landmarks[name] for name in names]
+
+
+def locate_hinge(
+    anatomy: Anatomy,
+    landmarks: Mapping[str, Array],
+    joint: str,
+    names: tuple[str, str],
+    *,
+    proximal: Array,
+    medial: Array,
+    half_width: float | None,
+    instead: str,
+) -> None:
+    """Find a joint's centre midway between two markers, or medial to the lateral one.
+
+    Midway: Dumas et al. 2007 (J Biomech 40:543). Medial: `chord`, with the plane that ``medial``
+    gives.
+    """
+    lateral, other = names
+    sign = MEDIAL_SIGN[joint.split("_", maxsplit=1)[0]]
+    if other in landmarks or half_width is None:
+        outer, inner = need(landmarks, *names, purpose=f"the {joint}", instead=instead)
+        center = (outer + inner) / 2
+    else:
+        (outer,) = need(landmarks, lateral, purpose=f"the {joint}", instead=other)
+        center = chord(outer, proximal, medial, half_width, joint)
+        anatomy.substitute(other, f"{joint} half the joint's width medial to {lateral}")
+    anatomy.points[joint] = center
+    anatomy.axes[joint] = sign * unit(center - outer)
+
+
+def chord(marker: Array, proximal: Array, medial: Array, offset: float, joint: str) -> Array:
+    """Give a joint's centre: at a given distance from a marker, at a right angle to the bone.
+
+    Parameters
+    ----------
+    marker
+        Beside the joint, (3,) [m].
+    proximal
+        The bone's other end, (3,) [m].
+    medial
+        Direction from the marker towards the joint; its part along the bone does not count, (3,).
+    offset
+        Distance of the centre from the marker [m].
+    joint
+        Its name, for the error.
+
+    Returns
+    -------
+    Array
+        (3,) [m].
+
+    Raises
+    ------
+    ValueError
+        If the offset is longer than the bone.
+
+    Notes
+    -----
+    Kadaba et al. 1990 (J Orthop Res 8:383), Davis et al. 1991 (Hum Mov Sci 10:575).
+    """
+    up = unit(proximal - marker)
+    share = offset / distance(proximal, marker)
+    if share >= 1:
+        raise ValueError(
+            f"the {joint} would be {offset * 1000:.0f} mm from its lateral marker, farther "
+            "than the next joint; check the widths and the markers' names"
+        )
+    inward = perpendicular(medial, up)
+    return np.asarray(marker + offset * (share * up + np.sqrt(1 - share**2) * inward))
+
+
+HALF_WIDTH_PER_FOREARM: Final = 0.155
+"""Half the width of an elbow without medial marker or measured width, as a share of the distance
+from lateral epicondyle to wrist (Reed et al. 1999, SAE 1999-01-0959)."""
+
+SHOULDER_DROP_PER_WIDTH: Final = 0.17
+"""Distance of the shoulder joint below the acromion, as a share of the distance between the
+acromions (Rab et al. 2002, J Orthop Res 20:71)."""
+
+STRAIGHT_ELBOW_RAD: Final = np.radians(15.0)
+"""Flexion below which an error of 5 mm in half an elbow's width turns its axis by more than 9°."""
+
+
+def locate_arm(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, side: str) -> None:
+    """Find shoulder, elbow, wrist and knuckle; none if the arm has too few landmarks.
+
+    Shoulder: `_shoulder`. Elbow: midway between its epicondyles or, without the medial one, by
+    `elbow_center`, its half width as measured or by `HALF_WIDTH_PER_FOREARM`. Wrist: midway between
+    its markers; for the ends of a wrist bar, half the wrist's width away from the bar, where it was
+    measured. Knuckle: half the hand's thickness below its marker, where that was measured.
+    """
+    s, limb = SIDES[side], measures.limb(side)
+    ulnar, radial = (
+        next((at[s + name] for name in names if s + name in at), None)
+        for names in (("LW", "WRB"), ("MW", "WRA"))
+    )
+    ends = [end for end in (ulnar, radial) if end is not None]
+    if not {s + "SHO", s + "LEE"} <= set(at) or not ends:
+        if ends or any(s + name in at for name in ("LEE", "MEE", "FIN")):
+            missing = [n for n in (s + "SHO", s + "LEE") if n not in at]
+            missing += [] if ends else [f"{s}LW or {s}MW"]
+            anatomy.notes.append(Note.of("arm_not_located", side=side, missing=tuple(missing)))
+        return
+    shoulder = _shoulder(anatomy, at, measures, side)
+    wrist, lateral = np.mean(ends, axis=0), at[s + "LEE"]
+    half_width = measures.to_center(limb.elbow_width_m)
+    if half_width is None:
+        half_width = HALF_WIDTH_PER_FOREARM * distance(lateral, wrist)
+
+    def elbow_with(wrist: Array) -> Array:
+        if s + "MEE" in at:
+            return np.asarray((lateral + at[s + "MEE"]) / 2)
+        return elbow_center(shoulder, lateral, wrist, half_width, side)
+
+    elbow = elbow_with(wrist)
+    thumb = None if ulnar is None or radial is None else radial - ulnar
+    bar = measures.to_center(limb.wrist_width_m) if {s + "WRA", s + "WRB"} <= set(at) else None
+    if bar is not None and thumb is not None:
+        wrist = wrist + bar * _palmar(thumb, wrist - elbow, side)
+        elbow = elbow_with(wrist)
+    anatomy.points |= {f"{side}_{j}": p for j, p in (("shoulder", shoulder), ("wrist", wrist))}
+    anatomy.points[f"{side}_elbow"] = elbow
+    anatomy.axes[f"{side}_elbow"] = MEDIAL_SIGN[side] * unit(elbow - lateral)
+    if thumb is not None:
+        anatomy.axes[f"{side}_wrist"] = -MEDIAL_SIGN[side] * unit(thumb)
+    else:
+        anatomy.axes[f"{side}_wrist"] = anatomy.axes[f"{side}_elbow"]
+        anatomy.substitute(f"a {side} wrist marker", "its axis is taken as the elbow's")
+    if s + "FIN" in at:
+        knuckle, half = at[s + "FIN"], measures.to_center(limb.hand_thickness_m)
+        if half is not None and thumb is not None:
+            down = _palmar(thumb, knuckle - wrist, side)
+            knuckle = chord(knuckle, wrist, down, half, f"{side} knuckle")
+        anatomy.points[f"{side}_knuckle"] = knuckle
+
+
+def elbow_center(
+    shoulder: Array, lateral: Array, wrist: Array, half_width: float, side: str
+) -> Array:
+    """Give the centre of an elbow that has a lateral marker only.
+
+    The elbow's axis leads from the marker to the centre and is perpendicular to the plane of
+    shoulder, elbow and wrist. Of the two planes through shoulder and wrist that are half the
+    elbow's width from the marker, it is the one in which the elbow is flexed, not hyperextended.
+
+    Parameters
+    ----------
+    shoulder, wrist
+        Joint centres, (3,) [m].
+    lateral
+        Marker on the lateral epicondyle, (3,) [m].
+    half_width
+        Distance of the centre from the marker [m].
+    side
+        "right" or "left".
+
+    Returns
+    -------
+    Array
+        (3,) [m].
+
+    Notes
+    -----
+    With the marker at distance d from the line of shoulder and wrist, the axis is at the angle
+    arccos(half_width / d) to the perpendicular from the marker to that line. In a straight arm d is
+    the half width, and the axis that perpendicular; so there is no change of rule between straight
+    and bent. But an error of 5 mm in the half width turns the axis by 2° at 60° of flexion, by 4°
+    at 30°, by 9° at 15° and by up to 20° below.
+
+    Deviations from the original
+    ----------------------------
+    Plug-in-Gait offsets the elbow perpendicular to the plane of shoulder, *marker* and wrist, and
+    takes the perpendicular to the plane with the elbow so found as its axis. The two planes are 10
+    to 30° apart, so that this axis is not quite the one that leads to the marker.
+    """
+    along = unit(wrist - shoulder)
+    outward = lateral - shoulder
+    outward = outward - (outward @ along) * along
+    share = min(half_width / float(np.linalg.norm(outward)), 1.0)
+    outward = unit(outward)
+    across = MEDIAL_SIGN[side] * cross(along, outward)
+    return np.asarray(lateral + half_width * (np.sqrt(1 - share**2) * across - share * outward))
+
+
+def elbow_notes(anatomies: list[Anatomy], landmarks: set[str]) -> list[Note]:
+    """Say how the axes of elbows without medial marker were found in the frames of the pose."""
+    notes = []
+    for side, s in SIDES.items():
+        if s + "MEE" not in landmarks and f"{side}_elbow" in anatomies[0].points:
+            flexion = float(np.mean([_flexion(anatomy, side) for anatomy in anatomies]))
+            if flexion < STRAIGHT_ELBOW_RAD:
+                flexion_deg, marker = np.degrees(flexion), s + "MEE"
+                notes.append(
+                    Note.of(
+                        "elbow_axis_uncertain", side=side, marker=marker, flexion_deg=flexion_deg
+                    )
+                )
+            else:
+                rule = f"{side} elbow axis across the plane of shoulder, elbow and wrist"
+                notes.append(substituted(s + "MEE", rule))
+    return notes
+
+
+def _flexion(anatomy: Anatomy, side: str) -> float:
+    shoulder, elbow, wrist = (anatomy.points[f"{side}_{j}"] for j in ("shoulder", "elbow", "wrist"))
+    cosine = unit(elbow - shoulder) @ unit(wrist - elbow)
+    return float(np.arccos(np.clip(cosine, -1, 1)))
+
+
+def _shoulder(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, side: str) -> Array:
+    """Give the shoulder's joint centre.
+
+    Below the acromion along the trunk by `SHOULDER_DROP_PER_WIDTH`; without the other acromion, the
+    width is twice the acromion's distance from the trunk's mid-plane. A measured shoulder offset is
+    laid off as in Plug-in-Gait: in the trunk's frontal plane, at a right angle to the line from the
+    jugular notch.
+    """
+    acromion, thorax = at[SIDES[side] + "SHO"], anatomy.frames["thorax"]
+    offset = measures.limb(side).shoulder_offset_m
+    if offset is not None and "JN" in at:
+        notch = at["JN"] - measures.marker_offset_m * thorax[:, 0]
+        down = MEDIAL_SIGN[side] * cross(notch - acromion, thorax[:, 0])
+        reach = offset + measures.marker_offset_m
+        return chord(acromion, notch, down, reach, f"{side} shoulder")
+    if {"LSHO", "RSHO"} <= set(at):
+        width = distance(at["LSHO"], at["RSHO"])
+    else:
+        width = 2 * abs(float((acromion - anatomy.points["trunk_top"]) @ thorax[:, 1]))
+    return np.asarray(acromion - SHOULDER_DROP_PER_WIDTH * width * thorax[:, 2])
+
+
+def _palmar(thumb: Array, along: Array, side: str) -> Array:
+    """Give the direction from the back of a wrist or hand to the palm, (3,)."""
+    return MEDIAL_SIGN[side] * unit(cross(thumb, along))
+
+
+HALF_WIDTH_PER_SHANK: Final = {"knee": 0.118, "ankle": 0.085}
+"""Half the width of a joint without medial marker or stated width, as a share of the distance from
+lateral epicondyle to lateral malleolus (Reed et al. 1999, SAE 1999-01-0959)."""
+
+FOOT_PER_HEEL_TO_MT2: Final = 1.25
+"""Length of the foot without a toe marker, from the heel marker."""
+
+BALL_PER_FOOT: Final = 0.73
+"""Ball of the foot without metatarsal markers, from the heel marker."""
+
+
+def locate_leg(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, side: str) -> None:
+    """Find knee, ankle and foot.
+
+    Knee: by the knee alignment device where one is in place (`alignment_corner`). Without it and
+    without a medial marker, half the joint's width is as measured or by `HALF_WIDTH_PER_SHANK`, and
+    medial is the pelvis' own direction (with a trochanter marker: towards the hip from it); for the
+    ankle it is the knee's. The foot runs from the heel to the toe marker or, without one, as far as
+    `FOOT_PER_HEEL_TO_MT2`.
+
+    Deviations from the original
+    ----------------------------
+    Plug-in-Gait takes the medial directions from the markers on thigh and shank, which therefore
+    stand on wands or get measured offsets. Many laboratories put them on the skin anywhere, which
+    turns its knee axes by up to 40° (docs/marker_sets.md), so they only track here. Offsets of
+    these markers and tibial torsion, which a file may state, are not used.
+    """
+    s = SIDES[side]
+    sign, limb = MEDIAL_SIGN[side], measures.limb(side)
+    hip, pelvis_left = anatomy.points[f"{side}_hip"], anatomy.frames["pelvis"][:, 1]
+    device = alignment_corner(at, s, hip)
+    if device is not None and s + "LEK" not in at:
+        at = {**at, s + "LEK": device}
+        anatomy.markers[s + "LEK"] = device
+    known = s + "LEK" in at and s + "LM" in at
+    shank = distance(at[s + "LEK"], at[s + "LM"]) if known else None
+
+    def half_width(joint: str, width_m: float | None) -> float | None:
+        by_shank = None if shank is None else HALF_WIDTH_PER_SHANK[joint] * shank
+        return by_shank if width_m is None else measures.to_center(width_m)
+
+    knee = half_width("knee", limb.knee_width_m)
+    if device is not None and knee is not None:
+        center = chord(device, hip, device - at[s + "KAX"], knee, f"{side}_knee")
+        anatomy.points[f"{side}_knee"] = center
+        anatomy.axes[f"{side}_knee"] = sign * unit(center - device)
+    else:
+        locate_hinge(
+            anatomy,
+            at,
+            f"{side}_knee",
+            (s + "LEK", s + "MEK"),
+            proximal=hip,
+            medial=hip - at[s + "GTRO"] if s + "GTRO" in at else sign * pelvis_left,
+            half_width=knee,
+            instead=f"{s}LEK with knee_width_m",
+        )
+    knee_axis = anatomy.axes[f"{side}_knee"]
+    locate_hinge(
+        anatomy,
+        at,
+        f"{side}_ankle",
+        (s + "LM", s + "MM"),
+        proximal=anatomy.points[f"{side}_knee"],
+        medial=sign * knee_axis,
+        half_width=half_width("ankle", limb.ankle_width_m),
+        instead=f"{s}LM with ankle_width_m",
+    )
+    for joint, axis in (("knee", pelvis_left), ("ankle", knee_axis)):
+        if anatomy.axes[f"{side}_{joint}"] @ axis < 0:
+            raise ValueError(
+                f"the {side} {joint}'s lateral marker lies on its medial side; left and right, or "
+                "medial and lateral markers, are probably swapped"
+            )
+    _locate_foot(anatomy, at, side)
+
+
+def alignment_corner(at: Mapping[str, Array], letter: str, hip: Array) -> Array | None:
+    """Give the corner of a knee alignment device, which lies on the lateral epicondyle.
+
+    Its three rods are equally long and at right angles; of the two corners that fit their ends, the
+    one nearer to hip and lateral malleolus is meant. In Plug-in-Gait it is the knee marker of the
+    calibration pose.
+
+    Parameters
+    ----------
+    at
+        Landmark -> position, (3,) [m].
+    letter
+        "L" or "R".
+    hip
+        Hip centre, (3,) [m].
+
+    Returns
+    -------
+    Array or None
+        (3,) [m]; None without the device or the malleolus.
+    """
+    names = [letter + name for name in ("KAX", "KD1", "KD2", "LM")]
+    if not set(names) <= set(at):
+        return None
+    a, b, c, ankle = (at[name] for name in names)
+    span = (distance(a, b) + distance(b, c) + distance(c, a)) / 3
+    normal = unit(cross(b - a, c - a))
+    corners = ((a + b + c) / 3 + way * span / np.sqrt(6) * normal for way in (1, -1))
+    nearer: Array = min(corners, key=lambda p: distance(p, hip) + distance(p, ankle))
+    return nearer
+
+
+def _locate_foot(anatomy: Anatomy, at: Mapping[str, Array], side: str) -> None:
+    s = SIDES[side]
+    (heel,) = need(at, s + "HEE", purpose=f"the {side} foot", instead="no other marker")
+    ball = [at[s + name] for name in ("MT1", "MT2") if s + name in at][:1]
+    ball += [at[s + "MT5"]] if s + "MT5" in at else []
+    if s + "MT2" in at or len(ball) == 2:
+        front = at.get(s + "MT2", np.mean(ball, axis=0))
+        tip = at.get(s + "TOE", heel + FOOT_PER_HEEL_TO_MT2 * (front - heel))
+    else:
+        (front,) = need(at, s + "TOE", purpose=f"the {side} foot", instead=s + "MT2")
+        tip = front
+    along = unit(front - heel)
+    anatomy.points |= {f"{side}_heel": heel, f"{side}_toe_tip": tip}
+    anatomy.axes[f"{side}_foot"] = along
+    if len(ball) == 2:
+        axis = MEDIAL_SIGN[side] * unit(ball[0] - ball[1])
+        if axis @ anatomy.axes[f"{side}_ankle"] < 0:
+            anatomy.notes.append(Note.of("metatarsals_swapped", side=side))
+        anatomy.points[f"{side}_toes"] = (ball[0] + ball[1]) / 2
+        anatomy.axes[f"{side}_toes"] = axis
+    else:
+        middle = at.get(s + "MT5", heel + BALL_PER_FOOT * (tip - heel))
+        anatomy.points[f"{side}_toes"] = heel + ((middle - heel) @ along) * along
+        anatomy.axes[f"{side}_toes"] = perpendicular(anatomy.axes[f"{side}_ankle"], along)

@@ -4,7 +4,7 @@ from typing import Final
 
 import numpy as np
 
-from hbm.calibration_pose.axial import pelvis_frame
+from hbm.calibration_pose.landmarks import pelvis_frame
 from hbm.markers import Markers, MarkerSet, recognise_marker_set
 from hbm.spatial import Array, fit_rotation
 

@@ -3,17 +3,33 @@
 Every rule names its source. Where a landmark is missing the next documented rule is used, with a
 note; where there is none the error says which marker would do. All positions are in lab axes,
 whatever direction the subject faces.
+
+De Leva's lengths of the trunk are distances between landmarks that are projected on a segment's
+longitudinal axis. Her rows agree only so: with VERT-CERV and with VERT-MIDG, whose ends lie a
+hand's breadth apart in depth, the head's centre is 121.5 mm below the vertex; with CERV-XYPH and
+with SUPR-XYPH, the upper trunk's is 122.6 mm below the cervicale; and the trunk's parts sum to the
+trunk within 0.1 mm.
 """
 
 from collections.abc import Mapping
+from typing import Final
 
-from hbm.calibration_pose.anatomy import Anatomy, Measures
-from hbm.calibration_pose.arms import locate_arm
-from hbm.calibration_pose.axial import locate_head, locate_pelvis, locate_trunk
-from hbm.calibration_pose.legs import locate_leg
-from hbm.calibration_pose.trunk_levels import locate_trunk_levels, with_spine
-from hbm.coordinates import SIDES
-from hbm.spatial import Array
+import numpy as np
+
+from hbm.calibration_pose.anatomy import (
+    MEDIAL_SIGN,
+    SHOULDER_DROP_PER_WIDTH,
+    Anatomy,
+    Measures,
+    locate_arm,
+    locate_leg,
+    need,
+    substituted,
+)
+from hbm.coordinates import SIDES, UP
+from hbm.notes import Note
+from hbm.segments import SAMPLE_STATURE_M, Sex
+from hbm.spatial import Array, axes_from, cross, distance, perpendicular, unit
 
 
 def locate_anatomy(landmarks: Mapping[str, Array], measures: Measures) -> Anatomy:
@@ -48,3 +64,390 @@ def locate_anatomy(landmarks: Mapping[str, Array], measures: Measures) -> Anatom
         for side in SIDES:
             locate_arm(anatomy, landmarks, measures, side)
     return anatomy
+
+
+LUMBAR_PER_PELVIS_WIDTH: Final = {
+    "male": (-0.264, 0.126),
+    "female": (-0.289, 0.172),
+    "unspecified": (-0.2765, 0.149),
+}
+"""L5/S1 from mid-ASIS, forward and up, as shares of the distance between the ASIS (Reed et al.
+1999, SAE 1999-01-0959, as adapted to ASIS and PSIS by Dumas et al. 2007, J Biomech 40:543)."""
+
+NECK_PER_C7_TO_NOTCH: Final = {"male": 0.55, "female": 0.53, "unspecified": 0.54}
+NECK_ELEVATION_DEG: Final = {"male": 8.0, "female": 14.0, "unspecified": 11.0}
+"""C7/T1 from C7, as share of the distance from C7 to jugular notch and angle above that line (Reed
+et al. 1999; Dumas et al. 2007)."""
+
+TRUNK_LANDMARKS: Final = frozenset(("C7", "T2", "T8", "T10", "JN", "XIPH", "LSHO", "RSHO"))
+HEAD_PAIRS: Final = ("HEAD", "FHEAD", "BHEAD", "MAS")
+"""Landmarks of which the head has a left and a right one."""
+
+
+def locate_pelvis(anatomy: Anatomy, landmarks: Mapping[str, Array], measures: Measures) -> None:
+    """Find the pelvis frame, both hip centres (the body's origin is midway) and the lumbar joint.
+
+    The frame is that of ASIS and PSIS. A single missing iliac spine is taken as the mirror image of
+    its opposite; the sacrum marker replaces both PSIS. Hip centres: `hip_center`. Lumbar joint:
+    `LUMBAR_PER_PELVIS_WIDTH`. The leg length that the hips depend on is that of the markers or,
+    without a medial malleolus, the measured one.
+    """
+    R, origin, back, notes = pelvis_frame(landmarks)
+    anatomy.notes += notes
+    anatomy.frames["pelvis"] = R
+    anatomy.points |= {"mid_asis": origin, "mid_psis": back}
+    spines = _iliac_spines(landmarks)[0]
+    width, depth = distance(spines["LASIS"], spines["RASIS"]), distance(origin, back)
+    for side, letter in SIDES.items():
+        leg = _leg_length(landmarks, letter, spines[letter + "ASIS"])
+        if leg is None or letter + "MM" not in landmarks:
+            leg = measures.limb(side).leg_length_m or leg
+        anatomy.points[f"{side}_hip"] = origin + R @ hip_center(side, width, depth, leg, measures)
+        if leg is None and measures.hip == "harrington":
+            anatomy.substitute(
+                f"the {side} leg length", "hip centre by Harrington's single measures"
+            )
+    anatomy.points["pelvis"] = (anatomy.points["right_hip"] + anatomy.points["left_hip"]) / 2
+    forward, up = LUMBAR_PER_PELVIS_WIDTH[measures.sex]
+    anatomy.points["lumbar"] = origin + R @ (width * np.array([forward, 0.0, up]))
+
+
+def pelvis_frame(landmarks: Mapping[str, Array]) -> tuple[Array, Array, Array, list[Note]]:
+    """Give the pelvis frame.
+
+    Parameters
+    ----------
+    landmarks
+        Landmark -> position, (3,) [m].
+
+    Returns
+    -------
+    tuple
+        Orientation (columns: forward, left, up), (3, 3); mid-ASIS and mid-PSIS, (3,) [m]; rules
+        that replaced missing landmarks.
+
+    Raises
+    ------
+    ValueError
+        If ASIS or PSIS are missing that no rule can replace.
+    """
+    at, notes = _iliac_spines(landmarks)
+    left, right = need(
+        at, "LASIS", "RASIS", purpose="the pelvis", instead="one ASIS with both PSIS"
+    )
+    if "LPSIS" in at and "RPSIS" in at:
+        back = (at["LPSIS"] + at["RPSIS"]) / 2
+    else:
+        (back,) = need(at, "SACR", purpose="the pelvis", instead="LPSIS with RPSIS")
+        notes.append(substituted("PSIS", "the sacrum marker stands in for their midpoint"))
+    origin, across = (left + right) / 2, left - right
+    return axes_from(across, cross(origin - back, across), exact="left"), origin, back, notes
+
+
+def _iliac_spines(landmarks: Mapping[str, Array]) -> tuple[dict[str, Array], list[Note]]:
+    """Give the landmarks, a single missing iliac spine as the mirror image of its opposite."""
+    at = dict(landmarks)
+    notes: list[Note] = []
+    for a, b in (("ASIS", "PSIS"), ("PSIS", "ASIS")):
+        if "L" + b in landmarks and "R" + b in landmarks:
+            for side, other in ("LR", "RL"):
+                if side + a not in at and other + a in at:
+                    normal = unit(at["R" + b] - at["L" + b])
+                    middle = (at["L" + b] + at["R" + b]) / 2
+                    point = at[other + a]
+                    at[side + a] = point - 2 * ((point - middle) @ normal) * normal
+                    notes.append(substituted(side + a, f"the mirror image of {other + a}"))
+    return at, notes
+
+
+def hip_center(
+    side: str, width: float, depth: float, leg: float | None, measures: Measures
+) -> Array:
+    """Give a hip centre in the pelvis frame.
+
+    Parameters
+    ----------
+    side
+        "right" or "left".
+    width, depth
+        Distance between the ASIS; from mid-ASIS to mid-PSIS [m].
+    leg
+        Leg length from ASIS to medial malleolus [m]; None where unknown.
+    measures
+        The rule, the sex and the marker offset.
+
+    Returns
+    -------
+    Array
+        From mid-ASIS: forward, left, up, (3,) [m].
+
+    Raises
+    ------
+    ValueError
+        If the rule is unknown, or a functional centre is missing.
+
+    Notes
+    -----
+    Harrington et al. 2007 (J Biomech 40:595), Table 3: by width, depth and leg length, or by the
+    best single measures where leg length is unknown. Bell et al. 1990 (J Biomech 23:617). Both
+    refer to bone, so that the marker offset is subtracted from the forward coordinate.
+    """
+    outward = -MEDIAL_SIGN[side]
+    if isinstance(measures.hip, Mapping):
+        if side not in measures.hip:
+            raise ValueError(f"functional hip centres must name right and left, {side} is missing")
+        return np.array(measures.hip[side], float)
+    if measures.hip == "bell":
+        ahead, out, up = -0.19 * width, 0.36 * width, -0.30 * width
+    elif measures.hip == "harrington":
+        ahead = -0.24 * depth - 0.0099
+        if leg is None:
+            out, up = 0.33 * width + 0.0073, -0.30 * width - 0.0109
+        else:
+            out = 0.28 * depth + 0.16 * width + 0.0079
+            up = -0.16 * width - 0.04 * leg - 0.0071
+    else:
+        raise ValueError(f"hip must be 'harrington' or 'bell', got {measures.hip!r}")
+    return np.array([ahead - measures.marker_offset_m, outward * out, up])
+
+
+def _leg_length(landmarks: Mapping[str, Array], letter: str, spine: Array) -> float | None:
+    """Leg length from ASIS to medial malleolus by way of the knee, the same when it is flexed."""
+    knee = landmarks.get(letter + "MEK", landmarks.get(letter + "LEK"))
+    ankle = landmarks.get(letter + "MM", landmarks.get(letter + "LM"))
+    if knee is None or ankle is None:
+        return None
+    return distance(spine, knee) + distance(knee, ankle)
+
+
+def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) -> None:
+    """Find the trunk's frame, its upper end and the neck; none if it has too few landmarks.
+
+    The axis runs from the midpoint of T10 and xiphoid (where one is missing: the lumbar joint) to
+    the midpoint of C7 and jugular notch. Without C7 or jugular notch, the midpoint of the acromions
+    is the top of the axis. Without an acromion as well, the axis runs from the lumbar joint through
+    the midpoint of T10 and xiphoid up to the level of the jugular notch. In both cases the neck is
+    the upper end of the axis; else it follows from C7 and notch (`NECK_PER_C7_TO_NOTCH`).
+    """
+    low = "T10" in at and "XIPH" in at
+    bottom = (at["T10"] + at["XIPH"]) / 2 if low else anatomy.points["lumbar"]
+    notes = [] if low else [substituted("T10 or XIPH", "trunk axis from the lumbar joint")]
+    if "C7" in at and "JN" in at:
+        top, forward = (at["C7"] + at["JN"]) / 2, at["JN"] - at["C7"]
+        R = axes_from(cross(top - bottom, forward), top - bottom, exact="up")
+        neck = at["C7"] + _neck(forward, R[:, 2], measures)
+    elif "LSHO" in at and "RSHO" in at:
+        top = neck = (at["LSHO"] + at["RSHO"]) / 2
+        R = axes_from(at["LSHO"] - at["RSHO"], top - bottom, exact="up")
+        notes.append(substituted("C7 or JN", "trunk axis to the middle of the acromions"))
+    elif low and "JN" in at:
+        root = anatomy.points["lumbar"]
+        up = unit(bottom - root)
+        top = neck = root + ((at["JN"] - root) @ up) * up
+        R = axes_from(cross(up, at["XIPH"] - at["T10"]), up, exact="up")
+        notes.append(substituted("C7", "trunk axis from the lumbar joint to the level of JN"))
+    else:
+        if not TRUNK_LANDMARKS.isdisjoint(at):
+            anatomy.notes.append(Note.of("trunk_not_located"))
+        return
+    pelvis = anatomy.frames["pelvis"]
+    if R[:, 0] @ pelvis[:, 0] < 0 or R[:, 2] @ pelvis[:, 2] < 0:
+        raise ValueError(
+            "trunk and pelvis face opposite directions; front and back markers (C7, T10 against "
+            "JN, XIPH; ASIS against PSIS) or left and right are probably swapped"
+        )
+    anatomy.frames["thorax"] = R
+    anatomy.points |= {"trunk_top": top, "neck": neck}
+    anatomy.notes += notes
+
+
+def _neck(forward: Array, up: Array, measures: Measures) -> Array:
+    """Give the neck's position from C7, (3,) [m]."""
+    ahead, above = unit(forward), perpendicular(up, forward)
+    length = NECK_PER_C7_TO_NOTCH[measures.sex] * float(np.linalg.norm(forward))
+    angle = np.radians(NECK_ELEVATION_DEG[measures.sex])
+    return np.asarray(length * (np.cos(angle) * ahead + np.sin(angle) * above))
+
+
+def locate_head(anatomy: Anatomy, at: Mapping[str, Array]) -> None:
+    """Find the head's frame from its left, right and top markers; none if it has too few.
+
+    Without a marker on top, pairs of markers at the front and back of the head or on the mastoids
+    show its left, and its up is the vertical of the lab: the head is taken as level in the
+    calibration pose, as Plug-in-Gait does. Its top is then above the middle of front and back.
+    """
+    pairs = [name for name in HEAD_PAIRS if {"L" + name, "R" + name} <= set(at)]
+    middle = {name: (at["L" + name] + at["R" + name]) / 2 for name in pairs}
+    if "HEAD" in middle and "THEAD" in at:
+        across, up = at["LHEAD"] - at["RHEAD"], at["THEAD"] - middle["HEAD"]
+        anatomy.frames["head"] = axes_from(across, up, exact="left")
+        anatomy.points["vertex"] = at["THEAD"]
+    elif middle:
+        across = np.sum([at["L" + name] - at["R" + name] for name in pairs], axis=0)
+        anatomy.frames["head"] = axes_from(across, np.array(UP), exact="left")
+        front = middle.get("FHEAD", at.get("GLAB"))
+        back = middle.get("BHEAD", middle.get("MAS"))
+        if front is not None and back is not None:
+            anatomy.points["mid_head"] = (front + back) / 2
+
+
+HEIGHT_MM: Final[dict[str, dict[str, float]]] = {
+    "male": {"cervicale": 603.3, "notch": 531.9, "shoulders": 515.5, "xiphoid": 361.2},
+    "female": {"cervicale": 614.8, "notch": 529.3, "shoulders": 497.9, "xiphoid": 386.8},
+}
+"""Mean heights above mid-hip (de Leva 1996, Table 4: lengths CERV-MIDH, SUPR-MIDH, MIDS-MIDH, and
+XYPH-OMPH with OMPH-MIDH)."""
+
+
+def height_per_cervicale(sex: Sex) -> dict[str, float]:
+    """Give the heights of levels above mid-hip, as shares of the cervicale's.
+
+    Parameters
+    ----------
+    sex
+        "male", "female", or "unspecified" for the mean of both.
+
+    Returns
+    -------
+    dict[str, float]
+        By level: cervicale, notch, shoulders (joint centres), xiphoid.
+    """
+    columns = [HEIGHT_MM[s] for s in _columns(sex)]
+    return {
+        level: float(np.mean([column[level] / column["cervicale"] for column in columns]))
+        for level in HEIGHT_MM["male"]
+    }
+
+
+def _columns(sex: Sex) -> tuple[str, ...]:
+    return tuple(HEIGHT_MM) if sex == "unspecified" else (sex,)
+
+
+def with_spine(anatomy: Anatomy, at: Mapping[str, Array], sex: Sex) -> dict[str, Array]:
+    """Give the landmarks, with other levels of the spine in place of a missing C7 or T10.
+
+    T8 stands in for T10 as it is: both show the lower rib cage. T2 is raised to the level of C7,
+    along the line from the lumbar joint to the midpoint of T2 and jugular notch, by the heights of
+    cervicale and notch (`height_per_cervicale`).
+
+    Parameters
+    ----------
+    anatomy
+        With the hips and the lumbar joint.
+    at
+        Landmark -> position, (3,) [m].
+    sex
+        Column of de Leva's table.
+
+    Returns
+    -------
+    dict[str, Array]
+        Landmark -> position, (3,) [m].
+    """
+    found = dict(at)
+    if "T8" in at and "T10" not in at:
+        found["T10"] = at["T8"]
+        anatomy.substitute("T10", "T8 stands in for it")
+    if {"T2", "JN"} <= set(at) and "C7" not in at:
+        up = unit((at["T2"] + at["JN"]) / 2 - anatomy.points["lumbar"])
+        notch, second = ((at[name] - anatomy.points["pelvis"]) @ up for name in ("JN", "T2"))
+        found["C7"] = at["T2"] + (notch / height_per_cervicale(sex)["notch"] - second) * up
+        anatomy.substitute("C7", "T2 stands in for it")
+    return found
+
+
+def locate_trunk_levels(anatomy: Anatomy, at: Mapping[str, Array], sex: Sex) -> None:
+    """Find the points ``cervicale``, ``mid_shoulders`` and ``xiphoid`` on the trunk's axis.
+
+    Cervicale and xiphoid are C7 and XIPH, projected on the axis. Without C7, the cervicale's height
+    above mid-hip follows from the jugular notch's or, without it, from the shoulders'; without
+    XIPH, the xiphoid's follows from the cervicale's, as that of the shoulders always does
+    (`height_per_cervicale`).
+
+    Parameters
+    ----------
+    anatomy
+        With the hips and the trunk's axis.
+    at
+        Landmark -> position, (3,) [m].
+    sex
+        Column of de Leva's table.
+
+    Raises
+    ------
+    ValueError
+        If the xiphoid is not between the hips and the cervicale.
+
+    Deviations from the original
+    ----------------------------
+    Where the Human Body Model ends the parts of the trunk is not known. docs/trunk_ends.md compares
+    these ends with others on recordings.
+    """
+    up = anatomy.frames["thorax"][:, 2]
+    top, hips = anatomy.points["trunk_top"], anatomy.points["pelvis"]
+    hips_on_axis = top + ((hips - top) @ up) * up
+    share = height_per_cervicale(sex)
+
+    def height(point: Array) -> float:
+        return float((point - hips) @ up)
+
+    def infer(level: str, missing: str, shown: str, value: float) -> float:
+        anatomy.notes.append(
+            Note.of("trunk_level_from_proportions", level=level, missing=missing, shown=shown)
+        )
+        return value
+
+    if "C7" in at:
+        cervicale = height(at["C7"])
+    elif "JN" in at:
+        cervicale = infer("cervicale", "C7", "JN", height(at["JN"]) / share["notch"])
+    else:
+        drop = SHOULDER_DROP_PER_WIDTH * distance(at["LSHO"], at["RSHO"])
+        shoulders = height((at["LSHO"] + at["RSHO"]) / 2) - drop
+        cervicale = infer("cervicale", "C7", "the acromions", shoulders / share["shoulders"])
+    if "XIPH" in at:
+        xiphoid = height(at["XIPH"])
+    else:
+        xiphoid = infer("xiphoid", "XIPH", "the cervicale", share["xiphoid"] * cervicale)
+    if not 0 < xiphoid < cervicale:
+        raise ValueError(
+            f"along the trunk, the xiphoid lies {1000 * xiphoid:.0f} mm and the cervicale "
+            f"{1000 * cervicale:.0f} mm above the hips; check the labels XIPH, C7 and JN"
+        )
+    for name, value in (
+        ("cervicale", cervicale),
+        ("mid_shoulders", share["shoulders"] * cervicale),
+        ("xiphoid", xiphoid),
+    ):
+        anatomy.points[name] = hips_on_axis + value * up
+
+
+def stand_trunk(anatomy: Anatomy, height_m: float, sex: Sex) -> None:
+    """Place a trunk that no marker shows: upright above the hips, with lengths by stature.
+
+    Its coordinates stay at zero, so that its frame is the pelvis' one; but in the calibration pose
+    it stands vertically above the middle of the hips, however the iliac spines lie.
+
+    Parameters
+    ----------
+    anatomy
+        With the pelvis and the lumbar joint.
+    height_m
+        Stature [m].
+    sex
+        Column of de Leva's table.
+
+    Notes
+    -----
+    In two recordings of people who stand or walk, the upper trunk's centre was 7 mm behind to 2 mm
+    ahead of the hips; in a third with iliac spines marked at very different heights, 23 mm ahead.
+    """
+    pelvis, hips = anatomy.frames["pelvis"], anatomy.points["pelvis"]
+    upright = axes_from(pelvis[:, 1], np.array(UP), exact="up")
+    columns = [(HEIGHT_MM[s], SAMPLE_STATURE_M[s]) for s in _columns(sex)]
+    for level in ("cervicale", "shoulders", "xiphoid"):
+        share = np.mean([heights[level] / 1000 / stature for heights, stature in columns])
+        name = "mid_shoulders" if level == "shoulders" else level
+        anatomy.points[name] = hips + share * height_m * upright[:, 2]
+    anatomy.points["neck"] = anatomy.points["cervicale"]
+    anatomy.frames |= {"thorax": pelvis, "upright": upright}

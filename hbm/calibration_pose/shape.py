@@ -82,7 +82,7 @@ def shape_of(
     Notes
     -----
     The trunk's parts end where de Leva's (1996) do: the upper trunk at cervicale and xiphoid, both
-    on the trunk's axis (`hbm.calibration_pose.trunk_levels`), the middle one at xiphoid and navel,
+    on the trunk's axis (`hbm.calibration_pose.landmarks`), the middle one at xiphoid and navel,
     the lower one at navel and mid-hip. The navel divides the way from xiphoid to mid-hip as in her
     means. The head ends at vertex and cervicale; a vertex that no marker shows is as far above the
     cervicale's level as in her means, over the middle of the head's markers. Parts that no marker

@@ -17,7 +17,6 @@ import numpy as np
 import pinocchio as pin
 
 from hbm.coordinates import INDEX, LAST_Q, N_Q, support
-from hbm.engines.engine import FreeDynamics
 from hbm.model import Body
 from hbm.spatial import GRAVITY_MPS2, Array
 
@@ -29,25 +28,8 @@ CACHED_BODIES: Final = 8
 
 def free_dynamics(
     body: Body, q: Array, v: Array, a: Array, segments: Collection[str], jobs: int
-) -> FreeDynamics:
-    """Find what a motion needs where nothing but gravity acts on the body.
-
-    Parameters
-    ----------
-    body
-        The subject.
-    q, v, a
-        Coordinates and their derivatives, (T, 46) each.
-    segments
-        Those whose Jacobians are wanted.
-    jobs
-        Threads.
-
-    Returns
-    -------
-    FreeDynamics
-        Undefined frames are NaN.
-    """
+) -> tuple[Array, Array, dict[str, Array]]:
+    """Find what `hbm.engines.engine.FreeDynamics` holds; undefined frames are NaN."""
     state = np.zeros((3, len(q), N_Q + N_STILL))
     for x, given in zip(state, (q, v, a), strict=True):
         x[:, :YAW], x[:, YAW + N_STILL :] = given[:, :YAW], given[:, YAW:]
@@ -60,11 +42,8 @@ def free_dynamics(
         data = model.createData()
         for frame, *of_frame in zip(tau, *state, strict=True):
             frame[:] = pin.rnea(model, data, *of_frame)
-    return FreeDynamics(
-        tau=np.hstack([tau[:, :YAW], tau[:, YAW + N_STILL :]]),
-        wrench=tau[:, :6],
-        jacobians=_jacobians(body, q, segments),
-    )
+    forces = np.hstack([tau[:, :YAW], tau[:, YAW + N_STILL :]])
+    return forces, tau[:, :6], _jacobians(body, q, segments)
 
 
 def _jacobians(body: Body, q: Array, segments: Collection[str]) -> dict[str, Array]:

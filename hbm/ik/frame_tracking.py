@@ -16,22 +16,20 @@ import numpy as np
 
 from hbm.coordinates import N_Q
 from hbm.ik.continuity import MIN_JUMP_RAD, continuous, nearest_equivalent
-from hbm.ik.descent import Solved
-from hbm.ik.lowest import TRIES, lowest_of_tries
-from hbm.ik.one_frame import OneFrame
+from hbm.ik.descent import OneFrame, Solved
 from hbm.ik.problem import Problem
 from hbm.ik.tracking import (
     MAX_DISTANCE_FROM_START,
     MAX_UNRELATED_PIVOT,
     MIN_PIVOT_SHARE,
+    TRIES,
     Tracker,
+    lowest_of_tries,
 )
 from hbm.markers import Markers
 from hbm.model import Body
 from hbm.spatial import Array, Mask
 
-TOLERANCE: Final = 1e-6
-"""Largest last step of any coordinate [rad or m]; what remains is its square."""
 ROW: Final = np.zeros(1, int)
 
 
@@ -93,12 +91,12 @@ class FrameTracker:
     def __init__(self, body: Body, labels: Sequence[str]) -> None:
         nowhere = np.full((1, len(labels), 3), np.nan)
         markers = Markers(np.zeros(1), tuple(labels), nowhere)
-        problem = Problem(body, markers, {}, {}, {}, tolerance=TOLERANCE, jobs=1)
+        problem = Problem(body, markers)
         self.position = nowhere.copy()
         problem.attachment = replace(problem.attachment, position=self.position)
         problem.hold(np.ones(len(problem.names), bool))
         self.problem, self.tracker = problem, Tracker(problem)
-        self.descent = OneFrame(problem.attachment, problem.prior, problem.reference, TOLERANCE)
+        self.descent = OneFrame(problem.attachment, problem.prior, problem.tolerance)
         self.markers, self.columns = problem.names, problem.attachment.column
         self.carriers, self.free = self.tracker.carriers, ~problem.locked
         self.least = self.tracker.least_pivots()

@@ -1,40 +1,62 @@
-"""Kernels made ready to run: compiled once and cached, or on casadi's virtual machine.
+"""Kernels made ready to run: libraries compiled with the package, or casadi's virtual machine.
 
-In order: a library from the user's cache; the system's C compiler; the ``ziglang`` package (extra
-``compiler``), which brings one (see `hbm.kernels.compiler`); else casadi's virtual machine, some
-forty times slower but equal. A library is compared with the virtual machine when it is built, and
-refused where their numbers differ.
-
-The environment variable ``HBM_KERNELS`` set to ``virtual-machine`` skips compilation;
-``HBM_CACHE_DIR`` moves the cache (`hbm.kernels.cache` says which folders are trusted).
+The C is the same on every machine. It is compiled when the package is installed (``setup.py``),
+once for each width of vectors; the widest that the processor has is used. Without these libraries
+casadi's virtual machine gives equal numbers, some forty times slower. The environment variable
+``HBM_KERNELS`` set to ``virtual-machine`` asks for it.
 """
 
+import ctypes
+import hashlib
 import os
-import shutil
+import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from threading import Lock
+from typing import Any, Final
 
-from hbm.kernels.cache import UNFINISHED, cache_directory
-from hbm.kernels.compiler import KernelsDisagreeError, compiled_library, compilers, discard
-from hbm.kernels.kernel import Kernel, Kernels
-from hbm.kernels.library import load_library
-from hbm.kernels.virtual_machine import interpreted_kernels
+import numpy as np
 
-__all__ = ["Kernel", "Kernels", "cache_directory", "kernels"]
+from hbm.kernels.kernel import (
+    CONSTANT_INPUTS,
+    Kernel,
+    Kernels,
+    Pointers,
+    casadi_function,
+    kernel_sizes,
+)
+from hbm.spatial import Array
+
+FOLDER: Final = Path(__file__).parent
+SUFFIX: Final = ".dll" if sys.platform == "win32" else ".so"
+WIDTHS: Final = (8, 4, 2)
+"""Numbers per vector, widest first: AVX-512, AVX2, and what every processor has."""
+SOURCES: Final = (
+    "../coordinates.py",
+    "skeleton.py",
+    "kernel.py",
+    "build.py",
+    "simd.h",
+    "descent.c",
+)
+"""What the libraries are made from."""
 
 _READY: dict[str, Kernels] = {}
 _LOCK = Lock()
 
 
+class LibraryError(Exception):
+    """A compiled library is missing, cannot be loaded, or was made from other sources."""
+
+
 def kernels(announce: Callable[[str], None] | None = None) -> Kernels:
-    """Make the kernels ready; the first time on a machine this compiles for some seconds.
+    """Make the kernels ready.
 
     Parameters
     ----------
     announce
-        Called with a sentence when something takes long, goes wrong or could be faster.
+        Called with a sentence where the slower virtual machine has to be used.
 
     Returns
     -------
@@ -47,51 +69,104 @@ def kernels(announce: Callable[[str], None] | None = None) -> Kernels:
         return _READY["kernels"]
 
 
-def load(announce: Callable[[str], None]) -> Kernels:
-    """Try all ways to run the kernels, the fastest first."""
+def load(announce: Callable[[str], None], folder: Path = FOLDER) -> Kernels:
+    """Load the widest library that the processor can run, else use the virtual machine."""
     if os.environ.get("HBM_KERNELS", "") == "virtual-machine":
         return interpreted_kernels("virtual machine (HBM_KERNELS)")
-    refused = False
-    for name, command in compilers():
-        try:
-            compiled = _compiled(name, command, announce)
-            if compiled is not None:
-                return compiled
-        except KernelsDisagreeError as error:
-            refused = True
-            announce(f"{error}; trying the next option")
-        except OSError as error:
-            announce(
-                f"the library that {name} made cannot be loaded ({error}); trying the next option"
-            )
-    if refused:
-        announce(
-            "using the slower virtual machine, whose numbers are right; please report this with "
-            "the output of 'hbm doctor'"
-        )
-        return interpreted_kernels("virtual machine (compiled kernels differ from it)")
-    announce(
-        "no C compiler works: using the slower virtual machine (same results). "
-        "pip install 'hbm-residuals[compiler]' brings a compiler"
-    )
-    return interpreted_kernels("virtual machine (no compiler)")
-
-
-def _compiled(name: str, command: list[str], announce: Callable[[str], None]) -> Kernels | None:
-    """Load what a compiler makes of the kernels; what the cache holds of it may be useless."""
-    library = compiled_library(name, command, announce)
-    if library is None:
-        return None
     try:
-        return load_library(library, name)
-    except OSError as error:
-        announce(f"a library in the cache cannot be loaded ({error}): building it again")
-        discard(library)
-    library = compiled_library(name, command, announce)
-    if library is None:
-        return None
-    # by another path, since the system remembers by its path what was loaded before
-    with TemporaryDirectory(
-        prefix=UNFINISHED, dir=library.parent.parent, ignore_cleanup_errors=True
-    ) as folder:
-        return load_library(Path(shutil.copy(library, folder)), name)
+        widest = lanes_of_processor(library_path(min(WIDTHS), folder))
+        there = [w for w in WIDTHS if w <= widest and library_path(w, folder).is_file()]
+        return compiled_kernels(library_path(there[0], folder))
+    except LibraryError as error:
+        announce(
+            f"{error}: using the slower virtual machine (same results). "
+            "Install a C compiler (gcc or clang), then the package again"
+        )
+        return interpreted_kernels(f"virtual machine ({error})")
+
+
+def library_path(lanes: int, folder: Path = FOLDER) -> Path:
+    """Give the library that evaluates so many frames at once."""
+    return folder / f"compiled_{lanes}{SUFFIX}"
+
+
+def sources_digest() -> str:
+    """Give the SHA-256 of what libraries are made from."""
+    return hashlib.sha256(b"\0".join((FOLDER / name).read_bytes() for name in SOURCES)).hexdigest()
+
+
+def open_library(library: Path) -> ctypes.CDLL:
+    """Open a library that was made from the sources as they are."""
+    if not library.is_file():
+        raise LibraryError("no compiled kernels")
+    try:
+        code = ctypes.CDLL(str(library))
+        made_from = (ctypes.c_char * 64).in_dll(code, "sources_digest").raw.decode()
+    except (OSError, ValueError) as error:
+        raise LibraryError(f"compiled kernels cannot be loaded, {error}") from error
+    if made_from != sources_digest():
+        raise LibraryError("compiled kernels of another version")
+    return code
+
+
+def lanes_of_processor(library: Path) -> int:
+    """Give the numbers per vector of this processor, as a library says."""
+    return int(open_library(library).lanes_of_processor())
+
+
+def compiled_kernels(library: Path) -> Kernels:
+    """Give the kernels of a compiled library."""
+    code = open_library(library)
+
+    def evaluate(loop: Any, frames: int, inputs: Pointers, outputs: Pointers) -> None:
+        loop(
+            ctypes.c_longlong(frames),
+            (ctypes.c_void_p * len(inputs))(*inputs),
+            (ctypes.c_void_p * len(outputs))(*outputs),
+        )
+
+    step, poses, dynamics = (
+        Kernel(partial(evaluate, code[f"{name}_frames"]), *kernel_sizes(name), constant)
+        for name, constant in CONSTANT_INPUTS.items()
+    )
+    return Kernels(
+        step, poses, dynamics, f"compiled, {code.lanes()} frames at once", code.solve_frames
+    )
+
+
+def interpreted_kernels(backend: str) -> Kernels:
+    """Give kernels that casadi evaluates instruction by instruction, one frame at a time."""
+    step, poses, dynamics = (_interpreted(name) for name in CONSTANT_INPUTS)
+    return Kernels(step, poses, dynamics, backend)
+
+
+def _interpreted(name: str) -> Kernel:
+    (sizes_in, sizes_out), constant = kernel_sizes(name), CONSTANT_INPUTS[name]
+    buffer, evaluate_buffer = casadi_function(name).buffer()
+    arguments, results = [np.zeros(n) for n in sizes_in], [np.zeros(n) for n in sizes_out]
+    for i, x in enumerate(arguments):
+        buffer.set_arg(i, x.data)
+    for i, x in enumerate(results):
+        buffer.set_res(i, x.data)
+    buffer_in_use = Lock()
+
+    # casadi does not keep the buffer alive while evaluate_buffer exists: the default argument does
+    def evaluate(frames: int, inputs: Pointers, outputs: Pointers, keep: Any = buffer) -> None:
+        counts = [1 if i in constant else frames for i in range(len(inputs))]
+        rows = [_view(p, c, n) for p, c, n in zip(inputs, counts, sizes_in, strict=True)]
+        views = [_view(p, frames, n) for p, n in zip(outputs, sizes_out, strict=True)]
+        with buffer_in_use:
+            for t in range(frames):
+                for x, row in zip(arguments, rows, strict=True):
+                    x[:] = row[t % len(row)]
+                evaluate_buffer()
+                for view, x in zip(views, results, strict=True):
+                    view[t] = x
+
+    return Kernel(evaluate, sizes_in, sizes_out, constant)
+
+
+def _view(pointer: int, frames: int, count: int) -> Array:
+    """Give the numbers at an address as an array."""
+    numbers = (ctypes.c_double * (frames * count)).from_address(pointer)
+    return np.ctypeslib.as_array(numbers).reshape(frames, count)

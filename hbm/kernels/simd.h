@@ -1,8 +1,8 @@
 /* Numbers with one SIMD lane per frame, the functions that the kernels call on them, and kernels run
  * over many frames.
  *
- * The vectors are a C extension that GCC and Clang share; on a processor without registers of that
- * width they become several narrower ones.
+ * The vectors are a C extension that GCC and Clang share. The compiler is told their number of lanes,
+ * LANES, and for a wider one than every processor has, which one may be assumed.
  */
 #include <math.h>
 
@@ -12,10 +12,19 @@
 #define EXPORT __attribute__((visibility("default")))
 #endif
 
-enum { LANES = 8 }; /* doubles in the widest registers in use (AVX-512) */
 typedef double simd __attribute__((vector_size(8 * LANES)));
 typedef long long simd_mask __attribute__((vector_size(8 * LANES)));
 typedef int kernel(const simd **, simd **, long long *, simd *, int);
+
+/* Lanes of this library, and of the widest one that this processor runs. */
+EXPORT int lanes(void) { return LANES; }
+EXPORT int lanes_of_processor(void) {
+#if defined(__x86_64__)
+  return __builtin_cpu_supports("avx512f") ? 8 : __builtin_cpu_supports("avx2") ? 4 : 2;
+#else
+  return 2;
+#endif
+}
 
 static inline simd broadcast(double x) { return (simd){0} + x; }
 static inline simd casadi_sq(simd x) { return x * x; }

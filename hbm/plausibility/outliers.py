@@ -1,16 +1,27 @@
-"""Single marker positions that are far from where the body can be: they are taken as gaps."""
+"""Single marker positions that are far from where the body can be: they are taken as gaps.
+
+In whole trials by what is usual in the trial, frame by frame by what was measured so far, so that a
+frame's result is known as soon as it is measured.
+"""
 
 from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
-from hbm.coordinates import CARRIERS, LIMBS
+from hbm.coordinates import CARRIERS, LIMBS, N_Q
+from hbm.ik.frame_tracking import FrameSolution, FrameTracker
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers
 from hbm.model import Body
 from hbm.motion import Motion
 from hbm.notes import Note
+from hbm.plausibility.labels import (
+    MIN_FROZEN_S,
+    ROUNDING_S,
+    without_frozen_frames,
+)
+from hbm.signals.filtering import Method
 from hbm.signals.samples import stretches
 from hbm.spatial import Array, Indices, Mask
 
@@ -173,3 +184,222 @@ def outlier_notes(before: Markers, after: Markers) -> tuple[Note, ...]:
         of_marker=of_marker,
     )
     return (note,)
+
+
+USUAL_ERROR_M: Final = 0.02
+"""Distance of a marker from the model that is taken for usual at first."""
+MAX_REACH_M: Final = 3.0
+"""No marker of a person is farther than this from the median of all, along any axis."""
+MAX_SHARE_LEFT_OUT: Final = 1 / 3
+"""Of the markers, more than those of a leg: where more are left out, it is not they that are wrong
+but unit, axes, labels or body, and to leave them out helps nothing."""
+MAX_FITTING_M: Final = 0.05
+"""Median distance of markers from the model, from which on a body does not fit."""
+USUAL_ERROR_MPS: Final = 0.02
+"""By which the usual distance moves towards each new one, so that half of them lie on either side
+of it: a running median."""
+
+
+class MarkerTracker:
+    """One subject's markers, frame by frame.
+
+    Parameters
+    ----------
+    body
+        The subject.
+    labels
+        Of the markers that are given, (M,).
+
+    Attributes
+    ----------
+    frozen
+        Whether all visible markers have repeated their positions exactly for 0.05 s; then none was
+        measured.
+    left_out
+        Markers that were left out of the last frame, (K,).
+
+    Examples
+    --------
+    With ``static``, the markers of a calibration pose, and ``body``, built from them:
+
+    >>> import hbm, numpy as np
+    >>> tracker = MarkerTracker(body, static.names)
+    >>> solution = tracker.step(static.time[0], static.position[0])
+    >>> bool(np.nanmax(solution.marker_error) < 1e-9)
+    True
+    """
+
+    def __init__(self, body: Body, labels: Sequence[str]) -> None:
+        self.tracker = FrameTracker(body, labels)
+        self.markers, self.columns = self.tracker.markers, self.tracker.columns
+        self.parts = markers_of_parts(body, self.markers)
+        self.usual_m = np.full(len(self.markers), USUAL_ERROR_M)
+        self.time = self.moved_s = -np.inf
+        self.before = np.full((len(self.markers), 3), np.nan)
+        self.frozen = False
+        self.left_out: Mask = np.zeros(len(self.markers), bool)
+        self.unfit = False
+
+    def step(self, time: float, position: Array) -> FrameSolution:
+        """Solve the next frame.
+
+        Parameters
+        ----------
+        time
+            Of the frame, after the last one [s].
+        position
+            Measured markers in the lab, (M, 3) [m]; NaN where missing.
+        """
+        since_s, self.time = time - self.time, time
+        self.frozen = self._is_frozen(time, position[self.columns])
+        if self.frozen:
+            position = np.full(position.shape, np.nan)
+        solution = self._without_outliers(position)
+        self.tracker.keep(solution)
+        error = solution.marker_error
+        largest_m = USUAL_ERROR_MPS * min(since_s, 1.0)
+        change_m = np.clip(error - self.usual_m, -largest_m, largest_m)
+        change_m[np.isnan(change_m)] = 0.0
+        self.usual_m += change_m
+        return solution
+
+    def _is_frozen(self, time: float, own: Array) -> bool:
+        seen = np.isfinite(own[:, 0])
+        repeated = (own == self.before).all(axis=1) | ~seen
+        self.before = own
+        if not (repeated.all() and seen.any()):
+            self.moved_s = time
+        return bool(time - self.moved_s > MIN_FROZEN_S - ROUNDING_S)
+
+    def _without_outliers(self, position: Array) -> FrameSolution:
+        """Solve a frame again and again without the marker that is farthest off on each limb.
+
+        Only once as long as the body does not fit at all: so that frames are not late.
+        """
+        self.left_out = beyond_reach(position[self.columns])
+        if self.left_out.any():
+            position = self._without_left_out(position)
+        solution = self.tracker.solve(position)
+        if self.unfit and not median_error_m(solution) < MAX_FITTING_M:
+            return solution
+        for _ in range(MAX_ROUNDS):
+            more = farthest_outliers(solution.marker_error - 2 * self.usual_m, self.parts)
+            if not more.any():
+                break
+            self.left_out |= more
+            for own in self.parts[1:]:
+                if len(own) and limb_is_lost(self.left_out[own]):
+                    self.left_out[own] = True
+            position = self._without_left_out(position)
+            solution = self.tracker.solve(position)
+        self.unfit = self.left_out.mean() > MAX_SHARE_LEFT_OUT
+        return solution
+
+    def _without_left_out(self, position: Array) -> Array:
+        position = position.copy()
+        position[self.columns[self.left_out]] = np.nan
+        return position
+
+
+def median_error_m(solution: FrameSolution) -> float:
+    """Give the median distance of markers from the model [m]; NaN where there is none."""
+    seen = solution.marker_error[np.isfinite(solution.marker_error)]
+    return float(np.median(seen)) if len(seen) else float("nan")
+
+
+def beyond_reach(position: Array) -> Mask:
+    """Find markers that are too far from the others to be on the same person.
+
+    Parameters
+    ----------
+    position
+        Markers of a frame, (K, 3) [m]; NaN where missing.
+
+    Returns
+    -------
+    Mask
+        (K,).
+
+    Examples
+    --------
+    >>> beyond_reach(np.array([[0.0, 0, 1], [0.1, 0, 1], [0.2, 0, 1], [7.0, 0, 1]])).tolist()
+    [False, False, False, True]
+    """
+    extent = np.fmax.reduce(position) - np.fmin.reduce(position)
+    if not (extent > MAX_REACH_M).any():
+        return np.zeros(len(position), bool)
+    return np.asarray((np.abs(position - np.nanmedian(position, axis=0)) > MAX_REACH_M).any(axis=1))
+
+
+def solve_motion(
+    body: Body, markers: Markers, method: Method, jobs: int
+) -> tuple[Markers, Motion, tuple[Note, ...]]:
+    """Find the coordinates of a trial, without marker positions that cannot be.
+
+    Parameters
+    ----------
+    body
+        The subject.
+    markers
+        Trajectories, T frames.
+    method
+        Of the filter that follows; with "realtime" no frame depends on a later one.
+    jobs
+        Threads; one in real time.
+
+    Returns
+    -------
+    markers
+        The same with gaps in place of positions that were left out.
+    motion
+        Of these, unfiltered.
+    notes
+        What was left out.
+    """
+    if method == "realtime":
+        return track_motion(body, markers)
+    return solve_without_outliers(body, without_frozen_frames(markers, body.markers), jobs)
+
+
+def track_motion(body: Body, markers: Markers) -> tuple[Markers, Motion, tuple[Note, ...]]:
+    """Solve the inverse kinematics of a trial frame by frame, as while it is measured.
+
+    Parameters
+    ----------
+    body
+        The subject.
+    markers
+        Trajectories.
+
+    Returns
+    -------
+    markers
+        The same with gaps in place of outliers and frozen frames.
+    motion
+        Of these; coordinates that markers do not show keep their last shown values.
+    notes
+        ``marker_outliers`` with how many positions of which markers were left out, if any.
+    """
+    tracker = MarkerTracker(body, markers.names)
+    frames, position = len(markers.time), markers.position.copy()
+    solutions, frozen = [], np.zeros(frames, bool)
+    for k, time in enumerate(markers.time):
+        solutions.append(tracker.step(float(time), markers.position[k]))
+        position[k, tracker.columns[tracker.left_out]] = np.nan
+        frozen[k] = tracker.frozen
+    unfrozen = np.where(frozen[:, None, None], np.nan, markers.position)
+    cleaned = Markers(markers.time, markers.names, np.where(np.isnan(unfrozen), np.nan, position))
+    not_yet = np.full((frames, N_Q), np.nan)
+    motion = Motion(
+        markers.time,
+        np.array([s.q for s in solutions]),
+        not_yet,
+        not_yet,
+        tracker.markers,
+        np.array([s.marker_error for s in solutions]),
+        np.array([s.converged for s in solutions]),
+        np.array([s.observed for s in solutions]),
+        np.array([s.gradient for s in solutions]),
+    )
+    before = Markers(markers.time, markers.names, unfrozen)
+    return cleaned, motion, outlier_notes(before, cleaned)

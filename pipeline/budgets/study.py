@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import Final
 
 from hbm.kernels.native import kernels
-from hbm.notes import Note
 from hbm.spelling import listed
-from pipeline.budgets.bands import SUFFIX, read_bands, write_bands
 from pipeline.budgets.explanation import (
+    BANDS_SUFFIX,
     Explanation,
     explain,
+    read_bands,
     read_explanation,
+    write_bands,
     write_explanation,
 )
 from pipeline.config.study import Study, read_study
@@ -24,12 +25,10 @@ from pipeline.run.failures import record_failure, recorded_failures
 from pipeline.run.job import Job, Outcome, describe_error, trial_key
 from pipeline.run.program import explanation_digest
 from pipeline.run.run import Announce, plan, work_on
-from pipeline.run.store import StoredTrial, open_trial, read_summary, recorded_study_folder
+from pipeline.run.store import read_trial, recorded_study_folder
 from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.residuals import AXES
 from pipeline.trial.result import TrialResult
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
-from pipeline.trial.summary import TrialSummary
 
 FOLDER: Final = "explained"
 """In a results folder, beside ``trials``."""
@@ -69,7 +68,7 @@ def plan_explanations(study: Study, folder: Path) -> list[Job]:
     jobs = []
     for job in plan(study, folder):
         try:
-            key = read_summary(job.target).key
+            key = read_trial(job.target, frames=False).key
         except (OSError, ValueError):
             key = job.key
         target = folder.resolve() / FOLDER / f"{job.target.stem}.json"
@@ -151,45 +150,30 @@ def processed(job: Job) -> tuple[Recording, Laboratory, TrialResult]:
     ValueError
         If the result is missing or not up to date, or the recording is gone.
     """
-    stored = _stored(job)
+    path = job.target.parent.parent / "trials" / f"{job.target.stem}.parquet"
+    try:
+        result = read_trial(path)
+    except FileNotFoundError:
+        raise ValueError("it has no result; run 'hbm run' first") from None
     person = job.study.subjects[job.subject]
     trial = person.trials[job.condition]
     assert trial.file is not None  # it would not be planned
     if not job.study.path(trial.file).is_file():
-        raise ValueError(_without_recording(stored.summary, trial.file).text)
-    if stored.summary.key != trial_key(job.study, job.subject, job.condition):
+        raise ValueError(
+            f"the recording {trial.file} is gone, and only it shows what residuals are made of"
+        )
+    if result.key != trial_key(job.study, job.subject, job.condition):
         raise ValueError("its result is not up to date; run 'hbm run' first")
     recording = read_study_file(job.study, trial.file, trial, person.static)
-    return recording, read_study_laboratory(job.study), stored.result()
-
-
-def _stored(job: Job) -> StoredTrial:
-    path = job.target.parent.parent / "trials" / f"{job.target.stem}.parquet"
-    try:
-        return open_trial(path)
-    except FileNotFoundError:
-        raise ValueError("it has no result; run 'hbm run' first") from None
-
-
-def _without_recording(trial: TrialSummary, file: str) -> Note:
-    rows = [row for row in trial.residuals if row.headline]
-    best = any(row.compensated for row in rows)
-    rms = {
-        axis: row.rms
-        for axis in AXES
-        for row in rows
-        if (row.axis, row.compensated) == (axis, best)
-    }
-    delay_s = float("nan") if trial.delay_s is None else trial.delay_s
-    return Note.of("explained_without_recording", file=file, rms=rms, delay_s=delay_s)
+    return recording, read_study_laboratory(job.study), result
 
 
 def bands_path(explanation: Path) -> Path:
     """Give the file of residuals over time that belongs to an explanation's."""
-    return explanation.with_name(f"{explanation.stem}{SUFFIX}")
+    return explanation.with_name(f"{explanation.stem}{BANDS_SUFFIX}")
 
 
-def bands_of(result: Path, trial: TrialSummary) -> Bands | None:
+def bands_of(result: Path, trial: TrialResult) -> Bands | None:
     """Give the residuals over time of a stored result; None where it is not explained as it is."""
     explanation = result.parent.parent / FOLDER / f"{result.stem}.json"
     if up_to_date(explanation, explanation_key(trial.key)) is None:
@@ -201,7 +185,7 @@ def bands_of(result: Path, trial: TrialSummary) -> Bands | None:
 
 
 def explanations(
-    folder: Path, trials: dict[tuple[str, str], TrialSummary]
+    folder: Path, trials: dict[tuple[str, str], TrialResult]
 ) -> dict[tuple[str, str], Explanation]:
     """Give the explanations of trials as they are now.
 
@@ -232,35 +216,20 @@ def unexplained(folder: Path) -> dict[str, str]:
     return found
 
 
-def stale_explanations(folder: Path) -> list[str]:
-    """Name the trials whose explanation is of another result or program, or damaged.
+def stale_sentence(folder: Path, shown: str = "RESULTS") -> str:
+    """Say which explanations are not shown and what makes them anew; empty where all are right.
 
-    Parameters
-    ----------
-    folder
-        Results folder.
-
-    Returns
-    -------
-    list of str
-        "subject condition"; those with a stored reason why they could not be explained are left
-        out, and those without a result.
+    Those are of another result or program, or damaged. Trials with a stored reason why they could
+    not be explained, and those without a result, are not meant.
     """
-    reasons = unexplained(folder)
-    found = []
+    reasons, names = unexplained(folder), []
     for result in sorted((folder / "trials").glob("*.parquet")):
         path = folder / FOLDER / f"{result.stem}.json"
         if path.is_file():
-            trial = read_summary(result)
+            trial = read_trial(result, frames=False)
             name = f"{trial.subject.id} {trial.condition}"
             if name not in reasons and up_to_date(path, explanation_key(trial.key)) is None:
-                found.append(name)
-    return found
-
-
-def stale_sentence(folder: Path, shown: str = "RESULTS") -> str:
-    """Say which explanations are not shown and what makes them anew; empty where all are right."""
-    names = stale_explanations(folder)
+                names.append(name)
     if not names:
         return ""
     return (

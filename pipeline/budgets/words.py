@@ -1,15 +1,36 @@
-"""Causes of residuals in words: what groups of them are called, what to do about them, sizes."""
+"""Causes of residuals in words: names of groups, sizes, what to mend, a table of shares, lines."""
 
-from collections.abc import Mapping, Sequence
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
 from itertools import pairwise
 from typing import Final
 
 from hbm.spatial import Array
-from pipeline.explain.budget import EstimatedCause
-from pipeline.explain.cause import OF_PERSON, CauseGroup
+from pipeline.explain.budget import Budget, EstimatedCause, GroupShare
+from pipeline.explain.cause import OF_PERSON
+from pipeline.explain.explain import MIN_CYCLES
 from pipeline.explain.shares import NORMAL_95
-from pipeline.trial.residuals import AXES
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.residuals import AXES, UNITS
+from pipeline.trial.result import TrialResult
+
+MIN_FALL: Final = 0.03
+"""Share of a residual's RMS that mending a cause has to take away to be worth a word."""
+MAX_MENDINGS: Final = 3
+LATE: Final = "plates are late"
+MASS: Final = "body mass"
+"""Names of causes that a person can state."""
+MAX_CAUSES: Final = 5
+"""Named one by one; the file has all."""
+CAPTION: Final = (
+    "RMS with its 95 % interval of measurement; shares of the mean square in % ± 95 % interval. A "
+    "negative share: without this cause the residual would be larger."
+)
+Column = tuple[str, tuple[str, ...]]
+"""Head and cells of a column."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,8 +48,8 @@ class GroupWords:
         What tells the size of its causes in another way; empty where nothing simple does.
     """
 
-    owner: str
     what: str
+    owner: str = ""
     mend: str = ""
     know: str = ""
 
@@ -38,63 +59,12 @@ class GroupWords:
         return f"{self.owner} {self.what}".strip()
 
 
-GROUPS: Final[Mapping[CauseGroup, GroupWords]] = {
-    "zero": GroupWords(
-        "plates'",
-        "zero",
-        "zero the plates ({cause})",
-        "record 5 s of empty plates before the trial",
-    ),
-    "inertia": GroupWords(
-        "body's",
-        "masses",
-        "check the body's masses and centres of mass ({cause})",
-        "weigh the subject on scales and state mass_kg in the subject's file",
-    ),
-    "delay": GroupWords(
-        "plates'",
-        "delay",
-        "measure the plates' delay ({cause})",
-        "hit a plate with a hammer that carries a marker (hbm plates)",
-    ),
-    "gain": GroupWords(
-        "plates'",
-        "gain and cross-talk",
-        "calibrate the plates with known weights ({cause})",
-        "load the plates with known weights (hbm plates)",
-    ),
-    "place": GroupWords(
-        "plates'",
-        "place and direction",
-        "measure again where the plates are ({cause})",
-        "press a pole with markers on the plates at known points",
-    ),
-    "platform": GroupWords(
-        "platform's",
-        "pose",
-        "check the platform's pose ({cause})",
-        "record the platform at rest in neutral, with markers on it",
-    ),
-    "compensation": GroupWords(
-        "",
-        "compensation",
-        "calibrate the moving treadmill again ({cause})",
-        "record the empty treadmill in motion on the same day (hbm calibration check)",
-    ),
-    "markers": GroupWords(
-        "",
-        "joints and markers",
-        "repeat the calibration pose, with all markers in place ({cause})",
-        "record swinging thighs (--hip functional) and markers on both sides of knees and ankles",
-    ),
-    "skin": GroupWords("", "skin motion", "place the markers where skin moves less ({cause})"),
-    "soft_tissue": GroupWords("", "soft tissue"),
-    "filter": GroupWords("", "filter"),
-}
-"""By group, those first that are the easiest to find out in another way."""
+@cache
+def groups() -> Mapping[str, GroupWords]:
+    """Give the words of groups of causes, as `words.toml` lists them; "person" is `OF_PERSON`."""
+    text = files("pipeline.budgets").joinpath("words.toml").read_text(encoding="utf-8")
+    return {name: GroupWords(**own) for name, own in tomllib.loads(text).items()}
 
-PERSON: Final = GroupWords("", "body and markers", know=GROUPS["inertia"].know)
-"""Of several groups of `OF_PERSON`."""
 
 SHOWN_UNITS: Final[Mapping[str, tuple[float, str]]] = {
     "s": (1000.0, "ms"),
@@ -105,7 +75,7 @@ SHOWN_UNITS: Final[Mapping[str, tuple[float, str]]] = {
 """Unit of a size -> factor and the unit that a person reads it in."""
 
 
-def group_name(groups: Sequence[str]) -> str:
+def group_name(names: Sequence[str]) -> str:
     """Name groups of causes that cannot be told apart.
 
     Examples
@@ -115,7 +85,7 @@ def group_name(groups: Sequence[str]) -> str:
     >>> group_name(["inertia", "markers", "skin", "soft_tissue"])
     'body and markers'
     """
-    words = _apart(groups)
+    words = _apart(names)
     parts = [words[0].name]
     for before, own in pairwise(words):
         owner = "their" if own.owner and own.owner == before.owner else own.owner
@@ -123,12 +93,12 @@ def group_name(groups: Sequence[str]) -> str:
     return ", or ".join(parts)
 
 
-def how_to_tell_apart(groups: Sequence[str]) -> tuple[str, ...]:
+def how_to_tell_apart(names: Sequence[str]) -> tuple[str, ...]:
     """Say what knowing would tell groups of causes apart.
 
     Parameters
     ----------
-    groups
+    names
         Groups that a trial cannot tell apart.
 
     Returns
@@ -142,21 +112,13 @@ def how_to_tell_apart(groups: Sequence[str]) -> tuple[str, ...]:
     >>> how_to_tell_apart(["gain", "zero"])
     ('record 5 s of empty plates before the trial',)
     """
-    apart = _apart(sorted(groups, key=[str(group) for group in GROUPS].index))
+    apart = _apart(sorted(names, key=[*groups()].index))
     return tuple([words.know for words in apart if words.know][: len(apart) - 1])
 
 
-def are_apart(groups: Sequence[str]) -> bool:
+def are_apart(names: Sequence[str]) -> bool:
     """Tell whether groups that are named together are more than one to their reader."""
-    return len(_apart(groups)) > 1
-
-
-def mending(group: str, cause: str) -> str:
-    """Say what to do about a cause, such as "zero the plates (plate 1: zero of Fy)".
-
-    Empty where nothing in the laboratory changes it.
-    """
-    return _words(group).mend.format(cause=cause)
+    return len(_apart(names)) > 1
 
 
 def size_in_words(cause: EstimatedCause) -> str:
@@ -180,19 +142,152 @@ def shares_in_words(shares: Array) -> str:
     return ", ".join(named) + " (negative: they add)" * bool((shares < 0).any())
 
 
-def _apart(groups: Sequence[str]) -> list[GroupWords]:
+def _apart(names: Sequence[str]) -> list[GroupWords]:
     """Give the words of groups, those of the person as one."""
-    person = [group for group in groups if group in OF_PERSON]
+    person = [name for name in names if name in OF_PERSON]
     if len(person) < 2:
-        return [_words(group) for group in groups]
+        return [groups()[name] for name in names]
     return [
-        PERSON if group == person[0] else _words(group)
-        for group in groups
-        if group not in person[1:]
+        groups()["person" if name == person[0] else name]
+        for name in names
+        if name not in person[1:]
     ]
 
 
-def _words(group: str) -> GroupWords:
-    """Give the words of a group; of one that is unknown here, its name."""
-    known = {str(name): words for name, words in GROUPS.items()}
-    return known.get(group) or GroupWords("", group.replace("_", " "), "{cause}")
+@dataclass(frozen=True, slots=True)
+class Mending:
+    """What to do about a cause of certain size, and what that would change.
+
+    Attributes
+    ----------
+    cause
+        Its name.
+    action
+        What to do.
+    axis
+        The residual that falls most, as a share of itself.
+    before, after
+        Its RMS now and without the cause [N, N·m].
+    """
+
+    cause: str
+    action: str
+    axis: str
+    before: float
+    after: float
+
+    def __str__(self) -> str:
+        unit = UNITS[AXES.index(self.axis)]
+        return f"{self.action} ({self.axis} {self.before:.1f} → {self.after:.1f} {unit})"
+
+
+def most_worth_mending(
+    budget: Budget, result: TrialResult, laboratory: Laboratory
+) -> tuple[Mending, ...]:
+    """Find what is most worth mending.
+
+    Parameters
+    ----------
+    budget
+        What the residuals are made of.
+    result, laboratory
+        The trial and its laboratory: what is stated of them now.
+
+    Returns
+    -------
+    tuple of Mending
+        Causes whose 95 % interval excludes zero and without which a residual would be smaller, the
+        one with the largest share first; none that nothing in the laboratory changes. A delay or a
+        mass is given as the line that states it.
+    """
+    found = []
+    for cause in budget.causes:
+        fall = 1 - cause.left / budget.rms
+        axis = int(fall.argmax())
+        if cause.is_certain and fall[axis] >= MIN_FALL:
+            action = _stated(cause, result, laboratory)
+            rms = float(budget.rms[axis]), float(cause.left[axis])
+            if action:
+                found.append((fall[axis], Mending(cause.name, action, AXES[axis], *rms)))
+    found.sort(key=lambda each: -each[0])
+    return tuple(own for _, own in found[:MAX_MENDINGS])
+
+
+def _stated(cause: EstimatedCause, result: TrialResult, laboratory: Laboratory) -> str:
+    """Give the line that states a cause, or what to do where there is none."""
+    calibrated = laboratory.plates is not None
+    if cause.name == LATE and not calibrated:
+        delay_s = (result.settings.plate_delay_s or 0.0) + cause.size
+        return f"state plate_delay_s = {delay_s:.3f} under [settings]"
+    if cause.name == MASS:
+        mass_kg = result.body.mass / (1 + cause.size)
+        return f"state mass_kg = {mass_kg:.1f} of the subject, once scales confirm it"
+    return groups()[cause.group].mend.format(cause=f"{cause.name} {size_in_words(cause)}")
+
+
+def budget_table(budget: Budget) -> tuple[str, tuple[str, ...], list[Column]]:
+    """Lay out what a trial's residuals are made of.
+
+    Returns
+    -------
+    title
+        Which trial, and what of it.
+    axes
+        Heads of the rows: the residuals.
+    columns
+        Heads and cells of the others: the RMS, one for each group of causes, the rest.
+    """
+    plates = "compensated plates" if budget.compensated else "plates as measured"
+    counts = "no gait cycles"
+    if budget.cycles:
+        counts = f"{budget.cycles} of {budget.found_cycles} gait cycles of one side"
+    title = (
+        f"Pelvis residuals of {budget.source.name} and what they are made of, {plates}, {counts}"
+    )
+    interval = [f"{low:.1f}–{high:.1f}" for low, high in zip(budget.low, budget.high, strict=True)]
+    columns = [
+        ("RMS", tuple(f"{value:.1f}" for value in budget.rms)),
+        ("95 %", tuple(interval)),
+        *((_head(budget, group), tuple(_shares(group))) for group in budget.groups),
+        ("not explained", tuple(f"{100 * share:z.0f}" for share in budget.unexplained)),
+    ]
+    return title, tuple(f"{axis}, {unit}" for axis, unit in zip(AXES, UNITS, strict=True)), columns
+
+
+def _head(budget: Budget, group: GroupShare) -> str:
+    """Name a group, with the size of its cause where it is only one."""
+    name = group_name(group.groups)
+    own = [cause for cause in budget.causes if cause.group in group.groups]
+    return f"{name}: {size_in_words(own[0])}" if len(own) == 1 else name
+
+
+def _shares(group: GroupShare) -> Iterator[str]:
+    """Write the share of each residual with its 95 % interval, where that is not 0."""
+    for share, deviation in zip(group.share, group.deviation, strict=True):
+        half = 100 * NORMAL_95 * deviation
+        text = f"{100 * share:z.0f}"
+        yield f"{text} ± {half:.0f}" if half >= 0.5 else text
+
+
+def budget_lines(budget: Budget, mendings: Sequence[Mending]) -> Iterator[str]:
+    """Say what a table of shares does not: sizes, what to mend, what is merged, the check."""
+    certain = [cause for cause in budget.causes if cause.is_certain][:MAX_CAUSES]
+    if certain:
+        named = [f"{cause.name} {size_in_words(cause)}" for cause in certain]
+        yield f"Largest causes (size ± 95 % interval): {'; '.join(named)}."
+    else:
+        yield "No single cause is certain: the 95 % interval of every size contains zero."
+    if mendings:
+        yield f"Most worth mending: {'; '.join(map(str, mendings))}."
+    else:
+        yield "Nothing is clearly worth mending: no certain cause makes much of a residual."
+    for group in budget.groups:
+        if are_apart(group.groups):
+            ways = how_to_tell_apart(group.groups)
+            how = f": {'; '.join(ways)}" if ways else ""
+            yield f"This trial cannot tell apart {group_name(group.groups)}{how or ' from it'}."
+    of = "cycles" if budget.cycles >= MIN_CYCLES else "frames"
+    yield (
+        f"Held-out check: the causes found in one half of the {of} take away of the mean square of "
+        f"the other half {shares_in_words(budget.held_out)}."
+    )

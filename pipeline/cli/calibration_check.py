@@ -10,7 +10,7 @@ from pipeline.cli.options import Accelerometers, Axes, PlateCorrectionFile, Plat
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from compensation.inertia.another_day import DayCheck
+    from pipeline.trial.ground.calibration_check import CalibrationCheck
 
 
 def check(
@@ -26,7 +26,7 @@ def check(
     from pipeline.cli.terminal import note_line, plain_console, print_table
     from pipeline.config.plate_correction import read_plate_correction
     from pipeline.config.schema import RecordingRules
-    from pipeline.config.validation import check_options
+    from pipeline.config.toml_file import check_options
     from pipeline.trial.ground.accelerometers import stated_accelerometers
     from pipeline.trial.ground.calibration_check import check_recording
     from pipeline.trial.ground.empty_plates import read_empty
@@ -39,30 +39,26 @@ def check(
     stated, console = check_options(RecordingRules, rules).stated(), plain_console()
     empty = read_empty(recording, stated, any_forward=plates is None)
     found = check_recording(empty, laboratory)
-    if found.zeros:
+    if found.plates:
         print_table(_table(found, recording.name), console)
     assert laboratory.calibration is not None
     for note in (*found.notes, *laboratory.calibration.notes):
         console.print(note_line(note), soft_wrap=True)
-    return 0 if found.verdict == "valid" else 1
+    return 0 if found.valid else 1
 
 
-def _table(found: "DayCheck", recording: str) -> "Table":
-    """Lay out what the calibration leaves of the recording, and how far the zeros moved."""
+def _table(found: "CalibrationCheck", recording: str) -> "Table":
+    """Lay out what the calibration and a new fit leave, and how far the zeros moved."""
     from rich.table import Table
 
+    from compensation.inertia.quality import UNITS
     from hbm.spatial import WRENCH_COMPONENTS
 
     table = Table(title=f"{recording}, compensated by the calibration (below 6 Hz)")
-    for name in ("plate", "component", "RMS left", "zero changed by"):
+    for name in ("plate", "component", "RMS left", "by a new fit", "zero changed by"):
         table.add_column(name, justify="left" if name in ("plate", "component") else "right")
-    for zero in found.zeros:
+    for plate, one in found.plates.items():
         for k, component in enumerate(WRENCH_COMPONENTS):
-            unit = "N" if k < 3 else "N·m"
-            table.add_row(
-                zero.plate,
-                component,
-                f"{found.left[zero.plate][k]:.2f} {unit}",
-                f"{zero.change[k]:+.2f} ± {1.96 * zero.error[k]:.2f} {unit}",
-            )
+            numbers = one.left[k], one.left_by_new_fit[k], one.zero_change[k]
+            table.add_row(plate, component, *(f"{x:.2f} {UNITS[k]}" for x in numbers))
     return table

@@ -43,7 +43,7 @@ def export_trial(request: "TrialRequest", out: Path, frame: "Frame | None") -> P
         calibrations,
         out / request.trial.name,
         frame=frame,
-        plate_delay_s=request.plate_delay_s,
+        plate_delay_s=request.plate_delay,
     )
     console = plain_console()
     _print_notes(written, console)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from hbm.engines.engine import EngineName
-    from hbm.kernels.native import Kernel
+    from hbm.kernels.kernel import Kernel
     from hbm.motion import Motion
 
 PACKAGES = (
@@ -28,9 +28,8 @@ REPETITIONS = 3
 
 def doctor() -> None:
     """Print versions, how kernels and engines run here, how fast, and whether the engines agree."""
-    from hbm.engines.choice import choose_engine
-    from hbm.engines.engine import ENGINES
-    from hbm.kernels import native
+    from hbm.engines.engine import ENGINES, choose_engine
+    from hbm.kernels.native import kernels
     from pipeline.cli.terminal import announcer, plain_console
 
     console = plain_console()
@@ -40,10 +39,10 @@ def doctor() -> None:
             console.print(f"  {name} {version(name)}")
         except PackageNotFoundError:
             console.print(f"  {name} is missing")
-    kernels = native.kernels(announcer(console))
-    console.print(f"kernels: {kernels.backend}; cache {native.cache_directory()}", soft_wrap=True)
+    ready = kernels(announcer(console))
+    console.print(f"kernels: {ready.backend}", soft_wrap=True)
     for name in ("newton_step", "segment_poses", "newton_euler"):
-        rate = speed(getattr(kernels, name))
+        rate = speed(getattr(ready, name))
         console.print(f"  {name}: {rate:,.0f} frames/s on one core ({1e6 / rate:.1f} µs)")
     console.print(f"inverse dynamics: {choose_engine().name} unless another engine is stated")
     for engine in ENGINES:
@@ -54,11 +53,16 @@ def engine_report(engine: "EngineName") -> str:
     """Say how fast an engine runs and how well the other one agrees, or why it does not run."""
     import numpy as np
 
+    from hbm.body import build_body
     from hbm.dynamics import inverse_dynamics
-    from pipeline.virtual_lab.analysis.true_body import true_body
-    from pipeline.virtual_lab.person.subject import Person, make_subject
+    from hbm.markers import Markers
+    from pipeline.virtual_lab.person.subject import Person, make_subject, t_pose_markers
 
-    body, motion = true_body(make_subject(Person())), random_motion()
+    subject = make_subject(Person())
+    standing = t_pose_markers(subject)[None].repeat(3, axis=0)
+    markers = Markers(np.arange(3.0), subject.skeleton.markers, standing)
+    body = build_body(markers, mass=subject.person.mass_kg, sex=subject.person.sex)
+    motion = random_motion()
     feet = dict.fromkeys(("left_foot", "right_foot"), np.ones((FRAMES, 6)))
     seconds = []
     try:

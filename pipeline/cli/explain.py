@@ -14,7 +14,6 @@ from pipeline.cli.options import (
 )
 from pipeline.run.request import TrialRequest
 
-MIN_DRAWS, MAX_DRAWS = 20, 100_000
 CAUSE_COLUMNS: Final = 20
 """Of a narrow terminal, for the names of causes; six residuals share the other 60 of 80."""
 
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from pipeline.budgets.explanation import Explanation
-    from pipeline.explain.budget import Budget
 
 
 @takes_trial_request
@@ -32,14 +30,6 @@ def explain(
         Path | None, typer.Option(help="Folder for the output of one trial; default: results.")
     ] = None,
     jobs: Jobs = 1,
-    draws: Annotated[
-        int,
-        typer.Option(
-            min=0,
-            max=MAX_DRAWS,
-            help="Of Monte Carlo through the whole chain, beside the delta method; 200 are enough.",
-        ),
-    ] = 0,
 ) -> int:
     """Say what the pelvis residuals of a trial are made of, how sure that is, and what to mend.
 
@@ -47,23 +37,17 @@ def explain(
     recordings, and 'hbm report' shows it. Nothing is corrected.
     """
     if request.trial.is_dir():
-        if draws:
-            raise ValueError("--draws is for one trial; leave it out, or give a recording")
         return _explain_results(request, out, jobs)
-    if draws in range(1, MIN_DRAWS):
-        raise ValueError(f"--draws {draws}: too few for an interval; at least {MIN_DRAWS}")
-    return _explain_trial(request, out or Path("results"), draws)
+    return _explain_trial(request, out or Path("results"))
 
 
-def _explain_trial(request: TrialRequest, out: Path, draws: int) -> int:
-    from pipeline.budgets.bands import SUFFIX as BANDS
-    from pipeline.budgets.bands import write_bands
-    from pipeline.budgets.explanation import SUFFIX, explain, write_explanation
+def _explain_trial(request: TrialRequest, out: Path) -> int:
+    from pipeline.budgets.explanation import BANDS_SUFFIX as BANDS
+    from pipeline.budgets.explanation import SUFFIX, explain, write_bands, write_explanation
     from pipeline.cli.terminal import announcer, plain_console
-    from pipeline.figures.bands import bands_figure
-    from pipeline.figures.budget import budget_figure
+    from pipeline.figures.explained import bands_figure, budget_figure
     from pipeline.figures.style import save_figure
-    from pipeline.run.one_trial import processed_trial
+    from pipeline.run.one_trial import process_request
 
     if request.trial.suffix == RESULT:
         raise ValueError(
@@ -72,8 +56,8 @@ def _explain_trial(request: TrialRequest, out: Path, draws: int) -> int:
         )
     console = plain_console()
     require_folder(out)
-    trial = processed_trial(request, announcer(console))
-    explanation = explain(trial.recording, trial.laboratory, trial.result, draws=draws)
+    trial = process_request(request, announcer(console))
+    explanation = explain(trial.recording, trial.laboratory, trial.result)
     name, bands = request.trial.stem, explanation.budget.bands
     write_explanation(explanation, out / f"{name}{SUFFIX}")
     save_figure(budget_figure(explanation.budget), out / f"{name}_explained")
@@ -103,14 +87,13 @@ def print_explanation(explanation: "Explanation", console: "Console") -> None:
     from rich.table import Table
 
     from hbm.notes import warnings_first
-    from pipeline.budgets.explanation import explanation_lines
-    from pipeline.budgets.table import CAPTION, budget_table
+    from pipeline.budgets.words import CAPTION, budget_table
     from pipeline.cli.terminal import fits, note_line, print_table
 
-    shown = budget_table(explanation.budget)
+    title, axes, columns = budget_table(explanation.budget)
     wide, narrow = (
         Table(
-            title=shown.title,
+            title=title,
             caption=CAPTION,
             box=box,
             padding=(0, 1, 0, 0),
@@ -120,48 +103,27 @@ def print_explanation(explanation: "Explanation", console: "Console") -> None:
         for box in (SIMPLE_HEAD, None)
     )
     wide.add_column("")
-    for head, _ in shown.columns:
+    for head, _ in columns:
         wide.add_column(head.replace(": ", "\n").replace(", or ", ",\nor "), justify="right")
-    for row in zip(shown.axes, *(cells for _, cells in shown.columns), strict=True):
+    for row in zip(axes, *(cells for _, cells in columns), strict=True):
         wide.add_row(*row)
     if fits(wide, console):
         console.print(wide)
     else:
         narrow.add_column("", width=CAUSE_COLUMNS)
-        for axis in shown.axes:
+        for axis in axes:
             narrow.add_column(axis.replace(", ", "\n"), justify="right", no_wrap=True)
-        for head, cells in shown.columns:
+        for head, cells in columns:
             narrow.add_row(head, *cells)
         print_table(narrow, console)
-    if explanation.budget.drawn is not None:
-        _print_drawn(explanation.budget, console)
-    for line in explanation_lines(explanation):
+    for line in explanation.lines():
         console.print(line)
     for note in warnings_first(explanation.budget.notes):
         console.print(note_line(note), soft_wrap=True)
 
 
-def _print_drawn(budget: "Budget", console: "Console") -> None:
-    """Put the delta method beside Monte Carlo."""
-    from rich.table import Table
-
-    from pipeline.budgets.table import drawn_table
-    from pipeline.cli.terminal import print_table
-
-    shown = drawn_table(budget)
-    table = Table(title=shown.title, box=None, padding=(0, 1, 0, 0), title_justify="left")
-    table.add_column("", width=CAUSE_COLUMNS)
-    for axis in shown.axes:
-        table.add_column(axis.replace(", ", "\n"), justify="right", no_wrap=True)
-    for head, cells in shown.columns:
-        table.add_row(head, *cells)
-    print_table(table, console)
-
-
 def _explain_results(request: TrialRequest, out: Path | None, jobs: int) -> int:
-    from pipeline.budgets.explanation import explanation_lines
     from pipeline.budgets.study import explain_planned, plan_explanations, study_of, up_to_date
-    from pipeline.budgets.visits import check_visits
     from pipeline.cli.stopping import stoppable
     from pipeline.cli.terminal import StepProgress, announcer, counted, plain_console
     from pipeline.run.processes import keep_freed_memory
@@ -189,13 +151,8 @@ def _explain_results(request: TrialRequest, out: Path | None, jobs: int) -> int:
         for job in planned:
             explanation = up_to_date(job.target, job.key)
             if explanation:
-                sizes, mending, *_ = explanation_lines(explanation)
+                sizes, mending, *_ = explanation.lines()
                 console.print(f"{job.name}: {sizes} {mending}", soft_wrap=True)
-        checks = check_visits(planned, folder, jobs)
-    if checks:
-        console.print("Check over the trials of each visit:", soft_wrap=True)
-    for check in checks:
-        console.print(f"- {check}", soft_wrap=True)
     console.print(
         f"{counted(states['done'], 'trial')} explained, {states['kept']} were there already, "
         f"{states['failed']} failed; next: hbm report {folder}",

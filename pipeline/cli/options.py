@@ -2,15 +2,19 @@
 
 import os
 from collections.abc import Callable
-from dataclasses import MISSING, fields
 from functools import wraps
 from inspect import Parameter, signature
+from itertools import starmap
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, get_origin
 
 import typer
+from pydantic.fields import FieldInfo
 
-from pipeline.run.request import Help, TrialRequest
+from pipeline.config.input_model import InputModel
+from pipeline.config.schema import RecordingRules
+from pipeline.config.toml_file import check_options
+from pipeline.run.request import NO_OPTIONS, TrialRequest
 
 USAGE = 2
 """Exit code for wrong usage or input."""
@@ -24,17 +28,20 @@ Seed = Annotated[int, typer.Option(min=0, help="Equal seeds give equal signals a
 Simulate = Annotated[
     bool, typer.Option("--simulate", help="Fill the folder from the virtual laboratory first.")
 ]
-Axes = Annotated[
-    str | None,
-    typer.Option(help="Where the file's x, y, z point, e.g. left,back,up; default: inferred."),
-]
-Units = Annotated[
-    str | None, typer.Option(help="Unit of the markers, e.g. mm; default: the file's.")
-]
-PlateUnits = Annotated[
-    str | None,
-    typer.Option(help="Units of the plates' forces and moments, e.g. N,Nmm; default: the file's."),
-]
+
+
+def _help(field: FieldInfo) -> str:
+    return " ".join((field.description or "").split())
+
+
+def described(kind: type[InputModel], name: str, *names: str) -> Any:
+    """Give the option of a setting, with its description."""
+    return typer.Option(*names, help=_help(kind.model_fields[name]))
+
+
+Axes = Annotated[str | None, described(RecordingRules, "axes")]
+Units = Annotated[str | None, described(RecordingRules, "units")]
+PlateUnits = Annotated[str | None, described(RecordingRules, "plate_units")]
 Accelerometers = Annotated[
     list[str] | None,
     typer.Option(
@@ -52,63 +59,45 @@ ResultsFolder = Annotated[Path, typer.Argument(help="Folder that hbm run wrote."
 
 
 def takes_trial_request(command: Callable[..., int | None]) -> Callable[..., int | None]:
-    """Give a command the options that a `TrialRequest` is made of.
-
-    Parameters
-    ----------
-    command
-        Takes a ``request`` first, then options of its own.
-
-    Returns
-    -------
-    callable
-        The same for typer: the fields of the request in its place, as argument and options.
-    """
+    """Give a command, which takes a ``request`` first, the options that it is made of."""
     _, *own = signature(command).parameters.values()
-    parameters = [*_parameters(TrialRequest), *own]
+    options = {n: f for n, f in TrialRequest.model_fields.items() if n not in NO_OPTIONS}
+    parameters = [*starmap(_parameter, options.items()), *own]
 
     @wraps(command)
-    def typed(**options: Any) -> int | None:
-        typed_in = {f.name: options.pop(f.name) for f in fields(TrialRequest)}
-        values: dict[str, Any] = {
-            name: tuple(value) if isinstance(value, list) else value
-            for name, value in typed_in.items()
-        }
-        return command(TrialRequest(**values), **options)
+    def typed(**values: Any) -> int | None:
+        typed_in = {name: values.pop(name) for name in options}
+        stated = {n: tuple(v) if isinstance(v, list) else v for n, v in typed_in.items()}
+        stated = {name: value for name, value in stated.items() if value not in (None, ())}
+        return command(check_options(TrialRequest, stated), **values)
 
     typed.__annotations__ = {p.name: p.annotation for p in parameters}
     vars(typed)["__signature__"] = signature(command).replace(parameters=parameters)
     return typed
 
 
-def _parameters(request: type[TrialRequest]) -> list[Parameter]:
-    """Give a request's fields for typer: the trial as an argument, the others as options.
-
-    A field of several values is an option that may be repeated, for which typer wants a list.
-    """
-    hints = get_type_hints(request, include_extras=True)
-    parameters = []
-    for field in fields(request):
-        kind, option = get_args(hints[field.name])
-        assert isinstance(option, Help)
-        default = (
-            typer.Argument(help=option.text)
-            if field.default is MISSING
-            else typer.Option(field.default, help=option.text, min=option.min, max=option.max)
-        )
-        if get_origin(kind) is tuple:
-            kind = list[get_args(kind)[0]]  # type: ignore[misc]
-        keyword = Parameter.POSITIONAL_OR_KEYWORD
-        parameters.append(Parameter(field.name, keyword, default=default, annotation=kind))
-    return parameters
+def _parameter(name: str, field: FieldInfo) -> Parameter:
+    """Give a field of a request for typer: an argument if it is required, else an option."""
+    help_text, annotation = _help(field), str(field.annotation)
+    kind: Any = Path if "Path" in annotation else float if "float" in annotation else str
+    if get_origin(field.annotation) in (tuple, dict):
+        kind = list[str]  # an option that may be repeated
+    if field.is_required():
+        default = typer.Argument(help=help_text)
+    else:
+        value = field.default if isinstance(field.default, str | float) else None
+        default = typer.Option(value, help=help_text)
+        kind = kind | None if value is None else kind
+    return Parameter(name, Parameter.POSITIONAL_OR_KEYWORD, default=default, annotation=kind)
 
 
 def require_no_options(request: TrialRequest, what: str) -> None:
     """Refuse options of a trial where they can have no effect."""
+    defaults = TrialRequest.model_construct()
     given = [
-        f"--{field.name.replace('_', '-')}"
-        for field in fields(request)
-        if field.default is not MISSING and getattr(request, field.name) != field.default
+        f"--{name.replace('_', '-')}"
+        for name, value in request
+        if name in request.model_fields_set - {"trial"} and value != getattr(defaults, name)
     ]
     if given:
         raise ValueError(

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def simulate(
     folder: Annotated[
         Path,
-        typer.Argument(help="Folder for the study, or for the table; may hold a simulated study."),
+        typer.Argument(help="Folder for the study; may hold a simulated one."),
     ],
     setting: Annotated[
         Path | None,
@@ -33,36 +33,16 @@ def simulate(
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Equal seeds give equal files.")] = None,
     jobs: Annotated[int, typer.Option(min=1, help="How many processes.")] = 2,
-    ablation: Annotated[
-        bool,
-        typer.Option("--ablation", help="Tabulate what each fault adds to each residual instead."),
-    ] = False,
-    table_3: Annotated[
-        bool,
-        typer.Option(
-            "--table-3",
-            help="Put the thesis' Table III beside simulated ones instead (half an hour of one "
-            "core).",
-        ),
-    ] = False,
 ) -> None:
     """Simulate experiment 3: C3D files, study files, and the true values.
 
     Of a simulated study that is in the folder already, only what is missing is written.
     """
-    from pipeline.virtual_lab.protocol.setting_file import find_setting
-    from pipeline.virtual_lab.protocol.study_folder import folder_setting, require_setting
-    from pipeline.virtual_lab.protocol.walking_protocol import SHORT, THESIS, Setting
+    from pipeline.virtual_lab.protocol.walking_protocol import Setting, find_setting
+    from pipeline.virtual_lab.protocol.walking_study import folder_setting, require_setting
 
-    if ablation and table_3:
-        raise ValueError("--ablation and --table-3 write different tables; choose one")
-    there = None if ablation or table_3 else folder_setting(folder)
-    if setting is not None:
-        chosen = find_setting(setting)
-    elif ablation or table_3:
-        chosen = Setting(protocol=SHORT if ablation else THESIS)
-    else:
-        chosen = there or Setting()
+    there = folder_setting(folder)
+    chosen = find_setting(setting) if setting is not None else there or Setting()
     if seed is not None:
         chosen = chosen.model_copy(update={"seed": seed})
     if subjects is not None:
@@ -70,18 +50,13 @@ def simulate(
         chosen = chosen.model_copy(update={"protocol": protocol})
     if there is not None:
         require_setting(folder, there, chosen)
-    if ablation:
-        _write_ablation(folder, chosen, jobs)
-    elif table_3:
-        _write_table_3(folder, chosen, jobs)
-    else:
-        _complete_study(folder, chosen, jobs)
+    _complete_study(folder, chosen, jobs)
 
 
 def _complete_study(folder: Path, setting: "Setting", jobs: int) -> None:
     """Write what is missing of a study; print what was written and what was there."""
     from pipeline.cli.terminal import counted, plain_console
-    from pipeline.virtual_lab.protocol.study_folder import missing_files, study_files
+    from pipeline.virtual_lab.protocol.walking_study import missing_files, study_files
 
     console, start = plain_console(), time.monotonic()
     missing, every = missing_files(folder, setting), study_files(setting)
@@ -101,8 +76,11 @@ def _simulate_study(
     from hbm.kernels.native import kernels
     from pipeline.cli.stopping import stoppable
     from pipeline.cli.terminal import StepProgress, announcer
-    from pipeline.virtual_lab.protocol.study_folder import missing_files, study_files
-    from pipeline.virtual_lab.protocol.walking_study import simulate_study
+    from pipeline.virtual_lab.protocol.walking_study import (
+        missing_files,
+        simulate_study,
+        study_files,
+    )
 
     def state() -> str:
         if not keep:
@@ -115,51 +93,6 @@ def _simulate_study(
         kernels(announcer(console))
         with StepProgress(console, "simulating", "recordings") as progress:
             simulate_study(folder, setting, progress.show, jobs, keep=keep)
-
-
-def _write_ablation(folder: Path, setting: "Setting", jobs: int) -> None:
-    """Switch one fault on at a time; write the table and its figure."""
-    from hbm.kernels.native import kernels
-    from pipeline.cli.stopping import stoppable
-    from pipeline.cli.terminal import StepProgress, announcer, plain_console
-    from pipeline.figures.style import save_figure
-    from pipeline.io.write import write_csv
-    from pipeline.virtual_lab.analysis.ablation import ablation
-    from pipeline.virtual_lab.analysis.ablation_figure import ablation_figure
-
-    console, subjects = plain_console(), setting.protocol.subjects
-    folder.mkdir(parents=True, exist_ok=True)
-    kernels(announcer(console))
-    with (
-        stoppable(lambda: "no table is written; the same command begins again"),
-        StepProgress(console, "one fault at a time", "cases") as progress,
-    ):
-        table = ablation(setting, subjects, progress=progress.show, jobs=jobs)
-    write_csv(table, folder / "ablation.csv")
-    save_figure(ablation_figure(table, subjects), folder / "ablation")
-    console.print(f"written to {folder}: ablation.csv, ablation.png, ablation.svg", soft_wrap=True)
-
-
-def _write_table_3(folder: Path, setting: "Setting", jobs: int) -> None:
-    """Simulate and process the studies that Table III is compared with; write page and table."""
-    from hbm.kernels.native import kernels
-    from pipeline.cli.stopping import stoppable
-    from pipeline.cli.terminal import StepProgress, announcer, plain_console
-    from pipeline.io.write import write_csv, write_text
-    from pipeline.virtual_lab.analysis.reproduction import compared, reproduce
-    from pipeline.virtual_lab.analysis.table_3_page import table_3_page
-
-    console = plain_console()
-    folder.mkdir(parents=True, exist_ok=True)
-    kernels(announcer(console))
-    with (
-        stoppable(lambda: "no table is written; the same command begins again"),
-        StepProgress(console, "Table III", "recordings and trials") as progress,
-    ):
-        found = reproduce(setting, progress=progress.show, jobs=jobs)
-    write_csv(compared(found), folder / "table_3.csv")
-    write_text(table_3_page(found), folder / "table_3.md")
-    console.print(f"written to {folder}: table_3.csv, table_3.md", soft_wrap=True)
 
 
 def demo(

@@ -97,7 +97,7 @@ def run(
     from pipeline.cli.stopping import stoppable
     from pipeline.cli.terminal import StepProgress, announcer, counted, note_line, plain_console
     from pipeline.config.study import read_study
-    from pipeline.config.validation import StudyFaults
+    from pipeline.config.toml_file import StudyFaults
     from pipeline.run.processes import keep_freed_memory
     from pipeline.run.run import plan, require_nothing_replaced, run_planned
     from pipeline.trial.study_files import read_study_laboratory

@@ -18,7 +18,9 @@ from pipeline.cli.options import (
     Seed,
     Simulate,
     Units,
+    described,
 )
+from pipeline.config.schema import Platform, Treadmill
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -32,21 +34,14 @@ def fit(
     axes: Axes = None,
     units: Units = None,
     plate_units: PlateUnits = None,
-    cutoff_hz: Annotated[
-        float,
-        typer.Option(min=0.1, max=100, help="Low-pass of fit and trials, zero phase (-3 dB)."),
-    ] = 20.0,
-    accelerometer_unit: Annotated[
-        str | None, typer.Option(help="g or m/s²; default: as the file says.")
-    ] = None,
+    cutoff_hz: Annotated[float, described(Treadmill, "cutoff_hz")] = Treadmill().cutoff_hz,
+    accelerometer_unit: Annotated[str | None, described(Treadmill, "accelerometer_unit")] = None,
     accelerometer: Accelerometers = None,
     platform_markers: Annotated[
         str, typer.Option(help="Markers on the platform: how plates and commands are timed.")
     ] = "",
-    sway_channel: Annotated[str | None, typer.Option(help="Channel of the commanded sway.")] = None,
-    pitch_channel: Annotated[
-        str | None, typer.Option(help="Channel of the commanded pitch.")
-    ] = None,
+    sway_channel: Annotated[str | None, described(Platform, "sway_channel")] = None,
+    pitch_channel: Annotated[str | None, described(Platform, "pitch_channel")] = None,
     plate_calibration: PlateCorrectionFile = None,
     beside: Annotated[
         list[Path] | None,
@@ -57,13 +52,8 @@ def fit(
         ),
     ] = None,
     inertia_model: Annotated[
-        str,
-        typer.Option(
-            "--model",
-            "--inertia-model",
-            help="static, dynamic, or auto: dynamic where clearly and safely better.",
-        ),
-    ] = "auto",
+        str, described(Treadmill, "inertia_model", "--model", "--inertia-model")
+    ] = Treadmill().inertia_model,
     check: Annotated[
         list[Path] | None,
         typer.Option("--check", help="As --beside, only to compare both models by; repeatable."),
@@ -75,13 +65,18 @@ def fit(
     from hbm.notes import warnings_first
     from pipeline.cli.terminal import note_line, plain_console, print_table
     from pipeline.config.plate_correction import read_plate_correction
-    from pipeline.config.schema import Platform, RecordingRules, Treadmill
-    from pipeline.config.validation import check_options
+    from pipeline.config.schema import RecordingRules
+    from pipeline.config.toml_file import check_options
     from pipeline.io.units import acceleration_in_mps2
     from pipeline.io.write import write_text
     from pipeline.run.job import file_digest
     from pipeline.trial.ground.accelerometers import find_accelerometers, stated_accelerometers
-    from pipeline.trial.ground.calibration_recording import fit_calibration, plates_timed_apart
+    from pipeline.trial.ground.calibration_recording import (
+        MODEL,
+        WEIGHT,
+        fit_calibration,
+        plates_timed_apart,
+    )
     from pipeline.trial.ground.corrected_plates import with_corrected_plates
     from pipeline.trial.ground.empty_plates import BESIDE, read_empty
     from pipeline.trial.ground.platform_delay import recording_delays
@@ -139,15 +134,14 @@ def fit(
     method = setup.filter_method if setup is not None else ""
     console.print(f"accelerometers: {', '.join(sensors)}; low-pass {cutoff_hz:g} Hz, {method}")
     if BESIDE in provenance:
-        weighed = calibration.choice.beside if calibration.choice is not None else ""
-        console.print(f"fitted too: {provenance[BESIDE]}; {weighed}", soft_wrap=True)
+        console.print(f"fitted too: {provenance[BESIDE]}; {provenance[WEIGHT]}", soft_wrap=True)
+    console.print(provenance[MODEL], soft_wrap=True)
     print_table(_sensor_table(calibration), console)
     print_table(_fit_table(calibration), console)
     notes = [
         *calibration.notes,
         *with_corrected_plates(empty, plates).notes[len(empty.notes) :],
         *describe_sensors(calibration.sensors),
-        *([calibration.choice.note] if calibration.choice is not None else []),
         *timing,
         *plates_timed_apart(empty, treadmill, calibration.sensors, plates),
         *belt_speed_notes(empty, treadmill, calibration),
@@ -173,7 +167,7 @@ def _fit_table(calibration: "Calibration") -> "Table":
         left = name in ("plate", "component", "verdict")
         table.add_column(name, justify="left" if left else "right")
     for name, model in calibration.in_use.items():
-        for row in (calibration.verdict or {})[name]:
+        for row in calibration.verdict[name]:
             table.add_row(
                 name,
                 row.component,
@@ -185,7 +179,7 @@ def _fit_table(calibration: "Calibration") -> "Table":
                 row.verdict,
             )
         table.caption = (
-            f"rank {model.rank} of {1 + len(model.acceleration_mean)}, condition "
+            f"rank {model.rank} of {len(model.gain)}, condition "
             f"{model.condition:.0f}; limit: raises the residuals of a walking adult of 75 kg by "
             "5 %; R² is low where a component hardly moved, without harm"
         )
@@ -196,25 +190,20 @@ def _sensor_table(calibration: "Calibration") -> "Table":
     """Lay out what a calibration found of its accelerometers, with 95 % intervals."""
     from rich.table import Table
 
-    def interval(value: float, error: float | None, scale: float, form: str) -> str:
-        if error is None:
-            return "unknown"
-        return f"{scale * value:{form}} ± {1.96 * scale * error:{form}}"
-
     table = Table(title="The accelerometers (95 % intervals)")
-    for name in ("accelerometer", "later than plates", "gain", "noise", "corrected"):
+    for name in ("accelerometer", "later than plates", "noise", "corrected"):
         table.add_column(
             name, justify="left" if name in ("accelerometer", "corrected") else "right"
         )
     for sensor in calibration.sensors:
-        done = ["delay"] * (sensor.correction_s != 0) + ["gain"] * (sensor.scale != 1)
-        noise = sensor.noise_mps2
+        error, noise = sensor.delay_error_s, sensor.noise_mps2
         table.add_row(
             sensor.name,
-            interval(sensor.delay_s, sensor.delay_error_s, 1000, ".2f") + " ms",
-            interval(sensor.gain, sensor.gain_error, 1, ".3f"),
+            f"{1000 * sensor.delay_s:.2f} ± {1960 * error:.2f} ms"
+            if error is not None
+            else "unknown",
             "unknown" if noise is None else f"{noise:.4f} m/s²",
-            ", ".join(done) or "nothing",
+            "delay" if sensor.correction_s else "nothing",
         )
     return table
 
@@ -238,7 +227,7 @@ def signals(
     Exit code 1 if an advised signal is beyond the machine.
     """
     from compensation import MachineLimits
-    from compensation.signals.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
+    from compensation.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
     from pipeline.calibration_ranking.signal_files import KINDS, protocol_signals, write_signals
     from pipeline.cli.terminal import plain_console
 
@@ -257,18 +246,18 @@ def signals(
     console = plain_console()
     kinds = KINDS if kind == "all" else (kind,)
     drawn = {name: protocol_signals(name, seed, limits) for name in kinds}
-    if not any(signals.possible for signals in drawn.values()):
-        raise ValueError(f"the machine can do none of these: {drawn[kinds[0]].beyond[0]}")
-    for name, signals in drawn.items():
-        written = write_signals(signals.possible, out / name, rate_hz, limits)
+    if not any(possible for possible, _ in drawn.values()):
+        raise ValueError(f"the machine can do none of these: {drawn[kinds[0]][1][0]}")
+    for name, (possible, beyond) in drawn.items():
+        written = write_signals(possible, out / name, rate_hz, limits)
         console.print(f"{len(written)} signals at {rate_hz:g} Hz in {out / name}", soft_wrap=True)
-        for line in signals.beyond:
+        for line in beyond:
             console.print(f"not written, beyond the machine: {name} {line}", soft_wrap=True)
     to_begin_with = {"pitch_sway": ADVISED_PLATFORM_SIGNAL, "belt": ADVISED_BELT_SIGNAL}
     lacking = [
         advised
         for name, advised in to_begin_with.items()
-        if name in drawn and advised not in {s.name for s in drawn[name].possible}
+        if name in drawn and advised not in {s.name for s in drawn[name][0]}
     ]
     if lacking:
         console.print(
@@ -309,9 +298,8 @@ def rank(
     out: Out = Path("ranking"),
 ) -> None:
     """Rank calibration trials by how well they compensate the validation trials."""
-    from pipeline.calibration_ranking.experiment import rank_recordings
     from pipeline.calibration_ranking.report import write_results
-    from pipeline.calibration_ranking.trials import RankingSettings
+    from pipeline.calibration_ranking.trials import RankingSettings, read_trials
     from pipeline.cli.terminal import StepProgress, plain_console
     from pipeline.virtual_lab.protocol.ranking_study import TRIALS, simulate_ranking
 
@@ -333,8 +321,8 @@ def rank(
             for done, path in enumerate(simulate_ranking(folder, seed), 1):
                 progress.show(path.name, done, TRIALS)
     with StepProgress(console, "reading", "recordings") as progress:
-        found = rank_recordings(folder, settings, seed, progress.show)
-    for sentence in write_results(found, out):
+        trials = read_trials(folder, settings, progress.show)
+    for sentence in write_results(trials, seed, out):
         console.print(sentence, soft_wrap=True)
     console.print(f"written to {out}: ranking.md, tables, figures", soft_wrap=True)
 
@@ -352,9 +340,8 @@ def plates(
     from pipeline.cli.terminal import announcer, note_line, plain_console
     from pipeline.config.plate_study import read_plates_study
     from pipeline.plate_accuracy.accuracy import check_plates
-    from pipeline.plate_accuracy.report import write_report
+    from pipeline.plate_accuracy.report import use_of_calibration, write_report
     from pipeline.plate_accuracy.verdict import describe
-    from pipeline.plate_accuracy.verdict_page import use_of_calibration
     from pipeline.virtual_lab.protocol.known_weights import THESIS_ERRORS, simulate_plates
 
     console = plain_console()

@@ -1,15 +1,85 @@
-"""The base of everything that a user types."""
+"""The base of everything that a user types, and the quantities in it.
 
-from typing import Annotated
+The bounds catch a value in another unit or a typing error; they are wider than anything that is
+measured in a gait laboratory.
+"""
+
+from collections.abc import Callable
+from typing import Annotated, Final
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from hbm.spelling import printable
+from pipeline.io.axes import parse_axes
+from pipeline.io.stated import PlateUnits
+from pipeline.io.units import length_in_m
 
-Text = Annotated[str, Field(min_length=1), AfterValidator(printable)]
+MAX_NAME: Final = 64
+"""Characters; names of subject and condition together are part of the name of a file."""
+RESERVED: Final = (
+    "con",
+    "prn",
+    "aux",
+    "nul",
+    *(f"{p}{n}" for p in ("com", "lpt") for n in range(10)),
+)
+"""Devices of Windows: no file there may have such a name, whatever follows after a full stop."""
 
 
 class InputModel(BaseModel):
-    """Base of everything that a user types: immutable; unknown keys and other types are refused."""
+    """Base of everything that a user types: immutable; unknown keys and other types are refused.
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+    A field is the one statement of a setting: its bounds, its default, its unit (the end of its
+    name) and its description, from which the template of `hbm init`, the options of the command
+    line and the table in ``docs/conventions.md`` are made.
+    """
+
+    model_config = ConfigDict(
+        extra="forbid",
+        frozen=True,
+        strict=True,
+        allow_inf_nan=False,
+        use_attribute_docstrings=True,
+    )
+
+
+def _file_name(name: str) -> str:
+    if name.partition(".")[0].lower() in RESERVED:
+        raise ValueError(f"{name!r} is the name of a device on Windows; choose another")
+    if name.endswith("."):
+        raise ValueError(f"{name!r} ends in a full stop, which Windows leaves out; choose another")
+    return name
+
+
+def _readable(read: Callable[[str], object]) -> AfterValidator:
+    """Accept a text that a function can read, as it is."""
+
+    def check(text: str) -> str:
+        read(text)
+        return text
+
+    return AfterValidator(check)
+
+
+Text = Annotated[str, Field(min_length=1), AfterValidator(printable)]
+Labels = Annotated[tuple[Text, ...], Field(strict=False)]
+Channels = Annotated[tuple[Text, Text, Text], Field(strict=False)]
+"""Labels of a sensor's x, y and z channels."""
+Name = Annotated[
+    str,
+    Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=MAX_NAME),
+    AfterValidator(_file_name),
+]
+"""Part of a file name on every operating system."""
+AxesText = Annotated[str, _readable(parse_axes)]
+"""Lab directions of the files' x, y and z axis, such as "left,back,up"."""
+LengthUnit = Annotated[str, _readable(length_in_m)]
+PlateUnitsText = Annotated[str, _readable(PlateUnits.parse)]
+"""Units of force and moment, such as "N,Nmm", and of centres of pressure as a third."""
+DelayS = Annotated[float, Field(ge=-0.5, le=0.5)]
+"""Two devices of one laboratory disagree by some tens of milliseconds."""
+CoordinateM = Annotated[float, Field(ge=-2, le=2)]
+"""Within a treadmill and its frame."""
+PointM = Annotated[tuple[CoordinateM, CoordinateM, CoordinateM], Field(strict=False)]
+FilterCutoffHz = Annotated[float, Field(ge=0.1, le=100)]
+"""Of plates and accelerometers: a treadmill's frame has no motion worth knowing beyond it."""

@@ -6,7 +6,7 @@ from typing import Annotated, Final
 from pydantic import AfterValidator, Field, model_validator
 
 from hbm.spelling import short
-from pipeline.config.input_model import InputModel, Text
+from pipeline.config.input_model import InputModel, Labels, Text
 
 LOOPBACK: Final = "127.0.0.1"
 COMPONENTS: Final = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
@@ -34,23 +34,7 @@ def own_address(written: str) -> str:
 
 
 class Live(InputModel):
-    """Which streams are received, and what their channels are.
-
-    Attributes
-    ----------
-    markers
-        Name of the stream of markers; by default the only one that is received.
-    analog
-        Names of the streams of plates, accelerometers, belts and platform; by default all that are
-        received.
-    plates
-        Number of a plate -> its channels Fx Fy Fz Mx My Mz, in the plate's own axes about the
-        centre of its surface; by default as the streams state it, else FP1.Fx and so on.
-    wait_s
-        How long a frame waits for samples that are late.
-    listen
-        Address of this computer in the laboratory's network, at which streams are searched for and
-        found; by default that of the loopback, which nothing leaves.
+    """Which streams are received while a trial is measured, and what their channels are.
 
     Examples
     --------
@@ -58,11 +42,21 @@ class Live(InputModel):
     ('FP2.Fx', 'FP2.Fy', 'FP2.Fz', 'FP2.Mx', 'FP2.My', 'FP2.Mz')
     """
 
-    markers: Text | None = None
-    analog: Annotated[tuple[Text, ...], Field(strict=False)] = ()
-    plates: dict[PlateNumber, Six] = Field(default_factory=dict)
+    markers: Text | None = Field(None, examples=["Markers"])
+    """Stream of the markers; default: the only one."""
+    analog: Labels = Field((), examples=[["Plates", "Analog"]])
+    """Streams of plates, accelerometers, belts and platform; default: all."""
     wait_s: Annotated[float, Field(gt=0, le=2)] = 0.2
-    listen: Annotated[str, AfterValidator(own_address)] = LOOPBACK
+    """How long a frame waits for samples that are late."""
+    listen: Annotated[str, AfterValidator(own_address)] = Field(LOOPBACK, examples=["192.168.1.10"])
+    """This computer's address in the laboratory's network; default: streams of this computer
+    alone."""
+    plates: dict[PlateNumber, Six] = Field(
+        default_factory=dict,
+        examples=[{"1": ["FP1.Fx", "FP1.Fy", "FP1.Fz", "FP1.Mx", "FP1.My", "FP1.Mz"]}],
+    )
+    """Plate and its Fx Fy Fz Mx My Mz, in its own axes about the centre of its surface; default: as
+    streams state it, else FP1.Fx, FP1.Fy and so on."""
 
     @model_validator(mode="after")
     def _different(self) -> "Live":

@@ -8,17 +8,17 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from hbm.spatial import Array
-from hbm.toml_text import Table
-from pipeline.config.consistency import missing_file
-from pipeline.config.input_model import InputModel, Text
-from pipeline.config.schema import (
+from hbm.spelling import Table
+from pipeline.config.input_model import (
     AxesText,
     CoordinateM,
+    FilterCutoffHz,
+    InputModel,
     LengthUnit,
     PlateUnitsText,
+    Text,
 )
-from pipeline.config.toml_file import check_table, read_table
-from pipeline.config.validation import StudyFaults
+from pipeline.config.toml_file import StudyFaults, check_table, missing_file, read_table
 from pipeline.io.stated import Stated
 
 FILE = "plates.toml"
@@ -29,7 +29,6 @@ BeltSpeedMps = Annotated[float, Field(ge=0, le=5)]
 Edges = Annotated[tuple[CoordinateM, CoordinateM], Field(strict=False)]
 MIN_BELT_M: Final = 0.1
 """Length and width: no foot has room on less."""
-FilterCutoffHz = Annotated[float, Field(ge=0.1, le=100)]
 
 
 class WeightRecording(InputModel):

@@ -1,109 +1,36 @@
-"""What the files of a study state, as types: settings, subjects, treadmill, conditions, trials.
+"""What the files of a study state, as types: settings, subjects, treadmill, conditions, trials."""
 
-The bounds of the quantities catch a value in another unit or a typing error; they are wider than
-anything that is measured in a gait laboratory.
-"""
-
+import re
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Final, Literal, get_args
 
-from pydantic import (
-    AfterValidator,
-    Field,
-    field_validator,
-    model_validator,
-)
+from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
 
 from hbm.calibration_pose.anatomy import MARKER_OFFSET_M
 from hbm.engines.engine import EngineName
 from hbm.markers import MarkerSet
 from hbm.segments import Sex
-from hbm.signals.filtering import Method
-from hbm.spelling import printable
-from pipeline.config.input_model import InputModel, Text
-from pipeline.config.live import Live
-from pipeline.config.window import Interval, Window
-from pipeline.io.axes import parse_axes
-from pipeline.io.stated import PlateUnits, Stated
-from pipeline.io.units import acceleration_in_mps2, length_in_m
-from pipeline.statistics.design import COMPENSATION, Correction
-
-MAX_NAME: Final = 64
-"""Characters; names of subject and condition together are part of the name of a file."""
-RESERVED: Final = (
-    "con",
-    "prn",
-    "aux",
-    "nul",
-    *(f"{p}{n}" for p in ("com", "lpt") for n in range(10)),
+from hbm.spelling import printable, shown
+from pipeline.config.input_model import (
+    AxesText,
+    Channels,
+    DelayS,
+    FilterCutoffHz,
+    InputModel,
+    Labels,
+    LengthUnit,
+    Name,
+    PlateUnitsText,
+    PointM,
+    Text,
 )
-"""Devices of Windows: no file there may have such a name, whatever follows after a full stop."""
-Labels = Annotated[tuple[Text, ...], Field(strict=False)]
-Channels = Annotated[tuple[Text, Text, Text], Field(strict=False)]
-"""Labels of a sensor's x, y and z channels."""
+from pipeline.config.live import Live
+from pipeline.io.stated import Stated
+from pipeline.io.units import acceleration_in_mps2
 
-
-def _file_name(name: str) -> str:
-    if name.partition(".")[0].lower() in RESERVED:
-        raise ValueError(f"{name!r} is the name of a device on Windows; choose another")
-    if name.endswith("."):
-        raise ValueError(f"{name!r} ends in a full stop, which Windows leaves out; choose another")
-    return name
-
-
-def _axes(axes: str) -> str:
-    parse_axes(axes)
-    return axes
-
-
-def _length_unit(unit: str) -> str:
-    length_in_m(unit)
-    return unit
-
-
-def _plate_units(units: str) -> str:
-    PlateUnits.parse(units)
-    return units
-
-
-Name = Annotated[
-    str,
-    Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=MAX_NAME),
-    AfterValidator(_file_name),
-]
-"""Part of a file name on every operating system."""
-AxesText = Annotated[str, AfterValidator(_axes)]
-"""Lab directions of the files' x, y and z axis, such as "left,back,up"."""
-LengthUnit = Annotated[str, AfterValidator(_length_unit)]
-PlateUnitsText = Annotated[str, AfterValidator(_plate_units)]
-"""Units of force and moment, such as "N,Nmm", and of centres of pressure as a third."""
-DelayS = Annotated[float, Field(ge=-0.5, le=0.5)]
-"""Two devices of one laboratory disagree by some tens of milliseconds."""
-CoordinateM = Annotated[float, Field(ge=-2, le=2)]
-"""Within a treadmill and its frame."""
-PointM = Annotated[tuple[CoordinateM, CoordinateM, CoordinateM], Field(strict=False)]
-MotionCutoffHz = Annotated[float, Field(ge=0.1, le=50)]
-"""At most the Nyquist frequency of markers at 100 Hz."""
-BeltCutoffHz = Annotated[float, Field(ge=0.1, le=45)]
-"""Below the Nyquist frequency of belt speeds at 100 Hz, by the margin that the filter needs."""
-CalibrationCutoffHz = Annotated[float, Field(ge=0.1, le=100)]
-"""A treadmill's frame has no motion of its own worth calibrating beyond it."""
-ForceThresholdN = Annotated[float, Field(gt=0, le=200)]
-"""Above the noise of any plate, below the weight of any subject."""
-ShareOfCycle = Annotated[float, Field(gt=0, le=1)]
-MarkerOffsetM = Annotated[float, Field(ge=0, le=0.05)]
-"""Markers have radii of 2 to 25 mm; the rest is their base."""
-MassKg = Annotated[float, Field(ge=10, le=400)]
-HeightM = Annotated[float, Field(ge=0.5, le=2.6)]
-TimeS = Annotated[float, Field(ge=0)]
-AgeYears = Annotated[float, Field(ge=0, le=120)]
-KneeWidthM = Annotated[float, Field(ge=0.05, le=0.25)]
-AnkleWidthM = Annotated[float, Field(ge=0.03, le=0.2)]
 Covariate = Literal["height_m", "mass_kg", "sex", "age_years"]
 COVARIATES: Final[tuple[Covariate, ...]] = get_args(Covariate)
-AccelerometerRangeG = Annotated[float, Field(gt=0, le=200)]
-
-
 EventMethod = Literal["file", "zeni", "plates", "auto"]
 """Where a trial's gait events come from."""
 
@@ -111,49 +38,33 @@ EventMethod = Literal["file", "zeni", "plates", "auto"]
 class Settings(InputModel):
     """How trials are processed; printed with every result.
 
-    Attributes
-    ----------
-    cutoff_hz, filter
-        Low-pass on coordinates and forces alike; 6 Hz as in the Human Body Model.
-    marker_set
-        A shipped marker set or a TOML file; None recognises it from the labels.
-    hip
-        How hip joint centres are located.
-    marker_offset_m
-        From the skin to a marker's centre; by default a marker of 14 mm on a base of 2 mm.
-    plate_delay_s
-        Delay of the plates' time stamps relative to the markers'; None for that of the plates'
-        calibration, or none.
-    contact_threshold_n
-        Vertical force above which a foot is on a plate.
-    min_valid_share
-        Share of a gait cycle's frames that have to count (the plates carry the subject and the
-        filters have settled); with less it is left out, with more those frames count. The same of
-        a recording that is used because it has no gait cycle; with less there are no residuals.
-    events
-        Where gait events come from: "file", as recorded; "zeni", turns of heel and toe; "plates",
-        where a plate carries one foot alone; "auto", the motion of the feet and the plates
-        together. None takes the file's where it has some, else "auto".
-    engine
-        What computes the inverse dynamics; None for Pinocchio where it can be imported, else the
-        kernels.
-
     Examples
     --------
     >>> Settings(cutoff_hz=8.0).filter
     'zero_phase'
     """
 
-    cutoff_hz: MotionCutoffHz = 6.0
-    filter: Method = "zero_phase"
-    marker_set: Text | None = None
+    marker_set: Text | None = Field(None, examples=["hbm2"])
+    """Marker set: hbm2, hbm1, pig, cgm2, ior (with _lower: pelvis and legs), or a TOML file;
+    default: recognised from the labels."""
+    cutoff_hz: Annotated[float, Field(ge=0.1, le=50)] = 6.0
+    """Cut-off of the Butterworth low-pass on coordinates and forces alike."""
+    filter: Literal["realtime", "zero_phase"] = "zero_phase"
+    """zero_phase, or realtime: causal, as in the Human Body Model."""
     hip: Literal["harrington", "bell", "functional"] = "harrington"
-    marker_offset_m: MarkerOffsetM = MARKER_OFFSET_M
-    plate_delay_s: DelayS | None = None
-    contact_threshold_n: ForceThresholdN = 30.0
-    min_valid_share: ShareOfCycle = 0.5
-    events: EventMethod | None = None
-    engine: EngineName | None = None
+    """Hip joint centres: harrington (2007), bell (1990) or functional."""
+    marker_offset_m: Annotated[float, Field(ge=0, le=0.05)] = MARKER_OFFSET_M
+    """Distance from the skin to a marker's centre."""
+    plate_delay_s: DelayS | None = Field(None, examples=[0.0])
+    """Delay of the plates relative to the markers; default: their calibration's, or none."""
+    contact_threshold_n: Annotated[float, Field(gt=0, le=200)] = 30.0
+    """Vertical force above which a foot is on a plate."""
+    min_valid_share: Annotated[float, Field(gt=0, le=1)] = 0.5
+    """Smallest share of frames that count in a gait cycle, or in a recording without one."""
+    events: EventMethod | None = Field(None, examples=["auto"])
+    """Gait events: file, zeni, plates or auto; default: the file's if any, else auto."""
+    engine: EngineName | None = Field(None, examples=["kernels"])
+    """Inverse dynamics by pinocchio or kernels; default: pinocchio where installed."""
 
 
 class Subject(InputModel):
@@ -166,16 +77,55 @@ class Subject(InputModel):
     """
 
     id: Name = "subject"
+    """Name of the subject, part of file names."""
     sex: Sex = "unspecified"
-    mass_kg: MassKg | None = None
-    height_m: HeightM | None = None
-    age_years: AgeYears | None = None
-    knee_width_m: KneeWidthM | None = None
-    ankle_width_m: AnkleWidthM | None = None
+    """male, female or unspecified."""
+    mass_kg: Annotated[float, Field(ge=10, le=400)] | None = Field(None, examples=[65.0])
+    """Body mass; default: measured by the plates, else the file's."""
+    height_m: Annotated[float, Field(ge=0.5, le=2.6)] | None = Field(None, examples=[1.70])
+    """Stature; default: the file's, or estimated from the legs."""
+    age_years: Annotated[float, Field(ge=0, le=120)] | None = Field(None, examples=[26.0])
+    """Age; a covariate."""
+    knee_width_m: Annotated[float, Field(ge=0.05, le=0.25)] | None = Field(None, examples=[0.105])
+    """Knee width, without medial markers; default: the file's, or estimated."""
+    ankle_width_m: Annotated[float, Field(ge=0.03, le=0.2)] | None = Field(None, examples=[0.072])
+    """Ankle width, without medial markers; default: the file's, or estimated."""
+
+
+class RecordingRules(InputModel):
+    """How recordings are to be read, where their files do not say it themselves, or wrongly.
+
+    Examples
+    --------
+    >>> RecordingRules(units="mm", plate_units="N,Nmm").stated().plate_units
+    'N,Nmm'
+    """
+
+    axes: AxesText | None = Field(None, examples=["left,back,up"])
+    """Where the files' x, y, z point, e.g. left,back,up; default: inferred."""
+    units: LengthUnit | None = Field(None, examples=["mm"])
+    """Unit of the markers, e.g. mm; default: the files'."""
+    plate_units: PlateUnitsText | None = Field(None, examples=["N,Nmm"])
+    """Units of the plates' forces and moments, and as a third of centres of pressure, e.g. N,Nmm;
+    default: the files'."""
+    label_prefix: Text | None = Field(None, examples=["S01"])
+    """Label prefix of the subject, or its number, where several carry the same labels."""
+    marker_stream: Text | None = Field(None, examples=["Cameras"])
+    """Stream that holds the markers, where several of an XDF file do."""
+    rename: dict[Text, Text] = Field(default_factory=dict, examples=[{"LASI": "LASIS"}])
+    """Label in the files, without prefix, and the label wanted."""
+
+    def stated(self, marker_set: MarkerSet | None = None) -> Stated:
+        """Give what is stated to those who read files, with the set that the markers are of."""
+        own = {name: getattr(self, name) for name in RecordingRules.model_fields}
+        return Stated(**own, marker_set=marker_set)
 
 
 class Platform(InputModel):
     """How the platform's pose is known: from markers on it, or from its commanded motion.
+
+    Sway to the left and pitch with the front going down are positive. Leave it out for a treadmill
+    that does not move.
 
     Examples
     --------
@@ -183,11 +133,17 @@ class Platform(InputModel):
     ('Sway', 'Pitch')
     """
 
-    markers: Labels = ()
-    sway_channel: Text | None = None
-    pitch_channel: Text | None = None
+    markers: Labels = Field((), examples=[["PLAT1", "PLAT2", "PLAT3", "PLAT4"]])
+    """Three markers or more on the platform."""
+    sway_channel: Text | None = Field(None, examples=["Sway"])
+    """Channel of the commanded sway, in place of markers and less exact."""
+    pitch_channel: Text | None = Field(None, examples=["Pitch"])
+    """Channel of the commanded pitch."""
     pivot_m: PointM = (0.0, 0.0, 0.0)
+    """A point on the pitch axis, in the lab; for channels."""
     delay_s: DelayS = 0.0
+    """Delay of the channels relative to the motion; negative where the platform lags behind its
+    command."""
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -196,21 +152,20 @@ class Platform(InputModel):
 
 
 class Belt(InputModel):
-    """How the plates are compensated for the belts' acceleration."""
+    """How the plates are compensated for the belts' acceleration, before sway and pitch."""
 
-    calibration: Text
-    speed_channels: Annotated[Labels, Field(min_length=1)]
-    cutoff_hz: BeltCutoffHz = 10.0
+    calibration: Text = Field(examples=["belts.c3d"])
+    """The empty treadmill, belts accelerating at random."""
+    speed_channels: Annotated[Labels, Field(min_length=1)] = Field(
+        examples=[["Belt.Left", "Belt.Right"]]
+    )
+    """Channel of belt speed for each plate, or one for all."""
+    cutoff_hz: Annotated[float, Field(ge=0.1, le=45)] = 10.0
+    """Low-pass on belt acceleration and pitch moment."""
 
 
 class Treadmill(InputModel):
     """The machine: its accelerometers, its calibration, its belts, its platform.
-
-    ``beside`` are recordings of people beside an empty plate, fitted together with a calibration
-    that is a recording. ``check`` is an empty recording of another day, with which the calibration
-    is compared. Without ``accelerometer_delay_s`` the calibration estimates the accelerometers'
-    delays. Without ``inertia_model`` = "static" or "dynamic" it chooses the better one
-    (docs/calibration.md).
 
     Examples
     --------
@@ -219,15 +174,34 @@ class Treadmill(InputModel):
     2.0
     """
 
-    calibration: Text | None = None
-    beside: Labels = ()
-    check: Text | None = None
-    accelerometers: dict[Name, Channels] = Field(default_factory=dict)
-    accelerometer_unit: Text | None = None
-    accelerometer_delay_s: DelayS | None = None
-    accelerometer_range_g: AccelerometerRangeG = 2.0
-    cutoff_hz: CalibrationCutoffHz = 20.0
+    calibration: Text | None = Field(None, examples=["calibration.c3d"])
+    """Recording of the empty, moving treadmill (.c3d), or a calibration fitted to one (.json)."""
+    beside: Labels = Field((), examples=[["walking_right.c3d", "walking_left.c3d", "boards.c3d"]])
+    """Recordings of people beside an empty plate, fitted with the calibration recording."""
+    check: Text | None = Field(None, examples=["empty_day2.c3d"])
+    """The empty treadmill on another day: is the calibration still valid?."""
+    accelerometer_unit: Text | None = Field(None, examples=["g"])
+    """g or m/s²; default: as the file says."""
+    accelerometer_range_g: Annotated[float, Field(gt=0, le=200)] = 2.0
+    """Largest acceleration that the accelerometers can measure."""
+    accelerometer_delay_s: DelayS | None = Field(None, examples=[0.0])
+    """Delay of the accelerometers relative to the plates; default: estimated from the calibration
+    recording."""
     inertia_model: Literal["auto", "static", "dynamic"] = "auto"
+    """static, dynamic, or auto: dynamic where clearly and safely better."""
+    cutoff_hz: FilterCutoffHz = 20.0
+    """Low-pass of the calibration, and of plates and accelerometers in trials; well above that of
+    the settings."""
+    accelerometers: dict[Name, Channels] = Field(
+        default_factory=dict,
+        examples=[
+            {
+                "rear_left": ["Acc1.X", "Acc1.Y", "Acc1.Z"],
+                "front_right": ["Acc2.X", "Acc2.Y", "Acc2.Z"],
+            }
+        ],
+    )
+    """Sensor and its x, y and z channels."""
     belt: Belt | None = None
     platform: Platform | None = None
 
@@ -285,9 +259,11 @@ class Treadmill(InputModel):
 
 
 class Plates(InputModel):
-    """The force plates: the calibration that 'hbm plates' found with known weights."""
+    """The force plates."""
 
-    calibration: Text | None = None
+    calibration: Text | None = Field(None, examples=["plate_calibration.json"])
+    """What 'hbm plates' found with known weights: a 6x6 matrix, an offset and a delay of each
+    plate."""
 
     @field_validator("calibration")
     @classmethod
@@ -297,22 +273,61 @@ class Plates(InputModel):
         return name
 
 
+ALLOWED: Final = '"cycle", "motion", "recording", [start_s, stop_s] or ["10 %", "40 %"]'
+MAX_STOP: Final = 1e6
+"""Seconds; no recording is longer."""
+PERCENT: Final = re.compile(r"\s*(-?\d+(?:\.\d+)?)\s*%\s*", re.ASCII)
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """Start and stop of what counts.
+
+    In seconds from the recording's first frame or, in a perturbed condition, from the onset of each
+    perturbation; or in percent of the perturbed gait cycle.
+
+    Examples
+    --------
+    >>> print(Interval(10.0, 40.0, "%"))
+    10 to 40 %
+    """
+
+    start: float
+    stop: float
+    unit: Literal["s", "%"]
+
+    def __str__(self) -> str:
+        return f"{self.start:g} to {self.stop:g} {self.unit}"
+
+
+def _window(stated: object) -> object:
+    if isinstance(stated, Interval) or stated in ("cycle", "motion", "recording"):
+        return stated
+    if not isinstance(stated, list | tuple) or len(stated) != 2:
+        raise ValueError(f"must be {ALLOWED}, got {shown(stated)}")
+    percents = [PERCENT.fullmatch(bound) for bound in stated if isinstance(bound, str)]
+    numbers: list[float] = [bound for bound in stated if isinstance(bound, int | float)]
+    unit: Literal["s", "%"] = "%" if percents else "s"
+    if percents:
+        numbers = [float(match[1]) for match in percents if match]
+    if len(numbers) != 2 or any(isinstance(bound, bool) for bound in stated):
+        raise ValueError(f"must be {ALLOWED}, got {shown(stated)}")
+    start, stop = numbers
+    if start < 0:
+        raise ValueError(f"must not begin before zero, got {shown(stated)}")
+    if not start < stop <= MAX_STOP:
+        raise ValueError(f"must be [start, stop] with start < stop, got {shown(stated)}")
+    if unit == "%" and stop > 100:
+        raise ValueError(f"ends beyond 100 % of the gait cycle, got {shown(stated)}")
+    return Interval(float(start), float(stop), unit)
+
+
+Window = Annotated[Literal["cycle", "motion", "recording"] | Interval, BeforeValidator(_window)]
+"""Gait cycles, their part while the platform moves, all of the recording, or an interval."""
+
+
 class Condition(InputModel):
     """What of a condition is analysed: gait cycles, a part of them, or a span of the recording.
-
-    Attributes
-    ----------
-    window
-        "cycle": gait cycles; "recording": all of it, for standing; or a span [start_s, stop_s].
-        Where it is not stated: gait cycles or, where a trial has none, its whole recording. Of
-        perturbed gait cycles also a part: "motion", from each onset for as long as the platform
-        moves fast; [start_s, stop_s] from each onset; or ["10 %", "40 %"] of each cycle.
-    cycles
-        How many gait cycles; None for all.
-    perturbed, pulse_channel
-        Whether only cycles that contain a perturbation count, and the channel that rises with it.
-    skip_s
-        Left out at the start.
 
     Examples
     --------
@@ -324,11 +339,18 @@ class Condition(InputModel):
     10 to 40 %
     """
 
-    window: Window | None = None
-    cycles: Annotated[int, Field(ge=1)] | None = None
-    perturbed: bool = False
-    pulse_channel: Text | None = None
+    cycles: Annotated[int, Field(ge=1)] | None = Field(None, examples=[20])
+    """How many gait cycles are analysed; default: all."""
     skip_s: Annotated[float, Field(ge=0)] = 0.0
+    """Time left out at the start."""
+    perturbed: bool = Field(False, examples=[True])
+    """Only gait cycles that contain a perturbation."""
+    pulse_channel: Text | None = Field(None, examples=["Perturbation"])
+    """Channel that rises at each onset; default: the platform's motion."""
+    window: Window | None = Field(None, examples=["motion"])
+    """What counts: "cycle"; "recording", for standing; or a span [start_s, stop_s]. Of perturbed
+    gait cycles: "motion", while the platform moves fast; [start_s, stop_s] from each onset; or ["10
+    %", "40 %"] of each. Default: gait cycles, or the whole recording of a trial that has none."""
 
     @model_validator(mode="after")
     def _used(self) -> "Condition":
@@ -369,28 +391,11 @@ class Condition(InputModel):
 
 
 class Comparison(InputModel):
-    """Which conditions are compared, and how; what is not stated is as in experiment 3.
+    """Which conditions the report compares, and how.
 
-    Attributes
-    ----------
-    factor
-        What the conditions are levels of, as tables name it.
-    levels
-        The conditions to compare, in order; None for those of experiment 3 if the study has them,
-        else for all.
-    reference
-        The level that the others are compared with; None for the first.
-    pairs
-        Planned pairs of cells, such as "sway IC - baseline no IC"; None for those of experiment 3.
-    correction
-        Of the p-values for the number of planned pairs.
-    covariates
-        Of one further analysis of variance; None for sex and stature.
-    margin
-        Share of the reference residual by which a residual may exceed it and still be at its
-        level.
-    group
-        Key of the subjects' files that tells apart groups of subjects.
+    Without it: baseline, sway and pitch where they are stated, or else all conditions in their
+    order, the first as reference. Compensation is a second factor where there is a calibration, in
+    the pairs as 'IC' and 'no IC'; without, pairs are such as "sway - baseline".
 
     Examples
     --------
@@ -399,13 +404,35 @@ class Comparison(InputModel):
     """
 
     factor: Name = "condition"
-    levels: Annotated[Labels, Field(min_length=2)] | None = None
-    reference: Text | None = None
-    pairs: Labels | None = None
-    correction: Correction = "bonferroni"
-    covariates: Annotated[tuple[Covariate, ...], Field(strict=False)] | None = None
+    """What the conditions are levels of, as tables name it."""
+    levels: Annotated[Labels, Field(min_length=2)] | None = Field(
+        None, examples=[["baseline", "sway", "pitch"]]
+    )
+    """Conditions to compare, in order."""
+    reference: Text | None = Field(None, examples=["baseline"])
+    """Level that the others are compared with; default: the first."""
+    pairs: Labels | None = Field(
+        None,
+        examples=[
+            [
+                *("baseline IC - baseline no IC", "sway IC - sway no IC"),
+                *("pitch IC - pitch no IC", "sway IC - baseline no IC"),
+                "pitch IC - baseline no IC",
+            ]
+        ],
+    )
+    """Planned pairs of cells."""
+    correction: Literal["bonferroni", "holm"] = "bonferroni"
+    """Of their p-values for the number of pairs: bonferroni or holm."""
+    covariates: Annotated[tuple[Covariate, ...], Field(strict=False)] | None = Field(
+        None, examples=[["sex", "height_m"]]
+    )
+    """Any of height_m, mass_kg, sex, age_years; default: sex and stature."""
     margin: Annotated[float, Field(gt=0, le=1)] = 0.2
-    group: Literal["group", "sex"] | None = None
+    """Share of the reference residual by which a residual may exceed it and still be at its
+    level."""
+    group: Literal["group", "sex"] | None = Field(None, examples=["group"])
+    """Key of the subjects' files that tells groups apart: group or sex."""
 
     @model_validator(mode="after")
     def _once(self) -> "Comparison":
@@ -413,7 +440,7 @@ class Comparison(InputModel):
             stated = getattr(self, key) or ()
             if repeated := sorted({name for name in stated if stated.count(name) > 1}):
                 raise ValueError(f"{key}: {', '.join(repeated)} is stated more than once")
-        if self.factor in (COMPENSATION, "group", *COVARIATES):
+        if self.factor in ("IC", "group", *COVARIATES):
             raise ValueError(f"factor: {self.factor} is the name of another factor; choose another")
         if self.group is not None and self.group in (self.covariates or ()):
             raise ValueError(f"covariates: {self.group} tells the groups apart already")
@@ -421,31 +448,28 @@ class Comparison(InputModel):
 
 
 class PlateContact(InputModel):
-    """Whose foot was on a plate, where the centre of pressure cannot tell.
+    """Whose foot was on a plate, where the centre of pressure cannot tell."""
 
-    Attributes
-    ----------
-    plate
-        Number of the plate in the file, from 1.
-    time_s
-        Any instant of the contact, from the recording's first frame.
-    foot
-        "left" or "right".
-    """
-
-    plate: Annotated[int, Field(ge=1, le=99)]
-    time_s: TimeS
-    foot: Literal["left", "right"]
+    plate: Annotated[int, Field(ge=1, le=99)] = Field(examples=[1])
+    """Number of the plate in the file, from 1."""
+    time_s: Annotated[float, Field(ge=0)] = Field(examples=[3.2])
+    """Any instant of the contact, from the first frame."""
+    foot: Literal["left", "right"] = Field(examples=["left"])
+    """left or right."""
 
 
 class Trial(InputModel):
     """One recording with the files that belong to it, or the reason why there is none."""
 
     file: Text | None = None
-    forces: Text | None = None
-    record: Text | None = None
-    contacts: Annotated[tuple[PlateContact, ...], Field(strict=False)] = ()
+    """The recording."""
+    forces: Text | None = Field(None, examples=["sub01_baseline.mot"])
+    """Ground reaction forces (.mot) of a .trc file."""
+    record: Text | None = Field(None, examples=["sub01_record.txt"])
+    """Record module's file of D-Flow's mocap text."""
     exclude: Text | None = None
+    """Why the trial cannot be used; it stays in the table with this reason."""
+    contacts: Annotated[tuple[PlateContact, ...], Field(strict=False)] = ()
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -453,70 +477,32 @@ class Trial(InputModel):
         return tuple(filter(None, (self.file, self.forces, self.record)))
 
 
-class RecordingRules(InputModel):
-    """How recordings are to be read, where their files do not say it themselves, or wrongly.
-
-    Attributes
-    ----------
-    axes
-        Lab directions of the files' axes; None infers them.
-    rename
-        Label in the files, without the prefix of a subject -> label wanted.
-    label_prefix
-        Prefix of the subject wanted, or its number, where several carry the same labels.
-    marker_stream
-        Name of the stream that holds the markers, where several of an XDF file do.
-    units
-        Unit of the markers' positions.
-    plate_units
-        Units of the plates' channels.
-
-    Examples
-    --------
-    >>> RecordingRules(units="mm", plate_units="N,Nmm").stated().plate_units
-    'N,Nmm'
-    """
-
-    axes: AxesText | None = None
-    rename: dict[Text, Text] = Field(default_factory=dict)
-    label_prefix: Text | None = None
-    marker_stream: Text | None = None
-    units: LengthUnit | None = None
-    plate_units: PlateUnitsText | None = None
-
-    def stated(self, marker_set: MarkerSet | None = None) -> Stated:
-        """Give what is stated to those who read files, with the set that the markers are of."""
-        return Stated(
-            axes=self.axes,
-            rename=self.rename,
-            label_prefix=self.label_prefix,
-            marker_stream=self.marker_stream,
-            units=self.units,
-            plate_units=self.plate_units,
-            marker_set=marker_set,
-        )
-
-
 class StudyFile(RecordingRules):
     """The contents of ``study.toml``."""
 
     name: Annotated[str, AfterValidator(printable)] = "study"
+    """Name of the study, in the report."""
     settings: Settings = Settings()
     plates: Plates = Plates()
     treadmill: Treadmill = Treadmill()
     live: Live = Live()
-    comparison: Comparison | None = None
     conditions: Annotated[dict[Name, Condition], Field(min_length=1)]
+    comparison: Comparison | None = None
 
 
 class SubjectFile(Subject):
     """The contents of a subject's file."""
 
     id: Name
-    group: Text | None = None
-    static: Text | None = None
-    hip_trial: Text | None = None
-    segments: Text | None = None
+    """Name of the subject, part of file names."""
+    group: Text | None = Field(None, examples=["before surgery"])
+    """Group of the subject, where [comparison] in study.toml compares groups."""
+    static: Text | None = Field(None, examples=["sub01_static.c3d"])
+    """Calibration pose; default: the quietest second of each trial."""
+    hip_trial: Text | None = Field(None, examples=["sub01_star.c3d"])
+    """Recording in which both thighs swing, for functional hip centres."""
+    segments: Text | None = Field(None, examples=["sub01_segments.toml"])
+    """TOML with known segment inertias: prostheses, braces, shoes, scans."""
     trials: dict[str, Trial]
 
     @property

@@ -4,28 +4,30 @@
 folder is a subject. File names in them are relative to the folder.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from hbm.coordinates import SEGMENTS
 from hbm.markers import MarkerSet, marker_sets, read_marker_set
-from hbm.spelling import did_you_mean, shown
-from hbm.toml_text import Table
+from hbm.spelling import Table, did_you_mean, listed, short, shown
 from pipeline.config.comparison import comparison_faults
-from pipeline.config.consistency import (
-    body_faults,
-    plate_faults,
-    result_name_faults,
-    treadmill_faults,
-    trial_faults,
-)
+from pipeline.config.plate_correction import read_plate_correction
 from pipeline.config.schema import Condition, StudyFile, SubjectFile
-from pipeline.config.simulated import SIMULATED
-from pipeline.config.toml_file import check_table, read_table
-from pipeline.config.validation import StudyFaults
+from pipeline.config.toml_file import (
+    SIMULATED,
+    StudyFaults,
+    check_table,
+    missing_file,
+    read_segments,
+    read_table,
+)
 from pipeline.io.input_file import is_file, read_text
 from pipeline.io.stated import Stated
+
+MIN_PLATFORM_MARKERS: Final = 3
+"""Fewer points do not determine the pose of a rigid body."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,8 +133,8 @@ def read_study(folder: str | Path, *, recordings: bool = True) -> Study:
     marker_set = None
     if file is not None:
         marker_set = _own_marker_set(folder, file, faults)
-        faults += treadmill_faults(folder, file)
-        faults += plate_faults(folder, file)
+        faults += _treadmill_faults(folder, file)
+        faults += _plate_faults(folder, file)
         faults += comparison_faults(file, subjects)
     if faults and (folder / SIMULATED).is_file() and not any(folder.glob("*.c3d")):
         raise StudyFaults([f"{folder}: no recordings yet; 'hbm simulate {folder}' writes them"])
@@ -168,12 +170,12 @@ def _subjects(
             table = read_table(path)
             if _is_not_a_subject(table):
                 continue
-            faults += trial_faults(folder, path.name, table, conditions, recordings=recordings)
+            faults += _trial_faults(folder, path.name, table, conditions, recordings=recordings)
             subject = check_table(path.name, table, SubjectFile)
         except StudyFaults as error:
             faults += error.faults
             continue
-        faults += body_faults(folder, path.name, subject, file)
+        faults += _body_faults(folder, path.name, subject, file)
         if subject.id in subjects:
             faults.append(f"{path.name}: id: {subject.id!r} is already taken by another file")
         subjects[subject.id] = subject
@@ -182,7 +184,7 @@ def _subjects(
             faults.append(f"{folder}: no subject files (one TOML per subject, next to study.toml)")
         elif not any(person.trials for person in subjects.values()):
             faults.append(f"{folder}: no subject has a trial; state them as [trials.CONDITION]")
-    faults += result_name_faults(subjects)
+    faults += _result_name_faults(subjects)
     return subjects
 
 
@@ -214,3 +216,117 @@ def _own_marker_set(folder: Path, file: StudyFile, faults: list[str]) -> MarkerS
     except ValueError as error:
         faults.append(f"{path.name}: {error}")
         return None
+
+
+def _treadmill_faults(folder: Path, file: StudyFile) -> list[str]:
+    """Check the treadmill of ``study.toml`` against the folder and the conditions."""
+    treadmill, platform, faults = file.treadmill, file.treadmill.platform, []
+    for key, name in treadmill.files.items():
+        faults += missing_file(folder, f"study.toml: treadmill.{key}", name)
+    if platform is not None:
+        where = "study.toml: treadmill.platform"
+        markers = set(platform.markers)
+        if markers and platform.channels:
+            faults.append(f"{where}: give either markers or channels, not both")
+        elif not markers and not platform.channels:
+            faults.append(f"{where}: give its markers, or its sway_channel or pitch_channel")
+        elif markers and len(markers) < MIN_PLATFORM_MARKERS:
+            faults.append(
+                f"{where}.markers: at least {MIN_PLATFORM_MARKERS} different markers are needed, "
+                f"got {', '.join(platform.markers)}"
+            )
+    for name, condition in file.conditions.items():
+        if condition.perturbed and condition.pulse_channel is None and platform is None:
+            faults.append(
+                f"study.toml: conditions.{name}: perturbed needs a pulse_channel, or "
+                "treadmill.platform, from whose motion the perturbations are detected"
+            )
+    return faults
+
+
+def _plate_faults(folder: Path, file: StudyFile) -> list[str]:
+    """Check the calibration of the plates that ``study.toml`` names, and the delay beside it."""
+    name = file.plates.calibration
+    if name is None:
+        return []
+    where = "study.toml: plates.calibration"
+    if missing := missing_file(folder, where, name):
+        return missing
+    try:
+        read_plate_correction(folder / name).require_delay(file.settings.plate_delay_s)
+    except (ValueError, OSError) as error:
+        return [f"{where}: {error}"]
+    return []
+
+
+def _body_faults(
+    folder: Path, name: str, subject: SubjectFile, file: StudyFile | None
+) -> list[str]:
+    """Check what a subject's file states of the body against the settings and the folder."""
+    faults = []
+    if subject.segments and is_file(folder / subject.segments):
+        try:
+            read_segments(folder / subject.segments)
+        except ValueError as error:
+            faults.append(f"{name}: segments: {error}")
+    if file is None:
+        return faults
+    functional = file.settings.hip == "functional"
+    if functional and subject.hip_trial is None:
+        faults.append(
+            f'{name}: hip_trial: is missing; settings.hip = "functional" in study.toml needs a '
+            "recording in which both thighs swing"
+        )
+    if not functional and subject.hip_trial is not None:
+        faults.append(
+            f'{name}: hip_trial: has no effect unless settings.hip = "functional" in study.toml'
+        )
+    return faults
+
+
+def _trial_faults(
+    folder: Path,
+    name: str,
+    table: Table,
+    conditions: Collection[str] | None,
+    *,
+    recordings: bool = True,
+) -> list[str]:
+    """Check a subject's trials against the conditions, if these are known, and the folder.
+
+    The table is unchecked: what else is wrong with it must not hide a missing recording.
+    """
+    faults = []
+    trials = table.get("trials", {})
+    for condition, trial in trials.items() if isinstance(trials, dict) else ():
+        where = f"{name}: trials.{short(condition)}"
+        if conditions is not None and condition not in conditions:
+            hint = did_you_mean(condition, conditions) or f"; there are {listed(conditions)}"
+            faults.append(f"{where}: no such condition in study.toml{hint}")
+        if not isinstance(trial, dict) or "exclude" in trial:
+            continue
+        if "file" not in trial:
+            faults.append(f'{where}: needs a file, or exclude = "the reason why there is none"')
+        for key in ("file", "forces", "record"):
+            if recordings and isinstance(trial.get(key), str) and trial[key]:
+                faults += missing_file(folder, f"{where}.{key}", trial[key])
+    for key in ("static", "hip_trial", "segments"):
+        if recordings and isinstance(table.get(key), str) and table[key]:
+            faults += missing_file(folder, f"{name}: {key}", table[key])
+    return faults
+
+
+def _result_name_faults(subjects: Mapping[str, SubjectFile]) -> list[str]:
+    """Find trials whose results would be written to the same file."""
+    taken: dict[str, str] = {}
+    faults = []
+    for subject, person in subjects.items():
+        for condition in person.trials:
+            name = f"{subject}_{condition}"
+            other = taken.setdefault(name.casefold(), f"{subject} {condition}")
+            if other != f"{subject} {condition}":
+                faults.append(
+                    f"the results of {subject} {condition} and of {other} would both be called "
+                    f"{name}; rename the subject or the condition"
+                )
+    return faults

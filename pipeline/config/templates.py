@@ -1,23 +1,67 @@
-"""A study to start from: commented TOML files."""
+"""What people read of the settings: the template of a study, and the table in the docs.
 
-from importlib.resources import files
+Both are made from the fields in `pipeline.config.schema`: name, default or example, description.
+"""
+
+import json
+import textwrap
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any, Final
 
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from pipeline.config.schema import Settings, StudyFile, SubjectFile
+from pipeline.config.toml_file import models_in
 from pipeline.io.write import whole_file
+
+WIDTH: Final = 30
+"""Columns of a key and its value, before the description."""
+STUDY: Final = """\
+# A study: the laboratory, how trials are processed, and the conditions.
+# Every other TOML file in this folder is a subject. File names are relative to this folder.
+# Units are in the names of the keys. 'hbm check .' lists what is missing.
+# Keys behind a # are not stated: their value is the default, or an example.
+"""
+SUBJECT: Final = """\
+# One subject. Copy this file for every further one.
+
+# A file of segments holds a table for each, such as [left_shank], with any of mass_kg = 1.9, of
+# the centre of mass from the proximal joint, center_m = [0.0, 0.0, -0.11] (forward, left, up when
+# standing), and of inertia_kg_m2 = [0.021, 0.021, 0.002] about it; [right_foot.worn], with mass_kg
+# and center_m, adds what the segment carries, such as a shoe.
+"""
+GIVEN_STUDY: Final = {
+    "name": "My study",
+    "settings": {},
+    "plates": {},
+    "treadmill": {},
+    "conditions": {
+        "baseline": {"cycles": 50, "skip_s": 10.0},
+        "sway": {
+            "cycles": 20,
+            "perturbed": True,
+            "pulse_channel": "Perturbation",
+            "window": "motion",
+        },
+        "pitch": {"cycles": 50, "skip_s": 10.0},
+    },
+}
+GIVEN_SUBJECT: Final = {
+    "id": "sub01",
+    "sex": "female",
+    "height_m": 1.70,
+    "trials": {
+        "baseline": {"file": "sub01_baseline.c3d"},
+        "sway": {"file": "sub01_sway.c3d"},
+        "pitch": {"exclude": "not recorded yet"},
+    },
+}
 
 
 def write_template(folder: Path) -> tuple[Path, Path]:
-    """Write a commented ``study.toml`` and a subject's file.
-
-    Parameters
-    ----------
-    folder
-        Where; made if it does not exist.
-
-    Returns
-    -------
-    tuple of Path
-        The two files.
+    """Write a commented ``study.toml`` and a subject's file; give both.
 
     Raises
     ------
@@ -31,11 +75,75 @@ def write_template(folder: Path) -> tuple[Path, Path]:
         if path.exists():
             raise ValueError(f"{path} is already there; nothing was written")
     with whole_file(study) as new_study, whole_file(subject) as new_subject:
-        new_study.write_text(template_text("study_template.toml"), encoding="utf-8")
-        new_subject.write_text(template_text("subject_template.toml"), encoding="utf-8")
+        new_study.write_text(template(StudyFile, STUDY, GIVEN_STUDY), encoding="utf-8")
+        new_subject.write_text(template(SubjectFile, SUBJECT, GIVEN_SUBJECT), encoding="utf-8")
     return study, subject
 
 
-def template_text(name: str) -> str:
-    """Give the text of a template of this package."""
-    return files("pipeline.config").joinpath(name).read_text(encoding="utf-8")
+def template(kind: type[BaseModel], heading: str, given: Mapping[str, Any]) -> str:
+    """Give a commented TOML file with every key of a model; those that are not given behind a #."""
+    return "\n".join([heading, *_lines(kind, "", given)]) + "\n"
+
+
+def _lines(kind: type[BaseModel], table: str, given: Mapping[str, Any] | None) -> list[str]:
+    """Lay out a model's keys, then its tables; all behind a # where nothing is given."""
+    keys, tables = [], []
+    for name, field in kind.model_fields.items():
+        place = f"{table}.{name}" if table else name
+        stated = None if given is None else given.get(name)
+        if inner := models_in(field.annotation):
+            tables += _tables(inner[0], place, field, stated)
+        elif isinstance(example := _example(field), dict):
+            comment = _comment(f"# [{place}]", field.description)
+            tables += ["", *comment, *(f"# {k} = {json.dumps(v)}" for k, v in example.items())]
+        else:
+            sign, value = ("# ", _example(field)) if stated is None else ("", stated)
+            if value is not None:
+                text = f"{sign}{name} = {json.dumps(value, ensure_ascii=False)}"
+                keys += _comment(text, field.description)
+    return keys + tables
+
+
+def _tables(kind: type[BaseModel], place: str, field: FieldInfo, given: Any) -> list[str]:
+    """Lay out the table of a model, of each name of a mapping, or of a list's item."""
+    kind_of_table = str(field.annotation)
+    if kind_of_table.startswith("dict"):
+        lines = []
+        for number, (name, stated) in enumerate(given.items()):
+            keys = _lines(kind, f"{place}.{name}", stated)
+            if number:  # the keys that are not stated are shown once
+                keys = [f"{key} = {json.dumps(value)}" for key, value in stated.items()]
+            lines += ["", f"[{place}.{name}]", *keys]
+        return lines
+    header = f"[[{place}]]" if "tuple" in kind_of_table else f"[{place}]"
+    about = (kind.__doc__ or "").partition("\n\n    Examples")[0].replace("\n    ", "\n")
+    lines = [f"# {line}".rstrip() for line in about.strip().splitlines()]
+    sign = "# " if given is None else ""
+    return ["", *lines, f"{sign}{header}", *_lines(kind, place, given)]
+
+
+def _example(field: FieldInfo) -> Any:
+    """Give the default of a field or, where there is none, an example."""
+    return field.examples[0] if field.examples else field.get_default(call_default_factory=False)
+
+
+def _comment(text: str, description: str | None) -> list[str]:
+    """Put a description behind a text, or above a long one."""
+    if len(text) > WIDTH:
+        return [*textwrap.wrap(f"# {description}", 100, subsequent_indent="# "), text]
+    first, *others = textwrap.wrap(description or "", 97 - WIDTH)
+    return [f"{text:<{WIDTH}} # {first}", *(f"{'#':<{WIDTH}} # {line}" for line in others)]
+
+
+def settings_table() -> str:
+    """Give the settings as a table for the docs: key, default, allowed values, meaning."""
+    lines = ["| key | default | allowed | meaning |", "|---|---|---|---|"]
+    for name, field in Settings.model_json_schema()["properties"].items():
+        stated = field["anyOf"][0] if "anyOf" in field else field
+        words = ", ".join(stated.get("enum", ()))
+        least = stated.get("minimum", stated.get("exclusiveMinimum"))
+        allowed = words if least is None else f"{least:g} to {stated['maximum']:g}"
+        meaning = " ".join(field["description"].split())
+        default = "" if field["default"] is None else f"`{json.dumps(field['default'])}`"
+        lines.append(f"| `{name}` | {default} | {allowed} | {meaning} |")
+    return "\n".join(lines) + "\n"

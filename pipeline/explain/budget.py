@@ -11,46 +11,25 @@ from pydantic import Field, PlainSerializer, PlainValidator
 from hbm.spatial import Array, Indices, read_only
 from pipeline.explain.shares import NORMAL_95
 from pipeline.trial.residuals import AXES
-from pipeline.trial.summary import StoredNote
+from pipeline.trial.result import StoredNote
 
 
-def _by_axis(values: Array) -> dict[str, float | None]:
-    """Name numbers by their axes; null where one is unknown."""
-    known = zip(AXES, values.tolist(), strict=True)
-    return {axis: None if np.isnan(value) else value for axis, value in known}
+def _by_axis(values: Array) -> dict[str, list[float] | float]:
+    """Name numbers by their axes, of which there is one of each or one per draw."""
+    return {axis: values[..., k].tolist() for k, axis in enumerate(AXES)}
 
 
 def _of_axes(stored: object) -> Array:
+    """Read numbers by axis; null is unknown."""
     if isinstance(stored, Mapping):
         if tuple(stored) != AXES:
             raise ValueError(f"expected numbers by axis, {', '.join(AXES)}")
-        stored = list(stored.values())
+        stored = np.transpose(np.array(list(stored.values()), float))
     return read_only(np.array(stored, float))
 
-
-def _as_it_is(bands: object) -> object:
-    return bands
-
-
-def _draws_by_axis(values: Array) -> dict[str, list[float]]:
-    return {axis: own.tolist() for axis, own in zip(AXES, values.T, strict=True)}
-
-
-def _draws_of_axes(stored: object) -> Array:
-    if isinstance(stored, Mapping):
-        if tuple(stored) != AXES:
-            raise ValueError(f"expected draws by axis, {', '.join(AXES)}")
-        stored = np.transpose(list(stored.values()))
-    return read_only(np.array(stored, float))
-
-
-Draws = Annotated[Array, PlainValidator(_draws_of_axes), PlainSerializer(_draws_by_axis)]
-"""Drawn numbers of the six axes, (N, 6); in JSON a list for each."""
 
 ByAxis = Annotated[Array, PlainValidator(_of_axes), PlainSerializer(_by_axis)]
-"""Numbers of the six axes, (6,); in JSON they are named."""
-
-
+"""Numbers of the six axes, (6,), or of N draws, (N, 6); in JSON they are named."""
 TOLD: Final = 0.8
 """Of the deviation before a trial is looked at, to which it has to shrink. What is usually there,
 as soft tissue is, would be certain of a trial that says nothing of it."""
@@ -154,28 +133,7 @@ class RmsUncertainty:
     deviation: ByAxis
     of_noise: ByAxis
     causes: tuple[CauseUncertainty, ...]
-    draws: Draws
-
-
-@dataclass(frozen=True, slots=True)
-class Drawn:
-    """How sure the RMS of residuals is, by Monte Carlo through the whole chain.
-
-    Attributes
-    ----------
-    draws
-        How many.
-    mean, deviation
-        Of the RMS with errors of usual size added, (6,) [N, N·m].
-    low, high
-        Between which 95 % of the draws are, (6,).
-    """
-
-    draws: int
-    mean: ByAxis
-    deviation: ByAxis
-    low: ByAxis
-    high: ByAxis
+    draws: ByAxis
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,8 +218,6 @@ class Budget:
         for whole ones.
     of_cycles
         The RMS of each cycle.
-    drawn
-        Monte Carlo, where it was asked for.
     bands
         The residuals over time; not in files of JSON.
     """
@@ -281,5 +237,4 @@ class Budget:
     uncertainty: tuple[RmsUncertainty, ...] = ()
     of_window: tuple[RmsUncertainty, ...] = ()
     of_cycles: tuple[CycleRms, ...] = ()
-    drawn: Drawn | None = None
-    bands: Annotated[Bands | None, PlainValidator(_as_it_is), Field(exclude=True)] = None
+    bands: Annotated[Bands | None, PlainValidator(lambda bands: bands), Field(exclude=True)] = None

@@ -1,13 +1,15 @@
 """Causes of residuals: what may be wrong, how large it usually is, and what it does."""
 
+import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
 from typing import Final, Literal
 
 import numpy as np
 
 from hbm.spatial import Array
-from pipeline.explain.priors import Prior
 from pipeline.explain.processing_chain import ProcessingChain
 from pipeline.statistics.measurement import Level
 
@@ -45,6 +47,45 @@ SHARED_WITHIN: Final[Mapping[CauseGroup, Level]] = {
 """Within what a cause has one size: all trials, those of a subject's visit, or a trial. Plates may
 be zeroed between trials, and skin follows the gait of a trial. What the filter leaves is computed
 and has no size."""
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """The usual size of a cause.
+
+    Attributes
+    ----------
+    size
+        One standard deviation.
+    unit
+        Of the size.
+    source
+        Where it is from.
+    advice
+        What a laboratory can do to know it better; empty where it has been done.
+    mean
+        What is expected: zero but where something is known of the trial.
+    """
+
+    size: float
+    unit: str
+    source: str
+    advice: str = ""
+    mean: float = 0.0
+
+
+@cache
+def priors() -> dict[str, Prior]:
+    """Give the usual sizes by kind of cause, as `priors.toml` lists them.
+
+    Examples
+    --------
+    >>> priors()["delay"].unit
+    's'
+    """
+    text = files("pipeline.explain").joinpath("priors.toml").read_text(encoding="utf-8")
+    return {kind: Prior(**own) for kind, own in tomllib.loads(text).items()}
+
 
 Change = Callable[[ProcessingChain, float], ProcessingChain]
 """Gives the chain with a cause of a size: as if the recording had that fault besides its own."""

@@ -10,25 +10,26 @@ from hbm.notes import Note
 from hbm.spatial import Array, Mask
 from pipeline.explain.budget import Budget, EstimatedCause, GroupShare
 from pipeline.explain.cause import OF_PERSON, Cause
-from pipeline.explain.causes.body import body_causes
-from pipeline.explain.causes.compensation import compensation_causes
-from pipeline.explain.causes.filtering import left_by_filter
-from pipeline.explain.causes.known_plates import KnownPlates, known_plates
+from pipeline.explain.causes.body import body_causes, soft_tissue_causes
 from pipeline.explain.causes.markers import marker_causes
-from pipeline.explain.causes.plates import plate_causes
-from pipeline.explain.causes.platform import platform_causes
-from pipeline.explain.causes.soft_tissue import soft_tissue_causes
-from pipeline.explain.cycle_series import CycleSeries, cycle_series
-from pipeline.explain.intervals import Intervals, interval
-from pipeline.explain.linearised import linearised, rms, sizes_from_cycles
-from pipeline.explain.posterior import Posterior
+from pipeline.explain.causes.plates import KnownPlates, known_plates, plate_causes
+from pipeline.explain.causes.treadmill import compensation_causes, platform_causes
 from pipeline.explain.processing_chain import ProcessingChain, processing_chain
 from pipeline.explain.shares import NORMAL_95, indistinct, shares_of_groups
+from pipeline.explain.sizes import (
+    CycleSeries,
+    Posterior,
+    cycle_series,
+    linearised,
+    rms,
+    sizes_from_cycles,
+)
+from pipeline.explain.uncertainty import Intervals, interval
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.quality import settling_s
 from pipeline.trial.residuals import windows
 from pipeline.trial.result import TrialResult
-from pipeline.trial.validity import settling_s
 
 MAX_FRAMES: Final = 6000
 """Of a long trial, a minute of which tells as much."""
@@ -40,9 +41,13 @@ HIGHEST_IN_CUTOFFS: Final = 1.1
 oscillates in ways that no cause describes well, and delays would be taken for them."""
 
 
-def explain_trial(
-    recording: Recording, laboratory: Laboratory, result: TrialResult, draws: int = 0
-) -> Budget:
+TRANSPARENT: Final = 4.0
+"""Cut-off that passes nearly all of a motion, in cut-offs of the trial: at 6 Hz, 24 Hz."""
+HIGHEST: Final = 0.3
+"""Of the frame rate: a filter's cut-off has to stay well below half of it."""
+
+
+def explain_trial(recording: Recording, laboratory: Laboratory, result: TrialResult) -> Budget:
     """Find what the residuals of a trial are made of.
 
     Parameters
@@ -53,8 +58,6 @@ def explain_trial(
         The treadmill and its calibrations, as when it was processed.
     result
         The processed trial.
-    draws
-        Of Monte Carlo, if any.
 
     Returns
     -------
@@ -125,7 +128,6 @@ def explain_trial(
         uncertainty=uncertain,
         of_window=intervals.of_window(result),
         of_cycles=intervals.of_cycles(),
-        drawn=intervals.drawn(draws) if draws else None,
         bands=intervals.bands(),
     )
 
@@ -186,7 +188,7 @@ def explained_part(
     chain = processing_chain(recording, laboratory, result, frames)
     inside = (spans[:, 0] >= chain.time[0]) & (spans[:, 1] <= chain.time[-1])
     to_hz = HIGHEST_IN_CUTOFFS * chain.settings.cutoff_hz
-    series = cycle_series(chain.time, spans[inside], to_hz, result.validity.counts[frames])
+    series = cycle_series(chain.time, spans[inside], to_hz, result.counts[frames])
     known = known_plates(chain, laboratory)
     causes = (
         *plate_causes(chain, known, None if known.delay_is_measured else _delay(result, known)),
@@ -197,6 +199,33 @@ def explained_part(
         *soft_tissue_causes(chain),
     )
     return ExplainedPart(chain, causes, series, found, to_hz)
+
+
+def left_by_filter(chain: ProcessingChain) -> Array:
+    """Compute what the filter leaves in the residual, (T, 6) [N, N·m].
+
+    The equations of motion multiply coordinates with each other and forces with positions, and the
+    product of filtered signals is not the filtered product. The residual of signals that hardly
+    pass a filter, itself passed through the filter of the trial, has no such part; it is what a
+    filter leaves of all other causes. Lab axes about the pelvis origin.
+
+    Parameters
+    ----------
+    chain
+        The trial.
+
+    Returns
+    -------
+    Array
+        Residual of filtered signals less the filtered residual; zero where both are the same.
+    """
+    cutoff_hz = chain.settings.cutoff_hz
+    rate_hz = (len(chain.time) - 1) / (chain.time[-1] - chain.time[0])
+    higher_hz = min(TRANSPARENT * cutoff_hz, HIGHEST * rate_hz)
+    if higher_hz <= cutoff_hz:
+        return chain.residual * 0.0
+    settings = chain.settings.model_copy(update={"cutoff_hz": higher_hz, "filter": "zero_phase"})
+    return chain.residual - chain.low_pass(chain.changed(settings=settings).residual)
 
 
 def _notes(part: ExplainedPart) -> Iterator[Note]:
@@ -222,7 +251,7 @@ def _spans(result: TrialResult) -> tuple[Array, int]:
 
     As in `pipeline.trial.residuals`, of the side with the most cycles.
     """
-    time, counts = result.motion.time, result.validity.counts
+    time, counts = result.motion.time, result.counts
     cycles = () if result.span else max(result.cycles.values(), key=len, default=())
     spans = np.reshape(cycles if len(cycles) else windows(result)[0].spans, (-1, 2))
     some = [counts[(time >= start) & (time < stop)].any() for start, stop in spans]

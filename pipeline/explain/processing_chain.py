@@ -8,10 +8,10 @@ from typing import Any, Final, Self
 import numpy as np
 
 from compensation import PlatformPose, to_lab
-from hbm.engines.choice import choose_engine
+from hbm.engines.engine import choose_engine
 from hbm.markers import Markers
 from hbm.model import Body
-from hbm.plausibility.marker_tracking import solve_motion
+from hbm.plausibility.outliers import solve_motion
 from hbm.signals.filtering import Filtered, butterworth, low_pass
 from hbm.spatial import Array, shift_wrench, transform_wrench
 from pipeline.config.schema import Settings

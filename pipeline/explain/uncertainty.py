@@ -1,25 +1,26 @@
 """How sure the size of residuals is: what usual errors of a measurement change it by.
 
-Two ways lead there. The delta method adds the effects of all causes, each about as large as usual.
-Monte Carlo draws the causes at random, all at once, and repeats the whole chain from displaced
-markers on; it costs some hundred times as much and is the reference.
+The delta method adds the effects of all causes, each about as large as usual.
 """
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
+from hbm.dynamics import Dynamics
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers
 from hbm.signals.samples import mean_rate_hz
-from hbm.spatial import Array
-from pipeline.explain.cause import SHARED_WITHIN, Cause
-from pipeline.explain.causes.markers import MarkerCause
-from pipeline.explain.priors import priors
+from hbm.spatial import Array, Indices
+from pipeline.explain.budget import Bands, CauseUncertainty, CycleRms, RmsUncertainty
+from pipeline.explain.cause import SHARED_WITHIN, Cause, priors
 from pipeline.explain.processing_chain import ProcessingChain
+from pipeline.explain.shares import NORMAL_95
+from pipeline.trial.residuals import counted, reported
+from pipeline.trial.result import TrialResult
 
 REST_HZ: Final = 6.0
 """Cut-off at which the noise of plates is stated."""
@@ -29,6 +30,10 @@ TINY: Final = 1e-30
 """Of a variance, so that nothing is divided by zero."""
 LOGARITHMS: Final = np.arange(-64.0, 64.0, 0.25)
 """Of the variable of integration, in which the integrand falls by e^-32 towards either end."""
+DRAWS: Final = 1000
+"""Of what trials share: a standard deviation is then sure to 2 %."""
+DECIMALS: Final = 3
+"""Of draws of an RMS [N, N·m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -252,10 +257,8 @@ def with_noise(
     return chain.with_wrenches(wrenches).with_coordinates(q)
 
 
-def draw_residuals(
-    chain: ProcessingChain, causes: Sequence[Cause], draws: int, seed: int = 0
-) -> Iterator[Array]:
-    """Draw residuals as they may have been measured, through the whole chain.
+class Intervals:
+    """How sure the residuals of a trial are, from the effects of causes of usual size.
 
     Parameters
     ----------
@@ -263,25 +266,104 @@ def draw_residuals(
         The trial.
     causes
         What may be wrong with it.
-    draws
-        How many.
-    seed
-        Of the draws.
-
-    Yields
-    ------
-    Array
-        The residual with all causes at once, each of a normally distributed size, and with other
-        noise, (T, 6) [N, N·m]: the inverse kinematics is solved again for markers and body.
+    effects
+        What each adds to the residual as it was measured, per unit, (K, T, 6).
+    cycles
+        Frames of each gait cycle that are explained.
+    subject, trial
+        Names of them: what trials share is drawn alike in all of them.
     """
-    rng = np.random.default_rng(seed)
-    for _ in range(draws):
-        size = rng.standard_normal(len(causes)) * [cause.prior.size for cause in causes]
-        changed, position = chain, chain.markers.position.copy()
-        unseen = np.zeros_like(chain.q)
-        for cause, own in zip(causes, size, strict=True):
-            if isinstance(cause, MarkerCause):
-                cause.displace(position, unseen, own)
-            else:
-                changed = cause.change(changed, own)
-        yield with_noise(changed, position, unseen, rng).residual
+
+    def __init__(
+        self,
+        chain: ProcessingChain,
+        causes: Sequence[Cause],
+        effects: Array,
+        cycles: Sequence[Indices],
+        subject: str = "",
+        trial: str = "",
+    ) -> None:
+        self._chain, self._causes, self._cycles = chain, causes, cycles
+        self._usual = np.array([cause.prior.size for cause in causes])[:, None, None] * effects
+        self._noise = noise_of_samples(chain)
+        self._frames = np.concatenate(cycles)
+        self._samples = samples_in_a_frame(chain)
+        self._sizes = shared_sizes(causes, subject, trial, DRAWS)
+
+    def bands(self) -> Bands:
+        """Give the residuals over time."""
+        number = np.repeat(np.arange(len(self._cycles)), [len(own) for own in self._cycles])
+        usual = self._usual[:, self._frames]
+        return Bands(
+            time=self._chain.time[self._frames],
+            cycle=number,
+            residual=reported(self._chain.residual[self._frames]),
+            deviation=np.sqrt((usual**2).sum(axis=0) + self._noise**2),
+        )
+
+    def of_trial(self, result: TrialResult) -> tuple[RmsUncertainty, ...]:
+        """Give how sure the RMS over all cycles is: as measured, and compensated where it is."""
+        return self._over(self._frames, result)
+
+    def of_window(self, result: TrialResult) -> tuple[RmsUncertainty, ...]:
+        """Give the same over the part of the cycles that the condition asks for, if it does."""
+        if result.part is None:
+            return ()
+        first = _first(result.motion.time, self._chain.time)
+        wanted = self._frames[counted(result)[first + self._frames]]
+        return self._over(wanted, result) if len(wanted) else ()
+
+    def _over(self, frames: Indices, result: TrialResult) -> tuple[RmsUncertainty, ...]:
+        """Give how sure the RMS over some frames is: as measured, and compensated where it is."""
+        if result.compensated is None:
+            return (self._of(frames, self._chain.residual, compensated=False),)
+        measured = self._of(frames, _at(self._chain.time, result.measured), compensated=False)
+        return measured, self._of(frames, self._chain.residual, compensated=True)
+
+    def _of(self, frames: Indices, residual: Array, *, compensated: bool) -> RmsUncertainty:
+        """Give how sure an RMS is; without compensation, it adds nothing."""
+        own = [k for k, c in enumerate(self._causes) if compensated or c.group != "compensation"]
+        sizes = self._sizes[:, [*own, -1]]
+        found = rms_uncertainty(
+            residual[frames], self._usual[own][:, frames], self._noise, self._samples, sizes
+        )
+        causes = tuple(
+            CauseUncertainty(self._causes[k].name, self._causes[k].group, change, square)
+            for k, change, square in zip(own, found.changes, found.squares, strict=True)
+        )
+        return RmsUncertainty(
+            compensated=compensated,
+            rms=found.rms,
+            mean=found.mean,
+            deviation=found.deviation,
+            of_noise=found.of_noise,
+            causes=causes,
+            draws=found.draws.round(DECIMALS),
+        )
+
+    def of_cycles(self) -> tuple[CycleRms, ...]:
+        """Give the RMS over each cycle."""
+        time, residual = self._chain.time, self._chain.residual
+        result = []
+        for own in self._cycles:
+            found = rms_uncertainty(residual[own], self._usual[:, own], self._noise, self._samples)
+            low, high = interval(found.rms, found.deviation)
+            start, stop = float(time[own[0]]), float(time[own[-1]])
+            result.append(CycleRms(start, stop, found.rms, low, high))
+        return tuple(result)
+
+
+def interval(rms: Array, deviation: Array) -> tuple[Array, Array]:
+    """Give the ends of a 95 % interval of an RMS, which is not negative."""
+    return np.maximum(rms - NORMAL_95 * deviation, 0.0), rms + NORMAL_95 * deviation
+
+
+def _at(time: Array, dynamics: Dynamics) -> Array:
+    """Give the residual at some frames of a trial, (T, 6)."""
+    first = _first(dynamics.time, time)
+    return dynamics.residual[first : first + len(time)]
+
+
+def _first(whole: Array, part: Array) -> int:
+    """Give the frame of a trial at which a part of it begins."""
+    return int(np.searchsorted(whole, part[0]))

@@ -21,7 +21,6 @@ from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.spatial import Array
 from pipeline.io.write import whole_file, write_csv, write_text
-from pipeline.trial.residuals import variants
 from pipeline.trial.result import TrialResult
 
 
@@ -51,9 +50,9 @@ def write_tables(
     suffixes = "_angles.csv", "_coordinates.mot", "_forces.sto", "_loads.mot", ".trc"
     written = [folder / f"{name}{suffix}" for suffix in suffixes]
     angles, coordinates, forces, loads, markers = written
-    variant, dynamics = list(variants(result).items())[-1]
+    variant, dynamics = list(result.variants.items())[-1]
     pelvis = np.array([name.startswith("Pelvis") for name in COORDINATES])
-    dynamics = dynamics.without_forces(np.outer(~result.validity.counts, pelvis))
+    dynamics = dynamics.without_forces(np.outer(~result.counts, pelvis))
     write_csv(angle_table(result.motion, ankle_zero), angles)
     write_coordinates(result.motion, coordinates)
     write_forces(dynamics, forces)

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from hbm.spatial import Array
 from pipeline.figures.style import COLOURS, STYLE, draw_band
 from pipeline.trial.gait.cycles import mean_and_sd, normalise
+from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.residuals import (
     AXES,
     DIRECTIONS,
@@ -17,10 +18,8 @@ from pipeline.trial.residuals import (
     counted,
     cycle_residuals,
     reported,
-    variants,
 )
 from pipeline.trial.result import TrialResult
-from pipeline.trial.summary import TrialSummary
 
 UNCOUNTED = "#BBBBBB"
 """Colour of frames that do not count, and of the part of the gait cycle that does."""
@@ -53,10 +52,10 @@ def residual_figure(result: TrialResult) -> Figure:
 def _over_time(result: TrialResult) -> Figure:
     """Draw residuals over time where filters have settled, grey where frames do not count."""
     time, counts = result.motion.time, counted(result)
-    settled = result.validity.settled[:, None]
+    settled = free_of(result.quality, Quality.SETTLING)[:, None]
     with mpl.rc_context(STYLE):
-        figure, panels = _panels()
-        for variant, dynamics in variants(result).items():
+        figure, panels = six_panels()
+        for variant, dynamics in result.variants.items():
             values = reported(np.where(settled, dynamics.residual, np.nan))
             for k, panel in enumerate(panels):
                 panel.plot(time, values[:, k], color=UNCOUNTED, lw=0.6)
@@ -67,27 +66,28 @@ def _over_time(result: TrialResult) -> Figure:
                     _draw_uncertainty(panel, time, inside, spread)
         label_panels(panels, (float(time[0]), float(time[-1])), "time (s)")
         for k, panel in enumerate(panels):
-            largest = [np.abs(reported(d.residual)[counts, k]) for d in variants(result).values()]
+            largest = [np.abs(reported(d.residual)[counts, k]) for d in result.variants.values()]
             if counts.any():
                 panel.set_ylim(*(1.2 * np.max(largest) * np.array([-1, 1])))
-        if len(variants(result)) > 1:
-            _draw_legend(figure, panels[0])
+        if len(result.variants) > 1:
+            legend_below(figure, panels[0])
         what = "grey: left out" if counts.any() else "all frames are left out"
         figure.suptitle(f"{result.source.name}: pelvis residuals, {what}", fontsize=10)
     return figure
 
 
-def _panels() -> tuple[Figure, Sequence[Axes]]:
-    figure = Figure(figsize=(9, 5), layout="constrained")
+def six_panels(size_inch: tuple[float, float] = (9, 5)) -> tuple[Figure, Sequence[Axes]]:
+    """Give a figure of six panels: forces above, moments below."""
+    figure = Figure(figsize=size_inch, layout="constrained")
     return figure, figure.subplots(2, 3, sharex=True).ravel()
 
 
 def _over_cycle(result: TrialResult) -> Figure:
     """Draw mean ± SD over the gait cycles of one side."""
     with mpl.rc_context(STYLE):
-        figure, panels = _panels()
+        figure, panels = six_panels()
         side = "right" if len(result.cycles.get("right", ())) else "left"
-        for variant in variants(result):
+        for variant in result.variants:
             curves, spans = cycle_residuals(result, variant)[side], result.cycles[side]
             mean, sd = mean_and_sd(curves)
             percent = np.linspace(0, 100, len(mean))
@@ -99,8 +99,8 @@ def _over_cycle(result: TrialResult) -> Figure:
                     _draw_uncertainty(panel, percent, mean[:, k], spread)
         label_panels(panels)
         draw_part(panels, mean_part([result]))
-        if len(variants(result)) > 1:
-            _draw_legend(figure, panels[0])
+        if len(result.variants) > 1:
+            legend_below(figure, panels[0])
         count = len(result.cycles[side])
         figure.suptitle(
             f"{result.source.name}: pelvis residuals, mean ± SD of {count} {side} gait cycles",
@@ -109,10 +109,10 @@ def _over_cycle(result: TrialResult) -> Figure:
     return figure
 
 
-def _draw_legend(figure: Figure, panel: Axes) -> None:
-    """Name the curves of a panel below all of them."""
+def legend_below(figure: Figure, panel: Axes) -> None:
+    """Name the curves of a panel below all of them, up to four in a line."""
     named = panel.get_legend_handles_labels()
-    figure.legend(*named, loc="outside lower center", ncols=len(named[1]), frameon=False)
+    figure.legend(*named, loc="outside lower center", ncols=min(4, len(named[1])), frameon=False)
 
 
 def _draw_uncertainty(panel: Axes, x: Array, middle: Array, spread: Array) -> None:
@@ -129,7 +129,7 @@ def _draw_uncertainty(panel: Axes, x: Array, middle: Array, spread: Array) -> No
     )
 
 
-def mean_part(trials: Iterable[TrialResult | TrialSummary]) -> tuple[float, float] | None:
+def mean_part(trials: Iterable[TrialResult]) -> tuple[float, float] | None:
     """Give mean start and stop of the part of the gait cycles that counts [%]; None without."""
     parts = [t.part.percent(t.cycles) for t in trials if t.part is not None]
     known = np.concatenate([np.empty((0, 2)), *parts])

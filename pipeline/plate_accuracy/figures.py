@@ -14,10 +14,8 @@ from compensation import Delay, PlateAlignment
 from hbm.spatial import Array
 from pipeline.config.plate_study import BeltSide, WeightRecording
 from pipeline.figures.style import COLOURS, STYLE
-from pipeline.plate_accuracy.accuracy import mean_loads, quantities
-from pipeline.plate_accuracy.condition_effects import reported_errors
-from pipeline.plate_accuracy.recordings import AROUND_S, HammerTrace
-from pipeline.plate_accuracy.trials import RATE_HZ, WeightTrial
+from pipeline.plate_accuracy.accuracy import mean_loads, quantities, reported_errors
+from pipeline.plate_accuracy.trials import AROUND_S, RATE_HZ, HammerTrace, WeightTrial
 
 CONDITIONS: Final = {
     "zone": "part of the belt",

@@ -1,4 +1,4 @@
-"""Estimates and total errors beside their limits: within, beyond, or neither can be told."""
+"""Errors beside their limits: within, beyond, or neither can be told; and the calibration."""
 
 import math
 from collections.abc import Collection, Sequence
@@ -8,13 +8,91 @@ from typing import Final, Literal
 import numpy as np
 from scipy import stats
 
-from compensation import Linearity, PlateCalibration
+from compensation import Delay, Linearity, PlateCalibration, agreed_delay
+from compensation.hammer import AgreedDelay
+from hbm.notes import Note
 from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.config.plate_study import AccuracyLimits
-from pipeline.plate_accuracy.correction import DELAY_FAULTS, chosen_delay
 from pipeline.plate_accuracy.faults import FaultEstimate
-from pipeline.plate_accuracy.response import PlateResponse, standard_error
-from pipeline.plate_accuracy.stance import QUANTITIES, total_errors
+from pipeline.plate_accuracy.response import QUANTITIES, PlateResponse, standard_error, total_errors
+
+DELAY_FAULTS: Final = {"motion": "delay in motion", "hammer": "delay"}
+DELAY_METHODS: Final = {"motion": "in motion", "hammer": "by the hammer"}
+
+
+def plate_calibration(
+    number: int, center: Array, response: PlateResponse, faults: Sequence[FaultEstimate]
+) -> PlateCalibration | None:
+    """Give the correction of a plate: the inverse of its response, with the jackknife's error.
+
+    Parameters
+    ----------
+    number
+        Of the plate in its files.
+    center
+        Of its surface in the lab, (3,) [m].
+    response
+        What the plate reports.
+    faults
+        Of the plate: a zero or a delay is corrected where it differs significantly from none.
+
+    Returns
+    -------
+    PlateCalibration or None
+        A lateral force, which no weight exerts, is only turned and shifted with the plate. What
+        grows with the squared load, time or at random is left. None where no calibration turns
+        what the plate reports into the true wrench: a channel is dead, or the axes are wrong.
+    """
+    found = {fault.fault for fault in faults if fault.significant}
+    zero = np.where(
+        [f"zero of {name}" in found for name in WRENCH_COMPONENTS], response.zero[0], 0.0
+    )
+    late = chosen_delay(faults)
+    corrected = late is not None and DELAY_FAULTS[late.method] in found
+    try:
+        inverse: Array = np.asarray(np.linalg.inv(response.matrix), float)
+        return PlateCalibration(
+            number,
+            inverse[0],
+            zero,
+            standard_error(inverse),
+            center,
+            tuple(WRENCH_COMPONENTS[c] for c in response.examined),
+            late.delay.seconds if late is not None and corrected else 0.0,
+        )
+    except ValueError:  # singular, or nothing that a plate can be
+        return None
+
+
+def chosen_delay(faults: Sequence[FaultEstimate]) -> AgreedDelay | None:
+    """Choose between the delays of a plate by a hammer and in motion."""
+    delays = {
+        fault.fault: Delay(
+            fault.value, fault.standard_error, degrees_of_freedom=fault.degrees_of_freedom
+        )
+        for fault in faults
+        if fault.fault in DELAY_FAULTS.values()
+    }
+    return agreed_delay(delays.get("delay"), delays.get("delay in motion"))
+
+
+def delay_notes(faults: Sequence[FaultEstimate]) -> tuple[Note, ...]:
+    """Warn where the delays of a plate by a hammer and in motion contradict each other."""
+    late, named = chosen_delay(faults), {fault.fault: fault for fault in faults}
+    if late is None or not late.disagree:
+        return ()
+    hammer, motion = named["delay"], named["delay in motion"]
+    note = Note.of(
+        "plate_delays_disagree",
+        belt=hammer.belt,
+        hammer_s=hammer.value,
+        hammer_uncertainty_s=hammer.uncertainty,
+        motion_s=motion.value,
+        motion_uncertainty_s=motion.uncertainty,
+        method=DELAY_METHODS[late.method],
+    )
+    return (note,)
+
 
 DISPLAY_UNITS: Final = {"m": (1000.0, "mm"), "s": (1000.0, "ms"), "1": (100.0, "%")}
 """Unit of an estimate -> factor and unit in which people read it."""
@@ -41,8 +119,6 @@ class Judged:
         Of all four.
     remedy
         What takes it away: the plate's calibration, or nothing.
-    alike
-        A misstatement of the weights that would look the same; empty where none is known.
     examined
         False if it also depends on the response to a component that nothing excited.
     """
@@ -54,7 +130,6 @@ class Judged:
     limit: float
     unit: str
     remedy: Remedy
-    alike: str = ""
     examined: bool = True
 
     @property
@@ -68,13 +143,12 @@ class Judged:
 
     @property
     def sentence(self) -> str:
-        """The estimate, its interval, its limit, and what would look the same."""
+        """The estimate, its interval and its limit."""
         scale, unit = DISPLAY_UNITS.get(self.unit, (1.0, self.unit))
         width = scale * (self.high - self.low) / 2
         size, low, high = (rounded(scale * x, width) for x in (self.size, self.low, self.high))
-        alike = f"; {self.alike} would look the same" if self.alike else ""
         limit = f"{scale * self.limit:g} {unit}"
-        return f"{self.name} {size} {unit} ({low} to {high}; limit {limit}{alike})"
+        return f"{self.name} {size} {unit} ({low} to {high}; limit {limit})"
 
 
 def judge_faults(
@@ -171,23 +245,18 @@ def judge_totals(
 
     Quantities that depend on what was not examined cannot be within their limits.
     """
-    found = total_errors(response, loads, calibration)
     suffix = "" if calibration is None else " after correction"
     remedy: Remedy = "calibration" if calibration is None else "none"
     units = {"F": ("N", limits.force_n), "C": ("m", limits.cop_m), "M": ("N·m", limits.moment_nm)}
-    return [
-        Judged(
-            f"{TOTAL} of {name}{suffix}",
-            float(found.size[k]),
-            float(found.low[k]),
-            float(found.high[k]),
-            units[name[0]][1],
-            units[name[0]][0],
-            remedy,
-            examined=name not in unexamined,
+    found = np.transpose(total_errors(response, loads, calibration)).tolist()
+    judged = []
+    for name, (size, low, high) in zip(QUANTITIES, found, strict=True):
+        unit, limit = units[name[0]]
+        examined = name not in unexamined
+        judged.append(
+            Judged(f"{TOTAL} of {name}{suffix}", size, low, high, limit, unit, remedy, examined)
         )
-        for k, name in enumerate(QUANTITIES)
-    ]
+    return judged
 
 
 def either(stated: Sequence[Judged], otherwise: Sequence[Judged]) -> list[Judged]:

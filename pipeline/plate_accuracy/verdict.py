@@ -1,6 +1,5 @@
 """The verdict of experiment 1: whether each plate is accurate enough, and what to correct."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal
@@ -12,34 +11,83 @@ from hbm.notes import Note
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS
 from pipeline.config.plate_study import BeltSide
 from pipeline.plate_accuracy.accuracy import PlateAccuracy
-from pipeline.plate_accuracy.correction import delay_notes, plate_calibration
 from pipeline.plate_accuracy.faults import FaultEstimate
 from pipeline.plate_accuracy.judgement import (
     DISPLAY_UNITS,
     TOTAL,
     Judged,
+    delay_notes,
     either,
     judge_faults,
     judge_linearity,
     judge_noise,
     judge_totals,
     judge_unexamined,
+    plate_calibration,
     rounded,
 )
-from pipeline.plate_accuracy.response import EXCITED, MIN_MASSES, MY
-from pipeline.plate_accuracy.second_causes import (
-    second_causes,
-    shared_gain,
-    with_heavier_masses,
+from pipeline.plate_accuracy.response import (
+    EXCITED,
+    MIN_MASSES,
+    MY,
+    QUANTITIES,
+    quantities_of,
+    stance_loads,
 )
-from pipeline.plate_accuracy.stance import QUANTITIES, quantities_of, stance_loads
+
+GAIN: Final = "gain of "
+"""With which the names begin of faults that a common misstatement of all masses causes alike."""
+
+
+def shared_gain(faults: Sequence[FaultEstimate], most: float) -> float:
+    """Find the part of all gains that one misstatement of all masses would explain.
+
+    Parameters
+    ----------
+    faults
+        Of all plates on which the same masses were recorded.
+    most
+        By which share all masses may be misstated at most.
+
+    Returns
+    -------
+    float
+        The mean gain less 1, weighted by precision, but not beyond the 95 % interval of any gain:
+        where a plate or a component is right, or gains differ in sign, next to nothing is shared.
+    """
+    gains = [fault for fault in faults if fault.fault.startswith(GAIN)]
+    if not gains:
+        return 0.0
+    value, half = np.array([(one.value, one.uncertainty) for one in gains]).T
+    half = np.maximum(half, np.finfo(float).eps)
+    mean = float(np.average(value, weights=half**-2))
+    side = np.sign(mean)
+    return float(side * max(min(side * mean, np.min(side * value + half), most), 0.0))
+
+
+def with_heavier_masses(found: PlateAccuracy, share: float) -> PlateAccuracy:
+    """Give the gains, responses and linearities as if all masses were heavier by a share."""
+    real = 1 + share
+    responses = {}
+    for belt, response in found.responses.items():
+        matrix = response.matrix.copy()
+        matrix[:, :, response.examined] /= real
+        responses[belt] = replace(response, matrix=matrix, curvature=response.curvature / real**2)
+    return replace(
+        found,
+        responses=responses,
+        linearities={b: replace(x, slope=x.slope / real) for b, x in found.linearities.items()},
+        faults=tuple(
+            replace(one, value=(1 + one.value) / real - 1) if one.fault.startswith(GAIN) else one
+            for one in found.faults
+        ),
+    )
+
 
 Answer = Literal["fit", "fit after correction", "not fit", "cannot be told"]
 MAX_FAULTS: Final = 3
 MAX_TOTALS: Final = 2
 """In the sentence of a verdict; verdict.md lists all."""
-MAX_MORE: Final = 10
-"""Times as many recordings are worth advising; where more are needed, the error is its limit."""
 COEFFICIENTS: Final = len(EXCITED) + 4
 """Of a plate's response: with a constant, time, the delay and the curvature."""
 AXES: Final = {"x": "forward", "y": "lateral", "z": "vertical"}
@@ -107,8 +155,6 @@ class PlateVerdict:
     calibration
         The correction of the plate; None where nothing is to be corrected, and where none is
         known that leaves no total error both beyond its limit and larger than without it.
-    recordings
-        Of weights, on this plate.
     with_supports
         True where there are recordings with and without supports: the verdict is for use with them.
     largest_n
@@ -129,7 +175,6 @@ class PlateVerdict:
     remarks: tuple[str, ...]
     notes: tuple[Note, ...]
     calibration: PlateCalibration | None
-    recordings: int
     with_supports: bool
     largest_n: float
     constant: tuple[str, ...]
@@ -229,7 +274,7 @@ class PlateVerdict:
         return "; ".join(listed)
 
     def _advice(self) -> list[str]:
-        """Say what to do about the masses, or how many recordings would decide what is unclear."""
+        """Say what to do about the masses, or about what is unclear."""
         if self.shared:
             size = f"{100 * abs(self.shared):.2g} %"
             heavier, high = ("heavier", "high") if self.shared > 0 else ("lighter", "low")
@@ -238,20 +283,11 @@ class PlateVerdict:
                 "mass_uncertainty_percent: all gains of every plate are "
                 f"{size} too {high}, or all masses as much {heavier} than stated"
             ]
-        everything = (*self.judged, *self.corrected)
-        unclear = [one for one in everything if one.status == "unclear"]
-        if not unclear:
-            return []
-        with np.errstate(divide="ignore"):
-            more = {
-                one.name: np.square((one.high - one.size) / np.abs(one.size - one.limit)) - 1
-                for one in unclear
-            }
-        name = max(more, key=lambda each: more[each])
-        if not more[name] < MAX_MORE:
-            return [f"{name} is so close to its limit that more recordings would hardly tell"]
-        number = max(math.ceil(more[name] * self.recordings), 1)
-        return [f"record about {number} more weights on this plate"]
+        unclear = [one for one in (*self.judged, *self.corrected) if one.status == "unclear"]
+        near = min(unclear, key=lambda one: abs(one.size / one.limit - 1), default=None)
+        return (
+            [] if near is None else [f"record more weights on this plate: {near.name} is unclear"]
+        )
 
 
 def judge(found: PlateAccuracy) -> tuple[PlateVerdict, ...]:
@@ -274,7 +310,6 @@ def judge(found: PlateAccuracy) -> tuple[PlateVerdict, ...]:
 
 
 def _judge_plate(found: PlateAccuracy, belt: BeltSide) -> PlateVerdict:
-    file, faults = found.study.file, _faults(found, belt)
     own = [trial for trial in found.trials if trial.weight.belt == belt]
     in_use = [trial for trial in found.trials_in_use if trial.weight.belt == belt]
     shared = _shared_gain(found, belt)
@@ -286,17 +321,15 @@ def _judge_plate(found: PlateAccuracy, belt: BeltSide) -> PlateVerdict:
     else:
         shared = 0.0
         corrected, calibration = _correction(found, heavier, belt, judged)
-    alike = second_causes(faults, in_use, file.full_scale_n)
     constant = np.all([trial.constant for trial in own], axis=0)
     return PlateVerdict(
         belt,
-        tuple(replace(one, alike=alike.get(one.name, "")) for one in judged),
+        tuple(judged),
         tuple(corrected),
         _to_record(found, belt),
         _remarks(found, belt),
-        delay_notes(faults),
+        delay_notes(_faults(found, belt)),
         calibration,
-        len(in_use),
         with_supports=len({trial.weight.supports for trial in own}) > 1,
         largest_n=GRAVITY_MPS2 * max(trial.weight.mass_kg for trial in in_use),
         constant=tuple(name for name, one in zip(WRENCH_COMPONENTS, constant, strict=True) if one),

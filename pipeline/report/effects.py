@@ -1,56 +1,32 @@
 """The tests of every residual on the page of a report: tables, and each effect in words."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from math import isnan
 from typing import Final
 
 import pandas as pd
 
-from pipeline.report.tables import Table
-from pipeline.statistics.comparison import ALL_CELLS
-from pipeline.statistics.design import COMPENSATION, Design
-from pipeline.statistics.headline import join_names
-from pipeline.statistics.omnibus import MIXED_ANOVA, RM_ANOVA
-from pipeline.statistics.row import Row
+from pipeline.report.blocks import Table, Text
+from pipeline.statistics.comparison import ALL_CELLS, MIXED_ANOVA, RM_ANOVA, Row
+from pipeline.statistics.design import ALPHA, COMPENSATION, Design
 from pipeline.statistics.table_3 import format_p, number
+from pipeline.statistics.verdict import join_names
 from pipeline.trial.residuals import AXES, DIRECTIONS
 
-ALPHA: Final = 0.05
-"""Level of significance, as everywhere in the report."""
 ANOVA_HEADS: Final = (
-    *("Effect", "F", "df", "ε GG", "ε HF", "p", "p corrected", "partial η² [95 % CI]"),
+    *("Effect", "F", "df", "ε GG", "p", "p corrected", "partial η² [95 % CI]"),
     *("power", "Mauchly's W", "its p"),
 )
 FRIEDMAN_HEADS: Final = ("Cells", "χ²", "df", "p", "Kendall's W")
 PAIR_HEADS: Final = (
     *("Pair", "n", "mean difference [95 % CI]", "Cohen's dz [95 % CI]"),
-    *("Hodges–Lehmann shift [95 % CI]", "p, t", "p, Wilcoxon exact", "p, Wilcoxon asymptotic"),
-    *("rank-biserial", "p, Shapiro–Wilk"),
+    *("p, t", "p, Wilcoxon exact", "p, Wilcoxon asymptotic", "rank-biserial"),
 )
 
 
-@dataclass(frozen=True, slots=True)
-class ResidualTests:
-    """The tests of one residual.
-
-    Attributes
-    ----------
-    name
-        The residual with its direction, such as "Fx forward".
-    sentences
-        One per effect, or why nothing was tested.
-    tables
-        Analyses of variance, Friedman's test, planned pairs: those that were computed.
-    """
-
-    name: str
-    sentences: tuple[str, ...]
-    tables: tuple[Table, ...]
-
-
-def residual_tests(statistics: pd.DataFrame, design: Design) -> tuple[ResidualTests, ...]:
-    """Show the tests of every residual.
+def residual_tests(statistics: pd.DataFrame, design: Design) -> list[tuple[Text, list[Table]]]:
+    """Show the tests of every residual: each effect in a sentence, and the tables.
 
     Parameters
     ----------
@@ -61,24 +37,26 @@ def residual_tests(statistics: pd.DataFrame, design: Design) -> tuple[ResidualTe
 
     Returns
     -------
-    tuple of ResidualTests
-        In order of the axes; those that are in the table, and one for all where no test of any
-        was computed for the same reason.
+    list
+        In order of the axes: the residual with a sentence per effect, or why nothing was tested;
+        tables of the analyses of variance, Friedman's test and the planned pairs that were
+        computed. One for all residuals where no test of any was computed for the same reason.
     """
     found = []
     for k, axis in enumerate(AXES):
         own = statistics[statistics["axis"] == axis]
         if not own.empty:
             name = f"{axis} {'' if k < 3 else 'about '}{DIRECTIONS[k]}"
-            tables = (*_anova_tables(own), *_friedman_table(own), *_pair_table(own, design))
-            found.append(ResidualTests(name, tuple(_sentences(own, design)), tables))
-    reasons = {residual.sentences for residual in found}
-    if len(found) > 1 and len(reasons) == 1 and not any(residual.tables for residual in found):
-        return (ResidualTests("All residuals", found[0].sentences, ()),)
-    return tuple(found)
+            tables = [*_anova_tables(own), *_friedman_table(own), *_pair_table(own, design)]
+            found.append((Text(name, tuple(_sentences(own, design))), tables))
+    reasons = {text.lines for text, _ in found}
+    if len(found) > 1 and len(reasons) == 1 and not any(tables for _, tables in found):
+        return [(Text("All residuals", *reasons), [])]
+    return found
 
 
 def _computed(tests: pd.DataFrame, test: str) -> pd.DataFrame:
+    """Give the rows of a test that have a p-value."""
     return tests[(tests["test"] == test) & tests["p_corrected"].notna()]
 
 
@@ -96,6 +74,7 @@ def _anova_names(tests: pd.DataFrame) -> list[str]:
 
 
 def _anova_tables(tests: pd.DataFrame) -> Iterator[Table]:
+    """Show each analysis of variance with Mauchly's test."""
     for test in _anova_names(tests):
         mauchly = _by(tests[tests["test"] == f"Mauchly, {test}"], "effect")
         effects = _by(_computed(tests, test), "effect")
@@ -106,6 +85,7 @@ def _anova_tables(tests: pd.DataFrame) -> Iterator[Table]:
 
 
 def _anova_row(row: Row, sphericity: Row | None) -> tuple[str, ...]:
+    """Show one effect."""
     several = row.df1 > 1 and row.epsilon < 1
     w_and_p = ("–", "–")
     if sphericity is not None:
@@ -115,7 +95,6 @@ def _anova_row(row: Row, sphericity: Row | None) -> tuple[str, ...]:
         number(row.statistic, ".2f"),
         f"{row.df1:g}, {row.df2:g}",
         number(row.epsilon, ".3f") if several else "–",
-        number(row.epsilon_hf, ".3f") if several else "–",
         format_p(row.p_uncorrected),
         format_p(row.p_corrected) + " GG" * (row.correction != "none"),
         _with_interval(row, ".2f"),
@@ -125,6 +104,7 @@ def _anova_row(row: Row, sphericity: Row | None) -> tuple[str, ...]:
 
 
 def _friedman_table(tests: pd.DataFrame) -> Iterator[Table]:
+    """Show Friedman's test."""
     rows = tuple(
         (
             row.effect,
@@ -151,7 +131,6 @@ def _pair_table(tests: pd.DataFrame, design: Design) -> Iterator[Table]:
             continue
         own = tests[tests["effect"] == pair]
         sizes = _by(own[own["test"] == "estimate"], "effect_size_name")
-        shapiro = own.loc[own["test"].str.startswith("Shapiro"), "p_corrected"]
         exact = of_pair["Wilcoxon exact"]
         rows.append(
             (
@@ -159,12 +138,10 @@ def _pair_table(tests: pd.DataFrame, design: Design) -> Iterator[Table]:
                 str(exact.n),
                 _with_interval(sizes["mean difference"], "+z.1f"),
                 _with_interval(sizes["Cohen's dz"], "+z.2f"),
-                _with_interval(sizes["Hodges-Lehmann shift"], "+z.1f"),
                 format_p(of_pair["paired t"].p_corrected),
                 format_p(exact.p_corrected),
                 format_p(of_pair["Wilcoxon asymptotic"].p_corrected),
                 number(exact.effect_size, "+z.2f"),
-                "".join(format_p(p) for p in shapiro),
             )
         )
     if rows:
@@ -176,6 +153,7 @@ def _pair_table(tests: pd.DataFrame, design: Design) -> Iterator[Table]:
 
 
 def _with_interval(row: Row, form: str) -> str:
+    """Write an effect size with its interval."""
     value = number(row.effect_size, form)
     if isnan(row.ci_low):
         return value
@@ -217,6 +195,7 @@ def _sentences(tests: pd.DataFrame, design: Design) -> Iterator[str]:
 
 
 def _sentence(claim: str, p: float, statistic: str, size: str) -> str:
+    """Say whether a claim is shown."""
     written = format_p(p, alpha=0)
     numbers = f"{statistic}, p {written if written.startswith('<') else f'= {written}'}, {size}"
     if p < ALPHA:

@@ -11,11 +11,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy import stats
 
-from pipeline.figures.residuals import axis_label, draw_part, label_panels, mean_part
+from pipeline.figures.residuals import (
+    axis_label,
+    draw_part,
+    label_panels,
+    legend_below,
+    mean_part,
+    six_panels,
+)
 from pipeline.figures.style import COLOURS, LINE_WIDTH_PT, STYLE, draw_band
 from pipeline.run.load import Results
-from pipeline.statistics.design import Design
-from pipeline.statistics.omnibus import MIXED_ANOVA, RM_ANOVA
+from pipeline.statistics.comparison import MIXED_ANOVA, RM_ANOVA
+from pipeline.statistics.design import CONFIDENCE, Design
 from pipeline.statistics.table_3 import format_p
 from pipeline.trial.residuals import AXES, UNITS
 
@@ -72,14 +79,14 @@ def study_figures(
         ``raw_AXIS`` (F.14–F.19), the latter where there are gait cycles.
     """
     for condition in drawn_conditions(results.cycles, design):
-        grey = mean_part(t for t in results.summaries.values() if t.condition == condition)
+        grey = mean_part(t for t in results.trials.values() if t.condition == condition)
         figure = gait_cycle_figure(results.cycles, condition, design, grey=grey)
         yield f"gait_cycle_{condition}", figure
     yield "marginal_means", marginal_means_figure(results.residuals, statistics, design)
     subject = example_subject(results.cycles)
     if subject is None:
         return
-    spans = {c: trial.cycles for (s, c), trial in results.summaries.items() if s == subject}
+    spans = {c: trial.cycles for (s, c), trial in results.trials.items() if s == subject}
     own = results.cycles[results.cycles["subject"] == subject]
     for axis in AXES:
         yield f"raw_{axis}", raw_figure(own, spans, axis, design)
@@ -133,8 +140,7 @@ def gait_cycle_figure(
     values = shown.groupby([*keys, *unit], sort=False)["value"].mean().groupby(keys)
     mean, sd = values.mean().unstack("percent"), values.std().unstack("percent")
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=SIX_PANELS_INCH, layout="constrained")
-        panels = figure.subplots(2, 3, sharex=True).ravel()
+        figure, panels = six_panels(SIX_PANELS_INCH)
         drawn = [
             (name, compensated)
             for name in design.in_order(counts.index)
@@ -159,17 +165,12 @@ def gait_cycle_figure(
                 )
         label_panels(panels)
         draw_part(panels, grey)
-        _legend_below(figure, panels[0])
+        legend_below(figure, panels[0])
         over = "gait cycles of one subject" if single else f"{counts[condition]} subjects"
         title = f"Pelvis residuals, {condition}: mean ± SD over {over}"
         title += "; grey: the part that counts" * (grey is not None)
         figure.suptitle(title, fontsize=TITLE_PT)
     return figure
-
-
-def _legend_below(figure: Figure, panel: Axes) -> None:
-    handles, labels = panel.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
 
 
 def marginal_means_figure(
@@ -195,8 +196,7 @@ def marginal_means_figure(
     """
     conditions = design.in_order(residuals["condition"])
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=SIX_PANELS_INCH, layout="constrained")
-        panels = figure.subplots(2, 3, sharex=True).ravel()
+        figure, panels = six_panels(SIX_PANELS_INCH)
         for k, panel in enumerate(panels):
             own = residuals[residuals["axis"] == AXES[k]]
             cells = own.pivot(index="subject", columns=["compensated", "condition"], values="rms")
@@ -212,15 +212,16 @@ def marginal_means_figure(
             panel.set_ylim(bottom=0)
             panel.set_xticks(range(len(conditions)), conditions)
             panel.set_xlim(-0.3, len(conditions) - 0.7)
-        _legend_below(figure, panels[0])
+        legend_below(figure, panels[0])
         title = f"RMS residuals, mean and 95 % CI over {len(cells)} subjects"
         figure.suptitle(title, fontsize=TITLE_PT)
     return figure
 
 
 def _draw_means(panel: Axes, rms: pd.DataFrame, variant: Variant) -> None:
+    """Draw means with intervals over conditions, and each subject as a thin line."""
     n = rms.count()
-    half = stats.t.isf(0.025, (n - 1).clip(lower=1)) * rms.std() / np.sqrt(n)
+    half = stats.t.isf((1 - CONFIDENCE) / 2, (n - 1).clip(lower=1)) * rms.std() / np.sqrt(n)
     x = np.arange(len(rms.columns)) + variant.offset
     panel.plot(x, rms.to_numpy().T, color=variant.colour, lw=THIN_LINE_PT, alpha=0.3)
     panel.errorbar(
@@ -297,7 +298,7 @@ def raw_figure(
             panel.set_ylabel(UNITS[k])
             panel.margins(x=0)
         panels[-1].set_xlabel("analysed gait cycles, one after another")
-        _legend_below(figure, panels[0])
+        legend_below(figure, panels[0])
         subject = own["subject"].iloc[0]
         figure.suptitle(f"Residual {axis_label(k)} of {subject}, every cycle", fontsize=TITLE_PT)
     return figure

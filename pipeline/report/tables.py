@@ -1,70 +1,38 @@
-"""Tables for the page of a report: what they show, as text."""
+"""The residuals as tables: Table III, means, groups, what they are of, and the plan of a study."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
 from math import nan
-from types import MappingProxyType
+from typing import Final
 
 import pandas as pd
 
-from pipeline.statistics.design import Design
+from pipeline.report.blocks import Table
+from pipeline.statistics.design import CONFIDENCE, MIN_SUBJECTS, Design
 from pipeline.statistics.table_3 import (
+    markdown_table,
     mean_sd,
     number,
     printed_columns,
     reduction_percent,
     table_3_legend,
 )
+from pipeline.statistics.verdict import MAX_SUBJECTS, POWER, Verdict, join_names, level_name
 
-
-@dataclass(frozen=True, slots=True)
-class Table:
-    """A table of texts.
-
-    Attributes
-    ----------
-    caption
-        What it shows.
-    heads
-        Heads of the columns; the first column names the rows.
-    rows
-        Cells, one per head.
-    css_class
-        Classes in the style sheet.
-    legend
-        Explanation below the table.
-    """
-
-    caption: str
-    heads: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    css_class: str = ""
-    legend: str = ""
+WINDOWS: Final = {
+    "cycle": "whole gait cycles",
+    "span": "spans of the recordings",
+    "motion": "the time from the onset of each perturbation for which the platform moves fast",
+}
+"""Window -> what counts."""
 
 
 def residual_tables(
-    residuals: pd.DataFrame,
-    table_3: pd.DataFrame,
-    design: Design,
-    groups: Mapping[str, str] = MappingProxyType({}),
-) -> tuple[Table, ...]:
-    """Give the tables of residuals: Table III, means where it does not hold them all, and groups.
+    residuals: pd.DataFrame, table_3: pd.DataFrame, design: Design, groups: Mapping[str, str]
+) -> list[Table]:
+    """Give Table III, the means where it does not hold them all, and the means of every group.
 
-    Parameters
-    ----------
-    residuals
-        Long table of RMS residuals.
-    table_3
-        The table that `pipeline.statistics.table_3.table_3` made of it.
-    design
-        The design that it was made for.
-    groups
-        Subject -> group, where the design has groups.
-
-    Returns
-    -------
-    tuple of Table
-        Table III, the means, or both, and the means of every group.
+    `groups` gives the group of each subject, where the design has groups.
     """
     has_table_3 = bool(table_3["n"].gt(0).any())
     shown = [_table_3(table_3, design)] if has_table_3 else []
@@ -74,13 +42,13 @@ def residual_tables(
     for name in sorted(set(groups.values())):
         of_group = _means(residuals[group == name], design)
         shown.append(replace(of_group, caption=f"{design.group} {name}. {of_group.caption}"))
-    return tuple(shown)
+    return shown
 
 
 def _table_3(table_3: pd.DataFrame, design: Design) -> Table:
-    columns = printed_columns(table_3, design)
-    heads = tuple(column.head for column in columns)
-    in_two_lines = ([cell.replace(" [", "\n[") for cell in own.cells] for own in columns)
+    """Show Table III, intervals below their values."""
+    heads, columns = zip(*printed_columns(table_3, design), strict=True)
+    in_two_lines = ([cell.replace(" [", "\n[") for cell in own] for own in columns)
     rows = tuple(zip(*in_two_lines, strict=True))
     caption = "Table III. RMS residuals, mean ± SD over n subjects"
     return Table(caption, heads, rows, "numbers table3", table_3_legend(table_3, design))
@@ -106,4 +74,94 @@ def _means(residuals: pd.DataFrame, design: Design) -> Table:
             )
     heads = ("Residual", "Condition", "n", "No IC", "IC", "Reduction")
     caption = "RMS residuals without and with inertia compensation (IC), mean ± SD over n subjects"
-    return Table(caption, heads, tuple(rows), "numbers")
+    return Table(caption, heads, rows, "numbers")
+
+
+def windows_sentence(residuals: pd.DataFrame) -> str:
+    """Say over what the residuals of each condition are summarised, one window per trial.
+
+    Examples
+    --------
+    >>> table = pd.DataFrame({"condition": ["level", "sway"], "window": ["cycle", "10 to 40 %"]})
+    >>> windows_sentence(table)  # doctest: +ELLIPSIS
+    'RMS over whole gait cycles (level) and 10 to 40 % of the perturbed gait cycle (sway). ...'
+    """
+    conditions: dict[str, list[str]] = {}
+    pairs = residuals[["window", "condition"]].drop_duplicates()
+    for window, condition in pairs.itertuples(index=False):
+        conditions.setdefault(window, []).append(condition)
+    parts = [f"{described(name)} ({', '.join(own)})" for name, own in conditions.items()]
+    if not parts:
+        return ""
+    unlike = (
+        " Conditions differ in the part of the gait cycle that counts, and so may their residuals."
+    )
+    within = [name for name in conditions if name not in ("cycle", "span")]
+    return f"RMS over {join_names(parts)}.{unlike * bool(within and len(conditions) > 1)}"
+
+
+def described(window: str) -> str:
+    """Say what a window is."""
+    of_cycle = window.endswith("%")
+    after = "of the perturbed gait cycle" if of_cycle else "after the onset of each perturbation"
+    return WINDOWS.get(window, f"{window} {after}")
+
+
+def plan_table(found: Sequence[Verdict], design: Design) -> pd.DataFrame:
+    """Tabulate the subjects that each comparison needs.
+
+    Returns
+    -------
+    pandas.DataFrame
+        axis, unit, condition; reference: its mean residual; difference and sd: mean and standard
+        deviation of the differences from it; margin; n; needed and needed_as_observed, empty
+        beyond 1000 subjects or where the difference observed exceeds the margin.
+    """
+    table = pd.DataFrame(found, columns=[field.name for field in fields(Verdict)])
+    table = table.rename(columns={"baseline": "reference"})
+    columns = [
+        *("axis", "unit", "condition", "reference", "difference", "sd", "margin", "n"),
+        *("needed", "needed_as_observed"),
+    ]
+    counts = {"needed": "Int64", "needed_as_observed": "Int64"}
+    return table.assign(margin=design.margin * table["reference"])[columns].astype(counts)
+
+
+def plan_markdown(found: Sequence[Verdict], design: Design) -> str:
+    """Render the plan as Markdown, or say in one line why there is none."""
+    most = max((v.n for v in found), default=0)
+    if not found:
+        return f'No plan: no planned pair is "CONDITION - {design.reference_cell}".\n'
+    if most < MIN_SUBJECTS:
+        return (
+            f"No plan: the variance between subjects needs at least {MIN_SUBJECTS} who have a "
+            f"condition and {design.reference_cell}, got {most}.\n"
+        )
+    conditions = design.in_order(v.condition for v in found)
+    cells = {(v.axis, v.condition): _planned(v, design) for v in found}
+    rows = [
+        [axis, *(cells.get((axis, condition), "–") for condition in conditions)]
+        for axis in dict.fromkeys(v.axis for v in found)
+    ]
+    pairs = len(design.pairs)
+    together = f" over {pairs} planned pairs" * (pairs > 1)
+    return (
+        f"{markdown_table(['Residual', *conditions], rows)}\n\n"
+        f"Subjects needed to show a residual at {level_name(design)}, at most "
+        f"{100 * design.margin:g} % above it, with\n{100 * POWER:g} % power at "
+        f"{100 * CONFIDENCE:g} % simultaneous confidence{together}, if the true difference is zero;"
+        "\nin brackets, if it is the one observed (–: that one exceeds the margin). From the "
+        f"variance between {most}\nsubjects, which is itself uncertain.\n"
+    )
+
+
+def _planned(verdict: Verdict, design: Design) -> str:
+    """Give the subjects that a comparison needs, and in brackets with the difference observed."""
+    if verdict.n < MIN_SUBJECTS:
+        return "–"
+    beyond = verdict.difference >= design.margin * verdict.baseline
+    first, second = (
+        f">{MAX_SUBJECTS}" if subjects is None else str(subjects)
+        for subjects in (verdict.needed, verdict.needed_as_observed)
+    )
+    return f"{first} ({'–' if beyond else second})"

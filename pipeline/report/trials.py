@@ -1,176 +1,177 @@
-"""Single trials on the page of a report: their quality, their notes, and those without a result."""
+"""Single trials on the page of a report: problems, quality, what their residuals are made of."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final
 
-from hbm.notes import Level, Note
-from pipeline.report.trial_quality import (
-    MAX_DELAY_S,
-    MAX_GAP_PERCENT,
-    MAX_MARKER_PEAK_MM,
-    MAX_MARKER_RMS_MM,
-    Criterion,
-    trial_quality,
-)
+import numpy as np
+import pandas as pd
+
+from pipeline.budgets.explanation import Explanation
+from pipeline.budgets.words import CAPTION, budget_table
+from pipeline.report.blocks import Check, Table, Text
 from pipeline.run.load import Results
 from pipeline.run.provenance import Provenance, TrialState
-from pipeline.statistics.design import Design
-from pipeline.trial.residuals import MAX_FORCE_SHARE, MAX_MOMENT_SHARE
-from pipeline.trial.summary import TrialSummary
+from pipeline.trial.residuals import (
+    MAX_FORCE_SHARE,
+    MAX_MOMENT_SHARE,
+    marker_table,
+    residual_table,
+    threshold_table,
+)
+from pipeline.trial.result import TrialResult
+
+MAX_MARKER_RMS_MM: Final = 20.0
+MAX_MARKER_PEAK_MM: Final = 40.0
+"""OpenSim's guideline for inverse kinematics: RMS error below 2 cm, largest below 4 cm."""
+MAX_GAP_PERCENT: Final = 10.0
+"""No published limit: above a tenth, much of a marker's path is interpolated or unknown."""
+MAX_DELAY_S: Final = 0.010
+"""No published limit: one frame of a 100 Hz camera."""
+LIMITS: Final = {
+    "force_percent": f"{100 * MAX_FORCE_SHARE:g}",
+    "moment_percent": f"{100 * MAX_MOMENT_SHARE:g}",
+    "marker_rms_mm": f"{MAX_MARKER_RMS_MM:g}",
+    "marker_peak_mm": f"{MAX_MARKER_PEAK_MM:g}",
+    "gap_percent": f"{MAX_GAP_PERCENT:g}",
+    "delay_ms": f"{1000 * MAX_DELAY_S:g}",
+}
 
 
-@dataclass(frozen=True, slots=True)
-class Problem:
-    """A trial that is not simply done, or settings that differ (then without a trial)."""
-
-    trial: str
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class Problems:
-    """What a reader has to know before the results."""
-
-    lead: str
-    lines: tuple[Problem, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class QualityRow:
-    """The quality of one trial."""
-
-    name: str
-    criteria: tuple[Criterion, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class TrialNotes:
-    """The notes of one trial that have the same level."""
-
-    name: str
-    source: str
-    notes: tuple[Note, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class QualityLimits:
-    """The limits of the trials' quality, as text."""
-
-    hicks_force_percent: str = f"{100 * MAX_FORCE_SHARE:g}"
-    hicks_moment_percent: str = f"{100 * MAX_MOMENT_SHARE:g}"
-    marker_rms_mm: str = f"{MAX_MARKER_RMS_MM:g}"
-    marker_peak_mm: str = f"{MAX_MARKER_PEAK_MM:g}"
-    gap_percent: str = f"{MAX_GAP_PERCENT:g}"
-    delay_ms: str = f"{1000 * MAX_DELAY_S:g}"
-
-
-@dataclass(frozen=True, slots=True)
-class TrialSection:
-    """Everything that the page shows of single trials.
-
-    Attributes
-    ----------
-    rows
-        Quality of every trial.
-    absent
-        Trials without a result and the reasons.
-    warnings, information
-        Notes by level, trial by trial; trials without such a note are left out.
-    limits
-        The limits of the quality.
-    """
-
-    rows: tuple[QualityRow, ...]
-    absent: tuple[str, ...]
-    warnings: tuple[TrialNotes, ...]
-    information: tuple[TrialNotes, ...]
-    limits: QualityLimits = QualityLimits()
-
-
-def find_problems(
+def problems(
     states: Sequence[TrialState], provenance: Provenance, results: Results
-) -> Problems | None:
+) -> dict[str, Any]:
     """Name trials that are not simply done or not compared, and settings or versions that differ.
 
-    Parameters
-    ----------
-    states
-        What became of the trials.
-    provenance
-        What the results were made from.
-    results
-        The trials; those whose residuals are not compared lack them here.
-
-    Returns
-    -------
-    Problems or None
-        None if there are none.
+    `results` lacks residuals that are not compared. Lines are pairs of a trial and a text.
     """
     lines = [
-        Problem(f"{s.subject} {s.condition} {s.state}", s.reason)
-        for s in states
-        if s.state != "done"
+        (f"{s.subject} {s.condition} {s.state}", s.reason) for s in states if s.state != "done"
     ]
     compared = set(results.residuals["subject"] + " " + results.residuals["condition"])
-    for key, trial in results.summaries.items():
+    for key, trial in results.trials.items():
         if trial.span is not None and " ".join(key) not in compared:
             text = (
                 f"counts {trial.span[0]:.2f} to {trial.span[1]:.2f} s of the recording and no gait "
                 "cycles, so it is left out of tables and tests; its residuals are in residuals.csv"
             )
-            lines.append(Problem(" ".join(key), text))
+            lines.append((" ".join(key), text))
     for quantity, different in (
         ("settings", provenance.settings),
         ("versions", provenance.versions),
         ("engines", provenance.engines),
     ):
-        if len(different) > 1:
-            text = (
-                f"Trials were processed with {len(different)} different {quantity}: run them again."
-            )
-            lines.append(Problem("", text))
-    if not lines:
-        return None
+        if (count := len(different)) > 1:
+            text = f"Trials were processed with {count} different {quantity}: run them again."
+            lines.append(("", text))
     missing = sum(not s.in_tables for s in states)
     lead = "The following affects all results below."
     if missing:
         lead = f"{missing} of {len(states)} trials are not in the tables and figures."
-    return Problems(lead, tuple(lines))
+    return {"lead": lead, "lines": lines}
 
 
-def trial_section(results: Results, states: Sequence[TrialState], design: Design) -> TrialSection:
-    """Show the quality and the notes of every trial.
-
-    Parameters
-    ----------
-    results
-        The trials.
-    states
-        What became of them.
-    design
-        The order of the conditions.
-
-    Returns
-    -------
-    TrialSection
-        In order of subject and condition.
-    """
-    order = {name: k for k, name in enumerate(design.in_order(c for _, c in results.summaries))}
-    keys = sorted(results.summaries, key=lambda key: (key[0], order[key[1]]))
-    trials = [(" ".join(key), results.summaries[key]) for key in keys]
-    return TrialSection(
-        rows=tuple(QualityRow(name, trial_quality(trial)) for name, trial in trials),
-        absent=tuple(
-            f"{s.subject} {s.condition}: {s.state}, {s.reason}" for s in states if not s.in_tables
-        ),
-        warnings=_notes(trials, "warning"),
-        information=_notes(trials, "info"),
-    )
-
-
-def _notes(trials: Sequence[tuple[str, TrialSummary]], level: Level) -> tuple[TrialNotes, ...]:
-    noted = [
-        TrialNotes(name, trial.source, tuple(n for n in trial.notes if n.level == level))
-        for name, trial in trials
+def quality_table(rated: Mapping[str, Mapping[str, tuple[Check, ...]]]) -> Table:
+    """Show what `trial_quality` says of every trial."""
+    heads = ("Trial", *next(iter(rated.values())))
+    rows: list[tuple[str | Sequence[Check], ...]] = [
+        (name, *checks.values()) for name, checks in rated.items()
     ]
-    return tuple(trial for trial in noted if trial.notes)
+    return Table("Quality of every trial", heads, rows, "trials")
+
+
+def trial_quality(trial: TrialResult) -> dict[str, tuple[Check, ...]]:
+    """Rate a trial: criterion -> findings, in the same order for every trial."""
+    solved, locked = trial.motion.converged, len(trial.body.locked)
+    unsolved = int(np.count_nonzero(~solved))
+    residuals, markers, limits = (
+        residual_table(trial, ""),
+        marker_table(trial),
+        threshold_table(trial),
+    )
+    headline = residuals[residuals["headline"].astype(bool)]
+    return {
+        "Gait cycles": (_counted(trial, headline),),
+        "Marker error (RMS)": (_marker_error(markers),),
+        "Marker gaps": (_marker_gaps(markers),),
+        "Delay of plates": (_delay(trial.delay_s, trial.delay_uncertainty_s),),
+        "Unsolved frames": (("check" if unsolved else "pass", str(unsolved), f"of {len(solved)}"),),
+        "1σ of IC": tuple(_compensation(headline)) or (("none", "–", ""),),
+        "Locked": (("none", str(locked), ""),),
+        "Peak force": tuple(_peaks(limits, "force")),
+        "Peak moment": tuple(_peaks(limits, "moment")),
+    }
+
+
+def _counted(trial: TrialResult, headline: pd.DataFrame) -> Check:
+    """Say how many gait cycles count, or which span, and for how much of it."""
+    counts = {side: len(spans) for side, spans in trial.cycles.items() if len(spans)}
+    least = headline["valid_share"].min()
+    share = f"{100 * least:.0f} % of frames" if least < 1 else ""
+    if trial.span is not None:
+        value, sides = f"{trial.span[0]:.2f}–{trial.span[1]:.2f} s", "no gait cycles"
+    else:
+        value = f"{sum(counts.values())} of {trial.found_cycles}"
+        sides = ", ".join(f"{n} {side}" for side, n in counts.items())
+        sides += f"; {trial.part.name}" if trial.part else ""
+    return "none", value, "; ".join(filter(None, (sides, share)))
+
+
+def _compensation(headline: pd.DataFrame) -> Iterator[Check]:
+    """Say how uncertain the compensation makes forces and moments, at most, where that is known."""
+    largest = headline.groupby("unit")["compensation_sd"].max().dropna()
+    yield from (("none", f"{sd:.1f} {unit}", "") for unit, sd in largest.items())
+
+
+def _marker_error(markers: pd.DataFrame) -> Check:
+    """Rate the distance of markers from the model by OpenSim's guideline."""
+    overall, seen = markers.iloc[-1], markers[:-1].dropna()
+    if seen.empty:
+        return "fail", "unknown", ""
+    worst = seen.loc[seen["rms_mm"].idxmax()]
+    rating = "pass" if overall["peak_mm"] <= MAX_MARKER_PEAK_MM else "check"
+    if overall["rms_mm"] >= MAX_MARKER_RMS_MM:
+        rating = "fail"
+    detail = f"{worst['marker']} {worst['rms_mm']:.1f}, peak {overall['peak_mm']:.0f}"
+    return rating, f"{overall['rms_mm']:.1f} mm", detail
+
+
+def _marker_gaps(markers: pd.DataFrame) -> Check:
+    """Rate for how much of the trial markers are missing."""
+    worst = markers.loc[markers["missing_percent"][:-1].idxmax()]
+    percent = worst["missing_percent"]
+    rating = "check" if percent > MAX_GAP_PERCENT else "pass"
+    detail = f"{worst['marker']} {percent:.1f} %" if percent else ""
+    return rating, f"{markers['missing_percent'].iloc[-1]:.1f} %", detail
+
+
+def _peaks(thresholds: pd.DataFrame, quantity: str) -> Iterator[Check]:
+    """Rate peak residuals by the limits of Hicks et al."""
+    for row in thresholds.itertuples():
+        if row.quantity == quantity:
+            name = "IC" if row.compensated else "no IC"
+            value = f"{name} {row.peak:.0f} of {row.limit:.0f} {row.unit}"
+            yield "pass" if row.passed else "fail", value, ""
+
+
+def _delay(delay_s: float, uncertainty_s: float) -> Check:
+    """Rate the delay between plates and markers."""
+    if np.isnan(delay_s):
+        return "check", "unknown", ""
+    spread = "" if np.isnan(uncertainty_s) else f" ± {1000 * uncertainty_s:.1f}"
+    rating = "check" if abs(delay_s) > MAX_DELAY_S else "pass"
+    return rating, f"{1000 * delay_s:.1f}{spread} ms", ""
+
+
+def causes(name: str, explanation: Explanation) -> tuple[Text, Table]:
+    """Show what a trial's residuals are made of: shares, sizes, what to mend, what is open."""
+    title, axes, columns = budget_table(explanation.budget)
+    heads, cells = zip(*columns, strict=True)
+    table = Table(
+        caption=f"{name}: {title}",
+        heads=("Residual", *heads),
+        rows=tuple(zip(axes, *cells, strict=True)),
+        css_class="budget",
+        legend=CAPTION,
+    )
+    notes = (note.text for note in explanation.budget.notes)
+    return Text(name, (*explanation.lines(), *notes)), table

@@ -1,17 +1,21 @@
 """The verdict on the page of a report: one cell per residual and condition."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import isfinite, isnan, nan
-from typing import Final
+from typing import Any, Final
 
 import pandas as pd
 
-from pipeline.statistics.design import EXPERIMENT_3, Design
-from pipeline.statistics.headline import headlines, level_name
-from pipeline.statistics.sample_size import MAX_SUBJECTS
+from pipeline.statistics.design import EXPERIMENT_3, MIN_SUBJECTS, Design
 from pipeline.statistics.table_3 import number
-from pipeline.statistics.verdict import Answer, Verdict, judged_conditions
+from pipeline.statistics.verdict import (
+    MAX_SUBJECTS,
+    Answer,
+    Verdict,
+    headlines,
+    judged_conditions,
+    level_name,
+)
 from pipeline.trial.residuals import AXES, DIRECTIONS
 
 MAX_AXIS_PERCENT: Final = 100.0
@@ -26,136 +30,50 @@ STYLES: Final[dict[Answer, tuple[str, str]]] = {
     "no data": ("–", "none"),
 }
 """Answer -> symbol, class in the style sheet."""
-
-
-@dataclass(frozen=True, slots=True)
-class IntervalGraph:
-    """A difference with its interval over the margin: positions from the left, such as "50%"."""
-
-    margin_left: str
-    margin_width: str
-    low: str
-    mean: str
-    high: str
-
-
-@dataclass(frozen=True, slots=True)
-class VerdictCell:
-    """The verdict on one residual in one condition."""
-
-    symbol: str
-    label: str
-    css_class: str
-    lines: tuple[str, ...] = ()
-    interval: IntervalGraph | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class VerdictRow:
-    """The verdicts on one residual."""
-
-    axis: str
-    direction: str
-    cells: tuple[VerdictCell, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class VerdictSection:
-    """Whether each residual is at the level of the reference.
-
-    Attributes
-    ----------
-    headline
-        The answer in sentences.
-    basis
-        What is compared, where no study states it; empty otherwise.
-    caption
-        Of the table.
-    questions
-        Heads of the columns after the first.
-    rows
-        One per residual; none where there is nothing to compare.
-    subjects, pairs
-        Most subjects of a comparison, and number of planned pairs.
-    margin_percent
-        Non-inferiority margin.
-    """
-
-    headline: tuple[str, ...]
-    basis: str = ""
-    caption: str = ""
-    questions: tuple[str, ...] = ()
-    rows: tuple[VerdictRow, ...] = ()
-    subjects: int = 0
-    pairs: int = 0
-    margin_percent: str = ""
+NO_COMPENSATION: Final = (
+    "There is no compensation to assess: the trials were processed with the plates as measured "
+    "only. State treadmill.calibration in study.toml and run the study again."
+)
 
 
 def question(design: Design) -> str:
-    """Give the question that the section answers."""
+    """Give the question that the verdict answers."""
     if design.compensated:
         return f"Does compensation return each residual to {level_name(design)}?"
     return f"Is each residual at {level_name(design)}?"
 
 
-def verdict_section(
+def verdict_values(
     found: Sequence[Verdict], residuals: pd.DataFrame, design: Design, *, stated: bool
-) -> VerdictSection:
-    """Arrange verdicts for the page.
+) -> dict[str, Any]:
+    """Give what ``verdict.html`` shows: headline, basis, heads of the columns and rows of cells.
 
-    Parameters
-    ----------
-    found
-        The verdicts.
-    residuals
-        Long table of RMS residuals, to say why there is no verdict.
-    design
-        The design that they are of.
-    stated
-        Whether the study states it.
-
-    Returns
-    -------
-    VerdictSection
-        Headline and one cell per residual and condition.
+    `residuals` says why there is no verdict; `stated` whether the study states the design.
     """
-    basis = "" if stated else _basis(design)
     possible = judged_conditions(design)
     order = [c for c in (*design.others, design.reference) if c in possible]
     shown = [c for c in order if any(v.condition == c and v.n for v in found)]
     most = max((v.n for v in found), default=0)
-    sentences = headlines(found, design)
-    if most < 2:
-        sentences = (_why_no_verdict(residuals, most, design),)
-    if not shown:
-        return VerdictSection(sentences, basis)
-    margin_percent = 100 * design.margin
+    margin = 100 * design.margin
     bounds = [abs(x) for v in found for x in (v.low_percent, v.high_percent)]
-    reach = max([2 * margin_percent, *filter(isfinite, bounds)])
-    reach = min(reach, max(MAX_AXIS_PERCENT, margin_percent))
+    reach = max([2 * margin, *filter(isfinite, bounds)])
+    reach = min(reach, max(MAX_AXIS_PERCENT, margin))
     rows = []
     for k, axis in enumerate(AXES):
         own = {v.condition: v for v in found if v.axis == axis}
-        if own:
-            direction = f"{'' if k < 3 else 'about '}{DIRECTIONS[k]}"
-            cells = tuple(_cell(own[condition], reach, most, design) for condition in shown)
-            rows.append(VerdictRow(axis, direction, cells))
-    caption = f"RMS, and its difference from {design.reference}"
-    if design.compensated:
-        caption = (
-            "RMS without → with inertia compensation (IC), and its difference from "
-            f"{design.reference} without IC"
-        )
-    return VerdictSection(
-        headline=sentences,
-        basis=basis,
-        caption=caption,
-        questions=tuple(f"{c}: {_label('at baseline', c, design)}?" for c in shown),
-        rows=tuple(rows),
-        subjects=most,
-        pairs=len(design.pairs),
-        margin_percent=f"{margin_percent:g}",
-    )
+        if own and shown:
+            cells = [_cell(own[condition], reach, most, design) for condition in shown]
+            rows.append((axis, f"{'' if k < 3 else 'about '}{DIRECTIONS[k]}", cells))
+    no_verdict = most < MIN_SUBJECTS
+    return {
+        "headline": [_why_none(residuals, most, design)]
+        if no_verdict
+        else headlines(found, design),
+        "basis": "" if stated else _basis(design),
+        "heads": [f"{c}: {_label('at baseline', c, design)}?" for c in shown],
+        "rows": rows,
+        "most": most,
+    }
 
 
 def _basis(design: Design) -> str:
@@ -163,10 +81,7 @@ def _basis(design: Design) -> str:
     if design == EXPERIMENT_3 or not design.pairs:
         return ""
     if design.conditions == EXPERIMENT_3.conditions:
-        return (
-            "There is no compensation to assess: the trials were processed with the plates as "
-            "measured only. State treadmill.calibration in study.toml and run the study again."
-        )
+        return NO_COMPENSATION
     order = ", ".join(design.conditions)
     return (
         f"No [comparison] is stated, so the conditions are compared in the order {order}, with "
@@ -175,6 +90,7 @@ def _basis(design: Design) -> str:
 
 
 def _label(answer: Answer, condition: str, design: Design) -> str:
+    """Name an answer; the reference is asked whether compensation increased it."""
     if condition == design.reference:
         words = {"at baseline": f"within {100 * design.margin:g} %", "above": "increased"}
     else:
@@ -182,14 +98,12 @@ def _label(answer: Answer, condition: str, design: Design) -> str:
     return words.get(answer, answer)
 
 
-def _why_no_verdict(residuals: pd.DataFrame, subjects: int, design: Design) -> str:
+def _why_none(residuals: pd.DataFrame, subjects: int, design: Design) -> str:
+    """Say why there is no verdict."""
     if subjects == 1:
         return "With one subject there are means, but no confidence intervals."
     if design.compensated and not residuals["compensated"].any():
-        return (
-            "There is no compensation to assess: the trials were processed with the plates as "
-            "measured only. State treadmill.calibration in study.toml and run the study again."
-        )
+        return NO_COMPENSATION
     if not design.factors:
         return "There is one condition and no compensation, so there is nothing to compare."
     if not judged_conditions(design):
@@ -204,43 +118,37 @@ def _why_no_verdict(residuals: pd.DataFrame, subjects: int, design: Design) -> s
     )
 
 
-def _cell(verdict: Verdict, reach: float, most: int, design: Design) -> VerdictCell:
-    symbol, css_class = STYLES[verdict.answer]
-    label = _label(verdict.answer, verdict.condition, design)
-    if not verdict.n:
-        return VerdictCell(symbol, label, css_class)
-    unit = verdict.unit
-    difference, low, high = (
-        number(value, "+z.1f") for value in (verdict.difference, verdict.low, verdict.high)
-    )
-    first = f"{verdict.ic:.1f} {unit}"
-    if design.compensated:
-        change = 100 * (verdict.ic / verdict.no_ic - 1) if verdict.no_ic > 0 else nan
-        relative = "" if isnan(change) else f" ({number(change, '+z.0f')} %)"
-        first = f"{number(verdict.no_ic, '.1f')} → {first}{relative}"
-    percent = number(verdict.percent(verdict.difference), "+z.0f")
-    lines = [first, f"from {design.reference} {difference} {unit} ({percent} %)"]
-    if not isnan(verdict.high):
-        lines.append(f"CI {low} to {high} {unit}{_relative(verdict)}")
-    if own := verdict.measurement:
-        low, high = (number(value, "+z.1f") for value in (own.low, own.high))
-        lines.append(f"measurement {low} to {high} {unit}")
-    if isnan(verdict.high):
-        return VerdictCell(symbol, label, css_class, tuple(lines))
-    lines += [f"n = {verdict.n}"] * (verdict.n < most)
-    if verdict.answer == "inconclusive":
-        lines.append(_needed(verdict))
-    graph = _graph(verdict, reach, 100 * design.margin)
-    return VerdictCell(symbol, label, css_class, tuple(lines), graph)
+def _cell(v: Verdict, reach: float, most: int, design: Design) -> dict[str, Any]:
+    """Give symbol, label, class, lines and graph of a verdict."""
+    symbol, css_class = STYLES[v.answer]
+    cell = {"symbol": symbol, "label": _label(v.answer, v.condition, design), "class": css_class}
+    lines = []
+    if v.n:
+        lines = [f"{v.ic:.1f} {v.unit}"]
+        if design.compensated:
+            change = 100 * (v.ic / v.no_ic - 1) if v.no_ic > 0 else nan
+            relative = "" if isnan(change) else f" ({number(change, '+z.0f')} %)"
+            lines = [f"{number(v.no_ic, '.1f')} → {lines[0]}{relative}"]
+        percent = number(v.percent(v.difference), "+z.0f")
+        difference = number(v.difference, "+z.1f")
+        lines.append(f"from {design.reference} {difference} {v.unit} ({percent} %)")
+    known = v.n and not isnan(v.high)
+    if known:
+        relative = ""
+        if isfinite(v.low_percent) and isfinite(v.high_percent):
+            relative = f" ({_range(v.low_percent, v.high_percent, '+z.0f')} %)"
+        lines.append(f"CI {_range(v.low, v.high)} {v.unit}{relative}")
+    if v.measurement:
+        lines.append(f"measurement {_range(v.measurement.low, v.measurement.high)} {v.unit}")
+    if known:
+        lines += [f"n = {v.n}"] * (v.n < most)
+        lines += [_needed(v)] * (v.answer == "inconclusive")
+    return cell | {"lines": lines, "graph": _graph(v, reach, design) if known else None}
 
 
-def _relative(verdict: Verdict) -> str:
-    """Give the interval in percent of the reference, where it has an end."""
-    bounds = verdict.low_percent, verdict.high_percent
-    if not all(map(isfinite, bounds)):
-        return ""
-    low, high = (number(value, "+z.0f") for value in bounds)
-    return f" ({low} to {high} %)"
+def _range(low: float, high: float, form: str = "+z.1f") -> str:
+    """Write an interval."""
+    return f"{number(low, form)} to {number(high, form)}"
 
 
 def _needed(verdict: Verdict) -> str:
@@ -252,13 +160,16 @@ def _needed(verdict: Verdict) -> str:
     return f"{verdict.needed} would do if the difference were zero"
 
 
-def _graph(verdict: Verdict, reach: float, margin_percent: float) -> IntervalGraph:
-    """Draw a difference in percent of the reference on an axis from -reach to +reach."""
-
-    def at(percent: float) -> str:
-        return f"{50 + HALF_WIDTH_PERCENT * max(-1.0, min(1.0, percent / reach)):.2f}%"
-
-    low, high = verdict.low_percent, verdict.high_percent
-    mean = verdict.percent(verdict.difference)
-    width = f"{2 * HALF_WIDTH_PERCENT * margin_percent / reach:.2f}%"
-    return IntervalGraph(at(-margin_percent), width, at(low), at(mean), at(high))
+def _graph(v: Verdict, reach: float, design: Design) -> dict[str, str]:
+    """Place a difference, its interval and the margin on an axis from -reach to +reach [%]."""
+    places = {
+        "margin": -100 * design.margin,
+        "low": v.low_percent,
+        "mean": v.percent(v.difference),
+        "high": v.high_percent,
+    }
+    graph = {
+        name: f"{50 + HALF_WIDTH_PERCENT * max(-1.0, min(1.0, percent / reach)):.2f}%"
+        for name, percent in places.items()
+    }
+    return graph | {"width": f"{2 * HALF_WIDTH_PERCENT * 100 * design.margin / reach:.2f}%"}

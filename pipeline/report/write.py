@@ -1,30 +1,43 @@
 """The report of a study: tables, statistics, figures and one page, from what `hbm run` left."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 import pandas as pd
 
+from hbm.engines.engine import title
 from hbm.spelling import did_you_mean, listed, short
-from pipeline.budgets.measurement import study_covariances, what_is_missing
-from pipeline.budgets.study import explanations
+from pipeline.budgets.explanation import study_covariances, what_is_missing
+from pipeline.budgets.study import explanations, stale_sentence, unexplained
 from pipeline.config.comparison import groups, study_design
 from pipeline.config.schema import COVARIATES
 from pipeline.config.study import Study, read_study
 from pipeline.figures.style import save_figure
 from pipeline.io.write import whole_file, write_csv, write_text
-from pipeline.report.figures import study_figures
-from pipeline.report.page import Report, write_page
-from pipeline.report.plan import plan_markdown, plan_table
-from pipeline.report.windows import windows_sentence
+from pipeline.report.blocks import TEMPLATES, Table, picture
+from pipeline.report.effects import residual_tests
+from pipeline.report.figures import example_subject, study_figures
+from pipeline.report.methods import bibtex, methods
+from pipeline.report.tables import plan_markdown, plan_table, residual_tables, windows_sentence
+from pipeline.report.trials import LIMITS, causes, problems, quality_table, trial_quality
+from pipeline.report.verdict import question, verdict_values
 from pipeline.run.failures import read_failures
-from pipeline.run.load import collect, select_trials
-from pipeline.run.provenance import provenance, trial_states
+from pipeline.run.load import Results, collect, select_trials
+from pipeline.run.provenance import Provenance, provenance, trial_states
 from pipeline.statistics.comparison import statistics
 from pipeline.statistics.design import Design, unstated_design
 from pipeline.statistics.table_3 import table_3, table_3_markdown
 from pipeline.statistics.verdict import verdicts
+
+UNSTATED: Final = {
+    "marker_set": "recognised from the files",
+    "plate_delay_s": "that of the plates' calibration, where there is one, else 0.0",
+    "events": "the file's where it has some, else auto",
+    "engine": "pinocchio where it can be imported, else kernels",
+}
+"""Setting -> what it is where the study does not state it."""
 
 
 def write_report(
@@ -77,28 +90,29 @@ def write_report(
     """
     study = read_study(study_folder, recordings=False) if study_folder is not None else None
     announce("collecting the trials")
-    results = collect(folder)
+    results = collect(folder, trial_quality)
     states = trial_states(results, read_failures(folder), study)
     results = select_trials(results, {(s.subject, s.condition) for s in states if s.in_tables})
     write_csv(results.residuals, folder / "residuals.csv")
     write_csv(results.by_cycle, folder / "cycles.csv")
     headline = results.residuals[results.residuals["headline"].astype(bool)]
     results = replace(results, residuals=headline.reset_index(drop=True))
+
     announce("computing statistics")
     design = _design(results.residuals, study, covariates)
     results = replace(results, residuals=design.comparable(results.residuals))
     tests = statistics(results.residuals, _all_subjects(results.subjects, study), design)
-    explained = explanations(folder, results.summaries)
+    explained = explanations(folder, results.trials)
     compared = results.residuals[results.residuals["condition"].isin(design.conditions)]
     measurement = study_covariances(explained, compared)
     missing = what_is_missing(explained, compared)
     table = table_3(results.residuals, tests, design, measurement)
-
+    windows = windows_sentence(results.residuals)
     write_csv(tests, folder / "statistics.csv")
     write_csv(table, folder / "table_3.csv")
-    below = "\n".join(filter(None, (windows_sentence(results.residuals), missing)))
+    below = "\n".join(filter(None, (windows, missing)))
     write_text(f"{table_3_markdown(table, design)}\n{below}\n", folder / "table_3.md")
-    found = verdicts(results.residuals, tests, design, measurement)
+    found = verdicts(results.residuals, design, measurement)
     write_csv(plan_table(found, design), folder / "plan.csv")
     write_text(plan_markdown(found, design), folder / "plan.md")
     with whole_file(folder / "cycles.parquet") as temporary:
@@ -108,12 +122,51 @@ def write_report(
     source = provenance(results, states, study)
     write_text(source.to_json(), folder / "study.json")
 
-    figures = folder / "figures"
+    pictures = {}
     for name, figure in study_figures(results, tests, design):
         announce(f"drawing {name}")
-        save_figure(figure, figures / name)
-    about = results, design, tests, table, found, states, source, figures, study
-    page = write_page(Report(*about, explained=explained, measurement=missing))
+        save_figure(figure, folder / "figures" / name)
+        suffix = ".png" if name.startswith("raw_") else ".svg"  # every cycle is too many lines
+        pictures[name] = picture(folder / "figures" / f"{name}{suffix}")
+
+    order = design.in_order(condition for _, condition in results.trials)
+    keys = sorted(results.trials, key=lambda key: (key[0], order.index(key[1])))
+    trials = {" ".join(key): results.trials[key] for key in keys}
+    failed, stale = unexplained(folder), stale_sentence(folder)
+    paragraphs = methods(results, tests, design, study)
+    tables, inputs = _sources(source)
+    of_study = {} if study is None else groups(study.file, study.subjects)
+    stated = study is not None and study.file.comparison is not None
+    page = TEMPLATES.get_template("page.html").render(
+        name=source.name or "Study report",
+        scope=_scope(results, design),
+        question=question(design),
+        design=design,
+        windows=windows,
+        measurement=missing,
+        problems=problems(states, source, results),
+        verdict=verdict_values(found, results.residuals, design, stated=stated),
+        tables=residual_tables(
+            results.residuals, table, design, {s: g for s, g in of_study.items() if g is not None}
+        ),
+        tests=residual_tests(tests, design),
+        pictures=pictures,
+        example_subject=example_subject(results.cycles),
+        any_compensated=bool(results.residuals["compensated"].any()),
+        has_reference=design.reference in set(results.cycles["condition"]),
+        trials=trials,
+        states=states,
+        quality=quality_table({" ".join(key): results.derived[key] for key in keys}),
+        limits=LIMITS,
+        explained=bool(explained or failed or stale),
+        causes=[causes(" ".join(key), explained[key]) for key in keys if key in explained],
+        unexplained=[f"{name}: {failed[name]}" for name in trials if name in failed],
+        stale=stale,
+        methods=paragraphs,
+        bibtex=bibtex(paragraphs, source.report["hbm-residuals"]),
+        sources=tables,
+        inputs=inputs,
+    )
     write_text(page, folder / "report.html")
     return folder / "report.html"
 
@@ -147,3 +200,54 @@ def _all_subjects(subjects: pd.DataFrame, study: Study | None) -> pd.DataFrame:
     people = pd.DataFrame([*subjects.to_dict("records"), *absent], columns=subjects.columns)
     of_study = groups(study.file, study.subjects)
     return people.assign(group=people["subject"].map(of_study)) if of_study else people
+
+
+def _scope(results: Results, design: Design) -> str:
+    """Say of how many subjects, trials and conditions the report is."""
+    conditions = ", ".join(design.in_order(results.residuals["condition"]))
+    subjects, trials = results.residuals["subject"].nunique(), len(results.trials)
+    variants = " without and with inertia compensation (IC)" * design.compensated
+    return (
+        f"Pelvis residuals{variants}: {subjects} "
+        f"subject{'s' * (subjects > 1)}, {trials} trial{'s' * (trials > 1)}; {conditions}"
+    )
+
+
+def _sources(source: Provenance) -> tuple[list[Table], Table | None]:
+    """Show settings, versions, engines and program, and the hashes of the study's files."""
+    package = ("Package", "Version")
+
+    def pairs(
+        caption: str, heads: Sequence[str], values: Mapping[str, str], css_class: str = ""
+    ) -> Table:
+        """Show names with their values."""
+        return Table(caption, heads, tuple(values.items()), css_class)
+
+    tables = []
+    for settings in source.settings:
+        values = {k: UNSTATED[k] if v is None else str(v) for k, v in settings}
+        tables.append(pairs("Settings of the trials", ("Setting", "Value"), values))
+    for versions in source.versions:
+        tables.append(pairs("The trials were processed with", package, versions))
+    engines = [
+        (
+            str(used),
+            title(used.other, used.other_version),
+            str(used.frames),
+            f"{used.difference:.0e}",
+        )
+        if used.other is not None
+        else (str(used), "not checked", "0", "unknown")
+        for used in source.engines
+    ]
+    heads = "Engine", "Checked by", "Frames", "Largest difference"
+    tables.append(Table("Inverse dynamics of the trials", heads, engines))
+    tables.append(pairs("The report was made with", package, source.report))
+    program = {
+        "Source code, SHA-256": source.program.sha256,
+        "Git commit": source.program.git_commit or "not in a repository",
+    }
+    tables.append(pairs("The program", ("Program", "Identity"), program, "hashes"))
+    if source.inputs is None:
+        return tables, None
+    return tables, pairs("Files of the study", ("File", "SHA-256"), source.inputs, "hashes")

@@ -10,7 +10,7 @@ import numpy as np
 from compensation.inertia.sensors import describe_sensors
 from hbm.body import Body
 from hbm.coordinates import COORDINATES, LAST_Q, support
-from hbm.engines.choice import choose_engine
+from hbm.engines.engine import choose_engine
 from hbm.notes import Note, NoteValue
 from hbm.signals.filtering import low_pass
 from hbm.spelling import did_you_mean
@@ -32,9 +32,9 @@ from pipeline.trial.ground.empty_plates import read_empty
 from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_uncompensated
 from pipeline.trial.ground.platform import platform_pose
 from pipeline.trial.ground.uncertainty import belt_speed_notes
+from pipeline.trial.quality import settling_s
 from pipeline.trial.study_files import labels_in_none, read_study_file, read_study_plates
 from pipeline.trial.subject_body import subject_body
-from pipeline.trial.validity import settling_s
 from pipeline.trial.weighing import body_mass, differing_masses
 from pipeline.trial.window import NO_POSE, counted_span
 

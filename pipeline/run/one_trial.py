@@ -6,11 +6,9 @@ from pathlib import Path
 
 from hbm.kernels.native import kernels
 from hbm.markers import MarkerSet, marker_sets, read_marker_set
-from hbm.spelling import short
 from pipeline.config.plate_correction import read_plate_correction
 from pipeline.config.schema import Platform, RecordingRules, Settings, Subject, Treadmill
 from pipeline.config.toml_file import read_segments
-from pipeline.config.validation import Model, Option, check_options
 from pipeline.io.input_file import is_file, read_text
 from pipeline.io.read import read_as_stated
 from pipeline.io.recording import Recording
@@ -44,13 +42,6 @@ class ProcessedTrial:
 
 def process_request(
     request: TrialRequest, announce: Callable[[str], None] | None = None
-) -> TrialResult:
-    """Read and process one trial; parameters and errors as for `processed_trial`."""
-    return processed_trial(request, announce).result
-
-
-def processed_trial(
-    request: TrialRequest, announce: Callable[[str], None] | None = None
 ) -> ProcessedTrial:
     """Read and process one trial, and keep what it was made from.
 
@@ -73,11 +64,7 @@ def processed_trial(
     """
     marker_set = _own_marker_set(request.marker_set)
     shipped = request.marker_set if marker_set is None else None
-    faults: list[str] = []
-    settings = _checked(Settings, request, faults, marker_set=shipped)
-    subject = _checked(Subject, request, faults)
-    if settings is None or subject is None:
-        raise ValueError("; ".join(faults))
+    settings = request.part(Settings, marker_set=shipped, plate_delay_s=request.plate_delay)
     stated, window = _stated(request), request.window
     recording = read_requested(request)
     static, hip_trial = (
@@ -91,7 +78,7 @@ def processed_trial(
         with naming_unused_renames(recording):
             result = process_recording(
                 recording,
-                subject,
+                request.part(Subject),
                 settings,
                 static=static,
                 hip_trial=hip_trial,
@@ -119,20 +106,9 @@ def read_requested(request: TrialRequest) -> Recording:
 
 
 def _stated(request: TrialRequest) -> Stated:
-    """Give what a request states about its files; a ValueError names the options at fault."""
-    rename: dict[str, str] = {}
-    for pair in request.rename:
-        old, sign, new = (part.strip() for part in pair.partition("="))
-        if not (old and sign and new):
-            raise ValueError(f"--rename {short(pair)}: expected OLD=NEW, such as LASI=LASIS")
-        if rename.setdefault(old, new) != new:
-            raise ValueError(f"--rename gives {short(old)} two new labels")
-    faults: list[str] = []
-    rules = _checked(RecordingRules, request, faults, rename=rename)
-    if rules is None:
-        raise ValueError("; ".join(faults))
+    """Give what a request states about its files."""
     own = _own_marker_set(request.marker_set)
-    return rules.stated(own or marker_sets().get(request.marker_set or ""))
+    return request.part(RecordingRules).stated(own or marker_sets().get(request.marker_set or ""))
 
 
 def _own_marker_set(name: str | None) -> MarkerSet | None:
@@ -154,15 +130,3 @@ def requested_laboratory(request: TrialRequest) -> Laboratory:
         raise ValueError("--accelerometer has no effect without --calibration")
     platform = Platform(markers=markers) if markers else None
     return Laboratory(Treadmill(platform=platform), plates=plates)
-
-
-def _checked(
-    kind: type[Model], request: TrialRequest, faults: list[str], **other: Option
-) -> Model | None:
-    """Check those fields of a request that a model has too, ``other`` in their place."""
-    stated = {name: getattr(request, name) for name in kind.model_fields if hasattr(request, name)}
-    try:
-        return check_options(kind, stated | other)
-    except ValueError as error:
-        faults.append(str(error))
-        return None

@@ -14,7 +14,7 @@ COMPUTATION: Final = ("hbm", "compensation", "pipeline/io", "pipeline/config", "
 """Folders whose sources the numbers of a trial depend on."""
 EXPLANATION: Final = ("pipeline/explain", "pipeline/budgets")
 """Folders whose sources what explains a trial depends on besides."""
-SOURCES: Final = frozenset({".py", ".c", ".h", ".csv", ".toml", ".html", ".css"})
+SOURCES: Final = frozenset({".py", ".c", ".h", ".csv", ".toml", ".txt", ".html", ".css"})
 LIBRARIES: Final = ("numpy", "scipy", "casadi")
 """Libraries whose version may change the last bits of a result."""
 

@@ -12,7 +12,7 @@ from typing import Final
 
 from joblib import delayed
 
-from hbm.engines.choice import choose_engine
+from hbm.engines.engine import choose_engine
 from hbm.kernels.native import kernels
 from hbm.notes import Note
 from pipeline.config.study import Study

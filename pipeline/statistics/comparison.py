@@ -1,40 +1,84 @@
-"""Statistics of a study: one tidy table from the long table of residuals."""
+"""Statistics of a study: one tidy table of tests from the long table of residuals.
+
+Each question has one test and its robust partner: a repeated-measures analysis of variance and
+Friedman's test over the cells, paired t and Wilcoxon tests of the planned pairs.
+"""
 
 from collections.abc import Iterator
-from dataclasses import asdict, fields, replace
-from math import isnan
+from dataclasses import asdict, dataclass, fields, replace
+from math import isnan, nan
+from typing import Final
 
 import numpy as np
 import pandas as pd
 
 from hbm.spatial import Array
-from pipeline.statistics.design import EXPERIMENT_3, MIN_SUBJECTS, Design
-from pipeline.statistics.omnibus import between_rows, factorial_rows
-from pipeline.statistics.paired import IntervalEstimate, PairedComparison, compare_paired
-from pipeline.statistics.row import (
-    Row,
-    complete_subjects,
-    join_notes,
-    not_computed,
-    smallest_p_note,
+from pipeline.statistics.design import ALPHA, EXPERIMENT_3, MIN_SUBJECTS, Design
+from pipeline.statistics.paired import IntervalEstimate, compare_paired
+from pipeline.statistics.rm_glm import (
+    GlmTerm,
+    observed_power,
+    partial_eta_squared_interval,
+    repeated_measures_glm,
 )
 
-MIN_SUBJECTS_FRIEDMAN = 3
+RM_ANOVA: Final = "RM-ANOVA"
+MIXED_ANOVA: Final = "mixed ANOVA"
+"""Names of the tests without and with a between-subject group."""
+MIN_SUBJECTS_FRIEDMAN: Final = 3
 """Below, the chi-square approximation does not hold."""
-MIN_CELLS_FRIEDMAN = 3
+MIN_CELLS_FRIEDMAN: Final = 3
 """Two cells are a pair."""
-ALL_CELLS = "all cells"
-MIN_DIFFERENCES_SHAPIRO = 4
-"""pingouin requires at least four values."""
+ALL_CELLS: Final = "all cells"
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One row of the table: a test, or an estimate, of one effect on one residual.
+
+    Attributes
+    ----------
+    test, effect
+        Name of the test and its effect: factors joined by colons, pairs as "first - second".
+    statistic_name, statistic, df1, df2
+        The test statistic and its degrees of freedom, with sphericity assumed.
+    p_uncorrected, p_corrected, correction
+        The p-value of the test alone, the one to report, and how it was corrected: "none",
+        "Greenhouse-Geisser" where sphericity is rejected or cannot be tested, "Bonferroni x5" or
+        "Holm x5" for five planned pairs.
+    epsilon
+        Greenhouse–Geisser epsilon, whether applied or not.
+    effect_size_name, effect_size, ci_low, ci_high
+        Effect size, and its 95 % confidence interval where it has one.
+    power
+        Observed power; it and the interval of an F test are corrected as `p_corrected` is.
+    n
+        Subjects in this test.
+    note
+        Subjects left out, what could not be computed, and limitations of the test.
+    """
+
+    test: str
+    effect: str
+    statistic_name: str = ""
+    statistic: float = nan
+    df1: float = nan
+    df2: float = nan
+    p_uncorrected: float = nan
+    p_corrected: float = nan
+    correction: str = ""
+    epsilon: float = nan
+    effect_size_name: str = ""
+    effect_size: float = nan
+    ci_low: float = nan
+    ci_high: float = nan
+    power: float = nan
+    n: int = 0
+    note: str = ""
 
 
 def statistics(
-    residuals: pd.DataFrame,
-    subjects: pd.DataFrame | None = None,
-    design: Design = EXPERIMENT_3,
-    *,
-    centre: bool = True,
-    alpha: float = 0.05,
+    residuals: pd.DataFrame, subjects: pd.DataFrame | None = None, design: Design = EXPERIMENT_3
 ) -> pd.DataFrame:
     """Run every test of a design on every residual.
 
@@ -49,10 +93,6 @@ def statistics(
         covariates out.
     design
         Conditions, planned pairs, covariates; by default those of experiment 3.
-    centre
-        Centre the covariates (see `repeated_measures_glm`); False as in SPSS.
-    alpha
-        Level of significance for Mauchly's test and the observed power.
 
     Returns
     -------
@@ -62,8 +102,7 @@ def statistics(
     Raises
     ------
     ValueError
-        If a column is missing, a cell or a subject is given twice, an axis has two units, an RMS
-        is negative or infinite, or `compensated` is not boolean.
+        If a cell is given twice, or subjects in groups have no table.
 
     Notes
     -----
@@ -71,10 +110,7 @@ def statistics(
     The planned pairs are corrected for within a residual, as in the thesis, not over all six
     residuals; they are over the subjects of all groups.
     """
-    _check(residuals)
-    if subjects is not None:
-        _check_subjects(subjects, design)
-    elif design.group is not None:
+    if subjects is None and design.group is not None:
         raise ValueError(f"groups by {design.group} need a table of subjects")
     data = residuals[residuals["compensated"].isin(design.variants)]
     names = [design.cell(*key) for key in zip(data["condition"], data["compensated"], strict=True)]
@@ -85,7 +121,7 @@ def statistics(
     for (axis, unit), group in data.groupby(["axis", "unit"], sort=False):
         cells = group.pivot(index="subject", columns="cell", values="rms")
         cells = cells.reindex(index=everyone, columns=list(design.cells))
-        tests = _tests(cells, subjects, design, centre=centre, alpha=alpha)
+        tests = _tests(cells, subjects, design)
         rows += [{"axis": axis, "unit": unit, **asdict(test)} for test in tests]
     others = sorted(set(residuals["condition"]) - set(design.conditions))
     if others:
@@ -94,63 +130,125 @@ def statistics(
     return pd.DataFrame(rows, columns=["axis", "unit", *(field.name for field in fields(Row))])
 
 
-def _tests(
-    cells: pd.DataFrame,
-    subjects: pd.DataFrame | None,
-    design: Design,
-    *,
-    centre: bool,
-    alpha: float,
-) -> list[Row]:
-    """Run every test of one residual."""
+def _tests(cells: pd.DataFrame, subjects: pd.DataFrame | None, design: Design) -> list[Row]:
+    """Run every test of one residual; cells has a row per subject and a column per cell."""
     measured = int(cells.notna().any(axis=1).sum())
     if not design.factors:
         note = "not computed: one condition without compensation, nothing to compare"
         return [Row("all", "", n=measured, note=note)]
     if measured < MIN_SUBJECTS:
-        return [not_computed("all", "", measured, MIN_SUBJECTS, complete_subjects(cells)[1])]
-    group = () if design.group is None else (design.group,)
-    people = None if subjects is None else subjects.set_index("subject")
-    if people is not None and "sex" in people:  # what is not stated is no third sex
+        return [_not_computed("all", "", measured, MIN_SUBJECTS, _complete(cells)[1])]
+    group = [] if subjects is None or design.group is None else [design.group]
+    people = pd.DataFrame(index=cells.index) if subjects is None else subjects.set_index("subject")
+    if "sex" in people:  # what is not stated is no third sex
         people = people.assign(sex=people["sex"].replace("unspecified", None))
-    tests: list[Row] = []
-    if people is None or not group:
-        tests += factorial_rows(cells, design, alpha)
-    else:
-        tests += between_rows(cells, people[[*group]], design, centre=centre, alpha=alpha)
-    tests += [*_friedman(cells, design), *_pairs(cells, design, alpha)]
-    if people is not None and design.covariates:
-        own = people[[*group, *design.covariates]]
-        tests += between_rows(cells, own, design, centre=centre, alpha=alpha)
+    tests = [
+        *_anova(cells, people[group], design),
+        *_friedman(cells, design),
+        *_pairs(cells, design),
+    ]
+    if subjects is not None and design.covariates:
+        tests += _anova(cells, people[[*group, *design.covariates]], design)
     return tests
 
 
-def _check(residuals: pd.DataFrame) -> None:
-    needed = ["subject", "condition", "compensated", "axis", "unit", "rms"]
-    absent = [name for name in needed if name not in residuals]
-    if absent:
-        raise ValueError(f"residuals: no column {', '.join(absent)}; expected {', '.join(needed)}")
-    if not residuals["compensated"].isin([True, False]).all():
-        raise ValueError("residuals: column compensated must hold True or False only")
-    if (residuals["rms"] < 0).any() or np.isinf(residuals["rms"]).any():
-        raise ValueError("residuals: an RMS is negative or infinite")
-    cell = ["subject", "condition", "compensated", "axis"]
-    twice = residuals.loc[residuals.duplicated(cell), cell]
-    if len(twice):
-        raise ValueError(f"residuals: given more than once: {', '.join(map(str, twice.iloc[0]))}")
-    units = residuals.groupby("axis")["unit"].nunique()
-    if (units > 1).any():
-        raise ValueError(f"residuals: more than one unit for {', '.join(units.index[units > 1])}")
+def _complete(cells: pd.DataFrame) -> tuple[pd.DataFrame, str]:
+    """Give the subjects (rows) who have all cells, and a note that names the others."""
+    gaps = [
+        f"{subject} (no {', '.join(cells.columns[gap])})"
+        for subject, gap in zip(cells.index, cells.isna().to_numpy(), strict=True)
+        if gap.any()
+    ]
+    return cells.dropna(), f"without {', '.join(gaps)}" if gaps else ""
 
 
-def _check_subjects(subjects: pd.DataFrame, design: Design) -> None:
-    needed = ("subject", *design.covariates, *(() if design.group is None else (design.group,)))
-    absent = [name for name in needed if name not in subjects]
-    if absent:
-        raise ValueError(f"subjects: no column {', '.join(absent)}; there are {[*subjects]}")
-    twice = subjects["subject"][subjects["subject"].duplicated()]
-    if len(twice):
-        raise ValueError(f"subjects: given more than once: {', '.join(map(str, twice))}")
+def _joined(*notes: str) -> str:
+    """Join the notes that are not empty."""
+    return "; ".join(filter(None, notes))
+
+
+def _not_computed(test: str, effect: str, n: int, needed: int, missing: str) -> Row:
+    """Give the row of a test that has too few complete subjects."""
+    reason = f"not computed: needs at least {needed} complete subjects, got {n}"
+    return Row(test, effect, n=n, note=_joined(reason, missing))
+
+
+def _anova(cells: pd.DataFrame, between: pd.DataFrame, design: Design) -> Iterator[Row]:
+    """Test the within factors, and their interactions with groups and covariates if there are any.
+
+    Columns of text in `between` are groups, of numbers slopes; the design's group makes the test a
+    mixed analysis of variance.
+    """
+    complete, missing = _complete(cells.join(between))
+    n, names = len(complete), [str(name) for name in between]
+    varying = [name for name in names if complete[name].nunique() > 1]
+    same = [f"{name} left out: the same for all subjects" for name in names if name not in varying]
+    covariates = [name for name in varying or names if name != design.group]
+    test = MIXED_ANOVA if design.group in names else RM_ANOVA
+    test += f" with {' and '.join(covariates)}" if covariates else ""
+    if n < MIN_SUBJECTS:
+        yield _not_computed(test, "", n, MIN_SUBJECTS, missing)
+        return
+    note = _joined(*same, missing)
+    if (names and not varying) or (design.group in names and design.group not in varying):
+        yield Row(test, "", n=n, note=_joined("not computed", note))
+        return
+    try:
+        terms = repeated_measures_glm(
+            complete[list(design.cells)].to_numpy().reshape(n, *design.levels),
+            design.factors,
+            {name: complete[name].to_numpy() for name in varying},
+        )
+    except ValueError as error:
+        yield Row(test, "", n=n, note=_joined(f"not computed: {error}", note))
+        return
+    for term in terms:
+        effect = ":".join(filter(None, (*term.within, term.between)))
+        if not term.between and not isnan(term.mauchly_p):
+            row = Row(f"Mauchly, {test}", effect, "W", term.mauchly_w, n=n, note=note)
+            yield _with_p(row, term.mauchly_p)
+        yield _f_test(Row(test, effect, n=n, note=note), term)
+
+
+def _with_p(row: Row, p: float) -> Row:
+    """Add a p-value that needs no correction."""
+    return replace(row, p_uncorrected=p, p_corrected=p, correction="none")
+
+
+def _f_test(row: Row, term: GlmTerm) -> Row:
+    """Fill in an F test, corrected where sphericity is rejected or cannot be tested."""
+    if isnan(term.f):
+        reason = "not computed: no error term, the effect does not vary between subjects"
+        return replace(row, note=_joined(reason, row.note))
+    several = term.contrasts > 1
+    spherical = not several or term.mauchly_p >= ALPHA
+    sphericity = ""
+    if several:
+        if isnan(term.mauchly_p):
+            sphericity = "sphericity cannot be tested with so few subjects"
+        elif spherical:
+            sphericity = f"sphericity not rejected; Greenhouse-Geisser p = {term.p_gg:.3g}"
+        else:
+            sphericity = f"sphericity rejected, Mauchly p = {term.mauchly_p:.3g}"
+    share = 1.0 if spherical else term.epsilon
+    low, high = partial_eta_squared_interval(term.f, share * term.df1, share * term.df2)
+    return replace(
+        row,
+        statistic_name="F",
+        statistic=term.f,
+        df1=term.df1,
+        df2=term.df2,
+        p_uncorrected=term.p,
+        p_corrected=term.p if spherical else term.p_gg,
+        correction="none" if spherical else "Greenhouse-Geisser",
+        epsilon=term.epsilon,
+        effect_size_name="partial eta squared",
+        effect_size=term.partial_eta_squared,
+        ci_low=low,
+        ci_high=high,
+        power=observed_power(term.f, share * term.df1, share * term.df2, ALPHA),
+        note=_joined(sphericity, row.note),
+    )
 
 
 def _friedman(cells: pd.DataFrame, design: Design) -> Iterator[Row]:
@@ -168,81 +266,65 @@ def _friedman(cells: pd.DataFrame, design: Design) -> Iterator[Row]:
     for effect, columns in tested.items():
         if len(columns) < MIN_CELLS_FRIEDMAN:
             continue
-        note = limitation if effect == ALL_CELLS else ""
-        complete, missing = complete_subjects(cells[columns])
-        if len(complete) < MIN_SUBJECTS_FRIEDMAN:
-            yield not_computed("Friedman", effect, len(complete), MIN_SUBJECTS_FRIEDMAN, missing)
-            continue
-        if (complete.nunique(axis=1) == 1).all():
+        complete, missing = _complete(cells[columns])
+        n = len(complete)
+        if n < MIN_SUBJECTS_FRIEDMAN:
+            yield _not_computed("Friedman", effect, n, MIN_SUBJECTS_FRIEDMAN, missing)
+        elif (complete.nunique(axis=1) == 1).all():
             reason = "not computed: every subject has the same value in all cells"
-            yield Row("Friedman", effect, n=len(complete), note=join_notes(reason, missing))
-            continue
-        found = pingouin.friedman(complete).iloc[0]
-        yield Row(
-            *("Friedman", effect, "chi2", float(found["Q"]), float(found["ddof1"])),
-            p_uncorrected=float(found["p_unc"]),
-            p_corrected=float(found["p_unc"]),
-            correction="none",
-            effect_size_name="Kendall's W",
-            effect_size=float(found["W"]),
-            n=len(complete),
-            note=join_notes(note, missing),
-        )
+            yield Row("Friedman", effect, n=n, note=_joined(reason, missing))
+        else:
+            found = pingouin.friedman(complete).iloc[0]
+            row = Row(
+                *("Friedman", effect, "chi2", float(found["Q"]), float(found["ddof1"])),
+                effect_size_name="Kendall's W",
+                effect_size=float(found["W"]),
+                n=n,
+                note=_joined(limitation * (effect == ALL_CELLS), missing),
+            )
+            yield _with_p(row, float(found["p_unc"]))
 
 
-def _pairs(cells: pd.DataFrame, design: Design, alpha: float) -> Iterator[Row]:
-    """Compare the planned pairs: normality, tests with both corrections, estimates."""
-    if not design.pairs:
-        return
-    found: dict[str, PairedComparison] = {}
-    missing: dict[str, str] = {}
+def _pairs(cells: pd.DataFrame, design: Design) -> Iterator[Row]:
+    """Compare the planned pairs: tests with both corrections, estimates."""
+    tests: dict[str, list[Row]] = {}
+    estimates = []
     for first, second in design.pairs:
         effect = f"{first} - {second}"
-        complete, missing[effect] = complete_subjects(cells[[first, second]])
+        complete, missing = _complete(cells[[first, second]])
         n = len(complete)
         if n < MIN_SUBJECTS:
-            yield not_computed("planned pair", effect, n, MIN_SUBJECTS, missing[effect])
+            yield _not_computed("planned pair", effect, n, MIN_SUBJECTS, missing)
             continue
         differences = (complete[first] - complete[second]).to_numpy()
-        found[effect] = compare_paired(differences)
-        yield _normality(effect, differences, missing[effect])
-
-    for test, p_name in (
-        ("paired t", "p_t"),
-        ("Wilcoxon exact", "p_exact"),
-        ("Wilcoxon asymptotic", "p_asymptotic"),
-    ):
-        p = np.array([getattr(compared, p_name) for compared in found.values()])
-        for correction, corrected in _corrected(p, len(design.pairs)).items():
-            for effect, p_corrected in zip(found, corrected, strict=True):
-                limit = smallest_p_note(found[effect].n, len(design.pairs), alpha)
-                notes = (limit * (test == "Wilcoxon exact"), missing[effect])
-                row = _pair_test(test, effect, found[effect], join_notes(*notes))
-                yield replace(row, correction=correction, p_corrected=float(p_corrected))
-
-    for effect, compared in found.items():
-        for name, estimate in (
-            ("mean difference", compared.mean),
-            ("Cohen's dz", compared.dz),
-            ("Hodges-Lehmann shift", compared.shift),
+        found, biserial = compare_paired(differences), "rank-biserial"
+        no_t = "not computed: all differences are equal" * isnan(found.t)
+        no_w = "not computed: all differences are zero" * isnan(found.w)
+        smallest = min(1.0, len(design.pairs) * 2.0 ** (1 - n))
+        limit = f"smallest possible p with {n} subjects: {smallest:.3g}" * (smallest > ALPHA)
+        of_w = IntervalEstimate(found.rank_biserial)
+        for name, statistic, df, p, size_name, size, notes in (
+            ("paired t", found.t, n - 1, found.p_t, "Hedges' g", found.g, (no_t,)),
+            ("Wilcoxon exact", found.w, nan, found.p_exact, biserial, of_w, (no_w, limit)),
+            ("Wilcoxon asymptotic", found.w, nan, found.p_asymptotic, biserial, of_w, (no_w,)),
         ):
-            row = Row("estimate", effect, n=compared.n, note=missing[effect])
-            yield _with_size(row, name, estimate)
-
-
-def _pair_test(test: str, effect: str, compared: PairedComparison, note: str) -> Row:
-    n = compared.n
-    if test == "paired t":
-        note = join_notes("not computed: all differences are equal" * isnan(compared.t), note)
-        row = Row(test, effect, "t", compared.t, n - 1, p_uncorrected=compared.p_t, n=n, note=note)
-        return _with_size(row, "Hedges' g", compared.g)
-    note = join_notes("not computed: all differences are zero" * isnan(compared.w), note)
-    p = compared.p_exact if test == "Wilcoxon exact" else compared.p_asymptotic
-    row = Row(test, effect, "W", compared.w, p_uncorrected=p, n=n, note=note)
-    return _with_size(row, "rank-biserial", IntervalEstimate(compared.rank_biserial))
+            letter = "W" if name.startswith("W") else "t"
+            row = Row(name, effect, letter, statistic, df, p_uncorrected=p, n=n)
+            row = replace(row, note=_joined(*notes, missing))
+            tests.setdefault(name, []).append(_with_size(row, size_name, size))
+        row = Row("estimate", effect, n=n, note=missing)
+        estimates.append(_with_size(row, "mean difference", found.mean))
+        estimates.append(_with_size(row, "Cohen's dz", found.dz))
+    for rows in tests.values():
+        alone = np.array([row.p_uncorrected for row in rows])
+        for correction, corrected in _corrected(alone, len(design.pairs)).items():
+            for row, p_corrected in zip(rows, corrected, strict=True):
+                yield replace(row, correction=correction, p_corrected=float(p_corrected))
+    yield from estimates
 
 
 def _with_size(row: Row, name: str, size: IntervalEstimate) -> Row:
+    """Add an effect size with its interval."""
     return replace(
         row, effect_size_name=name, effect_size=size.value, ci_low=size.low, ci_high=size.high
     )
@@ -260,25 +342,3 @@ def _corrected(p: Array, planned: int) -> dict[str, Array]:
         )
         for name, method in (("Bonferroni", "bonf"), ("Holm", "holm"))
     }
-
-
-def _normality(effect: str, differences: Array, missing: str) -> Row:
-    """Test the differences, whose normality the paired t-test assumes, not the cells."""
-    import pingouin
-
-    test, n = "Shapiro-Wilk of the differences", len(differences)
-    if n < MIN_DIFFERENCES_SHAPIRO:
-        return not_computed(test, effect, n, MIN_DIFFERENCES_SHAPIRO, missing)
-    if np.ptp(differences) == 0:
-        reason = "not computed: all differences are equal"
-        return Row(test, effect, n=n, note=join_notes(reason, missing))
-    found = pingouin.normality(differences).iloc[0]
-    p = float(found["pval"])
-    return Row(
-        *(test, effect, "W", float(found["W"])),
-        p_uncorrected=p,
-        p_corrected=p,
-        correction="none",
-        n=n,
-        note=missing,
-    )

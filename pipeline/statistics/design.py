@@ -12,6 +12,8 @@ MIN_SUBJECTS: Final = 2
 """A single subject has no variance."""
 CONFIDENCE: Final = 0.95
 """Of all intervals."""
+ALPHA: Final = 0.05
+"""Level of significance."""
 Correction = Literal["bonferroni", "holm"]
 
 

@@ -48,8 +48,6 @@ class PairedComparison:
         from the normal distribution with tie but without continuity correction, as SPSS.
     rank_biserial
         Matched-pairs rank-biserial correlation, −1 to 1.
-    shift
-        Hodges–Lehmann shift: median of the Walsh averages; interval from the exact distribution.
     """
 
     n: int
@@ -62,7 +60,6 @@ class PairedComparison:
     p_exact: float
     p_asymptotic: float
     rank_biserial: float
-    shift: IntervalEstimate
 
 
 def compare_paired(differences: Array) -> PairedComparison:
@@ -71,27 +68,20 @@ def compare_paired(differences: Array) -> PairedComparison:
     Parameters
     ----------
     differences
-        One per subject, (n,), in any unit.
+        One per subject, (n,) of at least two, in any unit.
 
     Returns
     -------
     PairedComparison
         Tests and estimates.
 
-    Raises
-    ------
-    ValueError
-        If there are fewer than two, or one is missing.
-
     Notes
     -----
     Interval of dz: Cumming & Finch (2001). Bias of dz: Hedges (1981). Rank-biserial: Kerby
-    (2014). Zeros are dropped before ranking, as Wilcoxon (1945) did, and kept for the shift
-    (Hodges & Lehmann 1963). The t-test of differences that are all equal is undefined: NaN.
+    (2014). Zeros are dropped before ranking, as Wilcoxon (1945) did. The t-test of differences that
+    are all equal is undefined: NaN.
     """
     differences = np.asarray(differences, float)
-    if len(differences) < 2 or not np.isfinite(differences).all():
-        raise ValueError(f"expected at least 2 differences and none missing, got {differences}")
     size = np.abs(differences).max() or 1.0
     rounded = np.round(differences, DIFFERENCE_DIGITS - ceil(log10(size)))
     n, mean, sd = len(differences), float(differences.mean()), float(differences.std(ddof=1))
@@ -109,20 +99,22 @@ def compare_paired(differences: Array) -> PairedComparison:
         p_t=p_t,
         dz=dz,
         g=IntervalEstimate(bias * dz.value, bias * dz.low, bias * dz.high),
-        shift=_shift(differences),
         **_signed_ranks(rounded[rounded != 0]),
     )
 
 
 def _cohens_dz(t: float, n: int) -> IntervalEstimate:
+    """Give Cohen's dz of a paired t statistic."""
     dz = t / sqrt(n)
     if not abs(t) < MAX_ABS_T:
         return IntervalEstimate(dz)
 
     def bound(level: float) -> float:
+        """Find the effect size that puts t at a level."""
         lowest, highest = -5.0, 10 + 5 * abs(t)  # brackets both bounds
 
         def beyond(delta: float) -> float:
+            """Give the probability below t beyond the level."""
             below = float(stats.nct.cdf(abs(t), n - 1, delta))
             return (1.0 if isnan(below) else below) - level  # SciPy's NaN is nearly 1
 
@@ -133,6 +125,7 @@ def _cohens_dz(t: float, n: int) -> IntervalEstimate:
 
 
 def _signed_ranks(differences: Array) -> dict[str, float]:
+    """Test differences, none of them zero, by their signed ranks."""
     if len(differences) == 0:
         return dict.fromkeys(("w", "p_exact", "p_asymptotic", "rank_biserial"), nan)
     ranks = stats.rankdata(np.abs(differences))
@@ -156,15 +149,3 @@ def _rank_sums(ranks: Array) -> Array:
         longer[doubled:] += probability
         probability = longer / 2
     return probability
-
-
-def _shift(differences: Array) -> IntervalEstimate:
-    n = len(differences)
-    first, second = np.triu_indices(n)
-    walsh = np.sort((differences[first] + differences[second]) / 2)
-    cumulative = np.cumsum(_rank_sums(np.arange(1.0, n + 1)))[::2]
-    outside = int(np.searchsorted(cumulative, TAIL_PROBABILITY, side="right"))  # on either side
-    median = float(np.median(walsh))
-    if outside == 0:
-        return IntervalEstimate(median)
-    return IntervalEstimate(median, float(walsh[outside - 1]), float(walsh[-outside]))

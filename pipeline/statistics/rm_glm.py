@@ -3,16 +3,21 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from math import nan
+from math import isfinite, isnan, nan
+from typing import Final
 
 import numpy as np
-from scipy import stats
+from scipy import optimize, stats
 
 from hbm.spatial import Array
-from pipeline.statistics.f_test import observed_power
+from pipeline.statistics.design import CONFIDENCE
 
-ROUNDING = 1e-12
+ROUNDING: Final = 1e-12
 """What is smaller than this fraction of the values is rounding, not data."""
+MAX_NONCENTRALITY: Final = 1e6
+"""Beyond it SciPy's noncentral F distribution becomes slow, and NaN in the end."""
+FAR: Final = 20.0
+"""Times the critical value: with an F so large the power is 1 to six decimals."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,14 +40,10 @@ class GlmTerm:
         F statistic and its p-value with sphericity assumed.
     epsilon, p_gg
         Greenhouse–Geisser epsilon and the p-value that it gives; 1 and p with one contrast.
-    epsilon_hf
-        Huynh–Feldt epsilon, at most 1; NaN with too few subjects.
     mauchly_w, mauchly_p
         Mauchly's test of sphericity; NaN with one contrast or too few subjects.
     partial_eta_squared
         ss / (ss + ss_error).
-    power, power_gg
-        Observed power as in SPSS, with sphericity assumed and with Greenhouse–Geisser.
     """
 
     within: tuple[str, ...]
@@ -56,38 +57,26 @@ class GlmTerm:
     p: float
     epsilon: float
     p_gg: float
-    epsilon_hf: float
     mauchly_w: float
     mauchly_p: float
     partial_eta_squared: float
-    power: float
-    power_gg: float
 
 
 def repeated_measures_glm(
-    values: Array,
-    factors: Sequence[str],
-    between: Mapping[str, Array] | None = None,
-    *,
-    centre: bool = True,
-    alpha: float = 0.05,
+    values: Array, factors: Sequence[str], between: Mapping[str, Array] | None = None
 ) -> tuple[GlmTerm, ...]:
     """Fit a univariate repeated-measures model and test every term with type III sums of squares.
 
     Parameters
     ----------
     values
-        One value per subject and cell, (n, levels of factor 1, levels of factor 2, …).
+        One value per subject and cell, (n, levels of factor 1, levels of factor 2, …), none of
+        them missing.
     factors
         Names of the within-subject factors, in the order of the axes of `values`.
     between
-        One value per subject, (n,): texts make a group (effect-coded), numbers a covariate.
-    centre
-        Centre the covariates, so that the within effects are tested for the average subject.
-        False leaves them as given, as SPSS does: the within effects are then those at zero (a
-        body height of 0 m); terms that hold a covariate are the same either way.
-    alpha
-        Level of significance for the observed power.
+        One value per subject, (n,), none missing: texts make a group (effect-coded), numbers a
+        covariate, which is centred, so that the within effects are tested for the average subject.
 
     Returns
     -------
@@ -97,27 +86,25 @@ def repeated_measures_glm(
     Raises
     ------
     ValueError
-        If a value is missing, between variables are constant or linearly dependent, or too few
-        subjects are left for an error term.
+        If between variables are constant or linearly dependent, or subjects are too few for an
+        error term.
 
     Notes
     -----
     Orthonormal contrasts of each within effect turn the cells into a small multivariate
     regression on the between variables; its hypothesis and error matrices give F by their
-    traces, epsilon by Greenhouse & Geisser (1959) and by Huynh & Feldt (1976) in the form of
-    Lecoutre (1991), and sphericity by Mauchly (1940).
+    traces, epsilon by Greenhouse & Geisser (1959), and sphericity by Mauchly (1940).
 
-    Deviations from the original: Mauchly's p uses the dimension of the contrasts throughout,
-    as Anderson (2003), section 10.7.4; R and pingouin put the number of cells into one term of
-    the small-sample correction. Without more than two contrasts the two are identical.
+    Deviations from the original: SPSS does not centre covariates, so its within effects are those
+    of a body height of 0 m; terms that hold a covariate are the same. Mauchly's p uses the
+    dimension of the contrasts throughout, as Anderson (2003), section 10.7.4; R and pingouin put
+    the number of cells into one term of the small-sample correction. Without more than two
+    contrasts the two are identical.
     """
     values = np.asarray(values, float)
     n, *levels = values.shape
-    if len(levels) != len(factors):
-        raise ValueError(f"values need one axis per factor {tuple(factors)}, got {values.shape}")
-    if not np.isfinite(values).all():
-        raise ValueError("a cell is missing: leave incomplete subjects out")
-    blocks = _design(n, between or {}, centre)
+    blocks = {"": np.ones((n, 1))}
+    blocks |= {name: _coded(name, column) for name, column in (between or {}).items()}
     design = np.hstack(list(blocks.values()))
     df_error = n - design.shape[1]
     if df_error < 1:
@@ -149,55 +136,40 @@ def repeated_measures_glm(
                 if within or name:
                     beta = coefficients[own]
                     ss = np.trace(beta.T @ np.linalg.solve(inverse[own, own], beta))
-                    terms.append(_term(within, name, ss, error, len(beta), df_error, alpha))
+                    terms.append(_term(within, name, ss, error, len(beta), df_error))
     return tuple(terms)
 
 
-def _design(n: int, between: Mapping[str, Array], centre: bool) -> dict[str, Array]:
-    blocks = {"": np.ones((n, 1))}
-    for name, given in between.items():
-        column = np.asarray(given)
-        if column.shape != (n,):
-            raise ValueError(f"{name}: expected one value for each of {n} subjects")
-        if np.issubdtype(column.dtype, np.number):
-            column = column.astype(float)
-            blocks[name] = (column - column.mean() * centre)[:, None]
-        else:
-            group = (column[:, None] == np.unique(column)).astype(float)
-            blocks[name] = group[:, :-1] - group[:, -1:]
-        if not np.isfinite(blocks[name]).all():
-            raise ValueError(f"{name}: missing for a subject")
-        if blocks[name].size == 0 or np.ptp(blocks[name]) == 0:
-            raise ValueError(f"{name}: the same for all subjects, so its effect cannot be tested")
-    return blocks
+def _coded(name: str, column: Array) -> Array:
+    """Code a group by its effects, or centre a covariate, (n, columns)."""
+    column = np.asarray(column)
+    if np.issubdtype(column.dtype, np.number):
+        column = column.astype(float)
+        block = (column - column.mean())[:, None]
+    else:
+        group = (column[:, None] == np.unique(column)).astype(float)
+        block = group[:, :-1] - group[:, -1:]
+    if block.size == 0 or np.ptp(block) == 0:
+        raise ValueError(f"{name}: the same for all subjects, so its effect cannot be tested")
+    return block
 
 
 def orthonormal_contrasts(levels: Sequence[int], tested: Sequence[bool]) -> Array:
     """Give orthonormal contrasts of one within effect, (cells, contrasts).
 
-    Parameters
-    ----------
-    levels
-        Levels of each within factor; the last factor runs fastest over the cells.
-    tested
-        For each factor, whether it takes part in the effect; the others are averaged over.
+    The last factor runs fastest over the cells; factors that are not tested are averaged over.
     """
     matrix = np.ones((1, 1))
     for level, is_tested in zip(levels, tested, strict=True):
         basis, _ = np.linalg.qr(np.hstack([np.ones((level, 1)), np.eye(level)[:, 1:]]))
         matrix = np.kron(matrix, basis[:, 1:] if is_tested else basis[:, :1])
-    return matrix
+    return np.asarray(matrix)
 
 
 def _term(
-    within: tuple[str, ...],
-    name: str,
-    ss: float,
-    error: Array,
-    rank: int,
-    df_error: int,
-    alpha: float,
+    within: tuple[str, ...], name: str, ss: float, error: Array, rank: int, df_error: int
 ) -> GlmTerm:
+    """Test an effect by its sum of squares and the matrix of its error."""
     d = len(error)
     ss_error = np.trace(error)
     df1, df2 = rank * d, df_error * d
@@ -216,23 +188,14 @@ def _term(
         p=float(stats.f.sf(f, df1, df2)),
         epsilon=float(epsilon),
         p_gg=float(stats.f.sf(f, df1 * epsilon, df2 * epsilon)),
-        epsilon_hf=_huynh_feldt(float(epsilon), d, df_error),
         mauchly_w=w,
         mauchly_p=p_sphericity,
         partial_eta_squared=float(ss / (ss + ss_error)) if ss + ss_error > 0 else nan,
-        power=observed_power(f, df1, df2, alpha),
-        power_gg=observed_power(f, df1 * epsilon, df2 * epsilon, alpha),
     )
 
 
-def _huynh_feldt(epsilon: float, d: int, df: int) -> float:
-    if d == 1:
-        return 1.0
-    below = d * (df - d * epsilon)
-    return min(1.0, ((df + 1) * d * epsilon - 2) / below) if below > ROUNDING else nan
-
-
 def _mauchly(error: Array, df: int) -> tuple[float, float]:
+    """Give Mauchly's W and its p-value, of an error matrix of d contrasts."""
     d = len(error)
     if d < 2 or df < d or np.trace(error) <= 0:
         return nan, nan
@@ -250,3 +213,60 @@ def _mauchly(error: Array, df: int) -> tuple[float, float]:
     chi2, df_chi2 = -df * rho * np.log(w), d * (d + 1) / 2 - 1
     first, next_term = stats.chi2.sf(chi2, df_chi2), stats.chi2.sf(chi2, df_chi2 + 4)
     return w, float(first + second * (next_term - first))
+
+
+def observed_power(f: float, df1: float, df2: float, alpha: float = 0.05) -> float:
+    """Give the power of an F test if the effect observed were the true one.
+
+    Notes
+    -----
+    The probability beyond the critical value under the noncentral F distribution with
+    noncentrality F·df1 (IBM SPSS Statistics Algorithms, GLM). It is a function of the p-value alone
+    and adds no information (Hoenig & Heisey 2001); it is given because published tables print it.
+    """
+    critical = stats.f.isf(alpha, df1, df2)
+    below = float(stats.ncf.cdf(critical, df1, df2, f * df1))  # SciPy 1.17's sf fails at f = 0
+    far = isfinite(f) and f > FAR * critical  # where SciPy 1.17 gives NaN for some F
+    return 1.0 if isnan(below) and far else 1 - below
+
+
+def partial_eta_squared_interval(
+    f: float, df1: float, df2: float, confidence: float = CONFIDENCE
+) -> tuple[float, float]:
+    """Give the two-sided confidence interval of partial eta squared; NaN where F is.
+
+    Degrees of freedom are multiplied by epsilon where p is.
+
+    Notes
+    -----
+    The bounds of the noncentrality λ put F at either tail of the noncentral F distribution
+    (Steiger & Fouladi 1997) and become η² = λ / (λ + df2), as F·df1 becomes the estimate itself:
+    the intervals of R's effectsize.
+
+    Examples
+    --------
+    >>> low, high = partial_eta_squared_interval(40.72, 2, 18, confidence=0.9)
+    >>> print(f"{low:.2f} {high:.2f}")
+    0.66 0.89
+    """
+    if not isfinite(f):
+        return nan, nan
+
+    def noncentrality(level: float) -> float:
+        """Find the noncentrality that puts F at a level."""
+        if stats.f.cdf(f, df1, df2) <= level:
+            return 0.0
+        if f * df1 > MAX_NONCENTRALITY:  # only the error varies
+            return float(f * df1 / df2 * stats.chi2.isf(level, df2))
+        highest = 10 * (f + 10) * (df1 + 1)
+        while stats.ncf.cdf(f, df1, df2, highest) > level:
+            highest *= 2
+        return float(optimize.brentq(lambda x: stats.ncf.cdf(f, df1, df2, x) - level, 0, highest))
+
+    def bound(level: float) -> float:
+        """Give η² at a level."""
+        found = noncentrality(level)
+        return 1 / (1 + df2 / found) if found else 0.0  # rounded too, it grows with λ
+
+    tail = (1 - confidence) / 2
+    return bound(1 - tail), bound(tail)

@@ -1,7 +1,6 @@
 """The thesis' Table III: residuals without and with compensation, and the planned pairs."""
 
-from collections.abc import Hashable, Mapping
-from dataclasses import dataclass
+from collections.abc import Hashable, Mapping, Sequence
 from math import inf, isnan, nan
 from textwrap import fill
 from typing import Any, Final
@@ -139,6 +138,7 @@ def _measurement_sds(
 
 
 def _corrected_p(tests: pd.DataFrame, test: str, effect: str, design: Design) -> float:
+    """Find a p-value with the design's correction; NaN where it was not computed."""
     own = tests["correction"].astype(str).str.lower().str.startswith(design.correction)
     p = tests.loc[own & (tests["test"] == test) & (tests["effect"] == effect), "p_corrected"]
     return float(p.iloc[0]) if len(p) else nan
@@ -157,62 +157,48 @@ def format_p(p: float, alpha: float = 0.05) -> str:
     return f"{p:.{decimals}f}" + "*" * (p < alpha)
 
 
-@dataclass(frozen=True, slots=True)
-class Column:
-    """A column of Table III as it is printed: its head and its text in every row."""
-
-    head: str
-    cells: tuple[str, ...]
+Column = tuple[str, list[str]]
+"""A column of Table III as it is printed: its head and its text in every row."""
 
 
-def printed_columns(table: pd.DataFrame, design: Design) -> tuple[Column, ...]:
+def printed_columns(table: pd.DataFrame, design: Design) -> list[Column]:
     """Give the columns of `table_3` that a design has, as text.
 
-    Parameters
-    ----------
-    table
-        What `table_3` returned.
-    design
-        The design that it was made for.
-
-    Returns
-    -------
-    tuple of Column
-        The first names the residual, in the row of its first condition only.
+    The first names the residual, in the row of its first condition only.
     """
     reference, rows = design.reference, table.to_dict("records")
 
     def column(head: str, name: str, form: str, unit: str = "") -> Column:
-        cells = (number(row[name], form, unit) + _in_brackets(row, name, form) for row in rows)
-        return Column(head, tuple(cells))
+        """Print a number with its interval of measurement."""
+        return head, [number(r[name], form, unit) + _in_brackets(r, name, form) for r in rows]
 
     def means(head: str, name: str) -> Column:
-        cells = (
-            mean_sd(row[f"mean_{name}"], row[f"sd_{name}"])
-            + _in_brackets(row, f"mean_{name}", ".1f", lowest=0.0)
-            for row in rows
-        )
-        return Column(head, tuple(cells))
+        """Print mean ± SD with the interval of measurement of the mean."""
+        mean = f"mean_{name}"
+        brackets = [_in_brackets(row, mean, ".1f", lowest=0.0) for row in rows]
+        texts = [mean_sd(row[mean], row[f"sd_{name}"]) for row in rows]
+        return head, [text + own for text, own in zip(texts, brackets, strict=True)]
 
     def p_values(head: str, name: str) -> Column:
-        return Column(head, tuple(format_p(row[name]) for row in rows))
+        """Print p-values."""
+        return head, [format_p(row[name]) for row in rows]
 
     first = design.conditions[0]
-    names = (f"{r['axis']} ({r['unit']})" if r["condition"] == first else "" for r in rows)
+    names = [f"{r['axis']} ({r['unit']})" if r["condition"] == first else "" for r in rows]
     columns = [
-        Column("Residual", tuple(names)),
-        Column(design.factor.capitalize(), tuple(row["condition"] for row in rows)),
-        Column("n", tuple(str(row["n"]) for row in rows)),
+        ("Residual", names),
+        (design.factor.capitalize(), [row["condition"] for row in rows]),
+        ("n", [str(row["n"]) for row in rows]),
     ]
     if not design.compensated:
-        columns += [
+        return [
+            *columns,
             means("RMS", "no_ic"),
             column(f"− {reference}", "no_ic_minus_baseline_no_ic", "+z.1f"),
             p_values(f"t: − {reference}", "p_t_baseline"),
             p_values(f"Wilcoxon: − {reference}", "p_wilcoxon_baseline"),
         ]
-        return tuple(columns)
-    return (
+    return [
         *columns,
         means("No IC", "no_ic"),
         means("IC", "ic"),
@@ -223,7 +209,7 @@ def printed_columns(table: pd.DataFrame, design: Design) -> tuple[Column, ...]:
         p_values(f"t: IC − {reference} (no IC)", "p_t_baseline"),
         p_values("Wilcoxon: IC − no IC", "p_wilcoxon"),
         p_values(f"Wilcoxon: IC − {reference} (no IC)", "p_wilcoxon_baseline"),
-    )
+    ]
 
 
 def _in_brackets(row: Mapping[Hashable, Any], name: str, form: str, lowest: float = -inf) -> str:
@@ -266,11 +252,14 @@ def table_3_legend(table: pd.DataFrame, design: Design) -> str:
 
 def table_3_markdown(table: pd.DataFrame, design: Design = EXPERIMENT_3) -> str:
     """Render `table_3` as Markdown, with a legend below."""
-    columns = printed_columns(table, design)
-    lines = [[c.head for c in columns], ["---"] * len(columns)]
-    lines += [list(cells) for cells in zip(*(c.cells for c in columns), strict=True)]
-    body = "\n".join(f"| {' | '.join(line)} |" for line in lines)
-    return f"{body}\n\n{fill(table_3_legend(table, design), MARKDOWN_WIDTH)}\n"
+    heads, cells = zip(*printed_columns(table, design), strict=True)
+    lines = markdown_table(heads, list(zip(*cells, strict=True)))
+    return f"{lines}\n\n{fill(table_3_legend(table, design), MARKDOWN_WIDTH)}\n"
+
+
+def markdown_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Render texts as a table in Markdown."""
+    return "\n".join(f"| {' | '.join(row)} |" for row in (heads, ["---"] * len(heads), *rows))
 
 
 def mean_sd(mean: float, sd: float) -> str:

@@ -1,8 +1,9 @@
-"""Is each residual at the level of its reference? A non-inferiority test with intervals."""
+"""Is each residual at the level of its reference? A non-inferiority test, in sentences too."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from math import inf, isnan, nan
-from typing import Literal
+from math import inf, isnan, nan, sqrt
+from typing import Final, Literal
 
 import numpy as np
 import pandas as pd
@@ -16,8 +17,13 @@ from pipeline.statistics.measurement import (
     half_interval,
     mean_covariance,
 )
-from pipeline.statistics.sample_size import subjects_needed
 
+POWER: Final = 0.8
+"""By convention (Cohen 1988)."""
+MAX_SUBJECTS: Final = 1000
+"""No gait study has more; beyond, the answer is that it cannot be shown."""
+MAX_NONCENTRALITY: Final = 1e3
+"""The power is 1 long before; SciPy's noncentral t distribution becomes NaN beyond."""
 Answer = Literal["at baseline", "above", "inconclusive", "no interval", "no data"]
 
 
@@ -102,7 +108,6 @@ class Verdict:
 
 def verdicts(
     residuals: pd.DataFrame,
-    statistics: pd.DataFrame,
     design: Design = EXPERIMENT_3,
     measurement: Covariances | None = None,
 ) -> list[Verdict]:
@@ -112,10 +117,8 @@ def verdicts(
     ----------
     residuals
         Long table of RMS residuals, as `pipeline.statistics.comparison.statistics` takes it.
-    statistics
-        The table that `pipeline.statistics.comparison.statistics` returned for it.
     design
-        The design that it was computed for.
+        What is compared.
     measurement
         Covariances of the residuals by errors of measurement, if they are known.
 
@@ -137,12 +140,12 @@ def verdicts(
     """
     found = []
     reference = (False, design.reference)
+    alpha = (1 - CONFIDENCE) / max(len(design.pairs), 1) / 2
     for axis, unit in residuals[["axis", "unit"]].drop_duplicates().itertuples(index=False):
         own = residuals[residuals["axis"] == axis]
         rms = own.pivot(index="subject", columns=["compensated", "condition"], values="rms")
         cells = pd.MultiIndex.from_product([[False, True], design.conditions])
         rms = rms.reindex(columns=cells)
-        tests = statistics[statistics["axis"] == axis]
         for condition in judged_conditions(design):
             judged = (design.compensated, condition)
             both = rms.dropna(subset=[judged, reference])
@@ -151,20 +154,16 @@ def verdicts(
                 continue
             baseline = float(both[reference].mean())
             differences = both[judged] - both[reference]
-            effect = f"{design.judged(condition)} - {design.reference_cell}"
-            low, high = _simultaneous_interval(tests, effect, len(design.pairs))
-            margin, difference = design.margin * baseline, float(differences.mean())
-            alpha = (1 - CONFIDENCE) / len(design.pairs) / 2
+            difference, margin = float(differences.mean()), design.margin * baseline
             excess = both[judged] - (1 + design.margin) * both[reference]
-            within = _upper_bound(excess.to_numpy(), alpha) <= 0
+            low, high = _interval(differences, alpha)
+            relative = ratio_interval(both[judged].to_numpy(), both[reference].to_numpy(), alpha)
             needed = [
                 None
                 if len(both) < MIN_SUBJECTS
                 else subjects_needed(float(excess.std()), margin - true, alpha)
                 for true in (0.0, difference)
             ]
-            relative = ratio_interval(both[judged].to_numpy(), both[reference].to_numpy(), alpha)
-            low_percent, high_percent = (100 * (bound - 1) for bound in relative)
             uncertain = None
             if measurement is not None:
                 compared = (condition, design.compensated), (design.reference, False)
@@ -179,15 +178,15 @@ def verdicts(
             found.append(
                 Verdict(
                     *(axis, unit, condition),
-                    answer=_answer(low, within=within),
+                    answer=_answer(low, within=_interval(excess, alpha)[1] <= 0),
                     no_ic=float(both[False, condition].mean(skipna=False)),
                     ic=float(both[judged].mean()),
                     baseline=baseline,
                     difference=difference,
                     low=low,
                     high=high,
-                    low_percent=low_percent,
-                    high_percent=high_percent,
+                    low_percent=100 * (relative[0] - 1),
+                    high_percent=100 * (relative[1] - 1),
                     sd=float(differences.std()),
                     n=len(both),
                     measurement=uncertain,
@@ -205,17 +204,13 @@ def judged_conditions(design: Design) -> list[str]:
     ]
 
 
-def _simultaneous_interval(tests: pd.DataFrame, effect: str, pairs: int) -> tuple[float, float]:
-    """Widen the interval of a mean difference to hold for all planned pairs simultaneously."""
-    of_mean = (tests["effect"] == effect) & (tests["effect_size_name"] == "mean difference")
-    row = tests[of_mean]
-    if row.empty:
+def _interval(values: pd.Series, alpha: float) -> tuple[float, float]:
+    """Give Student's interval of a mean, with alpha beyond either bound; NaN for one value."""
+    n = len(values)
+    if n < MIN_SUBJECTS:
         return nan, nan
-    mean, low, n = (float(row[name].iloc[0]) for name in ("effect_size", "ci_low", "n"))
-    alpha = 1 - CONFIDENCE
-    corrected = stats.t.isf(alpha / pairs / 2, n - 1)
-    half = float(corrected / stats.t.isf(alpha / 2, n - 1) * (mean - low))
-    return mean - half, mean + half
+    mean, half = values.mean(), stats.t.isf(alpha, n - 1) * values.std() / sqrt(n)
+    return float(mean - half), float(mean + half)
 
 
 def ratio_interval(first: Array, second: Array, alpha: float) -> tuple[float, float]:
@@ -260,17 +255,196 @@ def ratio_interval(first: Array, second: Array, alpha: float) -> tuple[float, fl
     return float((half - root) / squared), float((half + root) / squared)
 
 
-def _upper_bound(values: Array, alpha: float) -> float:
-    """Give the one-sided upper confidence bound of a mean; NaN for a single value."""
-    n = len(values)
-    if n < MIN_SUBJECTS:
-        return nan
-    return float(values.mean() + stats.t.isf(alpha, n - 1) * values.std(ddof=1) / np.sqrt(n))
-
-
 def _answer(low: float, *, within: bool) -> Answer:
+    """Give the answer, by the lower bound of the difference."""
     if isnan(low):
         return "no interval"
     if within:
         return "at baseline"
     return "above" if low > 0 else "inconclusive"
+
+
+def noninferiority_power(n: Array, sd: float, room: float, alpha: float) -> Array:
+    """Give the probability that n subjects show a mean difference to be within the margin.
+
+    Parameters
+    ----------
+    n
+        Subjects, at least 2, (N,).
+    sd
+        Standard deviation of the paired differences between subjects.
+    room
+        Margin minus true mean difference, in the unit of `sd`.
+    alpha
+        Level of the one-sided test.
+
+    Returns
+    -------
+    Array
+        (N,) power of the one-sided paired t-test, from the noncentral t distribution.
+
+    Examples
+    --------
+    >>> print(f"{noninferiority_power(np.array([9]), sd=1.0, room=1.0, alpha=0.025)[0]:.3f}")
+    0.748
+    """
+    with np.errstate(divide="ignore", over="ignore"):  # subjects who all agree
+        noncentrality = np.minimum(np.divide(room, sd) * np.sqrt(n), MAX_NONCENTRALITY)
+    return np.asarray(stats.nct.sf(stats.t.isf(alpha, n - 1), n - 1, noncentrality))
+
+
+def subjects_needed(sd: float, room: float, alpha: float) -> int | None:
+    """Give the smallest number of subjects that has 80 % power; None if even 1000 have less.
+
+    Parameters are those of `noninferiority_power`.
+
+    Notes
+    -----
+    The critical value and the noncentrality both are functions of n (Julious 2010, section 5.3).
+    The margin is taken as known, though it is a share of an estimated reference.
+
+    Examples
+    --------
+    >>> subjects_needed(sd=1.0, room=1.0, alpha=0.025)
+    10
+    """
+    if room <= 0:
+        return None
+    n = np.arange(2.0, MAX_SUBJECTS + 1)
+    enough = noninferiority_power(n, sd, room, alpha) >= POWER
+    return int(n[enough.argmax()]) if enough.any() else None
+
+
+def headlines(found: Sequence[Verdict], design: Design = EXPERIMENT_3) -> tuple[str, ...]:
+    """Summarise the verdicts of a study: a sentence per condition, and one on what is missing.
+
+    Parameters
+    ----------
+    found
+        Verdicts of all conditions.
+    design
+        The design that they are of.
+
+    Returns
+    -------
+    tuple of str
+        The compared conditions first, then the reference; at the end, where verdicts are
+        inconclusive, how many subjects would decide them. So few subjects that no exact test can
+        become significant are called a demonstration there, and only there. Last, where intervals
+        of measurement are known, where they leave open on which side of the margin a residual is.
+    """
+    compared = [v for v in found if v.n >= MIN_SUBJECTS]
+    subjects = max((v.n for v in compared), default=0)
+    undecided = [v for v in compared if v.answer == "inconclusive"]
+    few = len(design.pairs) * 2.0 ** (1 - subjects) > 1 - CONFIDENCE
+    order = [*design.others, design.reference]
+    sentences = [
+        f"{headline(compared, condition, design, name_undecided=not few)}."
+        for condition in order
+        if any(v.condition == condition and (not few or v not in undecided) for v in compared)
+    ]
+    if undecided:
+        verb = "is" if len(undecided) == 1 else "are"
+        result = f"{len(undecided)} of {len(compared)} comparisons {verb} inconclusive"
+        if few:
+            result = f"{subjects} subjects are a demonstration: {result}"
+        sentences.append(f"{result}. {_enough(undecided)}.")
+    return (*sentences, *_uncertain(compared, order, design))
+
+
+def _uncertain(compared: Sequence[Verdict], order: Sequence[str], design: Design) -> Iterator[str]:
+    """Say where errors of measurement leave open on which side of the margin a residual is."""
+    parts = []
+    for condition in order:
+        of_condition = [v for v in compared if v.condition == condition and v.measurement]
+        named = [v.axis for v in of_condition if v.measurement and v.measurement.contains_margin]
+        every = 1 < len(named) == len(of_condition)
+        if named:
+            parts.append(f"{'all residuals' if every else join_names(named)} in {condition}")
+    if parts:
+        yield (
+            f"For {', and '.join(parts)}, errors of usual size alone could turn the verdict: by "
+            f"measurement, the residual may be on either side of the margin of "
+            f"{100 * design.margin:g} %."
+        )
+
+
+def _enough(undecided: Sequence[Verdict]) -> str:
+    """Say how many subjects would decide the comparisons that are inconclusive."""
+    lacking = [v for v in undecided if v.lacks_subjects]
+    needed = [v.needed for v in lacking if v.needed is not None]
+    sentences = []
+    if needed:
+        them, they_are = ("it", "it is") if len(needed) == 1 else ("them", "they are")
+        which = them if len(needed) == len(undecided) else f"{len(needed)} of them"
+        sentences.append(
+            f"With the variance between subjects, {max(needed)} would show {which} to be at the "
+            f"level of the reference, if {they_are} there ({100 * POWER:g} % power)"
+        )
+    if never := len(lacking) - len(needed):
+        which = "them" if never == len(undecided) else f"{never} of them"
+        sentences.append(f"Subjects differ so much that {MAX_SUBJECTS} would not decide {which}")
+    if enough := len(undecided) - len(lacking):
+        sentences.append(
+            f"For {enough}, these subjects would have been enough if there were no difference: "
+            "there may be one"
+        )
+    return ". ".join(sentences)
+
+
+def headline(
+    found: Sequence[Verdict],
+    condition: str,
+    design: Design = EXPERIMENT_3,
+    *,
+    name_undecided: bool = True,
+) -> str:
+    """Summarise a condition's verdicts in one sentence.
+
+    Parameters
+    ----------
+    found
+        Verdicts of all conditions.
+    condition
+        The condition to summarise.
+    design
+        The design that they are of.
+    name_undecided
+        Whether to name the residuals whose verdict is inconclusive.
+
+    Returns
+    -------
+    str
+        How many residuals are at baseline with compensation, and the names of the others.
+    """
+    own = [v for v in found if v.condition == condition]
+    named = {a: [v.axis for v in own if v.answer == a] for a in ("above", "inconclusive")}
+    at_baseline = sum(v.answer == "at baseline" for v in own)
+    if not at_baseline and not any(named.values()):
+        return f"In {condition}, there are too few subjects for a comparison"
+    back, above = f"at {level_name(design)}", "above it"
+    if condition == design.reference:
+        back, above = f"increased by no more than {100 * design.margin:g} %", "increased"
+    compensated = " with compensation" * design.compensated
+    verb = "is" if at_baseline == 1 else "are"
+    parts = [f"{at_baseline} of {len(own)} residuals {verb} {back}{compensated}"]
+    if named["above"]:
+        verb = "is" if len(named["above"]) == 1 else "are"
+        parts.append(f"{join_names(named['above'])} {verb} {above}")
+    if named["inconclusive"] and name_undecided:
+        subjects = max(v.n for v in own)
+        result = f"result is inconclusive with {subjects} subjects"
+        parts.append(f"for {join_names(named['inconclusive'])}, the {result}")
+    return f"In {condition}, " + "; ".join(parts)
+
+
+def level_name(design: Design) -> str:
+    """Name the reference's level in a sentence: "baseline level", or "the level of barefoot"."""
+    return (
+        "baseline level" if design.reference == "baseline" else f"the level of {design.reference}"
+    )
+
+
+def join_names(names: Sequence[str]) -> str:
+    """Join names as in a sentence, with "and" before the last."""
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))

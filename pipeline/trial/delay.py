@@ -42,7 +42,7 @@ def plate_delay(
         (T,) [s].
     motion_lag_s
         By how much the filter makes the force that the motion needs later than the plates' [s]; see
-        `hbm.signals.realtime_filter.acceleration_lag_s`.
+        `hbm.signals.filtering.acceleration_lag_s`.
 
     Returns
     -------

@@ -7,10 +7,13 @@ import numpy as np
 
 from hbm.body import Body
 from hbm.notes import Note
-from hbm.plausibility.exchanged_labels import labels_exchanged
-from hbm.plausibility.exchanged_sides import sides_exchanged
-from hbm.plausibility.marker_distances import changed_distances, median_distance
-from hbm.plausibility.repeated_positions import repeated_positions
+from hbm.plausibility.labels import (
+    changed_distances,
+    labels_exchanged,
+    median_distance,
+    repeated_positions,
+    sides_exchanged,
+)
 from pipeline.io.recording import Recording
 
 LENGTHS: Final = {

@@ -10,9 +10,7 @@ from hbm.coordinates import LIMBS, TREE
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.notes import Note
-from hbm.plausibility.joint_ranges import impossible_angles
-from hbm.plausibility.marker_errors import large_marker_errors
-from hbm.plausibility.uncertainty import undetermined_notes
+from hbm.plausibility.motion import impossible_angles, large_marker_errors, undetermined_notes
 from hbm.signals.samples import stretches
 from hbm.spatial import Mask
 

@@ -5,15 +5,14 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hbm.dynamics import filter_motion, inverse_dynamics_variants
-from hbm.engines.choice import choose_engine
+from hbm.engines.engine import choose_engine
 from hbm.markers import MarkerSet, recognise_marker_set
 from hbm.motion import Motion
 from hbm.notes import Note
 from hbm.overrides import SegmentOverride
-from hbm.plausibility.body import implausible
-from hbm.plausibility.marker_tracking import solve_motion
-from hbm.signals.filtering import low_pass
-from hbm.signals.realtime_filter import acceleration_lag_s
+from hbm.plausibility.motion import implausible
+from hbm.plausibility.outliers import solve_motion
+from hbm.signals.filtering import acceleration_lag_s, low_pass
 from hbm.spatial import GRAVITY_MPS2, Array, Mask
 from pipeline.config.schema import (
     Condition,
@@ -49,6 +48,15 @@ from pipeline.trial.ground.wrenches import Ground, ground_wrenches
 from pipeline.trial.marker_check import check_markers, other_person
 from pipeline.trial.motion_check import check_motion, known_frames, shown_frames
 from pipeline.trial.plate_check import check_plates
+from pipeline.trial.quality import (
+    NO_SUPPORT,
+    Quality,
+    carried_notes,
+    flagged,
+    free_of,
+    settled_frames,
+    settling_s,
+)
 from pipeline.trial.result import CompensationUncertainty, PlateSurface, TrialResult
 from pipeline.trial.study_files import (
     naming_unused_renames,
@@ -57,7 +65,6 @@ from pipeline.trial.study_files import (
     with_unused_renames,
 )
 from pipeline.trial.subject_body import subject_body
-from pipeline.trial.validity import Validity, carried_notes, settled_frames, settling_s
 from pipeline.trial.weighing import ON_PLATES, BodyMass, body_mass, carried_mass, differing_masses
 from pipeline.trial.weight_bearing import weight_bearing_frames
 from pipeline.trial.window import WantedWindow, counted_span, perturbed_part, window_notes
@@ -194,22 +201,30 @@ def process_recording(
         body.mass * GRAVITY_MPS2,
     )
     events, method, events_note = detect_events(sources, settings.events)
-    known, settling = known_frames(body, motion), settling_s(laboratory.filters(settings))
+    known, shown = known_frames(body, motion), shown_frames(body, unfiltered)
+    settling = settling_s(laboratory.filters(settings))
     computed = [np.isfinite(each.residual).all(axis=1) for each in dynamics.values()]
-    gapless = np.all([known, shown_frames(body, unfiltered), *computed], axis=0)
+    gapless = np.all([known, shown, *computed], axis=0)
     total = np.sum([*wrenches[ground.best].values()], axis=0)
     vertical = total[:, 2] + dynamics[ground.best].residual[:, 2], total[:, 2]
-    validity = Validity(
-        motion=known,
-        settled=settled_frames(gapless, motion.time, settling),
-        plates=weight_bearing_frames(
-            body, motion, recording.plates, ground, under_feet, vertical, settings
-        ),
+    supports = weight_bearing_frames(
+        body, motion, recording.plates, ground, under_feet, vertical, settings
     )
-    unknown = forces_of_legs(under_feet.ambiguous | ~validity.plates)
-    unknown |= ~validity.settled[:, None]
+    quality = flagged(
+        {
+            Quality.POSE_UNKNOWN: ~known,
+            Quality.LIMB_UNSEEN: ~shown,
+            Quality.FORCES_UNKNOWN: ~ground.known,
+            Quality.NOT_CARRIED: ~supports,
+            Quality.SETTLING: ~settled_frames(gapless, motion.time, settling),
+            Quality.FOOT_UNCERTAIN: under_feet.ambiguous,
+        }
+    )
+    supported, counts = free_of(quality, NO_SUPPORT), free_of(quality)
+    unknown = forces_of_legs(~free_of(quality, NO_SUPPORT | Quality.FOOT_UNCERTAIN))
+    unknown |= ~free_of(quality, Quality.SETTLING)[:, None]
     dynamics = {variant: each.without_forces(unknown) for variant, each in dynamics.items()}
-    cycles, cycle_notes = cut_cycles(events, motion.time, validity, settings.min_valid_share)
+    cycles, cycle_notes = cut_cycles(events, motion.time, quality, settings.min_valid_share)
     rule = condition or Condition()
     onsets = perturbation_onsets(recording, rule, ground.pose) if rule.perturbed else np.empty(0)
     selected, selection_notes = select_cycles(cycles, rule, onsets)
@@ -219,22 +234,22 @@ def process_recording(
         selected,
         motion.time,
         settling,
-        counts=validity.counts,
+        counts=counts,
         min_valid_share=settings.min_valid_share,
     )
 
     uncertainty = _uncertainty(ground, motion)
-    residual = np.where(validity.counts[:, None], dynamics[ground.best].residual, np.nan)
+    residual = np.where(counts[:, None], dynamics[ground.best].residual, np.nan)
     lag_s = acceleration_lag_s(motion.time) if settings.filter == "realtime" else 0.0
     delay = plate_delay(total[:, :3], residual[:, :3], motion.time, lag_s)
-    carried_kg = carried_mass(motion.time, total[:, 2], cycles, validity.counts)
+    carried_kg = carried_mass(motion.time, total[:, 2], cycles, counts)
     reference = reference_events(
         under_feet.by_foot,
         motion.time,
         settings.contact_threshold_n,
         markers,
         body.marker_set,
-        validity.plates,
+        supported,
         method,
     )
     notes: tuple[Note, ...] = (
@@ -247,14 +262,14 @@ def process_recording(
         *outlier_notes,
         *check_motion(body, unfiltered, markers),
         *ground.notes,
-        *(uncertainty_notes(uncertainty.residual[validity.counts]) if uncertainty else ()),
+        *(uncertainty_notes(uncertainty.residual[counts]) if uncertainty else ()),
         *check_plates(recording, best, mass.mass_kg),
-        dynamics["measured"].engine.note,
+        dynamics[ground.best].engine.note,
         events_note,
         *check_events(events, reference),
         *_agreement(events, method, under_feet, motion, settings),
         *contact_notes(under_feet, motion.time),
-        *carried_notes(validity, motion.time, *vertical),
+        *carried_notes(quality, motion.time, *vertical),
         *cycle_notes,
         *selection_notes,
         *part_notes,
@@ -266,7 +281,7 @@ def process_recording(
             events=events,
             rejected=(events_note, *cycle_notes),
             time=motion.time,
-            validity=validity,
+            quality=quality,
         ),
         delay.note,
     )
@@ -282,8 +297,7 @@ def process_recording(
         first_frame=recording.first_frame,
         plates=tuple(PlateSurface(p.number, p.center, p.corners) for p in recording.plates),
         motion=motion,
-        measured=dynamics["measured"],
-        compensated=dynamics.get("compensated"),
+        variants=dynamics,
         ground=wrenches,
         overridden_segments=tuple(segments or ()),
         platform=ground.pose,
@@ -291,13 +305,12 @@ def process_recording(
         cycles=selected,
         found_cycles=found_cycles(events, selected),
         span=span,
-        validity=validity,
+        quality=quality,
         onsets=onsets,
         part=part,
         uncertainty=uncertainty,
         delay_s=delay.delay_s,
         delay_uncertainty_s=delay.uncertainty_s,
-        ambiguous=under_feet.ambiguous,
         notes=notes,
     )
 

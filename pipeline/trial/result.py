@@ -2,21 +2,40 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from importlib.metadata import version
 from pathlib import Path
+from typing import Annotated, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import PlainSerializer, PlainValidator
 
-from compensation.platform.pose import PlatformPose
+from compensation.inertia.quality import OF_CALIBRATION
+from compensation.platform import PlatformPose
 from hbm.body import Body
 from hbm.dynamics import Dynamics
+from hbm.engines.engine import EngineUsed
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.notes import Note
-from hbm.spatial import Array, Mask, read_only
+from hbm.spatial import Array, Indices, Mask, read_only
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.recording import Event
-from pipeline.trial.validity import Validity
+from pipeline.trial.quality import free_of
+
+
+def _note(stored: object) -> Note:
+    return stored if isinstance(stored, Note) else Note.from_dict(stored)
+
+
+StoredNote = Annotated[Note, PlainValidator(_note), PlainSerializer(Note.to_dict)]
+"""A note that stands in JSON with its code, level, text and values."""
+PACKAGES: Final = ("hbm-residuals", "casadi", "numpy", "scipy", "pandas", "pyarrow")
+
+
+def package_versions() -> dict[str, str]:
+    """Give the versions of this program and of what computes and stores a trial."""
+    return {name: version(name) for name in PACKAGES}
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,13 +135,12 @@ class TrialResult:
         Where the force plates are.
     motion
         Filtered motion with marker errors.
-    measured
-        Dynamics with the plates as measured.
-    compensated
-        Dynamics with the platform's artefacts removed; None without a calibration.
+    variants
+        Name -> dynamics: "measured" with the plates as measured and, with a calibration,
+        "compensated" without what the treadmill's motion adds; the last is closest to the truth.
     ground
-        Variant ("measured", "compensated") -> foot -> filtered wrench on it, (T, 6) [N, N·m], lab
-        axes about the lab origin.
+        Name of the variant -> foot -> filtered wrench on it, (T, 6) [N, N·m], lab axes about the
+        lab origin.
     events
         Gait events.
     cycles
@@ -132,16 +150,15 @@ class TrialResult:
     span
         Start and stop of the stretch of the recording that counts in place of gait cycles [s]; None
         where gait cycles count.
-    validity
-        Which frames count within them.
+    quality
+        Why each frame does not count, (T,): flags of `pipeline.trial.quality.Quality`, 0 where
+        nothing is doubtful. Where the foot is uncertain, the forces of the legs' coordinates are
+        NaN; where filters settle, all of them.
     delay_s, delay_uncertainty_s
         How much later the plates are than the markers, and half of its 95 % interval; NaN where it
         is not determined.
     platform
         The platform's pose, (T,) frames; None for a treadmill that stands still.
-    ambiguous
-        Frames in which the split of a plate between the feet is uncertain, (T,); the forces of the
-        legs' coordinates are NaN there.
     notes
         What was inferred, locked, filled or refused.
     overridden_segments
@@ -152,6 +169,11 @@ class TrialResult:
         The part of the gait cycles that the condition asks for; None for all of them.
     uncertainty
         Of the compensation; None without a calibration of the platform.
+    condition, key
+        Name of the condition, and digest of everything that the trial depends on
+        (`pipeline.run.job.trial_key`); empty outside a study.
+    versions
+        Package -> version that the trial was processed with.
 
     Examples
     --------
@@ -174,29 +196,64 @@ class TrialResult:
     first_frame: int
     plates: tuple[PlateSurface, ...]
     motion: Motion
-    measured: Dynamics
-    compensated: Dynamics | None
+    variants: Mapping[str, Dynamics]
     ground: dict[str, dict[str, Array]]
     platform: PlatformPose | None
     events: tuple[Event, ...]
     cycles: dict[str, Array]
     found_cycles: int
     span: tuple[float, float] | None
-    validity: Validity
+    quality: Indices
     delay_s: float
     delay_uncertainty_s: float
-    ambiguous: Mask
     notes: tuple[Note, ...]
     overridden_segments: tuple[str, ...] = ()
     onsets: Array = field(default_factory=lambda: np.empty(0))
     part: CyclePart | None = None
     uncertainty: CompensationUncertainty | None = None
+    condition: str = ""
+    key: str = ""
+    versions: Mapping[str, str] = field(default_factory=package_versions)
 
     def __post_init__(self) -> None:
+        if not self.variants:
+            raise ValueError(f"{self.source.name}: no variant of the plates' wrenches")
         frames = len(self.motion.time)
         for name, count in (
             ("markers have", len(self.markers.time)),
-            ("the validity has", len(self.validity.motion)),
+            ("the quality has", len(self.quality)),
         ):
             if count != frames:
                 raise ValueError(f"{self.source.name}: {name} {count} frames, the motion {frames}")
+        self.quality.setflags(write=False)
+
+    @property
+    def measured(self) -> Dynamics:
+        """The variant with the plates as measured."""
+        return self.variants["measured"]
+
+    @property
+    def compensated(self) -> Dynamics | None:
+        """The variant without what the treadmill's motion adds; None without a calibration."""
+        return self.variants.get("compensated")
+
+    @property
+    def counts(self) -> Mask:
+        """Frames whose residuals count, (T,)."""
+        return free_of(self.quality)
+
+    @property
+    def engine(self) -> EngineUsed:
+        """The engine of the inverse dynamics, the same for all variants."""
+        return next(iter(self.variants.values())).engine
+
+    @property
+    def shortage(self) -> str:
+        """Why there are no residuals; empty where there are."""
+        reasons = (note.values["reason"] for note in self.notes if note.code == "no_residuals")
+        return str(next(reasons, ""))
+
+    @property
+    def of_calibration(self) -> tuple[Note, ...]:
+        """What to know of the treadmill's calibration wherever the trial is used."""
+        return tuple(note for note in self.notes if note.code in OF_CALIBRATION)

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 from compensation import Calibration
 from hbm.notes import Note
-from pipeline.config.consistency import missing_file
 from pipeline.config.plate_correction import PlateCorrection, read_plate_correction
 from pipeline.config.schema import Trial
 from pipeline.config.study import Study
+from pipeline.config.toml_file import missing_file
 from pipeline.io.read import read_as_stated
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.belt_calibration import read_belts

@@ -41,7 +41,7 @@ def weight_bearing_frames(
     -------
     Mask
         (T,), by `pipeline.trial.gait.carried.Support`, without what plates read at rest unless the
-        filter is the real-time one. Frames in which a plate has no value do not count.
+        filter is the real-time one.
     """
     best, at_rest = ground.variants[ground.best], None
     if settings.filter != "realtime":
@@ -56,12 +56,10 @@ def weight_bearing_frames(
         at_rest,
     )
     pose = None if ground.pose is None else (ground.pose.rotation, ground.pose.position)
-    carried = support.carried(
+    return support.carried(
         support.feet(motion.time, places_of(body, motion.q), pose),
         np.stack(best, axis=1),
         np.column_stack(under_feet.foot_of_plates),
         *vertical,
         pose,
     )
-    every = np.stack([wrench for each in ground.variants.values() for wrench in each])
-    return np.asarray(carried & np.isfinite(every).all(axis=(0, 2)))

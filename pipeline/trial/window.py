@@ -6,18 +6,17 @@ from typing import Final, Literal
 
 import numpy as np
 
-from compensation.platform.pose import PlatformPose
+from compensation.platform import PlatformPose
 from hbm.notes import Note
-from hbm.spatial import Array, Mask
-from pipeline.config.schema import Condition
-from pipeline.config.window import Interval
+from hbm.spatial import Array, Indices, Mask
+from pipeline.config.schema import Condition, Interval
 from pipeline.io.recording import Event
 from pipeline.trial.gait.cycle_shortage import cycle_shortage
 from pipeline.trial.gait.cycles import found_cycles
 from pipeline.trial.gait.events import SIDES
 from pipeline.trial.gait.perturbations import MIN_PLATFORM_SPEED_MPS, motion_stops
+from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.result import CyclePart
-from pipeline.trial.validity import Validity
 
 Span = tuple[float, float]
 WantedWindow = Literal["cycle", "recording"] | Span | None
@@ -49,7 +48,7 @@ def counted_span(
         (T,) [s].
     settling
         Time [s] that the filters need at the start and at the end of a recording
-        (`pipeline.trial.validity.settling_s`).
+        (`pipeline.trial.quality.settling_s`).
     counts
         Whether each frame is valid, (T,).
     min_valid_share
@@ -233,7 +232,7 @@ def window_notes(
     events: Sequence[Event],
     rejected: Iterable[Note],
     time: Array,
-    validity: Validity,
+    quality: Indices,
 ) -> tuple[Note, ...]:
     """Say why the recording counts in place of gait cycles, or why nothing counts.
 
@@ -251,8 +250,8 @@ def window_notes(
         Why gait cycles were left out.
     time
         (T,) [s].
-    validity
-        Which frames count.
+    quality
+        Flags of every frame, (T,).
 
     Returns
     -------
@@ -261,12 +260,12 @@ def window_notes(
         ``no_gait_cycle`` or, if there are some, ``gait_cycles_left_out``.
     """
     parts = cycles if part is None else {s: np.reshape(p, (-1, 2)) for s, p in part.spans.items()}
-    counts = frames_within(time, parts, span) & validity.counts
-    reason = cycle_shortage(events, rejected, time, validity.motion)
+    counts = frames_within(time, parts, span) & free_of(quality)
+    reason = cycle_shortage(events, rejected, time, free_of(quality, Quality.POSE_UNKNOWN))
     if not counts.any():
-        nothing = reason if span is None else _nothing_counts(span, time, validity)
+        nothing = reason if span is None else _nothing_counts(span, time, quality)
         if wanted is None and span is None and not any(map(len, cycles.values())):
-            nothing = f"{reason}; {_too_little(time, validity)}"
+            nothing = f"{reason}; {_too_little(time, quality)}"
         if part is not None and any(map(len, cycles.values())):
             nothing = f'no frame of the window "{part.name}" of the gait cycles counts'
         return (Note.of("no_residuals", reason=nothing),)
@@ -276,17 +275,12 @@ def window_notes(
     return (Note.of(code, reason=reason, start_s=span[0], stop_s=span[1]),)
 
 
-def shortage(notes: Iterable[Note]) -> str:
-    """Say why a trial has no residuals; empty where its notes do not."""
-    return next((str(note.values["reason"]) for note in notes if note.code == "no_residuals"), "")
-
-
-def _too_little(time: Array, validity: Validity) -> str:
+def _too_little(time: Array, quality: Indices) -> str:
     """Say how little of a recording could stand in for gait cycles."""
-    valid, frames = np.count_nonzero(validity.counts), len(time)
+    valid, frames = np.count_nonzero(free_of(quality)), len(time)
     if not valid:
         return _nothing_counts(
-            (float(time[0]), float(np.nextafter(time[-1], np.inf))), time, validity
+            (float(time[0]), float(np.nextafter(time[-1], np.inf))), time, quality
         )
     return (
         f"{valid} of {frames} frames of the recording are valid, less than min_valid_share; "
@@ -294,10 +288,10 @@ def _too_little(time: Array, validity: Validity) -> str:
     )
 
 
-def _nothing_counts(span: Span, time: Array, validity: Validity) -> str:
+def _nothing_counts(span: Span, time: Array, quality: Indices) -> str:
     inside = frames_within(time, {}, span)
     frames = np.count_nonzero(inside)
-    unsolved = np.count_nonzero(inside & ~validity.motion)
+    unsolved = np.count_nonzero(inside & ~free_of(quality, Quality.POSE_UNKNOWN))
     if unsolved == frames:
         return (
             f"no frame from {span[0]:.2f} to {span[1]:.2f} s could be solved; check the markers' "

@@ -36,32 +36,10 @@ def recording_file(
     """Open a recording; the file appears when it is complete.
 
     It is filled in memory and written here: where a disk is full, Rerun's own file sink prints to
-    the terminal, raises nothing, and waits forever when it is flushed.
-
-    Parameters
-    ----------
-    path
-        The file; its folder is made if need be.
-    application
-        Kind of recording; recordings of one kind share a layout in the viewer.
-    title
-        What a person reads; it stays in the file. The identifier, which usage statistics of other
-        viewers may see hashed, is a pseudonym of it and the place of the file.
-    blueprint
-        Layout to save with it.
-    opens
-        Whether the viewer turns to this recording, and to its layout before it makes one itself;
-        else its layout is used once a person turns to it.
-
-    Yields
-    ------
-    rerun.RecordingStream
-        To be filled.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written; it names the file.
+    the terminal, raises nothing, and waits forever when it is flushed. Recordings of one
+    ``application`` have one layout in the viewer. The identifier, which usage statistics of other
+    viewers may see hashed, is a pseudonym of title and place. Unless it ``opens``, the viewer uses
+    the layout once a person turns to the recording.
     """
     rr.set_strict_mode(True)
     pseudonym = hashlib.sha256(f"{title} {path.resolve()}".encode()).hexdigest()[:16]
@@ -90,29 +68,16 @@ def send(
     present: Mask,
     **fields: Array,
 ) -> None:
-    """Send an archetype's fields for all rows.
-
-    Parameters
-    ----------
-    stream
-        Recording to write to.
-    entity
-        Path of the entity.
-    timelines
-        The time of each row.
-    archetype
-        A class of `rerun.archetypes` with several instances a row.
-    present
-        Which instances exist, (T, K); the others are left out.
-    fields
-        Fields of the archetype, (T, K, ...).
-    """
+    """Send an archetype's fields, (T, K, ...), for all rows; of those present, (T, K)."""
     for start in range(0, len(present), CHUNK_ROWS):
         rows = slice(start, start + CHUNK_ROWS)
         chosen = {name: value[rows][present[rows]] for name, value in fields.items()}
         stream.send_columns(
             entity,
-            [_time_column(name, value[rows]) for name, value in timelines.items()],
+            [
+                rr.TimeColumn(name, **{"duration" if name == "time" else "sequence": value[rows]})
+                for name, value in timelines.items()
+            ],
             archetype.columns(**chosen).partition(present[rows].sum(axis=1)),
             strict=True,
         )
@@ -120,13 +85,10 @@ def send(
 
 def rgba(*colours: str) -> np.ndarray:
     """Give hexadecimal colours, "#rrggbb" or "#rrggbbaa", as bytes, (K, 4)."""
-    return np.array([list(bytes.fromhex(f"{colour[1:]}ff"[:8])) for colour in colours], np.uint8)
+    each = [list(bytes.fromhex(f"{colour[1:]}ff"[:8])) for colour in colours]
+    return np.array(each, np.uint8).reshape(-1, 4)
 
 
 def printable(text: str) -> str:
     """Give a text with "?" for letters that the viewer's font lacks, on which it would fail."""
     return _NOT_IN_FONT.sub("?", unicodedata.normalize("NFC", text))
-
-
-def _time_column(name: str, value: np.ndarray) -> rr.TimeColumn:
-    return rr.TimeColumn(name, **{"duration" if name == "time" else "sequence": value})

@@ -1,6 +1,5 @@
 """The live view: the body and its residuals on a screen while the subject walks."""
 
-import json
 import os
 import pickle
 import signal
@@ -10,8 +9,10 @@ import threading
 from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -19,19 +20,105 @@ from hbm.model import Body
 from hbm.spatial import Array
 from pipeline.config.schema import Settings
 from pipeline.trial.result import PlateSurface
-from pipeline.viewer.live_frames import FrameRows, LiveNews, LiveScene, Screen, ShownFrame
 
-PROGRAM: Final = "pipeline.viewer.live_process"
+Screen = Literal["window", "browser", "none"]
+"""A window of its own, a page for a browser of this machine, or pictures that nobody sees."""
+Cycle = tuple[str, Mapping[str, Array]]
+"""Side, and variant -> residuals over 0 to 100 % in the reported axes, (101, 6) [N, N·m]."""
+News = tuple[np.ndarray, list[Cycle], str | None]
+"""New frames, of `LiveScene.row`; gait cycles; text in Markdown, None where it is the same."""
+PROGRAM: Final = "pipeline.viewer.live_drawing"
 PERIOD_S: Final = 1 / 30
 """Pause between what is sent: with the time that drawing takes, about 25 pictures a second."""
 MAX_WAITING: Final = 1000
 """Frames that wait for a slow viewer, 10 s at 100 Hz; then the oldest are left out."""
 MAX_WAITING_CYCLES: Final = 10
-CYCLE_SHAPE: Final = (101, 6)
 MAX_WRITE_S: Final = 1.0
-ENDED: Final = json.dumps({"fault": "the process that draws the live view has ended"})
+NEUTRAL: Final = (np.eye(3), np.zeros(3))
 MAX_STOP_S: Final = 4.0
 """After this, the drawing process and its viewer are killed."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShownFrame:
+    """What a live view shows of one frame.
+
+    Attributes
+    ----------
+    time
+        [s], on any clock that does not jump; shown is the time since the first frame.
+    q
+        Coordinates, (46,) [m and rad]; NaN where the body is not known, which hides it.
+    markers
+        Measured markers in the lab, (M, 3) [m]; NaN where one is not seen.
+    residual
+        "measured" and, with a calibration, "compensated" -> residual on the pelvis in the reported
+        axes (x forward, y right, z up), (6,) [N, N·m].
+    ground
+        The same -> wrench on the left and the right foot in lab axes about the lab origin, (2, 6)
+        [N, N·m].
+    platform
+        Rotation, (3, 3), and position, (3,) [m], of the platform in the lab, NaN where unknown;
+        None where it stands still.
+    counts
+        Whether the residual counts; it is not shown where it does not.
+    """
+
+    time: float
+    q: Array
+    markers: Array
+    residual: Mapping[str, Array]
+    ground: Mapping[str, Array]
+    platform: tuple[Array, Array] | None = None
+    counts: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class LiveScene:
+    """What stays while frames are shown; attributes as the parameters of `LiveView`."""
+
+    body: Body
+    plates: tuple[PlateSurface, ...]
+    markers: tuple[str, ...]
+    variants: tuple[str, ...]
+    contact_threshold_n: float
+    screen: Screen
+
+    @cached_property
+    def row(self) -> np.dtype:
+        """A frame as it passes to the drawing process; its number shows what was left out."""
+        variants = len(self.variants)
+        return np.dtype(
+            [
+                ("number", int),
+                ("time", float),
+                ("counts", bool),
+                ("moves", bool),
+                ("q", float, (46,)),
+                ("markers", float, (len(self.markers), 3)),
+                ("rotation", float, (3, 3)),
+                ("position", float, (3,)),
+                ("residual", float, (variants, 6)),
+                ("ground", float, (variants, 2, 6)),
+            ]
+        )
+
+    def pack(self, number: int, frame: ShownFrame) -> np.ndarray:
+        """Copy a frame to a row."""
+        return np.array(
+            (
+                number,
+                frame.time,
+                frame.counts,
+                frame.platform is not None,
+                frame.q,
+                frame.markers,
+                *(frame.platform or NEUTRAL),
+                [frame.residual[variant] for variant in self.variants],
+                [frame.ground[variant] for variant in self.variants],
+            ),
+            self.row,
+        )
 
 
 class LiveView:
@@ -56,6 +143,18 @@ class LiveView:
         pictures can be taken at its `address`.
     contact_threshold_n
         A foot with less vertical force has no arrow [N].
+
+    Attributes
+    ----------
+    address
+        Page to open in a browser, or address of an unseen viewer; None until it is served.
+    fault
+        Why nothing is shown any more, in one line; None while all is well.
+    shown, left_out
+        Frames that the viewer has taken, and those that it has not since it was slower than they
+        came, or gone; the others wait.
+    process_id
+        Of the drawing process, whose child is the viewer.
 
     Notes
     -----
@@ -83,55 +182,32 @@ class LiveView:
         screen: Screen = "window",
         contact_threshold_n: float = Settings().contact_threshold_n,
     ) -> None:
+        self.address: str | None = None
+        self.fault: str | None = None
+        self.left_out = self.shown = 0
         scene = LiveScene(
             body, tuple(plates), tuple(markers), tuple(variants), contact_threshold_n, screen
         )
-        self._rows = FrameRows(len(scene.markers), scene.variants)
+        self._scene = scene
         self._lock = threading.Lock()
-        self._waiting = deque[bytes]()
-        self._cycles = deque[tuple[str, Mapping[str, Array]]](maxlen=MAX_WAITING_CYCLES)
+        self._waiting = deque[np.ndarray]()
+        self._cycles = deque[Cycle](maxlen=MAX_WAITING_CYCLES)
         self._status: str | None = None
-        self._count = self._left_out = self._shown = 0
-        self._address: str | None = None
-        self._fault: str | None = None
+        self._count = 0
         self._over = False
         self._ready, self._closing = threading.Event(), threading.Event()
         self._writing = threading.Lock()
         self._process = _start()
+        self.process_id = self._process.pid
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._to, self._from = self._process.stdin, self._process.stdout
         self._thread = threading.Thread(target=self._run, args=(scene,), daemon=True)
         self._thread.start()
 
-    @property
-    def address(self) -> str | None:
-        """Page to open in a browser, or address of an unseen viewer; None until it is served."""
-        return self._address
-
-    @property
-    def fault(self) -> str | None:
-        """Why nothing is shown any more, in one line; None while all is well."""
-        return self._fault
-
-    @property
-    def left_out(self) -> int:
-        """Frames left out because the viewer was slower than they came, or gone."""
-        return self._left_out
-
-    @property
-    def shown(self) -> int:
-        """Frames that the viewer has taken; the others wait or are left out."""
-        return self._shown
-
-    @property
-    def process_id(self) -> int:
-        """Of the drawing process, whose child is the viewer."""
-        return self._process.pid
-
     def wait(self, timeout_s: float) -> bool:
         """Wait until the viewer shows something or has failed; give whether it shows it."""
-        return self._ready.wait(timeout_s) and self._fault is None
+        return self._ready.wait(timeout_s) and self.fault is None
 
     def show(self, frame: ShownFrame) -> None:
         """Show a frame; returns at once, and the frame's arrays may change afterwards.
@@ -139,44 +215,28 @@ class LiveView:
         Raises
         ------
         ValueError
-            If an array has another shape than the view was made for, or another type than double.
+            If an array has another shape than the view was made for.
         KeyError
             If a variant is missing.
         """
-        row = self._rows.pack(self._count, frame)
+        row = self._scene.pack(self._count, frame)
         self._count += 1
         with self._lock:
             self._waiting.append(row)
             if self._over or len(self._waiting) > MAX_WAITING:
                 self._waiting.popleft()
-                self._left_out += 1
+                self.left_out += 1
 
     def show_cycle(self, side: str, residual: Mapping[str, Array]) -> None:
         """Show a gait cycle; the last ten of a side stay, of the right one if there are any.
 
-        Parameters
-        ----------
-        side
-            "left" or "right".
-        residual
-            Variant -> residuals in the reported axes over 0 to 100 %, (101, 6) [N, N·m]; NaN where
-            frames do not count.
-
-        Raises
-        ------
-        ValueError
-            If an array has another shape.
-        KeyError
-            If a variant is missing.
+        Variant -> residuals in the reported axes over 0 to 100 %, (101, 6) [N, N·m]; NaN where
+        frames do not count.
         """
-        copied = {variant: np.array(residual[variant]) for variant in self._rows.variants}
-        for variant, values in copied.items():
-            if values.shape != CYCLE_SHAPE:
-                raise ValueError(
-                    f"{variant}: a gait cycle must have shape {CYCLE_SHAPE}, got {values.shape}"
-                )
         with self._lock:
-            self._cycles.append((side, copied))
+            self._cycles.append(
+                (side, {name: residual[name].copy() for name in self._scene.variants})
+            )
 
     def show_status(self, text: str) -> None:
         """Show a text, Markdown, in place of the last one."""
@@ -195,7 +255,11 @@ class LiveView:
         except subprocess.TimeoutExpired:
             failed = True
         if failed:
-            _kill(self._process)
+            if hasattr(os, "killpg"):
+                with suppress(ProcessLookupError):
+                    os.killpg(self.process_id, signal.SIGKILL)  # the viewer, too
+            self._process.kill()
+            self._process.wait()
         self._thread.join(MAX_STOP_S)
         self._from.close()
 
@@ -203,49 +267,44 @@ class LiveView:
         """Send what is new and wait until it is drawn, again and again."""
         sent = 0
         try:
-            self._address = self._ask(scene).get("address")
+            self.address = self._ask(scene)
             self._ready.set()
             while not self._closing.wait(PERIOD_S):
-                news = self._news()
-                if news is not None:
-                    sent = len(news.rows) // self._rows.size
+                with self._lock:
+                    rows = np.array(list(self._waiting), scene.row)
+                    news: News = rows, list(self._cycles), self._status
+                    self._waiting.clear()
+                    self._cycles.clear()
+                    self._status = None
+                sent = len(rows)
+                if sent or news[1] or news[2] is not None:
                     self._ask(news)
-                    self._shown += sent
+                    self.shown += sent
                     sent = 0
+        except (EOFError, pickle.UnpicklingError):
+            self._fail("the process that draws the live view has ended")
         except Exception as error:
-            if not self._closing.is_set():
-                self._fault = str(error) or type(error).__name__
+            self._fail(str(error) or type(error).__name__)
         with self._lock:
             self._over = True
-            self._left_out += sent + len(self._waiting)
+            self.left_out += sent + len(self._waiting)
             self._waiting.clear()
         self._ready.set()
 
-    def _news(self) -> LiveNews | None:
-        with self._lock:
-            rows, cycles, status = list(self._waiting), list(self._cycles), self._status
-            self._waiting.clear()
-            self._cycles.clear()
-            self._status = None
-        if not rows and not cycles and status is None:
-            return None
-        return LiveNews(b"".join(rows), cycles, status)
+    def _fail(self, fault: str) -> None:
+        if not self._closing.is_set():
+            self.fault = fault
 
-    def _ask(self, message: LiveScene | LiveNews) -> dict[str, str | None]:
-        """Send a message and give the answer.
-
-        Raises
-        ------
-        OSError
-            If the drawing process has ended, or says what failed.
-        """
+    def _ask(self, message: LiveScene | News) -> str | None:
+        """Send a message and give the answer; an OSError says what failed."""
         with self._writing, suppress(BrokenPipeError):
             pickle.dump(message, self._to)
             self._to.flush()
-        answer: dict[str, str | None] = json.loads(self._from.readline() or ENDED)
-        if fault := answer.get("fault"):
-            raise OSError(fault)
-        return answer
+        answer: Any = pickle.load(self._from)
+        if isinstance(answer, OSError):
+            raise answer
+        address: str | None = answer
+        return address
 
 
 def _start() -> subprocess.Popen[bytes]:
@@ -262,12 +321,3 @@ def _start() -> subprocess.Popen[bytes]:
         process_group=0 if os.name == "posix" else None,
         creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
     )
-
-
-def _kill(process: subprocess.Popen[bytes]) -> None:
-    """Kill the drawing process and its viewer."""
-    if hasattr(os, "killpg"):
-        with suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
-    process.kill()
-    process.wait()

@@ -1,136 +1,253 @@
-"""What a live view shows, as it comes."""
+"""The process that draws a live view: frames come by its standard input, answers go out.
 
+It is sent no more than it has drawn, so that nothing piles up where the viewer is slow or stopped,
+and ends with its viewer once the input ends.
+"""
+
+import os
+import pickle
+import sys
+import threading
+import time
 from collections import deque
-from collections.abc import Mapping
-from dataclasses import replace
-from typing import Final
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from queue import SimpleQueue
+from secrets import token_hex
+from subprocess import Popen
+from typing import IO, Any, Final
 
 import numpy as np
 import rerun as rr
 
-from hbm.coordinates import MOVING
+from compensation.platform import PlatformPose
 from hbm.markers import Markers
-from hbm.poses import segment_frames
 from hbm.spatial import Array
 from pipeline.trial.residuals import reported
-from pipeline.viewer.blueprint import live_layout
-from pipeline.viewer.body import draw_body, send_body
-from pipeline.viewer.cycles import SHOWN_CYCLES, draw_cycle_axes, send_cycles
 from pipeline.viewer.file import printable
-from pipeline.viewer.legend import LEGEND
-from pipeline.viewer.live_frames import FrameBlock, FrameRows, LiveNews, LiveScene
-from pipeline.viewer.plots import draw_residual_curves, send_residual_curves
-from pipeline.viewer.scene import (
-    draw_arrows,
-    draw_markers,
-    draw_plates,
-    send_ground,
-    send_markers,
-    send_platform,
-    send_residual,
+from pipeline.viewer.layout import LEGEND, live_layout, log_text
+from pipeline.viewer.live import LiveScene, News, Screen
+from pipeline.viewer.plots import (
+    SHOWN_CYCLES,
+    draw_cycle_axes,
+    draw_residual_curves,
+    log_cycles,
+    send_residual_curves,
+)
+from pipeline.viewer.scene import draw_scene, send_scene
+from pipeline.viewer.serve import (
+    GrowingRecording,
+    data_address,
+    free_port,
+    page_server,
+    running_viewer,
+    viewer_files,
 )
 
+APPLICATION: Final = "hbm_residuals_live"
 SCENE_RATE_HZ: Final = 50.0
 """Smooth to the eye; residual curves have every frame."""
-PELVIS: Final = MOVING.index("pelvis")
 TARGET_FROM_PLATES_M: Final = np.array([0.0, 0.0, 0.8])
 """Where the camera looks: head and plates are in the picture."""
+MEMORY: Final = "1GB"
+"""Of the viewer, which then drops its oldest data: about a quarter of an hour at 100 Hz."""
+SERVER_MEMORY: Final = "16MB"
+"""Of what the viewer's server keeps for others."""
+PAGE_BYTES: Final = 64_000_000
+"""Of what is kept for pages that open later: about half a minute at 100 Hz, soon caught up with."""
+FLUSH_S: Final = 0.25
+"""How often the ends of viewer and input are looked for while the viewer takes no data."""
+GRACE_S: Final = 1.0
+"""After the end of the input, the viewer is killed if it has not ended."""
+LOWER_PRIORITY: Final = 5
+SCREENS: Final = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
+"""Any of them names a screen on Linux."""
+WITHOUT_SCREEN: Final = "show it to a browser (--web), or use --view on a computer with one"
+
+Shown = tuple[str | None, Callable[[], bool]]
+"""Where it is shown, and what waits until all that is drawn is taken; false if the viewer ended."""
 
 
 class LiveDrawing:
-    """What a live view shows, sent to a recording.
-
-    Parameters
-    ----------
-    stream
-        Recording to write to.
-    scene
-        What stays.
-    """
+    """What a live view shows, sent to a recording."""
 
     def __init__(self, stream: rr.RecordingStream, scene: LiveScene) -> None:
         self._stream, self._scene = stream, scene
-        self._rows = FrameRows(len(scene.markers), tuple(scene.variants))
         self._cycles: dict[str, deque[Mapping[str, Array]]] = {}
         self._start_s: float | None = None
-        self._time, self._number = 0.0, -1.0
+        self._time, self._number = 0.0, -1
         centers = np.array([plate.center for plate in scene.plates]).reshape(-1, 3)
         ground = centers.mean(axis=0) if len(centers) else np.zeros(3)
         self._surface_m = float(ground[2])
         layout = live_layout(ground + TARGET_FROM_PLATES_M)
         stream.send_blueprint(layout, make_active=True, make_default=True)
         stream.send_recording_name("live")
-        stream.log("lab", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        stream.log("lab/axes", rr.TransformAxes3D(0.2), static=True)
-        draw_body(stream, scene.body)
-        draw_markers(stream, scene.markers)
-        draw_plates(stream, scene.plates)
-        for variant in scene.variants:
-            draw_arrows(stream, variant)
+        draw_scene(stream, scene.body, scene.markers, scene.plates, scene.variants)
         draw_residual_curves(stream, scene.variants)
         draw_cycle_axes(stream)
-        stream.log("legend", rr.TextDocument(LEGEND, media_type="text/markdown"), static=True)
+        log_text(stream, "legend", LEGEND)
+        stream.set_time("time", duration=0.0)
+        log_cycles(stream, [])
 
-    def show(self, news: LiveNews) -> None:
+    def show(self, news: News) -> None:
         """Send frames, the last gait cycles and the status."""
-        block = self._rows.unpack(news.rows)
-        block = block[np.isfinite(block.time)]
-        if len(block.time):
-            self._send_frames(block)
-        for side, cycle in news.cycles:
+        frames, cycles, status = news
+        frames = frames[np.isfinite(frames["time"])]
+        if len(frames):
+            self._send_frames(frames)
+        for side, cycle in cycles:
             self._cycles.setdefault(side, deque(maxlen=SHOWN_CYCLES)).append(cycle)
-        now = {"time": np.array([self._time])}
-        if news.cycles:
-            side = "right" if "right" in self._cycles else "left"
-            send_cycles(self._stream, now, list(self._cycles[side]))
-        if news.status is not None:
-            self._stream.send_columns(
-                "status",
-                [rr.TimeColumn("time", duration=now["time"])],
-                rr.TextDocument.columns(
-                    text=[printable(news.status)], media_type=["text/markdown"]
-                ),
-                strict=True,
-            )
+        self._stream.set_time("time", duration=self._time)
+        if cycles:
+            log_cycles(self._stream, list(self._cycles.get("right") or self._cycles["left"]))
+        if status is not None:
+            text = rr.TextDocument(printable(status), media_type="text/markdown")
+            self._stream.log("status", text)
 
-    def _send_frames(self, block: FrameBlock) -> None:
+    def _send_frames(self, frames: np.ndarray) -> None:
         """Send the frames whose time increases, at the time since the first one."""
         if self._start_s is None:
-            self._start_s = float(block.time[0])
-        block = replace(block, time=block.time - self._start_s)
-        block = block[block.time > np.maximum.accumulate(np.append(-np.inf, block.time[:-1]))]
-        self._send_curves(block)
-        step = int(np.ceil(len(block.time) / (1 + np.ptp(block.time) * SCENE_RATE_HZ)))
-        self._send_scene(block[(len(block.time) - 1) % step :: step])
-        self._time, self._number = float(block.time[-1]), float(block.number[-1])
+            self._start_s = float(frames["time"][0])
+        time = frames["time"] - self._start_s
+        later = time > np.maximum.accumulate(np.append(-np.inf, time[:-1]))
+        frames, time = frames[later], time[later]
+        values = np.where(frames["counts"][:, None, None], frames["residual"], np.nan)
+        residual = dict(zip(self._scene.variants, values.swapaxes(0, 1), strict=True))
+        before = np.append(self._number, frames["number"][:-1])
+        gaps = np.flatnonzero(frames["number"] > before + 1)  # where frames were left out
+        curves = {name: np.insert(value, gaps, np.nan, axis=0) for name, value in residual.items()}
+        broken = {"time": np.insert(time, gaps, time[gaps] - 1e-6)}
+        send_residual_curves(self._stream, broken, curves)
+        step = int(np.ceil(len(time) / (1 + np.ptp(time) * SCENE_RATE_HZ)))
+        self._send_scene(
+            frames[::-step][::-1],
+            time[::-step][::-1],
+            {name: reported(value[::-step][::-1]) for name, value in residual.items()},
+        )
+        self._time, self._number = float(time[-1]), int(frames["number"][-1])
 
-    def _send_curves(self, block: FrameBlock) -> None:
-        """Send the residuals of all frames, broken where frames were left out."""
-        before = np.append(self._number, block.number[:-1])
-        gaps = np.flatnonzero(block.number > before + 1)
-        time = np.insert(block.time, gaps, block.time[gaps] - 1e-6)
-        curves = {
-            name: np.insert(value, gaps, np.nan, axis=0) for name, value in block.residual.items()
-        }
-        send_residual_curves(self._stream, {"time": time}, curves)
+    def _send_scene(self, frames: np.ndarray, time: Array, residual: Mapping[str, Array]) -> None:
+        """Send frames, with residuals in lab axes."""
+        scene, platform = self._scene, None
+        if frames["moves"].any():
+            rotation, position = frames["rotation"].copy(), frames["position"].copy()
+            unknown = np.isnan(rotation).any(axis=(1, 2)) | np.isnan(position).any(axis=1)
+            rotation[unknown], position[unknown] = np.nan, np.nan
+            platform = PlatformPose(rotation, position)
+        send_scene(
+            self._stream,
+            {"time": time},
+            scene.body,
+            frames["q"],
+            Markers(time, scene.markers, frames["markers"]),
+            platform,
+            dict(zip(scene.variants, frames["ground"].swapaxes(0, 1), strict=True)),
+            residual,
+            surface_m=self._surface_m,
+            threshold_n=scene.contact_threshold_n,
+        )
 
-    def _send_scene(self, block: FrameBlock) -> None:
-        stream, scene, timelines = self._stream, self._scene, {"time": block.time}
-        rotation, origin = segment_frames(scene.body, block.q)
-        send_body(stream, timelines, rotation, origin)
-        markers = Markers(block.time, tuple(scene.markers), block.markers)
-        send_markers(stream, timelines, markers, scene.body, rotation, origin)
-        send_platform(stream, timelines, block.platform)
-        for variant in scene.variants:
-            feet = block.ground[variant]
-            send_ground(
-                stream,
-                timelines,
-                variant,
-                {"left_foot": feet[:, 0], "right_foot": feet[:, 1]},
-                surface_m=self._surface_m,
-                platform=block.platform,
-                threshold_n=scene.contact_threshold_n,
-            )
-            in_lab = reported(block.residual[variant])
-            send_residual(stream, timelines, variant, in_lab, origin[:, PELVIS])
+
+class _Input:
+    """Messages from the standard input; once it ends, the viewer has a second to end."""
+
+    def __init__(self, pipe: IO[bytes]) -> None:
+        self._pipe = pipe
+        self.messages = SimpleQueue[Any]()
+        self.ended = threading.Event()
+        self.viewer: Popen[bytes] | None = None
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def _read(self) -> None:
+        with suppress(Exception):
+            while True:
+                self.messages.put(pickle.load(self._pipe))
+        self.ended.set()
+        self.messages.put(None)
+        time.sleep(GRACE_S)
+        if self.viewer is not None:
+            self.viewer.kill()
+
+
+def _draw(inbox: _Input, answer: Callable[[str | OSError | None], None]) -> None:
+    """Draw until the input ends; an OSError says that the viewer does not start, or ends before."""
+    scene: LiveScene | None = inbox.messages.get()
+    if scene is None:
+        return
+    if scene.screen == "window" and sys.platform == "linux" and not os.environ.keys() & SCREENS:
+        raise OSError(f"there is no screen; {WITHOUT_SCREEN}")
+    rr.set_strict_mode(True)
+    stream = rr.RecordingStream(APPLICATION, recording_id=token_hex(8), send_properties=False)
+    shown = _page(stream) if scene.screen == "browser" else _viewer(stream, scene.screen, inbox)
+    with shown as (address, taken):
+        drawing = LiveDrawing(stream, scene)
+        taken()
+        answer(address)
+        while (news := inbox.messages.get()) is not None:
+            drawing.show(news)
+            if not taken():
+                break
+            answer(None)
+    if not inbox.ended.is_set():
+        raise OSError("the viewer's window was closed")
+
+
+@contextmanager
+def _page(stream: rr.RecordingStream) -> Iterator[Shown]:
+    """Serve what is drawn to browsers."""
+    drawn, recording = rr.binary_stream(stream), GrowingRecording(PAGE_BYTES)
+
+    def taken() -> bool:
+        recording.append(drawn.read() or b"")
+        return True
+
+    with page_server(viewer_files(), recording.pieces) as address:
+        yield address, taken
+
+
+@contextmanager
+def _viewer(stream: rr.RecordingStream, screen: Screen, inbox: _Input) -> Iterator[Shown]:
+    """Run a viewer, in a window or unseen, and send it what is drawn."""
+    port = free_port()
+    limits = ["--memory-limit", MEMORY, "--server-memory-limit", SERVER_MEMORY]
+    unseen = ["--headless", "--window-size", "1920x1080"] if screen == "none" else []
+    arguments = [*unseen, "--port", str(port), *limits, "--hide-welcome-screen"]
+    with running_viewer(arguments, port, without_screen=WITHOUT_SCREEN) as process:
+        inbox.viewer = process
+        stream.connect_grpc(data_address(port))
+
+        def taken() -> bool:
+            """Wait until the viewer has taken all, or has ended, or the input has."""
+            while process.poll() is None and not inbox.ended.is_set():
+                try:
+                    stream.flush(timeout_sec=FLUSH_S)
+                    break
+                except RuntimeError as error:
+                    if "timed out" not in str(error):
+                        time.sleep(FLUSH_S)
+            return process.poll() is None
+
+        yield data_address(port) if screen == "none" else None, taken
+
+
+def main() -> None:
+    """Draw what comes, and say in one line why it ends before the input does."""
+    answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    if hasattr(os, "nice"):
+        os.nice(LOWER_PRIORITY)
+
+    def answer(content: str | OSError | None) -> None:
+        pickle.dump(content, answers)
+        answers.flush()
+
+    with suppress(BrokenPipeError):
+        try:
+            _draw(_Input(sys.stdin.buffer), answer)
+        except Exception as error:
+            answer(OSError(" ".join(str(error).split()) or type(error).__name__))
+    os._exit(0)  # a stopped viewer would be waited for
+
+
+if __name__ == "__main__":
+    main()

@@ -1,4 +1,8 @@
-"""Curves and states over time: residuals, marker errors, gait phases, perturbations."""
+"""Curves and states over time, and the last gait cycles of every residual as small plots.
+
+Time-series views of Rerun 0.41 show only the timeline that the cursor moves on, so the last cycles
+are drawn line by line, in a picture of `WIDTH` × `HEIGHT`.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
@@ -10,139 +14,118 @@ from hbm.signals.samples import stretches
 from hbm.spatial import Array, Mask
 from pipeline.figures.style import COLOURS
 from pipeline.io.recording import Event
-from pipeline.trial.residuals import AXES
+from pipeline.trial.residuals import AXES, DIRECTIONS, UNITS
 from pipeline.viewer.file import Clock, Timelines, printable, rgba, send
 
 Interval = tuple[float, float, str]
 """Start and stop [s], and a label."""
+Change = tuple[float, str | None]
+"""Time [s], and the state from then on."""
 
 PHASES: Final = {"foot_strike": "stance", "foot_off": "swing"}
 PHASE_COLOURS: Final = {"stance": "#009E73", "swing": "#3A4A45"}
-PERTURBATION_COLOUR: Final = "#E69F00"
-UNCERTAIN_COLOUR: Final = "#CC79A7"
-UNCOUNTED_COLOUR: Final = "#D55E00"
 LARGEST_COLOURS: Final = ("#E69F00", "#56B4E9", "#009E73", "#F0E442", "#CC79A7")
 OTHER_COLOUR: Final = "#4A4F57"
 
+SHOWN_CYCLES: Final = 10
+COLUMNS: Final = 3
+CELL: Final = np.array([384.0, 188.0])
+"""Width and height of a plot with its labels."""
+CORNER: Final = np.array([46.0, 30.0])
+SIZE: Final = np.array([318.0, 128.0])
+"""Of a plot's frame; its corner is that far from the corner of its cell."""
+CORNERS: Final = np.array([[k % COLUMNS, k // COLUMNS] * CELL + CORNER for k in range(len(AXES))])
+"""Upper left corners of the frames, (6, 2)."""
+WIDTH: Final = float(COLUMNS * CELL[0])
+HEIGHT: Final = float(2 * CELL[1])
+FRAME: Final = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]) * SIZE
+GRID: Final = [np.array([[0, 0.5], [1, 0.5]]) * SIZE] + [
+    np.array([[x, 0], [x, 1]]) * SIZE for x in (0.25, 0.5, 0.75)
+]
+LABEL_PLACES: Final = np.array(
+    [[SIZE[0] / 2, -26]]
+    + [[x * SIZE[0], SIZE[1] + 2] for x in (0, 0.5, 1)]
+    + [[-24, -10], [-24, SIZE[1] - 16]]
+)
+"""Of name, percentages and vertical range, from the corner of the frame."""
+FRAME_COLOUR: Final = "#5A5F66"
+TEXT_COLOUR: Final = "#B4BAC1"
+LINE_COLOUR: Final = "#32363B"
+BACKGROUND: Final = "#0D1011"
+OLDEST: Final = 0.3
+"""Share of a curve's colour in the oldest cycle; the newest has all of it."""
+FRAME_PX: Final = 0.5
+CURVE_PX: Final = 0.9
+LEADING: Final = np.array([1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0])
+SMALLEST: Final = {"N": 10.0, "N·m": 2.0}
+"""Of the vertical range, so that noise does not fill a plot."""
 
-def log_curves(
+
+def draw_curves(
     stream: rr.RecordingStream,
-    timelines: Timelines,
     entity: str,
-    curves: Array,
     names: Sequence[str],
     colours: Sequence[str],
     width: float | Sequence[float] = 1.5,
 ) -> None:
-    """Log several curves as one entity; their extremes stay visible when zoomed out.
-
-    Parameters
-    ----------
-    stream, timelines
-        Recording to write to, and the time of each row.
-    entity
-        Path of the entity.
-    curves
-        (T, K); NaN breaks a curve.
-    names, colours
-        One per curve.
-    width
-        Of the lines, for all or one each.
-    """
-    _send_curves(stream, timelines, entity, curves)
-    _draw_curves(stream, entity, names, colours, width)
+    """Draw what stays of an entity's curves; their extremes stay visible when zoomed out."""
+    lines = rr.SeriesLines(
+        names=[printable(name) for name in names],
+        colors=rgba(*colours),
+        widths=width,
+        aggregation_policy="minmax",
+    )
+    stream.log(entity, lines, static=True)
 
 
-def draw_residual_curves(stream: rr.RecordingStream, names: Sequence[str]) -> None:
-    """Log what stays of the curves of every axis: names, colours and widths.
+def send_curves(
+    stream: rr.RecordingStream, timelines: Timelines, entity: str, curves: Array
+) -> None:
+    """Send curves, (T, K); NaN breaks one."""
+    send(stream, entity, timelines, rr.Scalars, np.ones(curves.shape, bool), scalars=curves)
 
-    Parameters
-    ----------
-    stream
-        Recording to write to.
-    names
-        Variants, or ends of an interval.
-    """
+
+def draw_residual_curves(stream: rr.RecordingStream, names: Iterable[str]) -> None:
+    """Draw what stays of the curves of every axis: one per variant, or per end of an interval."""
+    names = list(names)
     colours = [COLOURS.get(name, OTHER_COLOUR) for name in names]
     widths = [1.5 if name in COLOURS else 0.75 for name in names]
     for axis in AXES:
-        _draw_curves(stream, f"residual/{axis}", names, colours, widths)
+        draw_curves(stream, f"residual/{axis}", names, colours, widths)
 
 
 def send_residual_curves(
     stream: rr.RecordingStream, timelines: Timelines, residuals: Mapping[str, Array]
 ) -> None:
-    """Send one entity per axis, one curve per variant.
-
-    Parameters
-    ----------
-    stream, timelines
-        Recording to write to, and the time of each row.
-    residuals
-        Variant, or end of an interval -> residuals in the reported axes, (T, 6) [N, N·m].
-    """
+    """Send the curves of every axis from residuals in the reported axes, (T, 6) [N, N·m]."""
     for k, axis in enumerate(AXES):
         curves = np.column_stack([value[:, k] for value in residuals.values()])
-        _send_curves(stream, timelines, f"residual/{axis}", curves)
+        send_curves(stream, timelines, f"residual/{axis}", curves)
 
 
 def log_marker_errors(
     stream: rr.RecordingStream, timelines: Timelines, names: Sequence[str], error_mm: Array
 ) -> None:
-    """Log each marker's distance from the model, the largest first and in colour.
-
-    Parameters
-    ----------
-    stream, timelines
-        Recording to write to, and the time of each row.
-    names
-        Names of the markers.
-    error_mm
-        (T, K) [mm]; NaN where a marker is missing.
-    """
+    """Log each marker's distance from the model, (T, K) [mm], the largest first and in colour."""
     order = np.argsort(-np.nansum(error_mm**2, axis=0), kind="stable")
     colours = [*LARGEST_COLOURS, *[OTHER_COLOUR] * len(names)][: len(names)]
-    log_curves(
-        stream,
-        timelines,
-        "marker_error_mm",
-        error_mm[:, order],
-        [names[k] for k in order],
-        colours,
-        1.0,
-    )
+    draw_curves(stream, "marker_error_mm", [names[k] for k in order], colours, 1.0)
+    send_curves(stream, timelines, "marker_error_mm", error_mm[:, order])
 
 
 def log_phases(stream: rr.RecordingStream, clock: Clock, events: Iterable[Event]) -> None:
     """Log stance and swing of each foot, from its first event on."""
     events = list(events)
     for side in ("left", "right"):
-        own = [event for event in events if event.side == side]
-        changes = [(event.time, PHASES[event.label]) for event in own]
+        changes = [(e.time, PHASES[e.label]) for e in events if e.side == side]
         _log_states(stream, clock, f"phases/foot_{side}", changes, PHASE_COLOURS)
 
 
 def log_intervals(
-    stream: rr.RecordingStream,
-    clock: Clock,
-    name: str,
-    intervals: Iterable[Interval],
-    colour: str,
+    stream: rr.RecordingStream, clock: Clock, name: str, intervals: Iterable[Interval], colour: str
 ) -> None:
-    """Log intervals as states in a row of the timeline view; the row is empty in between.
-
-    Parameters
-    ----------
-    stream, clock
-        Recording to write to, and what gives the timelines of any instants.
-    name
-        Name of the row.
-    intervals
-        Without overlap.
-    colour
-        Colour of all intervals.
-    """
-    changes: list[tuple[float, str | None]] = []
+    """Log intervals without overlap as states in a row, which is empty in between."""
+    changes = list[Change]()
     for start, stop, label in sorted(intervals):
         if changes and changes[-1][0] == start:
             changes.pop()
@@ -151,54 +134,96 @@ def log_intervals(
     _log_states(stream, clock, f"phases/{name}", changes, colours)
 
 
+def intervals_of(mask: Mask, time: Array, label: str) -> list[Interval]:
+    """Give the intervals of time in which a mask is true."""
+    last = len(time) - 1
+    return [(float(time[a]), float(time[min(b, last)]), label) for a, b in stretches(mask)]
+
+
 def _log_states(
     stream: rr.RecordingStream,
     clock: Clock,
     entity: str,
-    changes: Sequence[tuple[float, str | None]],
+    changes: Sequence[Change],
     colours: Mapping[str, str],
 ) -> None:
     if not changes:
         return
     times = np.array([time for time, _ in changes])
-    known = np.array([[state is not None] for _, state in changes])
     states = np.array([[state or ""] for _, state in changes])
-    send(stream, entity, clock(times), rr.StateChange, known, state=states)
-    stream.log(
-        entity,
-        rr.StateConfiguration(
-            values=list(colours), labels=list(colours), colors=rgba(*colours.values())
-        ),
-        static=True,
-    )
+    send(stream, entity, clock(times), rr.StateChange, states != "", state=states)
+    names = list(colours)
+    shown = rr.StateConfiguration(values=names, labels=names, colors=rgba(*colours.values()))
+    stream.log(entity, shown, static=True)
 
 
-def _draw_curves(
-    stream: rr.RecordingStream,
-    entity: str,
-    names: Sequence[str],
-    colours: Sequence[str],
-    width: float | Sequence[float],
-) -> None:
-    stream.log(
-        entity,
-        rr.SeriesLines(
-            names=[printable(name) for name in names],
-            colors=rgba(*colours),
-            widths=width,
-            aggregation_policy="minmax",
-        ),
-        static=True,
-    )
+def draw_cycle_axes(stream: rr.RecordingStream) -> None:
+    """Draw what stays of the plots: frames, lines at 0 and at each quarter of the gait cycle."""
+    for name, lines, colour in (("grid", GRID, LINE_COLOUR), ("frames", [FRAME], FRAME_COLOUR)):
+        strips = [corner + line for corner in CORNERS for line in lines]
+        width = rr.Radius.ui_points(FRAME_PX)
+        shape = rr.LineStrips2D(strips, radii=width, colors=rgba(colour))
+        stream.log(f"cycles/{name}", shape, static=True)
 
 
-def _send_curves(
-    stream: rr.RecordingStream, timelines: Timelines, entity: str, curves: Array
-) -> None:
-    send(stream, entity, timelines, rr.Scalars, np.ones(curves.shape, bool), scalars=curves)
+def log_cycles(stream: rr.RecordingStream, cycles: Sequence[Mapping[str, Array]]) -> None:
+    """Log the curves of gait cycles at the present time of the recording, with their labels.
+
+    Each has a variant's residuals in the reported axes over 0 to 100 %, (101, 6) [N, N·m]; the
+    newest is last, and NaN breaks a curve.
+    """
+    limits = cycle_limits(cycles)
+    strips, colours = list[Array](), list[str]()
+    for age, cycle in zip(range(len(cycles) - 1, -1, -1), cycles, strict=True):
+        for variant, residual in cycle.items():
+            own = _curves(residual, limits)
+            strips += own
+            colours += [_faded(COLOURS[variant], age)] * len(own)
+    width = rr.Radius.ui_points(CURVE_PX)
+    curves = rr.LineStrips2D(strips, radii=width, colors=rgba(*colours), draw_order=40.0)
+    stream.log("cycles/curves", curves)
+    labels = [
+        text
+        for k, limit in enumerate(limits)
+        for text in (
+            f"{AXES[k]} {'about ' if k >= COLUMNS else ''}{DIRECTIONS[k]} ({UNITS[k]})",
+            *("0 %", "50 %", "100 %"),
+            f"+{limit:g}",
+            f"−{limit:g}",
+        )
+    ]
+    places = (CORNERS[:, None] + LABEL_PLACES).reshape(-1, 2)
+    colour = rgba(TEXT_COLOUR)
+    texts = rr.Points2D(places, radii=0.0, colors=colour, labels=labels, show_labels=True)
+    stream.log("cycles/labels", texts)
 
 
-def intervals_of(mask: Mask, time: Array, label: str) -> list[Interval]:
-    """Give the intervals of time in which a mask is true."""
-    last = len(time) - 1
-    return [(float(time[a]), float(time[min(b, last)]), label) for a, b in stretches(mask)]
+def cycle_limits(cycles: Sequence[Mapping[str, Array]]) -> Array:
+    """Give the ends of the vertical ranges of gait cycles, round numbers, (6,) [N, N·m].
+
+    Examples
+    --------
+    >>> cycle_limits([{"measured": np.full((101, 6), -21.0)}])
+    array([30., 30., 30., 30., 30., 30.])
+    """
+    every = [np.abs(residual) for cycle in cycles for residual in cycle.values()]
+    smallest = np.array([SMALLEST[unit] for unit in UNITS])
+    largest = np.fmax.reduce([smallest, *(np.fmax.reduce(each, axis=0) for each in every)])
+    steps = np.append(LEADING, 10)[:, None] * 10.0 ** np.floor(np.log10(largest))
+    return np.asarray(np.where(steps >= largest * (1 - 1e-9), steps, np.inf).min(axis=0))
+
+
+def _curves(residual: Array, limits: Array) -> list[Array]:
+    """Give the points of the six curves, in as many pieces as gaps make of them."""
+    pieces, x = list[Array](), np.linspace(0, SIZE[0], len(residual))
+    for k, limit in enumerate(limits):
+        points = CORNERS[k] + np.column_stack([x, (1 - residual[:, k] / limit) * SIZE[1] / 2])
+        known = stretches(np.isfinite(residual[:, k]))
+        pieces += [points[start:stop] for start, stop in known if stop - start > 1]
+    return pieces
+
+
+def _faded(colour: str, age: int) -> str:
+    share = 1 - (1 - OLDEST) * age / (SHOWN_CYCLES - 1)
+    mixed = share * rgba(colour)[0, :3] + (1 - share) * rgba(BACKGROUND)[0, :3]
+    return f"#{mixed.astype(np.uint8).tobytes().hex()}"

@@ -1,19 +1,25 @@
-"""What is around the body in the 3D scene: markers, plates, platform, forces and residuals."""
+"""The 3D scene: the body, markers, plates on their platform, forces and residuals.
+
+What stays is drawn once (``draw_…``); what changes is sent for many instants at once (``send_…``).
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import rerun as rr
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
 
 from compensation import PlatformPose, center_of_pressure
-from hbm.coordinates import MOVING
+from hbm.coordinates import FIXED_TO, MOVING, PARENT
 from hbm.markers import Markers
 from hbm.model import Body
+from hbm.poses import segment_frames
+from hbm.segments import Inertia
 from hbm.spatial import Array, rotate_wrench, shift_wrench
 from pipeline.figures.style import COLOURS
 from pipeline.trial.result import PlateSurface
-from pipeline.viewer.body import send_pose
 from pipeline.viewer.file import Timelines, printable, rgba, send
 
 GROUND_N_PER_M: Final = 1000.0
@@ -27,216 +33,237 @@ RESIDUAL_SCALES: Final = (
 )
 MOMENT_COLOURS: Final = {"measured": "#E69F00", "compensated": "#56B4E9"}
 MEASURED_COLOUR: Final = "#009E73"
+MODELLED_COLOUR: Final = "#F0E442"
 ERROR_COLOUR: Final = "#CC79A7"
 PLATE_COLOUR: Final = "#8A8F98"
+BODY_COLOURS: Final = {"left": "#BCD0EE", "right": "#F0DCBC", "middle": "#E2E2E2"}
+ALPHA: Final = "38"
+"""A fifth opaque: what is inside or below stays visible."""
 MIN_ERROR_LINE_M: Final = 0.02
 """OpenSim's guideline for the RMS marker error; shorter lines would only obscure the body."""
-MARKER_RADIUS_M: Final = 0.009
-ERROR_LINE_RADIUS_M: Final = 0.004
-PLATE_EDGE_RADIUS_M: Final = 0.004
-PLATE_ALPHA: Final = "38"
-GROUND_ARROW_RADIUS_M: Final = 0.014
-RESIDUAL_ARROW_RADIUS_M: Final = 0.008
+MIN_HULL_THICKNESS_M: Final = 0.01
+"""Points that lie in a plane, apart from noise, have no hull."""
+MIN_BONE_LENGTH_M: Final = 1e-3
+BONE_RADIUS_M: Final = 0.016
+MEASURED_RADIUS_M, MODELLED_RADIUS_M = 0.009, 0.006
+LINE_RADIUS_M: Final = 0.004
+GROUND_ARROW_RADIUS_M, RESIDUAL_ARROW_RADIUS_M = 0.014, 0.008
+AXIS_LENGTH_M, LAB_AXIS_LENGTH_M = 0.05, 0.2
 
 
-def draw_markers(stream: rr.RecordingStream, names: Sequence[str]) -> None:
-    """Draw what stays of the measured markers: names, sizes and colours.
-
-    Parameters
-    ----------
-    stream
-        Recording to write to.
-    names
-        Names of the markers.
-    """
+def draw_scene(
+    stream: rr.RecordingStream,
+    body: Body,
+    markers: Sequence[str],
+    plates: Iterable[PlateSurface],
+    variants: Iterable[str],
+) -> None:
+    """Draw what stays of the whole scene: lab, body, measured markers, plates, arrows."""
+    draw_body(stream, body)
+    stream.log("lab/axes", rr.TransformAxes3D(LAB_AXIS_LENGTH_M), static=True)
+    names = [printable(name) for name in markers]
     stream.log(
         "lab/markers/measured",
         rr.Points3D.from_fields(
-            radii=MARKER_RADIUS_M,
-            colors=rgba(MEASURED_COLOUR),
-            labels=[printable(name) for name in names],
-            show_labels=False,
+            radii=MEASURED_RADIUS_M, colors=rgba(MEASURED_COLOUR), labels=names, show_labels=False
         ),
         static=True,
     )
     stream.log(
         "lab/markers/error",
-        rr.LineStrips3D.from_fields(radii=ERROR_LINE_RADIUS_M, colors=rgba(ERROR_COLOUR)),
+        rr.LineStrips3D.from_fields(radii=LINE_RADIUS_M, colors=rgba(ERROR_COLOUR)),
         static=True,
+    )
+    for plate in plates:
+        if np.isfinite(plate.corners).all():
+            _draw_plate(stream, plate)
+    for variant in variants:
+        draw_residual(stream, variant)
+        stream.log(
+            f"lab/ground_reaction/{variant}",
+            rr.Arrows3D.from_fields(radii=GROUND_ARROW_RADIUS_M, colors=rgba(COLOURS[variant])),
+            static=True,
+        )
+
+
+def draw_body(stream: rr.RecordingStream, body: Body) -> None:
+    """Draw every segment's frame, and in it its bones, hull and modelled markers.
+
+    A segment that is fixed to another has no pose of its own: it is a part of the other's drawing.
+    """
+    stream.log("lab", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    for segment in MOVING:
+        entity = f"lab/body/{segment}"
+        own = [i for i, name in enumerate(body.marker_segment) if name == segment]
+        for part, shape in _shapes(body, segment, own):
+            stream.log(f"{entity}/{part}", shape, static=True)
+        stream.log(f"{entity}/frame", rr.TransformAxes3D(AXIS_LENGTH_M), static=True)
+        if own:
+            points = rr.Points3D(
+                body.marker_position[own],
+                radii=MODELLED_RADIUS_M,
+                colors=rgba(MODELLED_COLOUR),
+                labels=[printable(f"{body.markers[i]}, modelled") for i in own],
+                show_labels=False,
+            )
+            stream.log(f"{entity}/markers", points, static=True)
+    for segment, carrier in FIXED_TO.items():
+        fixed = _ellipsoid(body.segments[segment], segment, "majorwireframe")
+        stream.log(f"lab/body/{carrier}/{segment}", fixed, static=True)
+
+
+def _shapes(body: Body, segment: str, own: list[int]) -> Iterable[tuple[str, Any]]:
+    """Give a segment's bones, joint to joint, and the hull of its joints and own markers."""
+    if segment == "head":
+        yield "bones", _ellipsoid(body.segments["head"], segment, "solid")
+        return
+    colour = BODY_COLOURS.get(segment.partition("_")[0], BODY_COLOURS["middle"])
+    children = [body.offsets[child] for child, parent in PARENT.items() if parent == segment]
+    if not children and segment in body.segments:
+        children = [2 * body.segments[segment].center]
+    ends = np.array([end for end in children if np.linalg.norm(end) > MIN_BONE_LENGTH_M])
+    if not len(ends):
+        return
+    yield (
+        "bones",
+        rr.Capsules3D(
+            lengths=np.linalg.norm(ends, axis=1),
+            radii=BONE_RADIUS_M,
+            translations=np.zeros_like(ends),
+            quaternions=[Rotation.align_vectors([end], [[0, 0, 1]])[0].as_quat() for end in ends],
+            colors=rgba(colour),
+            fill_mode="solid",
+            labels=segment.replace("_", " "),
+            show_labels=False,
+        ),
+    )
+    points = np.vstack([np.zeros(3), ends, body.marker_position[own]])
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    if len(points) > 3 and spread[2] > MIN_HULL_THICKNESS_M:
+        hull = ConvexHull(points)
+        yield (
+            "hull",
+            rr.Mesh3D(
+                vertex_positions=points[hull.simplices].reshape(-1, 3),
+                vertex_normals=np.repeat(hull.equations[:, :3], 3, axis=0),
+                albedo_factor=rgba(colour + ALPHA)[0],
+            ),
+        )
+
+
+def _ellipsoid(part: Inertia, segment: str, fill: Any) -> rr.Ellipsoids3D:
+    """Give the ellipsoid of uniform density that has a segment's mass and inertia."""
+    moments, axes = np.linalg.eigh(part.tensor)
+    squares = 2.5 / part.mass * (moments.sum() - 2 * moments)
+    axes[:, 2] *= np.linalg.det(axes)
+    return rr.Ellipsoids3D(
+        centers=[part.center],
+        half_sizes=[np.sqrt(np.maximum(squares, 0))],
+        quaternions=[Rotation.from_matrix(axes).as_quat()],
+        colors=rgba(BODY_COLOURS["middle"]),
+        fill_mode=fill,
+        labels=segment.replace("_", " "),
+        show_labels=False,
     )
 
 
-def send_markers(
+def _draw_plate(stream: rr.RecordingStream, plate: PlateSurface) -> None:
+    entity = f"lab/platform/plate_{plate.number}"
+    surface = rr.Mesh3D(
+        vertex_positions=plate.corners,
+        triangle_indices=[[0, 1, 2], [0, 2, 3]],
+        albedo_factor=rgba(PLATE_COLOUR + ALPHA)[0],
+    )
+    stream.log(f"{entity}/surface", surface, static=True)
+    edge = rr.LineStrips3D(
+        [plate.corners[[0, 1, 2, 3, 0]]],
+        radii=LINE_RADIUS_M,
+        colors=rgba(PLATE_COLOUR),
+        labels=f"plate {plate.number}",
+        show_labels=False,
+    )
+    stream.log(f"{entity}/edge", edge, static=True)
+
+
+def draw_residual(stream: rr.RecordingStream, variant: str) -> None:
+    """Draw what stays of a variant's residual: sizes, colours and names of its arrows."""
+    arrows = rr.Arrows3D.from_fields(
+        radii=RESIDUAL_ARROW_RADIUS_M,
+        colors=rgba(COLOURS[variant], MOMENT_COLOURS[variant]),
+        labels=[f"residual force, {variant}", f"residual moment, {variant}"],
+        show_labels=False,
+    )
+    stream.log(f"lab/residual/{variant}", arrows, static=True)
+
+
+def send_body(
+    stream: rr.RecordingStream, timelines: Timelines, rotation: Array, origin: Array
+) -> None:
+    """Send the poses of all segments, from `hbm.poses.segment_frames`; NaN hides a segment."""
+    for k, segment in enumerate(MOVING):
+        _send_pose(stream, f"lab/body/{segment}", timelines, rotation[:, k], origin[:, k])
+
+
+def _send_pose(
+    stream: rr.RecordingStream, entity: str, timelines: Timelines, rotation: Array, origin: Array
+) -> None:
+    """Give an entity, and all attached to it, a pose in the lab, (T, 3, 3) and (T, 3) [m].
+
+    Where it is NaN, the position stays NaN, which hides the entity.
+    """
+    known = np.asarray(np.isfinite(rotation).all(axis=(1, 2)))
+    quaternion = Rotation.from_matrix(np.where(known[:, None, None], rotation, np.eye(3))).as_quat()
+    fields = {"translation": origin[:, None], "quaternion": quaternion[:, None]}
+    send(stream, entity, timelines, rr.Transform3D, np.ones((len(origin), 1), bool), **fields)
+
+
+def send_scene(
     stream: rr.RecordingStream,
     timelines: Timelines,
-    markers: Markers,
     body: Body,
-    rotation: Array,
-    origin: Array,
+    q: Array,
+    markers: Markers,
+    platform: PlatformPose | None,
+    ground: Mapping[str, Array],
+    residual: Mapping[str, Array],
+    *,
+    surface_m: float,
+    threshold_n: float,
 ) -> None:
-    """Send the measured markers, and lines to the modelled ones where they are far apart.
+    """Send all that moves at T instants.
 
-    Parameters
-    ----------
-    stream, timelines
-        Recording to write to, and the time of each row.
-    markers
-        Measured markers, at the same T instants.
-    body
-        The body.
-    rotation, origin
-        From `hbm.poses.segment_frames`.
+    Markers and coordinates, (T, 46) [m, rad]; of each variant the wrenches on both feet, lab axes
+    about the lab origin, (T, 2, 6), and the residual in lab axes at the pelvis, (T, 6) [N, N·m].
+    The surface of the plates is so high with the platform in neutral; a foot with less vertical
+    force than the threshold has no arrow.
     """
+    rotation, origin = segment_frames(body, q)
+    send_body(stream, timelines, rotation, origin)
     everything = np.ones(markers.position.shape[:2], bool)
     entity = "lab/markers/measured"
     send(stream, entity, timelines, rr.Points3D, everything, positions=markers.position)
-    known = [name for name in body.markers if name in markers.names]
-    lines = np.empty((len(origin), len(known), 2, 3))
-    for i, name in enumerate(known):
-        k = body.markers.index(name)
+    known = [k for k, name in enumerate(body.markers) if name in markers.names]
+    lines = np.empty((len(q), len(known), 2, 3))
+    for i, k in enumerate(known):
         own = MOVING.index(body.marker_segment[k])
-        lines[:, i, 0] = markers.position[:, markers.names.index(name)]
+        lines[:, i, 0] = markers.position[:, markers.names.index(body.markers[k])]
         lines[:, i, 1] = rotation[:, own] @ body.marker_position[k] + origin[:, own]
     far = np.linalg.norm(lines[:, :, 1] - lines[:, :, 0], axis=-1) > MIN_ERROR_LINE_M
     send(stream, "lab/markers/error", timelines, rr.LineStrips3D, far, strips=lines)
-
-
-def send_platform(
-    stream: rr.RecordingStream, timelines: Timelines, platform: PlatformPose | None
-) -> None:
-    """Send the pose of the platform with its plates.
-
-    Parameters
-    ----------
-    stream, timelines
-        Recording to write to, and the time of each row.
-    platform
-        At the same T instants; None where it stands still.
-    """
     if platform is not None:
-        send_pose(stream, "lab/platform", timelines, platform.rotation, platform.position)
-
-
-def draw_plates(stream: rr.RecordingStream, plates: Iterable[PlateSurface]) -> None:
-    """Draw the plates on the platform.
-
-    Parameters
-    ----------
-    stream
-        Recording to write to.
-    plates
-        Where the plates are with the platform in neutral; those of unknown corners are left out.
-    """
-    for plate in plates:
-        if not np.isfinite(plate.corners).all():
-            continue
-        entity = f"lab/platform/plate_{plate.number}"
-        stream.log(
-            f"{entity}/surface",
-            rr.Mesh3D(
-                vertex_positions=plate.corners,
-                triangle_indices=[[0, 1, 2], [0, 2, 3]],
-                albedo_factor=rgba(PLATE_COLOUR + PLATE_ALPHA)[0],
-            ),
-            static=True,
-        )
-        stream.log(
-            f"{entity}/edge",
-            rr.LineStrips3D(
-                [plate.corners[[0, 1, 2, 3, 0]]],
-                radii=PLATE_EDGE_RADIUS_M,
-                colors=rgba(PLATE_COLOUR),
-                labels=f"plate {plate.number}",
-                show_labels=False,
-            ),
-            static=True,
-        )
-
-
-def draw_arrows(stream: rr.RecordingStream, variant: str) -> None:
-    """Draw what stays of a variant's arrows: sizes, colours and names.
-
-    Parameters
-    ----------
-    stream
-        Recording to write to.
-    variant
-        "measured" or "compensated".
-    """
-    stream.log(
-        f"lab/ground_reaction/{variant}",
-        rr.Arrows3D.from_fields(radii=GROUND_ARROW_RADIUS_M, colors=rgba(COLOURS[variant])),
-        static=True,
-    )
-    stream.log(
-        f"lab/residual/{variant}",
-        rr.Arrows3D.from_fields(
-            radii=RESIDUAL_ARROW_RADIUS_M,
-            colors=rgba(COLOURS[variant], MOMENT_COLOURS[variant]),
-            labels=[f"residual force, {variant}", f"residual moment, {variant}"],
-            show_labels=False,
-        ),
-        static=True,
-    )
-
-
-def send_ground(
-    stream: rr.RecordingStream,
-    timelines: Timelines,
-    variant: str,
-    feet: Mapping[str, Array],
-    *,
-    surface_m: float,
-    platform: PlatformPose | None,
-    threshold_n: float,
-) -> None:
-    """Send the ground reaction force of both feet at the centre of pressure.
-
-    Parameters
-    ----------
-    stream, timelines
-        Recording to write to, and the time of each row.
-    variant
-        "measured" or "compensated".
-    feet
-        Foot -> wrench on it in lab axes about the lab origin, (T, 6) [N, N·m].
-    surface_m
-        Height of the plates' surface with the platform in neutral [m].
-    platform
-        The platform's pose at the same T instants; None where it stands still.
-    threshold_n
-        A foot with less vertical force gets no arrow [N].
-    """
-    at = np.stack(
-        [pressure_point(wrench, surface_m, platform, threshold_n) for wrench in feet.values()], 1
-    )
-    force = np.stack([wrench[:, :3] for wrench in feet.values()], 1)
-    loaded = np.asarray(np.isfinite(at + force).all(axis=2))
-    entity = f"lab/ground_reaction/{variant}"
-    send(stream, entity, timelines, rr.Arrows3D, loaded, origins=at, vectors=force / GROUND_N_PER_M)
+        _send_pose(stream, "lab/platform", timelines, platform.rotation, platform.position)
+    for variant, wrenches in ground.items():
+        feet = (wrenches[:, foot] for foot in (0, 1))
+        at = [pressure_point(wrench, surface_m, platform, threshold_n) for wrench in feet]
+        entity, force = f"lab/ground_reaction/{variant}", wrenches[:, :, :3] / GROUND_N_PER_M
+        _send_arrows(stream, entity, timelines, np.stack(at, 1), force)
+        send_residual(stream, timelines, variant, residual[variant], q[:, :3])
 
 
 def pressure_point(
     wrench: Array, surface_m: float, platform: PlatformPose | None, threshold_n: float
 ) -> Array:
-    """Give the centre of pressure on a surface that may move.
-
-    Parameters
-    ----------
-    wrench
-        In lab axes about the lab origin, (T, 6) [N, N·m].
-    surface_m
-        Height of the surface with the platform in neutral [m].
-    platform
-        The platform's pose; None where it stands still.
-    threshold_n
-        Below this force along the surface's normal there is none [N].
-
-    Returns
-    -------
-    Array
-        Points in the lab, (T, 3) [m]; NaN where the surface is not loaded.
-    """
+    """Give the centre of pressure on a surface that may move, (T, 3) [m]; NaN where unloaded."""
     if platform is not None:
         back = np.swapaxes(platform.rotation, 1, 2)
         wrench = rotate_wrench(shift_wrench(wrench, platform.position), back)
@@ -247,23 +274,15 @@ def pressure_point(
 def send_residual(
     stream: rr.RecordingStream, timelines: Timelines, variant: str, residual: Array, pelvis: Array
 ) -> None:
-    """Send the residual force and moment at the pelvis origin.
-
-    Parameters
-    ----------
-    stream, timelines
-        Recording to write to, and the time of each row.
-    variant
-        "measured" or "compensated".
-    residual
-        In lab axes about the pelvis origin, (T, 6) [N, N·m].
-    pelvis
-        The pelvis origin, (T, 3) [m].
-    """
-    vectors = np.stack(
-        [residual[:, :3] / RESIDUAL_N_PER_M, residual[:, 3:] / RESIDUAL_NM_PER_M], axis=1
-    )
+    """Send residuals in lab axes, (T, 6) [N, N·m], at the pelvis origin, (T, 3) [m]."""
+    scale = np.array([RESIDUAL_N_PER_M, RESIDUAL_NM_PER_M])[:, None]
+    vectors = residual.reshape(-1, 2, 3) / scale
     origins = np.repeat(pelvis[:, None], 2, axis=1)
-    known = np.asarray(np.isfinite(vectors + origins).all(axis=2))
-    entity = f"lab/residual/{variant}"
+    _send_arrows(stream, f"lab/residual/{variant}", timelines, origins, vectors)
+
+
+def _send_arrows(
+    stream: rr.RecordingStream, entity: str, timelines: Timelines, origins: Array, vectors: Array
+) -> None:
+    known = np.asarray(np.isfinite(origins + vectors).all(axis=2))
     send(stream, entity, timelines, rr.Arrows3D, known, origins=origins, vectors=vectors)

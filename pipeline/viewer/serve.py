@@ -1,22 +1,76 @@
-"""The viewer's own process, and recordings in its window or in a browser on this machine."""
+"""The viewer: in its own window, or as a page for browsers on this machine.
+
+Rerun's own page posts usage statistics and asks three other hosts, and its servers answer whoever
+knows their port. This server's policy lets the page request nothing but what is served here, and
+requests that name another host are refused, so that no site can let its own name point to this
+machine (DNS rebinding) and read a recording.
+"""
 
 import os
 import signal
 import socket
 import struct
 import subprocess
+import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from http.server import BaseHTTPRequestHandler
 from pathlib import Path
+from socketserver import ThreadingTCPServer
 from tempfile import TemporaryFile
-from typing import IO, Final
+from typing import Final
+from urllib.parse import urlsplit
 from urllib.request import ProxyHandler, build_opener
 
 import rerun_cli  # type: ignore[import-untyped]
 
-from pipeline.viewer.page import LOOPBACK, VIEWER_FILES, page_server
-
+LOOPBACK: Final = "127.0.0.1"
+VIEWER_FILES: Final = {"/re_viewer.js": "text/javascript", "/re_viewer_bg.wasm": "application/wasm"}
+"""Files of Rerun's page that this one needs, and their types."""
+HEADERS: Final = {
+    "Content-Security-Policy": "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'; "
+    "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; frame-ancestors 'none'",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "Cache-Control": "no-store",
+}
+PAGE: Final = b"""<!doctype html>
+<html lang="en">
+<meta charset="utf-8">
+<title>Residuals</title>
+<link rel="icon" href="data:,">
+<style>
+  html, body, canvas { margin: 0; width: 100%; height: 100%; overflow: hidden; }
+  p { position: absolute; margin: 2em; font-family: sans-serif; }
+  canvas { position: absolute; }
+</style>
+<p id="state">Loading the viewer</p>
+<canvas id="canvas"></canvas>
+<script src="re_viewer.js"></script>
+<script src="start.js"></script>
+</html>
+"""
+START: Final = b"""
+async function start() {
+  await wasm_bindgen({ module_or_path: "re_viewer_bg.wasm" });
+  window.viewer = new wasm_bindgen.WebHandle({
+    url: [new URL("recording.rrd", location.origin).href],
+    render_backend: new URLSearchParams(location.search).get("renderer"),
+    hide_welcome_screen: true,
+    check_for_updates_on_startup: false,
+    persist: false,
+  });
+  await window.viewer.start(document.getElementById("canvas"));
+}
+start().catch((error) => {
+  document.getElementById("canvas").remove();
+  document.getElementById("state").textContent = `The viewer did not start: ${error}`;
+});
+"""
+Content = Callable[[], Iterable[bytes]]
+"""Gives what is served, in pieces, whenever it is asked for."""
 MAX_START_S: Final = 30.0
 """A first start on a slow disk takes about ten seconds."""
 MAX_STOP_S: Final = 5.0
@@ -39,23 +93,9 @@ SIGNAL_EXIT: Final = 128
 def view(
     paths: Sequence[Path], *, web: bool = False, announce: Callable[[str], object] = print
 ) -> None:
-    """Show recordings until their window is closed, or until Ctrl-C if they are served.
+    """Show recordings, ``.rrd``, the first one first; until Ctrl-C if they are served (``web``).
 
-    Parameters
-    ----------
-    paths
-        Recordings, ``.rrd``; the first one is shown first.
-    web
-        Serve them to a browser on this machine instead of opening a window.
-    announce
-        Called with a sentence that says where they are served.
-
-    Raises
-    ------
-    ValueError
-        If there is nothing to show.
-    OSError
-        If a recording is missing, or the viewer does not start or fails.
+    A window is open until it is closed. What is served is announced in a sentence.
 
     Notes
     -----
@@ -63,18 +103,23 @@ def view(
     them at once, and any may be the last; so it receives all as one stream, which opens the first
     recording last, before any data.
 
-    Nothing here sends usage statistics, and all listens on the loopback address alone. A page is
-    served as `pipeline.viewer.page` says, without a password. A window asks api.github.com for a
-    newer version, and has a port at which Rerun 0.41 answers whatever the ``Host`` header names; no
-    option switches these off. It ends with this process, unless that is killed outright.
+    Nothing here sends usage statistics, and all listens on the loopback address alone, without a
+    password. A window asks api.github.com for a newer version, and has a port at which Rerun 0.41
+    answers whatever the ``Host`` header names; no option switches these off. It ends with this
+    process, unless that is killed outright.
     """
-    _require_files(paths)
+    if not paths:
+        raise ValueError("no recordings to show; name some .rrd files")
+    for path in paths:
+        if not path.is_file():
+            raise FileNotFoundError(f"no recording {path}; 'hbm view --save' writes one")
     before = signal.signal(signal.SIGTERM, _exit)
     try:
         if web:
             page = page_server(viewer_files(), lambda: _contents(paths))
             with page as address, suppress(KeyboardInterrupt):
-                announce(f"serving {_count(paths)} at {address} (stop with Ctrl-C)")
+                what = "1 recording" if len(paths) == 1 else f"{len(paths)} recordings"
+                announce(f"serving {what} at {address} (stop with Ctrl-C)")
                 while True:
                     time.sleep(1)
         else:
@@ -95,29 +140,24 @@ def data_address(port: int) -> str:
 
 @contextmanager
 def running_viewer(
-    arguments: Sequence[str], ports: Sequence[int] = (), *, without_screen: str = WITHOUT_SCREEN
+    arguments: Sequence[str], port: int | None = None, *, without_screen: str = WITHOUT_SCREEN
 ) -> Iterator[subprocess.Popen[bytes]]:
     """Run the viewer's own binary, since its wrapper would leave it running; stop it in the end.
 
-    Parameters
-    ----------
-    arguments
-        Of the command line.
-    ports
-        Which answer before it is said to run.
-    without_screen
-        What a person can do where there is no screen.
-
-    Yields
-    ------
-    subprocess.Popen
-        The running viewer.
-
-    Raises
-    ------
-    OSError
-        If it does not start, or has failed.
+    A port answers before it is said to run. An OSError says that it does not start or has failed,
+    and what a person can do where there is no screen.
     """
+
+    def refuse_failure() -> None:
+        if process.poll() in (None, 0, -signal.SIGINT, -signal.SIGTERM):
+            return
+        if process.returncode < 0:
+            raise OSError(f"the viewer was ended by {signal.Signals(-process.returncode).name}")
+        output.seek(0)
+        lines = output.read().decode(errors="replace").strip().splitlines()
+        reason = lines[-1][:MAX_REASON] if lines else process.returncode
+        raise OSError(f"the viewer failed: {reason}; where there is no screen, {without_screen}")
+
     quiet = os.environ | {"RUST_LOG": "error", "NO_COLOR": "1"}
     quiet["CI"] = "1"  # the switch for no statistics
     with TemporaryFile() as output:
@@ -129,11 +169,11 @@ def running_viewer(
             stderr=output,
         )
         try:
-            for port in ports:
+            if port is not None:
                 _wait_for(port, process)
-            _refuse_failure(process, output, without_screen)
+            refuse_failure()
             yield process
-            _refuse_failure(process, output, without_screen)
+            refuse_failure()
         finally:
             process.terminate()
             try:
@@ -143,27 +183,8 @@ def running_viewer(
                 process.wait()
 
 
-def _refuse_failure(
-    process: subprocess.Popen[bytes], output: IO[bytes], without_screen: str
-) -> None:
-    if process.poll() in (None, 0, -signal.SIGINT, -signal.SIGTERM):
-        return
-    if process.returncode < 0:
-        raise OSError(f"the viewer was ended by {signal.Signals(-process.returncode).name}")
-    output.seek(0)
-    lines = output.read().decode(errors="replace").strip().splitlines()
-    reason = lines[-1][:MAX_REASON] if lines else process.returncode
-    raise OSError(f"the viewer failed: {reason}; where there is no screen, {without_screen}")
-
-
 def viewer_binary() -> str:
-    """Give the path of the viewer's own binary, which comes with its Python package.
-
-    Raises
-    ------
-    FileNotFoundError
-        If it is not there.
-    """
+    """Give the path of the viewer's own binary, which comes with its Python package."""
     folder = Path(rerun_cli.__file__).parent
     names = ("Rerun.app/Contents/MacOS/Rerun", "rerun.exe", "rerun")
     for name in names:
@@ -178,30 +199,17 @@ def viewer_files() -> dict[str, bytes]:
     """Get the files of the viewer's page from its server, since its binary alone holds them.
 
     Started with the address of a recording, the server opens no port for others.
-
-    Raises
-    ------
-    OSError
-        If the server does not start, or does not give them.
     """
-    (port,) = free_ports(1)
+    port = free_port()
     address = f"http://{LOOPBACK}:{port}"
     arguments = ["--serve-web", "--web-viewer-port", str(port), f"{address}/none.rrd"]
     opener = build_opener(ProxyHandler({}))
     files = {}
-    with running_viewer(arguments, (port,)):
+    with running_viewer(arguments, port):
         for path in VIEWER_FILES:
             with opener.open(f"{address}{path}", timeout=MAX_START_S) as answer:
                 files[path] = answer.read()
     return files
-
-
-def _require_files(paths: Sequence[Path]) -> None:
-    if not paths:
-        raise ValueError("no recordings to show; name some .rrd files")
-    for path in paths:
-        if not path.is_file():
-            raise FileNotFoundError(f"no recording {path}; 'hbm view --save' writes one")
 
 
 def _contents(paths: Sequence[Path]) -> Iterator[bytes]:
@@ -225,17 +233,10 @@ def _messages(path: Path) -> Iterator[tuple[int, bytes]]:
             yield kind, header + file.read(size)
 
 
-def _count(paths: Sequence[Path]) -> str:
-    return "1 recording" if len(paths) == 1 else f"{len(paths)} recordings"
-
-
-def free_ports(count: int) -> list[int]:
-    """Give ports of this machine that nothing listens on."""
-    sockets = [socket.create_server((LOOPBACK, 0)) for _ in range(count)]
-    ports = [one.getsockname()[1] for one in sockets]
-    for one in sockets:
-        one.close()
-    return ports
+def free_port() -> int:
+    """Give a port of this machine that nothing listens on."""
+    with socket.create_server((LOOPBACK, 0)) as unused:
+        return int(unused.getsockname()[1])
 
 
 def _wait_for(port: int, process: subprocess.Popen[bytes]) -> None:
@@ -253,3 +254,101 @@ def _wait_for(port: int, process: subprocess.Popen[bytes]) -> None:
 
 def _exit(number: int, frame: object) -> None:
     raise SystemExit(SIGNAL_EXIT + number)
+
+
+class GrowingRecording:
+    """A recording that is served while it grows: its start, and as much of its end as is kept.
+
+    More than the limit is not kept for pages that open later: the oldest pieces but the first go.
+    """
+
+    def __init__(self, limit_bytes: int) -> None:
+        self._limit, self._size, self._dropped = limit_bytes, 0, 0
+        self._pieces: list[bytes] = []
+        self._news = threading.Condition()
+
+    def append(self, piece: bytes) -> None:
+        """Add a piece that can be read without those before it, but for the first one."""
+        with self._news:
+            self._pieces.append(piece)
+            self._size += len(piece)
+            while self._size > self._limit and len(self._pieces) > 2:
+                self._size -= len(self._pieces.pop(1))
+                self._dropped += 1
+            self._news.notify_all()
+
+    def pieces(self) -> Iterator[bytes]:
+        """Give the pieces as they come, without end; a slow reader misses those dropped."""
+        number = 0
+        while True:
+            with self._news:
+                while number >= self._dropped + len(self._pieces):
+                    self._news.wait()
+                number = number and max(number, self._dropped + 1)
+                piece = self._pieces[number and number - self._dropped]
+            yield piece
+            number += 1
+
+
+@contextmanager
+def page_server(viewer: Mapping[str, bytes], recording: Content) -> Iterator[str]:
+    """Serve the viewer's files, by path, with a recording; give the address of the page.
+
+    The recording may hold several, of which the viewer shows the last one first.
+    """
+    files: dict[str, tuple[str, Content]] = {
+        "/": ("text/html", [PAGE].__iter__),
+        "/start.js": ("text/javascript", [START].__iter__),
+        "/recording.rrd": ("application/octet-stream", recording),
+    } | {path: (kind, [viewer[path]].__iter__) for path, kind in VIEWER_FILES.items()}
+    with _Server(files) as server:
+        thread = threading.Thread(target=server.serve_forever, daemon=True)
+        thread.start()
+        try:
+            yield f"http://{LOOPBACK}:{server.port}/"
+        finally:
+            server.shutdown()
+
+
+class _Server(ThreadingTCPServer):
+    """Answers on the loopback address, each request in a thread of its own."""
+
+    daemon_threads = True
+
+    def __init__(self, files: Mapping[str, tuple[str, Content]]) -> None:
+        super().__init__((LOOPBACK, 0), _Handler)
+        self.files = files
+        self.port = int(self.server_address[1])
+
+    def handle_error(self, request: object, client_address: object) -> None:
+        """Say nothing where a browser has gone away."""
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: _Server
+
+    def parse_request(self) -> bool:
+        """Refuse what is not asked of this machine by its address, whatever the method and path."""
+        if not super().parse_request():
+            return False
+        hosts = [[f"{name}:{self.server.port}"] for name in (LOOPBACK, "localhost")]
+        if self.headers.get_all("Host") in hosts:
+            return True
+        self.send_error(403, "Only for pages of this machine")
+        return False
+
+    def do_GET(self) -> None:
+        kind, content = self.server.files.get(urlsplit(self.path).path, ("", None))
+        if content is None:
+            self.send_error(404)
+            return
+        self.send_response(200)
+        for name, value in {**HEADERS, "Content-Type": kind}.items():
+            self.send_header(name, value)
+        self.end_headers()
+        with suppress(ConnectionError):
+            for piece in content():
+                self.wfile.write(piece)
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Say nothing of requests."""

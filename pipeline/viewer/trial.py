@@ -7,9 +7,9 @@ from typing import Final
 import numpy as np
 import rerun as rr
 
-from compensation.platform.pose import PlatformPose
-from hbm.coordinates import MOVING
+from compensation.platform import PlatformPose
 from hbm.markers import Markers
+from hbm.notes import warnings_first
 from hbm.poses import segment_frames
 from hbm.spatial import Array
 from pipeline.explain.budget import Bands
@@ -17,34 +17,36 @@ from pipeline.explain.shares import NORMAL_95
 from pipeline.figures.residuals import residual_figure
 from pipeline.figures.style import COLOURS
 from pipeline.trial.gait.cycles import mean_and_sd, normalise
-from pipeline.trial.residuals import AXES, cycle_residuals, reported, variants
+from pipeline.trial.quality import Quality, free_of
+from pipeline.trial.residuals import (
+    AXES,
+    DIRECTIONS,
+    counted,
+    cycle_residuals,
+    reported,
+    residual_table,
+    threshold_table,
+)
 from pipeline.trial.result import TrialResult
-from pipeline.viewer.blueprint import cycle_layout, trial_layout
-from pipeline.viewer.body import draw_body, send_body
 from pipeline.viewer.file import Timelines, printable, recording_file
-from pipeline.viewer.legend import LEGEND
+from pipeline.viewer.layout import LEGEND, cycle_layout, log_text, trial_layout
 from pipeline.viewer.plots import (
-    PERTURBATION_COLOUR,
-    UNCERTAIN_COLOUR,
-    UNCOUNTED_COLOUR,
+    draw_curves,
     draw_residual_curves,
     intervals_of,
-    log_curves,
     log_intervals,
     log_marker_errors,
     log_phases,
     send_residual_curves,
 )
 from pipeline.viewer.scene import (
-    draw_arrows,
-    draw_markers,
-    draw_plates,
-    send_ground,
-    send_markers,
-    send_platform,
+    draw_body,
+    draw_residual,
+    draw_scene,
+    send_body,
     send_residual,
+    send_scene,
 )
-from pipeline.viewer.summary import trial_summary
 
 TRIAL_APPLICATION: Final = "hbm_residuals_trial"
 CYCLE_APPLICATION: Final = "hbm_residuals_gait_cycle"
@@ -52,7 +54,9 @@ VIEW_RATE_HZ: Final = 50.0
 """Smooth to the eye, and half of the file's size at a camera's 100 Hz."""
 PERTURBATION_S: Final = 1.0
 """How long a perturbation is drawn; only its onset is known."""
-PELVIS: Final = MOVING.index("pelvis")
+PERTURBATION_COLOUR: Final = "#E69F00"
+UNCERTAIN_COLOUR: Final = "#CC79A7"
+UNCOUNTED_COLOUR: Final = "#D55E00"
 
 
 def write_recording(
@@ -84,8 +88,6 @@ def write_recording(
         raise ValueError(f"view_hz must be positive, got {view_hz}")
     motion, markers, body = result.motion, result.markers, result.body
     shown = slice(None, None, max(1, round(markers.rate_hz / view_hz)))
-    rotation, origin = segment_frames(body, motion.q[shown])
-    pelvis = origin[:, PELVIS]
     pose = result.platform and PlatformPose(
         result.platform.rotation[shown], result.platform.position[shown]
     )
@@ -96,53 +98,52 @@ def write_recording(
         return {"time": time, "frame": frame + result.first_frame}
 
     whole, view = clock(motion.time), clock(motion.time[shown])
-    perturbed = [(t, t + PERTURBATION_S, "perturbation") for t in result.onsets.tolist()]
-    uncertain = intervals_of(result.ambiguous, motion.time, "uncertain")
-    uncounted = intervals_of(~result.validity.counts, motion.time, "does not count")
+    counts, uncertain = result.counts, ~free_of(result.quality, Quality.FOOT_UNCERTAIN)
+    states = {
+        "perturbation": (
+            [(t, t + PERTURBATION_S, "perturbation") for t in result.onsets.tolist()],
+            PERTURBATION_COLOUR,
+        ),
+        "plate_split": (intervals_of(uncertain, motion.time, "uncertain"), UNCERTAIN_COLOUR),
+        "residual": (intervals_of(~counts, motion.time, "does not count"), UNCOUNTED_COLOUR),
+    }
     has_cycles = any(len(spans) for spans in result.cycles.values())
-    has_phases = bool(result.events or uncertain or uncounted or perturbed)
-    layout = trial_layout(pelvis, phases=has_phases, figure=has_cycles)
+    has_phases = bool(result.events or any(found for found, _ in states.values()))
+    layout = trial_layout(motion.q[shown, :3], phases=has_phases, figure=has_cycles)
     with recording_file(path, TRIAL_APPLICATION, _title(result), layout) as stream:
-        stream.log("lab", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        stream.log("lab/axes", rr.TransformAxes3D(0.2), static=True)
-        draw_body(stream, body)
-        send_body(stream, view, rotation, origin)
-        measured = Markers(markers.time[shown], markers.names, markers.position[shown])
-        draw_markers(stream, markers.names)
-        send_markers(stream, view, measured, body, rotation, origin)
-        draw_plates(stream, result.plates)
-        send_platform(stream, view, pose)
-        for name, dynamics in variants(result).items():
-            draw_arrows(stream, name)
-            send_ground(
-                stream,
-                view,
-                name,
-                {foot: wrench[shown] for foot, wrench in result.ground[name].items()},
-                surface_m=surface,
-                platform=pose,
-                threshold_n=result.settings.contact_threshold_n,
-            )
-            residual = np.where(result.validity.counts[:, None], dynamics.residual, np.nan)
-            send_residual(stream, view, name, residual[shown], pelvis)
-        curves = {
-            n: np.where(result.validity.counts[:, None], reported(d.residual), np.nan)
-            for n, d in variants(result).items()
+        draw_scene(stream, body, markers.names, result.plates, result.variants)
+        residual = {
+            name: np.where(counts[:, None], dynamics.residual, np.nan)
+            for name, dynamics in result.variants.items()
         }
+        send_scene(
+            stream,
+            view,
+            body,
+            motion.q[shown],
+            Markers(markers.time[shown], markers.names, markers.position[shown]),
+            pose,
+            {n: np.stack(list(result.ground[n].values()), 1)[shown] for n in residual},
+            {name: value[shown] for name, value in residual.items()},
+            surface_m=surface,
+            threshold_n=result.settings.contact_threshold_n,
+        )
+        curves = {name: reported(value) for name, value in residual.items()}
         if bands is not None:
             curves |= _ends_of_bands(bands, motion.time)
-        draw_residual_curves(stream, list(curves))
+        draw_residual_curves(stream, curves)
         send_residual_curves(stream, whole, curves)
         log_marker_errors(stream, view, motion.markers, motion.marker_error[shown] * 1000)
         log_phases(stream, clock, result.events)
-        log_intervals(stream, clock, "perturbation", perturbed, PERTURBATION_COLOUR)
-        log_intervals(stream, clock, "plate_split", uncertain, UNCERTAIN_COLOUR)
-        log_intervals(stream, clock, "residual", uncounted, UNCOUNTED_COLOUR)
-        summary = printable(trial_summary(result))
-        stream.log("summary", rr.TextDocument(summary, media_type="text/markdown"), static=True)
-        stream.log("legend", rr.TextDocument(LEGEND, media_type="text/markdown"), static=True)
+        for row, (intervals, colour) in states.items():
+            log_intervals(stream, clock, row, intervals, colour)
+        log_text(stream, "summary", printable(trial_summary(result)))
+        log_text(stream, "legend", LEGEND)
         if has_cycles:
-            stream.log("gait_cycle", _figure(result), static=True)
+            picture = BytesIO()
+            residual_figure(result).savefig(picture, format="png", dpi=150)
+            image = rr.EncodedImage(contents=picture.getvalue(), media_type="image/png")
+            stream.log("gait_cycle", image, static=True)
 
 
 def write_cycles(result: TrialResult, path: Path) -> None:
@@ -169,36 +170,30 @@ def write_cycles(result: TrialResult, path: Path) -> None:
             f"{result.source.name}: no gait cycle was found, so there is no mean one to show"
         )
     motion = result.motion
-    settled = np.where(result.validity.settled[:, None], motion.q, np.nan)
+    settled = np.where(free_of(result.quality, Quality.SETTLING)[:, None], motion.q, np.nan)
     q, _ = mean_and_sd(normalise(motion.time, settled, spans))
     rotation, origin = segment_frames(result.body, q)
     timelines = {"gait_cycle_percent": np.arange(len(q))}
     title = f"{_title(result)}, mean of {len(spans)} {side} gait cycles"
-    layout = cycle_layout(origin[:, PELVIS])
+    layout = cycle_layout(q[:, :3])
     with recording_file(path, CYCLE_APPLICATION, title, layout, opens=False) as stream:
-        stream.log("lab", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         draw_body(stream, result.body)
         send_body(stream, timelines, rotation, origin)
         curves: dict[str, Array] = {}
-        for name in variants(result):
+        for name in result.variants:
             middle, spread = mean_and_sd(cycle_residuals(result, name)[side])
-            draw_arrows(stream, name)
-            send_residual(stream, timelines, name, reported(middle), origin[:, PELVIS])
+            draw_residual(stream, name)
+            send_residual(stream, timelines, name, reported(middle), q[:, :3])
             curves |= {
                 f"{name}, mean": middle,
                 f"{name}, +SD": middle + spread,
                 f"{name}, −SD": middle - spread,
             }
-        for k, axis in enumerate(AXES):
-            log_curves(
-                stream,
-                timelines,
-                f"residual/{axis}",
-                np.column_stack([curve[:, k] for curve in curves.values()]),
-                list(curves),
-                [COLOURS[name.partition(",")[0]] for name in curves],
-                [2.5 if name.endswith("mean") else 0.75 for name in curves],
-            )
+        colours = [COLOURS[name.partition(",")[0]] for name in curves]
+        widths = [2.5 if name.endswith("mean") else 0.75 for name in curves]
+        for axis in AXES:
+            draw_curves(stream, f"residual/{axis}", list(curves), colours, widths)
+        send_residual_curves(stream, timelines, curves)
 
 
 def _ends_of_bands(bands: Bands, time: Array) -> dict[str, Array]:
@@ -215,7 +210,40 @@ def _title(result: TrialResult) -> str:
     return f"{result.subject.id} · {result.source.stem}"
 
 
-def _figure(result: TrialResult) -> rr.EncodedImage:
-    picture = BytesIO()
-    residual_figure(result).savefig(picture, format="png", dpi=150)
-    return rr.EncodedImage(contents=picture.getvalue(), media_type="image/png")
+def trial_summary(result: TrialResult) -> str:
+    """Give residuals, peaks beside their limits and notes of a trial, in Markdown."""
+    lines = [f"# {_title(result)}", ""]
+    if counted(result).any():
+        names = list(result.variants)
+        table = residual_table(result, result.source.stem)
+        rows = list(table[table["headline"].astype(bool)].itertuples())
+        lines += [
+            "## Pelvis residuals (RMS)",
+            "|  | direction | " + " | ".join(f"{name} | %" for name in names) + " |",
+            "|---|---|" + "---:|---:|" * len(names),
+        ]
+        for axis, direction in zip(AXES, DIRECTIONS, strict=True):
+            own = [row for row in rows if row.axis == axis]
+            cells = [f"{row.rms:.1f} {row.unit} | {row.rms_percent:.2f}" for row in own]
+            lines.append(f"| {axis} | {direction} | {' | '.join(cells)} |")
+        lines += [
+            "\n% of body weight, or of body weight × stature.\n",
+            "## Peaks against Hicks et al. 2015",
+            "| plates | residual | peak | limit |  |",
+            "|---|---|---:|---:|---|",
+        ]
+        for row in threshold_table(result).itertuples():
+            cells = [
+                "compensated" if row.compensated else "measured",
+                row.quantity,
+                f"{row.peak:.1f} {row.unit}",
+                f"{row.limit:.1f} {row.unit}",
+                "passes" if row.passed else "**fails**",
+            ]
+            lines.append(f"| {' | '.join(cells)} |")
+    else:
+        lines.append("No frame counts, so there is no table of residuals; the notes say why.")
+    lines += ["", "## Notes"]
+    for note in warnings_first(result.notes):
+        lines.append(f"- {'**warning:** ' * (note.level == 'warning')}{note} `{note.code}`")
+    return "\n".join(lines)

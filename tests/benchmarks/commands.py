@@ -29,19 +29,14 @@ def help_time() -> float:
     return median(_seconds("-m", "pipeline.cli", "--help") for _ in range(HELP_RUNS))
 
 
-def first_use(folder: Path, frames: int) -> Row:
-    """Time ``hbm residuals`` on a short trial [s], with an empty cache and again."""
+def residuals_time(folder: Path, frames: int) -> Row:
+    """Time ``hbm residuals`` on a short trial [s]."""
     write_trial(walk(frames), folder / "trial.c3d")
     write_c3d(folder / "static.c3d", synthetic_t_pose())
     command = ("-m", "pipeline.cli", "residuals", str(folder / "trial.c3d"))
     command += ("--static", str(folder / "static.c3d"), "--mass-kg", str(MASS_KG))
     command += ("--out", str(folder / "results"))
-    cache = {"HBM_CACHE_DIR": str(folder / "cache")}
-    cpu_before = _children_cpu()
-    first = _seconds(*command, **cache)
-    first_cpu = _children_cpu() - cpu_before
-    second = _seconds(*command, **cache)
-    return {"frames": frames, "first_s": first, "first_cpu_s": first_cpu, "second_s": second}
+    return {"frames": frames, "residuals_s": _seconds(*command)}
 
 
 def peak_memory(folder: Path, frames: int = LONG_FRAMES) -> Row:
@@ -81,23 +76,18 @@ def _interpolated(at: Array, known: Array, values: Array) -> Array:
     return np.column_stack([np.interp(at, known, column) for column in values.T])
 
 
-def _children_cpu() -> float:
-    used = os.times()
-    return used.children_user + used.children_system
-
-
-def _seconds(*arguments: str, **environment: str) -> float:
+def _seconds(*arguments: str) -> float:
     start = time.perf_counter()
-    _run(*arguments, **environment)
+    _run(*arguments)
     return time.perf_counter() - start
 
 
-def _run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+def _run(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, *arguments],
         check=True,
         capture_output=True,
         text=True,
         cwd=ROOT,
-        env=os.environ | ONE_THREAD | environment,
+        env=os.environ | ONE_THREAD,
     )

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from hbm.plausibility.labels import without_frozen_frames
 from hbm.plausibility.outliers import solve_without_outliers
-from hbm.plausibility.repeated_positions import without_frozen_frames
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.config.schema import Settings, Subject, Treadmill
 from pipeline.config.study import Study, read_study

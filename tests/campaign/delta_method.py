@@ -19,13 +19,14 @@ from hbm.spatial import Array
 from pipeline.config.schema import Settings, Subject, Treadmill
 from pipeline.config.study import read_study
 from pipeline.explain.explain import ExplainedPart, explained_part
-from pipeline.explain.intervals import Intervals
+from pipeline.explain.uncertainty import Intervals
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_trial
 from pipeline.trial.residuals import AXES
 from pipeline.trial.result import TrialResult
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
 from tests.pipeline import lab
+from tests.pipeline.explain.monte_carlo import drawn_rms
 
 REAL: Final = (
     Path(__file__).resolve().parents[3] / "shared/data/treadmill_hbm2/treadmill_events.c3d"
@@ -69,8 +70,8 @@ def ratios(part: ExplainedPart, result: TrialResult, draws: int) -> tuple[Array,
     assert np.isfinite(rms).all()  # computed before all effects, whose chains keep its steps
     effects = np.nan_to_num([cause.effect(part.chain) for cause in part.causes])
     intervals = Intervals(part.chain, part.causes, effects, part.series.frames)
-    delta, drawn = intervals.of_trial(result)[-1], intervals.drawn(draws)
-    return delta.mean / drawn.mean, delta.deviation / drawn.deviation
+    delta, drawn = intervals.of_trial(result)[-1], drawn_rms(part, draws)
+    return delta.mean / drawn.mean(axis=0), delta.deviation / drawn.std(axis=0, ddof=1)
 
 
 if __name__ == "__main__":

@@ -74,7 +74,6 @@ ENVIRONMENTS: Final[Mapping[str, Environment]] = {
     "no HOME": Environment({"HOME": None, "XDG_CACHE_HOME": None}),
     "HOME is a file": Environment({"HOME": os.devnull, "XDG_CACHE_HOME": None}),
     "HOME cannot be written": Environment({"HOME": "/proc", "XDG_CACHE_HOME": None}),
-    "cache cannot be written": Environment({"HBM_CACHE_DIR": "/proc/kernels"}),
     "MPLCONFIGDIR cannot be written": Environment({"MPLCONFIGDIR": "/proc/matplotlib"}),
     **{f"TERM={term}": Environment({"TERM": term}) for term in ("dumb", "", "none", "\x1b[2J")},
     "no TERM": Environment({"TERM": None}),

@@ -17,8 +17,8 @@ from typing import Final
 import numpy as np
 
 from compensation import validation_signals
-from compensation.signals.protocol import platform_signal
-from compensation.signals.signal import MachineLimits, Signal
+from compensation.protocol import platform_signal
+from compensation.signals import MachineLimits, Signal
 from hbm.signals.filtering import low_pass
 from hbm.spatial import WRENCH_COMPONENTS, Array, shift_wrench
 from pipeline.config.schema import Treadmill

@@ -105,7 +105,7 @@ def _markers(case: Case) -> Markers:
 
 def _prior(case: Case) -> Array:
     """Give the weights of the priors about neutral, (46,)."""
-    return Problem(case.body, _markers(case), {}, {}, {}, tolerance=1e-6, jobs=1).prior
+    return Problem(case.body, _markers(case)).prior
 
 
 def _prior_cost(case: Case, q: Array) -> float:

@@ -13,7 +13,7 @@ from hbm.notes import Note
 from hbm.spatial import Array
 from pipeline.cli.app import app, main
 from pipeline.io.recording import Recording
-from pipeline.trial.residuals import cycle_residuals, variants
+from pipeline.trial.residuals import cycle_residuals
 from pipeline.trial.result import TrialResult
 from tests.campaign.outcome import MAX_MESSAGE_CHARACTERS, Outcome
 from tests.campaign.worker import fault_of
@@ -167,7 +167,7 @@ def _differing(one: Array, other: Array, gaps: bool) -> float:
 def cycle_rms(result: TrialResult) -> dict[str, tuple[Array, Array]]:
     """Give start and residual RMS of each cycle: variant and side -> (C,), (C, 6)."""
     rms = {}
-    for variant in variants(result):
+    for variant in result.variants:
         for side, values in cycle_residuals(result, variant).items():
             starts = np.reshape(result.cycles[side], (-1, 2))[:, 0]
             with np.errstate(invalid="ignore"):

@@ -66,7 +66,7 @@ class Trial:
             return Outcome("silent", f"{values:g} values differ, lost: {lost or 'nothing'}")
         if equal and not lost and values <= damage.data:
             return Outcome("one datum", f"{values:g} values") if values else Outcome("fine")
-        result = process_request(self.request(path))
+        result = process_request(self.request(path)).result
         if outcome := noted(result.notes, self.result.notes):
             return outcome
         outcome = numbers_changed(result, self.result)
@@ -93,7 +93,7 @@ def _lost(found: Recording, known: Recording) -> str:
 
 def walk_in(folder: Path) -> TrialRequest:
     """Give the request to process the walk's C3D file."""
-    return TrialRequest(folder / "walk.c3d", static=folder / "static.c3d", sex="male")
+    return TrialRequest(trial=folder / "walk.c3d", static=folder / "static.c3d", sex="male")
 
 
 def recordings(folder: Path) -> list[Format]:
@@ -136,7 +136,7 @@ def recordings(folder: Path) -> list[Format]:
         trial = Trial(
             request,
             read_requested(undamaged),
-            process_request(undamaged),
+            process_request(undamaged).result,
             lines=name.startswith("D-Flow"),
         )
         formats.append(Format(name, folder / file, trial.judge, name not in BINARY, request))

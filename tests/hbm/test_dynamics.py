@@ -12,7 +12,7 @@ import pytest
 from hbm import dynamics
 from hbm.coordinates import INDEX, LAST_Q, MOVING, support
 from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics, inverse_dynamics_variants
-from hbm.engines import choice
+from hbm.engines import engine as engines
 from hbm.engines.engine import ENGINES
 from hbm.poses import center_of_mass, segment_frames
 from hbm.spatial import GRAVITY_MPS2, rotation_about, shift_wrench, transform_wrench
@@ -29,7 +29,7 @@ def engine(request, monkeypatch):
     """Make each engine the default in turn."""
     if request.param == "pinocchio":
         pytest.importorskip("pinocchio", reason="Pinocchio has no wheel for this system")
-    choose = choice.choose_engine
+    choose = engines.choose_engine
     monkeypatch.setattr(dynamics, "choose_engine", lambda stated: choose(stated or request.param))
     return request.param
 

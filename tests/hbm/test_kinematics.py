@@ -1,4 +1,4 @@
-"""Inverse kinematics: the optimum, whatever the start, the gaps, the limits and the threads."""
+"""Inverse kinematics: the optimum, whatever the start, the gaps and the threads."""
 
 import numpy as np
 import pytest
@@ -9,6 +9,7 @@ from scipy.optimize import least_squares
 from hbm.coordinates import COORDINATES, INDEX, LIMBS, N_Q, TREE
 from hbm.ik import descent, problem
 from hbm.ik.problem import Problem
+from hbm.ik.tracking import Tracker
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers
 from hbm.poses import marker_positions
@@ -54,7 +55,7 @@ def cost(motion, weights=1.0):
     return np.nansum(weights * motion.marker_error**2, axis=1)
 
 
-def refined(body, markers, frame, start, bounds=(-np.inf, np.inf), extra=None):
+def refined(body, markers, frame, start, extra=None):
     """SciPy's answer for one frame: weighted distances over all coordinates but the toes."""
     own = [body.markers.index(name) for name in markers.names]
     measured = markers.position[frame]
@@ -67,9 +68,7 @@ def refined(body, markers, frame, start, bounds=(-np.inf, np.inf), extra=None):
         rows = (model - measured)[seen].ravel()
         return rows if extra is None else np.append(rows, extra(q))
 
-    lower, upper = (np.broadcast_to(b, N_Q)[SEEN] for b in bounds)
-    begin = np.clip(start[SEEN], lower + 1e-6, upper - 1e-6)
-    answer = least_squares(away, begin, bounds=(lower, upper), xtol=1e-13, ftol=1e-14, gtol=1e-13)
+    answer = least_squares(away, start[SEEN], xtol=1e-13, ftol=1e-14, gtol=1e-13)
     q = np.zeros(N_Q)
     q[SEEN] = answer.x
     return q, 2 * answer.cost
@@ -131,7 +130,7 @@ def test_unknown_markers_are_ignored(body, noisy, solved):
     np.testing.assert_array_equal(found.q, solved.q)
 
 
-# -- weights, priors, limits ----------------------------------------------------------------------
+# -- weights and priors ----------------------------------------------------------------------------
 
 
 def test_equal_weights_of_all_markers_change_nothing(body, noisy, solved):
@@ -154,52 +153,19 @@ def test_a_marker_of_greater_weight_is_met_more_closely(body, noisy, solved):
 
 
 def test_a_prior_is_one_more_row_of_the_least_squares_problem(body, noisy):
-    weight, value, i = 0.3, 0.8, INDEX["RKneeFlexion"]
-    found = solve_ik(body, noisy, priors={"RKneeFlexion": (weight, value)})
+    weight, i = 0.3, INDEX["RKneeFlexion"]
+    with_prior = Problem(body, noisy)
+    with_prior.prior[i] = weight
+    found = Tracker(with_prior).motion()
     for frame in (5, 120):
         q, _ = refined(
             body,
             noisy,
             frame,
             found.q[frame],
-            extra=lambda q: np.sqrt(weight) * (q[i] - value),
+            extra=lambda q: np.sqrt(weight) * q[i],
         )
         np.testing.assert_allclose(found.q[frame], q, atol=2e-6)
-
-
-def test_a_strong_prior_holds_a_coordinate(body, noisy):
-    found = solve_ik(body, noisy, priors={"LElbowFlexion": (1e6, 0.5)})
-    np.testing.assert_allclose(found.coordinate("LElbowFlexion"), 0.5, atol=1e-5)
-
-
-def test_limits_give_the_bounded_optimum(body, noisy, solved):
-    limits = {
-        "RKneeFlexion": (0.0, 0.2),
-        "LHipAbduction": (-0.05, 0.05),
-        "PelvisZ": (0.9, 0.96),
-        "LElbowFlexion": (-0.3, 0.1),
-        "RShoulderUp": (-0.005, 0.005),
-    }
-    found = solve_ik(body, noisy, limits=limits)
-    assert found.converged.all()
-    lower, upper = np.full(N_Q, -np.inf), np.full(N_Q, np.inf)
-    for name, (low, high) in limits.items():
-        lower[INDEX[name]], upper[INDEX[name]] = low, high
-    assert (found.q >= lower).all()
-    assert (found.q <= upper).all()
-    assert (cost(found) >= cost(solved) * (1 - 1e-9)).all()
-    bound = ((found.q == lower) | (found.q == upper)).sum(axis=1)
-    hard = np.argsort(bound)[-4:]
-    assert bound[hard].min() >= 2
-    for frame in hard:
-        q, least = refined(body, noisy, frame, found.q[frame], (lower, upper))
-        assert cost(found)[frame] <= least * (1 + 1e-7)
-        np.testing.assert_allclose(found.q[frame], q, atol=1e-4)
-
-
-def test_limits_that_are_not_reached_change_nothing(body, noisy, solved):
-    found = solve_ik(body, noisy, limits={"RKneeFlexion": (-3.0, 3.0)})
-    np.testing.assert_allclose(found.q, solved.q, atol=1e-10)
 
 
 # -- blocks and threads ---------------------------------------------------------------------------
@@ -238,7 +204,7 @@ def test_any_pose_is_found_as_from_the_true_pose(body, noise_m):
     """500 unrelated poses in one trial, and some of them alone: neighbours do not help."""
     poses = any_pose(np.random.default_rng(13), 500)
     markers = with_noise(markers_of(body, poses), np.random.default_rng(14), noise_m)
-    frames = Problem(body, markers, {}, {}, {}, tolerance=1e-6, jobs=1)
+    frames = Problem(body, markers)
     from_truth = frames.newton(np.arange(500), poses.q)
     least = (from_truth.error**2).sum(axis=1)
     found = solve_ik(body, markers)
@@ -323,7 +289,7 @@ def test_a_pelvis_of_two_markers_is_found_by_arms_and_shanks_without_trunk_and_t
     exact = without(markers_of(body, truth), (*hidden, "LPSIS", "RPSIS"))
     found = solve_ik(body, exact)
     assert found.converged.all()
-    prior = Problem(body, exact, {}, {}, {}, tolerance=1e-6, jobs=1).prior
+    prior = Problem(body, exact).prior
     cost = np.nansum(found.marker_error**2, axis=1) + found.q**2 @ prior
     assert (cost <= truth.q**2 @ prior).all()
 
@@ -449,16 +415,6 @@ def test_a_trial_without_any_of_the_body_s_markers_is_refused(body):
         (
             {"weights": {"LASIS": np.nan}},
             "the weight of LASIS must be 0 or more, got nan",
-        ),
-        ({"limits": {"Knee": (0, 1)}}, "limit for 'Knee', which is not a coordinate"),
-        (
-            {"limits": {"RKneeFlexion": (1, 0)}},
-            "limits of RKneeFlexion are in the wrong order: 1, 0",
-        ),
-        ({"priors": {"Knee": (0, 1)}}, "prior for 'Knee', which is not a coordinate"),
-        (
-            {"priors": {"RKneeFlexion": (-1, 0)}},
-            "prior of RKneeFlexion must be a weight of 0 or more",
         ),
     ],
 )

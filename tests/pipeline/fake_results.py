@@ -21,7 +21,6 @@ from pipeline.io.recording import Event
 from pipeline.run.store import write_trial
 from pipeline.trial.residuals import reported
 from pipeline.trial.result import TrialResult
-from pipeline.trial.validity import Validity
 from tests.synthetic import synthetic_body
 
 ENGINE = EngineUsed("pinocchio", "4.1.0", "kernels", "casadi 3.7.2", 16, 2e-14)
@@ -58,7 +57,7 @@ def write_fake_results(
                 continue
             result = fake_trial(number, condition, cycles, compensated, settings, rest_s)
             path = folder / "trials" / f"{subject}_{condition}.parquet"
-            write_trial(result, condition, key(subject, condition), path)
+            write_trial(replace(result, condition=condition, key=key(subject, condition)), path)
     return folder
 
 
@@ -134,18 +133,17 @@ def fake_trial(
         first_frame=1,
         plates=(),
         motion=motion,
-        measured=dynamics(walking + artefact),
-        compensated=dynamics(remains) if compensated else None,
+        variants={"measured": dynamics(walking + artefact)}
+        | ({"compensated": dynamics(remains)} if compensated else {}),
         ground={"measured": feet} | ({"compensated": feet} if compensated else {}),
         platform=None,
         events=tuple(Event(float(t), "foot_strike", "right") for t in starts),
         cycles={"left": spans[left], "right": spans[~left]},
         found_cycles=len(spans),
         span=None,
-        validity=Validity(*np.ones((3, frames), bool)),
+        quality=np.zeros(frames, int),
         delay_s=0.004,
         delay_uncertainty_s=0.001,
-        ambiguous=np.zeros(frames, bool),
         notes=(
             Note.of("mass_weighed", mass_kg=70.0, start_s=0.5, stop_s=1.5, file="pose.c3d"),
             Note.of("frames_unsolved", unsolved=1, frames=2),

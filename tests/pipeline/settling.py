@@ -12,7 +12,7 @@ def cycle_change(part, whole, first):
     ``first`` is the frame of the whole recording with which the part begins.
     """
     kept = slice(first, first + len(part.motion.time))
-    both = part.validity.counts & whole.validity.counts[kept]
+    both = part.counts & whole.counts[kept]
     changes = []
     for start, stop in np.concatenate([*part.cycles.values()]):
         inside = both & (part.motion.time >= start) & (part.motion.time < stop)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from compensation.platform.pose import PlatformPose, commanded_pose
+from compensation.platform import PlatformPose, commanded_pose
 from hbm.dynamics import inverse_dynamics_variants
 from hbm.motion import Motion
 from hbm.notes import Note
@@ -15,8 +15,8 @@ from hbm.poses import marker_positions
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.recording import Event
 from pipeline.trial.gait.cycles import cut_cycles, found_cycles
+from pipeline.trial.quality import Quality
 from pipeline.trial.result import PlateSurface, TrialResult
-from pipeline.trial.validity import Validity
 from tests.benchmarks.walker import STRIDE_HZ, Walk, walk
 from tests.synthetic import synthetic_body
 
@@ -43,9 +43,9 @@ def viewer_trial(
         zip(ground, inverse_dynamics_variants(body, motion, list(ground.values())), strict=True)
     )
     events = _events(np.arange(0.2, time[-1], 1 / STRIDE_HZ))
-    known = [np.isfinite(each.residual).all(axis=1) for each in dynamics.values()]
-    validity = Validity(np.all(known, axis=0), np.ones(frames, bool), np.ones(frames, bool))
-    cycles, _ = cut_cycles(events, time, validity, min_valid_share=0.5)
+    known = np.all([np.isfinite(each.residual).all(axis=1) for each in dynamics.values()], axis=0)
+    quality = np.where(known, 0, int(Quality.POSE_UNKNOWN))
+    cycles, _ = cut_cycles(events, time, quality, min_valid_share=0.5)
     return TrialResult(
         source=Path("walk.c3d"),
         subject=Subject(id="sub07", sex="male", mass_kg=body.mass),
@@ -55,19 +55,17 @@ def viewer_trial(
         first_frame=FIRST_FRAME,
         plates=tuple(_plate(k + 1, y) for k, y in enumerate((0.25, -0.25))),
         motion=motion,
-        measured=dynamics["measured"],
-        compensated=dynamics.get("compensated"),
+        variants=dynamics,
         ground=ground,
         platform=sway_and_pitch(time) if moving else None,
         events=events,
         cycles=cycles,
         found_cycles=found_cycles(events, cycles),
         span=None,
-        validity=validity,
+        quality=quality,
         onsets=ONSETS_S,
         delay_s=0.0,
         delay_uncertainty_s=0.001,
-        ambiguous=np.zeros(frames, bool),
         notes=(Note.of("mass_stated", mass_kg=70.0), Note.of("plate_constant", plate=2)),
     )
 

@@ -17,10 +17,10 @@ from pipeline.config.schema import Settings, Subject, Treadmill
 from pipeline.export.tables import write_tables
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.opensim import read_sto
-from pipeline.live.frames.frame import Quality
 from pipeline.run.store import read_trial
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
+from pipeline.trial.quality import NO_SUPPORT, Quality, free_of
 from pipeline.trial.residuals import residual_table
 from tests.hbm.motions import relabelled
 from tests.pipeline.live.playing import arrivals, chain_of, play
@@ -66,9 +66,9 @@ def rms(result, axis):
 
 
 def test_every_frame_of_treadmill_walking_counts(whole):
-    assert whole.validity.motion.all()
-    assert whole.validity.plates.all()
-    settled = whole.validity.settled
+    assert free_of(whole.quality, Quality.POSE_UNKNOWN).all()
+    assert free_of(whole.quality, NO_SUPPORT).all()
+    settled = free_of(whole.quality, Quality.SETTLING)
     assert settled[17:-17].all()
     assert not settled[:17].any()
     assert not settled[-17:].any()
@@ -82,7 +82,7 @@ def test_while_a_foot_is_beside_the_plates_nothing_counts_and_all_else_as_before
     treadmill, whole, start_s, stop_s
 ):
     result = processed(with_plates(treadmill, without(2, start_s, stop_s)))
-    valid, time = result.validity.plates, result.motion.time
+    valid, time = free_of(result.quality, NO_SUPPORT), result.motion.time
     hidden = np.abs(result.measured.residual - whole.measured.residual)[:, 2] > 0.5 * 55.3 * 9.81
     assert hidden.any()
     assert not valid[hidden].any()
@@ -100,10 +100,12 @@ def test_while_a_foot_is_beside_the_plates_nothing_counts_and_all_else_as_before
 def test_forces_that_depend_on_missing_plates_are_in_no_output(treadmill, whole, tmp_path):
     """Of pelvis and legs; those of the trunk do not depend on the ground."""
     result = processed(with_plates(treadmill, without(2, 5.6, 9.0)))
-    valid = result.validity.counts
+    valid = result.counts
     for name in ("LHipFlexion", "RKneeFlexion"):
         known = np.isfinite(result.measured.force(name))
-        np.testing.assert_array_equal(known, valid & ~result.ambiguous)
+        np.testing.assert_array_equal(
+            known, valid & free_of(result.quality, Quality.FOOT_UNCERTAIN)
+        )
     np.testing.assert_allclose(
         result.measured.force("TrunkFlexion"), whole.measured.force("TrunkFlexion"), atol=1e-9
     )
@@ -115,7 +117,7 @@ def test_forces_that_depend_on_missing_plates_are_in_no_output(treadmill, whole,
 
 def test_plates_that_begin_late_do_not_count_before(treadmill, whole):
     result = processed(with_plates(treadmill, lambda p: p.time > 5.0))
-    assert not result.validity.counts[result.motion.time < 5.0].any()
+    assert not result.counts[result.motion.time < 5.0].any()
     assert rms(result, "Fz") == pytest.approx(rms(whole, "Fz"), rel=0.15)
     assert min(spans[0, 0] for spans in result.cycles.values()) > 4.0
 
@@ -139,7 +141,7 @@ def test_plates_that_are_not_zeroed_are_not_hidden(treadmill, offsets_n):
         return replace(plate, wrench_in_plate=plate.wrench_in_plate + np.append(normal, [0, 0, 0]))
 
     result = processed(replace(treadmill, plates=tuple(map(shifted, treadmill.plates))))
-    assert result.validity.plates.all()
+    assert free_of(result.quality, NO_SUPPORT).all()
     assert sum(map(len, result.cycles.values())) == 10
     assert "plates_not_zeroed" in codes(result)
 
@@ -148,7 +150,7 @@ def test_plates_that_are_not_zeroed_are_not_hidden(treadmill, offsets_n):
 def test_a_plate_with_a_wrong_gain_is_not_hidden(treadmill, gains):
     """Its residual is what the report is for."""
     result = processed(with_plates(treadmill, lambda p: gains[p.number - 1]))
-    assert result.validity.plates.all()
+    assert free_of(result.quality, NO_SUPPORT).all()
     assert sum(map(len, result.cycles.values())) == 10
     assert rms(result, "Fz") > 80
     assert "mass_differs" in codes(result)
@@ -208,7 +210,7 @@ def test_nobody_counts_who_stands_with_one_foot_beside_the_plates(shared_data, s
     zero = replace(recording.plates[1], wrench_in_plate=0 * recording.plates[1].wrench_in_plate)
     subject = Subject(mass_kg=float(total.mean()) / GRAVITY_MPS2)
     result = process_recording(replace(recording, plates=(one, zero)), subject, Settings())
-    assert not result.validity.plates.any()
+    assert not free_of(result.quality, NO_SUPPORT).any()
 
 
 def without_markers(recording, body, segments, start_s, stop_s):
@@ -234,8 +236,8 @@ def test_a_pelvis_without_markers_counts_for_a_few_frames_only(treadmill, whole,
     result = processed(without_markers(treadmill, whole.body, ("pelvis",), 5.0, stop_s))
     gap = (result.motion.time > 5.0) & (result.motion.time < stop_s - 0.005)
     assert result.motion.converged.all()
-    assert result.validity.motion[~gap].sum() >= (~gap).sum() - 2
-    assert result.validity.motion[gap].all() == counts
+    assert free_of(result.quality, Quality.POSE_UNKNOWN)[~gap].sum() >= (~gap).sum() - 2
+    assert free_of(result.quality, Quality.POSE_UNKNOWN)[gap].all() == counts
     assert ("pelvis_unseen" in codes(result)) != counts
 
 
@@ -289,7 +291,7 @@ def test_which_frames_count_does_not_depend_on_the_body_mass(overground, change)
         process_recording(change(walk), Subject(mass_kg=mass_kg), Settings(), static=static)
         for mass_kg in (41.3, 43.5, 45.8, 48.1, 50.4)
     ]
-    plates = np.array([result.validity.plates for result in found])
+    plates = np.array([free_of(result.quality, NO_SUPPORT) for result in found])
     assert plates.any()
     assert (plates == plates[0]).all()
 
@@ -308,7 +310,7 @@ def test_overground_the_same_frames_count_live_as_afterwards(overground):
     result = process_recording(walk, Subject(), settings, static=static)
     frames = play(chain_of(result.body, Laboratory(Treadmill()), settings, walk), arrivals(walk))
     counts = np.array([frame.quality.counts for frame in frames])
-    np.testing.assert_array_equal(counts[:-5], result.validity.counts[:-5])
+    np.testing.assert_array_equal(counts[:-5], result.counts[:-5])
     vertical = np.array([frame.residual["measured"][2] for frame in frames])
     assert np.sqrt(np.mean(vertical[counts] ** 2)) < 30
     assert any(frame.quality & Quality.NOT_CARRIED for frame in frames)

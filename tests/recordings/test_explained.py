@@ -6,9 +6,8 @@ import pytest
 import pipeline
 from hbm.markers import read_marker_set
 from pipeline.config.schema import Settings, Subject, Treadmill
-from pipeline.explain.causes.filtering import left_by_filter
-from pipeline.explain.explain import explain_trial, explained_part
-from pipeline.explain.linearised import linearised, rms
+from pipeline.explain.explain import explain_trial, explained_part, left_by_filter
+from pipeline.explain.sizes import linearised, rms
 from pipeline.io.opensim import read_opensim_trial, read_trc
 from pipeline.trial.ground.laboratory import Laboratory
 from tests.recordings.test_generated_walk import (

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from pipeline.io.read import read_as_stated
 from pipeline.io.stated import Stated
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
-from pipeline.trial.residuals import residual_rows
+from pipeline.trial.residuals import residual_table
 from tests.campaign.explain.faults import Seeded
 from tests.campaign.explain.virtual_trial import (
     VirtualLaboratory,
@@ -64,6 +65,7 @@ def generated(folder):
     return walk, {"subject": person, "marker_set": marker_set("arnold2013")}
 
 
+@cache
 def child(number):
     def read(folder):
         folder = folder / "overground_walks"
@@ -88,9 +90,22 @@ def later(recording, delay_s):
     return replace(recording, plates=plates)
 
 
-def processed(trial, delay_s=0.0, **settings):
-    recording, known = trial
+@cache
+def recorded(read, folder):
+    return read(folder)
+
+
+@cache
+def processed(read, folder, delay_s=0.0, **settings):
+    recording, known = recorded(read, folder)
     return process_recording(later(recording, delay_s), settings=Settings(**settings), **known)
+
+
+@cache
+def explained(read, folder, delay_s=0.0, **settings):
+    recording, _ = recorded(read, folder)
+    result = processed(read, folder, delay_s, **settings)
+    return explain(later(recording, delay_s), STILL, result)
 
 
 def delay_in(explanation):
@@ -99,20 +114,19 @@ def delay_in(explanation):
 
 @pytest.mark.parametrize("read", [treadmill, steps, overground, generated])
 def test_a_delay_that_is_put_into_a_recording_is_found_within_five_percent(shared_data, read):
-    trial = read(shared_data)
-    before = processed(trial)
-    for delay_s in (-0.015, -0.005, 0.005, 0.015):
-        after = processed(trial, delay_s)
+    before = processed(read, shared_data)
+    for delay_s in (-0.005, 0.015):
+        after = processed(read, shared_data, delay_s)
         assert after.delay_s - before.delay_s == pytest.approx(delay_s, rel=0.05)
         assert after.delay_uncertainty_s == pytest.approx(before.delay_uncertainty_s, rel=0.1)
 
 
-@pytest.mark.parametrize("read", [treadmill, steps, overground, generated])
-@pytest.mark.parametrize("delay_s", [0.0, 0.015])
+@pytest.mark.parametrize(
+    ("read", "delay_s"), [(treadmill, 0.0), (steps, 0.0), (overground, 0.015), (generated, 0.015)]
+)
 def test_residuals_and_their_explanation_have_the_same_delay(shared_data, read, delay_s):
-    trial = read(shared_data)
-    result = processed(trial, delay_s)
-    explanation = explain(later(trial[0], delay_s), STILL, result)
+    result = processed(read, shared_data, delay_s)
+    explanation = explained(read, shared_data, delay_s)
     found = delay_in(explanation)
     assert found.size == pytest.approx(result.delay_s, abs=1e-6)
     assert 1.96 * found.deviation == pytest.approx(result.delay_uncertainty_s, rel=1e-3)
@@ -122,11 +136,12 @@ def test_residuals_and_their_explanation_have_the_same_delay(shared_data, read, 
 
 
 def test_both_commands_print_the_same_delay(shared_data, tmp_path, capsys):
-    path = shared_data / "treadmill_hbm2" / "treadmill_events.c3d"
+    folder = shared_data / "plug_in_gait"
+    options = ["--static", str(folder / "Static_trial.c3d"), "--mass-kg", "85", "--sex", "male"]
     printed = []
     for command in ("residuals", "explain"):
-        options = ["--mass-kg", "55.3", "--sex", "female", "--out", str(tmp_path)]
-        assert main([command, str(path), *options]) == 0
+        path = str(folder / "Movement_trial.c3d")
+        assert main([command, path, *options, "--out", str(tmp_path)]) == 0
         words = " ".join(capsys.readouterr().out.split())
         printed += re.findall(r"plates are (?:late )?(-?[\d.]+ ± [\d.]+ ms)", words)
     assert len(printed) == 2
@@ -135,28 +150,27 @@ def test_both_commands_print_the_same_delay(shared_data, tmp_path, capsys):
 
 def test_a_delay_that_is_stated_is_taken_from_what_remains(shared_data):
     """Also where the statement is wrong: plates that are stated 15 ms too early."""
-    trial = treadmill(shared_data)
-    before, after = processed(trial), processed(trial, plate_delay_s=-0.015)
+    before = processed(generated, shared_data)
+    after = processed(generated, shared_data, plate_delay_s=-0.015)
     assert after.delay_s - before.delay_s == pytest.approx(0.015, rel=0.05)
-    advice = [own.action for own in explain(trial[0], STILL, after).mending if own.cause == LATE]
+    explanation = explained(generated, shared_data, plate_delay_s=-0.015)
+    advice = [own.action for own in explanation.mending if own.cause == LATE]
     assert advice == [f"state plate_delay_s = {after.delay_s - 0.015:.3f} under [settings]"]
 
 
 @pytest.mark.parametrize("read", [treadmill, overground, generated])
 def test_both_filters_show_the_same_delay(shared_data, read):
     """Within a millisecond, of intervals of 5 ms and more."""
-    trial = read(shared_data)
-    live, later_on = (processed(trial, filter=each) for each in ("realtime", "zero_phase"))
+    live = processed(read, shared_data, filter="realtime")
+    later_on = processed(read, shared_data)
     assert live.delay_s == pytest.approx(later_on.delay_s, abs=1e-3)
 
 
-@pytest.mark.parametrize("delay_s", [0.0, 0.015])
-def test_quiet_standing_shows_no_delay(shared_data, delay_s):
-    trial = standing(shared_data)
-    result = processed(trial, delay_s)
+def test_quiet_standing_shows_no_delay(shared_data):
+    result = processed(standing, shared_data, 0.015)
     assert np.isnan([result.delay_s, result.delay_uncertainty_s]).all()
     assert "plate_delay_unknown" in [note.code for note in result.notes]
-    explanation = explain(later(trial[0], delay_s), STILL, result)
+    explanation = explained(standing, shared_data, 0.015)
     assert not delay_in(explanation).is_certain
     assert LATE not in [own.cause for own in explanation.mending]
 
@@ -166,14 +180,14 @@ def test_quiet_standing_shows_no_delay(shared_data, delay_s):
 def test_half_a_second_on_plates_shows_the_delay_within_ten_milliseconds_or_none(
     shared_data, read, delay_s
 ):
-    result = processed(read(shared_data), delay_s)
+    result = processed(read, shared_data, delay_s)
     if not np.isnan(result.delay_s):
         assert abs(result.delay_s - delay_s) < result.delay_uncertainty_s <= 0.010
 
 
 def test_a_generated_walk_without_a_delay_has_none_in_its_interval(shared_data):
     """Its body is rigid, and its masses are another model's."""
-    result = processed(generated(shared_data))
+    result = processed(generated, shared_data)
     assert abs(result.delay_s) < result.delay_uncertainty_s
 
 
@@ -194,10 +208,9 @@ def test_delays_of_simulated_people_are_found_without_bias():
 @pytest.mark.parametrize("read", [treadmill, steps, child("HC030"), child("HC031")])
 def test_residuals_are_explained_over_the_frames_in_which_they_count(shared_data, read):
     """The same gait cycles, and of each the same frames: so the same RMS."""
-    trial = read(shared_data)
-    result = processed(trial)
-    budget = explain(trial[0], STILL, result).budget
-    rows = [row for row in residual_rows(result, "walk") if row.headline]
+    result = processed(read, shared_data)
+    budget = explained(read, shared_data).budget
+    rows = [row for row in residual_table(result, "walk").itertuples() if row.headline]
     (cycles,) = result.cycles.values()
     assert budget.cycles == budget.found_cycles == len(cycles) > 0
     assert budget.rms == pytest.approx([row.rms for row in rows], rel=0.01)

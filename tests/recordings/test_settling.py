@@ -8,6 +8,7 @@ import pytest
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.c3d.read import read_c3d
 from pipeline.trial.process import process_recording
+from pipeline.trial.quality import Quality, free_of
 from tests.pipeline import lab
 from tests.pipeline.settling import LIMIT, cycle_change
 
@@ -27,7 +28,7 @@ def test_cropping_treadmill_walking_at_heel_strikes_changes_no_cycle(shared_data
         kept = slice(first, first + len(part.markers.time))
         difference = np.abs(result.measured.residual - whole.measured.residual[kept])
         assert np.nanmax(difference) > 20
-        assert difference[result.validity.counts].max() < 1
+        assert difference[result.counts].max() < 1
     assert cycles >= 20
 
 
@@ -64,5 +65,5 @@ def test_what_the_loss_of_a_leg_a_foot_or_the_pelvis_does_to_residuals_counts_no
     result = process_recording(torn, woman, Settings(), static=recording)
     error = np.abs(result.measured.residual - whole.measured.residual)
     assert np.nanmax(error[first - 30 : first + frames + 30]) > 5
-    assert (error[result.validity.counts] < LIMIT).all()
-    assert np.count_nonzero(~result.validity.settled) < frames + 80
+    assert (error[result.counts] < LIMIT).all()
+    assert np.count_nonzero(~free_of(result.quality, Quality.SETTLING)) < frames + 80

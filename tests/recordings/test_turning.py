@@ -42,4 +42,4 @@ def test_a_study_of_turns_is_checked_and_processed(folder, tmp_path):
     )
     assert main(["check", str(tmp_path)]) == 0
     result = process_trial(read_study(tmp_path), "child", "turn")
-    assert result.validity.counts.sum() > 50
+    assert result.counts.sum() > 50

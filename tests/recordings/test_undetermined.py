@@ -82,7 +82,7 @@ def test_a_trunk_of_three_markers_moves_as_with_all_and_leaves_half_the_residual
 def change_by_noise(files, gone, of):
     """RMS of how far two trials with other noise differ where both count."""
     one, other = (result_of(files, gone, seed) for seed in (1, 2))
-    counts = one.validity.counts & other.validity.counts
+    counts = one.counts & other.counts
     return np.sqrt(np.mean((of(one) - of(other))[counts] ** 2))
 
 
@@ -125,7 +125,7 @@ def test_a_trunk_that_a_trial_does_not_show_is_as_one_that_its_static_does_not_s
 def test_no_prior_pulls_where_markers_determine_all_that_they_show(shared_data, name):
     recording = read_c3d(shared_data / f"{name}.c3d")
     body = build_body(recording.markers, mass=70.0, limbs=recording.metadata.limbs)
-    problem = Problem(body, recording.markers, {}, {}, {}, tolerance=1e-6, jobs=1)
+    problem = Problem(body, recording.markers)
     pulled = np.array(COORDINATES)[problem.prior > 0]
     assert set(pulled) == set(body.locked)
     motion = solve_ik(body, recording.markers)

@@ -5,9 +5,8 @@ import subprocess
 
 import pytest
 
-from pipeline.virtual_lab.protocol.study_folder import folder_setting, study_files
-from pipeline.virtual_lab.protocol.study_text import study_texts
 from pipeline.virtual_lab.protocol.walking_protocol import Setting
+from pipeline.virtual_lab.protocol.walking_study import folder_setting, study_files, study_texts
 from tests.subjects.conftest import ROOT, SUBJECTS
 
 TEXTS = study_texts(Setting())

@@ -9,8 +9,7 @@ import numpy as np
 from hbm.body import Body
 from hbm.calibration_pose.anatomy import Anatomy, Measures
 from hbm.calibration_pose.frame_selection import select_frames
-from hbm.calibration_pose.landmarks import locate_anatomy
-from hbm.calibration_pose.trunk_levels import height_per_cervicale
+from hbm.calibration_pose.landmarks import height_per_cervicale, locate_anatomy
 from hbm.markers import Markers
 from hbm.segments import SAMPLE_STATURE_M, Proportions, Sex, proportions, segment_inertia
 from hbm.spatial import Array
@@ -173,7 +172,7 @@ def _notch_row(sex: Sex) -> Proportions:
 def _poses(body: Body, calibration: Markers) -> list[dict[str, Array]]:
     """Landmarks in the frames of the calibration that the body was built from."""
     used = [name for name in body.marker_set.segment if name in calibration.names]
-    frames = select_frames(calibration, used, None).frames
+    frames, _, _ = select_frames(calibration, used, None)
     column = {name: i for i, name in enumerate(calibration.names)}
     return [
         {

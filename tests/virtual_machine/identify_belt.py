@@ -20,7 +20,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from hbm.spatial import Array
-from pipeline.virtual_lab.machine.belt_parameters import (
+from pipeline.virtual_lab.machine.belts import (
     PARAMETERS_TOML,
     BeltDrive,
     RotatingLine,

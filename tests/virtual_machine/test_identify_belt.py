@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.virtual_lab.machine.belt_parameters import (
+from pipeline.virtual_lab.machine.belts import (
     PARAMETERS_TOML,
     RotatingLine,
     identified_drive,

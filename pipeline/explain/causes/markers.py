@@ -13,8 +13,7 @@ from hbm.markers import Markers
 from hbm.poses import segment_frames
 from hbm.signals.filtering import Filtered, butterworth
 from hbm.spatial import Array, Indices
-from pipeline.explain.cause import Cause, CauseGroup
-from pipeline.explain.priors import Prior, priors
+from pipeline.explain.cause import Cause, CauseGroup, Prior, priors
 from pipeline.explain.processing_chain import ProcessingChain
 
 CLUSTERS: Final = (
@@ -81,14 +80,6 @@ class MarkerCause(Cause):
         change = butterworth(step, chain.time, settings.cutoff_hz, settings.filter)
         more, less = (_with_motion(chain, change, sign).residual for sign in (1, -1))
         return np.asarray((more - less) / (2 * self.prior.size))
-
-    def displace(self, position: Array, unseen: Array, size: float) -> None:
-        """Displace markers, (T, K, 3), by a size; where none shows it, coordinates, (T, 46)."""
-        moved, step = self.displacement, size * self.course
-        if len(moved.columns):
-            position[:, moved.columns] += step[:, None, None] * moved.position
-        else:
-            unseen += step[:, None] * moved.q
 
 
 def marker_causes(

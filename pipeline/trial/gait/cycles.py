@@ -8,10 +8,10 @@ from numpy.typing import ArrayLike
 
 from hbm.notes import Note
 from hbm.signals.resampling import interpolate
-from hbm.spatial import Array
+from hbm.spatial import Array, Indices
 from pipeline.io.recording import Event
 from pipeline.trial.gait.events import SIDES, event_times
-from pipeline.trial.validity import Validity
+from pipeline.trial.quality import NO_SUPPORT, Quality, free_of
 
 MIN_DURATION: Final = 0.6
 MAX_DURATION: Final = 1.5
@@ -75,7 +75,7 @@ def gait_cycles(events: Iterable[Event], side: str) -> tuple[Array, tuple[Note, 
 
 
 def cut_cycles(
-    events: Sequence[Event], time: Array, validity: Validity, min_valid_share: float
+    events: Sequence[Event], time: Array, quality: Indices, min_valid_share: float
 ) -> tuple[dict[str, Array], tuple[Note, ...]]:
     """Cut gait cycles of both sides; leave out those of which too little counts, with the reason.
 
@@ -85,8 +85,8 @@ def cut_cycles(
         Gait events.
     time
         (T,) [s].
-    validity
-        Which frames count.
+    quality
+        Flags of every frame, (T,).
     min_valid_share
         Of a cycle's frames that count: with less the cycle is left out.
 
@@ -100,7 +100,8 @@ def cut_cycles(
     """
     cycles: dict[str, Array] = {}
     rejected: list[Note] = []
-    masks = validity.plates, validity.counts
+    known = free_of(quality, Quality.POSE_UNKNOWN)
+    masks = free_of(quality, NO_SUPPORT), free_of(quality)
     for side in SIDES:
         spans, reasons = gait_cycles(events, side)
         rejected += reasons
@@ -113,7 +114,7 @@ def cut_cycles(
             reason = None
             if start < time[0] or stop > time[-1]:
                 reason = Note.of("cycle_outside", **cycle)
-            elif not validity.motion[inside].all():
+            elif not known[inside].all():
                 reason = Note.of("cycle_unsolved", **cycle)
             elif carried < min_valid_share:
                 reason = Note.of("cycle_not_carried", **cycle, share=carried)

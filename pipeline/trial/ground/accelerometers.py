@@ -9,8 +9,7 @@ import numpy as np
 
 from compensation import Sensor, dynamic_channels
 from hbm.notes import Note
-from hbm.signals.convolution import Convolution
-from hbm.signals.resampling import resample
+from hbm.signals.resampling import Convolution, resample
 from hbm.spatial import Array
 from hbm.spelling import short
 from pipeline.config.schema import Treadmill
@@ -155,7 +154,7 @@ def at_plate_times(
     treadmill
         Its stated delay counts where the calibration describes no sensors.
     sensors
-        The calibration's, of which delays and gains are undone.
+        The calibration's, of which delays are undone.
     lags_s
         Of a dynamic model: differences over them follow the readings [s].
 
@@ -170,15 +169,13 @@ def at_plate_times(
         return np.hstack([at_plate_times(clock, x, plate_time, treadmill, sensors) for x in kinds])
     if not sensors:
         return resample(clock, readings, plate_time + (treadmill.accelerometer_delay_s or 0.0))
-    delays, scale = [s.correction_s for s in sensors], [s.scale for s in sensors]
+    delays = [s.correction_s for s in sensors]
     if len(set(delays)) == 1:
-        felt = resample(clock, readings, plate_time + delays[0])
-    else:
-        parts = np.split(readings, len(sensors), axis=1)
-        felt = np.hstack(
-            [resample(clock, p, plate_time + d) for p, d in zip(parts, delays, strict=True)]
-        )
-    return np.asarray(felt / np.repeat(scale, 3))
+        return resample(clock, readings, plate_time + delays[0])
+    parts = np.split(readings, len(sensors), axis=1)
+    return np.hstack(
+        [resample(clock, p, plate_time + d) for p, d in zip(parts, delays, strict=True)]
+    )
 
 
 def at_times_of_plates(
@@ -212,15 +209,12 @@ class RealtimeAccelerometers:
         From their clock to the frames'.
     delays_s
         How much later each sensor is than the plates [s].
-    scale
-        Reading by true acceleration of each channel, (k,).
     lags_s
         Of a dynamic model's differences [s].
     """
 
     resampling: Convolution
     delays_s: tuple[float, ...]
-    scale: Array
     lags_s: tuple[float, ...] = ()
 
     @classmethod
@@ -239,7 +233,6 @@ class RealtimeAccelerometers:
         return cls(
             resampling,
             tuple(s.correction_s for s in sensors) or tuple(stated),
-            np.repeat([s.scale for s in sensors] or np.ones(len(stated)), 3),
             tuple(count * resampling.step_s for count in samples),
         )
 
@@ -280,23 +273,18 @@ class RealtimeAccelerometers:
     def _readings(self, time: Array, readings: Array, at: Array) -> Array:
         evaluate, delays_s = self.resampling.evaluate, self.delays_s
         if len(set(delays_s)) == 1:
-            found = evaluate(time, readings, at + delays_s[0])
-        else:
-            each = [
-                evaluate(time, readings[:, 3 * k : 3 * k + 3], at + delay_s)
-                for k, delay_s in enumerate(delays_s)
-            ]
-            found = np.concatenate(each, axis=1)
-        return np.asarray(found / self.scale)
+            return evaluate(time, readings, at + delays_s[0])
+        each = [
+            evaluate(time, readings[:, 3 * k : 3 * k + 3], at + delay_s)
+            for k, delay_s in enumerate(delays_s)
+        ]
+        return np.concatenate(each, axis=1)
 
 
 def corrected_sensors(sensors: Sequence[Sensor]) -> tuple[Note, ...]:
-    """Say which delays and gains of a calibration's sensors are undone in a trial, if any are."""
-    if not any(sensor.correction_s or sensor.scale != 1 for sensor in sensors):
-        return ()
+    """Say which delays of a calibration's sensors are undone in a trial, if any are."""
     delays = {sensor.name: sensor.correction_s for sensor in sensors}
-    gains = {sensor.name: sensor.scale for sensor in sensors}
-    return (Note.of("accelerometers_corrected", delay_s=delays, gain=gains),)
+    return (Note.of("accelerometers_corrected", delay_s=delays),) if any(delays.values()) else ()
 
 
 def _is_acceleration(unit: str) -> bool:

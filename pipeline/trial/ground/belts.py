@@ -13,8 +13,7 @@ from typing import Final
 import numpy as np
 
 from compensation import BeltModel, belt_acceleration
-from hbm.signals.convolution import Convolution
-from hbm.signals.resampling import interpolate
+from hbm.signals.resampling import Convolution, interpolate
 from hbm.signals.samples import stretches
 from hbm.spatial import Array
 from pipeline.config.schema import Belt

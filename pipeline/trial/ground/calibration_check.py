@@ -1,19 +1,20 @@
 """A calibration against an empty recording of another day."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from compensation import InertiaModel, Sensor, check_trial, from_json, to_json
-from compensation.inertia.another_day import DayCheck, check_another_day
+from compensation import check_trial, from_json, to_json
+from compensation.inertia.quality import DayCheck, check_another_day
 from hbm.notes import Note
 from hbm.signals.resampling import interpolate
-from hbm.spatial import Array
 from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Treadmill
-from pipeline.io.input_file import last_written
+from pipeline.io.input_file import last_written, naming
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated
 from pipeline.trial.ground.accelerometers import accelerations, at_plate_times
@@ -32,20 +33,17 @@ FAULTS: Final = (
 """Notes of trials after which nothing else is worth comparing; turned sensors are measured."""
 
 
-def check_recording(recording: Recording, laboratory: Laboratory) -> DayCheck:
+@dataclass(frozen=True, slots=True)
+class CalibrationCheck:
+    """Whether a calibration is still valid, in words, and the numbers of every plate."""
+
+    valid: bool
+    notes: tuple[Note, ...]
+    plates: Mapping[str, DayCheck] = field(default_factory=dict)
+
+
+def check_recording(recording: Recording, laboratory: Laboratory) -> CalibrationCheck:
     """Compare a calibration with an empty recording of another day.
-
-    Parameters
-    ----------
-    recording
-        The empty treadmill, moving.
-    laboratory
-        With the calibration, the accelerometers' channels, and the correction of the plates.
-
-    Returns
-    -------
-    DayCheck
-        Whether the calibration is still valid, and what has changed.
 
     Raises
     ------
@@ -61,47 +59,47 @@ def check_recording(recording: Recording, laboratory: Laboratory) -> DayCheck:
     treadmill, calibration = laboratory.treadmill, laboratory.calibration
     assert calibration is not None
     names = [f"plate {plate.number}" for plate in recording.plates]
-    models = [calibration.plates[name] for name in names]
     clock, readings = accelerations(recording, treadmill)
-    if faults := _faults(models[0], readings, treadmill):
-        return DayCheck("faulty", faults, (), {})
-    first, *others = recording.plates
-    if any(not np.array_equal(plate.time, first.time) for plate in others):
-        raise ValueError(f"{file}: its plates are sampled at different times")
-    setup = models[0].setup
+    setup = calibration.plates[names[0]].setup
     assert setup is not None  # a calibration's models have one
-    felt = at_plate_times(
-        clock, setup.low_pass(readings, clock), first.time, treadmill, calibration.sensors
-    )
+    seen = readings[np.isfinite(readings).all(axis=1)]
+    found = check_trial(calibration.plates[names[0]], seen, treadmill.accelerometer_range_g)
+    if faults := tuple(note for note in found if note.code in FAULTS):
+        return CalibrationCheck(False, faults)
+    filtered, speed = setup.low_pass(readings, clock), fastest_belt(recording, treadmill)
     wrenches = wrenches_in_time(recording, setup, laboratory.plates)
-    known = np.isfinite(np.hstack([felt, *wrenches])).all(axis=1)
-    speed = fastest_belt(recording, treadmill)
-    try:
-        return check_another_day(
-            dict(zip(names, models, strict=True)),
-            felt[known],
-            {name: w[known] for name, w in zip(names, wrenches, strict=True)},
-            file,
-            _without_delay(calibration.sensors, models[0].sensors),
-            None if speed is None else interpolate(*speed, first.time)[known],
+    checked = {}
+    for name, plate, wrench in zip(names, recording.plates, wrenches, strict=True):
+        felt = at_plate_times(clock, filtered, plate.time, treadmill, calibration.sensors)
+        known = np.isfinite(np.hstack([felt, wrench])).all(axis=1)
+        belts = None if speed is None else interpolate(*speed, plate.time)[known]
+        with naming(recording.source):
+            checked[name] = check_another_day(
+                calibration.plates[name], felt[known], wrench[known], belts
+            )
+    faulty = [f"{name}: {', '.join(one.faults)}" for name, one in checked.items() if one.faults]
+    if faulty:
+        note = Note.of("calibration_outdated", recording=file, faults=faulty)
+        return CalibrationCheck(False, (note,), checked)
+    left, by_new = (
+        [max(np.linalg.norm(part) for part in parts) for parts in zip(*both, strict=True)]
+        for both in (
+            [np.split(one.left, 2) for one in checked.values()],
+            [np.split(one.left_by_new_fit, 2) for one in checked.values()],
         )
-    except ValueError as error:
-        raise ValueError(f"{file}: {error}") from error
+    )
+    note = Note.of(
+        "calibration_still_valid",
+        recording=file,
+        force_n=left[0],
+        moment_nm=left[1],
+        new_force_n=by_new[0],
+        new_moment_nm=by_new[1],
+    )
+    return CalibrationCheck(True, (note,), checked)
 
 
-def _faults(model: InertiaModel, readings: Array, treadmill: Treadmill) -> tuple[Note, ...]:
-    """Give what checks of trials find of the readings (N, k) that makes any comparison useless."""
-    known = readings[np.isfinite(readings).all(axis=1)]
-    found = check_trial(model, known, treadmill.accelerometer_range_g)
-    return tuple(note for note in found if note.code in FAULTS)
-
-
-def _without_delay(sensors: tuple[Sensor, ...], names: tuple[str, ...]) -> tuple[str, ...]:
-    """Give the sensors of which a calibration states a delay, or none, and did not estimate it."""
-    return tuple(s.name for s in sensors if not s.delay_error_s) if sensors else names
-
-
-def read_check(path: Path, laboratory: Laboratory, stated: Stated) -> DayCheck:
+def read_check(path: Path, laboratory: Laboratory, stated: Stated) -> CalibrationCheck:
     """Read a recording of another day and compare it with a calibration; once in a process.
 
     Parameters, result and errors are those of `check_recording` and `read_empty`.
@@ -125,7 +123,7 @@ def _checked(
     treadmill: str,
     plates: PlateCorrection | None,
     stated: Stated,
-) -> DayCheck:
+) -> CalibrationCheck:
     del version  # part of the key: a file written anew is checked anew
     channels = Treadmill.model_validate_json(treadmill)
     laboratory = Laboratory(channels, from_json(calibration), plates=plates)

@@ -15,10 +15,10 @@ from compensation import (
     fit_trials,
     refuse_unusable,
 )
-from compensation.alignment.sensor_delay import MODEL_ERROR_S
+from compensation.delay import MODEL_ERROR_S
 from compensation.inertia.choice import choose, weigh_beside
-from compensation.inertia.dynamic import LAGS_S
-from compensation.inertia.residual import residual_correlation
+from compensation.inertia.fit import LAGS_S
+from compensation.inertia.model_error import residual_correlation
 from compensation.inertia.sensors import QUANTILE_95, noise_for_fit
 from hbm.notes import Note
 from hbm.signals.resampling import resample
@@ -42,6 +42,9 @@ from pipeline.trial.ground.instruments import mean_belt_speed
 PLATES_NAME: Final = "plate_calibration"
 PLATES_SHA256: Final = "plate_calibration_sha256"
 """Keys of a calibration's provenance that name the correction of its plates."""
+MODEL: Final = "inertia_model"
+WEIGHT: Final = "weight_of_beside"
+"""Keys that say which model compensates trials, and how recordings of people weigh, and why."""
 BELTS_UNKNOWN: Final = "belts_unknown"
 """Key that names the recordings in which the speed of the belts is unknown."""
 MIN_APART_S: Final = 0.0005
@@ -112,7 +115,7 @@ def fit_calibration(
 
     found, compared = ([read(one) for one in recordings] for recordings in (beside, checks))
     trials = [(recording.source.name, own), *found]
-    weight, beside_in_words = weigh_beside(trials, k, setup.rate_hz)
+    weight, in_words = weigh_beside(trials, k, setup.rate_hz)
     if found:
         for name in own:
             of_plate = [
@@ -128,16 +131,16 @@ def fit_calibration(
         provenance[BESIDE] = "; ".join(
             f"{source}: {', '.join(empty)} empty" for source, empty in found
         )
+        provenance[WEIGHT] = in_words
     if None in belts:
         provenance[BELTS_UNKNOWN] = ", ".join(
             one.source.name for one, speed in zip(every, belts, strict=True) if speed is None
         )
-    choice, dynamic = choose(trials, static, compared, treadmill.inertia_model, weight)
-    choice = replace(choice, beside=beside_in_words)
+    provenance[MODEL], dynamic = choose(trials, static, compared, treadmill.inertia_model, weight)
     if plates is not None:
         provenance |= {PLATES_NAME: plates.name, PLATES_SHA256: plates.sha256}
     joint = _joint_correlation(recording, own, dynamic or static)
-    return Calibration(static, provenance, sensors, joint, dynamic, choice)
+    return Calibration(static, provenance, sensors, joint, dynamic)
 
 
 def _known(speeds: Sequence[float | None]) -> tuple[float, ...]:
@@ -206,13 +209,14 @@ def _joint_correlation(
     left = np.hstack(
         [models[n].compensate(a[:, : len(models[n].gain) - 1], w) for n, (a, w) in samples.items()]
     )
-    return residual_correlation(left - left.mean(axis=0), next(iter(models.values())).setup)
+    setup = next(iter(models.values())).setup
+    return residual_correlation(left - left.mean(axis=0), None if setup is None else setup.rate_hz)
 
 
 def _sensors(
     recording: Recording, treadmill: Treadmill, correction: PlateCorrection | None
 ) -> tuple[Sensor, ...]:
-    """Find the sensors' delays against the plates, their gains and their noise."""
+    """Find the sensors' delays against the plates, and their noise."""
     clock, readings = accelerations(recording, treadmill)
     setup = setup_of(recording, treadmill)
     filtered = setup.low_pass(readings, clock)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from compensation import InertiaModel, Sensor, Setup
-from compensation.inertia.checks import MIN_LOAD_N
+from compensation.inertia.quality import MIN_LOAD_N
 from hbm.signals.filtering import Method
 from hbm.signals.resampling import resample
 from hbm.spatial import Array
@@ -104,7 +104,7 @@ def plate_samples(
     treadmill
         Names of its accelerometers' channels and the cut-off.
     sensors
-        Of which delays and gains are undone.
+        Of which delays are undone.
     correction
         Of the plates, which may state their delays.
     lags_s

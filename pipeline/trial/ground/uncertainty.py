@@ -12,8 +12,7 @@ from typing import Final
 import numpy as np
 
 from compensation import Calibration, InertiaModel, PlatformPose
-from compensation.inertia.model import SLOW_HZ
-from compensation.inertia.model_error import RUNNING_MPS
+from compensation.inertia.model_error import RUNNING_MPS, SLOW_HZ
 from hbm.notes import Note
 from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.config.schema import Treadmill

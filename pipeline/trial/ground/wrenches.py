@@ -9,11 +9,11 @@ from compensation import (
     InertiaModel,
     PlatformPose,
 )
-from compensation.inertia.model import SLOW_HZ
+from compensation.inertia.model_error import SLOW_HZ
 from hbm.notes import Note
 from hbm.signals.filtering import Method
 from hbm.signals.resampling import interpolate, resample, resample_in_real_time
-from hbm.spatial import Array
+from hbm.spatial import Array, Mask
 from pipeline.io.recording import Plate, Recording
 from pipeline.trial.ground.accelerometers import (
     RealtimeAccelerometers,
@@ -84,6 +84,12 @@ class Ground:
     def best(self) -> str:
         """The variant that is closest to the truth: compensated where there is one."""
         return "compensated" if "compensated" in self.variants else "measured"
+
+    @property
+    def known(self) -> Mask:
+        """Frames in which every plate of every variant is known, (T,)."""
+        every = np.stack([wrench for each in self.variants.values() for wrench in each])
+        return np.asarray(np.isfinite(every).all(axis=(0, 2)))
 
     @property
     def of_each(self) -> list[tuple[Spread, Array]]:

@@ -1,24 +1,53 @@
-"""The treadmill with its instruments, and what these undergo when it moves."""
+"""The treadmill with its instruments: what these undergo when it moves, and what they record."""
 
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
-from hbm.spatial import Array
-from pipeline.virtual_lab.faults import Faults
+from hbm.markers import Markers
+from hbm.spatial import Array, shift_wrench
+from pipeline.io.recording import Plate
+from pipeline.io.units import acceleration_in_mps2
+from pipeline.virtual_lab.faults import Faults, PlatformFaults
 from pipeline.virtual_lab.machine.belts import Drives, carried_of_belts, make_drives, run_belts
-from pipeline.virtual_lab.machine.instruments.accelerometer import (
+from pipeline.virtual_lab.machine.instruments import (
+    FRAME_HZ,
+    PLATE_CENTERS_M,
     SENSOR_NAMES,
     Accelerometer,
+    Clock,
+    ForcePlate,
+    Stream,
+    add_noise,
     make_accelerometers,
+    make_force_plate,
+    measure_markers,
+    misplaced,
+    noise_sd_at,
+    recorded_plate,
 )
-from pipeline.virtual_lab.machine.instruments.force_plate import ForcePlate, make_force_plate
-from pipeline.virtual_lab.machine.instruments.sampling import FRAME_HZ, Clock
-from pipeline.virtual_lab.machine.structure import Structure, make_structure
-from pipeline.virtual_lab.machine.treadmill import Machine, TreadmillMotion, make_machine
-from pipeline.virtual_lab.machine.vibration import Loads, Pair, Response, respond
+from pipeline.virtual_lab.machine.platform import Machine, Pair, TreadmillMotion, make_machine
+from pipeline.virtual_lab.machine.structure import (
+    Loads,
+    Response,
+    Structure,
+    frame_shape,
+    make_structure,
+    respond,
+)
 
+RATE_PPM: Final = 1.0
+JITTER_S: Final = 0.00002
+"""Error of each instrument's clock, and of the instants of the converter of plates and
+accelerometers (SD); assumed, of instruments that are synchronised."""
+STREAM_JITTER_S: Final = 0.0003
+DOUBLED_PER_MINUTE: Final = 0.3
+"""Of the stream of belt speed and platform channels, of which a sample is now and then a repetition
+of the one before: 0.2 to 0.3 ms and one to three in six minutes are those of the recordings of Hnat
+and van den Bogert (2014)."""
+NOISE_MPS: Final = 0.005
+"""Of the belts' speed channels; assumed."""
 INSTRUMENT_STREAM: Final = 7
 """Number of the random numbers of the instruments, which are not those of a subject."""
 
@@ -124,7 +153,7 @@ def undergo(
         rng,
         people,
     )
-    loads = Loads(carried_of_belts(belts), people, on_frame, faults.machine.people_shake)
+    loads = Loads(carried_of_belts(belts), people, on_frame)
     response = respond(
         treadmill.structure,
         treadmill.machine.assemblies,
@@ -140,8 +169,138 @@ def undergo(
 def _clocks(faults: Faults, rng: np.random.Generator) -> list[Clock]:
     """Draw the clocks of both plates and of every accelerometer that there can be."""
     delays = [*faults.plates.delays_s, *[faults.accelerometers.delay_s] * len(SENSOR_NAMES)]
-    errors = 1e-6 * faults.clocks.rate_ppm * rng.standard_normal(len(delays))
+    errors = 1e-6 * faults.clocks.scale * RATE_PPM * rng.standard_normal(len(delays))
     return [
-        Clock(delay_s, rate, faults.clocks.jitter_s)
+        Clock(delay_s, rate, faults.clocks.scale * JITTER_S)
         for delay_s, rate in zip(delays, errors.tolist(), strict=True)
     ]
+
+
+PLATFORM_MARKERS_M: Final = {
+    "ROT_REF": (1.10, 0.72, 0.06),
+    "ROT_C1": (1.10, -0.72, 0.02),
+    "ROT_C2": (-1.10, -0.72, 0.08),
+    "ROT_C3": (-1.10, 0.72, 0.02),
+    "ROT_C4": (0.35, 0.76, 0.05),
+}
+"""Markers on the platform's rim, in its frame; assumed, not all in one plane and not symmetric."""
+BELT_CHANNELS: Final = ("Belt.Left", "Belt.Right")
+SWAY_CHANNEL: Final = "Platform.Sway"
+PITCH_CHANNEL: Final = "Platform.Pitch"
+PULSE_CHANNEL: Final = "Perturbation"
+PULSE_V: Final = 5.0
+"""Height of the pulse that marks the onset of a perturbation: a logic level."""
+PULSE_S: Final = 0.02
+PULSE_NOISE_V: Final = 0.01
+"""Duration of the pulse, and noise on its channel; assumed."""
+Channels = tuple[tuple[str, ...], tuple[str, ...], Array]
+"""Names, units and values, (N, C), of analog channels."""
+
+
+def measure_plates(
+    treadmill: InstrumentedTreadmill,
+    motion: TreadmillMotion,
+    response: Response,
+    rng: np.random.Generator,
+) -> tuple[Plate, ...]:
+    """Record what the plates' load cells carry."""
+    faults = treadmill.faults.plates
+    measured = [
+        plate.measure(misplaced(wrench, faults), motion.rate_hz, own)
+        for plate, wrench, own in zip(treadmill.plates, response.plates, rng.spawn(2), strict=True)
+    ]
+    return tuple(
+        recorded_plate(number, motion.time, shift_wrench(wrench, center))
+        for number, (wrench, center) in enumerate(
+            zip(measured, PLATE_CENTERS_M, strict=True), start=1
+        )
+    )
+
+
+def measure_accelerations(
+    treadmill: InstrumentedTreadmill,
+    motion: TreadmillMotion,
+    response: Response,
+    rng: np.random.Generator,
+) -> Channels:
+    """Record the accelerometers, in g."""
+    readings = [
+        sensor.measure(felt, motion.rate_hz, own)
+        for sensor, felt, own in zip(
+            treadmill.sensors, response.sensors, rng.spawn(len(treadmill.sensors)), strict=True
+        )
+    ]
+    names = tuple(f"{sensor.name}.{axis}" for sensor in treadmill.sensors for axis in "XYZ")
+    return names, ("g",) * len(names), np.hstack(readings) / acceleration_in_mps2("g")
+
+
+def measure_belts(
+    treadmill: InstrumentedTreadmill,
+    motion: TreadmillMotion,
+    response: Response,
+    names: tuple[str, ...],
+    rng: np.random.Generator,
+) -> Channels:
+    """Record the speed of as many belts as there are names, the left one first."""
+    faults, rate_hz = treadmill.faults, motion.rate_hz
+    # a motor's reports are uneven already
+    jitter_s = faults.clocks.scale * STREAM_JITTER_S if treadmill.drives is None else 0.0
+    stream = Stream(0.0, jitter_s, faults.clocks.scale * DOUBLED_PER_MINUTE, held=True)
+    noise = noise_sd_at(faults.belts.roughness * NOISE_MPS, rate_hz)
+    columns = []
+    for belt, own, _ in zip(response.belts, rng.spawn(len(response.belts)), names, strict=False):
+        reported = stream.sample(belt.reported_speed[:, None], rate_hz, own.spawn(1)[0])
+        add_noise(reported, noise, own)
+        columns.append(reported)
+    return names, ("m/s",) * len(names), np.hstack(columns)
+
+
+def measure_platform(
+    treadmill: InstrumentedTreadmill,
+    motion: TreadmillMotion,
+    response: Response,
+    rng: np.random.Generator,
+) -> Markers:
+    """Record the markers on the platform."""
+    step = round(motion.rate_hz / FRAME_HZ)
+    pose = motion.platform.every(step).pose
+    places = []
+    for place in map(np.array, PLATFORM_MARKERS_M.values()):
+        moved = place + response.frame @ frame_shape(place)[:3].T
+        places.append(pose.position + (pose.rotation @ moved[..., None])[..., 0])
+    measured = measure_markers(np.stack(places, axis=1), treadmill.faults.cameras, rng, FRAME_HZ)
+    return Markers(motion.time[::step], tuple(PLATFORM_MARKERS_M), measured)
+
+
+def _pose_delay(faults: PlatformFaults, rng: np.random.Generator) -> float:
+    """Draw how late the platform's channels are in one recording [s]."""
+    if faults.replay_frames == 0:
+        return faults.delay_s
+    frames = rng.integers(-faults.replay_frames, faults.replay_frames, endpoint=True)
+    return faults.delay_s + float(frames) / FRAME_HZ
+
+
+def measure_pose(
+    treadmill: InstrumentedTreadmill, motion: TreadmillMotion, rng: np.random.Generator
+) -> Channels:
+    """Record sway and pitch as the platform's controller reports them."""
+    of_delay, of_stream = rng.spawn(2)
+    sway_mm, pitch_deg = 1000 * motion.platform.sway[0], np.degrees(motion.platform.pitch[0])
+    true = np.column_stack([sway_mm, pitch_deg])
+    delay_s = _pose_delay(treadmill.faults.platform, of_delay)
+    scale = treadmill.faults.clocks.scale
+    stream = Stream(delay_s, scale * STREAM_JITTER_S, scale * DOUBLED_PER_MINUTE)
+    return (
+        (SWAY_CHANNEL, PITCH_CHANNEL),
+        ("mm", "deg"),
+        stream.sample(true, motion.rate_hz, of_stream),
+    )
+
+
+def measure_pulses(motion: TreadmillMotion, rng: np.random.Generator) -> Channels:
+    """Record the pulses that mark the onsets of perturbations."""
+    time, pulse = motion.time, np.zeros((len(motion.time), 1))
+    for onset in motion.onsets:
+        pulse[(time >= onset) & (time < onset + PULSE_S)] += PULSE_V
+    add_noise(pulse, PULSE_NOISE_V, rng)
+    return (PULSE_CHANNEL,), ("V",), pulse

@@ -1,17 +1,24 @@
-"""The platform that carries both plates: how it sways and pitches, and what its points undergo.
+"""The platform and the belt assemblies on it: how they move, and what load cells carry of them.
 
-All formulas are those of a rigid body with one rotation axis, written out.
+All formulas are those of a rigid body with one rotation axis, written out. The load cells of a
+plate carry a belt assembly: they measure what the person puts on the plate, and the assembly's own
+inertia and changing weight, in the platform's moving frame.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
+from scipy.signal import cont2discrete, lfilter
 
-from compensation.platform.pose import PlatformPose
-from hbm.spatial import GRAVITY_MPS2, Array
-from pipeline.virtual_lab.trajectories import Trajectory, fit_trajectory
+from compensation.platform import PlatformPose
+from compensation.signals import MachineLimits
+from hbm.spatial import GRAVITY_MPS2, Array, skew
+from pipeline.virtual_lab.faults import MachineFaults
+from pipeline.virtual_lab.trajectories import Trajectory, fit_trajectory, smooth_step
 
+Pair = tuple[Array, Array]
+"""Of the left and the right plate or belt."""
 TERMS: Final = 5
 """Number of `motion_terms`."""
 STATIONARY_KNOTS: Final = 20
@@ -148,3 +155,236 @@ def _turned_about(pivot: Array, sway: Array, pitch: Array) -> PlatformPose:
     x, _, z = pivot
     origin = np.column_stack([x - c * x - s * z, sway, z + s * x - c * z])
     return PlatformPose(rotation, origin)
+
+
+@dataclass(frozen=True, slots=True)
+class Assembly:
+    """A belt with its frame, rollers and motor, carried by the load cells of one plate.
+
+    Attributes
+    ----------
+    mass
+        [kg].
+    center
+        Centre of mass in the platform frame, (3,) [m].
+    tensor
+        Moment of inertia about the centre of mass, platform axes, (3, 3) [kg·m²].
+    """
+
+    mass: float
+    center: tuple[float, float, float]
+    tensor: tuple[tuple[float, ...], ...]
+
+    def weighing(self, mass: float) -> "Assembly":
+        """Give an assembly of another mass [kg], distributed as this one's."""
+        x, y, z = (mass / self.mass * np.array(self.tensor)).tolist()
+        return Assembly(mass, self.center, (tuple(x), tuple(y), tuple(z)))
+
+
+LEFT_ASSEMBLY: Final = Assembly(
+    150.0, (0.34, 0.27, -0.12), ((5.2, 0.3, -0.6), (0.3, 46.0, 0.2), (-0.6, 0.2, 47.0))
+)
+RIGHT_ASSEMBLY: Final = Assembly(
+    150.0, (0.31, -0.26, -0.13), ((5.0, -0.4, 0.5), (-0.4, 45.0, -0.2), (0.5, -0.2, 46.0))
+)
+"""150 kg each is what the thesis states. Centres and tensors are assumed: the motor and the driving
+roller are at the front, and the tensors are about those of a box of 1.9 m by 0.6 m by 0.2 m with
+small products of inertia, so that no axis of the platform is a principal axis."""
+
+
+@dataclass(frozen=True, slots=True)
+class Machine:
+    """Mechanical properties of the treadmill.
+
+    Attributes
+    ----------
+    assemblies
+        Belt assemblies of the left and the right plate.
+    pivot_m
+        A point of the pitch axis with the platform in neutral, (3,) [m]; its height is assumed.
+    limits
+        Ranges and speeds that the platform's actuators do not exceed, whatever the command.
+    sway_hz, pitch_hz
+        Bandwidths of the actuators, which respond as critically damped second-order systems. At
+        7 Hz a step of 5 cm reaches its 0.3 m/s with the 5 m/s² that `compensation.MachineLimits`
+        assumes; the pitch bandwidth is assumed.
+    servo_hz
+        Bandwidth of the belts' speed control, critically damped; assumed.
+    belt_hz, belt_damping
+        Natural frequency and damping ratio of the second-order response of a plate's pitch moment
+        to belt acceleration (Hnat and van den Bogert 2014); values assumed.
+    belt_moment_kg_m
+        Pitch moment per belt acceleration in the steady state [N·m per m/s²]; assumed.
+    """
+
+    assemblies: tuple[Assembly, Assembly] = (LEFT_ASSEMBLY, RIGHT_ASSEMBLY)
+    pivot_m: tuple[float, float, float] = (0.0, 0.0, -0.25)
+    limits: MachineLimits = field(default_factory=MachineLimits)
+    sway_hz: float = 7.0
+    pitch_hz: float = 3.0
+    servo_hz: float = 10.0
+    belt_hz: float = 9.0
+    belt_damping: float = 0.4
+    belt_moment_kg_m: float = 4.0
+
+
+def make_machine(faults: MachineFaults) -> Machine:
+    """Give the treadmill whose mechanical properties a setting states."""
+    return Machine(
+        assemblies=(
+            LEFT_ASSEMBLY.weighing(faults.assembly_kg),
+            RIGHT_ASSEMBLY.weighing(faults.assembly_kg),
+        ),
+        sway_hz=faults.sway_hz,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class BeltRamp:
+    """Belt speed that rises smoothly from rest and then stays constant.
+
+    Attributes
+    ----------
+    speed_mps
+        Final speed [m/s].
+    start, ramp
+        When the belt starts, and how long it takes to reach its final speed [s].
+    """
+
+    speed_mps: float
+    start: float
+    ramp: float
+
+    def speed(self, time: Array) -> Array:
+        """Give the speed, (T,) [m/s]."""
+        return self.speed_mps * smooth_step((time - self.start) / self.ramp)
+
+    def travelled(self, time: Array) -> Array:
+        """Give the distance that the belt has travelled, the integral of its speed, (T,) [m]."""
+        since = time - self.start
+        x = np.clip(since / self.ramp, 0.0, 1.0)
+        ramping = self.ramp * (x**6 - 3 * x**5 + 2.5 * x**4)
+        return np.asarray(self.speed_mps * (ramping + np.maximum(since - self.ramp, 0.0)))
+
+
+@dataclass(frozen=True, slots=True)
+class TreadmillMotion:
+    """How the treadmill moves in a trial, sample by sample.
+
+    Attributes
+    ----------
+    time
+        (N,) [s], at 1000 Hz in recordings with a person.
+    platform
+        The platform's true motion at these times.
+    belt
+        Commanded speed of both belts, (N,) [m/s].
+    onsets
+        When perturbations start, (P,) [s].
+    """
+
+    time: Array
+    platform: PlatformMotion
+    belt: Array
+    onsets: Array
+
+    @property
+    def rate_hz(self) -> float:
+        """Sampling rate [Hz]."""
+        return round(1 / float(self.time[1] - self.time[0]), 6)
+
+
+def move_platform(machine: Machine, sway: Array, pitch: Array, rate_hz: float) -> PlatformMotion:
+    """Follow commanded sway and pitch within the machine's limits, starting at rest.
+
+    Parameters
+    ----------
+    machine
+        Limits and bandwidths.
+    sway, pitch
+        Commanded, (N,) [m] and [rad].
+    rate_hz
+        Sampling rate of the commands [Hz].
+
+    Returns
+    -------
+    PlatformMotion
+        Positions with their exact derivatives.
+    """
+    limits = machine.limits
+    pitch_rad, pitch_rad_per_s = np.radians([limits.pitch_deg, limits.pitch_deg_per_s])
+    sway = _limited(sway, limits.sway_m, limits.sway_m_per_s, rate_hz)
+    pitch = _limited(pitch, pitch_rad, pitch_rad_per_s, rate_hz)
+    return PlatformMotion(
+        follow(sway, machine.sway_hz, rate_hz),
+        follow(pitch, machine.pitch_hz, rate_hz),
+        np.array(machine.pivot_m),
+    )
+
+
+def _limited(command: Array, max_value: float, max_speed: float, rate_hz: float) -> Array:
+    """Limit a command to a range and a speed.
+
+    A critically damped second-order system has a positive impulse response of unit area: following
+    the limited command it exceeds neither.
+    """
+    within = np.clip(command, -max_value, max_value)
+    step = max_speed / rate_hz
+    if np.abs(np.diff(within)).max(initial=0.0) <= step:
+        return within
+    value, values = float(within[0]), []
+    for wanted in within.tolist():
+        value += min(max(wanted - value, -step), step)
+        values.append(value)
+    return np.array(values)
+
+
+def follow(command: Array, bandwidth_hz: float, rate_hz: float) -> Array:
+    """Respond as a critically damped second-order system to a command linear between samples.
+
+    Gives value, velocity and acceleration, (3, N).
+    """
+    omega = 2 * np.pi * bandwidth_hz
+    rest = float(command[0])
+    rows = []
+    for derivative in range(3):
+        numerator = np.array([omega**2, *[0.0] * derivative])
+        denominator = np.array([1, 2 * omega, omega**2])
+        b, a, _ = cont2discrete((numerator, denominator), 1 / rate_hz, method="foh")
+        rows.append(lfilter(b.ravel(), a, command - rest))
+    rows[0] += rest
+    return np.stack(rows)
+
+
+LEFTWARD: Final = np.array([0.0, 1.0, 0.0])
+"""Direction of the pitch axis in the platform frame."""
+
+
+def inertial_wrench(assembly: Assembly, pivot: Array) -> Array:
+    """Give what the load cells of a rigid platform measure of their own belt assembly.
+
+    Parameters
+    ----------
+    assembly
+        On the cells.
+    pivot
+        A point of the pitch axis in the platform frame, (3,) [m].
+
+    Returns
+    -------
+    Array
+        By `motion_terms`, tared at rest in neutral, in the platform frame about its origin, with
+        the sign of an action on a person standing there, (6, 5) [N, N·m per term].
+    """
+    force = assembly.mass * felt_by_terms(np.array(assembly.center), pivot)
+    moment = skew(assembly.center) @ force
+    column = np.array(assembly.tensor) @ LEFTWARD
+    moment[:, 1] += column
+    moment[:, 2] += np.cross(LEFTWARD, column)
+    return np.vstack([force, moment])
+
+
+def weight_of(assembly: Assembly) -> Array:
+    """Give what the cells of an assembly carry at rest in neutral, about the origin, (6,)."""
+    force = np.array([0.0, 0.0, assembly.mass * GRAVITY_MPS2])
+    return np.concatenate([force, np.cross(assembly.center, force)])

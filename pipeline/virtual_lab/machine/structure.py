@@ -2,16 +2,33 @@
 
 Small displacements from where the actuators put a rigid platform, in the platform's own axes. The
 frame has six rigid coordinates about the platform's origin and the shapes `SHAPES`, each belt
-assembly six about the same origin; four load cells connect it with the frame.
+assembly six about the same origin; four load cells connect it with the frame. The commanded motion
+accelerates the structure and turns it in gravity; people and drives push it. It vibrates about the
+commanded motion: load cells, accelerometers and markers go with it.
 """
 
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from hbm.spatial import Array, skew
-from pipeline.virtual_lab.machine.treadmill import LEFT_ASSEMBLY, RIGHT_ASSEMBLY, Assembly
+from pipeline.virtual_lab.machine.belts import BeltMotion
+from pipeline.virtual_lab.machine.platform import (
+    LEFT_ASSEMBLY,
+    RIGHT_ASSEMBLY,
+    TERMS,
+    Assembly,
+    Pair,
+    PlatformMotion,
+    felt_by_terms,
+    inertial_wrench,
+    motion_terms,
+    specific_force,
+    weight_of,
+)
 
 SHAPES: Final = ("vertical bending", "twist", "sideways bending")
 FRAME: Final = 6 + len(SHAPES)
@@ -290,3 +307,276 @@ def _inertia_of_frame(mass: Array, cells: list[Springs]) -> Array:
         follow = -np.linalg.solve(stiffness[part, part], stiffness[part, :FRAME])
         total += follow.T @ mass[part, part] @ follow
     return total
+
+
+Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, slots=True)
+class Modes:
+    """Complex modes ``ż = λ z + b u`` of which a structure's motion is the sum.
+
+    Attributes
+    ----------
+    shapes
+        State of the structure by mode, of each conjugate pair one, (42, 21).
+    by_inputs
+        What excites the modes, (21, inputs).
+    decay, now, before
+        The modes at the next sample: ``decay * z`` and the weights of what excites them at that
+        sample and at this one, (21,) each.
+    at_rest
+        The modes under a constant excitation, by this, (21,).
+    """
+
+    shapes: Complex
+    by_inputs: Complex
+    decay: Complex
+    now: Complex
+    before: Complex
+    at_rest: Complex
+
+    @classmethod
+    def of(cls, structure: Structure, load_of_inputs: Array, rate_hz: float) -> "Modes":
+        """Find the modes of a structure, excited by inputs that are linear between samples."""
+        values, vectors = np.linalg.eig(state_matrix(structure))
+        accelerating = np.zeros((2 * COORDINATES, load_of_inputs.shape[1]))
+        accelerating[COORDINATES:] = np.linalg.solve(structure.mass, load_of_inputs)
+        excited = np.linalg.solve(vectors, accelerating.astype(complex))
+        one = values.imag > 0
+        if np.count_nonzero(one) != COORDINATES:
+            raise ValueError(
+                f"the structure vibrates in {np.count_nonzero(one)} modes, expected {COORDINATES}; "
+                "lower assembly_kg or flexibility"
+            )
+        value = values[one].astype(complex)
+        x = np.asarray(value / rate_hz, complex)
+        grown: Complex = np.exp(x)
+        now: Complex = (grown - 1 - x) / x**2 / rate_hz
+        before: Complex = (grown - 1) / x / rate_hz - now
+        return cls(
+            vectors[:, one], excited[one], grown, now, before, np.asarray(-1 / value, complex)
+        )
+
+    def readout(self, output: Array) -> Array:
+        """Give the matrix from real and imaginary parts of the modes to outputs of the state."""
+        by_mode = 2 * output @ self.shapes
+        return np.hstack([by_mode.real, -by_mode.imag])
+
+    def advance(self, inputs: Array, state: Complex | None) -> tuple[Array, Complex]:
+        """Give real and imaginary parts of the modes, (42, n), and the state of their filters."""
+        parts = np.vstack([self.by_inputs.real, self.by_inputs.imag]) @ inputs
+        modes = len(self.decay)
+        if state is None:
+            first = parts[:modes, 0] + 1j * parts[modes:, 0]
+            state = (self.at_rest - self.now) * first
+        after = np.empty_like(state)
+        for k, (decay, now, before) in enumerate(
+            zip(self.decay, self.now, self.before, strict=True)
+        ):
+            exciting = parts[k] + 1j * parts[modes + k]
+            moved, after[k : k + 1] = lfilter(
+                [now, before], [1, -decay], exciting, zi=state[k : k + 1]
+            )
+            parts[k], parts[modes + k] = moved.real, moved.imag
+        return parts, after
+
+
+CHUNK_SAMPLES: Final = 8_000
+"""Computed at a time, so that all modes stay in the processor's cache."""
+
+
+@dataclass(frozen=True, slots=True)
+class Loads:
+    """What acts on the treadmill beside its own inertia and weight, in platform axes.
+
+    Attributes
+    ----------
+    drives
+        What the left and the right plate have to carry of belts, rollers and motors, about the
+        platform's origin, (N, 6) each [N, N·m].
+    people
+        Ground reaction of the left and the right plate on people, likewise; None for nobody.
+    on_frame
+        Action of people on the frame beside the belts, likewise, (N, 6); None for nobody.
+    """
+
+    drives: Pair
+    people: Pair | None = None
+    on_frame: Array | None = None
+
+    @property
+    def shaking(self) -> list[Array]:
+        """What makes the structure vibrate: on the left and the right plate, and on the frame."""
+        on_plates = list(self.drives)
+        if self.people is not None:
+            on_plates = [drive + load for drive, load in zip(on_plates, self.people, strict=True)]
+        return on_plates if self.on_frame is None else [*on_plates, self.on_frame]
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """What the treadmill's parts undergo, sample by sample.
+
+    Attributes
+    ----------
+    plates
+        What the load cells of the left and the right plate carry, with the sign of an action on a
+        person standing there, tared at rest in neutral: in the axes of the vibrating assembly about
+        the point of it that rests in the platform's origin, (N, 6) each [N, N·m].
+    sensors
+        Specific force at each place, in the axes of the vibrating frame there, (N, 3) each [m/s²].
+    frame
+        Coordinates of the frame relative to the commanded motion at every ``step``-th sample,
+        (F, 9) [m, rad]; `frame_shape` gives the displacement of a place.
+    people
+        The load of people that is part of ``plates``; None for nobody.
+    belts
+        The left and the right belt, where they are known.
+    """
+
+    plates: Pair
+    sensors: tuple[Array, ...]
+    frame: Array
+    people: Pair | None = None
+    belts: tuple[BeltMotion, ...] = ()
+
+    @property
+    def artefacts(self) -> Pair:
+        """What the cells carry of the treadmill itself: all but the load of people."""
+        if self.people is None:
+            return self.plates
+        left, right = (all_ - own for all_, own in zip(self.plates, self.people, strict=True))
+        return left, right
+
+
+def respond(
+    structure: Structure | None,
+    assemblies: tuple[Assembly, Assembly],
+    motion: PlatformMotion,
+    loads: Loads,
+    places: tuple[Array, ...],
+    rate_hz: float,
+    step: int,
+) -> Response:
+    """Give the response of the structure, which rests under its first loads at the beginning.
+
+    Parameters
+    ----------
+    structure
+        None for a rigid one.
+    assemblies
+        Left and right belt assembly, those of the structure.
+    motion
+        Of the platform as its actuators move it, N samples.
+    loads
+        Of people and drives.
+    places
+        Of accelerometers on the frame, (3,) each [m].
+    rate_hz
+        Sampling rate [Hz].
+    step
+        Samples from one value of ``Response.frame`` to the next.
+
+    Returns
+    -------
+    Response
+        Without a structure the rigid answer.
+
+    Notes
+    -----
+    The complex modes of ``M q̈ + C q̇ + K q = load`` are independent first-order systems, which are
+    solved exactly for loads that are linear between samples. The plates' wrench is the elastic and
+    damping force of their cells, so that a constant load is carried exactly.
+    """
+    terms = motion_terms(motion)
+    by_terms = [inertial_wrench(assembly, motion.pivot) for assembly in assemblies]
+    sensors = tuple(specific_force(motion, place) for place in places)
+    count = len(range(0, len(terms), step))
+    if structure is None:
+        plates = np.stack(
+            [terms @ wrench.T + own for wrench, own in zip(by_terms, loads.drives, strict=True)]
+        )
+        if loads.people is not None:
+            plates += loads.people
+        return Response((plates[0], plates[1]), sensors, np.zeros((count, FRAME)), loads.people)
+
+    series = [terms, *loads.shaking]
+    by_inputs = _load_of_inputs(by_terms, motion.pivot)[:, : sum(part.shape[1] for part in series)]
+    modes = Modes.of(structure, by_inputs, rate_hz)
+    output, through = _output(structure, by_inputs, places)
+    readout = modes.readout(output)
+    of_frame = modes.readout(np.eye(FRAME, 2 * COORDINATES))
+    weights = [weight_of(assembly) for assembly in assemblies]
+    plates, frame = np.empty((2, len(terms), 6)), np.empty((count, FRAME))
+    chunk = CHUNK_SAMPLES // step * step
+    state: Complex | None = None
+    for start in range(0, len(terms), chunk):
+        now = slice(start, start + chunk)
+        inputs = np.concatenate([part[now].T for part in series])
+        modal, state = modes.advance(inputs, state)
+        found = readout @ modal + through @ inputs
+        frame[start // step : -(-(start + inputs.shape[1]) // step)] = (
+            of_frame @ modal[:, ::step]
+        ).T
+        for k, weight in enumerate(weights):
+            wrench, moved = found[12 * k : 12 * k + 6], found[12 * k + 6 : 12 * k + 12]
+            plates[k, now] = _in_moved_axes(wrench, weight, moved).T
+        for k, sensor in enumerate(sensors):
+            own = found[24 + 6 * k : 30 + 6 * k]
+            felt = sensor[now].T
+            sensor[now] = (felt + own[:3] - _cross(own[3:], felt)).T
+    return Response((plates[0], plates[1]), sensors, frame, loads.people)
+
+
+def _load_of_inputs(by_terms: list[Array], pivot: Array) -> Array:
+    """Give the load on the structure by motion terms, what both plates carry, and on the frame."""
+    load = np.zeros((COORDINATES, TERMS + 18))
+    for node in FRAME_NODES_M:
+        felt = FRAME_KG / len(FRAME_NODES_M) * felt_by_terms(node, pivot)
+        load[:FRAME, :TERMS] -= frame_shape(node)[:3].T @ felt
+    for k, (part, wrench) in enumerate(zip(ASSEMBLIES, by_terms, strict=True)):
+        load[part, :TERMS] = -wrench
+        load[part, TERMS + 6 * k : TERMS + 6 * k + 6] = -np.eye(6)
+    load[:6, TERMS + 12 :] = np.eye(6)
+    return load
+
+
+def _output(
+    structure: Structure, load_of_inputs: Array, places: tuple[Array, ...]
+) -> tuple[Array, Array]:
+    """Give what is read of the state, and directly of the inputs.
+
+    Of each plate the cells' wrench and the assembly's coordinates; of each place of the frame its
+    acceleration and rotation: six rows each.
+    """
+    accelerating = state_matrix(structure)[COORDINATES:]
+    by_load = np.linalg.solve(structure.mass, load_of_inputs)
+    rows, through = [], []
+    for part, (by_displacement, by_velocity) in zip(ASSEMBLIES, structure.cells, strict=True):
+        rows += [np.hstack([by_displacement, by_velocity]), np.eye(2 * COORDINATES)[part]]
+        through.append(np.zeros((12, load_of_inputs.shape[1])))
+    for place in places:
+        shape = frame_shape(place)
+        rotation = np.zeros((3, 2 * COORDINATES))
+        rotation[:, :FRAME] = shape[3:]
+        rows += [shape[:3] @ accelerating[:FRAME], rotation]
+        through += [shape[:3] @ by_load[:FRAME], np.zeros((3, load_of_inputs.shape[1]))]
+    return np.vstack(rows), np.vstack(through)
+
+
+def _in_moved_axes(wrench: Array, weight: Array, moved: Array) -> Array:
+    """Give a tared wrench, (6, n), in axes that are displaced and turned a little, about them."""
+    total = wrench + weight[:, None]
+    force, shift, turn = total[:3], moved[:3], moved[3:]
+    seen = wrench.copy()
+    seen[:3] -= _cross(turn, force)
+    seen[3:] -= _cross(turn, total[3:]) + _cross(shift, force)
+    return seen
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Give the cross product of vectors in columns, (3, n)."""
+    return np.stack(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )

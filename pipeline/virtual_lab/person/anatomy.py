@@ -1,8 +1,14 @@
-"""Marker positions of a person in a T-pose: a reference person, scaled limb by limb."""
+"""A person in the T-pose: markers, and the joints that the Human Body Model finds from them.
+
+The markers are those of a reference person, scaled limb by limb. The joints are the laboratory's
+own statement of that model: joint centres midway between markers and by the published regressions
+below, straightened limbs as the zero of the angles. It is used for people whose mechanics are the
+model's, and as the mean from which other people differ.
+"""
 
 import csv
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
 from typing import Final
@@ -10,7 +16,100 @@ from typing import Final
 import numpy as np
 
 from hbm.segments import Sex
-from hbm.spatial import Array
+from hbm.spatial import Array, axes_from, distance, perpendicular, rotation_about, unit
+from pipeline.virtual_lab.person.body import LINKS, PARENT
+
+SIDES: Final = {"right": 1.0, "left": -1.0}
+"""Side -> sign of its medial direction, where left is positive."""
+
+
+@dataclass(slots=True)
+class Anatomy:
+    """A person in the T-pose.
+
+    Attributes
+    ----------
+    points
+        Joint centres and segment ends by name, (3,) [m], lab axes.
+    rotations
+        Segment -> orientation of its frame (columns: forward, left, up of the straight posture).
+    q
+        Coordinate -> value in the T-pose [rad and m]; those that are absent are zero.
+    axes
+        Coordinate -> axis in the frame before its rotation, (3,), where it is the person's own.
+    ends
+        Segment -> its proximal and distal end and a lateral direction, (3, 3), lab axes.
+    """
+
+    points: dict[str, Array] = field(default_factory=dict)
+    rotations: dict[str, Array] = field(default_factory=dict)
+    q: dict[str, float] = field(default_factory=dict)
+    axes: dict[str, Array] = field(default_factory=dict)
+    ends: dict[str, Array] = field(default_factory=dict)
+
+    def origin(self, segment: str) -> Array:
+        """Give the joint that carries a segment, (3,) [m], lab axes."""
+        return self.points[_JOINT.get(segment) or _limb_joint(segment)]
+
+
+_JOINT: Final = {"pelvis": "pelvis", "mid_trunk": "lumbar", "thorax": "mid_trunk", "head": "neck"}
+_LIMB_JOINT: Final = {
+    **{"shoulder": "shoulder", "upper_arm": "shoulder", "forearm": "elbow", "hand": "wrist"},
+    **{"thigh": "hip", "shank": "knee", "talus": "ankle", "foot": "subtalar", "toes": "toes"},
+}
+
+
+def _limb_joint(segment: str) -> str:
+    side, _, part = segment.partition("_")
+    return f"{side}_{_LIMB_JOINT[part]}"
+
+
+def about(axis: Array, zero: Array, direction: Array) -> float:
+    """Give the angle about an axis from one direction to another [rad]."""
+    first, second = perpendicular(zero, axis), perpendicular(direction, axis)
+    return float(np.arctan2(axis @ np.cross(first, second), first @ second))
+
+
+def angles(
+    rotation: Array, order: tuple[tuple[float, float, float], ...]
+) -> tuple[float, float, float]:
+    """Give the three angles of a rotation about signed coordinate axes, in sequence [rad].
+
+    Parameters
+    ----------
+    rotation
+        The product of the three rotations, (3, 3).
+    order
+        Their axes: unit vectors along plus or minus x, y and z, each once.
+
+    Returns
+    -------
+    tuple of float
+        The second within ± 90°.
+    """
+    i, j, k = (int(np.flatnonzero(axis)[0]) for axis in order)
+    sign = [sum(axis) for axis in order]
+    parity = 1.0 if (j - i) % 3 == 1 else -1.0
+    first = np.arctan2(-parity * rotation[j, k], rotation[k, k])
+    second = np.arcsin(np.clip(parity * rotation[i, k], -1, 1))
+    third = np.arctan2(-parity * rotation[i, j], rotation[i, i])
+    return (float(sign[0] * first), float(sign[1] * second), float(sign[2] * third))
+
+
+def offsets_of(anatomy: Anatomy) -> dict[str, Array]:
+    """Give each segment's joint in the parent's frame, (3,) [m]."""
+    return {
+        s: anatomy.rotations[p].T @ (anatomy.origin(s) - anatomy.origin(p))
+        for s, p in PARENT.items()
+    }
+
+
+def axes_of(anatomy: Anatomy) -> Array:
+    """Give the axes of all coordinates, (55, 3)."""
+    return np.array(
+        [anatomy.axes[link.name] if link.axis is None else link.axis for link in LINKS], float
+    )
+
 
 HEIGHTS_M: Final = (0.0, 0.076, 0.520, 0.948, 1.477, 1.782)
 """Floor, ankle, knee, hip, neck and crown of the reference person (``t_pose.csv``)."""
@@ -19,7 +118,6 @@ REACHES_M: Final = (0.0, 0.190, 0.478, 0.752, 0.840)
 BREADTHS: Final[dict[Sex, tuple[float, float]]] = {
     "male": (1.0, 1.0),
     "female": (1.04, 0.92),
-    "unspecified": (1.02, 0.96),
 }
 """Breadth of pelvis and shoulders by that of the reference man of the same stature; assumed."""
 
@@ -121,3 +219,264 @@ def _reference() -> dict[str, tuple[str, tuple[float, float, float]]]:
 
 def _other_side(name: str) -> str:
     return "FLTHI" if name == "FRTHI" else "L" + name[1:] if name.startswith("R") else name
+
+
+SKIN_M: Final = 0.009
+"""Distance of a marker's centre from the skin."""
+LUMBAR: Final = {"male": (-0.264, 0.126), "female": (-0.289, 0.172)}
+"""L5/S1 from mid-ASIS, forward and up, by the ASIS' distance (Reed et al. 1999, SAE 1999-01-0959;
+Dumas et al. 2007)."""
+NECK: Final = {"male": (0.55, 8.0), "female": (0.53, 14.0)}
+"""C7/T1 from C7: share of the distance to the jugular notch, and elevation [deg] (the same)."""
+SHOULDER_DROP: Final = 0.17
+"""Shoulder below the acromion by the acromions' distance (Rab et al. 2002, J Orthop Res 20:71)."""
+KNEE_WIDTH: Final = 0.118
+ANKLE_WIDTH: Final = 0.085
+"""Half a joint's width by the distance of lateral epicondyle and malleolus, where the marker set
+shows no medial side (Reed et al. 1999)."""
+TOE_TIP: Final = 1.25
+"""Length of the foot by the distance of heel and second metatarsal head; typical."""
+SUBTALAR_DEG: Final = 42.0, 16.0
+"""Inclination and medial deviation of the subtalar axis (Manter 1941, Anat Rec 80:397)."""
+MIDDLES: Final = {
+    "mid_asis": ("RASIS", "LASIS"),
+    "mid_psis": ("RPSIS", "LPSIS"),
+    "trunk_bottom": ("T10", "XIPH"),
+    "trunk_top": ("C7", "JN"),
+    "mid_head": ("RHEAD", "LHEAD"),
+}
+JOINTS: Final = {
+    "knee": ("LEK", "MEK", 1.0),
+    "ankle": ("LM", "MM", 1.0),
+    "elbow": ("LEE", "MEE", 1.0),
+    "wrist": ("LW", "MW", -1.0),
+    "toes": ("MT2", "MT5", -1.0),
+}
+"""Points midway between two markers, and joints with the sign of the way from one to the other in
+medial direction: Dumas et al. 2007 (J Biomech 40:543)."""
+Landmarks = Mapping[str, Array]
+
+
+def locate(at: Landmarks, shown: frozenset[str], sex: Sex, navel: float) -> Anatomy:
+    """Find joint centres, frames and joint angles of a person who stands in a T-pose.
+
+    Parameters
+    ----------
+    at
+        All points of the reference person, by the names of the Human Body Model 2, (3,) [m].
+    shown
+        Which of them the marker set shows. Where it shows no medial side of knee and ankle, no
+        second metatarsal head or no malleolus, the joints follow from what it shows.
+    sex
+        Of the person.
+    navel
+        Way from xiphoid to navel, as a share of that to mid-hip.
+
+    Returns
+    -------
+    Anatomy
+        In lab axes.
+
+    Notes
+    -----
+    Hips: Harrington et al. 2007 (J Biomech 40:595), Table 3, less `SKIN_M`.
+    """
+    anatomy = Anatomy()
+    points, axes = _combinations(at)
+    anatomy.points |= points
+    _pelvis(anatomy, at, shown, sex)
+    for side in SIDES:
+        _leg(anatomy, at, shown, side, axes)
+    _trunk_and_head(anatomy, at, sex, navel)
+    for side in SIDES:
+        _arm(anatomy, at, side, axes)
+    return anatomy
+
+
+def _combinations(at: Landmarks) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Give points midway between markers, and the joints' axes, which point to the left."""
+    points, axes = {name: (at[a] + at[b]) / 2 for name, (a, b) in MIDDLES.items()}, {}
+    for side, medial in SIDES.items():
+        for joint, (first, second, inward) in JOINTS.items():
+            one, other = (at[side[0].upper() + marker] for marker in (first, second))
+            points[f"{side}_{joint}"] = (one + other) / 2
+            axes[f"{side}_{joint}"] = medial * inward * (other - one)
+    return points, axes
+
+
+def _pelvis(anatomy: Anatomy, at: Landmarks, shown: frozenset[str], sex: Sex) -> None:
+    points = anatomy.points
+    front, back = points["mid_asis"], points["mid_psis"]
+    across = at["LASIS"] - at["RASIS"]
+    R = axes_from(across, np.cross(front - back, across), exact="left")
+    width, depth = float(np.linalg.norm(across)), distance(front, back)
+    for side, medial in SIDES.items():
+        s = side[0].upper()
+        knee, ankle = (
+            at[s + (inner if s + inner in shown else outer)]
+            for inner, outer in (("MEK", "LEK"), ("MM", "LM"))
+        )
+        leg = distance(at[s + "ASIS"], knee) + distance(knee, ankle)
+        hip = [
+            -0.24 * depth - 0.0099 - SKIN_M,
+            -medial * (0.28 * depth + 0.16 * width + 0.0079),
+            -0.16 * width - 0.04 * leg - 0.0071,
+        ]
+        points[f"{side}_hip"] = front + R @ np.array(hip)
+    points["pelvis"] = (points["right_hip"] + points["left_hip"]) / 2
+    ahead, above = LUMBAR[sex]
+    points["lumbar"] = points["mid_trunk"] = front + R @ (width * np.array([ahead, 0.0, above]))
+    anatomy.rotations["pelvis"] = R
+    yaw, pitch, roll = angles(R, ((0, 0, 1), (0, 1, 0), (1, 0, 0)))
+    x, y, z = (float(value) for value in points["pelvis"])
+    anatomy.q |= {"PelvisX": x, "PelvisY": y, "PelvisZ": z}
+    anatomy.q |= {"PelvisYaw": yaw, "PelvisForwardPitch": pitch, "PelvisRightRoll": roll}
+
+
+def _trunk_and_head(anatomy: Anatomy, at: Landmarks, sex: Sex, navel: float) -> None:
+    points, rotations = anatomy.points, anatomy.rotations
+    ahead = at["JN"] - at["C7"]
+    along = points["trunk_top"] - points["trunk_bottom"]
+    R = axes_from(np.cross(along, ahead), along, exact="up")
+    up = R[:, 2]
+    share, elevation = NECK[sex]
+    neck = rotation_about(-R[:, 1], np.radians(elevation)) @ ahead
+    points["neck"] = at["C7"] + share * neck
+    hips = points["pelvis"]
+    foot = points["trunk_top"] + ((hips - points["trunk_top"]) @ up) * up
+    for name, marker in (("cervicale", "C7"), ("xiphoid", "XIPH")):
+        points[name] = foot + ((at[marker] - hips) @ up) * up
+    points["navel"] = points["xiphoid"] + navel * (hips - points["xiphoid"])
+    points["vertex"] = at["THEAD"]
+    head = axes_from(at["LHEAD"] - at["RHEAD"], at["THEAD"] - points["mid_head"], exact="left")
+    rotations |= {"mid_trunk": R, "thorax": R, "head": head}
+    pelvis = rotations["pelvis"]
+    order = ((0, 1, 0), (1, 0, 0), (0, 0, 1))
+    names = ("Flexion", "RightBend", "LeftTwist")
+    for part, turned in (("Trunk", pelvis.T @ R), ("Head", R.T @ head)):
+        anatomy.q |= {part + n: a for n, a in zip(names, angles(turned, order), strict=True)}
+    for segment, top, bottom in (
+        ("pelvis", "navel", "pelvis"),
+        ("mid_trunk", "xiphoid", "navel"),
+        ("thorax", "cervicale", "xiphoid"),
+        ("head", "vertex", "cervicale"),
+    ):
+        left = rotations[segment][:, 1]
+        anatomy.ends[segment] = np.stack([points[top], points[bottom], left])
+
+
+def _arm(anatomy: Anatomy, at: Landmarks, side: str, axes: Mapping[str, Array]) -> None:
+    points, s, medial = anatomy.points, side[0].upper(), SIDES[side]
+    thorax = anatomy.rotations["thorax"]
+    width = distance(at["LSHO"], at["RSHO"])
+    shoulder = points[f"{side}_shoulder"] = at[s + "SHO"] - SHOULDER_DROP * width * thorax[:, 2]
+    elbow, wrist, knuckle = points[f"{side}_elbow"], points[f"{side}_wrist"], at[s + "FIN"]
+    points[f"{side}_knuckle"] = knuckle
+    elbow_axis, wrist_axis = unit(axes[f"{side}_elbow"]), unit(axes[f"{side}_wrist"])
+
+    upper = axes_from(elbow_axis, shoulder - elbow, exact="up")
+    bend = -upper.T @ elbow_axis
+    flexion = about(bend, np.array([0.0, 0, -1]), upper.T @ (wrist - elbow))
+    flexed = upper @ rotation_about(bend, flexion)
+    along = flexed.T @ unit(elbow - wrist)
+    turn = about(along, flexed.T @ elbow_axis, flexed.T @ wrist_axis)
+    forearm = flexed @ rotation_about(along, turn)
+
+    left = perpendicular(forearm.T @ wrist_axis, along)
+    ahead = np.cross(left, along)
+    x, y, z = np.stack([ahead, left, along]) @ forearm.T @ unit(knuckle - wrist)
+    flex, abduct = float(np.arctan2(x, -z)), float(medial * np.arcsin(-y))
+    hand = forearm @ rotation_about(-left, flex) @ rotation_about(-medial * ahead, abduct)
+
+    anatomy.rotations |= {
+        **{f"{side}_shoulder": thorax, f"{side}_upper_arm": upper},
+        **{f"{side}_forearm": forearm, f"{side}_hand": hand},
+    }
+    anatomy.axes |= {
+        **{f"{s}ElbowFlexion": bend, f"{s}ForeArmPronation": medial * along},
+        **{f"{s}WristFlexion": -left, f"{s}HandAbduction": -medial * ahead},
+    }
+    order = ((-medial, 0, 0), (0, -1, 0), (0, 0, medial))
+    names = ("Abduction", "Flexion", "InternalRotation")
+    for name, angle in zip(names, angles(thorax.T @ upper, order), strict=True):
+        anatomy.q[f"{s}Shoulder{name}"] = angle
+    anatomy.q |= {
+        **{f"{s}ElbowFlexion": flexion, f"{s}ForeArmPronation": medial * turn},
+        **{f"{s}WristFlexion": flex, f"{s}HandAbduction": abduct},
+    }
+    anatomy.ends |= {
+        f"{side}_upper_arm": np.stack([shoulder, elbow, elbow_axis]),
+        f"{side}_forearm": np.stack([elbow, wrist, wrist_axis]),
+        f"{side}_hand": np.stack([wrist, knuckle, wrist_axis]),
+    }
+
+
+def _leg(
+    anatomy: Anatomy, at: Landmarks, shown: frozenset[str], side: str, axes: Mapping[str, Array]
+) -> None:
+    points, s, medial = anatomy.points, side[0].upper(), SIDES[side]
+    pelvis, hip = anatomy.rotations["pelvis"], points[f"{side}_hip"]
+    axis = {joint: unit(axes[f"{side}_{joint}"]) for joint in ("knee", "ankle", "toes")}
+    half = distance(at[s + "LEK"], at[s + "LM"])
+    if s + "MEK" not in shown:
+        inward = hip - at[s + "GTRO"]
+        points[f"{side}_knee"] = inside(at[s + "LEK"], hip, inward, KNEE_WIDTH * half)
+        axis["knee"] = medial * unit(points[f"{side}_knee"] - at[s + "LEK"])
+    knee = points[f"{side}_knee"]
+    if s + "MM" not in shown:
+        inward = medial * axis["knee"]
+        points[f"{side}_ankle"] = inside(at[s + "LM"], knee, inward, ANKLE_WIDTH * half)
+        axis["ankle"] = medial * unit(points[f"{side}_ankle"] - at[s + "LM"])
+    ankle = points[f"{side}_subtalar"] = points[f"{side}_ankle"]
+    heel = at[s + "HEE"]
+    if s + "MT2" in shown:
+        along, tip = unit(at[s + "MT2"] - heel), heel + TOE_TIP * (at[s + "MT2"] - heel)
+    else:
+        along, tip = unit(at[s + "TOE"] - heel), at[s + "TOE"]
+        points[f"{side}_toes"] = heel + ((at[s + "MT5"] - heel) @ along) * along
+        axis["toes"] = perpendicular(axis["ankle"], along)
+
+    thigh = axes_from(axis["knee"], hip - knee, exact="up")
+    bend = thigh.T @ axis["knee"]
+    flexion = about(bend, np.array([0.0, 0, -1]), thigh.T @ (ankle - knee))
+    shank = thigh @ rotation_about(bend, flexion)
+    turn = shank.T @ axis["ankle"]
+    plantar = about(turn, np.array([1.0, 0, 0]), shank.T @ along)
+    foot = shank @ rotation_about(turn, plantar)
+
+    parts = (("thigh", thigh), ("shank", shank), ("talus", foot), ("foot", foot), ("toes", foot))
+    anatomy.rotations |= {f"{side}_{part}": R for part, R in parts}
+    anatomy.axes |= {
+        **{f"{s}KneeFlexion": bend, f"{s}AnklePlantarFlexion": turn},
+        **{f"{s}FootPronation": -medial * _subtalar(foot.T @ along, medial)},
+        **{f"{s}ToeFlexion": foot.T @ axis["toes"]},
+    }
+    order = ((0, -1, 0), (-medial, 0, 0), (0, 0, medial))
+    names = ("Flexion", "Abduction", "InternalRotation")
+    for name, angle in zip(names, angles(pelvis.T @ thigh, order), strict=True):
+        anatomy.q[f"{s}Hip{name}"] = angle
+    anatomy.q |= {f"{s}KneeFlexion": flexion, f"{s}AnklePlantarFlexion": plantar}
+    anatomy.ends |= {
+        f"{side}_thigh": np.stack([hip, knee, axis["knee"]]),
+        f"{side}_shank": np.stack([knee, ankle, axis["knee"]]),
+        f"{side}_foot": np.stack([heel, tip, axis["ankle"]]),
+    }
+
+
+def _subtalar(along: Array, medial: float) -> Array:
+    inclination, deviation = np.radians(SUBTALAR_DEG)
+    left = perpendicular(np.array([0.0, 1.0, 0.0]), along)
+    level = np.cos(deviation) * along + medial * np.sin(deviation) * left
+    return np.asarray(np.cos(inclination) * level + np.sin(inclination) * np.cross(along, left))
+
+
+def inside(marker: Array, proximal: Array, inward: Array, offset: float) -> Array:
+    """Give a joint's centre at a distance from a marker, at a right angle to the bone, (3,) [m].
+
+    Kadaba et al. 1990 (J Orthop Res 8:383).
+    """
+    up = unit(proximal - marker)
+    share = offset / distance(proximal, marker)
+    return np.asarray(
+        marker + offset * (share * up + np.sqrt(1 - share**2) * perpendicular(inward, up))
+    )

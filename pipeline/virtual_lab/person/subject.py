@@ -2,32 +2,34 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
 from hbm.coordinates import COORDINATES, INDEX
 from hbm.markers import MarkerSet, marker_sets
-from hbm.segments import Sex
 from hbm.spatial import Array
 from pipeline.virtual_lab.faults import BodyFaults, Faults
-from pipeline.virtual_lab.person.anatomy import Proportions, t_pose
-from pipeline.virtual_lab.person.body.extra_joints import ExtraJoints, draw_extra_joints
-from pipeline.virtual_lab.person.body.inertias import inertias_of, navel_share
-from pipeline.virtual_lab.person.body.posture import axes_of, offsets_of
-from pipeline.virtual_lab.person.body.same_body import locate
-from pipeline.virtual_lab.person.body.skeleton import Skeleton
-from pipeline.virtual_lab.person.body.variation import (
+from pipeline.virtual_lab.person.anatomy import Proportions, axes_of, locate, offsets_of, t_pose
+from pipeline.virtual_lab.person.body import Skeleton, marker_positions
+from pipeline.virtual_lab.person.feet import SIDES, Sole, sole_of
+from pipeline.virtual_lab.person.gait import STEP_M, StepParameters, size_of
+from pipeline.virtual_lab.person.momentum import WobblingMass, draw_wobbling_masses
+from pipeline.virtual_lab.person.variation import (
     MAX_DEVIATION_SD,
+    ExtraJoints,
+    draw_extra_joints,
+    inertias_of,
+    navel_share,
     vary,
     vary_inertias,
     with_shoes,
 )
-from pipeline.virtual_lab.person.body.wobbling import WobblingMass, draw_wobbling_masses
-from pipeline.virtual_lab.person.gait_pattern import STEP_M, size_of
-from pipeline.virtual_lab.person.sole import SIDES, Sole, sole_of
-from pipeline.virtual_lab.person.steps import StepParameters
 
+SHOE_KG: Final = 0.3
+SOLE_M: Final = 0.025
+SOLE_YIELD_M: Final = 0.004
+"""Mass and sole of a shoe, and how far it yields under body weight; assumed."""
 HANGING_ARM_DEG: Final = {"ShoulderAbduction": 8.0, "ElbowFlexion": 10.0}
 """Posture of the arms in standing; typical values."""
 PROPORTION_SD: Final = 0.03
@@ -67,7 +69,7 @@ class Person:
     """A person: name, sex, mass [kg], stature [m], age [years]."""
 
     name: str = "sub01"
-    sex: Sex = "male"
+    sex: Literal["male", "female"] = "male"
     mass_kg: float = 74.6
     height_m: float = 1.78
     age: float = 26.0
@@ -138,7 +140,6 @@ def make_subject(
     individuality: float = 0.0,
     faults: BodyFaults | None = None,
     forward_m: float = 0.0,
-    variability: float = 1.0,
     rng: np.random.Generator | None = None,
 ) -> VirtualSubject:
     """Give a person a body and a gait.
@@ -156,8 +157,6 @@ def make_subject(
         all.
     forward_m
         How far ahead of the lab's origin the person stands [m].
-    variability
-        Scale of the differences between a person's steps; 1 as in healthy adults.
     rng
         Source of everything individual.
 
@@ -188,11 +187,8 @@ def make_subject(
         typical,
         step_m=STEP_M * size * (1 + individuality * longer),
         width_m=typical.width_m * size * (1 + individuality * STEP_WIDTH_SD * _drawn(gait_rng)),
-        time_sd=variability * typical.time_sd,
-        forward_sd=variability * typical.forward_sd,
-        side_sd=variability * typical.side_sd,
     )
-    style = _gait_style(individuality, variability, gait_rng)
+    style = _gait_style(individuality, gait_rng)
     return VirtualSubject(
         person,
         marker_set,
@@ -200,12 +196,19 @@ def make_subject(
         extra_joints,
         wobbling,
         soles,
-        0.0 if faults.same_body else faults.sole_yield_m,
+        0.0 if faults.same_body else faults.shoe_scale * SOLE_YIELD_M,
         q,
         standing,
         step_parameters,
         style,
     )
+
+
+def t_pose_markers(subject: VirtualSubject) -> Array:
+    """Give a person's markers in the T-pose, (M, 3) [m]."""
+    still = np.zeros(1)
+    q = subject.extra_joints.extend(subject.t_pose[:, None], still, still)
+    return np.asarray(marker_positions(subject.skeleton, q)[0])
 
 
 def _body(
@@ -220,13 +223,13 @@ def _body(
     names = tuple(worn.segment)
     points = tuple(dict.fromkeys((*marker_sets()["hbm2"].segment, *names, *ANATOMICAL)))
     position = t_pose(points, person.height_m, person.sex, proportions)
-    position += [forward_m, 0.0, 0.0 if faults.same_body else faults.sole_m]
+    position += [forward_m, 0.0, 0.0 if faults.same_body else faults.shoe_scale * SOLE_M]
     at = dict(zip(points, position, strict=True))
     shown = frozenset(worn.landmark)
     suggested = locate(at, shown, person.sex, navel_share(person.sex))
     joint_rng, mass_rng, tissue_rng, motion_rng = rng.spawn(4)
     anatomy = vary(suggested, faults, joint_rng)
-    source, shoe_kg = faults.inertias, faults.shoe_kg
+    source, shoe_kg = faults.inertias, faults.shoe_scale * SHOE_KG
     if faults.same_body:
         source, shoe_kg = "de_leva", 0.0
     bare_kg = person.mass_kg - 2 * shoe_kg
@@ -260,7 +263,7 @@ def _drawn(rng: np.random.Generator) -> float:
     return float(np.clip(rng.normal(), -MAX_DEVIATION_SD, MAX_DEVIATION_SD))
 
 
-def _gait_style(individuality: float, variability: float, rng: np.random.Generator) -> GaitStyle:
+def _gait_style(individuality: float, rng: np.random.Generator) -> GaitStyle:
     count = len(COORDINATES)
     offset, gain, wander = np.zeros(count), np.ones(count), np.zeros(count)
     of_joint: dict[str, tuple[float, float]] = {}
@@ -279,5 +282,5 @@ def _gait_style(individuality: float, variability: float, rng: np.random.Generat
             gain[i] += individuality * (ARM_RANGE_SD if arm else RANGE_SD) * wider
         if joint.startswith(("Pelvis", "ShoulderUp", "ShoulderForward", "ShoulderInward")):
             continue
-        wander[i] = variability * np.radians(ARM_WANDER_DEG if arm else WANDER_DEG)
+        wander[i] = np.radians(ARM_WANDER_DEG if arm else WANDER_DEG)
     return GaitStyle(offset, gain, wander)

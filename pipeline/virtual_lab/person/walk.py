@@ -5,38 +5,41 @@ legs reach them (`leg_ik`); then the pelvis is moved until the ground wrench tha
 equations of motion has its centre of pressure where the feet are.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from compensation.platform.pose import PlatformPose
+from compensation.platform import PlatformPose
 from hbm.coordinates import INDEX
-from hbm.spatial import Array
-from pipeline.virtual_lab.machine.platform import PlatformTrajectory
-from pipeline.virtual_lab.machine.treadmill import BeltRamp
+from hbm.spatial import Array, transform_wrench
+from pipeline.io.recording import Event
+from pipeline.virtual_lab.machine.platform import BeltRamp, PlatformTrajectory
 from pipeline.virtual_lab.person.balance import (
     RATE_HZ,
     Plan,
     balanced,
     in_lab,
     keep_balance,
+    pressure_on_platform,
+    sole_targets,
     surface_height,
 )
-from pipeline.virtual_lab.person.body.momentum import center_of_mass, ground_wrench
-from pipeline.virtual_lab.person.body.wobbling import oscillators_of
-from pipeline.virtual_lab.person.foot_placement import FootPlacement
-from pipeline.virtual_lab.person.gait_pattern import STEP_M, foothold, posture, size_of
-from pipeline.virtual_lab.person.load_sharing import left_wrench
-from pipeline.virtual_lab.person.sole_path import sole_targets
-from pipeline.virtual_lab.person.stance import STANCE
-from pipeline.virtual_lab.person.steps import (
+from pipeline.virtual_lab.person.feet import SIDES, FootPlacement
+from pipeline.virtual_lab.person.gait import (
     MAX_DEVIATION_SD,
+    STANCE,
+    STEP_M,
     Steps,
+    foothold,
     place_sideways,
+    posture,
+    size_of,
     step_time,
 )
+from pipeline.virtual_lab.person.momentum import center_of_mass, ground_wrench, oscillators_of
 from pipeline.virtual_lab.person.subject import VirtualSubject
 from pipeline.virtual_lab.trajectories import Trajectory, fit_trajectory, smooth_step
 
@@ -259,3 +262,161 @@ def _shifted_pressure(
     pelvis = balanced(pressure, height) - ahead
     shift = float(np.mean((reference[:, 0] - pelvis[:, 0])[steady]))
     return replace(placement, pressure_shift=shift)
+
+
+def left_wrench(
+    total: Array, placement: FootPlacement, pose: PlatformPose, time: Array, height: float
+) -> Array:
+    """Give the wrench on the left foot; the right one carries the rest.
+
+    Parameters
+    ----------
+    total
+        Of both feet, lab axes about the lab origin, (T, 6) [N, N·m].
+    placement
+        Where the feet are, and how they share the weight.
+    pose
+        The platform's.
+    time
+        (T,) [s].
+    height
+        Height of the centre of mass above the feet, roughly [m].
+
+    Returns
+    -------
+    Array
+        Action on the subject, lab axes about the lab origin, (T, 6) [N, N·m].
+
+    Notes
+    -----
+    In single support the stance foot carries all. In double support the weight is transferred
+    smoothly; the total's centre of pressure is split into one under each foot, and each foot's
+    force is inclined from there towards the centre of mass as the total is from its own centre of
+    pressure, so that the leading foot brakes and the trailing foot pushes; the free moment is
+    shared in proportion to the weight.
+    """
+    to_platform = np.swapaxes(pose.rotation, 1, 2)
+    origin = (to_platform @ pose.position[..., None])[..., 0]
+    on_platform = transform_wrench(total, to_platform, -origin)
+    share = placement.left_share(time)
+    pressure = pressure_on_platform(total, pose)
+    intended = {side: placement.pressure(side, time) for side in SIDES}
+    error = pressure - (
+        share[:, None] * intended["left"] + (1 - share)[:, None] * intended["right"]
+    )
+
+    vertical = on_platform[:, 2:3]
+    left = np.zeros_like(on_platform)
+    left_pressure = intended["left"] + error
+    left[:, 2] = share * on_platform[:, 2]
+    inclined = vertical * (pressure - left_pressure) / height
+    left[:, :2] = share[:, None] * (on_platform[:, :2] + inclined)
+    right_pressure = intended["right"] + error
+    inclined = vertical * (pressure - right_pressure) / height
+    right_shear = (1 - share)[:, None] * (on_platform[:, :2] + inclined)
+    free_moment = (
+        on_platform[:, 5]
+        - _moment_of_shear(left_pressure, left[:, :2])
+        - _moment_of_shear(right_pressure, right_shear)
+    )
+    left[:, 3] = left_pressure[:, 1] * left[:, 2]
+    left[:, 4] = -left_pressure[:, 0] * left[:, 2]
+    left[:, 5] = _moment_of_shear(left_pressure, left[:, :2]) + share * free_moment
+    left[share == 0] = 0.0
+    return np.asarray(transform_wrench(left, pose.rotation, pose.position))
+
+
+def _moment_of_shear(place: Array, shear: Array) -> Array:
+    """Give the vertical moment of horizontal forces at places of the surface, (T,) [N·m]."""
+    return np.asarray(place[:, 0] * shear[:, 1] - place[:, 1] * shear[:, 0])
+
+
+CONTACT_N: Final = 20.0
+"""Vertical force at which a foot strikes, and at which it leaves the ground: the definition."""
+COARSE_HZ: Final = 100.0
+FINE_STEPS: Final = 10
+"""How often the force is evaluated to find the intervals in which it passes that value, and into
+how many steps these are divided: a foot is loaded and unloaded in a tenth of a second."""
+
+
+def foot_wrenches(walk: Walk, time: Array) -> dict[str, Array]:
+    """Give the wrench on each foot.
+
+    Parameters
+    ----------
+    walk
+        The walk.
+    time
+        When, (T,) [s].
+
+    Returns
+    -------
+    dict of str to Array
+        "left" and "right" -> action on the subject, lab axes about the lab origin, (T, 6) [N,
+        N·m]. Their sum is what the equations of motion require, to rounding.
+    """
+    total, left = walk.ground.at(time), walk.left.at(time)
+    share = walk.placement.left_share(time)
+    left[share == 0] = 0.0
+    left[share == 1] = total[share == 1]
+    return {"left": left, "right": total - left}
+
+
+def foot_events(walk: Walk, duration_s: float) -> tuple[Event, ...]:
+    """Give when each foot really strikes and leaves the ground.
+
+    Parameters
+    ----------
+    walk
+        The walk.
+    duration_s
+        Of the trial [s].
+
+    Returns
+    -------
+    tuple of Event
+        In order of time: where the vertical force on a foot passes `CONTACT_N`, to 0.1 ms.
+    """
+    events = []
+    coarse = np.linspace(0.0, duration_s, round(duration_s * COARSE_HZ) + 1)
+    within = np.linspace(0.0, coarse[1] - coarse[0], FINE_STEPS + 1)
+    for side, wrench in foot_wrenches(walk, coarse).items():
+        passing = np.flatnonzero(np.diff(wrench[:, 2] > CONTACT_N))
+        time = coarse[passing, None] + within
+        force = foot_wrenches(walk, time.ravel())[side][:, 2].reshape(time.shape)
+        for own, above in zip(time, force - CONTACT_N, strict=True):
+            for k in np.flatnonzero((above[:-1] > 0) != (above[1:] > 0)):
+                at = own[k] + (own[k + 1] - own[k]) * above[k] / (above[k] - above[k + 1])
+                events.append(Event(float(at), "foot_off" if above[k] > 0 else "foot_strike", side))
+    return tuple(sorted(events, key=lambda event: event.time))
+
+
+def plate_wrenches(walk: Walk, feet: Mapping[str, Array], time: Array) -> list[Array]:
+    """Give the wrench of the person on each plate.
+
+    Parameters
+    ----------
+    walk
+        The walk.
+    feet
+        Side -> wrench on the foot in lab axes about the lab origin, (N, 6) [N, N·m].
+    time
+        When, (N,) [s].
+
+    Returns
+    -------
+    list of Array
+        Left and right plate, in the moving platform's frame about its origin, (N, 6) each [N,
+        N·m]. A foot is on one plate for the whole of a step, even if it reaches beyond the
+        middle.
+    """
+    pose = walk.platform.pose(time)
+    to_platform = np.swapaxes(pose.rotation, 1, 2)
+    origin = -(to_platform @ pose.position[..., None])[..., 0]
+    plates = [np.zeros((len(time), 6)), np.zeros((len(time), 6))]
+    for side, wrench in feet.items():
+        on_platform = transform_wrench(wrench, to_platform, origin)
+        on_left = walk.placement.lateral(side, time) > 0
+        plates[0] += np.where(on_left[:, None], on_platform, 0.0)
+        plates[1] += np.where(on_left[:, None], 0.0, on_platform)
+    return plates

@@ -10,22 +10,21 @@ from hbm.coordinates import N_Q
 from hbm.markers import Markers
 from hbm.spatial import Array, shift_wrench
 from pipeline.io.c3d.write import write_c3d
-from pipeline.io.recording import Metadata
 from pipeline.virtual_lab.faults import CameraFaults
-from pipeline.virtual_lab.machine.instruments.cameras import measure_markers
-from pipeline.virtual_lab.machine.instruments.force_plate import (
+from pipeline.virtual_lab.machine.instruments import (
+    ANALOG_HZ,
+    FRAME_HZ,
     PLATE_CENTERS_M,
     ForcePlate,
+    measure_markers,
     recorded_plate,
 )
-from pipeline.virtual_lab.machine.instruments.sampling import ANALOG_HZ, FRAME_HZ
-from pipeline.virtual_lab.machine.platform import stationary_platform
-from pipeline.virtual_lab.machine.treadmill import BeltRamp
-from pipeline.virtual_lab.person.body.kinematics import marker_positions
-from pipeline.virtual_lab.person.ground_reaction import foot_wrenches, plate_wrenches
-from pipeline.virtual_lab.person.steps import schedule
+from pipeline.virtual_lab.machine.platform import BeltRamp, stationary_platform
+from pipeline.virtual_lab.person.body import marker_positions
+from pipeline.virtual_lab.person.gait import schedule
 from pipeline.virtual_lab.person.subject import Person, VirtualSubject, make_subject
-from pipeline.virtual_lab.person.walk import simulate_walk
+from pipeline.virtual_lab.person.walk import foot_wrenches, plate_wrenches, simulate_walk
+from pipeline.virtual_lab.protocol.walking_trial import stated
 from pipeline.virtual_lab.trajectories import Trajectory
 
 STANDING_S: Final = 2.5
@@ -117,12 +116,7 @@ def simulate_trial(
         path,
         Markers(frames, subject.skeleton.markers, markers),
         plates,
-        metadata=Metadata(
-            subject=subject.person.name,
-            mass_kg=subject.person.mass_kg,
-            height_m=subject.person.height_m,
-            marker_set=subject.marker_set,
-        ),
+        metadata=stated(subject),
     )
     feet = foot_wrenches(walk, frames)
     return Truth(subject, walk.motion, frames, q[:, :N_Q], feet["left"], feet["right"])

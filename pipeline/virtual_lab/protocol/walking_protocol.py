@@ -3,29 +3,32 @@
 Source: van de Loosdrecht (2018), II.C and D.5.
 """
 
-from typing import Annotated, Final, Literal
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import BaseModel, Field, ValidationError, model_validator
 
-from compensation.signals.protocol import (
+from compensation.protocol import (
     ADVISED_PLATFORM_SIGNAL,
     DURATIONS_S,
     PLATFORM_KINDS,
 )
 from hbm.signals.filtering import Method
 from hbm.spatial import Array
+from hbm.spelling import parse_toml
 from pipeline.config.input_model import InputModel
+from pipeline.config.toml_file import describe_faults
+from pipeline.io.input_file import read_text
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.person.steps import Steps
+from pipeline.virtual_lab.person.gait import Steps
 from pipeline.virtual_lab.person.subject import Person
 from pipeline.virtual_lab.trajectories import smooth_step
 
-ConditionName = Literal["familiarisation", "baseline", "sway", "pitch"]
-CONDITIONS: Final[tuple[ConditionName, ...]] = ("familiarisation", "baseline", "sway", "pitch")
-"""All conditions; what is random in a trial depends on the place of its condition here."""
-ANALYSED_CONDITIONS: Final = CONDITIONS[1:]
-"""Those that the thesis analyses."""
+ConditionName = Literal["baseline", "sway", "pitch"]
+CONDITIONS: Final[tuple[ConditionName, ...]] = ("baseline", "sway", "pitch")
+"""The thesis'; what is random in a trial depends on the place of its condition here."""
 
 PERSONS: Final = (
     Person("sub01", "male", 83.0, 1.85, 22),
@@ -72,7 +75,7 @@ MAX_PLACE_M: Final = 0.6
 MIN_BESIDE_S: Final = 12.0
 """Of a recording of people beside an empty plate: 10 s are needed, and its ends are lost."""
 MAX_SCALE: Final = 2.0
-"""Of the differences between people and steps: twice those of the population."""
+"""Of the differences between people: twice those of the population."""
 
 Seconds = Annotated[float, Field(gt=0)]
 Window = Annotated[float, Field(gt=0, le=1.0)]
@@ -87,23 +90,21 @@ class Protocol(InputModel):
 
     The belts start after ``standing_s`` of T-pose and lowering the arms and reach their speed
     within ``starting_s``; durations of the conditions count from then. ``calibration`` is one of
-    the signals of `compensation.signals.protocol`, with the belts at 0 or 3 m/s; ``beside_s`` is
+    the signals of `compensation.protocol`, with the belts at 0 or 3 m/s; ``beside_s`` is
     how long each of the recordings of people beside an empty plate lasts that are fitted with it, 0
     for none. ``pose`` is whether the study takes the platform's pose from its markers or its
     channels, or has none, so that forces stay in the plates' axes; ``filter`` is how it filters,
     and ``sway_window`` what of a perturbed gait cycle counts: "motion", "cycle", or seconds from
     the onset on.
     ``place_forward_m`` is how far ahead of the middle of the belts people stand and walk.
-    ``individuality`` and ``variability`` scale the differences between people and between a
-    person's steps.
+    ``individuality`` scales the differences between people.
     """
 
-    conditions: Annotated[tuple[ConditionName, ...], Field(strict=False)] = ANALYSED_CONDITIONS
+    conditions: Annotated[tuple[ConditionName, ...], Field(strict=False)] = CONDITIONS
     subjects: Annotated[int, Field(ge=1, le=len(PERSONS))] = len(PERSONS)
     speed_mps: Annotated[float, Field(ge=MIN_SPEED_MPS, le=MAX_SPEED_MPS)] = 1.3
     standing_s: Seconds = 4.0
     starting_s: Seconds = 4.0
-    familiarisation_s: Seconds = 360.0
     baseline_s: Seconds = 120.0
     pitch_s: Seconds = 120.0
     waits_s: Annotated[tuple[Wait, ...], Field(strict=False)] = WAITS_S
@@ -114,7 +115,6 @@ class Protocol(InputModel):
     calibration: CalibrationSignal = "square_sway_300s_3mps"
     beside_s: Annotated[float, Field(ge=0)] = 60.0
     individuality: Annotated[float, Field(ge=0, le=MAX_SCALE)] = 1.0
-    variability: Annotated[float, Field(ge=0, le=MAX_SCALE)] = 1.0
     place_forward_m: Annotated[float, Field(ge=-MAX_PLACE_M, le=MAX_PLACE_M)] = 0.0
 
     @model_validator(mode="after")
@@ -143,7 +143,6 @@ class Protocol(InputModel):
     def duration(self, condition: ConditionName) -> float:
         """Give the duration of a trial [s]."""
         walking = {
-            "familiarisation": self.familiarisation_s,
             "baseline": self.baseline_s,
             "sway": sum(self.waits_s) + AFTER_S,
             "pitch": self.pitch_s,
@@ -230,3 +229,94 @@ def pitch_command(protocol: Protocol, time: Array) -> Array:
     since = time - protocol.steady_s
     sine = np.sin(2 * np.pi * since / PITCH_PERIOD_S)
     return np.asarray(-np.radians(PITCH_DEG) * smooth_step(since / FADE_S) * sine)
+
+
+SHIPPED: Final = ("thesis",)
+"""Names of the settings beside this module: what a thesis states of its laboratory."""
+
+
+def find_setting(name: Path) -> Setting:
+    """Read a setting from a file, or a shipped one by its name.
+
+    Parameters
+    ----------
+    name
+        A file or, where there is no such file, one of `SHIPPED`.
+
+    Returns
+    -------
+    Setting
+        Checked.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is neither.
+    ValueError
+        As `read_setting`.
+
+    Examples
+    --------
+    >>> find_setting(Path("thesis")).faults.platform.delay_s
+    0.03
+    """
+    if name.exists() or str(name) not in SHIPPED:
+        return read_setting(read_text(name))
+    return read_setting((files(__package__) / f"{name}.toml").read_text(encoding="utf-8"))
+
+
+def read_setting(text: str) -> Setting:
+    """Read a setting from TOML; what is not stated keeps its default.
+
+    Parameters
+    ----------
+    text
+        ``seed``, ``[protocol]``, and every fault in its table: ``[faults.machine]``,
+        ``[faults.clocks]``, ``[faults.body]``, ``[faults.cameras]``, ``[faults.plates]``,
+        ``[faults.accelerometers]``, ``[faults.belts]``, ``[faults.platform]``.
+
+    Returns
+    -------
+    Setting
+        Checked.
+
+    Raises
+    ------
+    ValueError
+        If the text is not TOML, or keys or values are wrong; all of them in one line.
+    """
+    try:
+        table = parse_toml(text)
+    except ValueError as error:
+        raise ValueError(f"setting: not valid TOML: {error}") from error
+    try:
+        return Setting.model_validate(table)
+    except ValidationError as error:
+        raise ValueError("setting: " + "; ".join(describe_faults(error, Setting))) from error
+
+
+def setting_toml(setting: Setting) -> str:
+    """Write a setting as TOML, with every value."""
+    return "\n".join(_lines("", setting))
+
+
+def _lines(name: str, model: BaseModel) -> list[str]:
+    values = {key: getattr(model, key) for key in type(model).model_fields}
+    plain = {k: v for k, v in values.items() if not isinstance(v, BaseModel)}
+    lines = [f"[{name}]"] if name and plain else []
+    lines += [f"{key} = {_toml(value)}" for key, value in plain.items()]
+    lines += [""] if plain else []
+    for key, value in values.items():
+        if isinstance(value, BaseModel):
+            lines += _lines(f"{name}.{key}" if name else key, value)
+    return lines
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return f'"{value}"'
+    if isinstance(value, tuple):
+        return f"[{', '.join(_toml(item) for item in value)}]"
+    return repr(value)

@@ -9,24 +9,224 @@ from joblib import delayed
 
 from hbm.coordinates import COORDINATES, N_Q
 from hbm.spatial import Array, shift_wrench
-from pipeline.config.simulated import SIMULATED
+from pipeline.config.toml_file import SIMULATED
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Recording
 from pipeline.io.write import remove_leftovers, whole_file, write_csv, write_text
 from pipeline.run.processes import in_processes
-from pipeline.virtual_lab.machine.instruments.sampling import SAMPLES_PER_FRAME
-from pipeline.virtual_lab.person.ground_reaction import foot_events, foot_wrenches
-from pipeline.virtual_lab.protocol.instrumented_treadmill import make_treadmill
-from pipeline.virtual_lab.protocol.people_beside import beside_names, run_beside
-from pipeline.virtual_lab.protocol.study_folder import missing_files, study_files, trial_names
-from pipeline.virtual_lab.protocol.study_text import CALIBRATION, study_texts
-from pipeline.virtual_lab.protocol.walking_protocol import PERSONS, ConditionName, Setting
+from pipeline.virtual_lab.machine.instrumented_treadmill import (
+    PITCH_CHANNEL,
+    PLATFORM_MARKERS_M,
+    PULSE_CHANNEL,
+    SWAY_CHANNEL,
+    make_treadmill,
+)
+from pipeline.virtual_lab.machine.instruments import SAMPLES_PER_FRAME, SENSOR_NAMES
+from pipeline.virtual_lab.machine.platform import Machine
+from pipeline.virtual_lab.person.subject import Person
+from pipeline.virtual_lab.person.walk import foot_events, foot_wrenches
+from pipeline.virtual_lab.protocol.calibration_trial import beside_names, run_beside
+from pipeline.virtual_lab.protocol.walking_protocol import (
+    PERSONS,
+    ConditionName,
+    Protocol,
+    Setting,
+    read_setting,
+    recording_name,
+    setting_toml,
+)
 from pipeline.virtual_lab.protocol.walking_trial import (
     WalkingTrial,
     run_calibration,
     run_trial,
     study_subject,
 )
+
+CALIBRATION: Final = "calibration.c3d"
+CYCLES: Final = 50
+CUTOFF_HZ: Final = 6.0
+"""Gait cycles per condition, and cut-off frequency: the thesis'."""
+SETTLE_S: Final = 2.0
+"""After the belts have reached their speed, before the gait cycles are counted; assumed."""
+
+
+def study_texts(setting: Setting) -> dict[str, str]:
+    """Give the text files of a simulated study.
+
+    Parameters
+    ----------
+    setting
+        Protocol, faults and seed.
+
+    Returns
+    -------
+    dict
+        Name in the study's folder -> content: the setting itself, ``study.toml``, and one file per
+        subject.
+    """
+    protocol = setting.protocol
+    return {
+        SIMULATED: setting_toml(setting),
+        "study.toml": _study_toml(setting),
+        **{f"{p.name}.toml": _subject_toml(p, protocol) for p in PERSONS[: protocol.subjects]},
+    }
+
+
+def _platform_toml(setting: Setting) -> str:
+    """State how the laboratory knows the platform's pose, with its error."""
+    if setting.protocol.pose == "none":
+        return ""
+    heading = "[treadmill.platform]  # how its pose is known\n"
+    if setting.protocol.pose == "markers":
+        names = ", ".join(f'"{name}"' for name in PLATFORM_MARKERS_M)
+        return f"{heading}markers = [{names}]"
+    x, y, z = Machine().pivot_m
+    return f"""\
+{heading}sway_channel = "{SWAY_CHANNEL}"
+pitch_channel = "{PITCH_CHANNEL}"
+pivot_m = [{x:g}, {y:g}, {z + setting.faults.platform.pivot_error_m:g}]"""
+
+
+def _beside_toml(setting: Setting) -> str:
+    """Name the recordings of people beside an empty plate, if there are any."""
+    names = "".join(f'  "{name}",\n' for name in beside_names(setting))
+    return f"beside = [  # people on it, but not on every plate\n{names}]\n" if names else ""
+
+
+def _condition_toml(name: ConditionName, protocol: Protocol) -> str:
+    """State which gait cycles of a condition count."""
+    if name == "sway":
+        window = protocol.sway_window
+        part = f'"{window}"' if isinstance(window, str) else f"[0.0, {window:g}]"
+        return f"""\
+[conditions.sway]
+perturbed = true  # only the gait cycles with a perturbation
+pulse_channel = "{PULSE_CHANNEL}"  # rises at its onset
+window = {part}  # of them: the platform's motion, whole cycles, or seconds from the onset
+"""
+    return f"""\
+[conditions.{name}]
+cycles = {CYCLES}  # gait cycles that count, after
+skip_s = {protocol.steady_s + SETTLE_S:g}  # the T-pose and the start of the belts
+"""
+
+
+def _study_toml(setting: Setting) -> str:
+    """State the laboratory and its conditions as `pipeline.config.study` reads them."""
+    protocol = setting.protocol
+    sensors = "\n".join(
+        f'{name} = ["{name}.X", "{name}.Y", "{name}.Z"]'
+        for name in SENSOR_NAMES[: setting.faults.accelerometers.sensors]
+    )
+    conditions = "\n".join(_condition_toml(name, protocol) for name in protocol.conditions)
+    return f"""\
+# A study recorded in the virtual laboratory. Every other TOML file beside this one is a subject;
+# {SIMULATED} states what is simulated, with the faults of the laboratory.
+name = "virtual laboratory"
+
+[settings]
+cutoff_hz = {CUTOFF_HZ:g}  # of the Butterworth filter, on coordinates and forces alike
+filter = "{protocol.filter}"
+marker_set = "{protocol.marker_set}"
+
+[treadmill]
+calibration = "{CALIBRATION}"  # the empty treadmill while it moves
+{_beside_toml(setting)}
+[treadmill.accelerometers]  # sensor = its x, y and z channels
+{sensors}
+
+{_platform_toml(setting)}
+
+{conditions}"""
+
+
+def _subject_toml(person: Person, protocol: Protocol) -> str:
+    """State a person and the person's trials; the plates measure the mass."""
+    trials = "\n".join(
+        f'[trials.{condition}]\nfile = "{recording_name(person, condition)}"\n'
+        for condition in protocol.conditions
+    )
+    return f"""\
+id = "{person.name}"
+sex = "{person.sex}"
+height_m = {person.height_m:.2f}
+age_years = {person.age:g}
+
+{trials}"""
+
+
+def study_files(setting: Setting) -> tuple[str, ...]:
+    """Name all files of a simulated study, relative to its folder."""
+    protocol = setting.protocol
+    return (
+        *study_texts(setting),
+        CALIBRATION,
+        *beside_names(setting),
+        *(
+            name
+            for person in PERSONS[: protocol.subjects]
+            for condition in protocol.conditions
+            for name in trial_names(person, condition)
+        ),
+    )
+
+
+def trial_names(person: Person, condition: ConditionName) -> tuple[str, str, str]:
+    """Name the files of one trial: the recording, what really happened, and its gait events."""
+    recording = recording_name(person, condition)
+    truth = Path(SIMULATED).with_name(recording).with_suffix(".parquet")
+    return recording, truth.as_posix(), truth.with_name(f"{truth.stem}_events.csv").as_posix()
+
+
+def missing_files(folder: Path, setting: Setting) -> tuple[str, ...]:
+    """Name the files of a simulated study that are not in a folder."""
+    return tuple(name for name in study_files(setting) if not (folder / name).is_file())
+
+
+def folder_setting(folder: Path) -> Setting | None:
+    """Give the setting that the study in a folder was simulated with.
+
+    Parameters
+    ----------
+    folder
+        The folder, in which recordings may be missing.
+
+    Returns
+    -------
+    Setting or None
+        None for a folder that is empty or not there.
+
+    Raises
+    ------
+    ValueError
+        If the folder holds other files, or a study that was not simulated.
+    """
+    if not folder.is_dir() or not any(folder.iterdir()):
+        return None
+    if not (folder / SIMULATED).is_file():
+        if (folder / "study.toml").is_file():
+            raise ValueError(
+                f"{folder}: its study is not a simulated one (it has no {SIMULATED}), and "
+                "simulated recordings would not be of its subjects; name a new folder"
+            )
+        raise ValueError(f"{folder}: is not empty; name a new folder, nothing is overwritten")
+    try:
+        setting = read_setting((folder / SIMULATED).read_text(encoding="utf-8-sig"))
+    except ValueError as error:
+        raise ValueError(f"{folder / SIMULATED}: {error}") from error
+    return setting
+
+
+def require_setting(folder: Path, there: Setting, wanted: Setting) -> None:
+    """Refuse another setting than that of the recordings which may be in a folder already."""
+    lines = zip(setting_toml(there).splitlines(), setting_toml(wanted).splitlines(), strict=True)
+    different = [f"{old} (not {new})" for old, new in lines if old != new]
+    if different:
+        raise ValueError(
+            f"{folder}: its study is simulated with {', '.join(different)}; leave out --setting, "
+            "--subjects and --seed, or name a new folder"
+        )
+
 
 WRENCH: Final = ("fx", "fy", "fz", "mx", "my", "mz")
 ProgressCallback = Callable[[str, int, int], None]

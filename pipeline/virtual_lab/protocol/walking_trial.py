@@ -1,26 +1,48 @@
-"""One trial of the walking study: how the person and the treadmill move, and the recording."""
+"""One trial of the walking study: how person and treadmill move, and what is recorded of it."""
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
 
 import numpy as np
 
-from compensation.signals.protocol import pitch_and_sway_signals
-from compensation.signals.signal import Signal, resample_signal
-from pipeline.io.recording import Recording
-from pipeline.virtual_lab.machine.actuators import move_platform
-from pipeline.virtual_lab.machine.instruments.sampling import ANALOG_HZ, SAMPLES_PER_FRAME
-from pipeline.virtual_lab.machine.platform import platform_trajectory
-from pipeline.virtual_lab.machine.treadmill import BeltRamp, Machine, TreadmillMotion
-from pipeline.virtual_lab.machine.vibration import Response
-from pipeline.virtual_lab.person.steps import schedule
-from pipeline.virtual_lab.person.subject import VirtualSubject, make_subject
-from pipeline.virtual_lab.person.walk import Walk, simulate_walk
-from pipeline.virtual_lab.protocol.instrumented_treadmill import (
+from compensation.protocol import pitch_and_sway_signals
+from compensation.signals import Signal, resample_signal
+from hbm.markers import Markers
+from hbm.spatial import Array
+from pipeline.io.recording import Analog, Metadata, Recording
+from pipeline.virtual_lab.faults import CameraFaults
+from pipeline.virtual_lab.machine.instrumented_treadmill import (
+    BELT_CHANNELS,
     InstrumentedTreadmill,
-    person_loads,
-    record,
+    measure_accelerations,
+    measure_belts,
+    measure_plates,
+    measure_platform,
+    measure_pose,
+    measure_pulses,
     undergo,
 )
+from pipeline.virtual_lab.machine.instruments import (
+    ANALOG_HZ,
+    FRAME_HZ,
+    SAMPLES_PER_FRAME,
+    measure_markers,
+)
+from pipeline.virtual_lab.machine.platform import (
+    BeltRamp,
+    Machine,
+    Pair,
+    TreadmillMotion,
+    move_platform,
+    platform_trajectory,
+)
+from pipeline.virtual_lab.machine.structure import Response
+from pipeline.virtual_lab.person.body import marker_positions, segment_poses
+from pipeline.virtual_lab.person.gait import schedule
+from pipeline.virtual_lab.person.soft_tissue import displace_markers
+from pipeline.virtual_lab.person.subject import VirtualSubject, make_subject
+from pipeline.virtual_lab.person.walk import Walk, foot_wrenches, plate_wrenches, simulate_walk
 from pipeline.virtual_lab.protocol.walking_protocol import (
     CONDITIONS,
     PERSONS,
@@ -31,6 +53,110 @@ from pipeline.virtual_lab.protocol.walking_protocol import (
     recording_name,
     sway_command,
 )
+
+CHUNK_SAMPLES: Final = 60_000
+"""Samples of a minute are computed at a time, to bound memory in long trials."""
+
+
+def person_loads(walk: Walk, time: Array) -> Pair:
+    """Give the ground reaction of the left and the right plate on a person, (N, 6) each."""
+    loads = np.empty((2, len(time), 6))
+    for start in range(0, len(time), CHUNK_SAMPLES):
+        now = time[start : start + CHUNK_SAMPLES]
+        loads[:, start : start + CHUNK_SAMPLES] = plate_wrenches(
+            walk, foot_wrenches(walk, now), now
+        )
+    return loads[0], loads[1]
+
+
+def record(
+    treadmill: InstrumentedTreadmill,
+    motion: TreadmillMotion,
+    walk: Walk | None,
+    name: str,
+    rng: np.random.Generator,
+    response: Response | None = None,
+) -> Recording:
+    """Record a trial.
+
+    Parameters
+    ----------
+    treadmill
+        The instruments.
+    motion
+        How the treadmill moves.
+    walk
+        The person on it; None for an empty treadmill.
+    name
+        Name of the file.
+    rng
+        Source of all noise; every instrument has its own random numbers of it.
+    response
+        What the instruments undergo, if it is known already.
+
+    Returns
+    -------
+    Recording
+        Markers of person and platform at 100 Hz; plates, accelerometers, belt speeds, platform
+        channels and pulses at 1000 Hz. No gait events: finding them is part of the processing.
+    """
+    of_motion, of_plates, of_sensors, of_belts, of_platform, of_pulse, of_rim, of_person = (
+        rng.spawn(8)
+    )
+    if response is None:
+        people = None if walk is None else person_loads(walk, motion.time)
+        response = undergo(treadmill, motion, of_motion, people)
+    markers = measure_platform(treadmill, motion, response, of_rim)
+    if walk is not None:
+        markers = _with_person(markers, walk, treadmill.faults.cameras, of_person)
+    channels = [
+        measure_accelerations(treadmill, motion, response, of_sensors),
+        measure_belts(treadmill, motion, response, BELT_CHANNELS, of_belts),
+        measure_pose(treadmill, motion, of_platform),
+        measure_pulses(motion, of_pulse),
+    ]
+    names, units, columns = zip(*channels, strict=True)
+    return Recording(
+        source=Path(name),
+        markers=markers,
+        plates=measure_plates(treadmill, motion, response, of_plates),
+        analog=Analog(motion.time, sum(names, ()), sum(units, ()), np.hstack(columns)),
+        metadata=stated(walk.subject) if walk else Metadata(),
+    )
+
+
+def _with_person(
+    platform: Markers, walk: Walk, cameras: CameraFaults, rng: np.random.Generator
+) -> Markers:
+    """Add the markers on a person before those on the platform."""
+    frames, body = platform.time, walk.subject.skeleton
+    of_skin, of_cameras = rng.spawn(2)
+    q = walk.motion.at(frames).T
+    segments = list(dict.fromkeys(body.marker_segment))
+    poses = segment_poses(body, q, segments)
+    orientation = {s: R for s, (R, _) in zip(segments, poses, strict=True)}
+    walking = np.minimum(walk.placement.extent(frames), 1.0)
+    bones = marker_positions(body, q)
+    on_skin = displace_markers(
+        bones, body.marker_segment, orientation, q, walking, cameras, of_skin, FRAME_HZ
+    )
+    person = measure_markers(on_skin, cameras, of_cameras, FRAME_HZ)
+    return Markers(
+        frames,
+        (*body.markers, *platform.names),
+        np.concatenate([person, platform.position], axis=1),
+    )
+
+
+def stated(subject: VirtualSubject) -> Metadata:
+    """Give what a file states of a person."""
+    person = subject.person
+    return Metadata(
+        subject=person.name,
+        mass_kg=person.mass_kg,
+        height_m=person.height_m,
+        marker_set=subject.marker_set,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +188,6 @@ def study_subject(setting: Setting, number: int) -> VirtualSubject:
         PERSONS[number],
         marker_set=protocol.marker_set,
         individuality=protocol.individuality,
-        variability=protocol.variability,
         faults=setting.faults.body,
         forward_m=protocol.place_forward_m,
         rng=np.random.default_rng((setting.seed, number)),
@@ -96,7 +221,7 @@ def run_trial(
     """
     walk, motion = run_walk(setting, treadmill.machine, subject, number, condition)
     name = recording_name(subject.person, condition)
-    noise = np.random.default_rng((setting.seed, number, CONDITIONS.index(condition), 1))
+    noise = np.random.default_rng((setting.seed, number, 1 + CONDITIONS.index(condition), 1))
     response = undergo(treadmill, motion, noise.spawn(1)[0], person_loads(walk, motion.time))
     recording = record(treadmill, motion, walk, name, noise, response)
     return WalkingTrial(walk, motion, response, recording)
@@ -111,7 +236,7 @@ def run_walk(
 ) -> tuple[Walk, TreadmillMotion]:
     """Simulate one trial without recording it; parameters as for `run_trial`."""
     protocol, duration = setting.protocol, setting.protocol.duration(condition)
-    rng = np.random.default_rng((setting.seed, number, CONDITIONS.index(condition)))
+    rng = np.random.default_rng((setting.seed, number, 1 + CONDITIONS.index(condition)))
     steps = schedule(
         subject.step_parameters, protocol.speed_mps, protocol.standing_s, duration, rng
     )

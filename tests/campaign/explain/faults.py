@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from hbm.spatial import Array
-from pipeline.explain.priors import Prior, priors
+from pipeline.explain.cause import Prior, priors
 from tests.campaign.explain.plate_faults import PlateFault
 
 

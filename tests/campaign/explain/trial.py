@@ -10,8 +10,8 @@ import numpy as np
 from hbm.spatial import Array
 from pipeline.config.schema import Condition, Settings
 from pipeline.explain.budget import Budget
+from pipeline.explain.cause import priors
 from pipeline.explain.explain import explain_trial
-from pipeline.explain.priors import priors
 from pipeline.explain.processing_chain import ProcessingChain, processing_chain
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.laboratory import Laboratory

@@ -8,7 +8,7 @@ from hbm.coordinates import MOVING, SIDES
 from hbm.model import Body
 from hbm.poses import segment_frames
 from hbm.spatial import Array
-from pipeline.virtual_lab.person.body.kinematics import frames
+from pipeline.virtual_lab.person.body import frames
 from pipeline.virtual_lab.person.walk import Walk
 
 PARTS: Final = {

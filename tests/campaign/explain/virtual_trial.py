@@ -8,33 +8,34 @@ from typing import Final
 import numpy as np
 
 from compensation import InertiaModel
-from compensation.signals.protocol import platform_signal
+from compensation.protocol import platform_signal
 from hbm.spatial import Array
 from pipeline.config.schema import Platform, Subject, Treadmill
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.virtual_lab.faults import BodyFaults, Faults
-from pipeline.virtual_lab.machine.actuators import move_platform
 from pipeline.virtual_lab.machine.instrumented_treadmill import (
-    InstrumentedTreadmill,
-    make_treadmill,
-)
-from pipeline.virtual_lab.machine.instruments.sampling import ANALOG_HZ, Clock
-from pipeline.virtual_lab.machine.platform import platform_trajectory
-from pipeline.virtual_lab.machine.readings import (
     PITCH_CHANNEL,
     PLATFORM_MARKERS_M,
     SWAY_CHANNEL,
+    InstrumentedTreadmill,
+    make_treadmill,
+    undergo,
 )
-from pipeline.virtual_lab.machine.treadmill import BeltRamp, TreadmillMotion
-from pipeline.virtual_lab.machine.vibration import Response
-from pipeline.virtual_lab.person.steps import schedule
+from pipeline.virtual_lab.machine.instruments import ANALOG_HZ, Clock
+from pipeline.virtual_lab.machine.platform import (
+    BeltRamp,
+    TreadmillMotion,
+    move_platform,
+    platform_trajectory,
+)
+from pipeline.virtual_lab.machine.structure import Response
+from pipeline.virtual_lab.person.gait import schedule
 from pipeline.virtual_lab.person.subject import make_subject
 from pipeline.virtual_lab.person.walk import Walk, simulate_walk
-from pipeline.virtual_lab.protocol.instrumented_treadmill import person_loads, record, undergo
 from pipeline.virtual_lab.protocol.walking_protocol import PERSONS, sway_command
-from pipeline.virtual_lab.protocol.walking_trial import run_signal
+from pipeline.virtual_lab.protocol.walking_trial import person_loads, record, run_signal
 from tests.campaign.explain.faults import Seeded
 from tests.campaign.explain.plate_faults import restated, with_faults
 
@@ -55,7 +56,7 @@ CALIBRATION_MPS: Final = 3.0
 def background() -> Faults:
     """Give the default laboratory, whose plates have nothing wrong but noise."""
     default, none = Faults(), Faults.none()
-    kept = {"force_noise_n", "moment_noise_nm", "wander_n", "alias_n", "bits"}
+    kept = {"noise_scale", "fine_scale"}
     noise = default.plates.model_dump(include=kept)
     return default.model_copy(update={"plates": none.plates.model_copy(update=noise)})
 
@@ -226,15 +227,14 @@ class VirtualLaboratory:
 def body_faults(seeded: Seeded) -> BodyFaults:
     """Give how far the person differs from the model."""
     body = Faults().body
-    inertias, joints = 1 + seeded.inertias, 1 + seeded.joints
-    scaled = {name: inertias * getattr(body, name) for name in INERTIAS}
-    scaled["joint_scale"] = joints * body.joint_scale
+    inertias = 1 + seeded.inertias
+    scaled: dict[str, float | str] = {
+        "segment_scale": inertias * body.segment_scale,
+        "joint_scale": (1 + seeded.joints) * body.joint_scale,
+    }
     if inertias == 0:
         scaled["inertias"] = "de_leva"
     return body.model_copy(update=scaled)
-
-
-INERTIAS: Final = ("mass_share", "center_m", "gyration_share")
 
 
 def stated_subject(walked: Walked, seeded: Seeded) -> Subject:

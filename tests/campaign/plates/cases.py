@@ -14,10 +14,9 @@ from hbm.spatial import Array
 from pipeline.config.plate_study import AccuracyLimits, read_plates_study
 from pipeline.plate_accuracy.accuracy import examine_plates
 from pipeline.plate_accuracy.judgement import TOTAL
-from pipeline.plate_accuracy.stance import QUANTITIES, stance_loads
+from pipeline.plate_accuracy.response import QUANTITIES, stance_loads
 from pipeline.plate_accuracy.verdict import Answer, judge
-from pipeline.virtual_lab.machine.instruments.force_plate import PLATE_CENTERS_M
-from pipeline.virtual_lab.machine.instruments.sampling import ANALOG_HZ
+from pipeline.virtual_lab.machine.instruments import ANALOG_HZ, PLATE_CENTERS_M
 from pipeline.virtual_lab.protocol.known_weights import (
     FULL_SCALE_N,
     PLATES,

@@ -9,9 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hbm.body import build_body
-from hbm.calibration_pose.anatomy import Anatomy
-from hbm.calibration_pose.arms import SHOULDER_DROP_PER_WIDTH
-from hbm.calibration_pose.trunk_levels import (
+from hbm.calibration_pose.anatomy import SHOULDER_DROP_PER_WIDTH, Anatomy
+from hbm.calibration_pose.landmarks import (
     HEIGHT_MM,
     height_per_cervicale,
     locate_trunk_levels,

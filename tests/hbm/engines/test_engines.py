@@ -11,9 +11,17 @@ from hypothesis import strategies as st
 from hbm import dynamics
 from hbm.coordinates import INDEX, LAST_Q, MOVING, N_Q, support
 from hbm.dynamics import inverse_dynamics, inverse_dynamics_variants
-from hbm.engines.agreement import CHECKED_FRAMES, frames_to_check, require_agreement
-from hbm.engines.choice import choose_engine, engine_identity, other_engine
-from hbm.engines.engine import ENGINES, Engine, EngineUsed
+from hbm.engines.engine import (
+    CHECKED_FRAMES,
+    ENGINES,
+    Engine,
+    EngineUsed,
+    choose_engine,
+    engine_identity,
+    frames_to_check,
+    other_engine,
+    require_agreement,
+)
 from hbm.model import Body
 from hbm.poses import segment_frames
 from tests.hbm.motions import any_pose, swinging

@@ -8,7 +8,7 @@ import pytest
 from hbm.body import build_body
 from hbm.coordinates import COORDINATES, MOVING, N_Q
 from hbm.ik import descent
-from hbm.ik.attachment import MarkerAttachment
+from hbm.ik.descent import MarkerAttachment
 from hbm.kernels.native import kernels
 from hbm.poses import marker_positions
 from tests.synthetic import synthetic_t_pose

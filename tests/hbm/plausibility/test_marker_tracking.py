@@ -10,12 +10,11 @@ from hypothesis import strategies as st
 from hbm.coordinates import INDEX, LIMBS, TREE
 from hbm.ik import frame_tracking
 from hbm.ik.frame_tracking import FrameTracker
-from hbm.ik.lowest import TRIES, lowest_of_tries
+from hbm.ik.tracking import TRIES, lowest_of_tries
 from hbm.kernels.native import load
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers
-from hbm.plausibility.marker_tracking import MarkerTracker, beyond_reach, track_motion
-from hbm.plausibility.outliers import MAX_ROUNDS
+from hbm.plausibility.outliers import MAX_ROUNDS, MarkerTracker, beyond_reach, track_motion
 from tests.hbm.motions import markers_of, swinging, with_noise, without
 from tests.synthetic import synthetic_body
 
@@ -139,8 +138,7 @@ def test_the_virtual_machine_finds_the_same(monkeypatch):
     compiled = tracked(markers)
     monkeypatch.setenv("HBM_KERNELS", "virtual-machine")
     machine = load(print)
-    for module in ("one_frame", "descent"):
-        monkeypatch.setattr(f"hbm.ik.{module}.kernels", lambda: machine)
+    monkeypatch.setattr("hbm.ik.descent.kernels", lambda: machine)
     np.testing.assert_allclose(tracked(markers).q, compiled.q, rtol=0, atol=1e-9)
 
 

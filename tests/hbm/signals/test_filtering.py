@@ -1,4 +1,4 @@
-"""The Butterworth filter: frequency response, derivatives, gaps, resampling."""
+"""The low-pass: exact -3 dB, derivatives, gaps; sample by sample as over whole recordings."""
 
 from typing import get_args
 
@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import make_interp_spline
 from scipy.signal import bilinear, butter, freqz, lfilter, lfilter_zi, sosfiltfilt
 
 from hbm.signals.filtering import (
@@ -13,8 +14,10 @@ from hbm.signals.filtering import (
     Filtered,
     LowPassMethod,
     Method,
+    RealtimeFilter,
     butterworth,
     low_pass,
+    spline_derivatives,
 )
 from hbm.signals.resampling import interpolate, resample
 
@@ -358,3 +361,82 @@ def test_interpolation_does_not_bridge_gaps():
     values[[500, 503]] = np.nan  # between them two samples: too few for a cubic
     interpolated = interpolate(time, values, [4.99, 4.995, 5.0, 5.015, 5.035, 5.04])
     np.testing.assert_array_equal(np.isnan(interpolated), [0, 1, 1, 1, 1, 0])
+
+
+def stepped(signal, time, cutoff_hz):
+    running = RealtimeFilter(cutoff_hz, signal.shape[1])
+    states = []
+    for t, x in zip(time, signal, strict=True):
+        running.step(t, x)
+        states.append((running.value, running.velocity, running.acceleration))
+    return [np.array([state[k] for state in states]) for k in range(3)]
+
+
+def assert_same(signal, time, cutoff_hz):
+    whole = butterworth(signal, time, cutoff_hz, "realtime")
+    scale = np.nanmax(np.abs(signal))
+    for found, expected, unit in zip(
+        stepped(signal, time, cutoff_hz),
+        (whole.value, whole.velocity, whole.acceleration),
+        (1, 10 * cutoff_hz, (10 * cutoff_hz) ** 2),
+        strict=True,
+    ):
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * scale * unit)
+
+
+@given(st.integers(0, 1000), st.floats(1, 20))
+@settings(deadline=None)
+def test_equal_steps(seed, cutoff_hz):
+    signal = 100 + np.random.default_rng(seed).normal(size=(200, 3))
+    assert_same(signal, np.arange(200) / 100, cutoff_hz)
+
+
+@given(st.integers(0, 1000))
+@settings(deadline=None)
+def test_steps_that_jitter(seed):
+    random = np.random.default_rng(seed)
+    time = 1e5 + np.cumsum(random.uniform(0.007, 0.013, 200))
+    assert_same(random.normal(size=(200, 2)), time, 6.0)
+
+
+@given(st.lists(st.tuples(st.integers(0, 99), st.integers(0, 2)), max_size=30))
+@settings(deadline=None)
+def test_gaps_of_any_column_even_around_a_single_sample(missing):
+    signal = np.random.default_rng(1).normal(size=(100, 3))
+    for row, column in missing:
+        signal[row, column] = np.nan
+    assert_same(signal, np.arange(100) / 100, 6.0)
+
+
+def test_frames_that_never_came_are_a_gap_where_they_are_more_than_four():
+    signal = np.random.default_rng(2).normal(size=(100, 2))
+    for lost, restarts in ((3, False), (4, True)):
+        kept = np.r_[:50, 50 + lost : 100]
+        time = kept / 100
+        assert_same(signal[kept], time, 6.0)
+        after = butterworth(signal[kept], time, 6.0, "realtime").velocity[50]
+        assert (after == 0).all() == restarts
+
+
+STEP = 0.01
+INSIDE = slice(40, -40)
+"""Where what is beyond the ends has fallen below rounding."""
+
+
+def test_derivatives_are_those_of_the_spline_that_scipy_solves_for():
+    time = STEP * np.arange(300)
+    samples = np.random.default_rng(0).normal(size=(300, 4))
+    spline = make_interp_spline(time, samples, k=5)
+    for order, found in enumerate(spline_derivatives(samples, STEP), 1):
+        expected = spline(time, order)
+        error = np.abs(found - expected)[INSIDE].max()
+        assert error < 1e-11 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("frequency_hz", [1.0, 5.0])
+def test_a_sine_has_the_velocity_and_acceleration_of_a_sine(frequency_hz):
+    omega, time = 2 * np.pi * frequency_hz, STEP * np.arange(300)
+    velocity, acceleration = spline_derivatives(np.sin(omega * time)[:, None], STEP)
+    at = time[INSIDE]
+    assert np.abs(velocity[INSIDE, 0] - omega * np.cos(omega * at)).max() < 1e-6 * omega
+    assert np.abs(acceleration[INSIDE, 0] + omega**2 * np.sin(omega * at)).max() < 1e-4 * omega**2

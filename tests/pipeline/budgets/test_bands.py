@@ -4,9 +4,9 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from pipeline.budgets.bands import read_bands, write_bands
+from pipeline.budgets.explanation import read_bands, write_bands
 from pipeline.explain.budget import Bands
-from pipeline.figures.bands import bands_figure
+from pipeline.figures.explained import bands_figure
 from pipeline.viewer.trial import write_recording
 from tests.pipeline.viewer.test_trial import Stored
 from tests.pipeline.viewer_trial import viewer_trial

@@ -11,13 +11,12 @@ from pipeline.budgets.explanation import (
     FORMAT_VERSION,
     Explanation,
     explain,
-    explanation_lines,
     read_explanation,
     write_explanation,
 )
-from pipeline.budgets.table import budget_table
+from pipeline.budgets.words import budget_table
 from pipeline.config.schema import Settings, Subject, Treadmill
-from pipeline.figures.budget import budget_figure
+from pipeline.figures.explained import budget_figure
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.residuals import AXES
@@ -54,7 +53,7 @@ def test_a_planted_delay_is_the_first_cause_that_is_named(late):
     assert first.name == "plates are late"
     assert first.size == pytest.approx(DELAY_S, abs=1.96 * first.deviation)
     assert first.deviation < 0.002
-    largest, mending, *_ = explanation_lines(late)
+    largest, mending, *_ = late.lines()
     assert largest.startswith("Largest causes (size ± 95 % interval): plates are late 1")
     line = f"state plate_delay_s = {first.size:.3f} under [settings] ("
     assert mending.startswith(f"Most worth mending: {line}")
@@ -118,7 +117,7 @@ def test_fewer_than_four_cycles_are_said_and_one_half_of_their_frames_checks_the
     (note,) = few.budget.notes
     assert note.code == "explained_few_cycles"
     assert str(note).startswith("3 gait cycles were explained, fewer than 4: ")
-    *_, check = explanation_lines(few)
+    *_, check = few.lines()
     assert check.startswith("Held-out check: the causes found in one half of the frames take away")
 
 
@@ -127,12 +126,12 @@ def test_a_stretch_without_gait_cycles_is_said(walker):
     found = explain(walker, STILL, replace(result, cycles={}))
     assert [note.code for note in found.budget.notes] == ["explained_without_cycles"]
     assert "5.0 s of the recording" in str(found.budget.notes[0])
-    assert "no gait cycles" in budget_table(found.budget).title
+    assert "no gait cycles" in budget_table(found.budget)[0]
 
 
 def test_the_table_has_the_measured_residual_first_and_a_column_per_group(late):
-    table = budget_table(late.budget)
-    heads = [head for head, _ in table.columns]
+    *_, columns = budget_table(late.budget)
+    heads = [head for head, _ in columns]
     assert heads[:2] == ["RMS", "95 %"]
     assert heads[-1] == "not explained"
     assert len(heads) == 3 + len(late.budget.groups)

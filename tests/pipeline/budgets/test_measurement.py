@@ -1,17 +1,17 @@
 """Errors of measurement of a study, from the explanations of its trials."""
 
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 import pandas as pd
 
-from pipeline.budgets.explanation import FORMAT_VERSION, Explanation
-from pipeline.budgets.measurement import study_covariances, what_is_missing
-from pipeline.budgets.words import GROUPS
+from pipeline.budgets.explanation import (
+    FORMAT_VERSION,
+    Explanation,
+    study_covariances,
+    what_is_missing,
+)
 from pipeline.explain.budget import Budget, RmsUncertainty
-from pipeline.explain.cause import SHARED_WITHIN, CauseGroup
-from pipeline.explain.other_trials import SHARED
 from pipeline.trial.residuals import AXES
 
 DOCS = Path(__file__).parents[3] / "docs"
@@ -101,21 +101,3 @@ def test_a_trial_without_explanation_leaves_the_study_without_intervals_and_a_li
         "'hbm explain RESULTS' adds intervals of measurement."
     )
     assert what_is_missing(known, table(TRIALS[0])) == ""
-
-
-def test_every_group_with_a_size_is_shared_within_something():
-    assert set(SHARED_WITHIN) == set(get_args(CauseGroup)) - {"filter"}
-
-
-def test_what_trials_of_a_visit_share_is_what_a_check_over_them_takes_from_one_to_another():
-    assert {SHARED_WITHIN[group] for group in SHARED} == {"laboratory", "subject"}
-    assert not {"zero", "skin", "compensation"} & SHARED
-
-
-def test_the_page_says_how_each_group_is_shared():
-    text = (DOCS / "explain.md").read_text(encoding="utf-8")
-    table = text.partition("How errors are shared")[2].partition("Each cause enters")[0]
-    rows = dict(zip(("laboratory", "subject", "trial"), table.splitlines()[4:], strict=False))
-    for group, level in SHARED_WITHIN.items():
-        assert GROUPS[group].name in rows[level], group
-        assert level in rows[level]

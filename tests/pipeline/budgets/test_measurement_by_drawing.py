@@ -4,13 +4,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.budgets.explanation import explain
-from pipeline.budgets.measurement import study_covariances
+from pipeline.budgets.explanation import explain, study_covariances
 from pipeline.config.study import read_study
 from pipeline.explain.cause import SHARED_WITHIN
-from pipeline.explain.causes.filtering import left_by_filter
-from pipeline.explain.explain import explained_part
-from pipeline.explain.linearised import linearised
+from pipeline.explain.explain import explained_part, left_by_filter
+from pipeline.explain.sizes import linearised
 from pipeline.statistics.measurement import deviation, mean_covariance
 from pipeline.trial.process import process_trial
 from pipeline.trial.study_files import read_study_file, read_study_laboratory

@@ -1,27 +1,22 @@
 """Causes in words."""
 
 from dataclasses import replace
-from typing import get_args
 
 import numpy as np
 import pytest
 
-from pipeline.budgets.advice import MASS, most_worth_mending
 from pipeline.budgets.words import (
-    GROUPS,
+    MASS,
     are_apart,
     group_name,
     how_to_tell_apart,
+    most_worth_mending,
     size_in_words,
 )
 from pipeline.explain.budget import Budget, EstimatedCause
-from pipeline.explain.cause import OF_PERSON, CauseGroup
+from pipeline.explain.cause import OF_PERSON
 
 CAUSE = EstimatedCause("x", "gain", "1", 0.012, 0.001, 0.01, np.ones(6))
-
-
-def test_every_group_of_causes_has_words():
-    assert set(GROUPS) == set(get_args(CauseGroup))
 
 
 def test_groups_of_one_owner_are_named_as_his():

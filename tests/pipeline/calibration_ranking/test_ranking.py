@@ -7,22 +7,27 @@ import pandas as pd
 import pytest
 
 from compensation import belt_acceleration, low_pass, pitch_and_sway_signals, validation_signals
-from compensation.signals.protocol import (
+from compensation.protocol import (
     ADVISED_BELT_SIGNAL,
     ADVISED_PLATFORM_SIGNAL,
     PLATFORM_KINDS,
 )
-from pipeline.calibration_ranking.belts import belt_interaction, rank_belts
-from pipeline.calibration_ranking.choice import thesis_choice
-from pipeline.calibration_ranking.effects import (
+from pipeline.calibration_ranking.ranking import (
+    belt_interaction,
+    best_trials,
+    rank_belts,
+    rank_platform,
+    ranked,
+    thesis_choice,
+)
+from pipeline.calibration_ranking.report import table_2
+from pipeline.calibration_ranking.trials import BeltTrial, RankingSettings, factors, platform_trial
+from pipeline.calibration_ranking.verdict import (
     calibration_effects,
     ratio_to_random,
     ratios_to_random,
+    recommendation,
 )
-from pipeline.calibration_ranking.ranking import best_trials, rank_platform, ranked
-from pipeline.calibration_ranking.report import table_2
-from pipeline.calibration_ranking.trials import BeltTrial, RankingSettings, factors, platform_trial
-from pipeline.calibration_ranking.verdict import recommendation
 from pipeline.cli.app import main
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
@@ -84,7 +89,7 @@ def test_columns_in_one_order_agree_completely():
 
 
 def test_a_rigid_platform_with_ideal_instruments_is_compensated_completely():
-    quiet = {"force_noise_n": 1e-9, "moment_noise_nm": 1e-9}  # a dead channel is refused
+    quiet = {"noise_scale": 1e-9}  # a dead channel is refused
     faults = stated(Faults.none(), plates=quiet)
     calibration = [trial(RANDOM, 1, faults=faults), trial(SHORT, 2, name="b", faults=faults)]
     moved = trial(validation_signals()[1], 3, faults=faults)
@@ -96,8 +101,8 @@ def test_a_rigid_platform_with_ideal_instruments_is_compensated_completely():
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_where_the_bootstrap_is_certain_every_seed_has_the_same_winner(seed):
     noisy = stated(
-        plates={"force_noise_n": 1000.0, "moment_noise_nm": 500.0},
-        accelerometers={"noise_mps2": 3.0},
+        plates={"noise_scale": 900.0},
+        accelerometers={"noise_scale": 150.0},
     )
     calibration = [
         trial(RANDOM, 10 * seed, name="good"),

@@ -1,6 +1,5 @@
 """The command line: what it loads, its exit codes, and its one line for every mistake."""
 
-import dataclasses
 import os
 import re
 import subprocess
@@ -13,19 +12,15 @@ import typer
 
 from hbm.body import Body
 from hbm.kernels import native
-from hbm.kernels.compiler import KernelsDisagreeError
 from hbm.markers import Markers
 from pipeline.cli import doctor
 from pipeline.cli.app import app, main
-from pipeline.config.schema import Settings, Subject
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Plate
 from pipeline.io.write import write_text
 from pipeline.run import one_trial
-from pipeline.run.request import TrialRequest
-from pipeline.virtual_lab.protocol.study_folder import folder_setting, study_files
-from pipeline.virtual_lab.protocol.study_text import study_texts
 from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
+from pipeline.virtual_lab.protocol.walking_study import folder_setting, study_files, study_texts
 from tests.synthetic import synthetic_t_pose
 
 HEAVY = (
@@ -128,29 +123,8 @@ def test_a_mistake_gives_one_line_with_what_is_wrong(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_request_has_the_defaults_of_a_study():
-    request = TrialRequest(Path("trial.c3d"))
-    for model in (Settings(), Subject()):
-        for name, value in model:
-            if hasattr(request, name):
-                assert getattr(request, name) == value, name
-
-
-def test_everything_that_a_study_states_of_settings_and_body_is_an_option():
-    options = {name for p in COMMANDS["residuals"].params for name in p.opts}
-    stated = {*Settings.model_fields, *Subject.model_fields} - {"id", "age_years", "plate_delay_s"}
-    assert {f"--{name.replace('_', '-')}" for name in stated} < options
-    assert "--plate-delay-ms" in options
-
-
-def test_residuals_and_export_take_the_same_request():
-    fields = {field.name for field in dataclasses.fields(TrialRequest)}
-    for name in ("residuals", "export"):
-        assert fields < {parameter.name for parameter in COMMANDS[name].params}
-
-
 def test_all_faults_of_the_options_are_listed_at_once(folder, capsys):
-    options = {"--mass-kg": 2, "--height-m": 178, "--cutoff-hz": 600, "--hip": "left"}
+    options = {"--mass-kg": 2, "--cutoff-hz": 600, "--hip": "left"}
     words = [word for pair in options.items() for word in pair]
     line = refused(capsys, "residuals", folder / "still.c3d", *words)
     for option in options:
@@ -323,24 +297,19 @@ def test_doctor_says_where_the_engines_disagree(capsys, monkeypatch):
     assert "  kernels: the two engines of inverse dynamics disagree: " in capsys.readouterr().out
 
 
-def test_doctor_shows_that_compiled_kernels_were_refused(capsys, monkeypatch):
-    def refused(*_):
-        raise KernelsDisagreeError("the kernels that cc compiled differ (newton_step by 0.3)")
+def test_doctor_says_that_there_are_no_compiled_kernels_and_what_to_do(capsys, monkeypatch):
+    """Square brackets are printed as they are, not as markup."""
+
+    def missing(_):
+        raise native.LibraryError("data [bold] [2024]")
 
     monkeypatch.setattr(native, "_READY", {})
-    monkeypatch.setattr(native, "compiled_library", refused)
+    monkeypatch.setattr(native, "lanes_of_processor", missing)
     monkeypatch.setattr(doctor, "speed", lambda _: 1.0)
     assert main(["doctor"]) == 0
-    out = capsys.readouterr().out
-    assert "newton_step by 0.3" in out
-    assert "kernels: virtual machine (compiled kernels differ from it)" in out
-
-
-def test_square_brackets_are_printed_as_they_are(capsys, monkeypatch):
-    """Not as markup: names of folders and channels, and units may have them."""
-    monkeypatch.setattr(native, "cache_directory", lambda: "data [bold] [2024]")
-    assert main(["doctor"]) == 0
-    assert "data [bold] [2024]" in capsys.readouterr().out
+    out = " ".join(capsys.readouterr().out.split())
+    assert "Install a C compiler (gcc or clang), then the package again" in out
+    assert "kernels: virtual machine (data [bold] [2024])" in out
 
 
 @pytest.mark.parametrize(

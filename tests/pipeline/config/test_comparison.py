@@ -4,7 +4,7 @@ import pytest
 
 from pipeline.config.comparison import study_design
 from pipeline.config.study import read_study
-from pipeline.config.validation import StudyFaults
+from pipeline.config.toml_file import StudyFaults
 from pipeline.statistics.design import EXPERIMENT_3
 from tests.pipeline.fake_results import write_fake_study
 

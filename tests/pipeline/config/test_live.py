@@ -4,7 +4,7 @@ import pytest
 
 from pipeline.config.live import Live
 from pipeline.config.study import read_study
-from pipeline.config.validation import StudyFaults
+from pipeline.config.toml_file import StudyFaults
 
 SUBJECT = 'id = "s1"\n[trials.level]\nexclude = "none"\n'
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.config.study import read_study
-from pipeline.config.validation import StudyFaults
+from pipeline.config.toml_file import StudyFaults
 from pipeline.run.check import check_study
 from pipeline.run.job import trial_key
 from pipeline.run.provenance import input_digests

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.explain.cycle_series import cycle_series
+from pipeline.explain.sizes import cycle_series
 
 TIME = np.arange(600) / 100
 SPANS = [(0.5, 1.62), (1.62, 2.70), (2.70, 3.85), (3.85, 4.93)]

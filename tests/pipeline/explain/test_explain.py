@@ -7,8 +7,7 @@ import pytest
 
 from pipeline.config.schema import Treadmill
 from pipeline.explain.budget import EstimatedCause
-from pipeline.explain.causes.filtering import left_by_filter
-from pipeline.explain.explain import explain_trial
+from pipeline.explain.explain import explain_trial, left_by_filter
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.explain.posterior import estimate_sizes
+from pipeline.explain.sizes import estimate_sizes
 
 CYCLES, FREQUENCY = 30, np.repeat(np.arange(6), 2)[1:] / 1.1
 TILT = np.sin(2 * np.pi * np.arange(CYCLES) / CYCLES)[:, None, None]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.explain.posterior import MIN_VARIANCE, estimate_sizes
+from pipeline.explain.sizes import MIN_VARIANCE, estimate_sizes
 
 FREQUENCY = np.repeat(np.arange(9), 2)[1:] / 1.1
 B = len(FREQUENCY)

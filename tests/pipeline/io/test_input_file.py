@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from hbm.notes import Note
 from hbm.spelling import printable, short, shown
 from pipeline.config.study import read_study
-from pipeline.config.toml_file import read_segments, read_table
-from pipeline.config.validation import StudyFaults
+from pipeline.config.toml_file import StudyFaults, read_segments, read_table
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.dflow import read_dflow
 from pipeline.io.input_file import MAX_MESSAGE, FileFault, naming

@@ -11,10 +11,10 @@ from hbm.markers import Markers
 from pipeline.config.schema import Belt, Platform, Settings, Subject, Treadmill
 from pipeline.config.study import read_study
 from pipeline.io.c3d.read import read_c3d
-from pipeline.live.frames.frame import Quality
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
+from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import reported
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
 from tests.pipeline import lab
@@ -70,7 +70,7 @@ def assert_same(recording, laboratory, settings=REALTIME, start_s=0.0, body=None
         assert np.count_nonzero(known) > 0.5 * known.size
         assert np.abs(tau - dynamics.tau)[known].max() < MAX_FORCE_N
     counts = np.array([frame.quality.counts for frame in frames])
-    np.testing.assert_array_equal(counts[in_time], whole.validity.counts[in_time])
+    np.testing.assert_array_equal(counts[in_time], whole.counts[in_time])
     assert counts.any()
     return whole, frames
 

@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 from pipeline.config.live import Live
 from pipeline.config.schema import Platform, Settings, Subject, Treadmill
 from pipeline.config.study import read_study
+from pipeline.live.arrival import known
 from pipeline.live.frames.chain import LiveChain
-from pipeline.live.frames.frame import Quality
 from pipeline.live.stream import Samples
 from pipeline.trial.process import process_recording
+from pipeline.trial.quality import Quality
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
 from tests.pipeline import lab
 from tests.pipeline.live.playing import arrivals, chain_of, play, streams_of
@@ -165,7 +166,7 @@ def test_samples_that_are_no_numbers_stop_nothing(recording, new_chain):
             values[:] = random.choice([np.nan, np.inf, 1e30, -1e30])
         if random.random() < 0.02:
             time[-1] = random.choice([np.nan, np.inf, -1.0])
-        spoilt.append(Samples(samples.stream, time, values))
+        spoilt.append(Samples(samples.stream, time, known(values)))
     assert_accounted(chain, play(chain, spoilt))
 
 

@@ -8,9 +8,9 @@ import numpy as np
 from pipeline.cli.live.following import take_new
 from pipeline.config.schema import Settings, Subject
 from pipeline.config.study import read_study
-from pipeline.live.frames.frame import Quality
-from pipeline.live.watch.monitor import Monitor
+from pipeline.live.monitor import Monitor
 from pipeline.trial.process import process_recording
+from pipeline.trial.quality import Quality
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
 from tests.pipeline.live.playing import arrivals, chain_of, play
 from tests.pipeline.viewer_frames import shown_frames

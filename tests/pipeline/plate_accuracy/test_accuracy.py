@@ -13,12 +13,10 @@ import pytest
 
 from pipeline.cli.app import main
 from pipeline.config.plate_study import read_plates_study
-from pipeline.config.validation import StudyFaults
+from pipeline.config.toml_file import StudyFaults
 from pipeline.plate_accuracy.accuracy import check_plates
-from pipeline.plate_accuracy.faults import FaultEstimate
-from pipeline.plate_accuracy.report import COLUMNS, table_1
+from pipeline.plate_accuracy.faults import find_vibration
 from pipeline.plate_accuracy.verdict import describe, judge
-from pipeline.plate_accuracy.vibration import find_vibration
 from pipeline.virtual_lab.protocol import known_weights
 from pipeline.virtual_lab.protocol.known_weights import PlateErrors, simulate_plates
 
@@ -117,24 +115,6 @@ def test_a_single_error_is_found_within_its_uncertainty_and_no_other(tmp_path, e
         assert abs(one.value - value) < 2 * one.uncertainty
 
 
-def test_the_offset_of_the_plate_is_found_alone(tmp_path):
-    simulate_plates(
-        tmp_path,
-        PlateErrors(angle_rad=np.radians(0.19), offset_m=(0.0015, -0.0018)),
-        seed=4,
-        **(FEW | {"speeds": (1.0,), "weights": (22.56, 45.08)}),
-    )
-    found = check_plates(read_plates_study(tmp_path))
-    for fault, truth in (
-        ("angle", 0.19),
-        ("offset along", 0.0015),
-        ("offset across", -0.0018),
-    ):
-        one = estimate(found, fault)
-        assert one.significant
-        assert abs(one.value - truth) < 4 * one.standard_error
-
-
 def test_a_vibration_is_found_and_named_with_and_without_supports(shaking, tmp_path):
     free = estimate(shaking, "vibration without supports")
     held = estimate(shaking, "vibration with supports")
@@ -153,8 +133,7 @@ def test_every_plate_is_judged_by_its_own_recordings_with_supports(shaking):
     free = [t for t in shaking.trials if not t.weight.supports]
     other = [replace(t, weight=t.weight.model_copy(update={"belt": "right"})) for t in free]
     left, right = judge(replace(shaking, trials=(*shaking.trials, *other)))
-    assert (left.recordings, left.with_supports) == (24, True)
-    assert (right.recordings, right.with_supports) == (24, False)
+    assert (left.with_supports, right.with_supports) == (True, False)
     assert "vibration without supports" not in {one.name for one in left.judged}
 
 
@@ -189,23 +168,6 @@ def test_orthogonal_errors_leave_out_what_a_line_explains(faultless, faulty):
     across = faulty.errors.query("zone == 'all' and quantity == 'COPy'")["difference"].mean()
     plain = faultless.errors.query("zone == 'all' and quantity == 'COPy'")["difference"].mean()
     assert across == pytest.approx(plain, rel=0.2)  # the alignment was corrected
-
-
-def test_table_1_has_the_thesis_rows_and_columns(shaking):
-    table = table_1(shaking.errors)
-    assert list(table.columns) == ["condition", *COLUMNS]
-    assert list(table["condition"][:4]) == [
-        "Normal error - support",
-        "Normal error - no support",
-        "TLLS - support",
-        "TLLS - no support",
-    ]
-    assert {"speed = 0.7 m/s", "startpos = 0.15 m", "AP = middle", "weight = 13.44 kg"} <= set(
-        table["condition"]
-    )
-    assert (table["COPy (mm)"] == "-").all()
-    held, free = table["COPz (mm)"][2:4]
-    assert free > 2 * held > 0
 
 
 def test_one_command_leaves_table_figures_and_a_verdict(tmp_path, capsys):
@@ -290,13 +252,6 @@ def test_the_uncorrected_double_pass_is_used_by_this_experiment_alone():
         if "double_pass" in path.read_text(encoding="utf-8")
     }
     assert users == {"hbm/signals/filtering.py", "pipeline/plate_accuracy/trials.py"}
-
-
-def test_an_estimate_from_a_single_impact_has_no_known_uncertainty():
-    single = FaultEstimate("left", "delay", 0.0062, np.nan, "s", 0)
-    assert describe(single) == "left: delay 6.200 ms, of unknown uncertainty"
-    several = replace(single, standard_error=0.0002, degrees_of_freedom=9)
-    assert describe(several) == "left: delay 6.20 ± 0.45 ms"
 
 
 def test_a_file_name_that_no_file_can_have_is_one_line_with_its_place(tmp_path):

@@ -1,4 +1,4 @@
-"""What errors depend on is found, what they do not depend on is not, and assumptions are told."""
+"""Errors depend on the conditions that matter and no other; what was not tested is named."""
 
 from itertools import product
 
@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.plate_accuracy.condition_effects import condition_effects, effects_section
+from pipeline.plate_accuracy.accuracy import condition_effects, effects_section
 
 ZONES = ("back", "middle", "front")
 
@@ -78,26 +78,6 @@ def test_log_normal_errors_need_no_remark():
     found = condition_effects(errors(seed=3))
     assert found.remarks == ()
     assert found.tests["exponent"].abs().max() < 2
-
-
-def test_an_exponent_out_of_the_ordinary_is_remarked_on():
-    """Errors like 2 to the power of -8 normal ones: λ = -8 makes them normal."""
-    data = errors(seed=3, scatter=0)
-    rng = np.random.default_rng(1)
-    data["orthogonal"] = 0.002 * (1 + 0.05 * rng.normal(size=len(data))) ** (-1 / 8)
-    remarks = condition_effects(data).remarks
-    assert any("whole recordings: Box–Cox exponent beyond ±2 of COPx (λ = -" in r for r in remarks)
-
-
-def test_residuals_that_are_not_normal_are_remarked_on():
-    """Two recordings in a row are off, up and down, which no power makes normal."""
-    data = errors(seed=4)
-    data.loc[data.index[:8], "orthogonal"] *= np.repeat([4.0, 0.25], 4)
-    remarks = " ".join(condition_effects(data).remarks)
-    assert (
-        "whole recordings: residuals differ from a normal distribution (Shapiro–Wilk): COPx (W = 0."
-        in (remarks)
-    )
 
 
 def test_conditions_that_changed_together_are_not_tested_and_this_is_said():

@@ -5,8 +5,7 @@ import pytest
 
 from pipeline.config.plate_study import read_plates_study
 from pipeline.plate_accuracy.figures import hammer_trace_figure, vibration_figure
-from pipeline.plate_accuracy.recordings import read_hammer_delay
-from pipeline.plate_accuracy.trials import UNALIGNED, read_weight
+from pipeline.plate_accuracy.trials import UNALIGNED, read_hammer_delay, read_weight
 from pipeline.virtual_lab.protocol.known_weights import PlateErrors, simulate_plates
 
 
@@ -49,19 +48,6 @@ def test_the_vibration_is_seen_in_time_with_and_without_supports(trials):
         assert hz[np.argmax(density)] == pytest.approx(3.0, abs=0.2)
 
 
-def test_both_recordings_in_time_are_of_the_same_weight(trials):
-    """Without supports 45 kg were not recorded: 22 kg are shown."""
-    fewer = [t for t in trials if t.weight.supports or t.weight.mass_kg < 30]
-    in_time = vibration_figure(fewer).axes[0]
-    assert len(in_time.lines) == 2
-    assert "22.56 kg" in in_time.get_title(loc="left")
-
-
-def test_recordings_without_supports_alone_are_drawn(trials):
-    in_time, spectrum = vibration_figure([t for t in trials if not t.weight.supports]).axes
-    assert len(in_time.lines) == len(spectrum.lines) == 1
-
-
 def test_the_two_instants_of_a_hit_are_as_far_apart_as_the_plate_is_late(study):
     _, trace = read_hammer_delay(study, study.file.hammer[0])
     marker_panel, force_panel = hammer_trace_figure({"left": trace}).axes
@@ -76,7 +62,3 @@ def test_the_two_instants_of_a_hit_are_as_far_apart_as_the_plate_is_late(study):
     for path, side in ((before, samples[0] < -10), (after, samples[0] > 10)):
         drawn = np.interp(samples[0][side], *(x[np.argsort(path[0])] for x in path))
         np.testing.assert_allclose(drawn, samples[1][side], atol=1.0)  # millimetres
-
-
-def test_a_study_without_hammer_has_no_trace():
-    assert hammer_trace_figure({}) is None

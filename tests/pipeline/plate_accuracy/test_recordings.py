@@ -8,11 +8,16 @@ import pytest
 
 from pipeline.cli.app import main
 from pipeline.config.plate_study import read_plates_study
-from pipeline.config.validation import StudyFaults
+from pipeline.config.toml_file import StudyFaults
 from pipeline.io.c3d.read import read_c3d
 from pipeline.plate_accuracy.accuracy import check_plates
-from pipeline.plate_accuracy.recordings import read_hammer_delay, read_with_marker
-from pipeline.plate_accuracy.trials import UNALIGNED, read_weight, static_places
+from pipeline.plate_accuracy.trials import (
+    UNALIGNED,
+    read_hammer_delay,
+    read_weight,
+    read_with_marker,
+    static_places,
+)
 from pipeline.virtual_lab.protocol.known_weights import PlateErrors, simulate_plates
 from tests.pipeline.other_formats import write_dflow
 

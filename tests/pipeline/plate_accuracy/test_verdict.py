@@ -10,22 +10,17 @@ from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS
 from pipeline.cli.app import main
 from pipeline.config.plate_correction import read_plate_correction
 from pipeline.config.plate_study import AccuracyLimits, PlatesFile, read_plates_study
-from pipeline.config.validation import StudyFaults
+from pipeline.config.toml_file import StudyFaults
 from pipeline.io.axes import parse_axes
 from pipeline.plate_accuracy.accuracy import examine_plates
-from pipeline.plate_accuracy.correction import delay_notes
 from pipeline.plate_accuracy.faults import FaultEstimate, estimate_faults
-from pipeline.plate_accuracy.judgement import Judged
+from pipeline.plate_accuracy.judgement import Judged, delay_notes
+from pipeline.plate_accuracy.report import use_of_calibration
 from pipeline.plate_accuracy.response import fit_response
 from pipeline.plate_accuracy.trials import UNALIGNED
 from pipeline.plate_accuracy.verdict import Verdict, judge
-from pipeline.plate_accuracy.verdict_page import use_of_calibration, verdict_sections
 from pipeline.virtual_lab.protocol import known_weights
-from pipeline.virtual_lab.protocol.known_weights import (
-    THESIS_ERRORS,
-    PlateErrors,
-    simulate_plates,
-)
+from pipeline.virtual_lab.protocol.known_weights import THESIS_ERRORS, PlateErrors, simulate_plates
 
 ONE = {"speeds": (1.0,), "weights": (22.56,), "positions": (0.25,)}
 """Two recordings, sine and square."""
@@ -155,40 +150,9 @@ def test_a_channel_that_shows_the_same_in_every_sample_is_found_when_it_is_read(
     assert "in the plate's own axes never changed" in verdict.sentence
 
 
-def restated(folder, old, new):
-    """A perfect plate, one line of its plates.toml wrong."""
-    simulate_plates(folder, seed=5, **DESIGN)
-    path = folder / "plates.toml"
-    text = path.read_text(encoding="utf-8")
-    path.write_text(text.replace(old, new), encoding="utf-8")
-    return judge(examine_plates(read_plates_study(folder)))[0]
-
-
-def test_a_mass_that_is_misstated_is_named_beside_the_curvature_that_it_looks_like(tmp_path):
-    """22.56 kg, stated 45 g too low, look like a curvature of 6 N at 510 N."""
-    verdict = restated(tmp_path / "mass", "mass_kg = 22.56", "mass_kg = 22.515")
-    assert "22.515 kg misstated by 0.045 kg would look the same" in verdict.sentence
-    page = "\n".join(verdict_sections(examined(tmp_path / "page"), [verdict]))
-    assert "curvature: 22.515 kg misstated by 0.045 kg would look the same" in page
-
-
-def test_a_height_that_is_misstated_is_named_beside_the_cross_talk_that_it_looks_like(tmp_path):
-    verdict = restated(tmp_path, "center_height_m = 0.15", "center_height_m = 0.165")
-    assert "center_height_m wrong by 15 mm would look the same" in verdict.sentence
-
-
 def test_the_verdict_names_the_load_beyond_which_it_is_extrapolated(perfect):
     (verdict,) = judge(perfect)
     assert f"above the largest recorded one ({45.08 * GRAVITY_MPS2:.0f} N)" in verdict.sentence
-
-
-def test_a_wide_interval_that_ends_at_zero_asks_for_as_many_recordings_as_its_upper_half(perfect):
-    """0.2 + 1.5 is to become 0.2 + 0.8: (1.5 / 0.8)² − 1 = 2.5 times the 24 recordings more."""
-    (verdict,) = judge(perfect)
-    wide = Judged("Mz in My", 0.2, 0.0, 1.7, 1.0, "1", "calibration")
-    unclear = replace(verdict, judged=(wide,))
-    assert unclear.verdict.answer == "cannot be told"
-    assert "record about 61 more weights on this plate" in unclear.sentence
 
 
 def test_the_error_of_a_person_grows_from_that_of_the_weights(tmp_path):
@@ -213,11 +177,7 @@ def test_an_interval_that_holds_the_limit_tells_nothing_and_says_what_to_record(
     (verdict,) = judge(replace(found, study=replace(found.study, file=file)))
     assert verdict.verdict.answer == "cannot be told"
     assert "gain of Fz" in {one.name for one in verdict.reasons}
-    assert "so close to its limit that more recordings would hardly tell" in verdict.sentence
-    near = 100 * (gain.value + 0.7 * gain.uncertainty)
-    file = found.study.file.model_copy(update={"limits": AccuracyLimits(gain_percent=near)})
-    (verdict,) = judge(replace(found, study=replace(found.study, file=file)))
-    assert "more weights on this plate" in verdict.sentence
+    assert "record more weights on this plate" in verdict.sentence
 
 
 def test_a_plate_that_is_wrong_in_too_few_recordings_is_not_fit_and_may_not_be_correctable(
@@ -289,13 +249,6 @@ def test_a_calibration_makes_a_load_right_that_it_has_not_seen(tmp_path, capsys)
     allowed = 2.2 * np.abs(measured) @ calibration.standard_error.T + 0.1  # and that of the zero
     assert (off < allowed).all()
     assert off[:, 2].max() < 1.0 < np.abs(measured - step)[:, 2].min()
-
-
-def test_a_perfect_plate_needs_no_calibration(tmp_path):
-    folder, out = tmp_path / "study", tmp_path / "out"
-    simulate_plates(folder, seed=7, **DESIGN)
-    assert main(["plates", str(folder), "--out", str(out)]) == 0
-    assert not (out / "plate_calibration.json").exists()
 
 
 @pytest.mark.parametrize("gain", [-1.0, 0.3], ids=["dead channel", "30 % too much"])

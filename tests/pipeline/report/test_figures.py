@@ -1,13 +1,10 @@
 """Figures of a study: the lines show the data, and every axis is labelled."""
 
 import numpy as np
-import pandas as pd
 import pytest
 from scipy import stats
 
-from pipeline.figures.style import COLOURS, save_figure
 from pipeline.report.figures import (
-    drawn_conditions,
     gait_cycle_figure,
     marginal_means_figure,
     raw_figure,
@@ -53,17 +50,6 @@ def test_residuals_of_left_and_right_cycles_do_not_cancel(results):
     assert line(panel, "sway, no IC").get_ydata().max() == pytest.approx(SWAY[1], rel=0.15)
 
 
-def test_baseline_no_ic_and_ic_differ_in_colour_and_line_style(results):
-    figure = gait_cycle_figure(results.cycles, "sway", EXPERIMENT_3)
-    drawn = {d.get_label(): d for d in figure.axes[0].get_lines()}
-    labels = ("sway, no IC", "sway, IC", "baseline, no IC", "baseline, IC")
-    assert set(labels) <= set(drawn)
-    assert drawn["sway, no IC"].get_color() == COLOURS["measured"]
-    assert drawn["sway, IC"].get_color() == COLOURS["compensated"]
-    assert len({(drawn[n].get_color(), drawn[n].get_linestyle()) for n in labels}) == 4
-    assert drawn["sway, no IC"].get_linestyle() != drawn["sway, IC"].get_linestyle()
-
-
 def test_the_band_of_a_single_subject_is_over_its_cycles(results):
     own = results.cycles[results.cycles["subject"] == "sub01"]
     figure = gait_cycle_figure(own, "pitch", EXPERIMENT_3)
@@ -96,7 +82,7 @@ def test_marginal_means_are_over_the_same_subjects_in_all_cells(results, tests):
 
 def test_single_cycles_follow_one_another_in_time(results):
     own = results.cycles[results.cycles["subject"] == "sub02"]
-    spans = {c: trial.cycles for (s, c), trial in results.summaries.items() if s == "sub02"}
+    spans = {c: trial.cycles for (s, c), trial in results.trials.items() if s == "sub02"}
     panel = raw_figure(own, spans, "Fy", EXPERIMENT_3).axes[1]
     assert panel.get_title(loc="left") == "sway"
     peaks = line(panel, "no IC").get_ydata().reshape(-1, 101)
@@ -115,20 +101,3 @@ def test_every_axis_names_unit_and_direction(results, tests):
             assert panel.get_ylabel() in ("N", "N·m", "RMS (N)", "RMS (N·m)")
         lowest = figure.axes[-1]
         assert lowest.get_xlabel() or [t.get_text() for t in lowest.get_xticklabels()]
-
-
-def test_every_figure_of_the_thesis_has_its_counterpart(results, tests):
-    names = [name for name, _ in study_figures(results, tests, EXPERIMENT_3)]
-    raw = [f"raw_{axis}" for axis in AXES]
-    assert names == ["gait_cycle_sway", "gait_cycle_pitch", "marginal_means", *raw]
-
-
-def test_a_baseline_alone_has_a_figure_of_its_own():
-    assert drawn_conditions(pd.DataFrame({"condition": ["baseline"]}), EXPERIMENT_3) == ["baseline"]
-    assert drawn_conditions(pd.DataFrame({"condition": ["b", "a"]}), EXPERIMENT_3) == ["a", "b"]
-
-
-def test_names_are_text_not_formulas(results, tmp_path):
-    renamed = results.cycles.replace({"condition": {"sway": "$\\frac"}})
-    save_figure(gait_cycle_figure(renamed, "$\\frac", EXPERIMENT_3), tmp_path / "odd")
-    assert "$\\frac, IC" in (tmp_path / "odd.svg").read_text(encoding="utf-8")

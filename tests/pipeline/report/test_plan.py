@@ -5,8 +5,8 @@ import pytest
 
 from pipeline.cli.app import main
 from pipeline.report import write as report
-from pipeline.report.plan import plan_markdown, plan_table
-from pipeline.report.verdict import verdict_section
+from pipeline.report.tables import plan_markdown, plan_table
+from pipeline.report.verdict import verdict_values
 from pipeline.statistics.design import EXPERIMENT_3
 from pipeline.statistics.verdict import Verdict
 from tests.pipeline.fake_results import write_fake_results
@@ -43,7 +43,6 @@ def test_fewer_than_two_subjects_give_one_line(n):
 
 def test_the_command_prints_the_plan_that_it_writes(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(report, "study_figures", lambda *args: iter(()))
-    monkeypatch.setattr(report, "write_page", lambda page: "")
     write_fake_results(tmp_path, subjects=3, cycles=2)
     assert main(["report", str(tmp_path), "--plan", "--covariate", "mass_kg"]) == 0
     printed = capsys.readouterr().out
@@ -65,6 +64,6 @@ def test_a_covariate_that_does_not_exist_is_refused_in_one_line(tmp_path, capsys
 def test_the_page_asks_for_no_more_subjects_where_there_were_enough():
     found = [verdict("sway", needed=20), verdict("pitch", needed=7)]
     residuals = pd.DataFrame({"condition": ["sway", "pitch"], "compensated": True})
-    section = verdict_section(found, residuals, EXPERIMENT_3, stated=True)
-    lines = [cell.lines[-1] for row in section.rows for cell in row.cells]
+    values = verdict_values(found, residuals, EXPERIMENT_3, stated=True)
+    lines = [cell["lines"][-1] for *_, cells in values["rows"] for cell in cells]
     assert lines == ["20 subjects needed", "7 would do if the difference were zero"]

@@ -9,7 +9,6 @@ import pytest
 from pipeline.cli.results import print_study_residuals
 from pipeline.figures.residuals import mean_part, residual_figure
 from pipeline.report.figures import gait_cycle_figure
-from pipeline.report.windows import windows_sentence
 from pipeline.report.write import write_report
 from pipeline.run.load import collect
 from pipeline.run.store import write_trial
@@ -37,7 +36,7 @@ def folder(tmp_path_factory):
                 result = fake_trial(number, condition, cycles=4)
                 result = with_part(result) if condition == "sway" else result
                 path = out / "trials" / f"sub{number:02}_{condition}.parquet"
-                write_trial(result, condition, "key", path)
+                write_trial(replace(result, condition=condition, key="key"), path)
         write_report(out)
     return out
 
@@ -84,9 +83,9 @@ def test_the_console_prints_the_headline_and_what_it_is_of(folder, capsys):
 
 def test_the_part_that_counts_is_grey_in_every_panel(folder):
     found = collect(folder)
-    grey = mean_part(t for t in found.summaries.values() if t.condition == "sway")
+    grey = mean_part(t for t in found.trials.values() if t.condition == "sway")
     assert grey == pytest.approx((20, 50))
-    assert mean_part(t for t in found.summaries.values() if t.condition == "pitch") is None
+    assert mean_part(t for t in found.trials.values() if t.condition == "pitch") is None
     study = gait_cycle_figure(found.cycles, "sway", EXPERIMENT_3, grey=grey)
     trial = residual_figure(with_part(fake_trial(1, "sway", cycles=4)))
     for panel in (*study.axes, *trial.axes):
@@ -94,16 +93,3 @@ def test_the_part_that_counts_is_grey_in_every_panel(folder):
         box = band.get_extents().transformed(panel.transData.inverted())
         np.testing.assert_allclose([box.x0, box.x1], grey, atol=1e-6)
     assert not gait_cycle_figure(found.cycles, "pitch", EXPERIMENT_3).axes[0].patches
-
-
-@pytest.mark.parametrize(
-    ("window", "words"),
-    [
-        ("0 to 0.5 s", "0 to 0.5 s after the onset of each perturbation (sway)."),
-        ("10 to 40 %", "10 to 40 % of the perturbed gait cycle (sway)."),
-        ("span", "spans of the recordings (sway)."),
-    ],
-)
-def test_every_window_has_its_words(window, words):
-    table = pd.DataFrame({"condition": ["sway"] * 2, "window": [window] * 2})
-    assert windows_sentence(table) == f"RMS over {words}"

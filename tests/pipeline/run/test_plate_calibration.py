@@ -10,7 +10,7 @@ import pytest
 
 from pipeline.cli.app import main
 from pipeline.config.study import read_study
-from pipeline.config.validation import StudyFaults
+from pipeline.config.toml_file import StudyFaults
 from pipeline.io.c3d.read import read_c3d
 from pipeline.run.check import check_study
 from pipeline.run.job import file_digest

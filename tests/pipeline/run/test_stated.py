@@ -11,7 +11,7 @@ from hbm.markers import Markers
 from hbm.notes import Note
 from pipeline.cli.app import main
 from pipeline.config.study import read_study
-from pipeline.config.validation import StudyFaults
+from pipeline.config.toml_file import StudyFaults, check_options
 from pipeline.export.compensated_c3d import Calibrations, write_compensated
 from pipeline.io.c3d.header import read_header
 from pipeline.io.c3d.parameters import parameter_records, values_of
@@ -110,8 +110,10 @@ def test_without_the_statements_nothing_is_guessed(disguised):
 
 def test_one_trial_states_the_same_as_options(plain, disguised):
     options = {"mass_kg": 75.0, "platform_markers": ",".join(lab.PLATFORM_MARKERS_M)}
-    expected = process_request(TrialRequest(plain / "sub01_pitch.c3d", **options))
-    found = process_request(TrialRequest(disguised / "sub01_pitch.c3d", **options, **OPTIONS))
+    expected = process_request(TrialRequest(trial=plain / "sub01_pitch.c3d", **options)).result
+    found = process_request(
+        TrialRequest(trial=disguised / "sub01_pitch.c3d", **options, **OPTIONS)
+    ).result
     np.testing.assert_allclose(found.measured.residual, expected.measured.residual, atol=2e-3)
     codes = {note.code for note in found.notes}
     assert {"units_stated", "points_of_other_subjects"} < codes
@@ -194,9 +196,9 @@ def test_a_label_that_another_file_of_the_trial_has_is_no_note(plain, tmp_path):
     walk = standing(folder, "walk.c3d", ("LHEE", "heel_l"))
     static = standing(folder, "static.c3d", ("C7", "neck"))
     request = TrialRequest(
-        walk, static=static, mass_kg=75.0, rename=("heel_l=LHEE", "neck=C7", "nack=T10")
+        trial=walk, static=static, mass_kg=75.0, rename=("heel_l=LHEE", "neck=C7", "nack=T10")
     )
-    notes = process_request(request).notes
+    notes = process_request(request).result.notes
     assert Note.of("rename_without_label", labels=["nack"]) in notes
     assert "labels_not_renamed" not in {note.code for note in notes}
     of_walk = Note.of("labels_not_renamed", labels=["neck", "nack"])
@@ -223,15 +225,15 @@ def test_a_misspelt_label_to_rename_is_named_with_the_error_that_it_causes(plain
 @pytest.mark.parametrize(
     ("rename", "message"),
     [
-        (("LASI",), "--rename LASI: expected OLD=NEW, such as LASI=LASIS"),
+        (("LASI",), "--rename: LASI: expected OLD=NEW, such as LASI=LASIS"),
         (("=LASIS",), "expected OLD=NEW"),
         (("LASI=",), "expected OLD=NEW"),
-        (("A=B", "A=C"), "--rename gives A two new labels"),
+        (("A=B", "A=C"), "--rename: A has two new labels"),
     ],
 )
 def test_a_pair_to_rename_that_is_none_is_refused(plain, rename, message):
     with pytest.raises(ValueError, match=message):
-        read_requested(TrialRequest(plain / "sub01_pitch.c3d", rename=rename))
+        check_options(TrialRequest, {"trial": plain / "sub01_pitch.c3d", "rename": rename})
 
 
 @pytest.mark.parametrize(
@@ -244,13 +246,13 @@ def test_a_pair_to_rename_that_is_none_is_refused(plain, rename, message):
 )
 def test_a_statement_that_cannot_be_is_refused_with_its_option(plain, options, message):
     with pytest.raises(ValueError, match=message):
-        read_requested(TrialRequest(plain / "sub01_pitch.c3d", **options))
+        read_requested(check_options(TrialRequest, {"trial": plain / "sub01_pitch.c3d", **options}))
 
 
 def test_a_table_of_other_labels_is_named_with_the_first_of_each(plain, tmp_path):
     table = tmp_path / "other_lab.toml"
     table.write_text('[markers]\nA1 = ["pelvis", "LASIS"]\nA2 = ["pelvis", "RASIS"]\n')
-    request = TrialRequest(plain / "sub01_pitch.c3d", marker_set=str(table))
+    request = TrialRequest(trial=plain / "sub01_pitch.c3d", marker_set=str(table))
     with pytest.raises(
         ValueError,
         match=r"sub01_pitch\.c3d: none of the 2 labels of marker set other_lab \(A1, A2, …\) is t",
@@ -270,7 +272,7 @@ def test_the_table_of_a_request_shows_the_axes(disguised, tmp_path):
     )
     table.write_text("\n".join(["[markers]", *rows]))
     request = TrialRequest(
-        disguised / "sub01_pitch.c3d",
+        trial=disguised / "sub01_pitch.c3d",
         marker_set=str(table),
         **OPTIONS | {"rename": ()},
     )

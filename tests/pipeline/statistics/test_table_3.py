@@ -132,14 +132,6 @@ def test_one_subject_gives_means_and_no_p(residuals):
     assert "±" not in text.partition("\n\n")[0]
 
 
-def test_the_table_read_back_from_csv_is_the_same(tmp_path, table):
-    path = tmp_path / "table_3.csv"
-    table.to_csv(path, index=False)
-    again = pd.read_csv(path).assign(without="")  # nobody is missing here
-    np.testing.assert_allclose(again["p_t"], table["p_t"])
-    assert table_3_markdown(again) == table_3_markdown(table)
-
-
 SDS = ("mean_no_ic", "mean_ic", "no_ic_minus_baseline_no_ic", "ic_minus_baseline_no_ic")
 
 
@@ -169,11 +161,6 @@ def test_an_rms_is_not_negative_and_neither_is_its_interval(residuals):
     assert "[0.0, 135.1]" in table_3_markdown(
         table_3(residuals, statistics(residuals), measurement=known)
     )
-
-
-def test_without_errors_of_measurement_there_are_no_such_columns(table):
-    assert not [name for name in table if "measurement" in name]
-    assert "[" not in table_3_markdown(table)
 
 
 def test_means_of_incomplete_subjects_have_the_uncertainty_of_those_who_are_complete(residuals):

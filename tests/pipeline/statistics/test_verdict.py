@@ -10,7 +10,16 @@ from scipy import stats
 from pipeline.statistics.comparison import statistics
 from pipeline.statistics.design import EXPERIMENT_3
 from pipeline.statistics.measurement import measurement_covariances
-from pipeline.statistics.verdict import ratio_interval, verdicts
+from pipeline.statistics.verdict import (
+    MeasurementInterval,
+    Verdict,
+    headline,
+    headlines,
+    noninferiority_power,
+    ratio_interval,
+    subjects_needed,
+    verdicts,
+)
 
 CONDITIONS = ("baseline", "sway", "pitch")
 
@@ -48,7 +57,7 @@ def sway(table):
 
 
 def judge(table):
-    return verdicts(table, statistics(table))
+    return verdicts(table)
 
 
 def test_a_residual_that_returns_to_baseline_is_at_baseline():
@@ -152,7 +161,7 @@ def with_errors(table, level, of_sway, of_others):
     change = np.where(table["condition"] == "sway", of_sway, of_others)
     errors = table.assign(error="late", level=level, change=change)
     known = measurement_covariances(errors)
-    found = verdicts(table, statistics(table), measurement=known)
+    found = verdicts(table, measurement=known)
     return next(v for v in found if v.condition == "sway")
 
 
@@ -185,7 +194,7 @@ def test_an_error_that_scales_all_values_never_turns_a_verdict():
     table = study(excess=8, spread=1)
     gain = 0.2 * (table["rms"] if EXPERIMENT_3.margin else 0)
     errors = table.assign(error="gain", level="laboratory", change=gain)
-    found = verdicts(table, statistics(table), measurement=measurement_covariances(errors))
+    found = verdicts(table, measurement=measurement_covariances(errors))
     own = next(v for v in found if v.condition == "sway")
     excess = own.ic - 1.2 * own.baseline
     half = 1.96 * 0.2 * abs(excess)
@@ -199,3 +208,134 @@ def test_one_subject_has_an_interval_of_measurement():
     assert verdict.answer == "no interval"
     half = (verdict.measurement.high - verdict.measurement.low) / 2
     assert half == pytest.approx(1.96 * 5, rel=1e-3)
+
+
+def verdict(condition="sway", answer="inconclusive", n=9, needed=12):
+    return Verdict("Fx", "N", condition, answer, n=n, needed=needed)
+
+
+def test_the_headline_counts_the_residuals_at_baseline_and_names_the_others():
+    answers = dict(
+        zip(
+            ("Fx", "Fy", "Fz", "Mx"), ("at baseline", "above", "above", "inconclusive"), strict=True
+        )
+    )
+    found = [Verdict(axis, "N", "sway", answer, n=9) for axis, answer in answers.items()]
+    assert headline(found, "sway") == (
+        "In sway, 1 of 4 residuals is at baseline level with compensation; "
+        "Fy and Fz are above it; for Mx, the result is inconclusive with 9 subjects"
+    )
+
+
+def test_a_study_without_enough_subjects_says_so_once():
+    found = [verdict(c, n=3, needed=40) for c in ("baseline", "sway", "pitch")]
+    (sentence,) = headlines(found)
+    assert sentence.startswith(
+        "3 subjects are a demonstration: 3 of 3 comparisons are inconclusive"
+    )
+    assert "40 would show them to be at the level of the reference" in sentence
+
+
+def test_decided_comparisons_of_few_subjects_are_sentences_first():
+    found = [verdict("sway", "at baseline", n=3), verdict("pitch", n=3)]
+    first, last = headlines(found)
+    assert first == "In sway, 1 of 1 residuals is at baseline level with compensation."
+    assert last.startswith("3 subjects are a demonstration: 1 of 2 comparisons is inconclusive")
+
+
+def test_a_study_with_enough_subjects_names_its_inconclusive_residuals():
+    found = [verdict("sway", "at baseline"), verdict("pitch", needed=None)]
+    sentences = headlines(found)
+    assert sentences[1] == (
+        "In pitch, 0 of 1 residuals are at baseline level with compensation; for Fx, the result "
+        "is inconclusive with 9 subjects."
+    )
+    assert sentences[2] == (
+        "1 of 2 comparisons is inconclusive. Subjects differ so much that 1000 would not "
+        "decide them."
+    )
+
+
+def test_more_subjects_are_not_asked_for_where_there_were_enough():
+    found = [verdict("sway", needed=20), verdict("pitch", needed=7)]
+    *_, last = headlines(found)
+    assert "20 would show 1 of them to be at the level of the reference" in last
+    assert last.endswith(
+        "For 1, these subjects would have been enough if there were no difference: there may be "
+        "one."
+    )
+
+
+def test_verdicts_that_errors_of_measurement_could_turn_are_named_last():
+    wide, narrow = (MeasurementInterval(-9, 9, contains) for contains in (True, False))
+    cells = (
+        *(("Fx", "sway", wide), ("Fy", "sway", narrow)),
+        *(("Fx", "pitch", wide), ("Fy", "pitch", wide)),
+    )
+    found = [
+        Verdict(axis, "N", condition, "at baseline", n=9, measurement=own)
+        for axis, condition, own in cells
+    ]
+    *others, last = headlines(found)
+    assert last == (
+        "For Fx in sway, and all residuals in pitch, errors of usual size alone could turn the "
+        "verdict: by measurement, the residual may be on either side of the margin of 20 %."
+    )
+    assert len(others) == 2
+    assert headlines([found[1]])[-1].startswith("In sway")
+
+
+ALPHA = 0.05 / 5 / 2
+"""One side of a simultaneous interval over five pairs."""
+
+
+def simulated_power(n, sd, mean, margin, alpha, studies=20_000):
+    """Share of simulated studies whose upper confidence bound is at most the margin."""
+    differences = np.random.default_rng(n).normal(mean, sd, (studies, n))
+    half = stats.t.ppf(1 - alpha, n - 1) * stats.sem(differences, axis=1)
+    return float(np.mean(differences.mean(axis=1) + half <= margin))
+
+
+@pytest.mark.parametrize(("sd", "mean"), [(3.0, 0.0), (6.0, 0.0), (6.0, 3.0), (12.0, -2.0)])
+def test_the_number_has_80_percent_power_in_simulated_studies_and_one_less_has_not(sd, mean):
+    margin = 8.0
+    n = subjects_needed(sd, margin - mean, ALPHA)
+    error = 3 * np.sqrt(0.8 * 0.2 / 20_000)
+    assert simulated_power(n, sd, mean, margin, ALPHA) >= 0.8 - error
+    assert simulated_power(n - 1, sd, mean, margin, ALPHA) < 0.8 + error
+    assert noninferiority_power(np.array([n - 1]), sd, margin - mean, ALPHA) < 0.8
+
+
+@given(
+    st.integers(2, 60),
+    st.floats(0.5, 20),
+    st.floats(0.5, 20),
+)
+@settings(deadline=None, max_examples=50)
+def test_power_grows_with_subjects_and_room_and_falls_with_variance(n, sd, room):
+    power = noninferiority_power(np.array(n), sd, room, ALPHA)
+    assert 0 <= power <= 1
+    rounding = 1e-9
+    assert noninferiority_power(np.array(n + 1), sd, room, ALPHA) >= power - rounding
+    assert noninferiority_power(np.array(n), sd, 1.1 * room, ALPHA) >= power - rounding
+    assert noninferiority_power(np.array(n), 1.1 * sd, room, ALPHA) <= power + rounding
+
+
+@given(st.floats(0.05, 20), st.floats(0.05, 20), st.floats(1, 1000))
+@settings(deadline=None, max_examples=50)
+def test_the_unit_is_irrelevant(sd, room, unit):
+    assert subjects_needed(sd, room, ALPHA) == subjects_needed(unit * sd, unit * room, ALPHA)
+
+
+def test_no_number_shows_a_difference_that_exceeds_the_margin():
+    assert subjects_needed(1.0, 0.0, ALPHA) is None
+    assert subjects_needed(1.0, -1.0, ALPHA) is None
+
+
+def test_a_number_beyond_a_thousand_is_none():
+    assert subjects_needed(100.0, 1.0, ALPHA) is None
+
+
+@pytest.mark.parametrize("sd", [0.0, 1e-300, 1e-12, 1e-4])
+def test_subjects_who_all_agree_need_two(sd):
+    assert subjects_needed(sd, 1.0, ALPHA) == 2

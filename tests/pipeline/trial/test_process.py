@@ -19,6 +19,7 @@ from pipeline.trial.ground.calibration_file import read_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.wrenches import ground_wrenches
 from pipeline.trial.process import process_recording, process_trial
+from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.residuals import residual_table
 from pipeline.trial.weighing import body_mass
 from tests.pipeline import lab
@@ -172,11 +173,11 @@ def test_frames_without_accelerations_count_in_neither_variant(study, results):
     assert residual_table(result, "pitch")["rms"].notna().all()
     time, whole = result.motion.time, results["pitch"]
     near = (time > 7.85) & (time < 8.25)
-    assert not result.validity.counts[near].any()
-    assert result.validity.motion[near].all()
+    assert not result.counts[near].any()
+    assert free_of(result.quality, Quality.POSE_UNKNOWN)[near].all()
     for variant in ("measured", "compensated"):
         difference = getattr(result, variant).residual - getattr(whole, variant).residual
-        assert np.abs(difference[result.validity.counts]).max() < 1.0
+        assert np.abs(difference[result.counts]).max() < 1.0
 
 
 def test_a_cycle_counts_only_where_all_of_its_motion_is_known(results):
@@ -186,12 +187,12 @@ def test_a_cycle_counts_only_where_all_of_its_motion_is_known(results):
         for side, first in (("left", 6.0), ("right", 6.55))
         for t in np.arange(first, 11.0, 1.1)
     )
-    time, validity = result.motion.time, result.validity
-    whole, reasons = cut_cycles(events, time, validity, min_valid_share=0.5)
+    time, quality = result.motion.time, result.quality
+    whole, reasons = cut_cycles(events, time, quality, min_valid_share=0.5)
     assert reasons == ()
-    hole = validity.motion.copy()
-    hole[np.searchsorted(time, 7.5)] = False
-    left, reasons = cut_cycles(events, time, replace(validity, motion=hole), min_valid_share=0.5)
+    hole = quality.copy()
+    hole[np.searchsorted(time, 7.5)] |= int(Quality.POSE_UNKNOWN)
+    left, reasons = cut_cycles(events, time, hole, min_valid_share=0.5)
     assert len(left["left"]) == len(whole["left"]) - 1
     assert {note.code for note in reasons} == {"cycle_unsolved"}
     assert str(reasons[0]).startswith("left gait cycle 7.10–8.20 s left out: it has frames without")

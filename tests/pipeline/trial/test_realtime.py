@@ -11,6 +11,7 @@ from pipeline.config.schema import Settings, Subject
 from pipeline.config.study import read_study
 from pipeline.explain.processing_chain import processing_chain
 from pipeline.trial.process import process_recording
+from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
 from tests.pipeline import lab
 
@@ -48,8 +49,7 @@ def test_a_trial_that_ends_earlier_is_the_same_until_then(pitch, laboratory, who
     for variant in ("measured", "compensated"):
         found, same = (getattr(result, variant).residual[:known] for result in (part, whole))
         np.testing.assert_allclose(found, same[:known], rtol=0, atol=1e-6)
-    np.testing.assert_array_equal(part.validity.settled[:known], whole.validity.settled[:known])
-    np.testing.assert_array_equal(part.ambiguous[:known], whole.ambiguous[:known])
+    np.testing.assert_array_equal(part.quality[:known], whole.quality[:known])
 
 
 def test_a_limb_that_returns_changes_nothing_before(pitch, laboratory):
@@ -60,8 +60,11 @@ def test_a_limb_that_returns_changes_nothing_before(pitch, laboratory):
     markers = Markers(pitch.markers.time, pitch.markers.names, position)
     gone = process(replace(pitch, markers=markers), laboratory, pitch)
     np.testing.assert_array_equal(gone.motion.q[:600], whole.motion.q[:600])
-    assert gone.validity.settled[:600].sum() == whole.validity.settled[:600].sum()
-    assert not gone.validity.settled[600:].any()
+    assert (
+        free_of(gone.quality, Quality.SETTLING)[:600].sum()
+        == free_of(whole.quality, Quality.SETTLING)[:600].sum()
+    )
+    assert not free_of(gone.quality, Quality.SETTLING)[600:].any()
 
 
 def test_a_calibration_fitted_without_delay_compensates_in_real_time(walker, whole):
@@ -79,8 +82,8 @@ def test_a_calibration_fitted_without_delay_compensates_in_real_time(walker, who
 
 def test_before_the_platforms_neutral_pose_is_known_nothing_counts(whole):
     assert np.isnan(whole.compensated.residual[:100]).all()
-    assert not whole.validity.counts[:125].any()
-    assert whole.validity.counts[130]
+    assert not whole.counts[:125].any()
+    assert whole.counts[130]
 
 
 def test_an_explanation_repeats_the_same_steps(pitch, laboratory, whole):

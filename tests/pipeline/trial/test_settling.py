@@ -14,9 +14,9 @@ from pipeline.run.store import write_trial
 from pipeline.trial.gait.cycles import cut_cycles
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
-from pipeline.trial.residuals import counted, residual_rows, threshold_rows
+from pipeline.trial.quality import Quality, free_of, settled_frames, settling_s
+from pipeline.trial.residuals import counted, residual_table, threshold_table
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
-from pipeline.trial.validity import Validity, settled_frames, settling_s
 from tests.pipeline import lab
 from tests.pipeline.settling import LIMIT, cycle_change
 
@@ -61,28 +61,29 @@ def test_cropping_a_compensated_trial_changes_no_cycle(moving_study, condition):
         result = process_recording(part, person, settings, laboratory=laboratory)
         assert (cycle_change(result, whole, 0) < LIMIT).all()
         difference = result.compensated.residual - whole.compensated.residual[: last + 1]
-        assert np.abs(difference[result.validity.counts]).max() < 1
+        assert np.abs(difference[result.counts]).max() < 1
         assert np.abs(difference[-1]).max() > 20
 
 
 def test_cropping_a_trial_at_heel_strikes_changes_no_verdict(walker, whole):
-    passed = [row.passed for row in threshold_rows(whole)]
+    passed = list(threshold_table(whole)["passed"])
     for _, part in lab.cropped_at_strikes(walker, whole.events, count=2):
-        assert [row.passed for row in threshold_rows(again(part, whole, walker))] == passed
+        assert list(threshold_table(again(part, whole, walker))["passed"]) == passed
 
 
 def test_no_stored_frame_that_counts_has_an_unsettled_filter(walker, whole, tmp_path):
     first, part = next(lab.cropped_at_strikes(walker, whole.events, count=1))
     result = again(part, whole, walker)
-    write_trial(result, "level", "", tmp_path / "level.parquet")
+    write_trial(replace(result, condition="level", key=""), tmp_path / "level.parquet")
     frames = pd.read_parquet(tmp_path / "level.parquet")
-    counts = frames[["valid.motion", "valid.plates", "valid.settled"]].all(axis=1).to_numpy()
+    counts = free_of(frames["quality"].to_numpy())
     after_s, before_s = settling_s([(whole.settings.filter, 6.0)])
     time = frames["time_s"]
     assert not counts[(time < after_s) | (time > time.iloc[-1] - before_s)].any()
     same = whole.measured.residual[first : first + len(time)]
     assert np.abs(result.measured.residual - same)[counts].max() < 1.0
-    assert frames.loc[~frames["valid.settled"], "tau.measured.LKneeFlexion"].isna().all()
+    settling = ~free_of(frames["quality"].to_numpy(), Quality.SETTLING)
+    assert frames.loc[settling, "tau.measured.LKneeFlexion"].isna().all()
 
 
 def without_markers(recording, start_s, stop_s):
@@ -93,7 +94,7 @@ def without_markers(recording, start_s, stop_s):
 
 def peaks(result, spans):
     """Largest residuals of each cycle, (C, 6), over the frames that count."""
-    time, counts = result.motion.time, result.validity.counts
+    time, counts = result.motion.time, result.counts
     found = [
         np.abs(result.measured.residual[counts & (time >= start) & (time < stop)]).max(axis=0)
         for start, stop in spans
@@ -110,9 +111,7 @@ def test_a_gap_of_50_ms_of_all_markers_raises_no_peak_of_the_cycles_beside_it(wa
     spans = result.cycles["right"]
     assert len(spans) == len(whole.cycles["right"]) - 1
     assert (peaks(result, spans) - peaks(whole, spans) < LIMIT).all()
-    unmasked = replace(
-        result, validity=replace(result.validity, settled=np.ones(len(walker.markers.time), bool))
-    )
+    unmasked = replace(result, quality=result.quality & ~int(Quality.SETTLING))
     assert (peaks(unmasked, spans) - peaks(whole, spans)).max() > 50
     codes = [note.code for note in result.notes]
     assert codes.count("cycle_unsolved") == 2
@@ -130,7 +129,7 @@ def test_a_gap_of_a_plate_raises_no_peak_of_the_cycle(walker, whole):
     assert len(result.cycles["right"]) == len(spans)
     assert (peaks(result, spans) - peaks(whole, spans) < LIMIT).all()
     near = (result.motion.time > middle_s) & (result.motion.time < middle_s + 0.2)
-    assert not result.validity.counts[near].any()
+    assert not result.counts[near].any()
 
 
 @pytest.mark.parametrize(("last_s", "left"), [(2.6, 2), (2.4, 1), (1.4, 0)])
@@ -138,24 +137,21 @@ def test_a_cycle_with_too_little_left_is_left_out_by_name(last_s, left):
     """Cycles of 1 s from 1 and 2 s on, of which frames up to some time are settled."""
     time = np.arange(310) / 100
     events = [Event(t, "foot_strike", "left") for t in (1.0, 2.0, 3.0)]
-    yes = np.ones(len(time), bool)
-    cycles, notes = cut_cycles(events, time, Validity(yes, yes, time < last_s), 0.5)
+    quality = np.where(time < last_s, 0, int(Quality.SETTLING))
+    cycles, notes = cut_cycles(events, time, quality, 0.5)
     assert len(cycles["left"]) == left
     assert [note.code for note in notes] == ["cycle_unsettled"] * (2 - left)
 
 
 def test_cycles_without_a_frame_that_counts_are_not_counted(whole):
-    nothing = whole.validity.settled.copy()
-    start, stop = whole.cycles["right"][0]
-    nothing[(whole.motion.time >= start) & (whole.motion.time < stop)] = False
+    quality, (start, stop) = whole.quality.copy(), whole.cycles["right"][0]
+    quality[(whole.motion.time >= start) & (whole.motion.time < stop)] |= int(Quality.SETTLING)
     result = replace(
         whole,
         cycles={"right": whole.cycles["right"]},
-        validity=replace(whole.validity, settled=nothing),
+        quality=quality,
     )
-    assert {row.n_cycles for row in residual_rows(result, "level")} == {
-        len(whole.cycles["right"]) - 1
-    }
+    assert set(residual_table(result, "level")["n_cycles"]) == {len(whole.cycles["right"]) - 1}
     assert not counted(result)[(whole.motion.time >= start) & (whole.motion.time < stop)].any()
 
 

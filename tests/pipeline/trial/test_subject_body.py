@@ -14,8 +14,7 @@ from hbm.poses import marker_positions
 from pipeline.cli.app import main
 from pipeline.config.schema import Settings, Subject
 from pipeline.config.study import read_study
-from pipeline.config.toml_file import read_segments
-from pipeline.config.validation import StudyFaults
+from pipeline.config.toml_file import StudyFaults, read_segments
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.opensim import read_sto
 from pipeline.io.stated import Stated

@@ -23,8 +23,7 @@ from rerun.experimental import ViewerClient
 
 from pipeline.figures.style import COLOURS
 from pipeline.viewer.file import printable, recording_file
-from pipeline.viewer.page import GrowingRecording
-from pipeline.viewer.serve import free_ports, view, viewer_binary
+from pipeline.viewer.serve import GrowingRecording, free_port, view, viewer_binary
 from pipeline.viewer.trial import write_cycles, write_recording
 from tests.pipeline.browser import needs_chromium, open_browser
 from tests.pipeline.viewer_pictures import (
@@ -218,18 +217,18 @@ def test_what_cannot_be_shown_is_reported_in_one_line(recordings, tmp_path, monk
         assert "\n" not in str(error.value)
 
 
-def free_port():
+def headless_port():
     """A port for a viewer without a screen, which needs Vulkan."""
     drivers = [*Path("/usr/share/vulkan/icd.d").glob("*.json")]
     if not (find_library("vulkan") and drivers):
         pytest.skip("no Vulkan driver (apt-get install mesa-vulkan-drivers libvulkan1)")
-    return free_ports(1)[0]
+    return free_port()
 
 
 @contextmanager
 def headless(*paths):
     """Open recordings in a viewer without a screen, which draws with Mesa's software Vulkan."""
-    port = free_port()
+    port = headless_port()
     viewer = ViewerClient.spawn(
         headless=True, port=port, hide_welcome_screen=True, executable_path=viewer_binary()
     )
@@ -242,7 +241,7 @@ def headless(*paths):
 
 
 def test_the_window_opens_with_the_trial_and_has_the_mean_cycle_in_its_layout(recordings):
-    port = free_port()
+    port = headless_port()
     program = (
         "import sys; from pathlib import Path; from pipeline.viewer import serve; "
         "run = serve.running_viewer; serve.running_viewer = lambda words: run("

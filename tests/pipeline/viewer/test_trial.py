@@ -16,9 +16,10 @@ from hbm.coordinates import MOVING
 from hbm.poses import marker_positions, segment_frames
 from hbm.spatial import shift_wrench
 from pipeline.trial.gait.cycles import normalise
+from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import AXES, cycle_residuals, reported, residual_table
-from pipeline.viewer.blueprint import cycle_layout
 from pipeline.viewer.file import printable, recording_file, send
+from pipeline.viewer.layout import cycle_layout
 from pipeline.viewer.scene import pressure_point
 from pipeline.viewer.serve import viewer_binary
 from pipeline.viewer.trial import write_cycles, write_recording
@@ -273,7 +274,7 @@ def test_frames_without_solution_hide_the_body_and_break_the_curves(broken):
 def test_no_residual_is_shown_where_filters_have_not_settled(trial, tmp_path):
     settled = np.ones(FRAMES, bool)
     settled[:18] = settled[-18:] = False
-    result = replace(trial, validity=replace(trial.validity, settled=settled))
+    result = replace(trial, quality=np.where(settled, 0, int(Quality.SETTLING)))
     write_recording(result, tmp_path / "ends.rrd")
     stored = Stored(tmp_path / "ends.rrd")
     curve = np.array(stored.rows("residual/Fx", "scalars"))
@@ -341,7 +342,7 @@ def test_a_full_disk_is_one_line_that_names_the_file(tmp_path):
         "from pipeline.run import store\n"
         "from tests.pipeline.viewer_trial import viewer_trial\n"
         "store.read_trial = lambda path: viewer_trial(500)\n"
-        "store.read_summary = lambda path: types.SimpleNamespace(key='')\n"
+        "store.read_trial = lambda path: types.SimpleNamespace(key='')\n"
         "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))\n"
         "sys.exit(main(['view', 'any.parquet', '--save', sys.argv[1]]))\n"

@@ -5,8 +5,8 @@ from functools import cache
 import pytest
 
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.treadmill import Machine
-from pipeline.virtual_lab.protocol.instrumented_treadmill import make_treadmill
+from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
+from pipeline.virtual_lab.machine.platform import Machine
 from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
 from pipeline.virtual_lab.protocol.walking_trial import run_trial, run_walk, study_subject
 

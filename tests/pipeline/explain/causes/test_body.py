@@ -148,11 +148,6 @@ def test_effects_of_small_faults_add_up():
     assert rms(missed[50:150]) < 0.01 * rms(expected[50:150])
 
 
-def test_there_are_fewer_than_sixty_causes_in_the_body_and_none_has_two_names():
-    names = [cause.name for cause in body_causes(person(moves=False))]
-    assert len(names) == len(set(names)) < 60
-
-
 def test_a_size_beyond_all_mass_leaves_a_little():
     chain = chain_of(TIME, {})
     feet = next(cause for cause in body_causes(chain) if cause.name == "feet: mass")

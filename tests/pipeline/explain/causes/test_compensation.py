@@ -7,7 +7,7 @@ import pytest
 
 from compensation import BeltModel
 from compensation.inertia.model_error import ModelError
-from pipeline.explain.causes.compensation import compensation_causes, principal_directions
+from pipeline.explain.causes.treadmill import compensation_causes, principal_directions
 from pipeline.explain.subtracted import Subtracted
 from tests.pipeline.explain.moving_trial import (
     SETTLED,

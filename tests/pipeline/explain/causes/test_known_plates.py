@@ -8,15 +8,15 @@ import pytest
 from compensation import PlateCalibration, PlateCalibrations
 from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Settings, Treadmill
-from pipeline.explain.causes.known_plates import (
+from pipeline.explain.cause import priors
+from pipeline.explain.causes.plates import (
     calibrated,
     known_plates,
     narrowed,
+    plate_causes,
     swing_zero,
     usual_plates,
 )
-from pipeline.explain.causes.plates import plate_causes
-from pipeline.explain.priors import priors
 from pipeline.trial.ground.laboratory import Laboratory
 from tests.pipeline.explain.moving_trial import (
     MARKERS,

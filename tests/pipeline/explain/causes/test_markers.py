@@ -144,13 +144,6 @@ def test_the_phase_is_whole_at_every_start_and_goes_on_where_there_are_no_cycles
     np.testing.assert_allclose(cycle_phase(at, spans), expected, atol=1e-12)
 
 
-def test_only_what_has_markers_has_displaced_ones_and_only_arms_without_swing_unseen():
-    trunk_and_legs = {"pelvis", "thorax", "right thigh", "left thigh", "right shank", "left shank"}
-    unseen = {"right arm without markers", "left arm without markers"}
-    assert {name.split(":")[0] for name in causes("pelvis")} == {"pelvis"} | unseen
-    assert {name.split(":")[0] for name in causes()} == {"head"} | trunk_and_legs
-
-
 def test_an_arm_that_hangs_forward_unseen_pitches_the_body_by_its_weight():
     chain = walking("pelvis")
     effect = causes("pelvis")["left arm without markers: flexion"].effect(chain)

@@ -5,7 +5,7 @@ import pytest
 
 from compensation import PlatformPose, commanded_pose
 from hbm.spatial import rotation_about
-from pipeline.explain.causes.platform import platform_causes
+from pipeline.explain.causes.treadmill import platform_causes
 from tests.pipeline import lab
 from tests.pipeline.explain.moving_trial import (
     CHANNELS,
@@ -104,9 +104,3 @@ def test_a_pose_from_markers_has_neither_delay_nor_pivot():
 
 def test_a_treadmill_that_stands_still_has_no_causes_of_a_platform(chain):
     assert list(platform_causes(chain, None)) == []
-
-
-def test_what_moves_with_the_platform_is_told_from_what_does_not(chain):
-    moving = {each.name for each in platform_causes(chain, CHANNELS) if each.of_platform}
-    assert "platform: late" in moving
-    assert "platform: zero of sway" not in moving

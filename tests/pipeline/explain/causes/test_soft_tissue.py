@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from hbm.coordinates import INDEX
 from hbm.spatial import GRAVITY_MPS2
-from pipeline.explain.causes.soft_tissue import WobblingMass, soft_tissue_causes
+from pipeline.explain.causes.body import WobblingMass, soft_tissue_causes
 from tests.pipeline.explain.chains import chain_of
 
 TIME = np.arange(400) / 100

@@ -9,7 +9,7 @@ from compensation import belt_signals
 from pipeline.config.schema import Belt
 from pipeline.trial.ground.belt_calibration import WALKING_MPS, fit_belts, roller_notes
 from pipeline.virtual_lab.faults import BeltFaults, Faults, MachineFaults
-from pipeline.virtual_lab.machine.linear_belt import (
+from pipeline.virtual_lab.machine.belts import (
     ROLLER_AHEAD_M,
     ROLLER_CIRCUMFERENCE_M,
     ROLLER_HEIGHT_M,

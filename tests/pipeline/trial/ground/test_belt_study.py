@@ -10,8 +10,8 @@ from pipeline.config.study import read_study
 from pipeline.io.recording import Analog
 from pipeline.trial.ground.belts import belt_axes
 from pipeline.trial.process import process_trial
-from pipeline.virtual_lab.machine.linear_belt import belt_moment
-from pipeline.virtual_lab.machine.treadmill import Machine
+from pipeline.virtual_lab.machine.belts import belt_moment
+from pipeline.virtual_lab.machine.platform import Machine
 from tests.pipeline import lab
 
 STUDY = """

@@ -10,7 +10,7 @@ from compensation import Signal, belt_signals, pitch_and_sway_signals, validatio
 from hbm.signals.filtering import low_pass
 from pipeline.config.schema import Belt, Treadmill
 from pipeline.config.study import read_study
-from pipeline.config.validation import StudyFaults
+from pipeline.config.toml_file import StudyFaults
 from pipeline.io.axes import parse_axes
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.c3d.write import write_c3d
@@ -23,7 +23,7 @@ from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.wrenches import ground_wrenches
 from pipeline.trial.process import process_trial
 from pipeline.virtual_lab.faults import BeltFaults, Faults, MachineFaults
-from pipeline.virtual_lab.machine.instruments.accelerometer import SENSOR_NAMES
+from pipeline.virtual_lab.machine.instruments import SENSOR_NAMES
 from pipeline.virtual_lab.person import bystander
 from pipeline.virtual_lab.protocol import calibration_trial
 from pipeline.virtual_lab.protocol.calibration_trial import sample_times

@@ -8,11 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.virtual_lab.machine.belt_drive import run_belt
-from pipeline.virtual_lab.machine.belt_parameters import (
+from pipeline.virtual_lab.machine.belts import (
     PARAMETERS_TOML,
-    RotatingLine,
     identified_drive,
+    run_belt,
     scattered_drive,
 )
 
@@ -112,14 +111,6 @@ def test_an_unbalanced_roller_pulls_with_the_square_of_the_speed_once_a_turn():
     assert pulls[2.0] == pytest.approx(4 * pulls[1.0], rel=0.02)
 
 
-def test_a_line_turns_with_the_belts_travel():
-    line = RotatingLine(6.0, 0.2)
-    motion = run(replace(QUIET, lines=(line,)), np.full(10_000, 1.5))
-    assert np.std(motion.pitch_moment) == pytest.approx(0.2 * 1.5**2 / np.sqrt(2), rel=0.01)
-    spectrum = np.abs(np.fft.rfft(motion.pitch_moment))
-    assert np.argmax(spectrum) * RATE_HZ / 10_000 == pytest.approx(9.0, abs=0.1)
-
-
 def test_reported_speed_is_held_and_late():
     command = ramp(0, 2, seconds=2.0)
     drive = replace(QUIET, report_hz=200.0, report_lag_s=0.0, report_delay_s=0.02, stretch_n=np.inf)
@@ -131,27 +122,6 @@ def test_reported_speed_is_held_and_late():
     )
     assert np.abs(motion.reported_speed - late).max() < 0.02
     assert np.abs(motion.reported_speed - motion.speed).max() > 0.03
-
-
-def test_the_sampling_rate_does_not_change_the_motion():
-    command = ramp(0, 1.5)[::10]
-    slow = run_belt(QUIET, command, 100.0, np.random.default_rng(0))
-    fine = np.interp(
-        np.arange(len(command) * 10 - 9) / 1000, np.arange(len(command)) / 100, command
-    )
-    fast = run_belt(QUIET, fine, 1000.0, np.random.default_rng(0))
-    np.testing.assert_allclose(fast.speed[::10], slow.speed, atol=1e-9)
-    np.testing.assert_allclose(fast.pitch_moment[::10], slow.pitch_moment, atol=1e-7)
-
-
-def test_equal_seeds_give_equal_belts_and_a_part_switched_off_changes_no_other():
-    command, drive = np.full(3000, 1.3), identified_drive()
-    first, again = run(drive, command, seed=3), run(drive, command, seed=3)
-    np.testing.assert_array_equal(first.pitch_moment, again.pitch_moment)
-    silent = run(replace(drive, rumble_nm_per_sqrt_hz=0.0), command, seed=3)
-    np.testing.assert_array_equal(silent.upward_force, first.upward_force)
-    np.testing.assert_array_equal(silent.reported_speed, first.reported_speed)
-    assert np.std(first.pitch_moment - silent.pitch_moment) > 1
 
 
 def test_a_command_beyond_the_motor_gets_one_clear_error():

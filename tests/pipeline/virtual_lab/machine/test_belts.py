@@ -4,14 +4,16 @@ import numpy as np
 import pytest
 
 from pipeline.virtual_lab.faults import BeltFaults
-from pipeline.virtual_lab.machine.belts import carried_of_belts, make_drives, run_belts
-from pipeline.virtual_lab.machine.linear_belt import (
+from pipeline.virtual_lab.machine.belts import (
     ROLLER_AHEAD_M,
     ROLLER_HEIGHT_M,
     belt_moment,
+    carried_of_belts,
     drive_belt,
+    make_drives,
+    run_belts,
 )
-from pipeline.virtual_lab.machine.treadmill import Machine
+from pipeline.virtual_lab.machine.platform import Machine
 
 RATE_HZ = 1000.0
 
@@ -56,26 +58,6 @@ def test_an_unbalanced_roller_pulls_at_its_axle_with_the_square_of_the_speed():
         np.testing.assert_allclose(wrench[:, 3:], np.cross(place, wrench[:, :3]), atol=1e-12)
         assert np.abs(wrench[:1000].mean(axis=0)).max() < 0.05  # it turns
     assert np.abs(wrenches[0][:, 0] - wrenches[1][:, 0]).max() > 0.01  # each by itself
-
-
-def test_each_belt_has_a_motor_of_its_own_and_equal_seeds_give_equal_ones():
-    left, right = make_drives(BeltFaults(), np.random.default_rng(1))
-    assert left != right
-    assert (left, right) == make_drives(BeltFaults(), np.random.default_rng(1))
-    assert make_drives(BeltFaults(drive="linear"), np.random.default_rng(1)) is None
-
-
-def test_a_smooth_motor_without_unbalance_runs_quietly_at_constant_speed():
-    smooth = BeltFaults(roughness=0.0, unbalance_kg_per_m=0.0)
-    drives = make_drives(smooth, np.random.default_rng(1))
-    rng, command = np.random.default_rng(2), np.full(3000, 1.3)
-    quiet = carried_of_belts(run_belts(Machine(), drives, 0.0, command, RATE_HZ, rng))
-    assert np.abs(quiet).max() < 1e-6
-    rough = make_drives(BeltFaults(), np.random.default_rng(1))
-    running = carried_of_belts(
-        run_belts(Machine(), rough, 0.0, command, RATE_HZ, np.random.default_rng(2))
-    )
-    assert all(wrench[:, 4].std() > 0.5 for wrench in running)
 
 
 def test_a_person_who_brakes_on_a_belt_slows_it_and_the_other_runs_on():

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from pipeline.virtual_lab.machine.platform import LEFT_ASSEMBLY, RIGHT_ASSEMBLY
 from pipeline.virtual_lab.machine.structure import (
     ASSEMBLIES,
     COORDINATES,
@@ -14,7 +15,6 @@ from pipeline.virtual_lab.machine.structure import (
     natural_modes,
     rigid_shape,
 )
-from pipeline.virtual_lab.machine.treadmill import LEFT_ASSEMBLY, RIGHT_ASSEMBLY
 
 RIGID = np.vstack([np.eye(FRAME, 6), np.eye(6), np.eye(6)])
 """All parts move as one."""

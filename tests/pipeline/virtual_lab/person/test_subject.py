@@ -6,12 +6,11 @@ import pytest
 from hbm.body import build_body
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers, marker_sets
-from hbm.segments import SEXES
-from pipeline.virtual_lab.analysis.true_body import t_pose_markers, true_body
 from pipeline.virtual_lab.faults import BodyFaults, Faults
 from pipeline.virtual_lab.person.anatomy import Proportions, t_pose
-from pipeline.virtual_lab.person.subject import Person, make_subject
+from pipeline.virtual_lab.person.subject import SHOE_KG, SOLE_M, Person, make_subject
 from pipeline.virtual_lab.protocol.walking_protocol import PERSONS
+from tests.validation.true_body import t_pose_markers, true_body
 
 NAMES = tuple(marker_sets()["hbm2"].segment)
 
@@ -27,7 +26,7 @@ def test_the_nine_subjects_have_the_mean_and_sd_of_the_thesis():
     assert (ages.mean(), ages.std(ddof=1)) == pytest.approx((26, 3.8), abs=0.05)
 
 
-@pytest.mark.parametrize("sex", SEXES)
+@pytest.mark.parametrize("sex", ["male", "female"])
 @pytest.mark.parametrize("height_m", [1.5, 1.78, 2.0])
 def test_the_vertex_is_at_stature_and_the_heels_are_on_the_floor(sex, height_m):
     position = t_pose(NAMES, height_m, sex, Proportions(thigh=1.05, trunk=0.97))
@@ -41,11 +40,6 @@ def test_the_two_sides_mirror_each_other():
         if name.startswith("R"):
             other = position[NAMES.index("L" + name[1:])]
             np.testing.assert_allclose(position[k] * [1, -1, 1], other)
-
-
-def test_an_unknown_marker_is_refused_by_name():
-    with pytest.raises(ValueError, match="no marker 'NOSE'"):
-        t_pose(["NOSE"], 1.78, "male", Proportions())
 
 
 @pytest.mark.parametrize("marker_set", ["hbm2", "hbm1"])
@@ -86,7 +80,7 @@ VARIED = BodyFaults(same_body=True)
 
 def test_a_varied_body_has_the_same_mass_and_the_same_markers_in_the_t_pose():
     plain = make_subject(Person(), rng=np.random.default_rng(5))
-    for faults in (VARIED, BodyFaults(sole_m=0.0)):
+    for faults in (VARIED, BodyFaults(shoe_scale=0.0)):
         varied = make_subject(Person(), faults=faults, rng=np.random.default_rng(5))
         assert varied.skeleton.mass == pytest.approx(plain.skeleton.mass)
         np.testing.assert_allclose(t_pose_markers(varied), t_pose_markers(plain), atol=1e-9)
@@ -121,29 +115,17 @@ def test_another_body_has_shoes_a_joint_in_the_mid_trunk_and_wobbling_masses():
     same, other = (make_subject(Person(), faults=f) for f in (Faults.none().body, BodyFaults()))
     heel = same.skeleton.markers.index("RHEE")
     higher = t_pose_markers(other)[heel, 2] - t_pose_markers(same)[heel, 2]
-    assert higher == pytest.approx(BodyFaults().sole_m)
+    assert higher == pytest.approx(SOLE_M)
     assert not same.wobbling
     assert np.linalg.norm(same.skeleton.offsets["thorax"]) == 0
     assert {mass.segment.rpartition("_")[2] for mass in other.wobbling} == {
         *("thigh", "shank", "thorax", "trunk")
     }
     assert 0.08 < np.linalg.norm(other.skeleton.offsets["thorax"]) < 0.25
-    bare = make_subject(Person(), faults=BodyFaults(shoe_kg=0.0)).skeleton.inertias
+    bare = make_subject(Person(), faults=BodyFaults(shoe_scale=0.0)).skeleton.inertias
     shod = other.skeleton.inertias
-    lighter = 1 - 2 * BodyFaults().shoe_kg / Person().mass_kg
+    lighter = 1 - 2 * SHOE_KG / Person().mass_kg
     assert shod["head"].mass / bare["head"].mass == pytest.approx(lighter)
-
-
-def test_switching_one_difference_off_leaves_the_others():
-    drawn = [
-        make_subject(Person(), individuality=1.0, faults=faults, rng=np.random.default_rng(3))
-        for faults in (BodyFaults(), BodyFaults(joint_scale=0.0, mass_share=0.0, wobble_scale=0.0))
-    ]
-    np.testing.assert_array_equal(drawn[0].skeleton.axes, drawn[1].skeleton.axes)
-    np.testing.assert_array_equal(
-        drawn[0].extra_joints.spine_share, drawn[1].extra_joints.spine_share
-    )
-    np.testing.assert_array_equal(drawn[0].style.offset, drawn[1].style.offset)
 
 
 def test_subjects_differ_and_are_reproducible():

@@ -5,17 +5,15 @@ import pytest
 
 from hbm.coordinates import INDEX
 from hbm.spatial import GRAVITY_MPS2, shift_wrench
-from pipeline.virtual_lab.machine.treadmill import Machine
+from pipeline.virtual_lab.machine.platform import Machine
+from pipeline.virtual_lab.person import momentum
 from pipeline.virtual_lab.person.balance import balanced
-from pipeline.virtual_lab.person.body import momentum
-from pipeline.virtual_lab.person.body.kinematics import segment_poses
-from pipeline.virtual_lab.person.body.momentum import center_of_mass
-from pipeline.virtual_lab.person.body.skeleton import ALL_COORDINATES, COLUMN
-from pipeline.virtual_lab.person.gait_pattern import posture
-from pipeline.virtual_lab.person.ground_reaction import foot_wrenches, plate_wrenches
-from pipeline.virtual_lab.person.load_sharing import left_wrench
-from pipeline.virtual_lab.person.sole import orientation, rolled
+from pipeline.virtual_lab.person.body import COLUMN, segment_poses
+from pipeline.virtual_lab.person.feet import orientation, rolled
+from pipeline.virtual_lab.person.gait import posture
+from pipeline.virtual_lab.person.momentum import center_of_mass
 from pipeline.virtual_lab.person.subject import Person, make_subject
+from pipeline.virtual_lab.person.walk import foot_wrenches, left_wrench, plate_wrenches
 from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
 from pipeline.virtual_lab.protocol.walking_trial import run_walk, study_subject
 from tests.virtual_gait import fit_gait, gait_optimum
@@ -62,13 +60,6 @@ def test_mean_joint_angles_of_nine_subjects_are_within_the_published_band(norms,
     band = norms[title]
     within_band = np.abs(angles[title].mean(axis=0) - band.mean) < band.sd
     assert within_band.mean() > 0.8
-
-
-@pytest.mark.parametrize("title", ANGLES)
-def test_joint_angles_differ_between_subjects(norms, angles, title):
-    """By a plausible part of the spread of the norms."""
-    spread = angles[title].std(axis=0, ddof=1).mean()
-    assert 0.1 < spread / norms[title].sd.mean() < 1.5
 
 
 @pytest.mark.slow
@@ -157,14 +148,6 @@ def test_the_force_is_mass_times_acceleration_of_the_centre_of_mass(walked):
     np.testing.assert_allclose(force, mass * (acceleration + weight), atol=0.5)
 
 
-def test_every_coordinate_moves(walked):
-    walk, _ = walked(0)
-    moved = np.ptp(walk.motion.at(steady(walk)), axis=0)
-    assert dict(zip(ALL_COORDINATES, moved > 1e-3, strict=True)) == dict.fromkeys(
-        ALL_COORDINATES, True
-    )
-
-
 def test_a_stance_foot_stays_on_the_belt(walked):
     walk, _ = walked(0)
     k = 20  # a left step
@@ -178,12 +161,6 @@ def test_a_stance_foot_stays_on_the_belt(walked):
     on_belt = origin[:, 0] + walk.placement.belt.travelled(flat)
     assert np.ptp(on_belt) < 0.005
     assert np.abs(origin[:, 2]).max() < 0.005
-
-
-def test_stride_times_vary_by_a_few_per_cent(walked):
-    walk, _ = walked(0)
-    stride = np.diff(walk.placement.steps.contact[11:-2:2])
-    assert 0.003 < stride.std() / stride.mean() < 0.04
 
 
 def test_a_contralateral_sway_makes_the_next_step_narrow(walked):

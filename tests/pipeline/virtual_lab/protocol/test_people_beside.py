@@ -8,11 +8,10 @@ from pipeline.config.study import read_study
 from pipeline.trial.ground.empty_plates import BESIDE as FITTED_TOO
 from pipeline.trial.study_files import read_study_laboratory
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.instruments.force_plate import PLATE_WIDTH_M
+from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
+from pipeline.virtual_lab.machine.instruments import PLATE_WIDTH_M
 from pipeline.virtual_lab.person.bystander import MASS_KG
-from pipeline.virtual_lab.protocol.instrumented_treadmill import make_treadmill
-from pipeline.virtual_lab.protocol.people_beside import BESIDE, beside_names, run_beside
-from pipeline.virtual_lab.protocol.study_text import study_texts
+from pipeline.virtual_lab.protocol.calibration_trial import BESIDE, run_beside
 from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
 from pipeline.virtual_lab.protocol.walking_study import simulate_study
 
@@ -51,16 +50,6 @@ def test_the_feet_are_on_the_belt_that_carries_them(recorded):
             assert np.abs(aside).max() < PLATE_WIDTH_M / 2
 
 
-def test_equal_seeds_give_equal_recordings_and_each_recording_its_own_steps():
-    treadmill = make_treadmill(Faults.none(), 1)
-    names = ("walking_right.c3d", "walking_right.c3d", "running_right.c3d")
-    first, again, other = (
-        run_beside(SHORT, treadmill, name).plates[1].wrench_in_plate for name in names
-    )
-    np.testing.assert_array_equal(first, again)
-    assert np.abs(first - other).max() > 100
-
-
 @pytest.mark.slow
 def test_a_simulated_study_is_calibrated_with_people_beside_every_plate(tmp_path):
     protocol = Protocol(
@@ -79,11 +68,3 @@ def test_a_simulated_study_is_calibrated_with_people_beside_every_plate(tmp_path
         )
     }
     assert empty == {name: EMPTY[planned.place] for name, planned in BESIDE.items()}
-
-
-def test_a_protocol_without_people_beside_names_none():
-    alone = Setting(protocol=Protocol(beside_s=0.0))
-    assert beside_names(alone) == ()
-    assert "beside = " not in study_texts(alone)["study.toml"]
-    with pytest.raises(ValueError, match="beside_s is 5; expected 12 or more, or 0"):
-        Protocol(beside_s=5.0)

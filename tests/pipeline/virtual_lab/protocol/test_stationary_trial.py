@@ -1,6 +1,5 @@
 """A trial on a stationary treadmill: a T-pose, then walking, as a C3D file."""
 
-import numpy as np
 import pytest
 
 from pipeline.io.c3d.read import read_c3d
@@ -13,14 +12,6 @@ def trial(tmp_path_factory):
     return simulate_trial(path, duration_s=8.0, seed=3), path
 
 
-def test_the_file_holds_all_markers_and_both_plates(trial):
-    recording = read_c3d(trial[1])
-    assert len(recording.markers.names) == 46
-    assert len(recording.plates) == 2
-    assert recording.markers.rate_hz == pytest.approx(100)
-    assert len(recording.plates[0].time) == 10 * len(recording.markers.time)
-
-
 def test_plates_carry_the_persons_weight_in_the_t_pose(trial):
     recording = read_c3d(trial[1])
     weight = sum(plate.wrench[:1000, 2].mean() for plate in recording.plates)
@@ -31,8 +22,3 @@ def test_equal_seeds_give_equal_bytes(trial, tmp_path):
     again = tmp_path / "again.c3d"
     simulate_trial(again, duration_s=8.0, seed=3)
     assert again.read_bytes() == trial[1].read_bytes()
-
-
-def test_nearly_all_coordinates_move_in_walking(trial):
-    moved = np.ptp(trial[0].q, axis=0)
-    assert (moved > 1e-4).sum() >= 42

@@ -14,20 +14,12 @@ import pandas as pd
 import pytest
 
 from hbm.coordinates import COORDINATES
-from hbm.markers import marker_sets
 from hbm.signals.resampling import resample
 from pipeline.config.study import read_study
 from pipeline.io.c3d.read import read_c3d
-from pipeline.virtual_lab.protocol.instrumented_treadmill import (
-    PLATFORM_MARKERS_M,
-    PULSE_CHANNEL,
-    make_treadmill,
-    record,
-)
-from pipeline.virtual_lab.protocol.setting_file import setting_toml
-from pipeline.virtual_lab.protocol.walking_protocol import PERSONS, Protocol, Setting
+from pipeline.virtual_lab.machine.instrumented_treadmill import PULSE_CHANNEL
+from pipeline.virtual_lab.protocol.walking_protocol import PERSONS, Protocol, Setting, setting_toml
 from pipeline.virtual_lab.protocol.walking_study import WRENCH, simulate_study
-from pipeline.virtual_lab.protocol.walking_trial import run_walk, study_subject
 
 ROOT = Path(__file__).resolve().parents[4]
 SMALL = Protocol(
@@ -153,22 +145,6 @@ def test_two_independent_readers_read_the_same_from_every_file(study, name):
     assert parameters["FORCE_PLATFORM"]["USED"]["value"][0] == 2
     assert parameters["FORCE_PLATFORM"]["CORNERS"]["value"].shape == (3, 4, 2)
     assert parameters["EVENT"]["USED"]["value"][0] == 0
-
-
-def test_a_long_trial_has_more_frames_than_16_bits_count():
-    """That such files are written and read completely is tested with the C3D writer."""
-    assert Protocol().duration("sway") * 100 > 65_535
-
-
-@pytest.mark.parametrize(("marker_set", "count"), [("hbm2", 46), ("hbm1", 47)])
-def test_all_markers_of_the_set_and_of_the_platform_are_recorded(marker_set, count):
-    setting = Setting(protocol=TINY.model_copy(update={"marker_set": marker_set}))
-    treadmill, subject = make_treadmill(setting.faults, 1), study_subject(setting, 0)
-    walk, motion = run_walk(setting, treadmill.machine, subject, 0, "baseline")
-    names = record(treadmill, motion, walk, "x.c3d", np.random.default_rng(0)).markers.names
-    assert set(PLATFORM_MARKERS_M) <= set(names)
-    assert names[:-5] == tuple(marker_sets()[subject.marker_set].segment)
-    assert len(names) == count + len(PLATFORM_MARKERS_M)
 
 
 def test_the_truth_is_complete_and_satisfies_the_equations_of_motion(trial):

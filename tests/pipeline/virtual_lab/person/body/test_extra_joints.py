@@ -5,8 +5,7 @@ import pytest
 
 from hbm.coordinates import COORDINATES, INDEX
 from pipeline.virtual_lab.faults import BodyFaults, Faults
-from pipeline.virtual_lab.person.body.kinematics import segment_poses
-from pipeline.virtual_lab.person.body.skeleton import COLUMN, EXTRA, KNEE, SPINE
+from pipeline.virtual_lab.person.body import COLUMN, SPINE, segment_poses
 from pipeline.virtual_lab.person.subject import Person, make_subject
 
 
@@ -64,15 +63,3 @@ def test_a_knee_translates_and_rotates_over_stance_as_published(letter):
     assert 1000 * forward == pytest.approx(3.4, abs=1.6)
     assert np.degrees(adduction) == pytest.approx(2.3, abs=1.5)
     assert np.degrees(rotation) == pytest.approx(3.6, abs=1.1)
-
-
-def test_each_part_has_its_own_switch():
-    q = np.tile(make_subject(Person()).t_pose[:, None], 2)
-    q[[INDEX[n] for n in ("RKneeFlexion", "LKneeFlexion", "TrunkRightBend")], 1] += 0.3
-    for sizes, moving in (
-        ({"spine_scale": 0.0}, [f"{s}{n}" for s in "RL" for n in KNEE]),
-        ({"knee_scale": 0.0}, [SPINE[1]]),
-    ):
-        full = extended(subject_of(**sizes), q)
-        changed = {n for n in EXTRA if abs(np.diff(full[COLUMN[n]])[0]) > 1e-9}
-        assert changed == set(moving)

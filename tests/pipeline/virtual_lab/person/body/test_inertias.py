@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from hbm.segments import SEXES
 from pipeline.virtual_lab.faults import BodyFaults
-from pipeline.virtual_lab.person.body.inertias import PAIRED, table
 from pipeline.virtual_lab.person.subject import Person, make_subject
+from pipeline.virtual_lab.person.variation import PAIRED, table
 
+SEXES = ("male", "female")
 SOURCES = ("de_leva", "dumas")
 
 
@@ -48,8 +48,7 @@ def test_centres_of_mass_lie_within_the_body(sex):
 
 
 def test_both_sides_mirror_each_other_before_they_vary():
-    still = {"joint_scale": 0, "axis_deg": 0, "mass_share": 0, "center_m": 0, "gyration_share": 0}
-    faults = BodyFaults(**still, ankle_scale=0)
+    faults = BodyFaults(joint_scale=0, segment_scale=0, ankle_scale=0)
     parts = make_subject(Person(), faults=faults).skeleton.inertias
     for name in PAIRED:
         right, left = parts[f"right_{name}"], parts[f"left_{name}"]

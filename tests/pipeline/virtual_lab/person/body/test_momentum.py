@@ -8,12 +8,11 @@ from hbm.kernels.native import kernels
 from hbm.poses import marker_positions as production_markers
 from hbm.segments import Inertia
 from hbm.spatial import GRAVITY_MPS2
-from pipeline.virtual_lab.analysis.true_body import true_body
 from pipeline.virtual_lab.faults import BodyFaults, Faults
-from pipeline.virtual_lab.person.body.kinematics import frames, marker_positions
-from pipeline.virtual_lab.person.body.momentum import center_of_mass, ground_wrench, second_moment
-from pipeline.virtual_lab.person.body.skeleton import ALL_COORDINATES
+from pipeline.virtual_lab.person.body import ALL_COORDINATES, frames, marker_positions
+from pipeline.virtual_lab.person.momentum import center_of_mass, ground_wrench, second_moment
 from pipeline.virtual_lab.person.subject import Person, make_subject
+from tests.validation.true_body import true_body
 
 STEP_S = 1e-4
 
@@ -113,10 +112,3 @@ def test_the_second_moment_gives_the_tensor_of_inertia_back():
     about_origin = np.trace(moment) * np.eye(3) - moment
     lever = 2.0 * (0.14 * np.eye(3) - np.outer(part.center, part.center))
     np.testing.assert_allclose(about_origin, part.tensor + lever)
-
-
-def test_chunks_do_not_show(same):
-    state = random_state(1500, N_Q)
-    whole = ground_wrench(same.skeleton, state)
-    part = ground_wrench(same.skeleton, tuple(values[:, 1000:1300] for values in state))
-    np.testing.assert_allclose(whole[1000:1300], part, atol=1e-9)

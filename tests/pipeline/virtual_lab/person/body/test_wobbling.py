@@ -5,8 +5,8 @@ import pytest
 
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.virtual_lab.faults import BodyFaults
-from pipeline.virtual_lab.person.body.kinematics import Frame
-from pipeline.virtual_lab.person.body.wobbling import Oscillator, WobblingMass
+from pipeline.virtual_lab.person.body import Frame
+from pipeline.virtual_lab.person.momentum import Oscillator, WobblingMass
 from pipeline.virtual_lab.person.subject import Person, make_subject
 
 RATE_HZ = 1000.0

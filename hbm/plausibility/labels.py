@@ -1,0 +1,449 @@
+"""Checks of a trial's markers before inverse kinematics: positions, labels, sides, distances."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import combinations
+from typing import Final
+
+import numpy as np
+
+from hbm.coordinates import MOVING, PARENT
+from hbm.markers import Markers, MarkerSet
+from hbm.model import Body
+from hbm.notes import Note
+from hbm.signals.samples import stretches
+from hbm.spatial import Array, Mask, distance
+
+MIN_FROZEN_S: Final = 0.05
+"""All markers at once repeat a position exactly by chance in a frame or two, where a file rounds
+them and the subject stands."""
+MAX_FROZEN_SHARE: Final = 0.5
+"""Of a trial in which cameras may drop out."""
+MIN_CONSTANT_S: Final = 0.5
+"""A single marker repeats its position for so long only where its whole segment rests."""
+MIN_MOTION_M: Final = 0.01
+"""Of the others on its segment meanwhile: skin, noise and rounding move them by less."""
+
+ROUNDING_S: Final = 1e-6
+"""Of a time, which a file may store in single precision."""
+
+
+def frozen_frames(markers: Markers, names: Iterable[str]) -> Mask:
+    """Give the frames in which all visible markers repeat their positions exactly.
+
+    Parameters
+    ----------
+    markers
+        A trial.
+    names
+        Labels to look at.
+
+    Returns
+    -------
+    Mask
+        (T,): frames of stretches of 0.05 s and more. The first frame of a stretch was measured and
+        is not among them; frames without markers are not either.
+
+    Examples
+    --------
+    >>> import hbm, numpy as np
+    >>> position = np.random.default_rng(0).normal(size=(50, 3, 3))
+    >>> position[20:40] = position[20]
+    >>> trial = hbm.Markers(np.arange(50) / 100, ("LHEE", "LTOE", "LANK"), position)
+    >>> np.flatnonzero(frozen_frames(trial, trial.names))[[0, -1]].tolist()
+    [21, 39]
+    """
+    wanted = set(names)
+    own = [k for k, name in enumerate(markers.names) if name in wanted]
+    seen, repeated = _repeated(markers.position[:, own])
+    frozen: Mask = np.asarray((repeated | ~seen).all(axis=1) & seen.any(axis=1))
+    result = np.zeros(len(frozen), bool)
+    for stretch in _lasting(frozen, markers.time, MIN_FROZEN_S):
+        result[stretch] = True
+    return result
+
+
+def without_frozen_frames(markers: Markers, names: Iterable[str]) -> Markers:
+    """Turn frozen frames into gaps: their positions were not measured.
+
+    Parameters
+    ----------
+    markers
+        A trial.
+    names
+        Labels to look at, as for `frozen_frames`.
+
+    Returns
+    -------
+    Markers
+        The same where more than half of the frames are frozen: somebody who is simulated may stand
+        without any motion, cameras do not drop out for so long.
+    """
+    frozen = frozen_frames(markers, names)
+    if not frozen.any() or frozen.mean() > MAX_FROZEN_SHARE:
+        return markers
+    position = np.where(frozen[:, None, None], np.nan, markers.position)
+    return Markers(markers.time, markers.names, position)
+
+
+def repeated_positions(body: Body, markers: Markers) -> tuple[Note, ...]:
+    """Find positions that were repeated instead of measured.
+
+    Parameters
+    ----------
+    body
+        The subject; only its markers are looked at.
+    markers
+        A trial.
+
+    Returns
+    -------
+    tuple of Note
+        ``markers_frozen`` where all repeat their positions at once, for 0.05 s and more;
+        ``markers_constant``, those that do so alone, for 0.5 s and more, while another marker of
+        the segment, or of the segment before it, moves by more than 1 cm.
+    """
+    frozen = frozen_frames(markers, body.markers)
+    constant_s = _constant_times(body, markers)
+    notes = []
+    if frozen.any():
+        first, last = np.flatnonzero(frozen)[[0, -1]]
+        notes.append(
+            Note.of(
+                "markers_frozen",
+                frames=np.count_nonzero(frozen),
+                first_s=markers.time[first],
+                last_s=markers.time[last],
+            )
+        )
+    if constant_s:
+        notes.append(Note.of("markers_constant", constant_s=constant_s))
+    return tuple(notes)
+
+
+def _constant_times(body: Body, markers: Markers) -> dict[str, float]:
+    """Give for how long markers alone did not move, while their segments did [s]."""
+    segment_of = body.segment_of
+    at = {
+        name: markers.position[:, markers.names.index(name)]
+        for name in body.markers
+        if name in markers.names
+    }
+    constant_s: dict[str, float] = {}
+    for name, position in at.items():
+        segment = segment_of[name]
+        others = [at[o] for o in at if segment_of[o] == segment and o != name]
+        others = others or [at[o] for o in at if segment_of[o] == PARENT.get(segment)]
+        _, repeated = _repeated(position)
+        for stretch in _lasting(repeated, markers.time, MIN_CONSTANT_S):
+            if any(_extent(other[stretch]) > MIN_MOTION_M for other in others):
+                lasted_s = float(markers.time[stretch.stop - 1] - markers.time[stretch.start - 1])
+                constant_s[name] = constant_s.get(name, 0.0) + lasted_s
+    return constant_s
+
+
+def _repeated(position: Array) -> tuple[Mask, Mask]:
+    """Give which positions, (T, ..., 3), are known, and which equal those of the frame before."""
+    repeated = np.zeros(position.shape[:-1], bool)
+    repeated[1:] = (position[1:] == position[:-1]).all(axis=-1)
+    return np.isfinite(position[..., 0]), repeated
+
+
+def _lasting(mask: Mask, time: Array, duration_s: float) -> Iterator[slice]:
+    """Find stretches of a mask, (T,), that last so long from the frame before them."""
+    for start, stop in stretches(mask):
+        if time[stop - 1] - time[start - 1] > duration_s - ROUNDING_S:
+            yield slice(start, stop)
+
+
+def _extent(position: Array) -> float:
+    """Give the largest extent of positions, (F, 3), along an axis [m]; 0 where none is known."""
+    known = position[np.isfinite(position[:, 0])]
+    return float(np.ptp(known, axis=0).max()) if len(known) else 0.0
+
+
+CROSSING_SEGMENTS: Final = ("forearm", "hand")
+"""Folded arms bring the left one to the right."""
+MIN_SEPARATION_M: Final = 0.04
+"""Of a pair sideways, for its side to be certain: on average narrow steps bring feet and medial
+markers as close together."""
+MIN_FORWARD_M: Final = 0.05
+"""Horizontal distance from sacrum to front of the pelvis; less when lying, and the way forward is
+unknown then."""
+MAX_PAIRS_NAMED: Final = 6
+"""Pairs of exchanged markers in a note; a whole side has about twenty."""
+
+
+def sides_exchanged(body: Body, markers: Markers, recording: str) -> tuple[Note, ...]:
+    """Find left and right markers that carry each other's labels throughout a recording.
+
+    Parameters
+    ----------
+    body
+        The subject.
+    markers
+        The trial, or the calibration pose.
+    recording
+        Its name, for the note.
+
+    Returns
+    -------
+    tuple of Note
+        One ``sides_exchanged``, which names the pairs.
+
+    Notes
+    -----
+    A pair is exchanged if the left marker is more than 4 cm to the right of the right one (median
+    over the recording). The way to the left follows from the vertical and from sacrum and front of
+    the pelvis, whose middles do not depend on the sides' labels.
+
+    Pairs that are closer together and those of forearms and hands, which people cross, are not
+    judged: `changed_distances` finds them by their distances to other markers.
+
+    Examples
+    --------
+    With ``body`` from `build_body` and a trial in which knee markers are exchanged:
+
+    >>> import hbm
+    >>> knees = {"LLEK": "RLEK", "RLEK": "LLEK"}
+    >>> names = tuple(knees.get(name, name) for name in static.names)
+    >>> trial = hbm.Markers(static.time, names, static.position)
+    >>> for note in sides_exchanged(body, trial, "walk.c3d"):
+    ...     print(note.values["pairs"], *note.values["named"])
+    1 LLEK/RLEK
+    """
+    exchanged = []
+    to_the_left = _to_the_left(markers, body.marker_set)
+    for left, right in counterparts(body.marker_set).items():
+        if not {left, right} <= set(markers.names):
+            continue
+        if body.marker_set.segment[left].endswith(CROSSING_SEGMENTS):
+            continue
+        between = _of(markers, left) - _of(markers, right)
+        sideways = _median(np.sum(between * to_the_left, axis=-1))
+        if sideways < -MIN_SEPARATION_M:
+            exchanged.append(f"{left}/{right}")
+    if not exchanged:
+        return ()
+    return (
+        Note.of(
+            "sides_exchanged",
+            recording=recording,
+            pairs=len(exchanged),
+            named=first_named(exchanged),
+        ),
+    )
+
+
+def counterparts(marker_set: MarkerSet) -> dict[str, str]:
+    """Give the pairs of a marker set: label of a left marker -> that of its right counterpart.
+
+    Two markers are a pair if they mark the same landmark of both sides, or if they belong to the
+    same segment, or to that of the other side, and their labels differ by one L and R.
+    """
+    landmark, segment = marker_set.landmark, marker_set.segment
+    pairs = {
+        landmark[name]: landmark[f"R{name[1:]}"]
+        for name in landmark
+        if name.startswith("L") and f"R{name[1:]}" in landmark
+    }
+    for name in segment:
+        mirrored = segment[name].replace("left_", "right_")
+        for k, letter in enumerate(name):
+            opposite = f"{name[:k]}{ {'L': 'R', 'l': 'r'}.get(letter, letter) }{name[k + 1 :]}"
+            if opposite != name and segment.get(opposite) == mirrored:
+                pairs.setdefault(name, opposite)
+    return pairs
+
+
+def first_named(pairs: Sequence[str]) -> tuple[str, ...]:
+    """Give the first few of exchanged pairs, and an ellipsis where there are more."""
+    more = len(pairs) > MAX_PAIRS_NAMED
+    return (*pairs[:MAX_PAIRS_NAMED], *(["…"] if more else []))
+
+
+def _of(markers: Markers, name: str) -> Array:
+    return np.asarray(markers.position[:, markers.names.index(name)])
+
+
+def _to_the_left(markers: Markers, marker_set: MarkerSet) -> Array:
+    """Give the horizontal direction to the subject's left, (T, 3); NaN where it is unknown."""
+    ends = []
+    for choices in ((("LASIS", "RASIS"),), (("LPSIS", "RPSIS"), ("SACR",))):
+        labels = [[marker_set.landmark.get(name, "") for name in choice] for choice in choices]
+        present = [labels for labels in labels if set(labels) <= set(markers.names)]
+        if not present:
+            return np.full((len(markers.time), 3), np.nan)
+        own = [markers.names.index(label) for label in present[0]]
+        ends.append(markers.position[:, own].mean(axis=1))
+    forward = (ends[0] - ends[1]) * [1.0, 1.0, 0.0]
+    length = np.linalg.norm(forward, axis=1, keepdims=True)
+    forward = np.where(length > MIN_FORWARD_M, forward, np.nan) / length
+    return np.cross([0.0, 0.0, 1.0], forward)
+
+
+def _median(values: Array) -> float:
+    """Give the median of known values; NaN where there is none."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else np.nan
+
+
+MIN_JUMP_M: Final = 0.03
+"""Of a marker against its own motion: noise and an acceleration of 100 m/s² make 1 cm at 100 Hz."""
+MAX_EXCHANGED_SHARE: Final = 1 / 3
+"""Of that jump that remains when two markers are exchanged, for their labels to have changed
+places."""
+MAX_GAP_S: Final = 0.1
+"""Over which a marker's motion is extrapolated; labels often change places where one is hidden."""
+
+
+def labels_exchanged(markers: Markers, names: Iterable[str]) -> tuple[Note, ...]:
+    """Find markers whose labels change places from one frame to the next.
+
+    Parameters
+    ----------
+    markers
+        A trial.
+    names
+        Labels to look at.
+
+    Returns
+    -------
+    tuple of Note
+        One ``labels_exchanged``: pairs that jump at one instant, each to where the other one's
+        motion leads, with the times of the first and the last such instant.
+
+    Notes
+    -----
+    Motion is extrapolated from the last two positions, over gaps of up to 0.1 s, but not from
+    positions that were repeated.
+
+    Examples
+    --------
+    >>> import hbm
+    >>> heels = [static.names.index(name) for name in ("LHEE", "RHEE")]
+    >>> position = static.position + 1.3 * static.time[:, None, None]
+    >>> position[30:60, heels] = position[30:60, heels[::-1]]
+    >>> trial = hbm.Markers(static.time, static.names, position)
+    >>> for note in labels_exchanged(trial, static.names):
+    ...     print(*note.values["named"], note.values["first_s"], note.values["last_s"])
+    LHEE/RHEE 0.3 0.6
+    """
+    names = [name for name in names if name in markers.names]
+    if not names:
+        return ()
+    paths = [markers.position[:, markers.names.index(name)] for name in names]
+    expected = [_extrapolated(markers.time, path) for path in paths]
+    jump = np.linalg.norm(np.subtract(paths, expected), axis=-1).T
+    jumped: Mask = jump > MIN_JUMP_M
+    if jumped.sum(axis=1).max(initial=0) < 2:
+        return ()
+    found: dict[str, list[float]] = {}
+    jumped[1:][frozen_frames(markers, names)[:-1]] = False
+    for frame in np.flatnonzero(jumped.sum(axis=1) > 1):
+        own = np.flatnonzero(jumped[frame])
+        here, there = (np.array([each[k][frame] for k in own]) for each in (paths, expected))
+        apart = np.linalg.norm(here[:, None] - there, axis=-1)
+        nearest = apart.argmin(axis=1)
+        for a, b in enumerate(nearest):
+            farther = max(apart[a, b], apart[b, a])
+            mutual = a < b and nearest[b] == a
+            if mutual and farther < MAX_EXCHANGED_SHARE * jump[frame, own[[a, b]]].min():
+                pair = f"{names[own[a]]}/{names[own[b]]}"
+                found.setdefault(pair, []).append(float(markers.time[frame]))
+    if not found:
+        return ()
+    times = [time for each in found.values() for time in each]
+    return (
+        Note.of(
+            "labels_exchanged",
+            pairs=len(found),
+            named=first_named(list(found)),
+            first_s=min(times),
+            last_s=max(times),
+        ),
+    )
+
+
+def _extrapolated(time: Array, path: Array) -> Array:
+    """Give where a marker (T, 3) would be by its last two positions; NaN where unknown."""
+    expected = np.full(path.shape, np.nan)
+    frames = np.flatnonzero(np.isfinite(path[:, 0]))
+    share, seen = _steps_alike(time[frames]), path[frames]
+    expected[frames[2:]] = seen[1:-1] + share[:, None] * (seen[1:-1] - seen[:-2])
+    return expected
+
+
+def _steps_alike(at: Array) -> Array:
+    """Give each time step by the one before it, (N - 2,); NaN where both together are too long."""
+    steps = np.diff(at)
+    return np.where(at[2:] - at[:-2] > MAX_GAP_S, np.nan, steps[1:] / steps[:-1])
+
+
+MAX_DISTANCE_CHANGE_M: Final = 0.03
+"""Skin moves markers of one segment against each other by up to 2 or 3 cm in walking."""
+
+MAX_DISTANCES_NAMED: Final = 3
+"""A single displaced marker changes its distances to all others: three identify it."""
+
+
+def changed_distances(body: Body, markers: Markers) -> tuple[Note, ...]:
+    """Find markers of one segment whose distances differ from those on the body.
+
+    Parameters
+    ----------
+    body
+        The subject, from the calibration pose.
+    markers
+        A trial.
+
+    Returns
+    -------
+    tuple of Note
+        One ``marker_distances_changed`` per segment: pairs whose median distance in the trial
+        differs by more than 3 cm, because a marker has moved, is swapped with another or carries
+        the wrong label.
+
+    Examples
+    --------
+    With ``body`` from `build_body` and a trial in which a marker has moved by 8 cm:
+
+    >>> import hbm
+    >>> position = static.position.copy()
+    >>> position[:, static.names.index("RLTHI"), 2] += 0.08
+    >>> trial = hbm.Markers(static.time, static.names, position)
+    >>> for note in hbm.changed_distances(body, trial):
+    ...     print(note.values["segment"], *note.values["largest_m"])
+    right_thigh RLEK–RLTHI RMEK–RLTHI
+    """
+    notes = []
+    on_body = dict(zip(body.markers, body.marker_position, strict=True))
+    for s in MOVING:
+        own = [
+            name
+            for name, segment in body.segment_of.items()
+            if segment == s and name in markers.names
+        ]
+        changes = {
+            f"{a}–{b}": median_distance(markers, a, b) - distance(on_body[a], on_body[b])
+            for a, b in combinations(own, 2)
+        }
+        large = [pair for pair, change in changes.items() if abs(change) > MAX_DISTANCE_CHANGE_M]
+        large.sort(key=lambda pair: -abs(changes[pair]))
+        if large:
+            notes.append(
+                Note.of(
+                    "marker_distances_changed",
+                    segment=s,
+                    pairs=len(large),
+                    limit_m=MAX_DISTANCE_CHANGE_M,
+                    largest_m={pair: changes[pair] for pair in large[:MAX_DISTANCES_NAMED]},
+                )
+            )
+    return tuple(notes)
+
+
+def median_distance(markers: Markers, first: str, second: str) -> float:
+    """Give the median distance of two markers [m]; NaN where they are never seen together."""
+    if not {first, second} <= set(markers.names):
+        return float("nan")
+    return _median(np.linalg.norm(_of(markers, first) - _of(markers, second), axis=1))

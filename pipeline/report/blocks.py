@@ -1,0 +1,62 @@
+"""What the page of a report is made of: texts, tables, pictures, and templates that place them."""
+
+from base64 import b64encode
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from pipeline.statistics.verdict import join_names
+
+MEDIA_TYPES: Final = {".svg": "image/svg+xml", ".png": "image/png"}
+TEMPLATES: Final = Environment(
+    loader=PackageLoader("pipeline.report"),
+    autoescape=lambda name: name is None or not name.endswith(".txt"),  # typed text is no markup
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+Check = tuple[str, str, str]
+"""A cell that is rated: "pass", "check" (to be looked at), "fail" (outside a published limit) or
+"none" (no limit); the value; what it consists of, such as the worst marker."""
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """A heading or lead, and lines below it."""
+
+    lead: str
+    lines: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table; the first column names the rows, the other cells are texts or rated findings."""
+
+    caption: str
+    heads: Sequence[str]
+    rows: Sequence[Sequence[str | Sequence[Check]]]
+    css_class: str = ""
+    legend: str = ""
+
+
+def picture(path: Path) -> str:
+    """Give a figure's file as a source inside the page."""
+    data = b64encode(path.read_bytes()).decode()
+    return f"data:{MEDIA_TYPES[path.suffix]};base64,{data}"
+
+
+def each(texts: Iterable[object]) -> str:
+    """Name each of some texts once, as in a sentence."""
+    return join_names(sorted(set(map(str, texts))))
+
+
+def words(keys: Iterable[str], known: Mapping[str, str]) -> list[str]:
+    """Say in words those of some keys that are known."""
+    present = set(keys)
+    return [text for key, text in known.items() if key in present]
+
+
+TEMPLATES.filters |= {"names": join_names, "each": each, "words": words}

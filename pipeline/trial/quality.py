@@ -1,0 +1,200 @@
+"""Which frames count, and why others do not: one integer of flags per frame."""
+
+from collections.abc import Iterable, Mapping
+from enum import IntFlag
+from typing import Final
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from hbm.notes import Note
+from hbm.signals.filtering import Method
+from hbm.signals.samples import stretches
+from hbm.spatial import Array, Indices, Mask
+
+SETTLING_PERIODS: Final[Mapping[Method, tuple[float, float]]] = {
+    "zero_phase": (1.0, 1.0),
+    "realtime": (1.5, 0.0),
+}
+"""Periods of the cut-off after the first known sample and before the last one in which a filter has
+not settled. Measured by cropping a virtual and a real treadmill trial at 16 heel strikes, 6 Hz at
+100 Hz: the residual of the frames that are left errs by at most 0.6 N and 0.2 N·m."""
+MIN_SETTLING_S: Final = 0.15
+"""At higher cut-offs: at 20 Hz, one period leaves 1.7 N and 1.5 of the other filter 4 N, three less
+than 0.1 N."""
+MAX_DOUBTFUL: Final = 0.15
+"""Of what the motion needs: usual errors of gains and stated masses are smaller."""
+STEP_S: Final = 0.5
+"""About a step; at its ends errors of timing cancel."""
+
+
+class Quality(IntFlag):
+    """Why a frame does not count, or counts in part; 0 where nothing is doubtful.
+
+    The flags of whole trials and of live frames: each holds one integer per frame.
+
+    Examples
+    --------
+    >>> (Quality.SETTLING | Quality.MARKERS_LEFT_OUT).counts
+    False
+    >>> Quality.MARKERS_LEFT_OUT.counts
+    True
+    """
+
+    POSE_UNKNOWN = 1
+    """Markers do not show pelvis and trunk."""
+    LIMB_UNSEEN = 2
+    """Markers do not show a leg, one of its joints, or the pelvis: it keeps its last pose."""
+    FORCES_UNKNOWN = 4
+    """A plate, an accelerometer or a belt has no samples around the frame."""
+    PLATFORM_UNKNOWN = 8
+    """The platform's pose is not known, or its neutral one is still measured."""
+    LATE = 16
+    """Samples did not arrive in time."""
+    SETTLING = 32
+    """The filters have not settled: near a gap, or near an end of the recording."""
+    FOOT_UNCERTAIN = 64
+    """Whose foot is on a plate: the joint moments of the legs are uncertain, residuals are not."""
+    MARKERS_LEFT_OUT = 128
+    """Single markers were far from where the body can be."""
+    MARKERS_FROZEN = 256
+    """All markers repeat their positions exactly: they are not measured."""
+    NOT_CARRIED = 512
+    """A foot stands beside the plates, or on one that measures nothing."""
+
+    @property
+    def counts(self) -> bool:
+        """Whether the residuals of the frame count."""
+        return not self & DOES_NOT_COUNT
+
+
+DOES_NOT_COUNT: Final = Quality(sum(Quality)) & ~(Quality.FOOT_UNCERTAIN | Quality.MARKERS_LEFT_OUT)
+"""Flags of frames in which residuals do not count."""
+NO_SUPPORT: Final = Quality.FORCES_UNKNOWN | Quality.PLATFORM_UNKNOWN | Quality.NOT_CARRIED
+"""Flags of frames in which the plates are not known to carry the subject."""
+
+
+def free_of(quality: Indices, flags: Quality = DOES_NOT_COUNT) -> Mask:
+    """Find the frames without any of some flags, (T,); by default those that count.
+
+    Examples
+    --------
+    >>> quality = np.array([0, Quality.SETTLING, Quality.FOOT_UNCERTAIN])
+    >>> free_of(quality).tolist(), free_of(quality, Quality.FOOT_UNCERTAIN).tolist()
+    ([True, False, True], [True, True, False])
+    """
+    return np.asarray(quality & int(flags) == 0)
+
+
+def flagged(flags: Mapping[Quality, Mask]) -> Indices:
+    """Give the flags of every frame, (T,), from the frames of each flag, (T,)."""
+    return np.sum([np.where(frames, int(flag), 0) for flag, frames in flags.items()], axis=0)
+
+
+def settling_s(filters: Iterable[tuple[Method, float]]) -> tuple[float, float]:
+    """Give how long filters need to settle.
+
+    Parameters
+    ----------
+    filters
+        Method and cut-off [Hz] of each filter that the motion or the plates pass.
+
+    Returns
+    -------
+    after, before
+        The longest time after a first sample and before a last one [s].
+
+    Examples
+    --------
+    >>> [round(time_s, 3) for time_s in settling_s([("zero_phase", 6.0), ("zero_phase", 20.0)])]
+    [0.167, 0.167]
+    >>> [round(time_s, 3) for time_s in settling_s([("realtime", 6.0)])]
+    [0.25, 0.0]
+    """
+    periods = [(np.array(SETTLING_PERIODS[method]), cutoff_hz) for method, cutoff_hz in filters]
+    times = [
+        np.where(needed > 0, np.maximum(needed / cutoff_hz, MIN_SETTLING_S), 0.0)
+        for needed, cutoff_hz in periods
+    ]
+    after, before = np.max(times, axis=0)
+    return float(after), float(before)
+
+
+def settled_frames(known: Mask, time: Array, settling: tuple[float, float]) -> Mask:
+    """Find the frames in which filters have settled.
+
+    Parameters
+    ----------
+    known
+        Whether there are samples to filter, (T,). A filter begins anew after every gap.
+    time
+        (T,) [s].
+    settling
+        Time after the first and before the last sample of a stretch [s], as `settling_s` gives it.
+
+    Returns
+    -------
+    Mask
+        (T,).
+
+    Examples
+    --------
+    >>> known = np.array([True] * 6 + [False] + [True] * 4)
+    >>> settled_frames(known, np.arange(11) / 100, (0.02, 0.02)).nonzero()[0].tolist()
+    [2, 3]
+    """
+    settled = np.zeros(len(time), bool)
+    after_s, before_s = settling
+    for start, stop in stretches(known):
+        own = time[start:stop]
+        settled[start:stop] = (own >= own[0] + after_s) & (own <= own[-1] - before_s)
+    return settled
+
+
+def carried_notes(quality: Indices, time: Array, need: Array, measured: Array) -> tuple[Note, ...]:
+    """Say what plates measure of what the motion needs where frames are left out, or doubtful.
+
+    Parameters
+    ----------
+    quality
+        Flags of every frame, (T,).
+    time
+        (T,) [s].
+    need, measured
+        Vertical force that the motion needs, and that of all plates, filtered, (T,) [N].
+
+    Returns
+    -------
+    tuple of Note
+        ``frames_not_carried`` where there are such frames; ``carried_in_part`` where, in frames
+        that count, plates measure more than `MAX_DOUBTFUL` too little or too much on average over
+        `STEP_S`.
+    """
+    notes, known = [], np.isfinite(need + measured)
+    carried = free_of(quality, NO_SUPPORT)
+
+    def share(frames: Mask) -> float:
+        return float(measured[frames].sum() / need[frames].sum())
+
+    if missing := int(np.count_nonzero(~carried)):
+        unsupported = known & ~carried
+        percent = f"{100 * share(unsupported):.0f} %" if unsupported.any() else "an unknown part"
+        frames = len(carried)
+        notes.append(
+            Note.of("frames_not_carried", missing=missing, frames=frames, measured=percent)
+        )
+    counts = known & free_of(quality)
+    long = max(1, round(STEP_S / float(np.median(np.diff(time)))))
+    present, needed, found = (
+        uniform_filter1d(np.where(counts, each, 0.0), long, mode="constant")
+        for each in (np.ones(len(time)), need, measured)
+    )
+    doubtful = counts & (present > 0.5) & (np.abs(found - needed) > MAX_DOUBTFUL * needed)
+    if doubtful.any():
+        number = int(np.count_nonzero(doubtful))
+        notes.append(
+            Note.of(
+                "carried_in_part", frames=number, first_s=time[doubtful][0], share=share(doubtful)
+            )
+        )
+    return tuple(notes)

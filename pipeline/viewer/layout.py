@@ -1,0 +1,181 @@
+"""What is where when a recording is opened, and what its shapes and colours mean."""
+
+from typing import Any, Final, Literal
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from hbm.spatial import Array
+from pipeline.trial.residuals import AXES, DIRECTIONS, UNITS
+from pipeline.viewer.file import rgba
+from pipeline.viewer.plots import BACKGROUND, HEIGHT, SHOWN_CYCLES, WIDTH
+from pipeline.viewer.scene import GROUND_SCALE, MIN_ERROR_LINE_M, RESIDUAL_SCALES
+
+WINDOW_S: Final = 2.0
+"""Time shown before and after the cursor: about two gait cycles each."""
+LIVE_WINDOW_S: Final = 10.0
+"""Time shown of what is going on: about nine gait cycles."""
+GRID_SPACING_M: Final = 0.25
+EYE_FROM_TARGET_M: Final = np.array([1.5, -1.9, 0.35])
+"""The camera is ahead of the subject, to the right, slightly above the pelvis."""
+PATH_IN_VIEW_M: Final = 2.5
+"""The camera is twice as far away where the pelvis travels this far, and so on in proportion."""
+LEGEND: Final = f"""# Legend
+| arrow | plates as measured | compensated |
+|---|---|---|
+| ground reaction, at the centre of pressure | vermilion | blue |
+| residual force, at the pelvis | vermilion | blue |
+| residual moment, at the pelvis | orange | sky blue |
+
+Arrows: {GROUND_SCALE}, {RESIDUAL_SCALES}.
+
+| shape | meaning |
+|---|---|
+| green points | markers as measured |
+| yellow points | the same markers on the model, after filtering |
+| purple lines | between the two where they are more than {MIN_ERROR_LINE_M * 1000:.0f} mm apart |
+| triads | axes of segments and lab: x red, y green, z blue |
+| warm, cool, grey | right, left, middle of the body |
+| grey rectangles | force plates, on the platform |
+
+Forces and moments act on the subject. **Arrows** are in lab axes: x forward, y left, z up. \
+**Curves and tables** are in the reported axes: x forward, y right, z up. Residual moments are \
+about mid-hip. A foot with less than the contact threshold of vertical force has no arrow; a frame \
+that could not be solved has no body.
+"""
+
+
+def log_text(stream: rr.RecordingStream, entity: str, text: str) -> None:
+    """Log a text in Markdown that stays."""
+    stream.log(entity, rr.TextDocument(text, media_type="text/markdown"), static=True)
+
+
+def trial_layout(pelvis: Array, *, phases: bool, figure: bool) -> rrb.Blueprint:
+    """Lay out a trial around the path of the pelvis, (T, 3) [m].
+
+    There may be no states over time (``phases``) and no ``figure`` over the gait cycle.
+    """
+    window, whole = _time(-WINDOW_S, WINDOW_S), _time()
+    states = rrb.StateTimelineView(
+        name="Gait phases",
+        origin="phases",
+        time_view=rrb.archetypes.TimeAxis(view_range=window.range),
+    )
+    cycle = rrb.Spatial2DView(name="Over the gait cycle", origin="gait_cycle")
+    return _with_panels(
+        rrb.Horizontal(
+            rrb.Vertical(
+                _scene(pelvis, f"{GROUND_SCALE}, {RESIDUAL_SCALES}"),
+                *([states] if phases else []),
+                row_shares=[3, 1][: 1 + phases],
+            ),
+            rrb.Tabs(
+                _residuals("Residuals around the cursor", window),
+                _residuals("Residuals, whole trial", whole),
+                _series("Marker errors (mm)", "marker_error_mm", whole),
+            ),
+            rrb.Tabs(_text("summary"), _text("legend"), *([cycle] if figure else [])),
+            column_shares=[4, 4, 3],
+        )
+    )
+
+
+def live_layout(target: Array) -> rrb.Blueprint:
+    """Lay out a live view, whose camera looks at a point, (3,) [m]."""
+    cycles = rrb.Spatial2DView(
+        name=f"Last {SHOWN_CYCLES} gait cycles of the right foot (else left), the newest brightest",
+        origin="cycles",
+        visual_bounds=rrb.VisualBounds2D(x_range=[0, WIDTH], y_range=[0, HEIGHT]),
+        background=rgba(BACKGROUND)[0],
+    )
+    return _with_panels(
+        rrb.Horizontal(
+            rrb.Vertical(
+                _scene(target[None], f"{GROUND_SCALE}, {RESIDUAL_SCALES}"),
+                rrb.Tabs(_text("status"), _text("legend")),
+                row_shares=[3, 2],
+            ),
+            rrb.Vertical(
+                _residuals("The last seconds", _time(-LIVE_WINDOW_S, 0.0), columns=3),
+                cycles,
+                row_shares=[3, 2],
+            ),
+            column_shares=[2, 3],
+        ),
+        state="following",
+    )
+
+
+def cycle_layout(pelvis: Array) -> rrb.Blueprint:
+    """Lay out the mean gait cycle: stick figure about the pelvis, (101, 3) [m]; mean ± SD."""
+    name = "Mean (thick) ± SD (thin) over the gait cycle: measured vermilion, compensated blue"
+    curves = _residuals(name, _time(timeline="gait_cycle_percent"), legend=False)
+    return _with_panels(
+        rrb.Horizontal(_scene(pelvis, RESIDUAL_SCALES), rrb.Tabs(curves), column_shares=[1, 2]),
+        timeline="gait_cycle_percent",
+    )
+
+
+def _time(
+    start_s: float | None = None, stop_s: float | None = None, timeline: str = "time"
+) -> rrb.VisibleTimeRange:
+    """Show from one time to another after the cursor [s]; None shows all."""
+    start, end = (
+        rrb.TimeRangeBoundary.infinite()
+        if at is None
+        else rrb.TimeRangeBoundary.cursor_relative(seconds=at)
+        for at in (start_s, stop_s)
+    )
+    return rrb.VisibleTimeRange(timeline, start=start, end=end)
+
+
+def _text(entity: str) -> rrb.TextDocumentView:
+    return rrb.TextDocumentView(name=entity.capitalize(), origin=entity)
+
+
+def _series(name: str, origin: str, shown: rrb.VisibleTimeRange, **more: Any) -> rrb.TimeSeriesView:
+    axis = rrb.archetypes.TimeAxis(view_range=shown.range)
+    return rrb.TimeSeriesView(name=name, origin=origin, time_ranges=shown, axis_x=axis, **more)
+
+
+def _scene(pelvis: Array, scales: str) -> rrb.Spatial3DView:
+    middle = np.nanmedian(pelvis, axis=0)
+    path = float(np.max(np.nanmax(pelvis, axis=0) - np.nanmin(pelvis, axis=0)))
+    eye = middle + (1 + path / PATH_IN_VIEW_M) * EYE_FROM_TARGET_M
+    return rrb.Spatial3DView(
+        name=f"Arrows: {scales}",
+        origin="lab",
+        line_grid=rrb.LineGrid3D(visible=True, spacing=GRID_SPACING_M),
+        eye_controls=rrb.EyeControls3D(position=eye, look_target=middle, eye_up=(0, 0, 1)),
+    )
+
+
+def _residuals(
+    name: str, shown: rrb.VisibleTimeRange, *, legend: bool = True, columns: int = 2
+) -> rrb.Grid:
+    """Give six panels: forces left of moments in two columns, above them in three."""
+    panels = [
+        _series(
+            f"{AXES[k]} {'about ' if k > 2 else ''}{DIRECTIONS[k]} ({UNITS[k]})",
+            f"residual/{AXES[k]}",
+            shown,
+            plot_legend=rrb.PlotLegend(visible=legend and k == 0),
+        )
+        for k in ((0, 3, 1, 4, 2, 5) if columns == 2 else range(6))
+    ]
+    return rrb.Grid(*panels, grid_columns=columns, name=name)
+
+
+def _with_panels(
+    content: rrb.Container,
+    timeline: str = "time",
+    state: Literal["paused", "following"] = "paused",
+) -> rrb.Blueprint:
+    return rrb.Blueprint(
+        content,
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline=timeline, play_state=state),
+        auto_views=False,
+    )

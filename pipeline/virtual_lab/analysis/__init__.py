@@ -1,1 +1,0 @@
-"""What each fault of a laboratory adds to each residual."""

@@ -1,1 +1,0 @@
-"""The laboratory's instruments and their errors."""

@@ -1,1 +1,0 @@
-"""The laboratory's own bodies: skeleton, inertias, kinematics and momentum."""

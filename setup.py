@@ -1,0 +1,91 @@
+"""Compile the kernels while the package is built: casadi writes the C, a compiler makes libraries.
+
+There is one library for each width of vectors (`hbm.kernels.native` chooses). Where nothing can be
+compiled the package is complete without them, and slower.
+"""
+
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Final
+
+from setuptools import Extension, setup
+from setuptools.command.build_ext import build_ext
+from setuptools.errors import CompileError
+
+ROOT: Final = Path(__file__).parent
+sys.path.insert(0, str(ROOT))
+
+from hbm.kernels.build import write_source  # noqa: E402
+from hbm.kernels.native import SUFFIX, library_path  # noqa: E402
+
+FLAGS: Final = ("-O1", "-fPIC", "-shared", "-ffp-contract=off", "-Wno-psabi")
+"""-O2 and -O3 take longer and gain nothing on straight-line code; contraction of products and sums
+would make the numbers depend on the processor; vectors are passed to no other library (psabi)."""
+VECTORS: Final = {2: (), 4: ("-mavx2",), 8: ("-mavx512f",)}
+"""Numbers per vector -> flags; those without flags are there on every processor."""
+CHECK: Final = """
+import sys
+from pathlib import Path
+from hbm.kernels.build import disagreement
+from hbm.kernels.native import lanes_of_processor
+lanes, library = int(sys.argv[1]), Path(sys.argv[2])
+sys.exit(lanes <= lanes_of_processor(library) and disagreement(library) or None)
+"""
+"""Run for each library: fails where it differs from casadi's virtual machine, or cannot run."""
+
+
+def compiler() -> list[str]:
+    """Give the command of a C compiler: ``CC``, the system's, or ziglang's."""
+    if stated := os.environ.get("CC"):
+        return shlex.split(stated)
+    found = next((name for name in ("cc", "gcc", "clang") if shutil.which(name)), None)
+    if found is None and find_spec("ziglang") is not None:
+        return [sys.executable, "-m", "ziglang", "cc"]
+    return [found or "cc"]
+
+
+class BuildKernels(build_ext):
+    """Builds one library for each width of vectors, all at once; one that fails is left out."""
+
+    def finalize_options(self) -> None:
+        """Build at the same time whatever is stated."""
+        super().finalize_options()
+        self.parallel = True
+
+    def get_ext_filename(self, fullname: str) -> str:
+        """Give a file's name without the version of Python, which does not matter here."""
+        return str(Path(*fullname.split(".")).with_suffix(SUFFIX))
+
+    def build_extension(self, ext: Extension) -> None:
+        """Write, compile and check a library."""
+        lanes = int(ext.name.rpartition("_")[2])
+        folder, library = Path(self.build_temp, ext.name), Path(self.get_ext_fullpath(ext.name))
+        folder.mkdir(parents=True, exist_ok=True)
+        built = (folder / library.name).resolve()
+        libm = [] if sys.platform == "win32" else ["-lm"]
+        try:
+            options = [*FLAGS, *VECTORS[lanes], f"-DLANES={lanes}", "-o", str(built)]
+            subprocess.run([*compiler(), *options, str(write_source(folder)), *libm], check=True)
+            check = [sys.executable, "-c", CHECK, str(lanes), str(built)]
+            subprocess.run(check, cwd=ROOT, check=True)
+        except (OSError, subprocess.SubprocessError) as error:
+            raise CompileError(f"{library.name} is left out: {error}") from error
+        library.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(built, library)
+
+
+x86 = platform.machine().lower() in ("x86_64", "amd64")
+setup(
+    ext_modules=[
+        Extension(f"hbm.kernels.{library_path(lanes).stem}", [], optional=True)
+        for lanes, flags in VECTORS.items()
+        if x86 or not flags
+    ],
+    cmdclass={"build_ext": BuildKernels},
+)

@@ -1,0 +1,146 @@
+"""Compiled kernels and casadi's virtual machine: the same numbers, one in place of the other."""
+
+import re
+import shutil
+
+import numpy as np
+import pytest
+
+from hbm.kernels.build import disagreement, random_inputs
+from hbm.kernels.kernel import OneFrameKernel, casadi_function, kernel_sizes
+from hbm.kernels.native import (
+    WIDTHS,
+    compiled_kernels,
+    interpreted_kernels,
+    kernels,
+    lanes_of_processor,
+    library_path,
+    load,
+)
+
+NAMES = ("newton_step", "segment_poses", "newton_euler")
+BUILT = [w for w in WIDTHS if library_path(w).is_file()]
+needs_library = pytest.mark.skipif(
+    not (BUILT and kernels().solve_frames), reason="the kernels are not compiled"
+)
+
+
+def runnable(lanes):
+    if lanes > lanes_of_processor(library_path(BUILT[-1])):
+        pytest.skip("the processor has no vectors of this width")
+    return library_path(lanes)
+
+
+@needs_library
+@pytest.mark.parametrize("lanes", BUILT)
+def test_compiled_kernels_agree_with_the_virtual_machine(lanes):
+    assert disagreement(runnable(lanes)) == ""
+
+
+@needs_library
+@pytest.mark.parametrize("lanes", BUILT)
+@pytest.mark.parametrize("name", NAMES)
+def test_the_width_of_vectors_changes_no_bit(name, lanes):
+    widest = getattr(kernels(), name)
+    narrower = getattr(compiled_kernels(runnable(lanes)), name)
+    inputs = random_inputs(name, widest, np.random.default_rng(40), frames=70)
+    for one, other in zip(widest(*inputs), narrower(*inputs, jobs=2), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@needs_library
+def test_the_widest_library_that_the_processor_runs_is_used():
+    widest = max(w for w in BUILT if w <= lanes_of_processor(library_path(BUILT[-1])))
+    assert load(pytest.fail).backend == f"compiled, {widest} frames at once"
+
+
+@pytest.fixture
+def copied(tmp_path):
+    for lanes in BUILT:
+        shutil.copy(library_path(lanes), tmp_path)
+    return tmp_path
+
+
+@needs_library
+def test_a_library_of_another_version_is_not_used(copied):
+    for path in copied.iterdir():
+        made_from = re.search(rb"[0-9a-f]{64}", path.read_bytes()).group()
+        path.write_bytes(path.read_bytes().replace(made_from, b"0" * 64))
+    messages = []
+    ready = load(messages.append, copied)
+    assert ready.backend == "virtual machine (compiled kernels of another version)"
+    assert ready.solve_frames is None
+    assert messages == [
+        "compiled kernels of another version: using the slower virtual machine (same results). "
+        "Install a C compiler (gcc or clang), then the package again"
+    ]
+
+
+@needs_library
+def test_what_is_no_library_is_not_used(copied):
+    for path in copied.iterdir():
+        path.write_text("of another system")
+    backend = load(lambda _: None, copied).backend
+    assert backend.startswith("virtual machine (compiled kernels cannot be loaded")
+
+
+def test_without_a_library_the_virtual_machine_is_used_with_a_hint(tmp_path):
+    messages = []
+    assert load(messages.append, tmp_path).backend == "virtual machine (no compiled kernels)"
+    assert messages == [
+        "no compiled kernels: using the slower virtual machine (same results). "
+        "Install a C compiler (gcc or clang), then the package again"
+    ]
+
+
+def test_the_virtual_machine_can_be_requested(monkeypatch):
+    monkeypatch.setenv("HBM_KERNELS", "virtual-machine")
+    assert load(pytest.fail).backend == "virtual machine (HBM_KERNELS)"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_sizes_of_inputs_and_outputs_are_those_of_the_symbolic_functions(name):
+    function = casadi_function(name)
+    sizes_in, sizes_out = kernel_sizes(name)
+    assert sizes_in == tuple(function.size1_in(i) for i in range(function.n_in()))
+    assert sizes_out == tuple(function.size1_out(i) for i in range(function.n_out()))
+
+
+@pytest.mark.parametrize("jobs", [2, 7])
+@pytest.mark.parametrize("frames", [1, 63, 64, 1000])
+def test_kernels_do_not_depend_on_the_number_of_threads(frames, jobs):
+    kernel = kernels().newton_euler
+    inputs = random_inputs("newton_euler", kernel, np.random.default_rng(41), frames)
+    for one, many in zip(kernel(*inputs), kernel(*inputs, jobs=jobs), strict=True):
+        np.testing.assert_array_equal(one, many)
+
+
+@pytest.mark.parametrize("ready", [kernels(), interpreted_kernels("")], ids=lambda k: k.backend)
+@pytest.mark.parametrize(("name", "constants"), [("segment_poses", 1), ("newton_euler", 2)])
+def test_one_frame_after_another_gives_what_all_at_once_give(ready, name, constants):
+    kernel = getattr(ready, name)
+    inputs = random_inputs(name, kernel, np.random.default_rng(2), frames=5)
+    expected = kernel(*inputs)
+    one = OneFrameKernel(kernel, *inputs[-constants:])
+    for k in range(5):
+        found = one(*(x[k] for x in inputs[:-constants]))
+        for ours, whole in zip(found, expected, strict=True):
+            np.testing.assert_allclose(ours, whole[k], rtol=1e-12, atol=1e-12)
+
+
+def test_a_kernel_refuses_input_of_the_wrong_shape():
+    kernel = kernels().segment_poses
+    with pytest.raises(ValueError, match=r"input 0 must have shape \(3, 46\), got \(3, 45\)"):
+        kernel(np.zeros((3, 45)), np.zeros(kernel.sizes_in[1]))
+
+
+@pytest.mark.parametrize("revolutions", [0.5, 30.0, 1e5])
+def test_sine_and_cosine_are_exact_to_the_last_digit(revolutions):
+    """Yaw rotates the pelvis' x axis in the horizontal plane by cos and sin of the angle."""
+    yaw = np.random.default_rng(44).uniform(-revolutions, revolutions, 400) * 2 * np.pi
+    q = np.zeros((len(yaw), 46))
+    q[:, 3] = yaw
+    kernel = kernels().segment_poses
+    pose = kernel(q, np.zeros(kernel.sizes_in[1]))[0]
+    np.testing.assert_allclose(pose[:, 0], np.cos(yaw), rtol=0, atol=4e-16)
+    np.testing.assert_allclose(pose[:, 1], np.sin(yaw), rtol=0, atol=4e-16)

@@ -1,0 +1,1 @@
+"""Studies of our own that say how good the pipeline is; the docs have their numbers."""
