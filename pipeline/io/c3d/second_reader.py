@@ -209,11 +209,11 @@ def _differences(
     """
     contradictory = bool(header.notes or samples.notes)
     frames, channels = header.frames, header.channels
-    counts = (
+    counts: tuple[tuple[str, int, int], ...] = (
         ("frames", len(second["points"]) if header.n_points else frames, frames),
         ("points", second["points"].shape[1], header.n_points),
         ("analog channels", second["analog"].shape[1], channels),
-        ("samples", len(second["analog"]) if channels else 0, len(samples.analog)),
+        ("samples", len(second["analog"]) * bool(channels), len(samples.analog) * bool(channels)),
     )
     for name, read, held in counts:
         if read != held:
