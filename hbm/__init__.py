@@ -1,71 +1,61 @@
 """The human body model: markers and wrenches in, coordinates and pelvis residuals out."""
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
-    from hbm.body import Body, build_body
-    from hbm.calibration_pose.anatomy import LimbMeasures
-    from hbm.calibration_pose.functional import functional_hips
-    from hbm.coordinates import COORDINATES, HBM_ORDER
-    from hbm.description import describe
-    from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics, inverse_dynamics_variants
-    from hbm.kinematics import solve_ik
-    from hbm.markers.marker_set import MarkerSet
-    from hbm.markers.table import marker_sets, read_marker_set
-    from hbm.markers.trajectories import Markers
-    from hbm.motion import Motion
-    from hbm.overrides import SegmentOverride, read_overrides
-    from hbm.plausibility.labels import changed_distances
-    from hbm.plausibility.motion import implausible
+    from hbm.body import Body as Body
+    from hbm.body import build_body as build_body
+    from hbm.calibration_pose.anatomy import LimbMeasures as LimbMeasures
+    from hbm.calibration_pose.functional import functional_hips as functional_hips
+    from hbm.coordinates import COORDINATES as COORDINATES
+    from hbm.coordinates import HBM_ORDER as HBM_ORDER
+    from hbm.dynamics import Dynamics as Dynamics
+    from hbm.dynamics import filter_motion as filter_motion
+    from hbm.dynamics import inverse_dynamics as inverse_dynamics
+    from hbm.dynamics import inverse_dynamics_variants as inverse_dynamics_variants
+    from hbm.kinematics import solve_ik as solve_ik
+    from hbm.markers.marker_set import MarkerSet as MarkerSet
+    from hbm.markers.marker_set import marker_sets as marker_sets
+    from hbm.markers.marker_set import read_marker_set as read_marker_set
+    from hbm.markers.trajectories import Markers as Markers
+    from hbm.motion import Motion as Motion
+    from hbm.overrides import SegmentOverride as SegmentOverride
+    from hbm.overrides import read_overrides as read_overrides
+    from hbm.plausibility.labels import changed_distances as changed_distances
+    from hbm.plausibility.motion import implausible as implausible
 
-_HOME = {
-    "Body": "body",
-    "build_body": "body",
-    "COORDINATES": "coordinates",
-    "HBM_ORDER": "coordinates",
-    "changed_distances": "plausibility.labels",
-    "describe": "description",
-    "implausible": "plausibility.motion",
-    "Dynamics": "dynamics",
-    "filter_motion": "dynamics",
-    "functional_hips": "calibration_pose.functional",
-    "inverse_dynamics": "dynamics",
-    "inverse_dynamics_variants": "dynamics",
-    "solve_ik": "kinematics",
-    "LimbMeasures": "calibration_pose.anatomy",
-    "Markers": "markers.trajectories",
-    "MarkerSet": "markers.marker_set",
-    "marker_sets": "markers.table",
-    "read_marker_set": "markers.table",
-    "Motion": "motion",
-    "SegmentOverride": "overrides",
-    "read_overrides": "overrides",
+_NAMES: Final = {
+    "body": (
+        "Body",
+        "build_body",
+    ),
+    "calibration_pose.anatomy": ("LimbMeasures",),
+    "calibration_pose.functional": ("functional_hips",),
+    "coordinates": (
+        "COORDINATES",
+        "HBM_ORDER",
+    ),
+    "dynamics": (
+        "Dynamics",
+        "filter_motion",
+        "inverse_dynamics",
+        "inverse_dynamics_variants",
+    ),
+    "kinematics": ("solve_ik",),
+    "markers.marker_set": ("MarkerSet", "marker_sets", "read_marker_set"),
+    "markers.trajectories": ("Markers",),
+    "motion": ("Motion",),
+    "overrides": (
+        "SegmentOverride",
+        "read_overrides",
+    ),
+    "plausibility.labels": ("changed_distances",),
+    "plausibility.motion": ("implausible",),
 }
-
-__all__ = [
-    "COORDINATES",
-    "HBM_ORDER",
-    "Body",
-    "Dynamics",
-    "LimbMeasures",
-    "MarkerSet",
-    "Markers",
-    "Motion",
-    "SegmentOverride",
-    "build_body",
-    "changed_distances",
-    "describe",
-    "filter_motion",
-    "functional_hips",
-    "implausible",
-    "inverse_dynamics",
-    "inverse_dynamics_variants",
-    "marker_sets",
-    "read_marker_set",
-    "read_overrides",
-    "solve_ik",
-]
+"""Module -> its public names."""
+_HOME: Final = {name: module for module, names in _NAMES.items() for name in names}
+__all__ = sorted(_HOME)
 
 
 def __getattr__(name: str) -> Any:

@@ -152,8 +152,8 @@ def build_body(
     present = _present(chosen, static_markers)
     segment, landmark = chosen.segment | present.segment, present.landmark
     used = list(present.segment)
-    selection = select_frames(static_markers, used, window_s)
-    calibration = _take(static_markers, used, selection.frames)
+    frames, still, pose_note = select_frames(static_markers, used, window_s)
+    calibration = _take(static_markers, used, frames)
     poses = [dict(zip(used, p, strict=True)) for p in calibration.position]
     poses = [{name: p for name, p in at.items() if not np.isnan(p[0])} for at in poses]
     anatomies = [
@@ -162,7 +162,7 @@ def build_body(
     ]
     for at, anatomy in zip(poses, anatomies, strict=True):
         at |= {chosen.landmark[mark]: position for mark, position in anatomy.markers.items()}
-    notes = [selection.note, *dict.fromkeys(note for a in anatomies for note in a.notes)]
+    notes = [pose_note, *dict.fromkeys(note for a in anatomies for note in a.notes)]
     notes += elbow_notes(anatomies, set(landmark))
     if marker_set is None and chosen.name not in marker_sets():
         notes.append(Note.of("marker_sets_mixed", title=chosen.title))
@@ -204,7 +204,7 @@ def build_body(
         notes=tuple(notes),
     )
     body = replace(body, notes=(*notes, *mass_not_shown(body, undetermined(body, markers)[1])))
-    if not selection.still:
+    if not still:
         body = _with_fitted_tracking_markers(body, calibration, set(landmark.values()))
     with suppress(ImportError):  # on Windows, for which Pinocchio has no wheel
         pin_model(body)

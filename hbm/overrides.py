@@ -9,8 +9,7 @@ import numpy as np
 from hbm.coordinates import SEGMENTS
 from hbm.segments import Inertia
 from hbm.spatial import Array, read_only
-from hbm.spelling import did_you_mean, no_segment, shown
-from hbm.toml_text import parse_toml
+from hbm.spelling import did_you_mean, no_segment, parse_toml, shown
 
 MAX_CENTER_DISTANCE_M: Final = 1.0
 """Distance of a centre of mass from the joint: no segment is longer; larger numbers are

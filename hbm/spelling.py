@@ -1,8 +1,10 @@
-"""Names in messages to people: short, printable, with a hint where one is misspelt."""
+"""What people type: TOML texts, and names in messages, printable and with a hint if misspelt."""
 
+import re
+import tomllib
 from collections.abc import Iterable
 from difflib import get_close_matches
-from typing import Final
+from typing import Any, Final
 
 from hbm.coordinates import FIXED_TO
 
@@ -76,3 +78,29 @@ def no_segment(name: object, known: Iterable[str]) -> str:
         parts = " and ".join(repr(s) for s in ("thorax", "mid_trunk") if s in known)
         return f"no segment 'trunk', write {parts}"
     return f"no segment {shown(name)}{did_you_mean(name, known)}"
+
+
+Table = dict[str, Any]
+"""The contents of a TOML text before they are checked."""
+DEEP_KEY: Final = re.compile(r"(?:[\w-]+\s*\.\s*){100}")
+"""A dotted key of a hundred parts; the parser needs memory with the square of their number."""
+
+
+def parse_toml(text: str) -> Table:
+    """Parse a TOML text; a ValueError says what is wrong with it.
+
+    Examples
+    --------
+    >>> parse_toml("[markers]")
+    {'markers': {}}
+    >>> parse_toml("a." * 200 + "b = 1")
+    Traceback (most recent call last):
+    ...
+    ValueError: it is nested too deeply
+    """
+    if DEEP_KEY.search(text):
+        raise ValueError("it is nested too deeply")
+    try:
+        return tomllib.loads(text)
+    except RecursionError as error:
+        raise ValueError("it is nested too deeply") from error

@@ -19,7 +19,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from compensation import fit_inertia, pitch_and_sway_signals, validation_signals
-from compensation.signals.protocol import ADVISED_PLATFORM_SIGNAL
+from compensation.protocol import ADVISED_PLATFORM_SIGNAL
 from pipeline.config.schema import Treadmill
 from pipeline.figures.style import COLOURS
 from pipeline.trial.ground.accelerometers import accelerations

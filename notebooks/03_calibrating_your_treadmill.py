@@ -21,19 +21,18 @@ from compensation import (
     MachineLimits,
     Signal,
     acceleration_spectrum,
-    check_calibration,
     check_signal,
     check_trial,
     pitch_and_sway_signals,
     validation_signals,
 )
-from compensation.signals.protocol import ADVISED_PLATFORM_SIGNAL
+from compensation.protocol import ADVISED_PLATFORM_SIGNAL
 from pipeline.config.schema import Treadmill
 from pipeline.figures.style import COLOURS
 from pipeline.trial.ground.accelerometers import accelerations
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.empty_plates import plate_samples
-from pipeline.virtual_lab.faults import (AccelerometerFaults, Faults)
+from pipeline.virtual_lab.faults import AccelerometerFaults, Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
 from pipeline.virtual_lab.machine.instruments import SENSOR_NAMES
 from pipeline.virtual_lab.protocol.walking_trial import run_signal
@@ -66,7 +65,7 @@ print(
     "a gentler machine:",
     *check_signal(signal, MachineLimits(sway_m_per_s2=2.0, pitch_deg_per_s=20.0)),
 )
-spectrum = acceleration_spectrum(signal)
+frequency, density = acceleration_spectrum(signal)
 
 # %% [markdown]
 # ## 2. The recording
@@ -128,7 +127,7 @@ for k, name in enumerate(components):
         f" R² {model.r_squared[k]:.4f}, floor {fast_floor[k]:.2f} {'N' if k < 3 else 'N·m'}"
     )
 print(f"rank {model.rank} of {len(model.gain)}, condition {model.condition:.0f}")
-print(*check_calibration(model, "plate 1"), sep="\n")
+print(*calibration.notes, sep="\n")
 
 # %% [markdown]
 # R² is the share of *this* recording that is explained. It is close to one because the machine
@@ -217,9 +216,9 @@ panels[0, 0].set(title="commanded motion", xlabel="time (s)")
 panels[0, 0].legend(frameon=False, ncols=2)
 
 density = panels[0, 1]
-frequency = spectrum.frequency[1:]
-density.loglog(frequency, spectrum.sway[1:], color=COLOURS["compensated"], label="sway (m/s²)²/Hz")
-density.loglog(frequency, spectrum.pitch[1:], color=COLOURS["measured"], label="pitch (rad/s²)²/Hz")
+frequency = frequency[1:]
+density.loglog(frequency, density[:, 0][1:], color=COLOURS["compensated"], label="sway (m/s²)²/Hz")
+density.loglog(frequency, density[:, 1][1:], color=COLOURS["measured"], label="pitch (rad/s²)²/Hz")
 density.axvline(cutoff_hz, color="grey", ls=":", label="cut-off of the fit")
 density.set(title="acceleration spectra", xlabel="frequency (Hz)", xlim=(0.1, 50), ylim=(1e-6, 10))
 density.legend(frameon=False)

@@ -20,7 +20,6 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-import pandas as pd
 
 from hbm.markers import Markers
 from pipeline.config.schema import Condition, Platform, Settings, Subject, Treadmill
@@ -33,14 +32,14 @@ from pipeline.trial.residuals import (
     AXES,
     UNITS,
     cycle_residuals,
-    marker_rows,
+    marker_table,
     residual_table,
-    threshold_rows,
+    threshold_table,
 )
 from pipeline.viewer.trial import write_recording
-from pipeline.virtual_lab.machine.instrumented_treadmill import (PLATFORM_MARKERS_M, make_treadmill)
-from pipeline.virtual_lab.protocol.walking_protocol import (Protocol, Setting)
-from pipeline.virtual_lab.protocol.walking_trial import (run_calibration, run_trial, study_subject)
+from pipeline.virtual_lab.machine.instrumented_treadmill import PLATFORM_MARKERS_M, make_treadmill
+from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
+from pipeline.virtual_lab.protocol.walking_trial import run_calibration, run_trial, study_subject
 
 # %% [markdown]
 # ## The reference trial
@@ -143,10 +142,10 @@ print(f"{'RMS':20s}", *(f"{axis:>7}" for axis in AXES), "  Hicks F, M   markers 
 for name, result in trials.items():
     table = residual_table(result, name)
     rms = table.loc[table["compensated"] & table["headline"], "rms"]
-    limits = pd.DataFrame(threshold_rows(result))
+    limits = threshold_table(result)
     peaks = limits[limits["compensated"]]
     share = " ".join(f"{v:4.1f}×" for v in peaks["peak"] / peaks["limit"])
-    error = marker_rows(result)[-1].rms_mm
+    error = marker_table(result)["rms_mm"].iloc[-1]
     print(
         f"{name:20s}",
         *(f"{value:7.1f}" for value in rms),
@@ -162,7 +161,7 @@ for name, result in trials.items():
     for note in result.notes:
         if note not in reference_notes:
             print(f"{name}: {note}")
-print(pd.DataFrame(marker_rows(trials["swapped leg"])).nlargest(4, "missing_percent"))
+print(marker_table(trials["swapped leg"]).nlargest(4, "missing_percent"))
 
 # %% [markdown]
 # ## What the viewer shows

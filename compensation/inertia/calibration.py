@@ -1,9 +1,8 @@
 """A treadmill's calibration as text: one inertia model per plate, and its provenance."""
 
 import json
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
-from itertools import chain
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -12,7 +11,7 @@ from scipy.linalg import block_diag
 
 from compensation.inertia.model import InertiaModel, Setup
 from compensation.inertia.model_error import ModelError
-from compensation.inertia.quality import LeftOver, check_calibration, left_over, verdict_notes
+from compensation.inertia.quality import MIN_LOAD_N, LeftOver, left_over
 from compensation.inertia.sensors import Sensor
 from compensation.inputs import refuse_gaps
 from hbm.notes import Note
@@ -47,9 +46,6 @@ class Calibration:
         (6 P, 6 P); None where it is unknown: the plates then count as independent.
     dynamic
         Plate name -> the dynamic model that compensates trials; empty where the static one does.
-    verdict
-        Plate -> what the model in use leaves of each component, beside its limit. By default as
-        `left_over` judges it now; empty where it was not judged.
 
     Examples
     --------
@@ -68,7 +64,6 @@ class Calibration:
     sensors: tuple[Sensor, ...] = ()
     correlation: Array | None = None
     dynamic: Mapping[str, InertiaModel] = field(default_factory=dict)
-    verdict: Mapping[str, tuple[LeftOver, ...]] | None = None
 
     def __post_init__(self) -> None:
         if not self.plates:
@@ -85,10 +80,7 @@ class Calibration:
                 )
             if self.sensors and model.sensors != tuple(sensor.name for sensor in self.sensors):
                 raise ValueError(f"plate {name}: its accelerometers are not those described")
-        if self.verdict is None:
-            judged = {name: left_over(model) for name, model in self.in_use.items()}
-            object.__setattr__(self, "verdict", judged)
-        for name in ("plates", "provenance", "dynamic", "verdict"):
+        for name in ("plates", "provenance", "dynamic"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
         if self.correlation is None:
             return
@@ -106,10 +98,35 @@ class Calibration:
         return self.dynamic or self.plates
 
     @property
+    def verdict(self) -> dict[str, tuple[LeftOver, ...]]:
+        """Plate -> what its model leaves of each component, beside its limit.
+
+        Empty of a file of version 2, which does not say what is left below 6 Hz.
+        """
+        if any(model.model_error is None for model in self.in_use.values()):
+            return {}
+        return {name: left_over(model) for name, model in self.in_use.items()}
+
+    @property
     def notes(self) -> tuple[Note, ...]:
         """What to know wherever it is used: plates that were loaded, and the verdict."""
-        loaded = (check_calibration(model, name) for name, model in self.in_use.items())
-        return (*chain.from_iterable(loaded), *verdict_notes(self.verdict or {}))
+        notes = []
+        for name, model in self.in_use.items():
+            k = len(model.acceleration_mean)  # differences have no mean
+            mean = model.acceleration_mean @ model.gain[:k, :3] + model.gain[-1, :3]
+            if (force := float(np.linalg.norm(mean))) > MIN_LOAD_N:
+                notes.append(Note.of("calibration_loaded", plate=name, force_n=force))
+        beyond = [
+            f"{plate} {row.component} {row.left:.1f} {row.unit} (limit {row.limit:.1f})"
+            for plate, rows in self.verdict.items()
+            for row in rows
+            if not row.passed
+        ]
+        if beyond:
+            notes.append(Note.of("calibration_leaves_much", left=beyond))
+        if not self.verdict:
+            notes.append(Note.of("calibration_not_judged"))
+        return tuple(notes)
 
     def correlation_of(self, plates: Sequence[str]) -> Array:
         """Give the correlation of what is left of some plates, (6 P, 6 P), in their order."""
@@ -143,10 +160,6 @@ def to_json(calibration: Calibration) -> str:
         if calibration.correlation is not None
         else None,
         "dynamic": {name: _plain(model) for name, model in calibration.dynamic.items()},
-        "verdict": {
-            plate: [asdict(row) | {"passed": row.passed} for row in rows]
-            for plate, rows in (calibration.verdict or {}).items()
-        },
     }
     return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
 
@@ -194,7 +207,7 @@ calibration'
         )
     try:
         if version == RELEASED:
-            unknown = {"correlation": None, "sensors": [], "dynamic": {}, "verdict": {}}
+            unknown = {"correlation": None, "sensors": [], "dynamic": {}}
             document |= unknown
             for plain in document["plates"].values():
                 plain |= {"model_error": None, "correlation": np.eye(6), "rms_slow": None}
@@ -208,7 +221,6 @@ calibration'
             tuple(Sensor(**plain) for plain in document["sensors"]),
             document["correlation"],
             dynamic,
-            _judged(document["verdict"], plates),
         )
     except (KeyError, TypeError, AttributeError, OverflowError) as error:
         reason = str(error)[:MAX_REASON]
@@ -219,34 +231,17 @@ calibration'
     return calibration
 
 
-def _plain(model: InertiaModel) -> dict[str, Any]:
-    plain = _arrays_as_lists(model, without=("setup", "model_error"))
-    return plain | {
-        "setup": asdict(model.setup) if model.setup is not None else None,
-        "model_error": _arrays_as_lists(model.model_error) if model.model_error else None,
+def _plain(part: InertiaModel | ModelError | Setup) -> dict[str, Any]:
+    """Give the fields of a dataclass as JSON has them."""
+    values = {f.name: getattr(part, f.name) for f in fields(part)}
+    return {
+        name: value.tolist()
+        if isinstance(value, np.ndarray)
+        else _plain(value)
+        if isinstance(value, (ModelError, Setup))
+        else value
+        for name, value in values.items()
     }
-
-
-def _judged(
-    plain: Mapping[str, list[dict[str, Any]]], plates: Collection[str]
-) -> dict[str, tuple[LeftOver, ...]]:
-    """Read the verdict; one of other plates, or that contradicts its numbers, is damaged."""
-    verdict = {
-        plate: tuple(LeftOver(**{k: v for k, v in row.items() if k != "passed"}) for row in rows)
-        for plate, rows in plain.items()
-    }
-    passed = {plate: [row.passed for row in rows] for plate, rows in verdict.items()}
-    stated = {plate: [row["passed"] for row in rows] for plate, rows in plain.items()}
-    if passed != stated or (verdict and verdict.keys() != set(plates)):
-        raise KeyError("verdict")
-    return verdict
-
-
-def _arrays_as_lists(
-    part: InertiaModel | ModelError, without: Sequence[str] = ()
-) -> dict[str, Any]:
-    values = ((f.name, getattr(part, f.name)) for f in fields(part) if f.name not in without)
-    return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in values}
 
 
 def _model(plain: dict[str, Any]) -> InertiaModel:

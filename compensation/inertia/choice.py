@@ -137,14 +137,17 @@ def choose(
     if stated != "dynamic" and any(is_short(felt) for felt, _ in trials[0][1].values()):
         return "static model: the recording is too short to judge a dynamic one", {}
     k, found = 3 * len(setup.sensors), _Compared(setup.rate_hz)
-    of_plate = {name: [(f, one[name]) for f, one in trials if name in one] for name in static}
+    of_plate = {
+        name: [((n, file), one[name]) for n, (file, one) in enumerate(trials) if name in one]
+        for name in static
+    }
     for samples in of_plate.values():
         both = [one for _, one in samples]
         readings = [(felt[:, :k], wrench) for felt, wrench in both]
         simple = left_of_held_out(readings, beside_weight=beside_weight)
         better = left_of_held_out(both, len(LAGS_S), beside_weight)
-        for (file, _), *pair in zip(samples, simple, better, strict=True):
-            found.add(file, *pair)
+        for (source, _), *pair in zip(samples, simple, better, strict=True):
+            found.add(source, *pair)
     dynamic = {}
     if stated == "dynamic" or checks or found.clear:
         dynamic = {
@@ -157,10 +160,10 @@ def choose(
             )
             for name, samples in of_plate.items()
         }
-    for file, plates in checks:
+    for n, (file, plates) in enumerate(checks, len(trials)):
         for name, (felt, wrench) in plates.items():
             simple_left = static[name].compensate(felt[:, :k], wrench)
-            found.add(file, simple_left, dynamic[name].compensate(felt, wrench))
+            found.add((n, file), simple_left, dynamic[name].compensate(felt, wrench))
     kind = stated if stated != "auto" else "dynamic" if found.clear else "static"
     as_stated = "" if stated == "auto" else ", as stated"
     return f"{kind} model{as_stated}: {found.reason}", dynamic if kind == "dynamic" else {}
@@ -171,13 +174,13 @@ class _Compared:
 
     def __init__(self, rate_hz: float) -> None:
         self.rate_hz = rate_hz
-        self.left: dict[str, list[Array]] = {}
+        self.left: dict[tuple[int, str], list[Array]] = {}
 
-    def add(self, file: str, *pair: Array) -> None:
+    def add(self, source: tuple[int, str], *pair: Array) -> None:
         """Add what both leave of a plate: RMS about the mean, of all and below 6 Hz, (2, 2, 6)."""
         slow = [low_pass(left, self.rate_hz, SLOW_HZ, "zero_phase") for left in pair]
         sizes = np.stack([np.std(band, axis=1) for band in (pair, slow)], axis=1)
-        self.left.setdefault(file, []).append(sizes)
+        self.left.setdefault(source, []).append(sizes)
 
     @property
     def share(self) -> float:
@@ -193,7 +196,7 @@ class _Compared:
     def worse(self) -> list[str]:
         """Components of recordings of which the dynamic model leaves clearly more."""
         found = []
-        for file, sizes in self.left.items():
+        for (_, file), sizes in self.left.items():
             static, dynamic = np.moveaxis(np.array(sizes), 1, 0)
             limit = MAX_WORSE * np.maximum(static, NEGLIGIBLE_SHARE * MAX_LEFT)
             more = np.any(dynamic > limit, axis=(0, 1))

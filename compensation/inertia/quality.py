@@ -1,18 +1,17 @@
 """Whether a calibration serves: by what it leaves of its recording, and of one of another day."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compensation.alignment.delay import BLOCKS
+from compensation.delay import BLOCKS
 from compensation.inertia.fit import fit_inertia
 from compensation.inertia.model import InertiaModel
 from compensation.inertia.model_error import SLOW_HZ
 from compensation.inputs import read_table
-from hbm.notes import Note
 from hbm.signals.filtering import low_pass
 from hbm.spatial import WRENCH_COMPONENTS, Array, read_only
 
@@ -109,64 +108,12 @@ def left_over(model: InertiaModel) -> tuple[LeftOver, ...]:
     return tuple(rows)
 
 
-def check_calibration(model: InertiaModel, plate: str) -> tuple[Note, ...]:
-    """Find signs that the plate was not empty in a calibration.
-
-    Parameters
-    ----------
-    model
-        The fitted calibration of one plate.
-    plate
-        The plate's name.
-
-    Returns
-    -------
-    tuple of Note
-        Warnings: ``calibration_loaded`` where the mean force is that of a person,
-        ``calibration_unexplained`` where the fit leaves more force than that of an empty plate.
-
-    Examples
-    --------
-    >>> import compensation, numpy as np
-    >>> accelerations = np.random.default_rng(0).normal([0, 0, 9.81], 1.0, (600, 3))
-    >>> wrench = accelerations @ np.hstack([-150 * np.eye(3), np.full((3, 3), 15.0)])
-    >>> model = compensation.fit_inertia(accelerations, wrench)  # a plate that was not zeroed
-    >>> [note.code for note in check_calibration(model, "plate 1")]
-    ['calibration_loaded']
-    """
-    mean = model.acceleration_mean @ model.gain[: len(model.acceleration_mean), :3]
-    mean = mean + model.gain[-1, :3]  # differences have no mean
-    notes = []
-    if (force := float(np.linalg.norm(mean))) > MIN_LOAD_N:
-        notes.append(Note.of("calibration_loaded", plate=plate, force_n=force))
-    if (left := float(np.linalg.norm(model.sigma[:3]))) > MAX_UNEXPLAINED_N:
-        notes.append(Note.of("calibration_unexplained", plate=plate, force_n=left))
-    return tuple(notes)
-
-
 OF_CALIBRATION: Final = (
     "calibration_loaded",
-    "calibration_unexplained",
     "calibration_leaves_much",
     "calibration_not_judged",
 )
 """Codes of notes on a calibration that hold for everything that uses it."""
-
-
-def verdict_notes(verdict: Mapping[str, Sequence[LeftOver]]) -> tuple[Note, ...]:
-    """Put the verdict on a calibration, plate -> components, into one note; none where it passes.
-
-    Without any plate, as of files of earlier versions, the calibration was not judged.
-    """
-    if not verdict:
-        return (Note.of("calibration_not_judged"),)
-    beyond = [
-        f"{plate} {row.component} {row.left:.1f} {row.unit} (limit {row.limit:.1f})"
-        for plate, rows in verdict.items()
-        for row in rows
-        if not row.passed
-    ]
-    return (Note.of("calibration_leaves_much", left=beyond),) if beyond else ()
 
 
 def refuse_unusable(plates: Mapping[str, InertiaModel]) -> None:

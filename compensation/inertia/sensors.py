@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.signal import welch
 
-from compensation.alignment.sensor_delay import sensor_delays
+from compensation.delay import sensor_delays
 from compensation.inertia.model import InertiaModel, Setup, sensor_names
 from compensation.inputs import read_table
 from hbm.notes import Note
@@ -118,7 +118,7 @@ def find_sensors(
 
     Notes
     -----
-    Delays are those of `compensation.alignment.sensor_delay.sensor_delays`.
+    Delays are those of `compensation.delay.sensor_delays`.
 
     The gain of a sensor is absorbed by the fit.
 

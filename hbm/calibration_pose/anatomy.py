@@ -105,6 +105,15 @@ class Anatomy:
     markers: dict[str, Array] = field(default_factory=dict)
     notes: list[Note] = field(default_factory=list)
 
+    def substitute(self, missing: str, rule: str) -> None:
+        """Note the rule that replaced a missing landmark."""
+        self.notes.append(substituted(missing, rule))
+
+
+def substituted(missing: str, rule: str) -> Note:
+    """Say by which rule a missing landmark was replaced."""
+    return Note.of("landmark_substituted", missing=missing, rule=rule)
+
 
 def need(landmarks: Mapping[str, Array], *names: str, purpose: str, instead: str) -> list[Array]:
     """Give landmarks, or raise a ValueError that names the missing and what would replace them."""
@@ -141,9 +150,7 @@ def locate_hinge(
     else:
         (outer,) = need(landmarks, lateral, purpose=f"the {joint}", instead=other)
         center = chord(outer, proximal, medial, half_width, joint)
-        anatomy.notes.append(
-            Note.of("joint_center_from_width", marker=other, joint=joint, lateral=lateral)
-        )
+        anatomy.substitute(other, f"{joint} half the joint's width medial to {lateral}")
     anatomy.points[joint] = center
     anatomy.axes[joint] = sign * unit(center - outer)
 
@@ -245,7 +252,7 @@ def locate_arm(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, si
         anatomy.axes[f"{side}_wrist"] = -MEDIAL_SIGN[side] * unit(thumb)
     else:
         anatomy.axes[f"{side}_wrist"] = anatomy.axes[f"{side}_elbow"]
-        anatomy.notes.append(Note.of("wrist_axis_from_elbow", side=side))
+        anatomy.substitute(f"a {side} wrist marker", "its axis is taken as the elbow's")
     if s + "FIN" in at:
         knuckle, half = at[s + "FIN"], measures.to_center(limb.hand_thickness_m)
         if half is not None and thumb is not None:
@@ -303,28 +310,21 @@ def elbow_center(
 
 
 def elbow_notes(anatomies: list[Anatomy], landmarks: set[str]) -> list[Note]:
-    """Say of the elbows without medial marker how their axes were found.
-
-    Parameters
-    ----------
-    anatomies
-        In the frames of the calibration pose.
-    landmarks
-        Those that are shown.
-
-    Returns
-    -------
-    list of Note
-        ``elbow_axis_from_plane`` or, below `STRAIGHT_ELBOW_RAD`, ``elbow_axis_uncertain``.
-    """
+    """Say how the axes of elbows without medial marker were found in the frames of the pose."""
     notes = []
     for side, s in SIDES.items():
         if s + "MEE" not in landmarks and f"{side}_elbow" in anatomies[0].points:
             flexion = float(np.mean([_flexion(anatomy, side) for anatomy in anatomies]))
-            straight = flexion < STRAIGHT_ELBOW_RAD
-            code = "elbow_axis_uncertain" if straight else "elbow_axis_from_plane"
-            flexion_deg = float(np.degrees(flexion))
-            notes.append(Note.of(code, side=side, marker=s + "MEE", flexion_deg=flexion_deg))
+            if flexion < STRAIGHT_ELBOW_RAD:
+                flexion_deg, marker = np.degrees(flexion), s + "MEE"
+                notes.append(
+                    Note.of(
+                        "elbow_axis_uncertain", side=side, marker=marker, flexion_deg=flexion_deg
+                    )
+                )
+            else:
+                rule = f"{side} elbow axis across the plane of shoulder, elbow and wrist"
+                notes.append(substituted(s + "MEE", rule))
     return notes
 
 
@@ -407,7 +407,6 @@ def locate_leg(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, si
         center = chord(device, hip, device - at[s + "KAX"], knee, f"{side}_knee")
         anatomy.points[f"{side}_knee"] = center
         anatomy.axes[f"{side}_knee"] = sign * unit(center - device)
-        anatomy.notes.append(Note.of("knee_alignment_device", side=side))
     else:
         locate_hinge(
             anatomy,

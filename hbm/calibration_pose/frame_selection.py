@@ -1,7 +1,6 @@
 """The frames of a calibration recording that the body is built from."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -25,28 +24,9 @@ MAX_FRAMES: Final = 100
 """Frames that the body is averaged over; more make no difference."""
 
 
-@dataclass(frozen=True, slots=True)
-class FrameSelection:
-    """The frames that show the calibration pose.
-
-    Attributes
-    ----------
-    frames
-        Evenly spread frames in which all markers that are ever visible are visible, (F,).
-    still
-        Whether the subject stood still.
-    note
-        The window, and whether the subject stood still in it.
-    """
-
-    frames: Indices
-    still: bool
-    note: Note
-
-
 def select_frames(
     markers: Markers, used: list[str], window_s: tuple[float, float] | None
-) -> FrameSelection:
+) -> tuple[Indices, bool, Note]:
     """Select the frames that the body is built from.
 
     Parameters
@@ -62,8 +42,12 @@ def select_frames(
 
     Returns
     -------
-    FrameSelection
-        At most 100 frames.
+    frames
+        At most 100, evenly spread, in which all markers that are ever visible are visible, (F,).
+    still
+        Whether the subject stood still.
+    note
+        The window, and whether the subject stood still in it.
 
     Raises
     ------
@@ -89,17 +73,14 @@ def select_frames(
     known = speed[complete][~np.isnan(speed[complete])]
     mean_speed = float(np.mean(known)) if len(known) else 0.0
     still = mean_speed < MAX_STILL_SPEED_MPS
-    extent = {
-        "start_s": float(time[frames[0]]),
-        "stop_s": float(time[frames[-1]]),
-        "instants": len(frames),
-    }
-    note = (
-        Note.of("calibration_pose_still", **extent)
-        if still
-        else Note.of("calibration_pose_moving", speed_mps=mean_speed, **extent)
+    note = Note.of(
+        "calibration_pose",
+        start_s=time[frames[0]],
+        stop_s=time[frames[-1]],
+        instants=len(frames),
+        posture="standing still" if still else f"moving at {mean_speed:.2f} m/s",
     )
-    return FrameSelection(frames, still, note)
+    return frames, still, note
 
 
 def _inside(time: Array, window_s: tuple[float, float] | None) -> Indices:

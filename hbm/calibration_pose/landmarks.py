@@ -24,6 +24,7 @@ from hbm.calibration_pose.anatomy import (
     locate_arm,
     locate_leg,
     need,
+    substituted,
 )
 from hbm.coordinates import SIDES, UP
 from hbm.notes import Note
@@ -103,7 +104,9 @@ def locate_pelvis(anatomy: Anatomy, landmarks: Mapping[str, Array], measures: Me
             leg = measures.limb(side).leg_length_m or leg
         anatomy.points[f"{side}_hip"] = origin + R @ hip_center(side, width, depth, leg, measures)
         if leg is None and measures.hip == "harrington":
-            anatomy.notes.append(Note.of("hip_without_leg_length", side=side))
+            anatomy.substitute(
+                f"the {side} leg length", "hip centre by Harrington's single measures"
+            )
     anatomy.points["pelvis"] = (anatomy.points["right_hip"] + anatomy.points["left_hip"]) / 2
     forward, up = LUMBAR_PER_PELVIS_WIDTH[measures.sex]
     anatomy.points["lumbar"] = origin + R @ (width * np.array([forward, 0.0, up]))
@@ -136,7 +139,7 @@ def pelvis_frame(landmarks: Mapping[str, Array]) -> tuple[Array, Array, Array, l
         back = (at["LPSIS"] + at["RPSIS"]) / 2
     else:
         (back,) = need(at, "SACR", purpose="the pelvis", instead="LPSIS with RPSIS")
-        notes.append(Note.of("psis_missing"))
+        notes.append(substituted("PSIS", "the sacrum marker stands in for their midpoint"))
     origin, across = (left + right) / 2, left - right
     return axes_from(across, cross(origin - back, across), exact="left"), origin, back, notes
 
@@ -153,9 +156,7 @@ def _iliac_spines(landmarks: Mapping[str, Array]) -> tuple[dict[str, Array], lis
                     middle = (at["L" + b] + at["R" + b]) / 2
                     point = at[other + a]
                     at[side + a] = point - 2 * ((point - middle) @ normal) * normal
-                    notes.append(
-                        Note.of("pelvis_landmark_mirrored", landmark=side + a, opposite=other + a)
-                    )
+                    notes.append(substituted(side + a, f"the mirror image of {other + a}"))
     return at, notes
 
 
@@ -230,7 +231,7 @@ def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) 
     """
     low = "T10" in at and "XIPH" in at
     bottom = (at["T10"] + at["XIPH"]) / 2 if low else anatomy.points["lumbar"]
-    notes = [] if low else [Note.of("trunk_axis_from_lumbar_joint")]
+    notes = [] if low else [substituted("T10 or XIPH", "trunk axis from the lumbar joint")]
     if "C7" in at and "JN" in at:
         top, forward = (at["C7"] + at["JN"]) / 2, at["JN"] - at["C7"]
         R = axes_from(cross(top - bottom, forward), top - bottom, exact="up")
@@ -238,13 +239,13 @@ def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) 
     elif "LSHO" in at and "RSHO" in at:
         top = neck = (at["LSHO"] + at["RSHO"]) / 2
         R = axes_from(at["LSHO"] - at["RSHO"], top - bottom, exact="up")
-        notes.append(Note.of("trunk_axis_to_acromions"))
+        notes.append(substituted("C7 or JN", "trunk axis to the middle of the acromions"))
     elif low and "JN" in at:
         root = anatomy.points["lumbar"]
         up = unit(bottom - root)
         top = neck = root + ((at["JN"] - root) @ up) * up
         R = axes_from(cross(up, at["XIPH"] - at["T10"]), up, exact="up")
-        notes.append(Note.of("trunk_axis_to_jugular_notch"))
+        notes.append(substituted("C7", "trunk axis from the lumbar joint to the level of JN"))
     else:
         if not TRUNK_LANDMARKS.isdisjoint(at):
             anatomy.notes.append(Note.of("trunk_not_located"))
@@ -346,12 +347,12 @@ def with_spine(anatomy: Anatomy, at: Mapping[str, Array], sex: Sex) -> dict[str,
     found = dict(at)
     if "T8" in at and "T10" not in at:
         found["T10"] = at["T8"]
-        anatomy.notes.append(Note.of("landmark_stands_in", landmark="T10", other="T8"))
+        anatomy.substitute("T10", "T8 stands in for it")
     if {"T2", "JN"} <= set(at) and "C7" not in at:
         up = unit((at["T2"] + at["JN"]) / 2 - anatomy.points["lumbar"])
         notch, second = ((at[name] - anatomy.points["pelvis"]) @ up for name in ("JN", "T2"))
         found["C7"] = at["T2"] + (notch / height_per_cervicale(sex)["notch"] - second) * up
-        anatomy.notes.append(Note.of("landmark_stands_in", landmark="C7", other="T2"))
+        anatomy.substitute("C7", "T2 stands in for it")
     return found
 
 

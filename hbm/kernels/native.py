@@ -50,7 +50,7 @@ class LibraryError(Exception):
     """A compiled library is missing, cannot be loaded, or was made from other sources."""
 
 
-def kernels(announce: Callable[[str], None] = lambda _: None) -> Kernels:
+def kernels(announce: Callable[[str], None] | None = None) -> Kernels:
     """Make the kernels ready.
 
     Parameters
@@ -65,7 +65,7 @@ def kernels(announce: Callable[[str], None] = lambda _: None) -> Kernels:
     """
     with _LOCK:
         if not _READY:
-            _READY["kernels"] = load(announce)
+            _READY["kernels"] = load(announce or (lambda _: None))
         return _READY["kernels"]
 
 

@@ -1,8 +1,13 @@
 """Marker trajectories, and marker sets: the segment and the landmark of each marker."""
 
-from hbm.markers.marker_set import LANDMARKS, MarkerSet, SetMarker
-from hbm.markers.recognition import recognise_marker_set
-from hbm.markers.table import marker_sets, read_marker_set
+from hbm.markers.marker_set import (
+    LANDMARKS,
+    MarkerSet,
+    SetMarker,
+    marker_sets,
+    read_marker_set,
+    recognise_marker_set,
+)
 from hbm.markers.trajectories import Markers
 
 __all__ = [

@@ -1,8 +1,18 @@
-"""Marker sets: the segment that each marker is attached to, and the landmark that it marks."""
+"""Marker sets: the segment that each marker is attached to, and the landmark that it marks.
 
-from collections.abc import Iterable
+They are tables, shipped with the package or a user's own, and are recognised by their labels.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Final
+from functools import cache
+from importlib.resources import files
+from itertools import groupby
+from typing import Any, Final
+
+from hbm.coordinates import MOVING, SIDES
+from hbm.spelling import did_you_mean, differing_case, listed, no_segment, parse_toml, short, shown
 
 _MIDLINE: Final = {
     "SACR": "sacrum, midway between the posterior superior iliac spines",
@@ -136,3 +146,302 @@ class MarkerSet:
         shown = [(m, next((n for n in m.labels if n in names), None)) for m in self.markers]
         markers = tuple(replace(m, labels=(label,)) for m, label in shown if label is not None)
         return replace(self, markers=markers)
+
+
+EITHER_SIDE: Final = "?"
+"""In a label: stands for L and R."""
+
+OR: Final = "|"
+"""Between the labels of one marker."""
+
+
+def read_marker_set(text: str, name: str = "own") -> MarkerSet:
+    """Read a marker set from TOML.
+
+    Parameters
+    ----------
+    text
+        TOML with a table ``[markers]``: ``LABEL = ["segment"]`` for a tracking marker,
+        ``LABEL = ["segment", "LANDMARK"]`` for a landmark. A table ``[optional]`` of the same form
+        and ``title`` may be there, and ``extends``, the names of shipped sets that it adds to;
+        the head of ``marker_sets.toml`` and docs/marker_sets.md describe them.
+    name
+        Its name, also in errors.
+
+    Returns
+    -------
+    MarkerSet
+        The checked set.
+
+    Raises
+    ------
+    ValueError
+        If the text is not TOML or has no ``[markers]``, or a segment, landmark or set to extend is
+        unknown, or a label or landmark occurs twice; the message lists all such faults.
+
+    Examples
+    --------
+    >>> import hbm
+    >>> lab = hbm.read_marker_set('''
+    ... [markers]
+    ... LASI = ["pelvis", "LASIS"]
+    ... LPEL = ["pelvis"]
+    ... ''', name="lab")
+    >>> lab.segment
+    {'LASI': 'pelvis', 'LPEL': 'pelvis'}
+    """
+    try:
+        table = parse_toml(text)
+    except ValueError as error:
+        raise ValueError(f"marker set {name!r} is not valid TOML: {error}") from error
+    if not isinstance(table.get("markers"), dict) or not table["markers"]:
+        raise ValueError(f"marker set {name!r} needs a [markers] table with at least one marker")
+    return _marker_set(name, table, marker_sets())
+
+
+@cache
+def marker_sets() -> Mapping[str, MarkerSet]:
+    """Give the marker sets that ship with the package, by name.
+
+    Returns
+    -------
+    Mapping[str, MarkerSet]
+        Name -> set.
+
+    Examples
+    --------
+    >>> import hbm
+    >>> for name, chosen in hbm.marker_sets().items():
+    ...     print(f"{name}: {chosen.title}")
+    hbm2_lower: Human Body Model 2, lower limbs and trunk, 26 markers
+    hbm2: Human Body Model 2, full body, 46 markers
+    hbm1_lower: Human Body Model 1, lower limbs and trunk, 25 markers
+    hbm1: Human Body Model 1, full body, 47 markers
+    pig_lower: Plug-in-Gait, lower body, 16 markers
+    pig: Plug-in-Gait, full body, 39 markers
+    cgm2_lower: CGM2.3 and 2.4, lower body, 24 markers
+    cgm2: CGM2.3 to 2.5, full body, 47 markers
+    ior_lower: Rizzoli (IOR), lower body, 20 markers
+    ior: Rizzoli (IOR), lower body and trunk, 27 markers
+    """
+    text = files("hbm").joinpath("marker_sets.toml").read_text(encoding="utf-8")
+    sets: dict[str, MarkerSet] = {}
+    for name, table in parse_toml(text).items():
+        sets[name] = _marker_set(name, table, sets)
+    return sets
+
+
+def _marker_set(name: str, table: Mapping[str, Any], known: Mapping[str, MarkerSet]) -> MarkerSet:
+    faults: list[str] = []
+    own = _markers(table.get("markers", {}), False, faults)
+    own += _markers(table.get("optional", {}), True, faults)
+    faults += _repeated(own)
+    if not isinstance(table.get("title", ""), str):
+        faults.append(f"title must be a text, got {shown(table['title'])}")
+    markers = (*_inherited(table.get("extends", []), own, known, faults), *own)
+    if faults:
+        raise ValueError(f"marker set {name!r}: " + "; ".join(dict.fromkeys(faults)))
+    return MarkerSet(name, table.get("title", name), markers)
+
+
+def _markers(table: Any, optional: bool, faults: list[str]) -> list[SetMarker]:
+    """Read a table of markers. Rows for either side in sequence: all left ones, then the right."""
+    if not isinstance(table, dict):
+        faults.append(f"[optional] must be a table like [markers], got {shown(table)}")
+        return []
+    markers = []
+    for either, rows in groupby(table.items(), key=lambda row: EITHER_SIDE in row[0]):
+        sequence = list(rows)
+        for side in reversed(SIDES) if either else ("",):
+            read = (_marker(key, entry, side, optional, faults) for key, entry in sequence)
+            markers += [marker for marker in read if marker is not None]
+    return markers
+
+
+def _marker(key: str, entry: Any, side: str, optional: bool, faults: list[str]) -> SetMarker | None:
+    """Read a row, for one side if it stands for either; None where nothing can be read."""
+    words = isinstance(entry, list) and all(isinstance(word, str) for word in entry)
+    if not (words and len(entry) in (1, 2)):
+        faults.append(f"{short(key)} must be [segment] or [segment, landmark], got {shown(entry)}")
+        return None
+    letter = SIDES.get(side, "")
+    segments = {s.removeprefix(f"{side}_"): s for s in MOVING} | {s: s for s in MOVING}
+    landmarks = {name.removeprefix(letter): name for name in LANDMARKS if name.startswith(letter)}
+    landmarks |= {name: name for name in LANDMARKS if name not in landmarks}
+    segment, landmark = entry[0], entry[1] if len(entry) == 2 else None
+    if segment not in segments:
+        faults.append(f"{short(key)}: {no_segment(segment, segments)}")
+    if landmark is not None and landmark not in landmarks:
+        hint = did_you_mean(landmark, landmarks)
+        faults.append(f"{short(key)}: no landmark {shown(landmark)}{hint}")
+    labels = tuple(key.replace(EITHER_SIDE, letter if side else EITHER_SIDE).split(OR))
+    return SetMarker(
+        labels, segments.get(segment, segment), landmarks.get(landmark or ""), optional
+    )
+
+
+def _repeated(markers: list[SetMarker]) -> list[str]:
+    """Find labels that occur twice, and landmarks that two markers of the same need mark."""
+    labels = Counter(label for marker in markers for label in marker.labels)
+    faults = [f"label {short(label)} occurs twice" for label, count in labels.items() if count > 1]
+    first: dict[tuple[str, bool], str] = {}
+    for marker in markers:
+        if marker.landmark is not None:
+            other = first.setdefault((marker.landmark, marker.optional), marker.labels[0])
+            if other != marker.labels[0]:
+                faults.append(f"{marker.labels[0]} and {other} both mark {marker.landmark}")
+    return faults
+
+
+def _inherited(
+    names: Any, own: list[SetMarker], known: Mapping[str, MarkerSet], faults: list[str]
+) -> list[SetMarker]:
+    """Give the markers of the sets that a set extends, where it does not say otherwise itself."""
+    names = [names] if isinstance(names, str) else names
+    if not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
+        faults.append(f"extends must be the name of a set or a list of them, got {shown(names)}")
+        return []
+    for name in names:
+        if name not in known:
+            hint = did_you_mean(name, known) or f", known: {', '.join(known)}"
+            faults.append(f"extends: no marker set {shown(name)}{hint}")
+    labels = {label for marker in own for label in marker.labels}
+    needed = {marker.landmark for marker in own if not marker.optional}
+    optional = {marker.landmark for marker in own if marker.optional}
+    inherited: list[SetMarker] = []
+    for marker in (m for name in names if name in known for m in known[name].markers):
+        if labels.isdisjoint(marker.labels) and marker not in inherited:
+            taken = needed | optional if marker.optional else needed
+            landmark = None if marker.landmark in taken else marker.landmark
+            inherited.append(replace(marker, landmark=landmark))
+    return inherited
+
+
+MIN_SHARE_OF_PART: Final = 1 / 2
+"""Of a part's markers that must be present for a set to show it: other sets share fewer labels."""
+
+MAX_LABELS_LISTED: Final = 8
+"""In an error message."""
+
+REMEDY: Final = "rename them (--rename) or give a marker set of your own (--marker-set)"
+
+UPPER_PARTS: Final = {
+    "thorax": "trunk",
+    "head": "head",
+    **{
+        f"{side}_{segment}": "arms"
+        for side in ("left", "right")
+        for segment in ("shoulder", "upper_arm", "forearm", "hand")
+    },
+}
+"""Segment above the pelvis -> the part of the body that it belongs to."""
+
+
+def recognise_marker_set(names: Iterable[str]) -> MarkerSet:
+    """Find the shipped marker set that a recording's labels belong to.
+
+    Parameters
+    ----------
+    names
+        Labels in the recording.
+
+    Returns
+    -------
+    MarkerSet
+        The set of whose pelvis and legs most markers are present, of equals that of which most are
+        present at all, of equals the one with fewer markers. Half of its markers of pelvis and legs
+        must be, those that are optional not counted. A trunk, head or arms of which less is present
+        are completed by the markers of other sets, if all sets with such a label agree on it; the
+        result is then named after both sets.
+
+    Raises
+    ------
+    ValueError
+        If the labels match no set; the message names the nearest.
+    """
+    names = list(names)
+    if not names:
+        raise ValueError("there are no markers; export the file again with their trajectories")
+    sets = marker_sets().values()
+    shown = [chosen for chosen in sets if not _short_of(_lower_body(chosen), names)]
+    if not shown:
+        raise ValueError(_mismatch(_nearest(sets, names), names))
+    return _completed(_nearest(shown, names), names)
+
+
+def _nearest(sets: Iterable[MarkerSet], names: list[str]) -> MarkerSet:
+    """Give the set of which most is present: of pelvis and legs, then of all; else the smaller."""
+
+    def fit(chosen: MarkerSet) -> tuple[int, int, int]:
+        present = chosen.present(names).markers
+        lower = [marker for marker in present if marker.segment not in UPPER_PARTS]
+        return len(lower), len(present), -len(chosen.markers)
+
+    return max(sets, key=fit)
+
+
+def _lower_body(chosen: MarkerSet) -> list[SetMarker]:
+    return [m for m in chosen.markers if m.segment not in UPPER_PARTS and not m.optional]
+
+
+def _short_of(markers: list[SetMarker], names: Iterable[str]) -> bool:
+    """Whether too few of a part's markers are present; of none, none are."""
+    return len(_absent(markers, names)) > (1 - MIN_SHARE_OF_PART) * len(markers) or not markers
+
+
+def _mismatch(nearest: MarkerSet, names: list[str]) -> str:
+    """Say what the nearest set lacks, and what to do."""
+    needed = _lower_body(nearest)
+    missing = sorted(marker.labels[0] for marker in _absent(needed, names))
+    known = [n for each in marker_sets().values() for m in each.markers for n in m.labels]
+    more = ", …" if len(missing) > MAX_LABELS_LISTED else ""
+    if len(missing) == len(needed):
+        return (
+            f"the markers match no known set: none of {listed(names, 4)} is a marker of pelvis or "
+            f"legs{differing_case(names, known)}; {REMEDY}"
+        )
+    return (
+        f"the markers match no known set; nearest is {nearest.name!r} with "
+        f"{len(needed) - len(missing)} of its {len(needed)} markers of pelvis and legs (missing "
+        f"{', '.join(missing[:MAX_LABELS_LISTED])}{more}){differing_case(names, known)}; {REMEDY}"
+    )
+
+
+def _absent(markers: Iterable[SetMarker], names: Iterable[str]) -> list[SetMarker]:
+    names = set(names)
+    return [marker for marker in markers if names.isdisjoint(marker.labels)]
+
+
+def _completed(chosen: MarkerSet, names: list[str]) -> MarkerSet:
+    """Add other sets' markers of trunk, head and arms where the chosen set's are not there."""
+    own: dict[str, list[SetMarker]] = {part: [] for part in UPPER_PARTS.values()}
+    for marker in chosen.markers:
+        if marker.segment in UPPER_PARTS and not marker.optional:
+            own[UPPER_PARTS[marker.segment]].append(marker)
+    parts = [part for part, markers in own.items() if _short_of(markers, names)]
+    known = {label for marker in chosen.markers for label in marker.labels}
+    marked = chosen.present(names).landmark
+    added: list[SetMarker] = []
+    for name in names:
+        meant = {
+            (m.segment, m.landmark)
+            for s in marker_sets().values()
+            for m in s.markers
+            if name in m.labels
+        }
+        if name not in known and len(meant) == 1:
+            ((segment, landmark),) = meant
+            if UPPER_PARTS.get(segment) in parts:
+                landmark = None if landmark in marked else landmark
+                added.append(SetMarker((name,), segment, landmark, optional=True))
+    if not added:
+        return chosen
+    labels = [marker.labels[0] for marker in added]
+    other = _nearest((s for s in marker_sets().values() if s.name != chosen.name), labels)
+    shown = dict.fromkeys(UPPER_PARTS[marker.segment] for marker in added)
+    return replace(
+        chosen,
+        name=f"{chosen.name}+{other.name}",
+        title=f"{chosen.title}; {' and '.join(shown)} as in {other.title}",
+        markers=(*chosen.markers, *added),
+    )

@@ -1,6 +1,6 @@
 """Checks of a trial's markers before inverse kinematics: positions, labels, sides, distances."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import combinations
 from typing import Final
 
@@ -53,14 +53,10 @@ def frozen_frames(markers: Markers, names: Iterable[str]) -> Mask:
     [21, 39]
     """
     wanted = set(names)
-    frozen, visible = np.ones(len(markers.time), bool), np.zeros(len(markers.time), bool)
-    for name, path in zip(markers.names, np.swapaxes(markers.position, 0, 1), strict=True):
-        if name in wanted:
-            seen, repeated = _repeated(path)
-            frozen &= repeated | ~seen
-            visible |= seen
-    frozen &= visible
-    result: Mask = np.zeros(len(frozen), bool)
+    own = [k for k, name in enumerate(markers.names) if name in wanted]
+    seen, repeated = _repeated(markers.position[:, own])
+    frozen: Mask = np.asarray((repeated | ~seen).all(axis=1) & seen.any(axis=1))
+    result = np.zeros(len(frozen), bool)
     for stretch in _lasting(frozen, markers.time, MIN_FROZEN_S):
         result[stretch] = True
     return result
@@ -146,12 +142,10 @@ def _constant_times(body: Body, markers: Markers) -> dict[str, float]:
 
 
 def _repeated(position: Array) -> tuple[Mask, Mask]:
-    """Give which positions (T, 3) are known, and which equal those of the frame before."""
-    seen = np.isfinite(position[:, 0])
-    repeated = np.zeros(seen.shape, bool)
-    x, y, z = (position[1:] == position[:-1]).T
-    repeated[1:] = x & y & z
-    return seen, repeated
+    """Give which positions, (T, ..., 3), are known, and which equal those of the frame before."""
+    repeated = np.zeros(position.shape[:-1], bool)
+    repeated[1:] = (position[1:] == position[:-1]).all(axis=-1)
+    return np.isfinite(position[..., 0]), repeated
 
 
 def _lasting(mask: Mask, time: Array, duration_s: float) -> Iterator[slice]:
@@ -175,10 +169,6 @@ markers as close together."""
 MIN_FORWARD_M: Final = 0.05
 """Horizontal distance from sacrum to front of the pelvis; less when lying, and the way forward is
 unknown then."""
-MIN_MISFIT_M: Final = 0.03
-MAX_MISFIT_M: Final = 0.015
-"""Differences of distances from the body's: skin changes those within a segment by 1 to 2 cm."""
-
 MAX_PAIRS_NAMED: Final = 6
 """Pairs of exchanged markers in a note; a whole side has about twenty."""
 
@@ -206,9 +196,8 @@ def sides_exchanged(body: Body, markers: Markers, recording: str) -> tuple[Note,
     over the recording). The way to the left follows from the vertical and from sacrum and front of
     the pelvis, whose middles do not depend on the sides' labels.
 
-    Where a pair is closer together, and on forearms and hands, which people cross, it is exchanged
-    if its distances to the other markers of its segments differ from the body's by more than 3 cm
-    as labelled and by less than 1.5 cm exchanged (means of medians).
+    Pairs that are closer together and those of forearms and hands, which people cross, are not
+    judged: `changed_distances` finds them by their distances to other markers.
 
     Examples
     --------
@@ -227,11 +216,11 @@ def sides_exchanged(body: Body, markers: Markers, recording: str) -> tuple[Note,
     for left, right in counterparts(body.marker_set).items():
         if not {left, right} <= set(markers.names):
             continue
-        crosses = body.marker_set.segment[left].endswith(CROSSING_SEGMENTS)
+        if body.marker_set.segment[left].endswith(CROSSING_SEGMENTS):
+            continue
         between = _of(markers, left) - _of(markers, right)
-        sideways = np.nan if crosses else _median(np.sum(between * to_the_left, axis=-1))
-        certain = abs(sideways) > MIN_SEPARATION_M
-        if sideways < 0 if certain else _fit_exchanged(body, markers, left, right):
+        sideways = _median(np.sum(between * to_the_left, axis=-1))
+        if sideways < -MIN_SEPARATION_M:
             exchanged.append(f"{left}/{right}")
     if not exchanged:
         return ()
@@ -272,31 +261,6 @@ def first_named(pairs: Sequence[str]) -> tuple[str, ...]:
     return (*pairs[:MAX_PAIRS_NAMED], *(["…"] if more else []))
 
 
-def _fit_exchanged(body: Body, markers: Markers, left: str, right: str) -> bool:
-    """Tell whether a pair fits its segments exchanged, and does not as labelled."""
-    if not {left, right} <= set(body.markers):
-        return False
-    labelled = _misfits(body, markers, {left: left, right: right})
-    exchanged = _misfits(body, markers, {left: right, right: left})
-    if not labelled:
-        return False
-    return bool(np.mean(labelled) > MIN_MISFIT_M and np.mean(exchanged) < MAX_MISFIT_M)
-
-
-def _misfits(body: Body, markers: Markers, label: Mapping[str, str]) -> list[float]:
-    """Give by how much markers of other labels miss their distances on their segments [m]."""
-    on_body = dict(zip(body.markers, body.marker_position, strict=True))
-    segment_of = body.segment_of
-    misfits = []
-    for name, other in label.items():
-        for near in body.markers:
-            own = segment_of[near] == segment_of[name] and near not in label
-            if own and near in markers.names:
-                apart = np.linalg.norm(_of(markers, other) - _of(markers, near), axis=-1)
-                misfits.append(abs(_median(apart) - distance(on_body[name], on_body[near])))
-    return misfits
-
-
 def _of(markers: Markers, name: str) -> Array:
     return np.asarray(markers.position[:, markers.names.index(name)])
 
@@ -318,6 +282,7 @@ def _to_the_left(markers: Markers, marker_set: MarkerSet) -> Array:
 
 
 def _median(values: Array) -> float:
+    """Give the median of known values; NaN where there is none."""
     known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else np.nan
 
@@ -367,11 +332,11 @@ def labels_exchanged(markers: Markers, names: Iterable[str]) -> tuple[Note, ...]
     if not names:
         return ()
     paths = [markers.position[:, markers.names.index(name)] for name in names]
-    jump = np.stack([_jumps(markers.time, path) for path in paths]).T
+    expected = [_extrapolated(markers.time, path) for path in paths]
+    jump = np.linalg.norm(np.subtract(paths, expected), axis=-1).T
     jumped: Mask = jump > MIN_JUMP_M
     if jumped.sum(axis=1).max(initial=0) < 2:
         return ()
-    expected = [_extrapolated(markers.time, path) for path in paths]
     found: dict[str, list[float]] = {}
     jumped[1:][frozen_frames(markers, names)[:-1]] = False
     for frame in np.flatnonzero(jumped.sum(axis=1) > 1):
@@ -406,18 +371,6 @@ def _extrapolated(time: Array, path: Array) -> Array:
     share, seen = _steps_alike(time[frames]), path[frames]
     expected[frames[2:]] = seen[1:-1] + share[:, None] * (seen[1:-1] - seen[:-2])
     return expected
-
-
-def _jumps(time: Array, path: Array) -> Array:
-    """Give how far a marker (T, 3) is from there, (T,) [m]; NaN where unknown."""
-    jump = np.full(len(path), np.nan)
-    known = np.isfinite(path[:, 0])
-    square, share = 0.0, _steps_alike(time[known])
-    for coordinate in path.T:
-        steps = np.diff(coordinate[known])
-        square = square + (steps[1:] - share * steps[:-1]) ** 2
-    jump[np.flatnonzero(known)[2:]] = np.sqrt(square)
-    return jump
 
 
 def _steps_alike(at: Array) -> Array:
@@ -470,22 +423,20 @@ def changed_distances(body: Body, markers: Markers) -> tuple[Note, ...]:
             for name, segment in body.segment_of.items()
             if segment == s and name in markers.names
         ]
-        changes = []
-        for a, b in combinations(own, 2):
-            change = median_distance(markers, a, b) - distance(on_body[a], on_body[b])
-            if np.isfinite(change):
-                changes.append((f"{a}–{b}", change))
-        changes = sorted(
-            (c for c in changes if abs(c[1]) > MAX_DISTANCE_CHANGE_M), key=lambda c: -abs(c[1])
-        )
-        if changes:
+        changes = {
+            f"{a}–{b}": median_distance(markers, a, b) - distance(on_body[a], on_body[b])
+            for a, b in combinations(own, 2)
+        }
+        large = [pair for pair, change in changes.items() if abs(change) > MAX_DISTANCE_CHANGE_M]
+        large.sort(key=lambda pair: -abs(changes[pair]))
+        if large:
             notes.append(
                 Note.of(
                     "marker_distances_changed",
                     segment=s,
-                    pairs=len(changes),
+                    pairs=len(large),
                     limit_m=MAX_DISTANCE_CHANGE_M,
-                    largest_m=dict(changes[:MAX_DISTANCES_NAMED]),
+                    largest_m={pair: changes[pair] for pair in large[:MAX_DISTANCES_NAMED]},
                 )
             )
     return tuple(notes)
@@ -495,6 +446,4 @@ def median_distance(markers: Markers, first: str, second: str) -> float:
     """Give the median distance of two markers [m]; NaN where they are never seen together."""
     if not {first, second} <= set(markers.names):
         return float("nan")
-    ends = (markers.position[:, markers.names.index(name)] for name in (first, second))
-    apart = np.linalg.norm(np.subtract(*ends), axis=1)
-    return float(np.nanmedian(apart)) if np.isfinite(apart).any() else float("nan")
+    return _median(np.linalg.norm(_of(markers, first) - _of(markers, second), axis=1))

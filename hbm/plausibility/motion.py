@@ -7,11 +7,11 @@ import numpy as np
 
 from hbm.coordinates import COORDINATES, INDEX, N_Q, SIDES, TREE
 from hbm.ik.continuity import BALL_JOINTS
-from hbm.ik.problem import POSTURE_PRECISION, covariance, marker_slopes, undetermined
+from hbm.ik.problem import POSTURE_PRECISION, undetermined
 from hbm.model import Body
 from hbm.motion import Motion
 from hbm.notes import Note
-from hbm.spatial import Array, Indices
+from hbm.spatial import Array
 
 MAX_LEG_DIFFERENCE_M: Final = 0.03
 """True differences rarely exceed 2 cm; a misplaced marker easily causes more."""
@@ -51,10 +51,6 @@ def _leg_length(body: Body, side: str) -> float:
     return sum(float(np.linalg.norm(body.offsets[f"{side}_{s}"])) for s in ("shank", "foot"))
 
 
-MAX_UNCERTAINTY_RAD: Final = np.radians(20.0)
-"""An angle that marker errors of 10 mm turn by more is hardly observed."""
-JUDGED_FRAMES: Final = 20
-"""Frames in which that uncertainty is computed; it varies little over a trial."""
 MIN_SHARE_NOTED: Final = 0.02
 """Share of the body's mass: both hands are 1.2 %, whose own motion hardly matters."""
 ROTATES: Final = np.array([not c.translates for c in TREE])
@@ -87,9 +83,7 @@ def undetermined_notes(body: Body, motion: Motion) -> tuple[Note, ...]:
     """
     if not motion.converged.any():
         return ()
-    seen = np.flatnonzero(np.isfinite(motion.marker_error).any(axis=0))
-    markers = [motion.markers[k] for k in seen]
-    held, segments = undetermined(body, markers)
+    held, segments = undetermined(body, seen_markers(motion))
     observed = motion.observed.any(axis=0)
     locked = tuple(np.array(COORDINATES)[held & ~observed].tolist())
     weak = {
@@ -102,46 +96,17 @@ def undetermined_notes(body: Body, motion: Motion) -> tuple[Note, ...]:
     return (*notes, *(n for n in mass_not_shown(body, segments) if n not in body.notes))
 
 
+def seen_markers(motion: Motion) -> list[str]:
+    """Give the markers that are seen in any frame of a motion."""
+    seen = np.atleast_1d(np.isfinite(motion.marker_error).any(axis=0))
+    return [name for name, ever in zip(motion.markers, seen, strict=True) if ever]
+
+
 def mass_not_shown(body: Body, segments: tuple[str, ...]) -> tuple[Note, ...]:
     """Say what share of the body's mass these segments are, if it matters."""
     share = sum(body.segments[s].mass for s in segments) / body.mass
     noted = share >= MIN_SHARE_NOTED
     return (Note.of("mass_not_shown", segments=segments, share=share),) if noted else ()
-
-
-def spread_over(frames: Indices) -> Indices:
-    """Give up to 20 frames of some, evenly spaced."""
-    rows = np.unique(np.linspace(0, len(frames) - 1, JUDGED_FRAMES).astype(int))
-    return np.asarray(frames[rows] if len(frames) else frames)
-
-
-def angle_uncertainty(body: Body, motion: Motion, frames: Indices) -> Array:
-    """Give by how much marker errors change each coordinate in some frames.
-
-    Parameters
-    ----------
-    body
-        The subject.
-    motion
-        The motion as the inverse kinematics gave it.
-    frames
-        Frame numbers, (F,).
-
-    Returns
-    -------
-    Array
-        Standard deviations of a least-squares fit to the markers that are visible, by the slopes
-        of the markers' positions, (F, 46) [rad or m]; half a turn at most, and infinite for
-        coordinates that are not observed.
-    """
-    own = [body.markers.index(name) for name in motion.markers]
-    result = np.full((len(frames), N_Q), np.inf)
-    for row, frame in enumerate(frames):
-        visible = np.isfinite(motion.marker_error[frame]).astype(float)
-        free = np.flatnonzero(motion.observed[frame])
-        slope = marker_slopes(body, motion.q[frame])[free][:, own]
-        result[row, free] = np.sqrt(np.diag(covariance(slope, visible)))
-    return result
 
 
 RANGE_DEG: Final = {
@@ -192,8 +157,7 @@ def impossible_angles(body: Body, motion: Motion) -> tuple[Note, ...]:
     tuple of Note
         One ``joint_angles_impossible``: the coordinates with their extremes, and the share of the
         solved frames in which any of them is beyond its `RANGE_DEG`. Coordinates that no marker
-        observes do not count, nor those that are hardly observed: marker errors of 10 mm turn them
-        by more than 20° (standard deviation).
+        observes do not count, nor those that a prior holds because markers hardly show them.
 
     Notes
     -----
@@ -212,10 +176,8 @@ def impossible_angles(body: Body, motion: Motion) -> tuple[Note, ...]:
     solved = np.flatnonzero(motion.converged & outside)
     angle = _nearest_to_ranges(motion.q[solved])
     beyond = (_excess(angle) > 0) & motion.observed[solved]
-    for i in np.flatnonzero(beyond.any(axis=0)):
-        some = spread_over(solved[beyond[:, i]])
-        if np.median(angle_uncertainty(body, motion, some)[:, i]) > MAX_UNCERTAINTY_RAD:
-            beyond[:, i] = False
+    if beyond.any():
+        beyond &= ~undetermined(body, seen_markers(motion))[0]
     if not beyond.any():
         return ()
     excess = np.where(beyond, _excess(angle), 0)

@@ -145,7 +145,7 @@ def _cubic_spline(time: Array, samples: Array, at: Array) -> Array:
     """Evaluate the not-a-knot cubic spline through (N, K) samples; at them, the samples."""
     nearest = np.clip(np.rint((at - time[0]) * mean_rate_hz(time)).astype(int), 0, len(time) - 1)
     if np.abs(time[nearest] - at).max(initial=0) * mean_rate_hz(time) <= MAX_ROUNDING_STEPS:
-        return samples[nearest]
+        return np.asarray(samples[nearest])
     return np.asarray(make_interp_spline(time, samples)(at))
 
 

@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from pipeline.budgets.words import Mending, budget_lines, most_worth_mending
+from pipeline.config.toml_file import fault_of
 from pipeline.explain.budget import Bands, Budget
 from pipeline.explain.explain import explain_trial
 from pipeline.io.recording import Recording
@@ -20,7 +21,6 @@ from pipeline.statistics.measurement import Covariances, measurement_covariances
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.residuals import AXES
 from pipeline.trial.result import TrialResult
-from pipeline.trial.summary import fault_of
 
 FORMAT_VERSION: Final = 2
 """Of the files; raised with every change of what they hold."""

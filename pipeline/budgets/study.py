@@ -25,11 +25,10 @@ from pipeline.run.failures import record_failure, recorded_failures
 from pipeline.run.job import Job, Outcome, describe_error, trial_key
 from pipeline.run.program import explanation_digest
 from pipeline.run.run import Announce, plan, work_on
-from pipeline.run.store import open_trial, read_summary, recorded_study_folder
+from pipeline.run.store import read_trial, recorded_study_folder
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.result import TrialResult
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
-from pipeline.trial.summary import TrialSummary
 
 FOLDER: Final = "explained"
 """In a results folder, beside ``trials``."""
@@ -69,7 +68,7 @@ def plan_explanations(study: Study, folder: Path) -> list[Job]:
     jobs = []
     for job in plan(study, folder):
         try:
-            key = read_summary(job.target).key
+            key = read_trial(job.target, frames=False).key
         except (OSError, ValueError):
             key = job.key
         target = folder.resolve() / FOLDER / f"{job.target.stem}.json"
@@ -153,7 +152,7 @@ def processed(job: Job) -> tuple[Recording, Laboratory, TrialResult]:
     """
     path = job.target.parent.parent / "trials" / f"{job.target.stem}.parquet"
     try:
-        stored = open_trial(path)
+        result = read_trial(path)
     except FileNotFoundError:
         raise ValueError("it has no result; run 'hbm run' first") from None
     person = job.study.subjects[job.subject]
@@ -163,10 +162,10 @@ def processed(job: Job) -> tuple[Recording, Laboratory, TrialResult]:
         raise ValueError(
             f"the recording {trial.file} is gone, and only it shows what residuals are made of"
         )
-    if stored.summary.key != trial_key(job.study, job.subject, job.condition):
+    if result.key != trial_key(job.study, job.subject, job.condition):
         raise ValueError("its result is not up to date; run 'hbm run' first")
     recording = read_study_file(job.study, trial.file, trial, person.static)
-    return recording, read_study_laboratory(job.study), stored.result()
+    return recording, read_study_laboratory(job.study), result
 
 
 def bands_path(explanation: Path) -> Path:
@@ -174,7 +173,7 @@ def bands_path(explanation: Path) -> Path:
     return explanation.with_name(f"{explanation.stem}{BANDS_SUFFIX}")
 
 
-def bands_of(result: Path, trial: TrialSummary) -> Bands | None:
+def bands_of(result: Path, trial: TrialResult) -> Bands | None:
     """Give the residuals over time of a stored result; None where it is not explained as it is."""
     explanation = result.parent.parent / FOLDER / f"{result.stem}.json"
     if up_to_date(explanation, explanation_key(trial.key)) is None:
@@ -186,7 +185,7 @@ def bands_of(result: Path, trial: TrialSummary) -> Bands | None:
 
 
 def explanations(
-    folder: Path, trials: dict[tuple[str, str], TrialSummary]
+    folder: Path, trials: dict[tuple[str, str], TrialResult]
 ) -> dict[tuple[str, str], Explanation]:
     """Give the explanations of trials as they are now.
 
@@ -227,7 +226,7 @@ def stale_sentence(folder: Path, shown: str = "RESULTS") -> str:
     for result in sorted((folder / "trials").glob("*.parquet")):
         path = folder / FOLDER / f"{result.stem}.json"
         if path.is_file():
-            trial = read_summary(result)
+            trial = read_trial(result, frames=False)
             name = f"{trial.subject.id} {trial.condition}"
             if name not in reasons and up_to_date(path, explanation_key(trial.key)) is None:
                 names.append(name)

@@ -1,7 +1,6 @@
 """Signals for the machine as files: the motion as CSV, motion and spectra as a figure."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Final
@@ -18,7 +17,7 @@ from compensation import (
     resample_signal,
     validation_signals,
 )
-from compensation.signals.protocol import (
+from compensation.protocol import (
     BELT_KINDS,
     BELT_VARIANCE,
     DURATIONS_S,
@@ -40,23 +39,7 @@ ROUNDING: Final = 1e-12
 """Power below this is the rounding of a channel at rest."""
 
 
-@dataclass(frozen=True, slots=True)
-class ProtocolSignals:
-    """What a machine can do of the protocol.
-
-    Attributes
-    ----------
-    possible
-        The signals within its limits.
-    beyond
-        A line for each of the others: its name, and the limits that it exceeds.
-    """
-
-    possible: tuple[Signal, ...]
-    beyond: tuple[str, ...]
-
-
-def protocol_signals(kind: str, seed: int, limits: MachineLimits) -> ProtocolSignals:
+def protocol_signals(kind: str, seed: int, limits: MachineLimits) -> tuple[list[Signal], list[str]]:
     """Make the protocol's signals of one kind, each at every belt speed of the protocol.
 
     Parameters
@@ -70,37 +53,27 @@ def protocol_signals(kind: str, seed: int, limits: MachineLimits) -> ProtocolSig
 
     Returns
     -------
-    ProtocolSignals
-        Those for pitch and sway with the belts at 0 and 3 m/s, those for the belts about 1 and
-        2 m/s, or the validation signals.
+    possible
+        Those within the machine's limits: for pitch and sway with the belts at 0 and 3 m/s, for the
+        belts about 1 and 2 m/s, or the validation signals.
+    beyond
+        A line for each of the others: its name, and the limits that it exceeds.
     """
-    drawn: Iterable[Signal] = validation_signals(seed)
-    beyond: list[str] = []
-    if kind != "validation":
-        drawn, beyond = _calibration_signals(kind, seed, limits)
-    notes = [check_signal(signal, limits) for signal in drawn]
-    possible = tuple(s for s, exceeded in zip(drawn, notes, strict=True) if not exceeded)
-    beyond += ["; ".join(map(str, exceeded)) for exceeded in notes if exceeded]
-    return ProtocolSignals(possible, tuple(beyond))
-
-
-def _calibration_signals(
-    kind: str, seed: int, limits: MachineLimits
-) -> tuple[list[Signal], list[str]]:
-    """Draw the signals of a kind, and say which cannot be drawn."""
+    drawn, beyond = list(validation_signals(seed)) if kind == "validation" else [], []
     draw, kinds, belt_speeds = (
         (platform_signal, PLATFORM_KINDS, PLATFORM_BELT_MPS)
         if kind == "pitch_sway"
         else (belt_signal, BELT_KINDS, tuple(BELT_VARIANCE))
     )
-    drawn, beyond = [], []
-    for n, speed in enumerate(belt_speeds):
+    for n, speed in enumerate(belt_speeds if kind != "validation" else ()):
         for duration, name in product(DURATIONS_S, kinds):
             try:
                 drawn.append(draw(name, duration, seed + n, speed, limits))
             except ValueError as error:
                 beyond.append(str(error))
-    return drawn, beyond
+    exceeded = [check_signal(signal, limits) for signal in drawn]
+    beyond += ["; ".join(map(str, notes)) for notes in exceeded if notes]
+    return [s for s, notes in zip(drawn, exceeded, strict=True) if not notes], beyond
 
 
 def write_signals(
@@ -172,18 +145,18 @@ def signal_figure(signal: Signal, limits: MachineLimits) -> Figure:
         Sway, pitch and belts from top to bottom; over time on the left, over frequency on the
         right.
     """
-    spectrum = acceleration_spectrum(signal)
-    to_degrees = np.degrees(1.0)
+    frequency, density_of = acceleration_spectrum(signal)
+    sway, pitch, belt = density_of.T
     rows = (
-        ("sway (m)", signal.sway, limits.sway_m, spectrum.sway, "(m/s²)²/Hz"),
+        ("sway (m)", signal.sway, limits.sway_m, sway, "(m/s²)²/Hz"),
         (
             "pitch (°)",
             np.degrees(signal.pitch),
             limits.pitch_deg,
-            spectrum.pitch * to_degrees**2,
+            pitch * np.degrees(1.0) ** 2,
             "(°/s²)²/Hz",
         ),
-        ("belts (m/s)", signal.belt_speed, limits.belt_m_per_s, spectrum.belt, "(m/s²)²/Hz"),
+        ("belts (m/s)", signal.belt_speed, limits.belt_m_per_s, belt, "(m/s²)²/Hz"),
     )
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9, 6), layout="constrained")
@@ -195,7 +168,7 @@ def signal_figure(signal: Signal, limits: MachineLimits) -> Figure:
             motion.set_ylabel(name)
             moves = power > max(MIN_SHOWN_SHARE * power.max(), ROUNDING)
             shown = np.where(moves, power, np.nan)
-            density.plot(spectrum.frequency, shown, color=COLOURS["compensated"], linewidth=1)
+            density.plot(frequency, shown, color=COLOURS["compensated"], linewidth=1)
             density.set_ylabel(unit)
             if moves.any():
                 density.set_yscale("log")

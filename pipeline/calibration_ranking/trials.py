@@ -1,6 +1,7 @@
 """The recordings of experiment 2: their files, and the signals that are compared."""
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -28,6 +29,7 @@ from pipeline.trial.ground.belts import belt_axes
 from pipeline.trial.ground.empty_plates import read_empty
 from pipeline.trial.ground.instruments import belt_speed
 
+Progress = Callable[[str, int, int], None]
 RATE_HZ: Final = 100.0
 """At which models are fitted and compared, as D-Flow's (van de Loosdrecht 2018, D.3.4)."""
 RATE_TOLERANCE_HZ: Final = 0.01
@@ -76,11 +78,6 @@ class RankingSettings:
     units: str | None = None
     plate_units: str | None = None
     accelerometer: tuple[str, ...] | None = None
-
-    @property
-    def stated(self) -> Stated:
-        """How the files are to be read."""
-        return Stated(axes=self.axes, units=self.units, plate_units=self.plate_units)
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,26 +131,40 @@ class BeltTrial:
     spline_cutoff_hz: float = np.nan
 
 
-def trial_files(folder: Path) -> dict[str, list[Path]]:
-    """List the recordings of an experiment.
+@dataclass(frozen=True, slots=True)
+class Trials:
+    """All recordings of the experiment, by sub-folder."""
+
+    calibration: tuple[PlatformTrial, ...]
+    validation: tuple[PlatformTrial, ...]
+    belt_calibration: tuple[BeltTrial, ...]
+    belt_validation: tuple[BeltTrial, ...]
+    belt_person: tuple[BeltTrial, ...]
+
+
+def read_trials(
+    folder: Path, settings: RankingSettings, progress: Progress | None = None
+) -> Trials:
+    """Read all recordings of an experiment.
 
     Parameters
     ----------
     folder
-        With the sub-folders `FOLDERS`; those of the platform or of the belts may be missing.
-
-    Returns
-    -------
-    dict
-        Sub-folder -> its C3D files by name.
+        With sub-folders calibration and validation, belt_calibration and belt_validation, and
+        belt_person for trials with a person on the other belt; those of the platform or of the
+        belts may be missing.
+    settings
+        Plate, channels and filters.
+    progress
+        Called with the name of every file that is read, how many are, and how many there are.
 
     Raises
     ------
-    ValueError
-        If there is nothing to rank.
+    ValueError, OSError
+        If there is nothing to rank, or a recording cannot be used.
     """
     files = {name: sorted((folder / name).glob("*.[cC]3[dD]")) for name in FOLDERS}
-    pairs = (("calibration", "validation"), ("belt_calibration", "belt_validation"))
+    pairs = (FOLDERS[:2], FOLDERS[2:4])
     if not any(all(files[name] for name in pair) for pair in pairs):
         raise ValueError(
             f"{folder}: nothing to rank; put C3D files into its sub-folders calibration and "
@@ -163,12 +174,22 @@ def trial_files(folder: Path) -> dict[str, list[Path]]:
         if bool(files[first]) != bool(files[second]):
             have, lack = (first, second) if files[first] else (second, first)
             raise ValueError(f"{folder / have} has recordings, but {folder / lack} has none")
-    return files
-
-
-def read_trial(path: Path, settings: RankingSettings) -> Recording:
-    """Read one of these files."""
-    return read_empty(path, settings.stated)
+    stated = Stated(axes=settings.axes, units=settings.units, plate_units=settings.plate_units)
+    named = [(name, path) for name, paths in files.items() for path in paths]
+    platform: dict[str, list[PlatformTrial]] = {name: [] for name in FOLDERS[:2]}
+    belts: dict[str, list[BeltTrial]] = {name: [] for name in FOLDERS[2:]}
+    for done, (name, path) in enumerate(named, start=1):
+        recording = read_empty(path, stated)
+        if name in platform:
+            platform[name].append(platform_trial(recording, settings))
+        else:
+            belts[name].append(belt_trial(recording, settings))
+        if progress is not None:
+            progress(path.name, done, len(named))
+    return Trials(
+        *(tuple(trials) for trials in platform.values()),
+        *(tuple(trials) for trials in belts.values()),
+    )
 
 
 def platform_trial(recording: Recording, settings: RankingSettings) -> PlatformTrial:

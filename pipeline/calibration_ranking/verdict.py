@@ -1,19 +1,188 @@
-"""Experiment 2 in sentences: which calibration trial to use, and what makes a difference."""
+"""Experiment 2 in tests and sentences: what makes a difference, and which trial to use."""
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 import pandas as pd
 
-from pipeline.calibration_ranking.belts import Interaction
-from pipeline.calibration_ranking.choice import (
+from pipeline.calibration_ranking.ranking import (
     SMALLEST_DIFFERENCE,
+    Interaction,
+    Model,
+    Ranking,
     as_good,
     excess,
     thesis_choice,
 )
-from pipeline.calibration_ranking.effects import ALPHA
-from pipeline.calibration_ranking.ranking import Model, Ranking
+from pipeline.calibration_ranking.trials import factors
+from pipeline.statistics.factorial import anova, compare_levels
+
+ALPHA: Final = 0.05
+"""Level of significance, Bonferroni-corrected."""
+FACTORS: Final = ("speed_mps", "duration_s", "kind")
+REFERENCE: Final = "random"
+"""Kind of trial that the others are compared with: plain random motion."""
+
+
+def calibration_effects(scores: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Test belt speed, duration and kind of the calibration trials, per component.
+
+    Parameters
+    ----------
+    scores
+        As in `pipeline.calibration_ranking.ranking.Ranking`; the trials' names state kind,
+        duration and speed.
+
+    Returns
+    -------
+    anova
+        component, effect, df, f, p, partial_eta_squared.
+    pairs
+        component, factor, first, second; rms_first and rms_second, the marginal means of the RMS
+        after compensation [N, N·m]; difference, the first minus the second, with difference_low
+        and difference_high; their ratio with ratio_low and ratio_high; p_bonferroni; verdict on
+        the first: "no difference" where the interval of the difference lies within
+        ± `SMALLEST_DIFFERENCE`, or the difference is significant and smaller than that, else
+        "less" or "more" where it is significant, else "undecided". Both empty where names state no
+        levels. Intervals hold together at 95 % (Bonferroni).
+
+    Notes
+    -----
+    Type III, main effects. One observation is the logarithm of a trial's RMS after compensation in
+    one validation trial, which is a factor of the model too; marginal means are geometric. The
+    interval of the difference is that of the ratio at the geometric mean of both levels, g:
+    g (√ratio − 1/√ratio).
+
+    Deviations from the original: it compared frames of the best trial at two speeds and durations
+    (van de Loosdrecht 2018, F.2.4); frames are correlated and make every difference significant,
+    so here whole trials are the observations, over all kinds.
+    """
+    stated = scores["trial"].map(factors)
+    if not all(stated):
+        return pd.DataFrame(), pd.DataFrame()
+    data = pd.concat([scores, pd.DataFrame(list(stated), index=scores.index)], axis=1)
+    data["log_rms"] = np.log(data["rms_after"])
+    used = [f for f in (*FACTORS, "validation") if data[f].nunique() > 1]
+    tested = [f for f in used if f != "validation"]
+    tables, pairs = [], []
+    for component, part in data.groupby("component", sort=False):
+        try:
+            table = anova(part, "log_rms", used)
+        except ValueError:
+            return pd.DataFrame(), pd.DataFrame()
+        table = table[table["effect"].isin(tested)]
+        tables.append(table.assign(component=component))
+        for factor in tested:
+            compared = compare_levels(part, "log_rms", used, factor)
+            pairs.append(compared.assign(component=component, factor=factor))
+    return _anova_columns(tables), _pair_columns(pairs)
+
+
+def best_levels(pairs: pd.DataFrame) -> pd.DataFrame:
+    """Give the best belt speed and duration per component, like the thesis' Table F.1.
+
+    Parameters
+    ----------
+    pairs
+        From `calibration_effects`.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row per factor of two levels: factor, and per component the level that leaves less, "any"
+        where they make no difference, or "undecided" where that is not known.
+    """
+    numbers = pairs[pairs["factor"].isin(["speed_mps", "duration_s"])]
+    two = numbers.groupby(["factor", "component"]).filter(lambda compared: len(compared) == 1)
+    best = np.select(
+        [two["verdict"] == "less", two["verdict"] == "more", two["verdict"] == "no difference"],
+        [two["first"].map("{:g}".format), two["second"].map("{:g}".format), "any"],
+        "undecided",
+    )
+    wide = two.assign(best=best).pivot(index="factor", columns="component", values="best")
+    return wide[list(dict.fromkeys(two["component"]))].reset_index()
+
+
+def ratio_to_random(pairs: pd.DataFrame, kind: str) -> pd.DataFrame:
+    """Give per component the RMS left by one kind of trial, by that left by random motion.
+
+    Returns
+    -------
+    pandas.DataFrame
+        component, ratio, ratio_low, ratio_high, difference, difference_low, difference_high
+        [N, N·m], p_bonferroni, verdict; below 1 the kind is better.
+    """
+    kinds = pairs[pairs["factor"] == "kind"]
+    if kinds.empty:
+        return kinds
+    direct = kinds[kinds["first"].str.endswith(kind) & kinds["second"].str.endswith(REFERENCE)]
+    reverse = kinds[kinds["second"].str.endswith(kind) & kinds["first"].str.endswith(REFERENCE)]
+    inverse = reverse.assign(
+        ratio=1 / reverse["ratio"],
+        ratio_low=1 / reverse["ratio_high"],
+        ratio_high=1 / reverse["ratio_low"],
+        difference=-reverse["difference"],
+        difference_low=-reverse["difference_high"],
+        difference_high=-reverse["difference_low"],
+        verdict=reverse["verdict"].replace({"less": "more", "more": "less"}),
+    )
+    columns = [
+        *("component", "ratio", "ratio_low", "ratio_high"),
+        *("difference", "difference_low", "difference_high", "p_bonferroni", "verdict"),
+    ]
+    return pd.concat([direct, inverse])[columns].reset_index(drop=True)
+
+
+def ratios_to_random(pairs: pd.DataFrame) -> pd.DataFrame:
+    """Give per kind of trial the RMS that it leaves, by that left by random motion, least first.
+
+    Returns
+    -------
+    pandas.DataFrame
+        kind, one column per component, and their geometric mean "all".
+    """
+    kinds = pairs[pairs["factor"] == "kind"]
+    rows = []
+    for kind in sorted({*kinds["first"], *kinds["second"]} - {REFERENCE}):
+        ratios = ratio_to_random(pairs, kind).set_index("component")["ratio"]
+        rows.append({"kind": kind, **ratios.to_dict(), "all": float(np.exp(np.log(ratios).mean()))})
+    return pd.DataFrame(rows).sort_values("all") if rows else pd.DataFrame()
+
+
+def _anova_columns(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
+    columns = ["component", "effect", "df", "f", "p", "partial_eta_squared"]
+    return pd.concat(tables, ignore_index=True)[columns]
+
+
+def _pair_columns(pairs: Sequence[pd.DataFrame]) -> pd.DataFrame:
+    logs = pd.concat(pairs, ignore_index=True)
+    table = logs[["component", "factor", "first", "second"]].assign(
+        rms_first=np.exp(logs["mean_first"]),
+        rms_second=np.exp(logs["mean_second"]),
+        ratio=np.exp(logs["difference"]),
+        ratio_low=np.exp(logs["ci_low"]),
+        ratio_high=np.exp(logs["ci_high"]),
+        p_bonferroni=logs["p_bonferroni"],
+    )
+    level = np.sqrt(table["rms_first"] * table["rms_second"])
+    for name, log_ratio in (("", "difference"), ("_low", "ci_low"), ("_high", "ci_high")):
+        table[f"difference{name}"] = 2 * level * np.sinh(logs[log_ratio] / 2)
+    significant = table["p_bonferroni"] < ALPHA
+    small = table["difference"].abs() < SMALLEST_DIFFERENCE
+    ends = table[["difference_low", "difference_high"]].abs()
+    within = (ends < SMALLEST_DIFFERENCE).all(axis=1)
+    table["verdict"] = np.select(
+        [
+            within | (significant & small),
+            significant & (table["difference"] < 0),
+            significant,
+        ],
+        ["no difference", "less", "more"],
+        "undecided",
+    )
+    return table
+
 
 QUANTITIES: Final = {"speed_mps": ("Belt speed", "m/s"), "duration_s": ("Duration", "s")}
 

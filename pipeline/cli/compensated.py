@@ -75,14 +75,13 @@ def export_study(folder: Path, out: Path, frame: "Frame | None") -> int:
     console, study = plain_console(), read_study(folder)
     total, failed = len(recordings_of(study)), 0
     with StepProgress(console, "compensating", "recordings") as progress:
-        for done, exported in enumerate(write_compensated_study(study, out, frame), 1):
-            if exported.written is None:
+        for done, (name, written) in enumerate(write_compensated_study(study, out, frame), 1):
+            if isinstance(written, str):
                 failed += 1
-                reason = exported.reason.removeprefix(f"{exported.name}: ")
-                line = f"FAILED {exported.name}: {reason}"
+                line = f"FAILED {name}: {written.removeprefix(f'{name}: ')}"
             else:
-                _print_notes(exported.written, console, f"{exported.name}: ")
-                line = f"{exported.name}: {_checked_by(exported.written)}"
+                _print_notes(written, console, f"{name}: ")
+                line = f"{name}: {_checked_by(written)}"
             progress.show(line, done, total, always=True)
     console.print(
         f"{counted(total - failed, 'recording')} with compensated plates in {out}, {failed} failed",

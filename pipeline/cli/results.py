@@ -64,7 +64,7 @@ def view(
     from pipeline.cli.terminal import plain_console
     from pipeline.io.write import write_text
     from pipeline.run.program import program_digest
-    from pipeline.run.store import read_summary, read_trial
+    from pipeline.run.store import read_trial
     from pipeline.viewer.serve import view as show
     from pipeline.viewer.trial import write_cycles, write_recording
 
@@ -73,36 +73,39 @@ def view(
     if save is not None:
         with console.status(Text(f"preparing {result.stem}")):
             save.parent.mkdir(parents=True, exist_ok=True)
-            write_recording(read_trial(result), save, bands=bands_of(result, read_summary(result)))
+            trial = read_trial(result)
+            write_recording(trial, save, bands=bands_of(result, trial))
         console.print(f"recording: {save}", soft_wrap=True)
         return
     folder = result.parent.parent if result.parent.name == "trials" else result.parent
     stem = folder / "viewer" / result.stem
-    trial, cycles, shown = (Path(f"{stem}{end}") for end in (".rrd", "_cycles.rrd", ".key"))
-    summary = read_summary(result)
+    recording, cycles, shown = (Path(f"{stem}{end}") for end in (".rrd", "_cycles.rrd", ".key"))
+    summary = read_trial(result, frames=False)
     key, bands = summary.key, bands_of(result, summary)
     known = "" if bands is None else " with bands"
     made = f"{key} {program_digest()}{known}"  # a key does not cover the viewer
-    fresh = trial.is_file() and cycles.is_file() and shown.is_file() and shown.read_text() == made
+    fresh = (
+        recording.is_file() and cycles.is_file() and shown.is_file() and shown.read_text() == made
+    )
     if not (key and fresh):
         with console.status(Text(f"preparing {result.stem}")):
             stem.parent.mkdir(parents=True, exist_ok=True)
             stored = read_trial(result)
-            write_recording(stored, trial, bands=bands)
+            write_recording(stored, recording, bands=bands)
             write_cycles(stored, cycles)
         write_text(made, shown)
-    show([trial, cycles], web=web, announce=lambda line: console.print(line, soft_wrap=True))
+    show([recording, cycles], web=web, announce=lambda line: console.print(line, soft_wrap=True))
 
 
 def _result_of(folder: Path, subject: str | None, condition: str | None) -> Path:
     """Find the result of a trial; of the first where subject or condition are not given."""
-    from pipeline.run.store import read_summary
+    from pipeline.run.store import read_trial
 
     if folder.is_file():
         raise ValueError(f"{folder}: is neither a results folder nor a result ({RESULT})")
     names = []
     for path in sorted((folder / "trials").glob(f"*{RESULT}")):
-        trial = read_summary(path)
+        trial = read_trial(path, frames=False)
         if subject in (None, trial.subject.id) and condition in (None, trial.condition):
             return path
         names.append(f"{trial.subject.id} {trial.condition}")

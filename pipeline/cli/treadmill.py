@@ -167,7 +167,7 @@ def _fit_table(calibration: "Calibration") -> "Table":
         left = name in ("plate", "component", "verdict")
         table.add_column(name, justify="left" if left else "right")
     for name, model in calibration.in_use.items():
-        for row in (calibration.verdict or {})[name]:
+        for row in calibration.verdict[name]:
             table.add_row(
                 name,
                 row.component,
@@ -227,7 +227,7 @@ def signals(
     Exit code 1 if an advised signal is beyond the machine.
     """
     from compensation import MachineLimits
-    from compensation.signals.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
+    from compensation.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
     from pipeline.calibration_ranking.signal_files import KINDS, protocol_signals, write_signals
     from pipeline.cli.terminal import plain_console
 
@@ -246,18 +246,18 @@ def signals(
     console = plain_console()
     kinds = KINDS if kind == "all" else (kind,)
     drawn = {name: protocol_signals(name, seed, limits) for name in kinds}
-    if not any(signals.possible for signals in drawn.values()):
-        raise ValueError(f"the machine can do none of these: {drawn[kinds[0]].beyond[0]}")
-    for name, signals in drawn.items():
-        written = write_signals(signals.possible, out / name, rate_hz, limits)
+    if not any(possible for possible, _ in drawn.values()):
+        raise ValueError(f"the machine can do none of these: {drawn[kinds[0]][1][0]}")
+    for name, (possible, beyond) in drawn.items():
+        written = write_signals(possible, out / name, rate_hz, limits)
         console.print(f"{len(written)} signals at {rate_hz:g} Hz in {out / name}", soft_wrap=True)
-        for line in signals.beyond:
+        for line in beyond:
             console.print(f"not written, beyond the machine: {name} {line}", soft_wrap=True)
     to_begin_with = {"pitch_sway": ADVISED_PLATFORM_SIGNAL, "belt": ADVISED_BELT_SIGNAL}
     lacking = [
         advised
         for name, advised in to_begin_with.items()
-        if name in drawn and advised not in {s.name for s in drawn[name].possible}
+        if name in drawn and advised not in {s.name for s in drawn[name][0]}
     ]
     if lacking:
         console.print(
@@ -298,11 +298,10 @@ def rank(
     out: Out = Path("ranking"),
 ) -> None:
     """Rank calibration trials by how well they compensate the validation trials."""
-    from pipeline.calibration_ranking.experiment import rank_recordings
     from pipeline.calibration_ranking.report import write_results
-    from pipeline.calibration_ranking.trials import RankingSettings
+    from pipeline.calibration_ranking.trials import RankingSettings, read_trials
     from pipeline.cli.terminal import StepProgress, plain_console
-    from pipeline.virtual_lab.protocol.ranking_study import (TRIALS, simulate_ranking)
+    from pipeline.virtual_lab.protocol.ranking_study import TRIALS, simulate_ranking
 
     console = plain_console()
     settings = RankingSettings(
@@ -322,8 +321,8 @@ def rank(
             for done, path in enumerate(simulate_ranking(folder, seed), 1):
                 progress.show(path.name, done, TRIALS)
     with StepProgress(console, "reading", "recordings") as progress:
-        found = rank_recordings(folder, settings, seed, progress.show)
-    for sentence in write_results(found, out):
+        trials = read_trials(folder, settings, progress.show)
+    for sentence in write_results(trials, seed, out):
         console.print(sentence, soft_wrap=True)
     console.print(f"written to {out}: ranking.md, tables, figures", soft_wrap=True)
 
@@ -343,7 +342,7 @@ def plates(
     from pipeline.plate_accuracy.accuracy import check_plates
     from pipeline.plate_accuracy.report import use_of_calibration, write_report
     from pipeline.plate_accuracy.verdict import describe
-    from pipeline.virtual_lab.protocol.known_weights import (THESIS_ERRORS, simulate_plates)
+    from pipeline.virtual_lab.protocol.known_weights import THESIS_ERRORS, simulate_plates
 
     console = plain_console()
     announce = announcer(console)

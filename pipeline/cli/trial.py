@@ -1,5 +1,6 @@
 """One trial on the command line: residuals, export."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -15,9 +16,9 @@ from pipeline.cli.options import (
 from pipeline.run.request import TrialRequest
 
 if TYPE_CHECKING:
+    import pandas as pd
     from rich.console import Console
 
-    from pipeline.trial.residuals import MarkerRow
     from pipeline.trial.result import TrialResult
 
 
@@ -31,7 +32,6 @@ def residuals(request: TrialRequest, out: Out = Path("results")) -> None:
     from pipeline.run.one_trial import process_request
     from pipeline.run.store import write_trial
     from pipeline.trial.residuals import cycles_of, residual_table
-    from pipeline.trial.window import shortage
 
     if request.trial.suffix == RESULT:
         raise ValueError(
@@ -41,7 +41,7 @@ def residuals(request: TrialRequest, out: Out = Path("results")) -> None:
     require_folder(out)
     result = process_request(request, announcer(console)).result
     name = request.trial.stem
-    write_trial(result, name, "", out / f"{name}.parquet")
+    write_trial(replace(result, condition=name), out / f"{name}.parquet")
     write_csv(residual_table(result, name), out / f"{name}_residuals.csv")
     write_csv(cycles_of(result, name), out / f"{name}_cycles.csv")
     save_figure(residual_figure(result), out / f"{name}_residuals")
@@ -51,7 +51,7 @@ def residuals(request: TrialRequest, out: Out = Path("results")) -> None:
         f"{name}_cycles.csv (each gait cycle)",
         soft_wrap=True,
     )
-    if reason := shortage(result.notes):
+    if reason := result.shortage:
         raise ValueError(f"{request.trial.name}: there are no residuals: {reason}")
 
 
@@ -97,7 +97,8 @@ def export(
     from pipeline.cli.compensated import export_study, export_trial
     from pipeline.cli.terminal import note_line, plain_console
     from pipeline.export.bids import write_bids
-    from pipeline.export.trial import write_models, write_tables
+    from pipeline.export.models import write_osim, write_urdf
+    from pipeline.export.tables import write_tables
     from pipeline.run.one_trial import process_request, read_requested
     from pipeline.run.store import read_trial
 
@@ -128,7 +129,10 @@ def export(
         written += write_bids(read_requested(request), bids, subject, task)
     if models:
         result = read_trial(request.trial) if processed else process_request(request).result
-        written += write_models(result, osim=osim, urdf=urdf)
+        for path, write in ((osim, write_osim), (urdf, write_urdf)):
+            if path:
+                write(result.body, path)
+                written.append(path)
         if tables:
             written += write_tables(result, tables, request.trial.stem, ankle_zero)
             plates = _plates(result.compensated is not None)
@@ -165,9 +169,9 @@ def print_result(result: "TrialResult", console: "Console") -> None:
 
     from hbm.notes import warnings_first
     from pipeline.cli.terminal import counted, note_line, print_table
-    from pipeline.trial.residuals import marker_rows, residual_rows, threshold_rows
+    from pipeline.trial.residuals import marker_table, residual_table, threshold_table
 
-    rows = residual_rows(result, result.source.stem)
+    rows = list(residual_table(result, result.source.stem).itertuples())
     if result.span:
         counts = f"{result.span[0]:.2f} to {result.span[1]:.2f} s"
     else:
@@ -190,28 +194,29 @@ def print_result(result: "TrialResult", console: "Console") -> None:
         table.add_row(_plates(row.compensated), row.axis, *numbers, row.unit, percent)
     if rows:
         print_table(table, console)
-    for threshold in threshold_rows(result):
+    for threshold in threshold_table(result).itertuples():
         verdict = "passes" if threshold.passed else "FAILS"
         console.print(
             f"{verdict} Hicks (2015): peak residual {threshold.quantity} {threshold.peak:.1f} "
             f"{threshold.unit}, limit {threshold.limit:.1f} {threshold.unit} "
             f"({_plates(threshold.compensated)})"
         )
-    console.print(_marker_errors(*marker_rows(result)))
+    console.print(_marker_errors(marker_table(result)))
     for note in warnings_first(result.notes):
         console.print(note_line(note), soft_wrap=True)
 
 
-def _marker_errors(*rows: "MarkerRow") -> str:
+def _marker_errors(table: "pd.DataFrame") -> str:
     """Say how far the markers are from the model, the farthest first; the last row is of all."""
-    *single, every = rows
-    seen = sorted((row for row in single if row.seen), key=lambda row: -row.rms_mm)
-    unseen = ", ".join(row.marker for row in single if not row.seen)
-    errors = ", ".join(f"{row.marker} {row.rms_mm:.1f}" for row in seen)
+    rms_mm = table.set_index("marker")["rms_mm"]
+    single, overall_mm = rms_mm[:-1], rms_mm.iloc[-1]
+    seen = single.dropna().sort_values(ascending=False, kind="stable")
+    unseen = ", ".join(single.index[single.isna()])
+    errors = ", ".join(f"{marker} {error:.1f}" for marker, error in seen.items())
     never = f"never seen: {unseen}"
-    if not seen:
+    if seen.empty:
         return f"marker error unknown; {never}"
-    text = f"marker error {every.rms_mm:.1f} mm RMS over {len(seen)} markers: {errors}"
+    text = f"marker error {overall_mm:.1f} mm RMS over {len(seen)} markers: {errors}"
     return f"{text}; {never}" if unseen else text
 
 

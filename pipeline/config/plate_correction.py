@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from compensation.accuracy.plate_calibration import PlateCalibrations, from_json, to_json
+from compensation.plate_calibration import PlateCalibrations, from_json, to_json
 from pipeline.io.input_file import naming, open_file
 
 SAME_DELAY_S: Final = 1e-4

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from hbm.spatial import Array
-from hbm.toml_text import Table
+from hbm.spelling import Table
 from pipeline.config.input_model import (
     AxesText,
     CoordinateM,

@@ -11,8 +11,7 @@ from typing import Final
 
 from hbm.coordinates import SEGMENTS
 from hbm.markers import MarkerSet, marker_sets, read_marker_set
-from hbm.spelling import did_you_mean, listed, short, shown
-from hbm.toml_text import Table
+from hbm.spelling import Table, did_you_mean, listed, short, shown
 from pipeline.config.comparison import comparison_faults
 from pipeline.config.plate_correction import read_plate_correction
 from pipeline.config.schema import Condition, StudyFile, SubjectFile

@@ -9,8 +9,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from hbm.overrides import SegmentOverride, read_overrides
-from hbm.spelling import did_you_mean, short, shown
-from hbm.toml_text import Table, parse_toml
+from hbm.spelling import Table, did_you_mean, parse_toml, short, shown
 from pipeline.io.input_file import fault_line, is_file, naming, read_text
 
 SIMULATED: Final = "truth/setting.toml"
@@ -94,6 +93,12 @@ def check_options(kind: type[Model], options: Mapping[str, Option]) -> Model:
         faults = [fault.partition(":") for fault in describe_faults(error, kind)]
         lines = [f"--{key.replace('_', '-')}:{fault}" for key, _, fault in faults]
         raise ValueError("; ".join(lines)) from error
+
+
+def fault_of(error: ValidationError) -> str:
+    """Give where JSON of ours is at fault, and why, for the first of its faults."""
+    first = error.errors()[0]
+    return f"{'.'.join(str(part) for part in first['loc'])}: {first['msg'].lower()}"
 
 
 def _line(fault: ErrorDetails, kind: type[BaseModel]) -> str:

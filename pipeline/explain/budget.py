@@ -11,7 +11,7 @@ from pydantic import Field, PlainSerializer, PlainValidator
 from hbm.spatial import Array, Indices, read_only
 from pipeline.explain.shares import NORMAL_95
 from pipeline.trial.residuals import AXES
-from pipeline.trial.summary import StoredNote
+from pipeline.trial.result import StoredNote
 
 
 def _by_axis(values: Array) -> dict[str, list[float] | float]:

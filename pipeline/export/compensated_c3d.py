@@ -63,15 +63,6 @@ class Written:
     notes: tuple[Note, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Exported:
-    """The outcome of one recording: a compensated file, or the reason why there is none."""
-
-    name: str
-    written: Written | None
-    reason: str = ""
-
-
 def require_c3d(path: Path) -> None:
     """Refuse a recording that is no C3D file; a ValueError or OSError says so."""
     kind = file_format(path)
@@ -175,15 +166,17 @@ def write_compensated(
             ]
     for plate, change in zip(recording.plates, changes, strict=True):
         change[~np.isfinite(plate.wrench_in_plate).all(axis=1)] = 0  # what is unknown stays so
+    calibration, belts = (_named(path) for path in (calibrations.platform, calibrations.belts))
+    of_plates = laboratory.plates
     done = Compensation(
         software=f"{PROGRAM} {version(PROGRAM)}",
         plates=tuple(plate.number for plate in recording.plates),
-        calibration=_name(calibrations.platform),
-        calibration_sha256=_digest(calibrations.platform),
-        belts=_name(calibrations.belts),
-        belts_sha256=_digest(calibrations.belts),
-        plate_calibration=_text(laboratory.plates.name) if laboratory.plates else "",
-        plate_calibration_sha256=laboratory.plates.sha256 if laboratory.plates else "",
+        calibration=calibration[0],
+        calibration_sha256=calibration[1],
+        belts=belts[0],
+        belts_sha256=belts[1],
+        plate_calibration=_text(of_plates.name) if of_plates else "",
+        plate_calibration_sha256=of_plates.sha256 if of_plates else "",
         cutoff_hz=laboratory.treadmill.cutoff_hz if laboratory.calibration else None,
         frame=frame or "recorded",
     )
@@ -193,8 +186,9 @@ def write_compensated(
     return Written(target, verification, notes)
 
 
-def _name(calibration: Path | None) -> str:
-    return _text(calibration.name) if calibration else ""
+def _named(calibration: Path | None) -> tuple[str, str]:
+    """Give name and SHA-256 of a calibration's file; both empty without one."""
+    return (_text(calibration.name), file_digest(calibration)) if calibration else ("", "")
 
 
 def _text(name: str) -> str:
@@ -202,11 +196,9 @@ def _text(name: str) -> str:
     return name.encode(errors="replace").decode()
 
 
-def _digest(calibration: Path | None) -> str:
-    return file_digest(calibration) if calibration else ""
-
-
-def write_compensated_study(study: Study, out: Path, frame: Frame | None) -> Iterator[Exported]:
+def write_compensated_study(
+    study: Study, out: Path, frame: Frame | None
+) -> Iterator[tuple[str, Written | str]]:
     """Write the C3D file of every trial of a study again with compensated plates.
 
     Parameters
@@ -220,8 +212,9 @@ def write_compensated_study(study: Study, out: Path, frame: Frame | None) -> Ite
 
     Yields
     ------
-    Exported
-        One per recording, in the study's order. A failure stops no other one.
+    tuple
+        Name of each recording, in the study's order, and its compensated file, or the reason why
+        there is none. A failure stops no other one.
 
     Raises
     ------
@@ -256,9 +249,9 @@ def write_compensated_study(study: Study, out: Path, frame: Frame | None) -> Ite
                 plate_delay_s=study.file.settings.plate_delay_s,
             )
         except Exception as error:
-            yield Exported(name, None, describe_error(error))
+            yield name, describe_error(error)
         else:
-            yield Exported(name, written)
+            yield name, written
 
 
 def recordings_of(study: Study) -> dict[str, Trial]:

@@ -20,7 +20,6 @@ from pipeline.trial.residuals import (
     reported,
 )
 from pipeline.trial.result import TrialResult
-from pipeline.trial.summary import TrialSummary
 
 UNCOUNTED = "#BBBBBB"
 """Colour of frames that do not count, and of the part of the gait cycle that does."""
@@ -130,7 +129,7 @@ def _draw_uncertainty(panel: Axes, x: Array, middle: Array, spread: Array) -> No
     )
 
 
-def mean_part(trials: Iterable[TrialResult | TrialSummary]) -> tuple[float, float] | None:
+def mean_part(trials: Iterable[TrialResult]) -> tuple[float, float] | None:
     """Give mean start and stop of the part of the gait cycles that counts [%]; None without."""
     parts = [t.part.percent(t.cycles) for t in trials if t.part is not None]
     known = np.concatenate([np.empty((0, 2)), *parts])

@@ -8,7 +8,7 @@ import numpy as np
 
 from hbm.markers import Markers
 from hbm.notes import Note
-from hbm.spatial import Array, rotate_wrench
+from hbm.spatial import Array, frozen, rotate_wrench
 from pipeline.io.axes import mean_force, parse_axes, settle_axes
 from pipeline.io.labels import marker_columns
 from pipeline.io.recording import Plate
@@ -49,7 +49,8 @@ class FileMarkers:
 
     def in_lab(self, time: Array, to_lab: Array) -> Markers:
         """Give the markers in lab axes at times, (T,) [s]."""
-        return Markers(time, self.names, self.position @ to_lab.T)
+        in_lab = frozen(to_lab @ np.moveaxis(self.position, 0, -1))
+        return Markers(time, self.names, np.moveaxis(in_lab, -1, 0))
 
 
 def unseen_as_nan(position: Array, names: Sequence[str]) -> list[Note]:

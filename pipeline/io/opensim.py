@@ -160,7 +160,7 @@ def read_trc(path: str | Path, stated: Stated | str | None = None) -> Recording:
     Examples
     --------
     >>> import hbm, numpy as np, pipeline
-    >>> from pipeline.export.opensim_tables import write_trc
+    >>> from pipeline.export.tables import write_trc
     >>> standing = np.tile([[0.1, 0.1, 1.0], [0.1, -0.1, 1.0], [0.1, 0.1, 0.0]], (50, 1, 1))
     >>> markers = hbm.Markers(np.arange(50) / 100, ("LASIS", "RASIS", "LMT2"), standing)
     >>> write_trc(markers, "pose.trc")
@@ -315,7 +315,7 @@ def read_opensim_trial(
     Examples
     --------
     >>> import numpy as np, pipeline
-    >>> from pipeline.export.opensim_tables import write_external_loads, write_trc
+    >>> from pipeline.export.tables import write_external_loads, write_trc
     >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
     >>> walk = simulate_trial("walk.c3d", duration_s=8.0)
     >>> write_trc(pipeline.read_c3d("walk.c3d").markers, "walk.trc")

@@ -1,6 +1,9 @@
-"""Streams that this program sends by Lab Streaming Layer."""
+"""Streams that this program sends by Lab Streaming Layer, and frames as rows of numbers."""
 
+import socket
 from collections.abc import Sequence
+from importlib import import_module
+from ipaddress import IPv4Address
 from typing import Any, Final
 from xml.etree.ElementTree import Element
 
@@ -8,11 +11,92 @@ import numpy as np
 
 from hbm.coordinates import TREE
 from hbm.spatial import WRENCH_COMPONENTS, Array
-from pipeline.config.live import LOOPBACK
+from pipeline.config.live import LOOPBACK, own_address
 from pipeline.io.recording import Plate
 from pipeline.io.xdf.channels import Channel
-from pipeline.live.description import describe
-from pipeline.live.network import load_lsl
+from pipeline.live.frames.chain import LiveFrame
+from pipeline.live.recording import describe
+
+MIN_PROBES: Final = 3
+"""Answers of eight that make a measurement of a clock: with six, a busy computer has none."""
+PROBE_INTERVAL_S: Final = 0.02
+"""Between the eight: a first measurement then takes 0.3 s; with 0.064 s, the usual one, 0.65 s."""
+EXTRA: Final = "pip install 'hbm-residuals[live]'"
+
+_listening: list[str] = []
+"""Where this process listens, once it has begun to; the library reads its settings only once."""
+
+
+def load_lsl(listen: str = LOOPBACK) -> Any:
+    """Import Lab Streaming Layer, with its discovery bound to one address.
+
+    Parameters
+    ----------
+    listen
+        Address of this computer in the laboratory's network, or of the loopback, by default:
+        then neither queries nor answers leave this computer.
+
+    Returns
+    -------
+    module
+        ``pylsl``.
+
+    Raises
+    ------
+    ValueError
+        It is not installed, the address is none, or this process listens on another one.
+
+    Notes
+    -----
+    Settings in a file ``lsl_api.cfg`` are not used. Samples and clocks have ports of their own
+    (16572 and following), which the library opens on all interfaces; docs/live.md says how to
+    close them to others.
+    """
+    try:
+        address = IPv4Address(own_address(listen))
+    except ValueError as error:
+        raise ValueError(f"listen: {error}") from error
+    lsl = import_extra("pylsl", "Lab Streaming Layer")
+    if not _listening:
+        _require_own(address)
+        scope = "ResolveScope = machine\n" if address.is_loopback else ""
+        interfaces = "" if address.is_loopback else f"Interfaces = {{{address}}}\n"
+        lsl.set_config_content(
+            "[ports]\nIPv6 = disable\n"
+            f"[multicast]\n{scope}{interfaces}ListenAddress = {address}\n"
+            f"[tuning]\nTimeUpdateMinProbes = {MIN_PROBES}\n"
+            f"TimeProbeInterval = {PROBE_INTERVAL_S}\n[log]\nlevel = -3\n"
+        )
+        _listening.append(str(address))
+    if _listening != [str(address)]:
+        raise ValueError(
+            f"listen: this process listens on {_listening[0]} already, not on {address}; Lab "
+            "Streaming Layer can be bound once"
+        )
+    return lsl
+
+
+def _require_own(address: IPv4Address) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_port:
+        try:
+            any_port.bind((str(address), 0))
+        except OSError as error:
+            raise ValueError(
+                f"listen: {address} is not an address of this computer ({error.strerror}); its "
+                "network settings list those that it has"
+            ) from error
+
+
+def import_extra(module: str, what: str) -> Any:
+    """Import a module of the extra ``live``; a ValueError names the extra where it is missing."""
+    try:
+        return import_module(module)
+    except ImportError as missing:
+        raise ValueError(f"{what} needs the extra live: {EXTRA}") from missing
+    except (OSError, RuntimeError) as broken:  # pylsl without its library, where it has no wheel
+        reason = str(broken).splitlines()[0] if str(broken) else type(broken).__name__
+        raise ValueError(f"{what} does not load: {reason}") from broken
+
 
 RESULTS: Final = "hbm"
 """Name of the stream of results; it names no person."""
@@ -34,9 +118,9 @@ class Outlet:
     rate_hz
         Nominal sampling rate [Hz].
     parts, plates
-        What else its description states, as for `pipeline.live.description.describe`.
+        What else its description states, as for `pipeline.live.recording.describe`.
     listen
-        As for `pipeline.live.network.load_lsl`, with its errors.
+        As for `pipeline.live.outlet.load_lsl`, with its errors.
 
     Notes
     -----
@@ -89,7 +173,7 @@ def result_outlet(
     name: str = RESULTS,
     listen: str = LOOPBACK,
 ) -> Outlet:
-    """Open the stream of results, whose samples `pipeline.live.result_row.result_row` gives.
+    """Open the stream of results, whose samples `pipeline.live.outlet.result_row` gives.
 
     Parameters
     ----------
@@ -101,7 +185,7 @@ def result_outlet(
     name
         The stream's name.
     listen
-        As for `pipeline.live.network.load_lsl`, with its errors.
+        As for `pipeline.live.outlet.load_lsl`, with its errors.
     """
     parts = [
         ("filter_delay_s", repr(float(filter_delay_s))),
@@ -144,3 +228,37 @@ def _append(desc: Any, described: Element) -> None:
             _append(desc.append_child(part.tag), part)
         else:
             desc.append_child_value(part.tag, part.text or "")
+
+
+UNKNOWN: Final = np.full(6, np.nan)
+TIME: Final = "time_s"
+
+
+def result_columns() -> tuple[str, ...]:
+    """Name the numbers of a row on disk: its time, then the channels of the stream of results."""
+    return (TIME, *(channel.label for channel in result_channels()))
+
+
+def result_row(frame: LiveFrame) -> Array:
+    """Give a frame's numbers in the order of `pipeline.live.outlet.result_channels`.
+
+    Parameters
+    ----------
+    frame
+        The frame; its generalised forces are those with the plates compensated, where they are.
+
+    Returns
+    -------
+    Array
+        (106,); a variant that is not computed is NaN.
+    """
+    best = list(frame.tau)[-1]
+    return np.concatenate(
+        [
+            frame.q,
+            frame.tau[best],
+            frame.residual["measured"],
+            frame.residual.get("compensated", UNKNOWN),
+            [float(frame.quality), frame.computing_s],
+        ]
+    )

@@ -1,28 +1,237 @@
-"""What has to be known before the first frame: the study, the body, the places of plates."""
+"""What has to be known before the first frame: the body, the places of plates, the streams."""
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Final
 
+import numpy as np
+
+from hbm.markers import Markers
 from hbm.model import Body
 from hbm.notes import Note
 from hbm.plausibility.motion import implausible
+from hbm.spatial import GRAVITY_MPS2, Array
+from hbm.spelling import listed, short
 from pipeline.config.live import Live
 from pipeline.config.schema import Settings, SubjectFile, Treadmill
 from pipeline.config.study import Study, read_study
 from pipeline.config.toml_file import read_segments
 from pipeline.io.read import read_as_stated
-from pipeline.io.recording import Recording
+from pipeline.io.recording import Plate, Recording
 from pipeline.io.stated import Stated
-from pipeline.live.places import PlacedPlates, place_plates
-from pipeline.live.sources.recorded import ANALOG, MARKERS, PLATES
-from pipeline.live.stream import StatedPlate
+from pipeline.live.replay import ANALOG, MARKERS, PLATES
+from pipeline.live.stream import Samples, StatedPlate, StreamDescription
 from pipeline.trial.ground.calibration_file import read_calibration
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.standing import MAX_STILL_EXTENT_M, median_extent
 from pipeline.trial.study_files import read_study_laboratory
 from pipeline.trial.subject_body import subject_body
-from pipeline.trial.weighing import body_mass
+from pipeline.trial.weighing import MIN_MASS_KG, body_mass
+
+MAX_DISTANCE_M: Final = 0.003
+"""Between the centres of one plate: 3 mm change moments by 2 N·m under a body of 75 kg."""
+MAX_ANGLE_DEG: Final = 0.5
+"""Between its axes: half a degree turns 6 N of the body weight into a horizontal force."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedPlates:
+    """The plates of a session.
+
+    Attributes
+    ----------
+    plates
+        Where they lie, without samples, in the order of their numbers.
+    live
+        Which streams and channels are what, with the channels that the streams state.
+    notes
+        ``live_plate_elsewhere`` for each plate that streams and static recording have at different
+        places.
+    """
+
+    plates: tuple[Plate, ...]
+    live: Live
+    notes: tuple[Note, ...] = ()
+
+
+def place_plates(
+    stated: Sequence[StatedPlate], static: Recording | None, live: Live
+) -> PlacedPlates:
+    """Find out where the plates lie, and which channels are theirs.
+
+    Parameters
+    ----------
+    stated
+        As the streams describe them.
+    static
+        Recording of the calibration pose, if there is one.
+    live
+        As the study states it; what it states of channels counts more than what streams state.
+
+    Returns
+    -------
+    PlacedPlates
+        A place that a stream states counts more than that of the static recording: it is of now,
+        and of the axes in which the stream's own channels are. Where the study names other channels
+        for the plate, it does not count.
+
+    Raises
+    ------
+    ValueError
+        Neither knows a place, or several streams state one plate's.
+
+    Examples
+    --------
+    >>> time, still = np.empty(0), np.empty((0, 6))
+    >>> corners = np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]) / 4
+    >>> plate = Plate(1, time, still, np.eye(3), np.zeros(3), corners)
+    >>> channels = ("Fx1", "Fy1", "Fz1", "Mx1", "My1", "Mz1")
+    >>> found = place_plates([StatedPlate("1", channels, plate)], None, Live())
+    >>> found.plates[0].center.tolist(), found.live.channels_of(1)[2]
+    ([0.0, 0.0, 0.0], 'Fz1')
+    """
+    used = [each for each in stated if live.plates.get(each.number, each.channels) == each.channels]
+    placed = [each.number for each in used if each.place is not None]
+    if several := sorted({number for number in placed if placed.count(number) > 1}):
+        raise ValueError(f"several streams state the place of plate {listed(several)}")
+    recorded = {str(plate.number): plate.place for plate in static.plates} if static else {}
+    received = {each.number: each.place for each in used if each.place is not None}
+    places = recorded | received
+    if not places:
+        raise ValueError(_unknown(stated, static))
+    channels = {each.number: each.channels for each in stated if each.channels}
+    file = static.source.name if static is not None else ""
+    return PlacedPlates(
+        tuple(sorted(places.values(), key=lambda plate: plate.number)),
+        live.model_copy(update={"plates": channels | live.plates}),
+        _elsewhere(received, recorded, file),
+    )
+
+
+def _elsewhere(
+    received: Mapping[str, Plate], recorded: Mapping[str, Plate], file: str
+) -> tuple[Note, ...]:
+    """Compare the places of plates that are stated twice."""
+    notes = []
+    for number in sorted(received.keys() & recorded.keys()):
+        now, then = received[number], recorded[number]
+        if not (np.isfinite(now.corners).all() and np.isfinite(then.corners).all()):
+            continue  # of one only the wrench about the lab's origin is known, not its place
+        distance_m = float(np.linalg.norm(now.center - then.center))
+        cosine = (np.trace(now.rotation.T @ then.rotation) - 1) / 2
+        angle_deg = float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+        if distance_m > MAX_DISTANCE_M or angle_deg > MAX_ANGLE_DEG:
+            values = {"distance_m": distance_m, "angle_deg": angle_deg}
+            notes.append(Note.of("live_plate_elsewhere", plate=number, **values, file=file))
+    return tuple(notes)
+
+
+def _unknown(stated: Sequence[StatedPlate], static: Recording | None) -> str:
+    """Say why no place is known, and what to do."""
+    why = [f"plate {short(each.number)}: {each.problem}" for each in stated if each.problem]
+    streams = "; ".join(why) or "the streams state none (desc/plates/plate)"
+    file = "no static file is stated" if static is None else f"{static.source.name} has none"
+    return (
+        f"the places of the plates are not known: {streams}; {file}; state a recording that has "
+        "them: --static FILE, or static in the subject's file"
+    )
+
+
+POSE_S: Final = 1.2
+"""A second of standing still, in which the body is built and weighed, and a little more."""
+EVERY_S: Final = 0.1
+"""Between looks."""
+
+
+class PoseFinder:
+    """Watches streams until a subject stands still on the plates, with all markers in sight.
+
+    Parameters
+    ----------
+    live
+        Which streams and channels are what.
+    streams
+        What is received.
+    plates
+        Places of the plates.
+
+    Attributes
+    ----------
+    why_not
+        What is amiss as long as no pose is found, in words.
+    """
+
+    def __init__(
+        self, live: Live, streams: Sequence[StreamDescription], plates: Sequence[Plate]
+    ) -> None:
+        self._streams = {stream.name: stream for stream in streams}
+        self._markers = live.markers or next(s.name for s in streams if s.kind == "markers")
+        self._live, self._plates = live, plates
+        self._kept: dict[str, deque[Samples]] = {stream.name: deque() for stream in streams}
+        self._looked_s = -np.inf
+        self.why_not = f"stream {self._markers} has sent too few frames"
+
+    def add(self, samples: Samples) -> Recording | None:
+        """Take what arrived; give the pose's recording once the last 1.2 s show it."""
+        kept = self._kept.get(samples.stream)
+        if kept is None or not len(samples.time):
+            return None
+        kept.append(samples)
+        while samples.time[-1] - kept[0].time[-1] > POSE_S:
+            kept.popleft()
+        if samples.stream != self._markers or samples.time[-1] - self._looked_s < EVERY_S:
+            return None
+        self._looked_s = float(samples.time[-1])
+        return self._pose()
+
+    def _pose(self) -> Recording | None:
+        time, position = self._joined(self._markers)
+        if time[-1] - time[0] < POSE_S - EVERY_S:
+            return None
+        names = self._streams[self._markers].labels
+        markers = Markers(time - time[0], names, position.reshape(len(time), len(names), 3))
+        seen = np.isfinite(markers.position).all(axis=(0, 2))
+        if not seen.any():
+            self.why_not = "no marker is seen all the time"
+            return None
+        extent_m = median_extent(markers.position[:, seen])
+        if extent_m > MAX_STILL_EXTENT_M:
+            self.why_not = (
+                f"the markers moved by {1000 * extent_m:.0f} mm within {POSE_S:g} s, at most "
+                f"{1000 * MAX_STILL_EXTENT_M:.0f} mm are standing still"
+            )
+            return None
+        plates = [self._plate(plate, float(time[0])) for plate in self._plates]
+        standing = [plate for plate in plates if plate is not None]
+        carried_n = sum(float(np.mean(plate.wrench[:, 2])) for plate in standing)
+        if len(standing) < len(plates):
+            self.why_not = "a plate has sent nothing"
+            return None
+        if not carried_n >= MIN_MASS_KG * GRAVITY_MPS2:
+            self.why_not = f"the plates carry {carried_n:.0f} N, which is nobody"
+            return None
+        return Recording(Path("calibration pose"), markers, tuple(standing))
+
+    def _plate(self, plate: Plate, start_s: float) -> Plate | None:
+        """Give a plate with what it read lately; None where it sends nothing."""
+        channels = self._live.channels_of(plate.number)
+        for stream in self._streams.values():
+            if set(channels) <= set(stream.labels) and self._kept[stream.name]:
+                time, values = self._joined(stream.name)
+                columns = [stream.labels.index(channel) for channel in channels]
+                wrench = values[:, columns]
+                return replace(plate, time=time - start_s, wrench_in_plate=wrench)
+        return None
+
+    def _joined(self, stream: str) -> tuple[Array, Array]:
+        kept = self._kept[stream]
+        time = np.concatenate([samples.time for samples in kept])
+        values = np.concatenate([samples.values for samples in kept])
+        order = np.unique(time, return_index=True)[1]
+        return time[order], values[order]
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +292,7 @@ class Preparation:
         return stated.markers or MARKERS, stated.analog or (PLATES, *[ANALOG] * needed)
 
     def placed(self, stated: Sequence[StatedPlate]) -> PlacedPlates:
-        """Place the plates that streams describe, as `pipeline.live.places.place_plates`."""
+        """Place the plates that streams describe, as `pipeline.live.preparation.place_plates`."""
         return place_plates(stated, self.static, self.live)
 
     def body(self, pose: Recording | None = None) -> PreparedBody:

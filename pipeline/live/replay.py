@@ -1,18 +1,182 @@
-"""Recordings played by Lab Streaming Layer."""
+"""Recordings as streams: as a source that needs no network, and played by Lab Streaming Layer."""
 
 import threading
 import time as clock
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from pipeline.config.live import LOOPBACK
-from pipeline.io.recording import Recording
-from pipeline.live.network import load_lsl
-from pipeline.live.outlet import Outlet
-from pipeline.live.sources.recorded import recorded_streams
-from pipeline.live.stream import LAB_AXES
+from hbm.spatial import Array
+from pipeline.config.live import LOOPBACK, Live
+from pipeline.io.recording import Plate, Recording
+from pipeline.io.xdf.channels import Channel
+from pipeline.live.outlet import Outlet, load_lsl
+from pipeline.live.recording import stream_channels
+from pipeline.live.stream import LAB_AXES, Samples, StatedPlate, StreamDescription
+
+MARKERS: Final = "Markers"
+PLATES: Final = "Plates"
+ANALOG: Final = "Analog"
+"""Names of the streams of a recording."""
+ROUNDING_S: Final = 1e-9
+"""A sample at the end of a chunk belongs to the next one."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedStream:
+    """One stream of a recording.
+
+    Attributes
+    ----------
+    description
+        What it carries.
+    content_type
+        As XDF's meta-data name it.
+    channels
+        What each channel holds.
+    plates
+        Those of its channels.
+    time, values
+        All its samples on the recording's clock, (N,) [s] and (N, K).
+    """
+
+    description: StreamDescription
+    content_type: str
+    channels: tuple[Channel, ...]
+    plates: tuple[Plate, ...]
+    time: Array
+    values: Array
+
+
+def recorded_streams(recording: Recording) -> tuple[RecordedStream, ...]:
+    """Give a recording as streams: markers; plates; other channels.
+
+    Parameters
+    ----------
+    recording
+        From a file of any format.
+
+    Returns
+    -------
+    tuple of RecordedStream
+        "Markers" at the cameras' rate. "Plates": Fx Fy Fz Mx My Mz of each in its own axes about
+        the centre of its surface, called FP1.Fx and so on. "Analog": the other channels. Streams
+        that the recording does not have are absent; plates of several rates are streams of their
+        own, "Plates", "Plates 2" and so on.
+    """
+    markers = recording.markers
+    names = markers.names
+    seen = StreamDescription(MARKERS, "markers", names, ("m",) * len(names), markers.rate_hz)
+    positions = np.reshape(markers.position, (len(markers.time), -1))
+    streams = [_stream(seen, "MoCap", (), markers.time, positions)]
+    groups: list[list[Plate]] = []
+    for plate in recording.plates:
+        for group in groups:
+            if np.array_equal(group[0].time, plate.time):
+                group.append(plate)
+                break
+        else:
+            groups.append([plate])
+    for number, group in enumerate(groups, start=1):
+        name = PLATES if number == 1 else f"{PLATES} {number}"
+        streams.append(_plates(name, group))
+    if (analog := recording.analog) is not None and len(analog.time) > 1:
+        read = StreamDescription(ANALOG, "analog", analog.names, analog.units, analog.rate_hz)
+        streams.append(_stream(read, "Analog", (), analog.time, analog.values))
+    return tuple(streams)
+
+
+def _plates(name: str, plates: list[Plate]) -> RecordedStream:
+    labels = tuple(label for plate in plates for label in Live().channels_of(plate.number))
+    units = (*("N",) * 3, *("N·m",) * 3) * len(plates)
+    loads = StreamDescription(name, "analog", labels, units, plates[0].rate_hz)
+    values = np.hstack([plate.wrench_in_plate for plate in plates])
+    return _stream(loads, "Force", tuple(plates), plates[0].time, values)
+
+
+def _stream(
+    description: StreamDescription,
+    content_type: str,
+    plates: tuple[Plate, ...],
+    time: Array,
+    values: Array,
+) -> RecordedStream:
+    channels = stream_channels(description, Live(), plates)
+    return RecordedStream(description, content_type, channels, plates, time, values)
+
+
+class RecordedSource:
+    """Gives the samples of a recording in chunks, as fast as they are asked for.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    chunk_s
+        Time that each chunk spans [s].
+
+    Examples
+    --------
+    >>> import hbm, numpy as np
+    >>> time = np.arange(50) / 100
+    >>> heel = hbm.Markers(time, ("LHEE",), np.ones((50, 1, 3)))
+    >>> source = RecordedSource(Recording("heel.c3d", heel), chunk_s=0.1)
+    >>> [len(samples.time) for samples in source.receive(0.0)]
+    [10]
+    >>> while source.receive(0.0):
+    ...     pass
+    >>> source.ended
+    True
+    """
+
+    def __init__(self, recording: Recording, chunk_s: float = 0.01) -> None:
+        self._streams = recorded_streams(recording)
+        self._plates = tuple(
+            StatedPlate(str(plate.number), Live().channels_of(plate.number), plate.place)
+            for plate in recording.plates
+        )
+        self._sent = [0] * len(self._streams)
+        self._chunk_s = chunk_s
+        self._until = min(float(stream.time[0]) for stream in self._streams)
+
+    @property
+    def streams(self) -> tuple[StreamDescription, ...]:
+        """What it gives: markers first."""
+        return tuple(stream.description for stream in self._streams)
+
+    @property
+    def plates(self) -> tuple[StatedPlate, ...]:
+        """The recording's, each with its channels."""
+        return self._plates
+
+    @property
+    def ended(self) -> bool:
+        """Whether all samples were given."""
+        return all(
+            sent == len(stream.time) for sent, stream in zip(self._sent, self._streams, strict=True)
+        )
+
+    def receive(self, timeout_s: float) -> list[Samples]:
+        """Give the next samples; an empty list at the end. It never waits."""
+        found: list[Samples] = []
+        while not found and not self.ended:
+            self._until += self._chunk_s
+            for k, stream in enumerate(self._streams):
+                start = self._sent[k]
+                stop = int(np.searchsorted(stream.time, self._until - ROUNDING_S))
+                if stop > start:
+                    part = slice(start, stop)
+                    name = stream.description.name
+                    found.append(Samples(name, stream.time[part], stream.values[part]))
+                    self._sent[k] = stop
+        return found
+
+    def close(self) -> None:
+        """Give nothing more."""
+        self._sent = [len(stream.time) for stream in self._streams]
+
 
 TICK_S: Final = 0.001
 """Between looks at what is due."""
@@ -37,7 +201,7 @@ class Replay:
     prefix
         Before the names of its streams, so that several replays can be told apart.
     listen
-        As for `pipeline.live.network.load_lsl`, with its errors.
+        As for `pipeline.live.outlet.load_lsl`, with its errors.
 
     Raises
     ------

@@ -8,11 +8,9 @@ from typing import Final, TypeVar
 import numpy as np
 
 from pipeline.live.arrival import Arrivals
-from pipeline.live.frames.chain import LiveChain
-from pipeline.live.frames.frame import LiveFrame
-from pipeline.live.outlet import Outlet
-from pipeline.live.recorder.recorder import Recorder
-from pipeline.live.result_row import result_row
+from pipeline.live.frames.chain import LiveChain, LiveFrame
+from pipeline.live.outlet import Outlet, result_row
+from pipeline.live.recording import Recorder
 from pipeline.live.stream import Samples, Source
 
 Kept = TypeVar("Kept")

@@ -111,7 +111,7 @@ def condition_effects(errors: pd.DataFrame) -> ConditionEffects:
                 part = part[part.groupby("file")["zone"].transform("nunique") > 1]
                 enough = part["file"].nunique() >= MIN_BLOCKS
             else:
-                enough = used and len(part) >= MIN_TRIALS_PER_COEFFICIENT * coefficients
+                enough = bool(used) and len(part) >= MIN_TRIALS_PER_COEFFICIENT * coefficients
             if not enough:
                 continue
             analysed = True
@@ -124,13 +124,15 @@ def condition_effects(errors: pd.DataFrame) -> ConditionEffects:
             pairs.append(compared)
         if not analysed:
             remarks.append(f"{label}: not tested, too few recordings, or nothing varies")
-    found = (
-        pd.concat(tables, ignore_index=True)[list(columns)]
-        if tables
-        else pd.DataFrame(columns=columns)
-        for tables, columns in ((tests, TEST_COLUMNS), (pairs, PAIR_COLUMNS))
+    return ConditionEffects(
+        _joined(tests, TEST_COLUMNS), _joined(pairs, PAIR_COLUMNS), tuple(remarks)
     )
-    return ConditionEffects(*found, tuple(remarks))
+
+
+def _joined(tables: list[pd.DataFrame], columns: Sequence[str]) -> pd.DataFrame:
+    if not tables:
+        return pd.DataFrame(columns=list(columns))
+    return pd.concat(tables, ignore_index=True)[list(columns)]
 
 
 def _analyse(

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import stats
 
 from compensation import Delay, Linearity, PlateCalibration, agreed_delay
-from compensation.alignment.agreement import AgreedDelay
+from compensation.hammer import AgreedDelay
 from hbm.notes import Note
 from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.config.plate_study import AccuracyLimits

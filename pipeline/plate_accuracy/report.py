@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from compensation import PlateCalibrations
-from compensation.accuracy.plate_calibration import to_json
+from compensation.plate_calibration import to_json
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.config.plate_study import FILE, PlatesStudy
 from pipeline.figures.style import save_figure

@@ -79,14 +79,14 @@ def study_figures(
         ``raw_AXIS`` (F.14–F.19), the latter where there are gait cycles.
     """
     for condition in drawn_conditions(results.cycles, design):
-        grey = mean_part(t for t in results.summaries.values() if t.condition == condition)
+        grey = mean_part(t for t in results.trials.values() if t.condition == condition)
         figure = gait_cycle_figure(results.cycles, condition, design, grey=grey)
         yield f"gait_cycle_{condition}", figure
     yield "marginal_means", marginal_means_figure(results.residuals, statistics, design)
     subject = example_subject(results.cycles)
     if subject is None:
         return
-    spans = {c: trial.cycles for (s, c), trial in results.summaries.items() if s == subject}
+    spans = {c: trial.cycles for (s, c), trial in results.trials.items() if s == subject}
     own = results.cycles[results.cycles["subject"] == subject]
     for axis in AXES:
         yield f"raw_{axis}", raw_figure(own, spans, axis, design)

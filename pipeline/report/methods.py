@@ -21,7 +21,7 @@ from pipeline.statistics.design import Design, design_of
 from pipeline.statistics.verdict import join_names, judged_conditions, level_name
 from pipeline.trial.gait.perturbations import MIN_PLATFORM_SPEED_MPS
 from pipeline.trial.quality import settling_s
-from pipeline.trial.summary import TrialSummary
+from pipeline.trial.result import TrialResult
 
 SEXES: Final = {"male": "male", "female": "female", "unspecified": "of unspecified sex"}
 CITED_ELSEWHERE: Final = ("hbm_residuals", "vandeloosdrecht2018", "hicks2015")
@@ -51,7 +51,7 @@ def methods(
     list of str
         Paragraphs, to be copied and shortened.
     """
-    trials = list(results.summaries.values())
+    trials = list(results.trials.values())
     text = TEMPLATES.get_template("methods.txt").render(
         trials=trials,
         design=design,
@@ -89,13 +89,13 @@ def bibtex(paragraphs: Sequence[str], software_version: str) -> str:
     return entries.replace("{VERSION}", f"{{{software_version}}}")
 
 
-def _noted(trials: Sequence[TrialSummary], code: str) -> list[Mapping[str, Any]]:
+def _noted(trials: Sequence[TrialResult], code: str) -> list[Mapping[str, Any]]:
     """Give the values of all notes of a code."""
     return [note.values for trial in trials for note in trial.notes if note.code == code]
 
 
 def _of_subjects(
-    results: Results, trials: Sequence[TrialSummary], design: Design
+    results: Results, trials: Sequence[TrialResult], design: Design
 ) -> dict[str, object]:
     """Describe the subjects."""
     people = results.subjects
@@ -120,7 +120,7 @@ def _of_subjects(
     }
 
 
-def _of_kinematics(trials: Sequence[TrialSummary]) -> dict[str, object]:
+def _of_kinematics(trials: Sequence[TrialResult]) -> dict[str, object]:
     """Describe body, inverse kinematics, filters and the equations of motion."""
     settings = [trial.settings for trial in trials]
     priors = {
@@ -139,13 +139,13 @@ def _of_kinematics(trials: Sequence[TrialSummary]) -> dict[str, object]:
             f"{values['level']} from {values['shown']}"
             for values in _noted(trials, "trunk_level_from_proportions")
         ],
-        "locked": sorted({name for trial in trials for name in trial.locked}),
+        "locked": sorted({name for trial in trials for name in trial.body.locked}),
         "priors": sorted(priors),
         "engines": engines_of([trial.engine for trial in trials]),
     }
 
 
-def _of_forces(trials: Sequence[TrialSummary], study: Study | None) -> dict[str, object]:
+def _of_forces(trials: Sequence[TrialResult], study: Study | None) -> dict[str, object]:
     """Describe the plates, their way into the lab, and the compensation."""
     corrected = [
         *_noted(trials, "plates_corrected"),
@@ -164,14 +164,14 @@ def _of_forces(trials: Sequence[TrialSummary], study: Study | None) -> dict[str,
         ],
         "delays_ms": sorted({f"{1000 * (t.settings.plate_delay_s or 0.0):g}" for t in trials}),
         "thresholds_n": [f"{trial.settings.contact_threshold_n:g}" for trial in trials],
-        "compensated": any(row.compensated for trial in trials for row in trial.residuals),
+        "compensated": any("compensated" in trial.variants for trial in trials),
         "lags_ms": next((lags for lags in dynamic if isinstance(lags, tuple)), ()),
         "doubts": dict.fromkeys(note.text for trial in trials for note in trial.of_calibration),
     }
 
 
 def _of_cycles(
-    trials: Sequence[TrialSummary], study: Study | None, design: Design
+    trials: Sequence[TrialResult], study: Study | None, design: Design
 ) -> dict[str, object]:
     """Describe gait events, the cycles that count, and spans in place of them."""
     walking = [trial for trial in trials if trial.span is None]
@@ -196,7 +196,7 @@ def _of_cycles(
     }
 
 
-def _parts(trials: Sequence[TrialSummary]) -> list[tuple[str, str, str]]:
+def _parts(trials: Sequence[TrialResult]) -> list[tuple[str, str, str]]:
     """Give each condition of which a part of the cycles counts, the part, and where it is [%]."""
     found = []
     for condition, name in {t.condition: t.part.name for t in trials if t.part}.items():
@@ -230,7 +230,7 @@ def _of_statistics(statistics: pd.DataFrame, design: Design) -> dict[str, object
     }
 
 
-def _of_software(trials: Sequence[TrialSummary], statistics: pd.DataFrame) -> dict[str, object]:
+def _of_software(trials: Sequence[TrialResult], statistics: pd.DataFrame) -> dict[str, object]:
     """Name the software with its versions."""
     versions = trials[0].versions
     packages = [f"{name} {versions[name.lower()]}" for name in ("CasADi", "NumPy", "SciPy")]

@@ -3,6 +3,9 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
+import numpy as np
+import pandas as pd
+
 from pipeline.budgets.explanation import Explanation
 from pipeline.budgets.words import CAPTION, budget_table
 from pipeline.report.blocks import Check, Table, Text
@@ -11,11 +14,11 @@ from pipeline.run.provenance import Provenance, TrialState
 from pipeline.trial.residuals import (
     MAX_FORCE_SHARE,
     MAX_MOMENT_SHARE,
-    MarkerRow,
-    ThresholdRow,
-    headline_rows,
+    marker_table,
+    residual_table,
+    threshold_table,
 )
-from pipeline.trial.summary import TrialSummary
+from pipeline.trial.result import TrialResult
 
 MAX_MARKER_RMS_MM: Final = 20.0
 MAX_MARKER_PEAK_MM: Final = 40.0
@@ -45,7 +48,7 @@ def problems(
         (f"{s.subject} {s.condition} {s.state}", s.reason) for s in states if s.state != "done"
     ]
     compared = set(results.residuals["subject"] + " " + results.residuals["condition"])
-    for key, trial in results.summaries.items():
+    for key, trial in results.trials.items():
         if trial.span is not None and " ".join(key) not in compared:
             text = (
                 f"counts {trial.span[0]:.2f} to {trial.span[1]:.2f} s of the recording and no gait "
@@ -67,9 +70,8 @@ def problems(
     return {"lead": lead, "lines": lines}
 
 
-def quality_table(trials: Mapping[str, TrialSummary]) -> Table:
-    """Rate every trial by the same criteria."""
-    rated = {name: trial_quality(trial) for name, trial in trials.items()}
+def quality_table(rated: Mapping[str, Mapping[str, tuple[Check, ...]]]) -> Table:
+    """Show what `trial_quality` says of every trial."""
     heads = ("Trial", *next(iter(rated.values())))
     rows: list[tuple[str | Sequence[Check], ...]] = [
         (name, *checks.values()) for name, checks in rated.items()
@@ -77,29 +79,34 @@ def quality_table(trials: Mapping[str, TrialSummary]) -> Table:
     return Table("Quality of every trial", heads, rows, "trials")
 
 
-def trial_quality(trial: TrialSummary) -> dict[str, tuple[Check, ...]]:
+def trial_quality(trial: TrialResult) -> dict[str, tuple[Check, ...]]:
     """Rate a trial: criterion -> findings, in the same order for every trial."""
-    unsolved, locked = trial.unsolved_frames, len(trial.locked)
+    solved, locked = trial.motion.converged, len(trial.body.locked)
+    unsolved = int(np.count_nonzero(~solved))
+    residuals, markers, limits = (
+        residual_table(trial, ""),
+        marker_table(trial),
+        threshold_table(trial),
+    )
+    headline = residuals[residuals["headline"].astype(bool)]
     return {
-        "Gait cycles": (_counted(trial),),
-        "Marker error (RMS)": (_marker_error(trial.markers),),
-        "Marker gaps": (_marker_gaps(trial.markers),),
+        "Gait cycles": (_counted(trial, headline),),
+        "Marker error (RMS)": (_marker_error(markers),),
+        "Marker gaps": (_marker_gaps(markers),),
         "Delay of plates": (_delay(trial.delay_s, trial.delay_uncertainty_s),),
-        "Unsolved frames": (
-            ("check" if unsolved else "pass", str(unsolved), f"of {trial.frames}"),
-        ),
-        "1σ of IC": tuple(_compensation(trial)) or (("none", "–", ""),),
+        "Unsolved frames": (("check" if unsolved else "pass", str(unsolved), f"of {len(solved)}"),),
+        "1σ of IC": tuple(_compensation(headline)) or (("none", "–", ""),),
         "Locked": (("none", str(locked), ""),),
-        "Peak force": tuple(_peaks(trial.thresholds, "force")),
-        "Peak moment": tuple(_peaks(trial.thresholds, "moment")),
+        "Peak force": tuple(_peaks(limits, "force")),
+        "Peak moment": tuple(_peaks(limits, "moment")),
     }
 
 
-def _counted(trial: TrialSummary) -> Check:
+def _counted(trial: TrialResult, headline: pd.DataFrame) -> Check:
     """Say how many gait cycles count, or which span, and for how much of it."""
     counts = {side: len(spans) for side, spans in trial.cycles.items() if len(spans)}
-    shares = {row.valid_share for row in headline_rows(trial.residuals)}
-    share = f"{100 * min(shares):.0f} % of frames" if shares and min(shares) < 1 else ""
+    least = headline["valid_share"].min()
+    share = f"{100 * least:.0f} % of frames" if least < 1 else ""
     if trial.span is not None:
         value, sides = f"{trial.span[0]:.2f}–{trial.span[1]:.2f} s", "no gait cycles"
     else:
@@ -109,50 +116,48 @@ def _counted(trial: TrialSummary) -> Check:
     return "none", value, "; ".join(filter(None, (sides, share)))
 
 
-def _compensation(trial: TrialSummary) -> Iterator[Check]:
+def _compensation(headline: pd.DataFrame) -> Iterator[Check]:
     """Say how uncertain the compensation makes forces and moments, at most, where that is known."""
-    largest: dict[str, float] = {}
-    for row in headline_rows(trial.residuals):
-        if row.compensation_sd is not None:
-            largest[row.unit] = max(largest.get(row.unit, 0.0), row.compensation_sd)
+    largest = headline.groupby("unit")["compensation_sd"].max().dropna()
     yield from (("none", f"{sd:.1f} {unit}", "") for unit, sd in largest.items())
 
 
-def _marker_error(markers: Sequence[MarkerRow]) -> Check:
+def _marker_error(markers: pd.DataFrame) -> Check:
     """Rate the distance of markers from the model by OpenSim's guideline."""
-    overall, seen = markers[-1], [row for row in markers[:-1] if row.seen]
-    if not seen:
+    overall, seen = markers.iloc[-1], markers[:-1].dropna()
+    if seen.empty:
         return "fail", "unknown", ""
-    worst = max(seen, key=lambda row: row.rms_mm)
-    rating = "pass" if overall.peak_mm <= MAX_MARKER_PEAK_MM else "check"
-    if overall.rms_mm >= MAX_MARKER_RMS_MM:
+    worst = seen.loc[seen["rms_mm"].idxmax()]
+    rating = "pass" if overall["peak_mm"] <= MAX_MARKER_PEAK_MM else "check"
+    if overall["rms_mm"] >= MAX_MARKER_RMS_MM:
         rating = "fail"
-    detail = f"{worst.marker} {worst.rms_mm:.1f}, peak {overall.peak_mm:.0f}"
-    return rating, f"{overall.rms_mm:.1f} mm", detail
+    detail = f"{worst['marker']} {worst['rms_mm']:.1f}, peak {overall['peak_mm']:.0f}"
+    return rating, f"{overall['rms_mm']:.1f} mm", detail
 
 
-def _marker_gaps(markers: Sequence[MarkerRow]) -> Check:
+def _marker_gaps(markers: pd.DataFrame) -> Check:
     """Rate for how much of the trial markers are missing."""
-    worst = max(markers[:-1], key=lambda row: row.missing_percent)
-    rating = "check" if worst.missing_percent > MAX_GAP_PERCENT else "pass"
-    detail = f"{worst.marker} {worst.missing_percent:.1f} %" if worst.missing_percent else ""
-    return rating, f"{markers[-1].missing_percent:.1f} %", detail
+    worst = markers.loc[markers["missing_percent"][:-1].idxmax()]
+    percent = worst["missing_percent"]
+    rating = "check" if percent > MAX_GAP_PERCENT else "pass"
+    detail = f"{worst['marker']} {percent:.1f} %" if percent else ""
+    return rating, f"{markers['missing_percent'].iloc[-1]:.1f} %", detail
 
 
-def _peaks(thresholds: Sequence[ThresholdRow], quantity: str) -> Iterator[Check]:
+def _peaks(thresholds: pd.DataFrame, quantity: str) -> Iterator[Check]:
     """Rate peak residuals by the limits of Hicks et al."""
-    for row in thresholds:
+    for row in thresholds.itertuples():
         if row.quantity == quantity:
             name = "IC" if row.compensated else "no IC"
             value = f"{name} {row.peak:.0f} of {row.limit:.0f} {row.unit}"
             yield "pass" if row.passed else "fail", value, ""
 
 
-def _delay(delay_s: float | None, uncertainty_s: float | None) -> Check:
+def _delay(delay_s: float, uncertainty_s: float) -> Check:
     """Rate the delay between plates and markers."""
-    if delay_s is None:
+    if np.isnan(delay_s):
         return "check", "unknown", ""
-    spread = "" if uncertainty_s is None else f" ± {1000 * uncertainty_s:.1f}"
+    spread = "" if np.isnan(uncertainty_s) else f" ± {1000 * uncertainty_s:.1f}"
     rating = "check" if abs(delay_s) > MAX_DELAY_S else "pass"
     return rating, f"{1000 * delay_s:.1f}{spread} ms", ""
 

@@ -21,7 +21,7 @@ from pipeline.report.effects import residual_tests
 from pipeline.report.figures import example_subject, study_figures
 from pipeline.report.methods import bibtex, methods
 from pipeline.report.tables import plan_markdown, plan_table, residual_tables, windows_sentence
-from pipeline.report.trials import LIMITS, causes, problems, quality_table
+from pipeline.report.trials import LIMITS, causes, problems, quality_table, trial_quality
 from pipeline.report.verdict import question, verdict_values
 from pipeline.run.failures import read_failures
 from pipeline.run.load import Results, collect, select_trials
@@ -90,7 +90,7 @@ def write_report(
     """
     study = read_study(study_folder, recordings=False) if study_folder is not None else None
     announce("collecting the trials")
-    results = collect(folder)
+    results = collect(folder, trial_quality)
     states = trial_states(results, read_failures(folder), study)
     results = select_trials(results, {(s.subject, s.condition) for s in states if s.in_tables})
     write_csv(results.residuals, folder / "residuals.csv")
@@ -102,7 +102,7 @@ def write_report(
     design = _design(results.residuals, study, covariates)
     results = replace(results, residuals=design.comparable(results.residuals))
     tests = statistics(results.residuals, _all_subjects(results.subjects, study), design)
-    explained = explanations(folder, results.summaries)
+    explained = explanations(folder, results.trials)
     compared = results.residuals[results.residuals["condition"].isin(design.conditions)]
     measurement = study_covariances(explained, compared)
     missing = what_is_missing(explained, compared)
@@ -129,9 +129,9 @@ def write_report(
         suffix = ".png" if name.startswith("raw_") else ".svg"  # every cycle is too many lines
         pictures[name] = picture(folder / "figures" / f"{name}{suffix}")
 
-    order = design.in_order(condition for _, condition in results.summaries)
-    keys = sorted(results.summaries, key=lambda key: (key[0], order.index(key[1])))
-    trials = {" ".join(key): results.summaries[key] for key in keys}
+    order = design.in_order(condition for _, condition in results.trials)
+    keys = sorted(results.trials, key=lambda key: (key[0], order.index(key[1])))
+    trials = {" ".join(key): results.trials[key] for key in keys}
     failed, stale = unexplained(folder), stale_sentence(folder)
     paragraphs = methods(results, tests, design, study)
     tables, inputs = _sources(source)
@@ -156,7 +156,7 @@ def write_report(
         has_reference=design.reference in set(results.cycles["condition"]),
         trials=trials,
         states=states,
-        quality=quality_table(trials),
+        quality=quality_table({" ".join(key): results.derived[key] for key in keys}),
         limits=LIMITS,
         explained=bool(explained or failed or stale),
         causes=[causes(" ".join(key), explained[key]) for key in keys if key in explained],
@@ -205,7 +205,7 @@ def _all_subjects(subjects: pd.DataFrame, study: Study | None) -> pd.DataFrame:
 def _scope(results: Results, design: Design) -> str:
     """Say of how many subjects, trials and conditions the report is."""
     conditions = ", ".join(design.in_order(results.residuals["condition"]))
-    subjects, trials = results.residuals["subject"].nunique(), len(results.summaries)
+    subjects, trials = results.residuals["subject"].nunique(), len(results.trials)
     variants = " without and with inertia compensation (IC)" * design.compensated
     return (
         f"Pelvis residuals{variants}: {subjects} "

@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Literal
 
@@ -12,9 +12,9 @@ from hbm.notes import Note
 from pipeline.config.study import Study
 from pipeline.io.input_file import last_written
 from pipeline.run.program import computation_digest
-from pipeline.run.store import read_summary, write_trial
+from pipeline.run.store import FORMAT_VERSION, read_trial, write_trial
 from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.summary import FORMAT_VERSION, TrialSummary
+from pipeline.trial.result import TrialResult
 
 KEY_DIGITS: Final = 16
 """Of each SHA-256 in a trial's key: two differ but for a chance of 1 in 10¹⁹."""
@@ -106,26 +106,27 @@ def process_job(job: Job, laboratory: Laboratory | None = None) -> Outcome:
                 "one of its files changed while it was processed, or this process has another "
                 "version of the program or its libraries; run it again"
             )
-        summary = write_trial(result, job.condition, job.key, job.target)
+        result = replace(result, condition=job.condition, key=job.key)
+        write_trial(result, job.target)
     except Exception as error:
         return Outcome(job, "failed", describe_error(error))
-    return _outcome(job, "done", summary)
+    return _outcome(job, "done", result)
 
 
 def stored_outcome(job: Job) -> Outcome | None:
     """Give what became of a job that was done before; None where its result is not up to date."""
     try:
-        summary = read_summary(job.target)
+        stored = read_trial(job.target, frames=False)
     except (OSError, ValueError):
         return None
-    return _outcome(job, "kept", summary) if summary.key == job.key else None
+    return _outcome(job, "kept", stored) if stored.key == job.key else None
 
 
-def _outcome(job: Job, state: Literal["done", "kept"], summary: TrialSummary) -> Outcome:
+def _outcome(job: Job, state: Literal["done", "kept"], result: TrialResult) -> Outcome:
     """Give the outcome of a trial that is stored: failed where it has frames but no residuals."""
-    if summary.residuals:
-        return Outcome(job, state, of_calibration=summary.of_calibration)
-    return Outcome(job, "failed", summary.shortage)
+    if result.shortage:
+        return Outcome(job, "failed", result.shortage)
+    return Outcome(job, state, of_calibration=result.of_calibration)
 
 
 def describe_error(error: BaseException) -> str:
@@ -190,16 +191,14 @@ def replacement(job: Job) -> str:
     parts, only settings and subject show whether another one is wanted.
     """
     try:
-        summary = read_summary(job.target)
+        stored = read_trial(job.target, frames=False)
     except (OSError, ValueError):
         return ""
-    if not job.size:
+    if not job.size or stored.shortage:
         return ""  # without its recording nothing will replace it
-    if not summary.residuals:
-        return ""
     before, now = (
         dict(part.split(":", 1) for part in key.split() if ":" in part)
-        for key in (summary.key, job.key)
+        for key in (stored.key, job.key)
     )
     if before and all(before[part] == now[part] for part in ("files", "stated")):
         return ""
@@ -209,8 +208,8 @@ def replacement(job: Job) -> str:
     changed = [
         f"{name} {old} → {getattr(new_model, name)}"
         for old_model, new_model in (
-            (summary.settings, job.study.file.settings),
-            (summary.subject, subject),
+            (stored.settings, job.study.file.settings),
+            (stored.subject, subject),
         )
         for name, old in old_model
         if name != "id" and getattr(new_model, name) != old

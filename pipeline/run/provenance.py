@@ -14,7 +14,7 @@ from pipeline.config.study import Study
 from pipeline.run.job import file_digest, trial_key
 from pipeline.run.load import Results
 from pipeline.run.program import git_commit, program_digest
-from pipeline.trial.summary import PACKAGES, StoredNote
+from pipeline.trial.result import PACKAGES, StoredNote
 
 REPORT_PACKAGES: Final = (*PACKAGES, "pingouin", "matplotlib")
 
@@ -132,14 +132,14 @@ def trial_states(
     planned: dict[tuple[str, str], tuple[State, str] | None] = {}
     if study is None:
         names = [tuple(name.split(" ", 1)) for name in failures]
-        subjects = sorted({key[0] for key in (*results.summaries, *names)})
-        conditions = dict.fromkeys(key[1] for key in (*results.summaries, *names))
+        subjects = sorted({key[0] for key in (*results.trials, *names)})
+        conditions = dict.fromkeys(key[1] for key in (*results.trials, *names))
         planned = {(s, c): None for s in subjects for c in conditions}
     else:
         for subject, person in study.subjects.items():
             for condition in study.file.conditions:
                 planned[subject, condition] = _unplanned(person.trials.get(condition))
-        planned |= {key: None for key in results.summaries if key not in planned}
+        planned |= {key: None for key in results.trials if key not in planned}
     return [_state(key, cause, results, failures, study) for key, cause in planned.items()]
 
 
@@ -157,17 +157,17 @@ def _state(
     failures: Mapping[str, str],
     study: Study | None,
 ) -> TrialState:
-    trial = results.summaries.get(key)
-    identity = (trial.source, trial.key) if trial is not None else (None, None)
+    trial = results.trials.get(key)
+    identity = (trial.source.name, trial.key) if trial is not None else (None, None)
     failure = failures.get(" ".join(key))
     if failure is not None:
         cause = "failed", failure
-    elif trial is not None and not trial.residuals:
+    elif trial is not None and trial.shortage:
         cause = "failed", trial.shortage
     if cause is not None:
         state, reason = cause
         older = ""
-        if trial is not None and trial.residuals:
+        if trial is not None and not trial.shortage:
             older = "; an older result is left out of the tables"
         return TrialState(*key, state, reason + older, False, *identity)
     if trial is None:
@@ -200,7 +200,7 @@ def provenance(results: Results, states: Sequence[TrialState], study: Study | No
     Provenance
         The content of ``study.json``.
     """
-    trials = results.summaries.values()
+    trials = results.trials.values()
     return Provenance(
         name=study.file.name if study else None,
         settings=_each_once(trial.settings for trial in trials),

@@ -1,33 +1,47 @@
-"""A processed trial on disk: one Parquet file, written whole or not at all, and read back."""
+"""A processed trial on disk: one Parquet file, written whole or not at all, and read back.
+
+Each frame is a row of the file. What a trial has besides its frames stands in the file's metadata,
+as JSON that is made from the types of `TrialResult` and read by them.
+"""
 
 import hashlib
 import json
 import mmap
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import fields, is_dataclass
+from functools import cache
 from pathlib import Path
-from typing import BinaryIO, Final
+from types import NoneType, UnionType
+from typing import Any, BinaryIO, Final, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from pydantic import BaseModel, ValidationError
 
+from compensation.platform import PlatformPose
+from hbm.coordinates import COORDINATES, HBM_ORDER
+from hbm.dynamics import Dynamics
+from hbm.engines.engine import EngineUsed
+from hbm.markers import Markers
+from hbm.motion import Motion
 from hbm.notes import Note
-from hbm.spatial import Array
+from hbm.spatial import Array, Indices, Mask
 from hbm.spelling import short
+from pipeline.config.toml_file import fault_of
 from pipeline.io.input_file import open_file
+from pipeline.io.recording import Event
 from pipeline.io.write import whole_file, write_text
-from pipeline.run.frames import Frames, frame_table, read_frames
-from pipeline.run.header import TrialHeader, header_of, plates_of
-from pipeline.trial.result import TrialResult
-from pipeline.trial.summary import TrialSummary, require_format, summarise
+from pipeline.trial.residuals import AXES, reported
+from pipeline.trial.result import CompensationUncertainty, PlateSurface, TrialResult
 
-SUMMARY: Final = b"hbm"
-HEADER: Final = b"hbm.header"
+FORMAT_VERSION: Final = 9
+"""Of stored trials; raised with every change of what they hold."""
+METADATA: Final = b"hbm"
 DIGEST: Final = b"hbm.sha256"
-"""Keys of summary, header and checksum in the file's metadata."""
+"""Keys of the trial without its frames, and of the checksum, in the file's metadata."""
 NO_DIGEST: Final = b"0" * 64
 DIGEST_START: Final = DIGEST + b"\x18\x40"
 """How a Parquet file stores that key, with type and length of the 64 characters that follow."""
@@ -39,25 +53,22 @@ quarter would be saved, 9 % of a file, for half the time that it takes to write 
 MAX_REASON: Final = 120
 """Characters of a library's message, or of a file's name, within ours."""
 STUDY_POINTER: Final = "run.json"
+WRENCH: Final = ("fx", "fy", "fz", "mx", "my", "mz")
+POSE: Final = (*(f"r{row}{column}" for row in "123" for column in "123"), "x", "y", "z")
+"""Rotation matrix, row by row, and position of the platform."""
+OF_FRAMES: Final = frozenset(
+    {"markers", "motion", "variants", "ground", "platform", "quality", "uncertainty"}
+)
+"""Fields of a result that have a value in each frame."""
+Column = Array | Indices | Mask | Sequence[str]
 
 
-def write_trial(result: TrialResult, condition: str, key: str, path: Path) -> TrialSummary:
-    """Write a trial as Parquet: its frames, and summary and header in the file's metadata.
+def write_trial(result: TrialResult, path: Path) -> None:
+    """Write a trial as Parquet; the file appears whole or not at all.
 
-    Parameters
-    ----------
-    result, condition, key
-        As for `pipeline.trial.summary.summarise`.
-    path
-        The file; it appears whole or not at all. `pipeline.run.frames.frame_table` says what its
-        columns are.
-
-    Returns
-    -------
-    TrialSummary
-        What was written besides the frames.
+    `frame_table` says what its columns are.
     """
-    table, summary = frame_table(result), summarise(result, condition, key)
+    table = frame_table(result)
     with whole_file(path) as temporary:
         with (
             temporary.open("r+b") as sink,  # ext4 writes to the disk at once what was truncated
@@ -73,11 +84,9 @@ def write_trial(result: TrialResult, condition: str, key: str, path: Path) -> Tr
             ) as file,
         ):
             file.write_table(table)
-            stored = {SUMMARY: summary.to_json(), HEADER: header_of(result).to_json()}
-            file.add_key_value_metadata(stored | {DIGEST: NO_DIGEST})
+            file.add_key_value_metadata({METADATA: _metadata(result), DIGEST: NO_DIGEST})
         with temporary.open("r+b") as written:
             write_digest(written)
-    return summary
 
 
 def write_digest(file: BinaryIO) -> None:
@@ -100,82 +109,15 @@ def _digest(content: bytes | mmap.mmap, place: int) -> bytes:
     return digest.hexdigest().encode()
 
 
-@dataclass(frozen=True, slots=True)
-class StoredTrial:
-    """A stored trial, read from the disk once; every byte is as it was written.
-
-    Attributes
-    ----------
-    path
-        The file.
-    summary
-        What is known of the trial besides its frames.
-    """
-
-    path: Path
-    summary: TrialSummary
-    _header: bytes
-    _frames: pq.ParquetFile
-
-    def columns(self, names: Sequence[str]) -> Array:
-        """Give columns of numbers, (T, K)."""
-        with _readable(self.path):
-            table = self._frames.read(columns=list(names))
-            return np.column_stack([table.column(name).to_numpy() for name in names])
-
-    def result(self) -> TrialResult:
-        """Give the trial as `read_trial` does."""
-        with _readable(self.path):
-            header = TrialHeader.from_json(self._header)
-            frames = read_frames(self._frames.read(), header, self.summary.engine)
-            return _result(self.summary, header, frames)
-
-
-def open_trial(path: Path) -> StoredTrial:
-    """Open a stored trial: read the file and see that it is whole.
-
-    Raises
-    ------
-    ValueError
-        If the file is damaged, not a trial's result, or written by another version.
-    OSError
-        If it cannot be opened.
-    """
-    with _readable(path):
-        with open_file(path) as file:
-            content = file.read()
-        place = content.rfind(DIGEST_START) + len(DIGEST_START)
-        digested = place >= len(DIGEST_START)
-        if digested and content[place : place + len(NO_DIGEST)] != _digest(content, place):
-            raise _DamagedError("its bytes are not those that were written")
-        frames = pq.ParquetFile(pa.BufferReader(content))
-        metadata: dict[bytes, bytes] = frames.metadata.metadata or {}
-    if SUMMARY not in metadata:
-        raise ValueError(f"{short(path.name, MAX_REASON)} is not the result of a trial")
-    with _readable(path):
-        require_format(metadata[SUMMARY])
-        if not digested:
-            raise _DamagedError("it has no checksum")
-        summary, rows = TrialSummary.from_json(metadata[SUMMARY]), frames.metadata.num_rows
-        if rows != summary.frames:
-            raise _DamagedError(f"it has {rows} frames, expected {summary.frames}")
-        if summary.residuals and not (summary.span or any(summary.cycles.values())):
-            raise _DamagedError("it has residuals without the gait cycles or span that they are of")
-        return StoredTrial(path, summary, metadata[HEADER], frames)
-
-
-def read_summary(path: Path) -> TrialSummary:
-    """Read a trial's summary without its frames; raises as `open_trial`."""
-    return open_trial(path).summary
-
-
-def read_trial(path: Path) -> TrialResult:
+def read_trial(path: Path, *, frames: bool = True) -> TrialResult:
     r"""Read a trial's result back, as it was written.
 
     Parameters
     ----------
     path
         What `write_trial` wrote.
+    frames
+        Whether with the frames; without, every array over frames is of none.
 
     Returns
     -------
@@ -203,37 +145,260 @@ def read_trial(path: Path) -> TrialResult:
     >>> f"{pipeline.read_trial(outcome.job.target).body.mass:.1f} kg"
     '74.6 kg'
     """
-    return open_trial(path).result()
+    with _readable(path):
+        with open_file(path) as opened:
+            content = opened.read()
+        place = content.rfind(DIGEST_START) + len(DIGEST_START)
+        digested = place >= len(DIGEST_START)
+        if digested and content[place : place + len(NO_DIGEST)] != _digest(content, place):
+            raise _DamagedError("its bytes are not those that were written")
+        file = pq.ParquetFile(pa.BufferReader(content))
+        metadata: dict[bytes, bytes] = file.metadata.metadata or {}
+    if METADATA not in metadata:
+        raise ValueError(f"{short(path.name, MAX_REASON)} is not the result of a trial")
+    with _readable(path):
+        stored = _of_this_format(metadata[METADATA])
+        if not digested:
+            raise _DamagedError("it has no checksum")
+        rows = file.metadata.num_rows
+        if rows != stored["frames"]:
+            raise _DamagedError(f"it has {rows} frames, expected {stored['frames']}")
+        table = file.read() if frames else file.schema_arrow.empty_table()
+        result = _result(table, stored)
+        if not (result.shortage or result.span or any(map(len, result.cycles.values()))):
+            raise _DamagedError("it has residuals without the gait cycles or span that they are of")
+        return result
 
 
-def _result(summary: TrialSummary, header: TrialHeader, frames: Frames) -> TrialResult:
+def without_frames(result: TrialResult) -> TrialResult:
+    """Give a trial without its frames, of which there is room for a whole study."""
+    return _result(frame_table(result).slice(0, 0), json.loads(_metadata(result)))
+
+
+def _metadata(result: TrialResult) -> bytes:
+    """Give what a trial has besides its frames as JSON; numbers come back exactly."""
+    stored = {"version": FORMAT_VERSION, "frames": len(result.motion.time)}
+    stored |= {"engine": _plain(result.engine)}
+    stored |= {
+        f.name: _plain(getattr(result, f.name)) for f in fields(result) if f.name not in OF_FRAMES
+    }
+    return json.dumps(stored, ensure_ascii=False, separators=(",", ":")).encode()
+
+
+def _of_this_format(text: bytes) -> dict[str, Any]:
+    """Read that JSON; a ValueError says that it is none, or of another format."""
+    try:
+        stored = json.loads(text)
+    except ValueError as error:
+        raise ValueError(f"not valid JSON: {error}") from error
+    except RecursionError as error:
+        raise ValueError("not valid JSON: it is nested too deeply") from error
+    found = stored.get("version") if isinstance(stored, dict) else None
+    if found != FORMAT_VERSION:
+        known = short(found) if isinstance(found, int) else "unknown"
+        raise ValueError(
+            f"written by another version of hbm (format {known}; this one reads "
+            f"format {FORMAT_VERSION})"
+        )
+    return dict(stored)
+
+
+def _plain(value: Any) -> Any:
+    """Give a value in the types of JSON."""
+    if isinstance(value, Note):
+        return value.to_dict()
+    if isinstance(value, BaseModel):
+        return value.model_dump()
+    if is_dataclass(value):
+        return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, Mapping):
+        return {name: _plain(inner) for name, inner in value.items()}
+    if isinstance(value, tuple):
+        return [_plain(inner) for inner in value]
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return value.name if isinstance(value, Path) else value
+
+
+def _typed(kind: Any, stored: Any) -> Any:
+    """Make a value of a type from what `_plain` gave; a TypeError where it is of another."""
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin in (Union, UnionType):
+        (some,) = (each for each in inner if each is not NoneType)
+        return None if stored is None else _typed(some, stored)
+    if kind is Note:
+        return Note.from_dict(stored)
+    if is_dataclass(kind) or origin is Mapping or origin is dict:
+        if not isinstance(stored, dict):
+            raise TypeError(f"expected names and values, got {short(stored)}")
+        if not is_dataclass(kind):
+            return {name: _typed(inner[1], value) for name, value in stored.items()}
+        types = _types(kind)
+        if unknown := stored.keys() - types:
+            raise TypeError(f"unknown: {', '.join(unknown)}")
+        return kind(**{name: _typed(own, stored[name]) for name, own in types.items()})
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
+        try:
+            return kind.model_validate(stored)
+        except ValidationError as error:
+            raise TypeError(fault_of(error)) from error
+    if origin is tuple or origin is np.ndarray:
+        if not isinstance(stored, list):
+            raise TypeError(f"expected several values, got {short(stored)}")
+        if origin is np.ndarray:
+            return np.array(stored, float)
+        kinds = inner[:1] * len(stored) if inner[1:] == (...,) else inner
+        return tuple(_typed(own, value) for own, value in zip(kinds, stored, strict=True))
+    if kind is Path:
+        return Path(stored)
+    allowed = inner if origin is Literal else ()
+    kind = type(allowed[0]) if allowed else (int, float) if kind is float else kind
+    if not isinstance(stored, kind) or (allowed and stored not in allowed):
+        raise TypeError(f"{short(stored)} is of another type")
+    return stored
+
+
+@cache
+def _types(kind: type) -> dict[str, Any]:
+    """Give the types of a dataclass's fields."""
+    hints = get_type_hints(kind)
+    return {field.name: hints[field.name] for field in fields(kind)}
+
+
+def _result(table: pa.Table, stored: Mapping[str, Any]) -> TrialResult:
+    """Put a trial together from its frames and the rest."""
+    kinds = {name: kind for name, kind in _types(TrialResult).items() if name not in OF_FRAMES}
+    rest = {name: _typed(kind, stored[name]) for name, kind in kinds.items()}
+    rest["cycles"] = {side: spans.reshape(-1, 2) for side, spans in rest["cycles"].items()}
     return TrialResult(
-        source=Path(summary.source),
-        subject=summary.subject,
-        settings=summary.settings,
-        body=header.body.to_body(),
-        markers=frames.markers,
-        first_frame=header.first_frame,
-        plates=plates_of(header),
-        motion=frames.motion,
-        variants=frames.dynamics,
-        ground=frames.ground,
-        platform=frames.platform,
-        events=header.events,
-        cycles={side: np.reshape(spans, (-1, 2)) for side, spans in summary.cycles.items()},
-        found_cycles=summary.found_cycles,
-        span=summary.span,
-        quality=frames.quality,
-        delay_s=np.nan if summary.delay_s is None else summary.delay_s,
-        delay_uncertainty_s=(
-            np.nan if summary.delay_uncertainty_s is None else summary.delay_uncertainty_s
-        ),
-        notes=summary.notes,
-        overridden_segments=summary.overridden_segments,
-        onsets=header.onsets,
-        part=summary.part,
-        uncertainty=frames.uncertainty,
+        **rest, **_frames(table, _typed(EngineUsed, stored["engine"]), rest["plates"])
     )
+
+
+def frame_table(result: TrialResult) -> pa.Table:
+    """Lay a trial out with one row per frame.
+
+    Parameters
+    ----------
+    result
+        The trial.
+
+    Returns
+    -------
+    pyarrow.Table
+        ``time_s``; ``q.NAME``, ``v.NAME``, ``a.NAME`` [rad or m, per s, per s²] in the Human Body
+        Model's order; per variant ``tau.measured.NAME`` [N·m or N] and ``residual.measured.Fx`` …
+        ``Mz`` [N, N·m] as reported (x forward, y right, z up, about the pelvis origin);
+        ``marker_error.NAME`` [m]; ``event``, such as "left foot_strike", on the frame nearest to
+        it. In lab axes (X forward, Y left, Z up): ``ground.measured.left_foot.fx`` … ``mz`` [N,
+        N·m] about the lab origin, ``marker.NAME.x`` [m] as measured, ``platform.r11`` … ``z``.
+        ``converged``, ``observed.NAME``, ``gradient`` of the inverse kinematics; ``quality``,
+        the sum of the flags of `pipeline.trial.quality.Quality` that say why the frame does not
+        count or is doubtful, 0 where nothing is. With a calibration of the platform, one standard
+        deviation due to the compensation: ``uncertainty.residual.Fx`` … and
+        ``uncertainty.plate_1.fx`` …, lab axes about the lab origin [N, N·m].
+    """
+    motion, markers, pose = result.motion, result.markers, result.platform
+    columns: dict[str, Column] = {"time_s": motion.time}
+    for symbol, values in (("q", motion.q), ("v", motion.v), ("a", motion.a)):
+        columns |= _by_coordinate(symbol, values)
+    for variant, dynamics in result.variants.items():
+        columns |= _by_coordinate(f"tau.{variant}", dynamics.tau)
+        columns |= _columns(f"residual.{variant}", AXES, reported(dynamics.residual))
+    columns |= _columns("marker_error", motion.markers, motion.marker_error)
+    columns["event"] = _event_labels(motion.time, result.events)
+    for variant, feet in result.ground.items():
+        for foot, wrench in feet.items():
+            columns |= _columns(f"ground.{variant}.{foot}", WRENCH, wrench)
+    if pose is not None:
+        both = np.hstack([pose.rotation.reshape(-1, 9), pose.position])
+        columns |= _columns("platform", POSE, both)
+    if (spread := result.uncertainty) is not None:
+        columns |= _columns("uncertainty.residual", AXES, spread.residual)
+        for plate, values in zip(result.plates, spread.plates, strict=True):
+            columns |= _columns(f"uncertainty.plate_{plate.number}", WRENCH, values)
+    for k, name in enumerate(markers.names):
+        columns |= _columns(f"marker.{name}", "xyz", markers.position[:, k])
+    columns |= _by_coordinate("observed", motion.observed)
+    gradient = motion.gradient if motion.gradient is not None else np.full(len(motion.time), np.nan)
+    columns |= {
+        "converged": motion.converged,
+        "gradient": gradient,
+        "quality": result.quality,
+    }
+    return pa.table({name: pa.array(column) for name, column in columns.items()})
+
+
+def _frames(table: pa.Table, engine: EngineUsed, plates: Sequence[PlateSurface]) -> dict[str, Any]:
+    """Read the columns of `frame_table` back, equal to the last bit; KeyError if one is missing."""
+
+    def read(prefix: str, names: Iterable[str]) -> Array:
+        found = [table.column(f"{prefix}.{name}").to_numpy() for name in names]
+        return np.column_stack(found) if found else np.empty((table.num_rows, 0))
+
+    def named(prefix: str, last: str = "") -> tuple[str, ...]:
+        columns = (n for n in table.column_names if n.startswith(prefix) and n.endswith(last))
+        return tuple(n[len(prefix) : len(n) - len(last)] for n in columns)
+
+    time, names = table.column("time_s").to_numpy(), named("marker.", ".x")
+    position = [read(f"marker.{name}", "xyz") for name in names]
+    in_motion = named("marker_error.")
+    motion = Motion(
+        time=time,
+        q=read("q", COORDINATES),
+        v=read("v", COORDINATES),
+        a=read("a", COORDINATES),
+        markers=in_motion,
+        marker_error=read("marker_error", in_motion),
+        converged=table.column("converged").to_numpy(),
+        observed=np.asarray(read("observed", COORDINATES), bool),
+        gradient=table.column("gradient").to_numpy(),
+    )
+    variants, ground = {}, {}
+    for name in named("residual.", f".{AXES[0]}"):
+        force, residual = read(f"tau.{name}", COORDINATES), reported(read(f"residual.{name}", AXES))
+        variants[name] = Dynamics(time, force, residual, force * motion.v, engine)
+        feet = named(f"ground.{name}.", f".{WRENCH[0]}")
+        ground[name] = {foot: read(f"ground.{name}.{foot}", WRENCH) for foot in feet}
+    pose = read("platform", POSE) if named("platform.") else None
+    spread = None
+    if named("uncertainty."):
+        of_plates = (read(f"uncertainty.plate_{plate.number}", WRENCH) for plate in plates)
+        spread = CompensationUncertainty(tuple(of_plates), read("uncertainty.residual", AXES))
+    return {
+        "markers": Markers(
+            time, names, np.stack(position, axis=1) if position else np.empty((len(time), 0, 3))
+        ),
+        "motion": motion,
+        "variants": variants,
+        "ground": ground,
+        "platform": None
+        if pose is None
+        else PlatformPose(pose[:, :9].reshape(-1, 3, 3), pose[:, 9:]),
+        "quality": table.column("quality").to_numpy(),
+        "uncertainty": spread,
+    }
+
+
+def _columns(prefix: str, names: Iterable[str], values: Array | Mask) -> dict[str, Column]:
+    """Name the columns of (T, K) values, each in one piece, which Arrow need not copy."""
+    columns = np.ascontiguousarray(values.T)
+    return {f"{prefix}.{n}": column for n, column in zip(names, columns, strict=True)}
+
+
+def _by_coordinate(prefix: str, values: Array | Mask) -> dict[str, Column]:
+    """Name the columns of (T, 46) values, in the Human Body Model's order."""
+    columns = _columns(prefix, COORDINATES, values)
+    return {name: columns[name] for name in (f"{prefix}.{c}" for c in HBM_ORDER)}
+
+
+def _event_labels(time: Array, events: Sequence[Event]) -> list[str]:
+    """Give the events of each frame as text."""
+    labels, between = [""] * len(time), (time[1:] + time[:-1]) / 2
+    frames = np.searchsorted(between, [event.time for event in events])
+    for nearest, event in zip(frames.tolist(), events, strict=True):
+        labels[nearest] = " ".join(filter(None, (labels[nearest], f"{event.side} {event.label}")))
+    return labels
 
 
 class _DamagedError(Exception):

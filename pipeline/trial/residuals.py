@@ -1,7 +1,7 @@
 """Residuals of a trial: over gait cycles, as a long table, and beside published thresholds."""
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -28,60 +28,14 @@ MAX_MOMENT_SHARE: Final = 0.01
 """Peak residual moment over that force times the height of the centre of mass (ibid.)."""
 FOOT_SEGMENTS: Final = ("left_foot", "left_toes", "right_foot", "right_toes")
 """Begin at the ankle and at the ball of the foot."""
+RESIDUAL_COLUMNS: Final = (
+    *("subject", "condition", "compensated", "window", "headline", "axis", "unit"),
+    *("rms", "rms_of_cycles", "mean", "sd", "peak", "rms_percent"),
+    *("n_cycles", "valid_share", "compensation_sd"),
+)
+THRESHOLD_COLUMNS: Final = ("compensated", "quantity", "unit", "peak", "limit", "passed")
 EVERY_MARKER: Final = "all"
 """Name of the row over all markers."""
-
-
-@dataclass(frozen=True, slots=True)
-class ResidualRow:
-    """One residual of a trial, summarised over its gait cycles.
-
-    Attributes
-    ----------
-    subject, condition
-        The trial.
-    compensated
-        Whether the plates' wrenches were compensated.
-    axis, unit
-        "Fx" … "Mz" as reported: x forward, y right, z up; moments about the pelvis origin.
-    rms, mean, sd, peak
-        Over all samples of the window; the peak is the largest magnitude.
-    rms_of_cycles
-        RMS over cycles of each cycle's RMS over what of 0–100 % is in the window.
-    rms_percent
-        The RMS in percent of body weight, or of body weight × stature.
-    n_cycles
-        Number of gait cycles of which any frame in the window counts; 0 where a span of the
-        recording counts instead.
-    window
-        What counts: "cycle", "span" of the recording, or a part of the perturbed gait cycles:
-        "motion", or what was stated, such as "0.2 to 0.5 s" or "10 to 40 %".
-    headline
-        Whether this is the window that the condition asks for; where that is a part of the gait
-        cycles, there are rows of "cycle" too.
-    valid_share
-        Share of the frames in it that count: the pose is known and the plates carry the subject.
-    compensation_sd
-        RMS of one standard deviation of the residual due to the compensation;
-        None for the plates as measured, and where no platform was compensated.
-    """
-
-    subject: str
-    condition: str
-    compensated: bool
-    window: str
-    headline: bool
-    axis: str
-    unit: str
-    rms: float
-    rms_of_cycles: float
-    mean: float
-    sd: float
-    peak: float
-    rms_percent: float
-    n_cycles: int
-    valid_share: float
-    compensation_sd: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +45,7 @@ class Window:
     Attributes
     ----------
     name, headline
-        As in `ResidualRow`.
+        As in `residual_table`.
     spans
         Start and stop of each of its stretches, (N, 2) [s]: one per gait cycle, NaN where a cycle
         has none; or one of the recording.
@@ -100,33 +54,6 @@ class Window:
     name: str
     headline: bool
     spans: Array
-
-
-@dataclass(frozen=True, slots=True)
-class ThresholdRow:
-    """A trial's peak residual force or moment beside its published limit (Hicks et al. 2015)."""
-
-    compensated: bool
-    quantity: str
-    unit: str
-    peak: float
-    limit: float
-    passed: bool
-
-
-@dataclass(frozen=True, slots=True)
-class MarkerRow:
-    """A marker's distance from the model: NaN for one that was never seen."""
-
-    marker: str
-    rms_mm: float
-    peak_mm: float
-    missing_percent: float
-
-    @property
-    def seen(self) -> bool:
-        """Whether it was visible in any frame that was solved."""
-        return bool(np.isfinite(self.rms_mm))
 
 
 def reported(residual: Array) -> Array:
@@ -192,11 +119,6 @@ def _counted(result: TrialResult, window: Window) -> Mask:
     return np.asarray(inside & result.counts)
 
 
-def headline_rows(rows: Iterable[ResidualRow]) -> tuple[ResidualRow, ...]:
-    """Give the rows of the window that the condition asks for."""
-    return tuple(row for row in rows if row.headline)
-
-
 def cycles_of(result: TrialResult, condition: str) -> pd.DataFrame:
     """Lay out the residuals of every gait cycle that counts, as `cycles.csv` holds them.
 
@@ -225,7 +147,45 @@ def cycles_of(result: TrialResult, condition: str) -> pd.DataFrame:
 
 
 def residual_table(result: TrialResult, condition: str) -> pd.DataFrame:
-    """Lay `residual_rows` out as a table.
+    """Summarise a trial's residuals, one row per variant and axis.
+
+    Parameters
+    ----------
+    result
+        The trial.
+    condition
+        Name of the condition, for the table.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The headline window first; of each, as measured and then compensated; axes in the order of
+        `AXES`. Empty where no frame of the headline window counts.
+
+        subject, condition
+            The trial.
+        compensated
+            Whether the plates' wrenches were compensated.
+        window, headline
+            What counts: "cycle", "span" of the recording, or a part of the perturbed gait cycles:
+            "motion", or what was stated, such as "0.2 to 0.5 s"; and whether this is the window
+            that the condition asks for. Where that is a part, there are rows of "cycle" too.
+        axis, unit
+            "Fx" … "Mz" as reported: x forward, y right, z up; moments about the pelvis origin.
+        rms, mean, sd, peak
+            Over all samples of the window; the peak is the largest magnitude.
+        rms_of_cycles
+            RMS over cycles of each cycle's RMS over what of 0–100 % is in the window.
+        rms_percent
+            The RMS in percent of body weight, or of body weight × stature.
+        n_cycles
+            Number of gait cycles of which any frame in the window counts; 0 for a span.
+        valid_share
+            Share of the window's frames that count: the pose is known and the plates carry the
+            subject.
+        compensation_sd
+            RMS of one standard deviation of the residual due to the compensation; NaN where there
+            is none.
 
     Examples
     --------
@@ -241,69 +201,48 @@ def residual_table(result: TrialResult, condition: str) -> pd.DataFrame:
     >>> bool(table["rms"].max() < 10.0)
     True
     """
-    columns = [field.name for field in fields(ResidualRow)]
-    return pd.DataFrame(residual_rows(result, condition), columns=columns)
-
-
-def residual_rows(result: TrialResult, condition: str) -> tuple[ResidualRow, ...]:
-    """Summarise a trial's residuals, one row per variant and axis.
-
-    Parameters
-    ----------
-    result
-        The trial.
-    condition
-        Name of the condition, for the table.
-
-    Returns
-    -------
-    tuple of ResidualRow
-        The headline window first; of each, as measured and then compensated; axes in the order of
-        `AXES`. Empty where no frame of the headline window counts.
-    """
     if not counted(result).any():
-        return ()
-    return tuple(row for window in windows(result) for row in _rows(result, condition, window))
+        return pd.DataFrame(columns=RESIDUAL_COLUMNS)
+    parts = [
+        _summary(result, condition, window, name)
+        for window in windows(result)
+        for name in result.variants
+    ]
+    return pd.concat(parts, ignore_index=True)[[*RESIDUAL_COLUMNS]]
 
 
-def _rows(result: TrialResult, condition: str, window: Window) -> list[ResidualRow]:
-    """Summarise a trial's residuals over one window."""
+def _summary(result: TrialResult, condition: str, window: Window, variant: str) -> pd.DataFrame:
+    """Summarise the residuals of one variant over one window."""
     time, counts = result.motion.time, _counted(result, window)
     inside = frames_within(time, {"": window.spans}, None)
-    with_data = [
-        bool(counts[(time >= start) & (time < stop)].any()) for start, stop in window.spans
-    ]
+    with_data = [counts[(time >= start) & (time < stop)].any() for start, stop in window.spans]
     weight = result.body.mass * GRAVITY_MPS2
-    scale = np.array([weight] * 3 + [weight * result.body.height_m] * 3) / 100
-    rows = []
-    for name, dynamics in result.variants.items():
-        value = reported(dynamics.residual[counts])
-        rms = np.sqrt(np.mean(value**2, axis=0))
-        rms_of_cycles = _rms_of_cycles(result, name, window)
-        spread: list[float | None] = [None] * len(AXES)
-        if name == "compensated" and result.uncertainty is not None:
-            spread = np.sqrt(np.mean(result.uncertainty.residual[counts] ** 2, axis=0)).tolist()
-        for k, axis in enumerate(AXES):
-            row = ResidualRow(
-                subject=result.subject.id,
-                condition=condition,
-                compensated=name == "compensated",
-                window=window.name,
-                headline=window.headline,
-                axis=axis,
-                unit=UNITS[k],
-                rms=float(rms[k]),
-                rms_of_cycles=float(rms_of_cycles[k]),
-                mean=float(value[:, k].mean()),
-                sd=float(value[:, k].std()),
-                peak=float(np.abs(value[:, k]).max()),
-                rms_percent=float(rms[k] / scale[k]),
-                n_cycles=0 if result.span else sum(with_data),
-                valid_share=float(np.count_nonzero(counts) / np.count_nonzero(inside)),
-                compensation_sd=spread[k],
-            )
-            rows.append(row)
-    return rows
+    percent = weight * np.repeat([1.0, result.body.height_m], 3) / 100
+    value = reported(result.variants[variant].residual[counts])
+    rms = np.sqrt(np.mean(value**2, axis=0))
+    spread = np.full(len(AXES), np.nan)
+    if variant == "compensated" and result.uncertainty is not None:
+        spread = np.sqrt(np.mean(result.uncertainty.residual[counts] ** 2, axis=0))
+    return pd.DataFrame(
+        {
+            "subject": result.subject.id,
+            "condition": condition,
+            "compensated": variant == "compensated",
+            "window": window.name,
+            "headline": window.headline,
+            "axis": AXES,
+            "unit": UNITS,
+            "rms": rms,
+            "rms_of_cycles": _rms_of_cycles(result, variant, window),
+            "mean": value.mean(axis=0),
+            "sd": value.std(axis=0),
+            "peak": np.abs(value).max(axis=0),
+            "rms_percent": rms / percent,
+            "n_cycles": 0 if result.span else sum(with_data),
+            "valid_share": np.count_nonzero(counts) / np.count_nonzero(inside),
+            "compensation_sd": spread,
+        }
+    )
 
 
 def _rms_of_cycles(result: TrialResult, variant: str, window: Window) -> Array:
@@ -330,7 +269,7 @@ def height_of_mass(body: Body, q: Array) -> float:
     return float(np.mean(center_of_mass(body, q)[:, 2] - lowest))
 
 
-def threshold_rows(result: TrialResult) -> tuple[ThresholdRow, ...]:
+def threshold_table(result: TrialResult) -> pd.DataFrame:
     """Compare a trial's peak residuals with published limits.
 
     Parameters
@@ -340,8 +279,9 @@ def threshold_rows(result: TrialResult) -> tuple[ThresholdRow, ...]:
 
     Returns
     -------
-    tuple of ThresholdRow
-        Force and moment, as measured and compensated; empty where no frame counts.
+    pandas.DataFrame
+        compensated, quantity (force, moment), unit, peak, limit, passed; empty where no frame
+        counts.
 
     Notes
     -----
@@ -352,7 +292,7 @@ def threshold_rows(result: TrialResult) -> tuple[ThresholdRow, ...]:
     """
     inside = counted(result)
     if not inside.any():
-        return ()
+        return pd.DataFrame(columns=THRESHOLD_COLUMNS)
     q = result.motion.q[inside]
     height = height_of_mass(result.body, q)
     rows = []
@@ -366,12 +306,12 @@ def threshold_rows(result: TrialResult) -> tuple[ThresholdRow, ...]:
         ):
             peak = float(np.linalg.norm(part, axis=1).max())
             compensated = name == "compensated"
-            rows.append(ThresholdRow(compensated, quantity, unit, peak, limit, peak < limit))
-    return tuple(rows)
+            rows.append((compensated, quantity, unit, peak, limit, peak < limit))
+    return pd.DataFrame(rows, columns=THRESHOLD_COLUMNS)
 
 
-def marker_rows(result: TrialResult) -> tuple[MarkerRow, ...]:
-    """Give each marker's RMS and largest distance from the model, and its gaps.
+def marker_table(result: TrialResult) -> pd.DataFrame:
+    """Give each marker's distance from the model, and its gaps.
 
     Parameters
     ----------
@@ -380,18 +320,16 @@ def marker_rows(result: TrialResult) -> tuple[MarkerRow, ...]:
 
     Returns
     -------
-    tuple of MarkerRow
-        In the motion's order of markers; the last row, "all", over all of them.
+    pandas.DataFrame
+        marker, rms_mm, peak_mm, missing_percent, in the motion's order of markers; the last row,
+        "all", is over all of them. RMS and peak of a marker that was never seen are NaN.
     """
-    error = result.motion.marker_error * 1000
-    rows = [_marker_row(name, error[:, k]) for k, name in enumerate(result.motion.markers)]
-    return (*rows, _marker_row(EVERY_MARKER, error))
-
-
-def _marker_row(name: str, error_mm: Array) -> MarkerRow:
-    """Summarise distances; RMS and peak are NaN where there are none."""
-    seen = error_mm[np.isfinite(error_mm)]
-    missing = 100 * (1 - len(seen) / error_mm.size)
-    if not len(seen):
-        return MarkerRow(name, np.nan, np.nan, missing)
-    return MarkerRow(name, float(np.sqrt(np.mean(seen**2))), float(seen.max()), missing)
+    error_mm = 1000 * result.motion.marker_error
+    columns = dict(zip(result.motion.markers, error_mm.T, strict=True)) | {EVERY_MARKER: error_mm}
+    rows = []
+    for name, own in columns.items():
+        seen = own[np.isfinite(own)]
+        rms = np.sqrt(np.mean(seen**2)) if len(seen) else np.nan
+        rows.append((name, rms, seen.max(initial=-np.inf), 100 * (1 - len(seen) / own.size)))
+    table = pd.DataFrame(rows, columns=["marker", "rms_mm", "peak_mm", "missing_percent"])
+    return table.replace(-np.inf, np.nan)

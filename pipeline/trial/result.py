@@ -2,12 +2,16 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from importlib.metadata import version
 from pathlib import Path
+from typing import Annotated, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import PlainSerializer, PlainValidator
 
-from compensation.platform.pose import PlatformPose
+from compensation.inertia.quality import OF_CALIBRATION
+from compensation.platform import PlatformPose
 from hbm.body import Body
 from hbm.dynamics import Dynamics
 from hbm.engines.engine import EngineUsed
@@ -18,6 +22,20 @@ from hbm.spatial import Array, Indices, Mask, read_only
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.recording import Event
 from pipeline.trial.quality import free_of
+
+
+def _note(stored: object) -> Note:
+    return stored if isinstance(stored, Note) else Note.from_dict(stored)
+
+
+StoredNote = Annotated[Note, PlainValidator(_note), PlainSerializer(Note.to_dict)]
+"""A note that stands in JSON with its code, level, text and values."""
+PACKAGES: Final = ("hbm-residuals", "casadi", "numpy", "scipy", "pandas", "pyarrow")
+
+
+def package_versions() -> dict[str, str]:
+    """Give the versions of this program and of what computes and stores a trial."""
+    return {name: version(name) for name in PACKAGES}
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,6 +169,11 @@ class TrialResult:
         The part of the gait cycles that the condition asks for; None for all of them.
     uncertainty
         Of the compensation; None without a calibration of the platform.
+    condition, key
+        Name of the condition, and digest of everything that the trial depends on
+        (`pipeline.run.job.trial_key`); empty outside a study.
+    versions
+        Package -> version that the trial was processed with.
 
     Examples
     --------
@@ -188,6 +211,9 @@ class TrialResult:
     onsets: Array = field(default_factory=lambda: np.empty(0))
     part: CyclePart | None = None
     uncertainty: CompensationUncertainty | None = None
+    condition: str = ""
+    key: str = ""
+    versions: Mapping[str, str] = field(default_factory=package_versions)
 
     def __post_init__(self) -> None:
         if not self.variants:
@@ -220,3 +246,14 @@ class TrialResult:
     def engine(self) -> EngineUsed:
         """The engine of the inverse dynamics, the same for all variants."""
         return next(iter(self.variants.values())).engine
+
+    @property
+    def shortage(self) -> str:
+        """Why there are no residuals; empty where there are."""
+        reasons = (note.values["reason"] for note in self.notes if note.code == "no_residuals")
+        return str(next(reasons, ""))
+
+    @property
+    def of_calibration(self) -> tuple[Note, ...]:
+        """What to know of the treadmill's calibration wherever the trial is used."""
+        return tuple(note for note in self.notes if note.code in OF_CALIBRATION)

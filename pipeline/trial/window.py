@@ -6,7 +6,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from compensation.platform.pose import PlatformPose
+from compensation.platform import PlatformPose
 from hbm.notes import Note
 from hbm.spatial import Array, Indices, Mask
 from pipeline.config.schema import Condition, Interval
@@ -273,11 +273,6 @@ def window_notes(
         return ()
     code = "gait_cycles_left_out" if found_cycles(events, SIDES) else "no_gait_cycle"
     return (Note.of(code, reason=reason, start_s=span[0], stop_s=span[1]),)
-
-
-def shortage(notes: Iterable[Note]) -> str:
-    """Say why a trial has no residuals; empty where its notes do not."""
-    return next((str(note.values["reason"]) for note in notes if note.code == "no_residuals"), "")
 
 
 def _too_little(time: Array, quality: Indices) -> str:

@@ -20,7 +20,7 @@ from typing import IO, Any, Final
 import numpy as np
 import rerun as rr
 
-from compensation.platform.pose import PlatformPose
+from compensation.platform import PlatformPose
 from hbm.markers import Markers
 from hbm.spatial import Array
 from pipeline.trial.residuals import reported

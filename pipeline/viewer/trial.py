@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 import rerun as rr
 
-from compensation.platform.pose import PlatformPose
+from compensation.platform import PlatformPose
 from hbm.markers import Markers
 from hbm.notes import warnings_first
 from hbm.poses import segment_frames
@@ -23,10 +23,9 @@ from pipeline.trial.residuals import (
     DIRECTIONS,
     counted,
     cycle_residuals,
-    headline_rows,
     reported,
-    residual_rows,
-    threshold_rows,
+    residual_table,
+    threshold_table,
 )
 from pipeline.trial.result import TrialResult
 from pipeline.viewer.file import Timelines, printable, recording_file
@@ -216,7 +215,8 @@ def trial_summary(result: TrialResult) -> str:
     lines = [f"# {_title(result)}", ""]
     if counted(result).any():
         names = list(result.variants)
-        rows = headline_rows(residual_rows(result, result.source.stem))
+        table = residual_table(result, result.source.stem)
+        rows = list(table[table["headline"].astype(bool)].itertuples())
         lines += [
             "## Pelvis residuals (RMS)",
             "|  | direction | " + " | ".join(f"{name} | %" for name in names) + " |",
@@ -232,7 +232,7 @@ def trial_summary(result: TrialResult) -> str:
             "| plates | residual | peak | limit |  |",
             "|---|---|---:|---:|---|",
         ]
-        for row in threshold_rows(result):
+        for row in threshold_table(result).itertuples():
             cells = [
                 "compensated" if row.compensated else "measured",
                 row.quantity,

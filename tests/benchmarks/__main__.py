@@ -67,7 +67,7 @@ def compare(folder: Path, frames: int, repeats: int) -> Measured:
 
 
 def whole_processes(folder: Path, frames: int, _: int) -> Measured:
-    return {"commands": {"help_s": commands.help_time(), **commands.first_use(folder, frames)}}
+    return {"commands": {"help_s": commands.help_time(), **commands.residuals_time(folder, frames)}}
 
 
 PARTS: dict[str, Callable[[Path, int, int], Measured]] = {

@@ -29,18 +29,14 @@ def help_time() -> float:
     return median(_seconds("-m", "pipeline.cli", "--help") for _ in range(HELP_RUNS))
 
 
-def first_use(folder: Path, frames: int) -> Row:
-    """Time ``hbm residuals`` on a short trial [s], twice."""
+def residuals_time(folder: Path, frames: int) -> Row:
+    """Time ``hbm residuals`` on a short trial [s]."""
     write_trial(walk(frames), folder / "trial.c3d")
     write_c3d(folder / "static.c3d", synthetic_t_pose())
     command = ("-m", "pipeline.cli", "residuals", str(folder / "trial.c3d"))
     command += ("--static", str(folder / "static.c3d"), "--mass-kg", str(MASS_KG))
     command += ("--out", str(folder / "results"))
-    cpu_before = _children_cpu()
-    first = _seconds(*command)
-    first_cpu = _children_cpu() - cpu_before
-    second = _seconds(*command)
-    return {"frames": frames, "first_s": first, "first_cpu_s": first_cpu, "second_s": second}
+    return {"frames": frames, "residuals_s": _seconds(*command)}
 
 
 def peak_memory(folder: Path, frames: int = LONG_FRAMES) -> Row:
@@ -78,11 +74,6 @@ def _plate(number: int, plate_time: Array, wrench: Array) -> Plate:
 
 def _interpolated(at: Array, known: Array, values: Array) -> Array:
     return np.column_stack([np.interp(at, known, column) for column in values.T])
-
-
-def _children_cpu() -> float:
-    used = os.times()
-    return used.children_user + used.children_system
 
 
 def _seconds(*arguments: str) -> float:

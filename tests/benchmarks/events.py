@@ -32,7 +32,7 @@ from pipeline.trial.ground.wrenches import ground_wrenches
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
 from pipeline.trial.subject_body import subject_body
 from pipeline.trial.weighing import body_mass
-from pipeline.virtual_lab.protocol.walking_protocol import (Protocol, Setting)
+from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
 from pipeline.virtual_lab.protocol.walking_study import simulate_study
 
 SEEDS = (1, 2, 3)

@@ -15,10 +15,9 @@ import numpy as np
 import pandas as pd
 
 from pipeline.io.read import read_recording
-from pipeline.live.network import load_lsl
-from pipeline.live.outlet import RESULTS, Outlet
-from pipeline.live.recorder.recorder import RESULTS as RESULTS_FOLDER
-from pipeline.live.sources.recorded import recorded_streams
+from pipeline.live.outlet import RESULTS, Outlet, load_lsl
+from pipeline.live.recording import RESULTS as RESULTS_FOLDER
+from pipeline.live.replay import recorded_streams
 from tests.pipeline import lab
 
 WALK_S = 12.0

@@ -13,9 +13,8 @@ from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.poses import marker_positions
 from hbm.spatial import Array
-from pipeline.export.opensim_model import write_osim
-from pipeline.export.opensim_tables import write_coordinates, write_external_loads, write_trc
-from pipeline.export.urdf import write_urdf
+from pipeline.export.models import write_osim, write_urdf
+from pipeline.export.tables import write_coordinates, write_external_loads, write_trc
 from tests.benchmarks.walker import TRANSLATIONS, Walk
 from tests.synthetic import synthetic_body
 

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import t as student
 
-from compensation.signals.protocol import ADVISED_PLATFORM_SIGNAL
+from compensation.protocol import ADVISED_PLATFORM_SIGNAL
 from hbm.spatial import WRENCH_COMPONENTS
 from pipeline.calibration_ranking.ranking import Ranking, rank_platform
 from pipeline.calibration_ranking.trials import RankingSettings, factors, platform_trial

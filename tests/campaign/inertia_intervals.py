@@ -17,8 +17,8 @@ from typing import Final
 import numpy as np
 
 from compensation import validation_signals
-from compensation.signals.protocol import platform_signal
-from compensation.signals.signal import MachineLimits, Signal
+from compensation.protocol import platform_signal
+from compensation.signals import MachineLimits, Signal
 from hbm.signals.filtering import low_pass
 from hbm.spatial import WRENCH_COMPONENTS, Array, shift_wrench
 from pipeline.config.schema import Treadmill
@@ -29,10 +29,13 @@ from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.uncertainty import standard_deviation
 from pipeline.trial.ground.wrenches import ground_wrenches
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.instrumented_treadmill import (InstrumentedTreadmill, make_treadmill)
+from pipeline.virtual_lab.machine.instrumented_treadmill import (
+    InstrumentedTreadmill,
+    make_treadmill,
+)
 from pipeline.virtual_lab.person import bystander
-from pipeline.virtual_lab.protocol.calibration_trial import (record_signal_trial, sample_times)
-from pipeline.virtual_lab.protocol.ranking_study import (BESIDE_THE_BELTS, BYSTANDERS)
+from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
+from pipeline.virtual_lab.protocol.ranking_study import BESIDE_THE_BELTS, BYSTANDERS
 
 PAGE: Final = Path(__file__).resolve().parents[2] / "docs" / "inertia_intervals.md"
 SEEDS: Final = range(9000, 9036)

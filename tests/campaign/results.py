@@ -18,7 +18,7 @@ def results(folder: Path, request: TrialRequest) -> list[Format]:
     """Write the results of one trial."""
     home = folder / "results"
     stored = home / "trials" / "sub01_level.parquet"
-    write_trial(process_request(request).result, "level", "", stored)
+    write_trial(process_request(request).result, stored)
     (home / "failures.json").write_text('{"sub01 again": "no gait cycles"}', encoding="utf-8")
     (home / "run.json").write_text('{"study": "../study"}', encoding="utf-8")
 

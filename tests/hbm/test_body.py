@@ -159,7 +159,7 @@ def test_a_walk_without_a_static_trial_gives_nearly_the_same_body(body):
     """Leg length changes with knee flexion, and Harrington's hip with it a little."""
     walk = markers_of(body, swinging(np.random.default_rng(21), frames=300, degrees=25))
     found = built(walk)
-    assert found.notes[0].code == "calibration_pose_moving"
+    assert found.notes[0].values["posture"].startswith("moving at")
     for segment, offset in body.offsets.items():
         assert np.linalg.norm(found.offsets[segment] - offset) < 0.005, segment
     for segment, part in body.segments.items():
@@ -288,7 +288,7 @@ def test_the_second_of_standing_still_is_found(body, t_pose):
     markers = with_noise(moving_and_standing(body, t_pose), np.random.default_rng(28), 0.0003)
     found = built(markers)
     note = found.notes[0]
-    assert note.code == "calibration_pose_still"
+    assert note.values["posture"] == "standing still"
     assert 2.0 <= note.values["start_s"] < note.values["stop_s"] <= 3.5
     same(found, body, atol=0.002)
 

@@ -49,8 +49,8 @@ def test_an_unknown_code_is_refused():
 def test_a_missing_and_a_surplus_value_are_refused():
     with pytest.raises(ValueError, match="its values are difference_m, left_m, right_m, got left_"):
         Note.of("legs_differ", left_m=0.8)
-    with pytest.raises(ValueError, match="its values are none, got side"):
-        Note.of("psis_missing", side="left")
+    with pytest.raises(ValueError, match="its values are missing, rule, got side"):
+        Note.of("landmark_substituted", side="left")
 
 
 def test_a_value_that_does_not_fit_its_sentence_is_refused():
@@ -72,7 +72,7 @@ def test_a_note_comes_back_from_json_and_from_pickle():
     assert pickle.loads(pickle.dumps(note)) == deepcopy(note) == note
 
 
-@pytest.mark.parametrize("stored", [None, "legs", {"code": "psis_missing"}, {"values": {}}])
+@pytest.mark.parametrize("stored", [None, "legs", {"code": "landmark_substituted"}, {"values": {}}])
 def test_what_is_not_a_note_is_refused(stored):
     with pytest.raises(ValueError, match="note"):
         Note.from_dict(stored)
@@ -91,7 +91,9 @@ def test_numpy_numbers_become_plain_ones():
 
 
 def test_warnings_come_first_and_the_rest_keeps_its_order():
-    info, other = (Note.of("wrist_axis_from_elbow", side=side) for side in ("left", "right"))
+    info, other = (
+        Note.of("landmark_substituted", missing=side, rule="") for side in ("left", "right")
+    )
     warning = Note.of("legs_differ", **LEGS)
     assert warnings_first([info, warning, other]) == (warning, info, other)
 

@@ -57,7 +57,7 @@ def write_fake_results(
                 continue
             result = fake_trial(number, condition, cycles, compensated, settings, rest_s)
             path = folder / "trials" / f"{subject}_{condition}.parquet"
-            write_trial(result, condition, key(subject, condition), path)
+            write_trial(replace(result, condition=condition, key=key(subject, condition)), path)
     return folder
 
 

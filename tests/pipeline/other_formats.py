@@ -7,7 +7,7 @@ import numpy as np
 
 from hbm.markers import Markers
 from hbm.spatial import rotate_wrench, shift_wrench
-from pipeline.export.opensim_tables import write_trc
+from pipeline.export.tables import write_trc
 from pipeline.io.axes import parse_axes
 
 FRAME = ("X", "Y", "Z")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from compensation.platform.pose import PlatformPose, commanded_pose
+from compensation.platform import PlatformPose, commanded_pose
 from hbm.dynamics import inverse_dynamics_variants
 from hbm.motion import Motion
 from hbm.notes import Note

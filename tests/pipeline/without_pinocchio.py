@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from pipeline.run.store import read_summary
+from pipeline.run.store import read_trial
 
 BLOCKED = """
 import sys
@@ -34,7 +34,7 @@ def with_and_without_pinocchio(trial, folder, *options):
         )
         assert done.returncode == 0, done.stderr
         path = folder / name / f"{trial.stem}.parquet"
-        found.append((done.stdout, read_summary(path), pq.read_table(path)))
+        found.append((done.stdout, read_trial(path, frames=False), pq.read_table(path)))
     return found
 
 

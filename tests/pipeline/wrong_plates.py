@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from compensation import PlateCalibration, PlateCalibrations
-from compensation.accuracy.plate_calibration import to_json
+from compensation.plate_calibration import to_json
 from hbm.spatial import rotate_wrench
 from pipeline.config.plate_correction import PlateCorrection
 

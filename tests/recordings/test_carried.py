@@ -14,7 +14,7 @@ from hbm.markers import read_marker_set
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.cli.app import main
 from pipeline.config.schema import Settings, Subject, Treadmill
-from pipeline.export.trial import write_tables
+from pipeline.export.tables import write_tables
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.opensim import read_sto
 from pipeline.run.store import read_trial

@@ -45,7 +45,7 @@ def motion(body, walk):
 
 
 def test_a_t_pose_makes_a_body_with_arms_and_head(body):
-    assert body.notes[0].code == "calibration_pose_still"
+    assert body.notes[0].values["posture"] == "standing still"
     assert len(body.markers) == 49
     hands = {f"{s}{n}" for s in "RL" for n in ("WristFlexion", "HandAbduction")}
     assert set(body.locked) == hands

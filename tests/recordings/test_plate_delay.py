@@ -17,7 +17,7 @@ from pipeline.io.read import read_as_stated
 from pipeline.io.stated import Stated
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
-from pipeline.trial.residuals import residual_rows
+from pipeline.trial.residuals import residual_table
 from tests.campaign.explain.faults import Seeded
 from tests.campaign.explain.virtual_trial import (
     VirtualLaboratory,
@@ -210,7 +210,7 @@ def test_residuals_are_explained_over_the_frames_in_which_they_count(shared_data
     """The same gait cycles, and of each the same frames: so the same RMS."""
     result = processed(read, shared_data)
     budget = explained(read, shared_data).budget
-    rows = [row for row in residual_rows(result, "walk") if row.headline]
+    rows = [row for row in residual_table(result, "walk").itertuples() if row.headline]
     (cycles,) = result.cycles.values()
     assert budget.cycles == budget.found_cycles == len(cycles) > 0
     assert budget.rms == pytest.approx([row.rms for row in rows], rel=0.01)

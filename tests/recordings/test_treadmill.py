@@ -61,7 +61,7 @@ def published(recording, name):
 def test_body_is_recognised_and_says_what_it_was_built_from(body):
     assert body.marker_set.name == "hbm2_lower"
     assert len(body.markers) == 26
-    assert body.notes[0].code == "calibration_pose_moving"
+    assert body.notes[0].values["posture"].startswith("moving at")
     assert str(body.notes[0]).startswith("calibration pose from 0.00 to 12.05 s, moving at ")
     assert 1.66 < body.height_m < 1.78  # the file says 1.72 m
 

@@ -172,7 +172,7 @@ def _notch_row(sex: Sex) -> Proportions:
 def _poses(body: Body, calibration: Markers) -> list[dict[str, Array]]:
     """Landmarks in the frames of the calibration that the body was built from."""
     used = [name for name in body.marker_set.segment if name in calibration.names]
-    frames = select_frames(calibration, used, None).frames
+    frames, _, _ = select_frames(calibration, used, None)
     column = {name: i for i, name in enumerate(calibration.names)}
     return [
         {

@@ -11,15 +11,15 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
-from compensation.signals.validation import validation_signals
+from compensation.protocol import validation_signals
 from hbm.signals.filtering import low_pass
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
 from pipeline.virtual_lab.machine.instruments import ANALOG_HZ
 from pipeline.virtual_lab.machine.platform import Machine
-from pipeline.virtual_lab.machine.structure import (make_structure, natural_modes)
+from pipeline.virtual_lab.machine.structure import make_structure, natural_modes
 from pipeline.virtual_lab.person import bystander
-from pipeline.virtual_lab.protocol.calibration_trial import (record_signal_trial, sample_times)
+from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
 from pipeline.virtual_lab.protocol.walking_study import CUTOFF_HZ
 
 FORCES: Final = ("forward", "left", "up")

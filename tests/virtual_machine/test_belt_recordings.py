@@ -6,11 +6,10 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from compensation.belt.model import BeltModel, belt_acceleration, fit_belt
-from compensation.belt.roller import Roller, fit_roller
+from compensation.belts import BeltModel, Roller, belt_acceleration, fit_belt, fit_roller
 from hbm.signals.filtering import low_pass
 from hbm.spatial import Array
-from pipeline.virtual_lab.machine.belts import (RotatingLine, identified_drive)
+from pipeline.virtual_lab.machine.belts import RotatingLine, identified_drive
 from tests.virtual_machine.belt_features import features, segments
 from tests.virtual_machine.belt_recording import (
     COMMAND_SD_MPS2,

@@ -10,11 +10,11 @@ from rich.console import Console
 
 from pipeline.cli.stopping import Terminated, uninterrupted
 from pipeline.cli.terminal import note_line
-from pipeline.live.frames.frame import LiveFrame
-from pipeline.live.recorder.recorder import Recorder
+from pipeline.live.cycles import LiveCycle
+from pipeline.live.frames.chain import LiveFrame
+from pipeline.live.monitor import Monitor
+from pipeline.live.recording import Recorder
 from pipeline.live.session import Session
-from pipeline.live.watch.cycles import LiveCycle
-from pipeline.live.watch.monitor import Monitor
 from pipeline.viewer.live import ShownFrame
 
 if TYPE_CHECKING:

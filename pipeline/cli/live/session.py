@@ -17,18 +17,14 @@ from pipeline.cli.stopping import SIGNAL_EXIT, stoppable, terminable
 from pipeline.cli.terminal import note_line
 from pipeline.io.recording import Plate
 from pipeline.live.frames.chain import LiveChain
-from pipeline.live.outlet import result_outlet
-from pipeline.live.places import PlacedPlates
-from pipeline.live.pose import PoseFinder
-from pipeline.live.preparation import Preparation, PreparedBody
-from pipeline.live.recorder.descriptions import described_streams
-from pipeline.live.recorder.recorder import Recorder, require_new
-from pipeline.live.result_row import result_columns
+from pipeline.live.monitor import Monitor
+from pipeline.live.outlet import result_columns, result_outlet
+from pipeline.live.preparation import PlacedPlates, PoseFinder, Preparation, PreparedBody
+from pipeline.live.recording import Recorder, described_streams, require_new
 from pipeline.live.session import RECEIVE_S, Session
 from pipeline.live.sources.lsl import LslSource
 from pipeline.live.sources.qualisys import QualisysSource
 from pipeline.live.stream import Source
-from pipeline.live.watch.monitor import Monitor
 from pipeline.trial.result import PlateSurface
 
 if TYPE_CHECKING:

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from pipeline.live.frames.chain import LiveChain
-from pipeline.live.recorder.recorder import RESULTS, STREAMS, Recorder
+from pipeline.live.monitor import Monitor, in_words
+from pipeline.live.recording import RESULTS, STREAMS, Recorder
 from pipeline.live.session import Session
-from pipeline.live.watch.monitor import Monitor, in_words
 
 
 def summary(
@@ -23,7 +23,7 @@ def summary(
         f"{f' ({why})' if why else ''}",
         f"{counts.late} frames late, {counts.doubled} samples doubled, {counts.out_of_order} out "
         "of order",
-        *(f"{lost} samples of stream {name} never arrived" for name, lost in monitor.lost.items()),
+        *(f"{n} samples of stream {name} never arrived" for name, n in monitor.losses.lost.items()),
     ]
     for variant, rms in monitor.condition.rms.items():
         limits = monitor.limits[variant]

@@ -11,7 +11,7 @@ from scipy.sparse.linalg import svds
 
 from compensation import InertiaModel, PlatformPose, interpolate_pose
 from compensation.inertia.model_error import SLOW_HZ
-from compensation.platform.pose import LEFT
+from compensation.platform import LEFT
 from hbm.spatial import WRENCH_COMPONENTS, Array, rotation_about, shift_wrench
 from pipeline.config.schema import Platform
 from pipeline.explain.cause import Cause, Change, Prior, priors

@@ -274,6 +274,8 @@ def _different_samples(
     header: Header,
 ) -> list[str]:
     """Name each marker, (T, M, 3), or channel, (N, M), that differs: first frame, both values."""
+    if not first.shape[1]:
+        return []
     apart = np.abs(first - second)
     same = apart <= np.maximum(ROUNDING * np.abs(first), SMALLEST)
     different = ~(same | (first == second) | (np.isnan(first) & np.isnan(second)))

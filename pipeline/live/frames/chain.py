@@ -1,35 +1,260 @@
 """From samples that arrive to residuals, frame by frame: nothing waits for what comes later."""
 
 from collections import deque
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Final
 
 import numpy as np
 
-from hbm.coordinates import N_Q
+from hbm.coordinates import LAST_Q, LIMBS, MOVING, N_Q, TREE, support
+from hbm.ik.frame_tracking import FrameSolution
+from hbm.kernels.kernel import OneFrameKernel
+from hbm.kernels.native import kernels
 from hbm.model import Body
 from hbm.plausibility.outliers import MarkerTracker
 from hbm.signals.filtering import RealtimeFilter
-from hbm.spatial import Array
+from hbm.spatial import Array, Mask, shift_wrench
 from hbm.spelling import listed
 from pipeline.config.live import Live
 from pipeline.config.schema import Settings
 from pipeline.io.recording import Plate
-from pipeline.live.arrival import known
-from pipeline.live.frames.buffer import SampleBuffer
-from pipeline.live.frames.channels import AnalogStreams
-from pipeline.live.frames.dynamics import LiveDynamics
-from pipeline.live.frames.feet import LiveFeet
-from pipeline.live.frames.frame import LiveFrame
+from pipeline.live.frames.channels import AnalogStreams, SampleBuffer
 from pipeline.live.frames.ground import LiveGround
-from pipeline.live.frames.settling import LiveValidity
 from pipeline.live.stream import Samples, StreamDescription
-from pipeline.trial.gait.carried import Feet, Support
+from pipeline.trial.gait.carried import PLACES, Feet, Support
+from pipeline.trial.gait.contact import FEET
+from pipeline.trial.gait.pressure import pressure_beside
 from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.motion_check import LEGS, MAX_UNSEEN_PELVIS_S
 from pipeline.trial.quality import Quality, settling_s
 from pipeline.trial.residuals import reported
+
+
+def _none() -> Array:
+    return np.empty((0, 3))
+
+
+@dataclass(frozen=True, slots=True)
+class LiveFrame:
+    """One frame.
+
+    Attributes
+    ----------
+    number
+        Of the frame among those received, from 0.
+    time
+        On the streams' clock [s].
+    q
+        Filtered coordinates, (46,) [m and rad].
+    tau
+        "measured" and, with a calibration, "compensated" -> generalized forces, (46,) [N, N·m].
+    residual
+        The same -> residual on the pelvis in the reported axes (x forward, y right, z up) about
+        mid-hip, (6,) [N, N·m].
+    by_foot
+        The same -> wrench under the left and the right foot, filtered, lab axes about the lab
+        origin, (2, 6) [N, N·m].
+    contact
+        Whether a plate carries the left and the right foot, (2,).
+    marker_error
+        Distance of each marker from the model, (K,) [m]; NaN where it was not used.
+    markers
+        As received, in the order of the stream, (M, 3) [m].
+    platform
+        Rotation, (3, 3), and position, (3,) [m], of the platform, NaN where unknown; None where it
+        stands still.
+    quality
+        Why it does not count.
+    computing_s
+        From the arrival of its last sample until it was known [s].
+    """
+
+    number: int
+    time: float
+    q: Array
+    tau: Mapping[str, Array]
+    residual: Mapping[str, Array]
+    by_foot: Mapping[str, Array]
+    contact: Mask
+    marker_error: Array
+    quality: Quality
+    computing_s: float
+    markers: Array = field(default_factory=_none)
+    platform: tuple[Array, Array] | None = None
+
+    @property
+    def rms_marker_error_m(self) -> float:
+        """Root mean square of the marker errors; NaN where there are none [m]."""
+        seen = self.marker_error[np.isfinite(self.marker_error)]
+        return float(np.sqrt(np.mean(seen**2))) if len(seen) else float("nan")
+
+
+OF_PLACES = [MOVING.index(segment) for segment in PLACES]
+
+
+class LiveDynamics:
+    """The equations of motion of one body.
+
+    Parameters
+    ----------
+    body
+        The subject.
+    """
+
+    def __init__(self, body: Body) -> None:
+        ready = kernels()
+        self.segment_poses = OneFrameKernel(ready.segment_poses, body.geometry)
+        self.newton_euler = OneFrameKernel(ready.newton_euler, body.geometry, body.inertia_vector)
+        self.chains = [np.array(support(LAST_Q[foot])) for foot in FEET]
+
+    def feet(self, q: Array) -> Array:
+        """Give the middle of the left and the right foot, ankle to toes, (2, 3) [m].
+
+        Parameters
+        ----------
+        q
+            Coordinates, (46,) [m and rad].
+        """
+        ankles_and_balls = self.places(q)[1:]
+        return np.asarray((ankles_and_balls[:2] + ankles_and_balls[2:]) / 2)
+
+    def places(self, q: Array) -> Array:
+        """Give pelvis, ankles and balls, left before right, coordinates (46,) to (5, 3) [m]."""
+        (poses,) = self.segment_poses(q)
+        return np.asarray(poses.reshape(len(MOVING), 4, 3)[OF_PLACES, 3])
+
+    def needed(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
+        """Give what a motion needs where nothing but gravity acts, as `hbm.engines`.
+
+        Returns
+        -------
+        tau
+            Generalized forces, (46,) [N, N·m].
+        wrench
+            On the pelvis, lab axes about the lab origin, (6,) [N, N·m].
+        motion
+            Of each coordinate per unit rate, (46, 6).
+        """
+        tau, wrench, motion = self.newton_euler(q, v, a)
+        return tau.copy(), wrench.copy(), motion.reshape(N_Q, 6).copy()
+
+    def under(
+        self, needed: tuple[Array, Array, Array], by_foot: Array, pelvis: Array
+    ) -> tuple[Array, Array]:
+        """Give generalized forces and residuals with wrenches on the feet, of V variants.
+
+        Parameters
+        ----------
+        needed
+            As `needed` gives it.
+        by_foot
+            On the left and the right foot, lab axes about the lab origin, (V, 2, 6) [N, N·m].
+        pelvis
+            Mid-hip in the lab, (3,) [m].
+
+        Returns
+        -------
+        tau, residual
+            (V, 46) and (V, 6) [N, N·m].
+        """
+        alone, wrench, motion = needed
+        tau = np.tile(alone, (len(by_foot), 1))
+        for foot, chain in enumerate(self.chains):
+            tau[:, chain] -= by_foot[:, foot] @ motion[chain].T
+        return tau, shift_wrench(wrench - by_foot.sum(axis=1), pelvis)
+
+
+class LiveFeet:
+    """The foot that each plate carried last.
+
+    Parameters
+    ----------
+    plates
+        How many there are.
+    threshold_n
+        Vertical force above which a plate is loaded [N].
+    """
+
+    def __init__(self, plates: int, threshold_n: float) -> None:
+        self.threshold_n = threshold_n
+        self.last: list[int | None] = [None] * plates
+
+    def on_plates(self, wrenches: Array, feet: Array) -> tuple[Array, bool]:
+        """Give the foot of each plate, 0 left and 1 right, (P,), and whether one is uncertain.
+
+        Parameters
+        ----------
+        wrenches
+            Of the plates, lab axes about the lab origin, (P, 6) [N, N·m].
+        feet
+            Middle of the left and the right foot in the lab, (2, 3) [m].
+        """
+        on = np.empty(len(wrenches), int)
+        count = len(wrenches)
+        pressure = pressure_beside(wrenches, np.broadcast_to(feet, (count, 2, 3)), self.threshold_n)
+        for k in range(count):
+            if pressure.decided[k]:
+                self.last[k] = int(pressure.nearer[k])
+            last = self.last[k]
+            on[k] = pressure.nearer[k] if last is None else last
+        return on, bool(pressure.uncertain.any())
+
+
+class LiveValidity:
+    """What was unknown when, frame by frame.
+
+    Parameters
+    ----------
+    body
+        The subject.
+    markers
+        Names of the markers that are solved from, (K,).
+    settling_s
+        How long the filters need after a gap [s].
+    longest_s
+        Longest step between frames that is no gap for the filters [s].
+    """
+
+    def __init__(
+        self, body: Body, markers: Sequence[str], settling_s: float, longest_s: float
+    ) -> None:
+        segment_of = body.segment_of
+        self.of_pelvis = np.array([segment_of[name] == "pelvis" for name in markers])
+        parts = {part for leg in LEGS for part in LIMBS[leg]}
+        self.of_legs = np.array([c.segment in parts for c in TREE])
+        self.shown: Mask = np.zeros(len(TREE), bool)
+        self.settling_s, self.longest_s = settling_s, longest_s
+        self.time = -np.inf
+        self.known_since: float | None = None
+        self.pelvis_seen_s = -np.inf
+
+    def of_pose(self, time: float, solution: FrameSolution) -> Quality:
+        """Say what markers do not show in a frame."""
+        if not solution.converged:
+            return Quality.POSE_UNKNOWN
+        found = Quality(0)
+        self.shown |= solution.observed
+        pelvis = bool(np.isfinite(solution.marker_error[self.of_pelvis]).any())
+        if (self.shown & ~solution.observed & self.of_legs).any() or not pelvis:
+            found |= Quality.LIMB_UNSEEN
+        if pelvis:
+            self.pelvis_seen_s = time
+        elif time - self.pelvis_seen_s >= MAX_UNSEEN_PELVIS_S:
+            found |= Quality.POSE_UNKNOWN
+        return found
+
+    def settled(self, time: float, gap: bool) -> bool:
+        """Whether the filters have settled in a frame, which is a gap of pose or forces or none."""
+        since_s, self.time = time - self.time, time
+        if gap:
+            self.known_since = None
+            return False
+        if self.known_since is None or since_s > self.longest_s:
+            self.known_since = time
+        return time - self.known_since >= self.settling_s
+
 
 ROUNDING_S: Final = 1e-6
 """Of time stamps; what lies so near the end of a reach has no weight."""
@@ -214,8 +439,8 @@ class LiveChain:
         return [self._next(False, perf_counter()) for _ in range(len(self.waiting))]
 
     def _take_frames(self, samples: Samples) -> None:
-        values = known(samples.values).reshape(len(samples.time), -1, 3)
-        values[np.isnan(values).any(axis=2)] = np.nan
+        values = samples.values.reshape(len(samples.time), -1, 3)
+        values = np.where(np.isnan(values).any(axis=2, keepdims=True), np.nan, values)
         kept = self.order.append(samples.time, np.empty((len(values), 0)))
         for time, position in zip(samples.time[kept].tolist(), values[kept], strict=True):
             self.waiting.append(self._pose(time, position))

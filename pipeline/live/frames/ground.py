@@ -1,4 +1,4 @@
-"""The wrenches of the plates, frame by frame, as measured and compensated, in the lab."""
+"""The wrenches of the plates and the platform's pose, frame by frame."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,20 +6,216 @@ from typing import Final
 
 import numpy as np
 
-from compensation import Setup
+from compensation import BeltModel, Setup, commanded_pose, fit_pose, neutral_markers
+from compensation.platform import MAX_DISTANCE_M
 from hbm.signals.resampling import Convolution
-from hbm.spatial import Array, transform_wrench
-from pipeline.config.schema import Settings
+from hbm.spatial import Array, fit_rotation, transform_wrench
+from pipeline.config.schema import Platform, Settings
 from pipeline.io.recording import Plate
-from pipeline.io.units import acceleration_in_mps2, force_in_n, moment_in_nm, speed_in_mps
-from pipeline.live.frames.belts import LiveBelts
-from pipeline.live.frames.channels import AnalogStreams, Channels
-from pipeline.live.frames.platform import CommandedPlatform, MarkedPlatform, Pose
+from pipeline.io.units import (
+    acceleration_in_mps2,
+    angle_in_rad,
+    force_in_n,
+    length_in_m,
+    moment_in_nm,
+    speed_in_mps,
+)
+from pipeline.live.frames.channels import AnalogStreams, Channels, SampleBuffer
 from pipeline.trial.ground.accelerometers import RealtimeAccelerometers
-from pipeline.trial.ground.belts import RealtimeBelts, belt_side
+from pipeline.trial.ground.belts import MODEL_RATE_HZ, RealtimeBelts, belt_side, between_steps
 from pipeline.trial.ground.corrected_plates import plate_delays_s, relative_delays_s
 from pipeline.trial.ground.empty_plates import FILTER
 from pipeline.trial.ground.laboratory import Laboratory, models_of_plates
+from pipeline.trial.ground.platform import MAX_MARKER_ERROR_M, NEUTRAL_FRAMES
+
+Pose = tuple[Array, Array]
+"""Rotation, (3, 3), and position, (3,) [m]; NaN where unknown."""
+UNKNOWN: Final[Pose] = (np.full((3, 3), np.nan), np.full(3, np.nan))
+
+
+class MarkedPlatform:
+    """The pose from markers on the platform, whose first frames show it in neutral.
+
+    Parameters
+    ----------
+    platform
+        As stated.
+    labels
+        Of the markers' stream, (M,).
+
+    Attributes
+    ----------
+    problem
+        Why there is no neutral pose; empty where there is one, or none yet.
+
+    Raises
+    ------
+    ValueError
+        A platform marker is not in the stream.
+    """
+
+    ahead_s = 0.0
+
+    def __init__(self, platform: Platform, labels: Sequence[str]) -> None:
+        missing = [name for name in platform.markers if name not in labels]
+        if missing:
+            raise ValueError(
+                f"platform markers {', '.join(missing)} are not in the stream of markers; markers "
+                f"there: {', '.join(labels)}"
+            )
+        self.columns = [list(labels).index(name) for name in platform.markers]
+        self.first = list[Array]()
+        self.neutral: Array | None = None
+        self.problem = ""
+
+    def pose(self, position: Array) -> Pose:
+        """Give the pose of a frame, its markers (M, 3) [m]; NaN where unknown."""
+        own = position[self.columns]
+        if self.neutral is None:
+            self.first.append(own)
+            if len(self.first) == NEUTRAL_FRAMES:
+                self._find_neutral()
+            return UNKNOWN
+        if (np.abs(own) < MAX_DISTANCE_M).all():
+            center = own.mean(axis=0)
+            rotation = fit_rotation((own - center).T @ self.centered)
+            error = self.centered @ rotation.T + center - own
+            if (error * error).sum(axis=1).max() <= MAX_MARKER_ERROR_M**2:
+                return rotation, center - rotation @ self.neutral_center
+        try:
+            pose = fit_pose(own[None], self.neutral, MAX_MARKER_ERROR_M).pose
+        except ValueError as error:
+            self.problem = str(error)
+            return UNKNOWN
+        return pose.rotation[0], pose.position[0]
+
+    def _find_neutral(self) -> None:
+        try:
+            neutral = neutral_markers(np.array(self.first))
+            fit_pose(neutral[None], neutral, MAX_MARKER_ERROR_M)  # refuses markers in a line
+            self.neutral, self.problem = neutral, ""
+            self.neutral_center = neutral.mean(axis=0)
+            self.centered = neutral - self.neutral_center
+        except ValueError as error:
+            self.problem = str(error)
+            del self.first[0]
+
+
+class CommandedPlatform:
+    """The pose as commanded.
+
+    Parameters
+    ----------
+    platform
+        As stated.
+    analog
+        All analog streams.
+    frames_hz
+        Rate of the frames [Hz].
+
+    Raises
+    ------
+    ValueError
+        A channel is in no stream, or in another unit.
+    """
+
+    def __init__(self, platform: Platform, analog: AnalogStreams, frames_hz: float) -> None:
+        self.pivot_m, self.delay_s, self.problem = platform.pivot_m, platform.delay_s, ""
+        self.commands = list[tuple[Channels, Convolution] | None]()
+        channels = (platform.sway_channel, length_in_m), (platform.pitch_channel, angle_in_rad)
+        for channel, unit_in_si in channels:
+            found = None
+            if channel is not None:
+                stream = analog.find([channel], unit_in_si)
+                found = stream, Convolution.between(stream.rate_hz, frames_hz)
+            self.commands.append(found)
+        reaches = [command[1].reach_s for command in self.commands if command is not None]
+        self.ahead_s = self.delay_s + max(reaches)
+
+    def pose(self, time: float) -> Pose:
+        """Give the pose at a frame's time [s]; NaN where a command is not known."""
+        at, values = time + self.delay_s, []
+        for command in self.commands:
+            value = 0.0
+            if command is not None:
+                channels, resampling = command
+                samples = channels.samples(at - resampling.reach_s, at + resampling.reach_s)
+                value = float(resampling.evaluate(*samples, np.array([at]))[0, 0])
+            values.append(value)
+        if not np.isfinite(values).all():
+            return UNKNOWN
+        try:
+            pose = commanded_pose([values[0]], [values[1]], self.pivot_m)
+        except ValueError as error:
+            self.problem = str(error)
+            return UNKNOWN
+        return pose.rotation[0], pose.position[0]
+
+
+KEPT_STEPS = 50
+"""Of the models' output: half a second."""
+
+
+class LiveBelts:
+    """The belts' models, step by step.
+
+    Parameters
+    ----------
+    models
+        Of each plate's belt.
+    speeds
+        Channels of the speed of each plate's belt.
+    first_s
+        Time of the first frame [s].
+    """
+
+    def __init__(self, models: Sequence[BeltModel], speeds: Channels, first_s: float) -> None:
+        self.speeds, self.belts = speeds, RealtimeBelts.of(models, speeds.rate_hz, first_s)
+        self.states = [model.at_rest for model in models]
+        self.known = [0] * len(models)
+        self.moments = [SampleBuffer(1, KEPT_STEPS) for _ in models]
+        known = speeds.buffer.time
+        start_s = float(known[0]) if len(known) else first_s
+        self.next_step = int(np.ceil((start_s - first_s) * MODEL_RATE_HZ))
+
+    def moments_at(self, at: Sequence[float]) -> Array:
+        """Give the moment of each belt at an instant of its own [s], (P,) [N·m]; NaN if unknown."""
+        self._advance(max(at))
+        return np.array(
+            [
+                between_steps(moments.time, moments.values, np.array([instant]))[0, 0]
+                for moments, instant in zip(self.moments, at, strict=True)
+            ]
+        )
+
+    def _advance(self, until_s: float) -> None:
+        """Run the models as far as an instant needs."""
+        belts, ahead_s = self.belts, self.belts.ahead_s
+        last = int(np.floor((until_s + ahead_s - belts.first_s) * MODEL_RATE_HZ))
+        reach_s = belts.resampling.step_s + belts.resampling.reach_s
+        newest_s = self.speeds.buffer.newest_s
+        for step in range(self.next_step, last + 1):
+            at = belts.first_s + step / MODEL_RATE_HZ
+            if at + reach_s > newest_s and at > until_s:
+                break
+            time, speeds = self.speeds.samples(at - reach_s, at + reach_s)
+            acceleration = belts.accelerations(time, speeds, np.array([float(step)]))[0]
+            self._step(step, acceleration)
+            self.next_step = step + 1
+
+    def _step(self, step: int, acceleration: Array) -> None:
+        for k, model in enumerate(self.belts.models):
+            moment = np.nan
+            if np.isnan(acceleration[k]):
+                self.states[k], self.known[k] = model.at_rest, 0
+            else:
+                self.known[k] += 1
+                if self.known[k] > model.advance:
+                    found, self.states[k] = model.step(float(acceleration[k]), self.states[k])
+                    moment = found
+            at = self.belts.first_s + (step - model.advance) / MODEL_RATE_HZ
+            self.moments[k].append(np.array([at]), np.array([[moment]]))
+
 
 LIVE: Final = "live"
 """What is compensated, in messages."""

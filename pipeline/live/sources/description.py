@@ -1,6 +1,7 @@
-"""What a sender's channels carry, and how their samples become m, N, N·m and lab axes."""
+"""What a sender says of its channels, and how their samples become SI units and lab axes."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Final
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -21,26 +22,10 @@ Convert = Callable[[Array], Array]
 def describe_markers(
     name: str, channels: Sequence[Channel], rate_hz: float, stated: Stated, axes: str = ""
 ) -> tuple[StreamDescription, Convert]:
-    """Describe a stream of markers.
+    """Describe a stream of markers, and give what brings its samples to lab axes and m.
 
-    Parameters
-    ----------
-    name, channels, rate_hz
-        As the sender states them.
-    stated
-        What a person states: axes, unit, labels to rename, the prefix of the subject.
-    axes
-        The sender's axes; empty where it does not state them.
-
-    Returns
-    -------
-    description, convert
-        Positions in lab axes [m]; NaN where a marker is not seen.
-
-    Raises
-    ------
-    ValueError
-        The axes are not known, or as `pipeline.io.xdf.channels.marker_layout`.
+    A marker that is not seen becomes NaN. The sender's axes are empty where it does not state them;
+    a ValueError says that nobody does, or as `pipeline.io.xdf.channels.marker_layout`.
     """
     layout = marker_layout(channels, stated)
     known = stated.axes or axes
@@ -52,7 +37,8 @@ def describe_markers(
     to_lab = parse_axes(known)
 
     def convert(values: Array) -> Array:
-        found = layout.positions(values).reshape(-1, 3) @ to_lab.T
+        with np.errstate(invalid="ignore"):  # infinite ones
+            found = layout.positions(values).reshape(-1, 3) @ to_lab.T
         return np.asarray(found).reshape(len(values), -1)
 
     units = ("m",) * len(layout.names)
@@ -62,20 +48,10 @@ def describe_markers(
 def describe_signals(
     name: str, channels: Sequence[Channel], rate_hz: float, axes: str = ""
 ) -> tuple[StreamDescription, Convert]:
-    """Describe a stream of other signals.
+    """Describe a stream of other signals, and give what brings its samples to N and N·m.
 
-    Parameters
-    ----------
-    name, channels, rate_hz
-        As the sender states them.
-    axes
-        The markers' axes; empty where they are not known.
-
-    Returns
-    -------
-    description, convert
-        Forces in N, moments in N·m. Vectors of plates that are named as D-Flow names them, such as
-        FP1.ForX, FP1.ForY and FP1.ForZ, are in the markers' axes as sent and become lab axes.
+    Vectors of plates that are named as D-Flow names them, such as FP1.ForX, FP1.ForY and FP1.ForZ,
+    are in the markers' axes as sent, where these are known, and become lab axes.
 
     Examples
     --------
@@ -97,34 +73,23 @@ def describe_signals(
     for stem, columns in vectors.items():
         if [labels[k] for k in columns] == [f"{stem}{axis}" for axis in AXES]:
             to_si[np.ix_(columns, columns)] = np.diag(factors[columns]) @ to_lab.T
-    return description, lambda values: np.asarray(values @ to_si, float)
+
+    def convert(values: Array) -> Array:
+        with np.errstate(invalid="ignore"):  # infinite ones
+            return np.asarray(values @ to_si, float)
+
+    return description, convert
 
 
 def describe_plates(
     info: Element, channels: Sequence[Channel], axes: str
 ) -> tuple[StatedPlate, ...]:
-    """Describe the plates of a stream.
+    """Describe the plates of a stream, from its description, whose root is ``info``.
 
-    Parameters
-    ----------
-    info
-        The stream's description, whose root is ``info``.
-    channels
-        Its channels.
-    axes
-        The markers', in which places are stated.
-
-    Returns
-    -------
-    tuple of StatedPlate
-        Those that channels name, as `pipeline.io.xdf.plates.find_plates` finds them, and those
-        whose channels are named as D-Flow names them: these are about the lab's origin, in lab axes
-        as `describe_signals` gives them.
-
-    Raises
-    ------
-    ValueError
-        Channels of a plate have no labels of their own, by which they are found.
+    They are those that channels name, as `pipeline.io.xdf.plates.find_plates` finds them, and those
+    whose channels are named as D-Flow names them: these are about the lab's origin, in lab axes as
+    `describe_signals` gives them. The axes, in which places are stated, are the markers'. A
+    ValueError says that channels of a plate have no labels of their own, by which they are found.
     """
     found, left_out = find_plates(info, channels)
     every, to_lab = [channel.label for channel in channels], parse_axes(axes)
@@ -153,3 +118,40 @@ def _dflow_plates(labels: Sequence[str]) -> Iterator[StatedPlate]:
             empty = np.empty(0)
             place = Plate.at_origin(int(number), empty, empty.reshape(0, 6))
             yield StatedPlate(str(int(number)), six, place)
+
+
+PLACE_M: Final = 1e-6
+"""Numbers of a place that are written anew differ by less."""
+
+
+def require_same(
+    sender: str,
+    described: Mapping[str, tuple[object, object]],
+    before: Sequence[StatedPlate],
+    after: Sequence[StatedPlate],
+) -> None:
+    """Refuse a sender that came back and describes something or its plates otherwise than before.
+
+    Examples
+    --------
+    >>> require_same("stream 'Plates'", {"rate": (1000.0, 500.0)}, (), ())
+    Traceback (most recent call last):
+    ValueError: stream 'Plates' came back with another rate; begin a new session
+    """
+    different = [what for what, (old, new) in described.items() if old != new]
+    if len(before) != len(after) or not all(map(_same_plate, before, after)):
+        different.append("description of its plates")
+    if different:
+        raise ValueError(f"{sender} came back with another {different[0]}; begin a new session")
+
+
+def _same_plate(before: StatedPlate, after: StatedPlate) -> bool:
+    old, new = before.place, after.place
+    if (before.number, before.channels) != (after.number, after.channels):
+        return False
+    if old is None or new is None:
+        return old is new
+    return all(
+        np.allclose(getattr(old, part), getattr(new, part), rtol=0, atol=PLACE_M)
+        for part in ("corners", "rotation", "center")
+    )

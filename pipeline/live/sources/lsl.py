@@ -1,24 +1,352 @@
 """Streams of Lab Streaming Layer."""
 
+import socket
 import time
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
+import numpy as np
+from scipy.stats import theilslopes
+
+from hbm.spatial import Array
 from hbm.spelling import listed, printable, short
 from pipeline.config.live import LOOPBACK
 from pipeline.io.stated import Stated
-from pipeline.live.network import load_lsl
-from pipeline.live.sources.lsl_inlet import Inlet, await_clocks, share_clocks
+from pipeline.io.xdf.channels import Channel, parse_channels, parse_xml
+from pipeline.io.xdf.clock import find_clock
+from pipeline.live.outlet import load_lsl
+from pipeline.live.sources.description import (
+    Convert,
+    describe_markers,
+    describe_plates,
+    describe_signals,
+    require_same,
+)
 from pipeline.live.stream import Samples, StatedPlate, StreamDescription
+
+MEASURE_S: Final = 3.0
+"""Between looks: the library measures every two to three seconds, and each counts once."""
+KEPT: Final = 40
+"""Measurements that show offset and drift: those of two minutes."""
+DRIFT_FROM: Final = 10
+"""Fewer measurements do not show a drift."""
+MAX_STEP_S: Final = 0.01
+"""Two measurements in a row beyond it: a clock was set anew, and earlier ones do not count."""
+
+
+class ClockOffset:
+    """Brings a sender's time stamps onto this computer's clock, from measurements that scatter.
+
+    Offset and drift are those of the straight line through the measurements of two minutes whose
+    slope is the median of all slopes (Theil and Sen): single measurements, which a busy network
+    makes wrong by a millisecond and more, have no effect, and a clock that drifts is followed
+    without lag.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> offset = ClockOffset()
+    >>> offset.measure(100.0, 5.0)
+    >>> offset.local(np.array([95.5])).tolist()
+    [100.5]
+    """
+
+    def __init__(self) -> None:
+        self.resets = 0
+        self.value_s = 0.0
+        self._measured: deque[tuple[float, float]] = deque(maxlen=KEPT)
+        self._looked = self._at = self._drift = 0.0
+        self._doubtful_s: float | None = None
+
+    @property
+    def known(self) -> bool:
+        """Whether there was a measurement."""
+        return bool(self._measured)
+
+    def due(self, now: float) -> bool:
+        """Whether it is time for a measurement."""
+        return not self._measured or now - self._looked >= MEASURE_S
+
+    def measure(self, now: float, offset_s: float) -> None:
+        """Take a measurement at a time [s] of this computer's clock."""
+        expected = self.value_s + self._drift * (now - self._at)
+        self._looked = now
+        doubtful_s, self._doubtful_s = self._doubtful_s, None
+        if self._measured and abs(offset_s - expected) > MAX_STEP_S:
+            if doubtful_s is None or abs(offset_s - doubtful_s) > MAX_STEP_S:
+                self._doubtful_s = offset_s
+                return
+            self._measured.clear()
+            self.resets += 1
+        self._measured.append((now, offset_s))
+        self._at, self._drift = now, 0.0
+        time, offset = np.array(self._measured).T
+        if len(time) >= DRIFT_FROM:
+            self._drift = float(theilslopes(offset, time).slope)
+        self.value_s = float(np.median(offset - self._drift * (time - now)))
+
+    def local(self, stamps: Array) -> Array:
+        """Give time stamps of the sender, (N,) [s], on this computer's clock."""
+        known = stamps + self.value_s
+        return np.asarray(known + self._drift * (known - self._at))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LslDescription:
+    """A stream as its sender and a person describe it.
+
+    It has the channels as the sender describes them; the markers' axes, those that a person states,
+    else the sender's, None where they are not known; what is received; and what turns samples as
+    sent to those that are received.
+    """
+
+    channels: tuple[Channel, ...]
+    axes: str | None
+    stream: StreamDescription
+    plates: tuple[StatedPlate, ...]
+    convert: Convert
+
+    def require_like(self, before: "LslDescription", sender: str) -> None:
+        """Refuse what numbers depend on where it is not as before."""
+        described = {
+            "description of its channels": (before.channels, self.channels),
+            "rate": (before.stream.rate_hz, self.stream.rate_hz),
+            "statement of its axes": (before.axes, self.axes),
+        }
+        require_same(sender, described, before.plates, self.plates)
+
+
+def read_description(info: Any, stated: Stated, *, is_markers: bool) -> LslDescription:
+    """Read the description of a stream, ``pylsl.StreamInfo``, as it is sent and as a person has it.
+
+    A ValueError says that it lacks something or contradicts itself.
+    """
+    name = info.name()
+    try:
+        root = parse_xml(info.as_xml())
+        if (root.findtext("channel_format") or "") == "string":
+            raise ValueError("it sends text, not numbers")
+        channels = parse_channels(root, info.channel_count())
+        what = name, channels, float(info.nominal_srate())
+        if not is_markers:
+            stream, convert = describe_signals(*what, stated.axes or "")
+            plates = describe_plates(root, channels, stated.axes or "")
+            return LslDescription(channels, stated.axes, stream, plates, convert)
+        written = printable((root.findtext("desc/axes") or "").strip())
+        stream, convert = describe_markers(*what, stated, written)
+        return LslDescription(channels, stated.axes or written or None, stream, (), convert)
+    except ValueError as error:
+        raise ValueError(f"stream {short(name)!r}: {error}") from error
+
+
+CHUNK_S: Final = 0.05
+"""Time whose samples are taken from a stream at once: after a pause, no stream runs ahead."""
+MAX_SAMPLES: Final = 1024
+"""Taken at once of a stream whose rate is not known yet."""
+BUFFER_S: Final = 10
+"""Kept by the library for a receiver that is busy."""
+ANSWER_S: Final = 10.0
+"""Left to a stream that was found to describe itself, to compare clocks and to send."""
+RETURN_S: Final = 2.0
+"""The same for one that is back, after which it is tried anew."""
+SILENT_S: Final = 1.0
+"""After it, a sender that is gone may be replaced though its connection has not ended."""
+SAME_CLOCK_S: Final = 0.05
+"""Offsets of one clock differ by less; that of a computer that was started anew, by hours."""
+RATE_S: Final = 1.0
+"""Time whose samples show the rate of a stream that does not state it."""
+RATE_TIMEOUT_S: Final = 3.0
+POLL_S: Final = 0.02
+"""Between looks at what is there, while streams are searched for."""
+
+
+class Inlet:
+    """One stream, with memory for what arrives.
+
+    A connection that is lost stays lost: the library's own recovery takes a sender that comes back
+    for the same, whatever it sends, so that samples of other channels would arrive unnoticed.
+    `take_up` connects anew, and takes no sample before the description is known to be the same.
+    A ValueError says that a description lacks something or contradicts itself, a ConnectionError
+    that it is not sent.
+    """
+
+    def __init__(self, lsl: Any, info: Any, stated: Stated, *, is_markers: bool = False) -> None:
+        self._lsl = lsl
+        self.name: str = info.name()
+        self._is_here: bool = info.hostname() == socket.gethostname()
+        self.offset = ClockOffset()
+        self._uid: str = info.uid()
+        self._inlet: Any = self._connected(info)
+        try:
+            described = self._inlet.info(ANSWER_S)
+        except (lsl.util.TimeoutError, lsl.util.LostError) as error:
+            raise ConnectionError(f"stream {self.name!r} does not send its description") from error
+        self._stated, self._is_markers = stated, is_markers
+        self._described = read_description(described, stated, is_markers=is_markers)
+        self.axes, self.plates = self._described.axes, self._described.plates
+        self.description = self._described.stream
+        self._returning: Future[tuple[Any, str, float] | None] | None = None
+        self._heard_s = time.monotonic()
+        self._take(MAX_SAMPLES)
+
+    def _take(self, count: int) -> None:
+        """Take so many samples at once."""
+        self._buffer = np.empty((count, len(self._described.channels)), self._inlet.np_dtype)
+
+    def _connected(self, info: Any) -> Any:
+        return self._lsl.StreamInlet(info, max_buflen=BUFFER_S, recover=False)
+
+    def open(self) -> None:
+        """Begin to receive."""
+        try:
+            self._inlet.open_stream(ANSWER_S)
+        except (self._lsl.util.TimeoutError, self._lsl.util.LostError) as error:
+            raise ConnectionError(f"stream {self.name!r} sends nothing") from error
+        self._heard_s = time.monotonic()
+
+    def find_rate(self) -> None:
+        """Find the sampling rate from time stamps where the sender does not state it."""
+        if self.description.rate_hz <= 0:
+            self.description = replace(self.description, rate_hz=self._measured_rate())
+        if self._inlet is not None:
+            self._take(self._chunk)
+
+    @property
+    def _chunk(self) -> int:
+        return max(1, round(CHUNK_S * self.description.rate_hz))
+
+    def _measured_rate(self) -> float:
+        stamps = np.empty(0)
+        deadline = time.monotonic() + RATE_TIMEOUT_S
+        while len(stamps) < 2 or np.ptp(stamps) < RATE_S:
+            samples = self.pull(POLL_S)
+            stamps = np.append(stamps, samples.time) if samples else stamps
+            if time.monotonic() > deadline:
+                raise ConnectionError(
+                    f"stream {self.name!r} states no sampling rate, and sends too little within "
+                    f"{RATE_TIMEOUT_S:g} s to find it"
+                )
+        return find_clock(stamps, 0.0).rate_hz
+
+    def measure(self) -> None:
+        """Compare the sender's clock with this computer's, if that is possible now."""
+        try:
+            offset = self._inlet.time_correction(0.0)
+        except (self._lsl.util.TimeoutError, self._lsl.util.LostError):
+            return
+        if self._is_here and abs(offset) < SAME_CLOCK_S:
+            offset = 0.0
+        self.offset.measure(self._lsl.local_clock(), offset)
+
+    def pull(self, wait_s: float) -> Samples | None:
+        """Give what has arrived; wait for the first sample if nothing has."""
+        if self._inlet is None:
+            time.sleep(wait_s)
+            return None
+        if self.offset.due(self._lsl.local_clock()):
+            self.measure()
+        try:
+            values, stamps = self._inlet.pull_chunk(
+                wait_s, len(self._buffer), self._buffer, min_samples=1, as_numpy=True
+            )
+        except self._lsl.util.LostError:
+            self._inlet = None
+            return None
+        if not len(stamps):
+            return None
+        self._heard_s = time.monotonic()
+        return Samples(self.name, self.offset.local(stamps), self._described.convert(values))
+
+    @property
+    def away(self) -> bool:
+        """Whether its connection is lost, or nothing has arrived for a second."""
+        return self._inlet is None or time.monotonic() - self._heard_s > SILENT_S
+
+    def take_up(self, there: Sequence[Any], workers: Executor) -> None:
+        """Connect anew while it is away, to one of the streams of its name that are there.
+
+        A worker waits for answers. A ValueError says that it is back with another description.
+        """
+        if self._returning is not None:
+            if self._returning.done():
+                returning, self._returning = self._returning, None
+                self._resume(returning.result())
+            return
+        others = [info for info in there if info.uid() != self._uid]
+        if self._inlet is not None:
+            if not others or len(others) < len(there):
+                return  # the sender is there and sends nothing
+            ended, self._inlet = [self._inlet], None
+            workers.submit(ended.clear)  # to end it takes the library half a second
+        if there:
+            newest = max(others or there, key=lambda info: info.created_at())
+            self._returning = workers.submit(self._confirmed, newest)
+
+    def _confirmed(self, info: Any) -> tuple[Any, str, float] | None:
+        """Connect to a stream that is described as before.
+
+        Gives the connection, the sender's identity and its clock's offset; None if it does not
+        answer. A ValueError says what is described otherwise.
+        """
+        try:
+            inlet = self._connected(info)
+            self._require_same(inlet.info(RETURN_S))
+            offset = inlet.time_correction(RETURN_S)
+            inlet.open_stream(RETURN_S)
+        except RuntimeError:  # of the library, whatever is wrong
+            return None
+        return inlet, info.uid(), offset
+
+    def _require_same(self, info: Any) -> None:
+        sender = f"stream {short(self.name)!r}"
+        try:
+            described = read_description(info, self._stated, is_markers=self._is_markers)
+        except ValueError as error:
+            raise ValueError(
+                f"{sender} came back with a description that cannot be used ({error}); begin a new "
+                "session"
+            ) from error
+        described.require_like(self._described, sender)
+
+    def _resume(self, returned: tuple[Any, str, float] | None) -> None:
+        """Receive from the sender that is back, unless it is gone again."""
+        if returned is None:
+            return
+        self._inlet, self._uid, offset = returned
+        if abs(offset - self.offset.value_s) > SAME_CLOCK_S:  # its computer was started anew
+            self.offset = ClockOffset()
+            self.offset.measure(self._lsl.local_clock(), offset)
+        self._heard_s = time.monotonic()
+        self._take(self._chunk)
+
+    def close(self) -> None:
+        """Stop receiving."""
+        if self._inlet is not None:
+            self._inlet.close_stream()
+            self._inlet = None
+
+
+def await_clocks(inlets: Sequence[Inlet]) -> None:
+    """Wait until all senders' clocks are known."""
+    deadline = time.monotonic() + ANSWER_S
+    while unknown := [inlet for inlet in inlets if not inlet.offset.known]:
+        if time.monotonic() > deadline:
+            raise ConnectionError(
+                f"stream {unknown[0].name!r}: its clock does not answer within {ANSWER_S:g} s; "
+                "are its UDP ports, 16572 to 16604, open?"
+            )
+        for inlet in unknown:
+            inlet.measure()
+        time.sleep(POLL_S / 4)
+
 
 WAIT_S: Final = 0.001
 """Between looks at the streams; the fastest is waited for."""
 SETTLE_S: Final = 0.75
 """Within it every stream answers, also others of the same names: the library asks twice."""
-POLL_S: Final = 0.02
-"""Between looks at what is there, while streams are searched for."""
 SEEK_S: Final = 0.1
 """Between looks for a stream that is away."""
 FORGET_S: Final = 2.0
@@ -54,12 +382,9 @@ class LslSource:
     Notes
     -----
     Time stamps are the senders', brought onto this computer's clock by the offset that the library
-    measures every two seconds (`ClockOffset`). Streams of one computer share one offset, so that
-    its scatter of some 10 µs shifts all of them alike; those of this computer need none. The
-    library's own removal of jitter is not used: it assumes the nominal rate, needs minutes to
-    settle, and moves samples around lost ones. Positions are in lab axes and m, forces in N,
-    moments in N·m. A stream that states no rate, as that of Qualisys' own bridge, has the rate of
-    its first second.
+    measures every two seconds (`ClockOffset`). The library's own removal of jitter is not used: it
+    assumes the nominal rate, needs minutes to settle, and moves samples around lost ones. A stream
+    that states no rate, as that of Qualisys' own bridge, has the rate of its first second.
 
     A stream that goes away is searched for in the background and taken up again when it is back
     under the same name; until then it sends nothing. Its description is read again before any
@@ -90,7 +415,6 @@ class LslSource:
         finally:  # a description that is wrong may be that of another stream of the same name
             time.sleep(max(0.0, settled_s - time.monotonic()))
             _require_unique(_by_name(self._resolver), names)
-        share_clocks(self._inlets)
         for inlet in self._inlets:
             inlet.open()
         for inlet in self._inlets:

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from scipy.signal import find_peaks
 
-from compensation.platform.pose import PlatformPose
+from compensation.platform import PlatformPose
 from hbm.body import Body
 from hbm.poses import joint_positions
 from hbm.signals.filtering import butterworth, low_pass

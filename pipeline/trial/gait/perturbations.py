@@ -4,7 +4,7 @@ from typing import Final
 
 import numpy as np
 
-from compensation.platform.pose import PlatformPose
+from compensation.platform import PlatformPose
 from hbm.signals.filtering import low_pass
 from hbm.signals.samples import stretches
 from hbm.spatial import Array, Mask

@@ -15,7 +15,7 @@ from compensation import (
     fit_trials,
     refuse_unusable,
 )
-from compensation.alignment.sensor_delay import MODEL_ERROR_S
+from compensation.delay import MODEL_ERROR_S
 from compensation.inertia.choice import choose, weigh_beside
 from compensation.inertia.fit import LAGS_S
 from compensation.inertia.model_error import residual_correlation

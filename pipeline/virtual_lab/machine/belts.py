@@ -19,7 +19,7 @@ from scipy.signal import butter, cont2discrete, lfilter, sosfilt
 
 from hbm.spatial import Array
 from pipeline.virtual_lab.faults import BeltFaults
-from pipeline.virtual_lab.machine.platform import (Machine, Pair, follow)
+from pipeline.virtual_lab.machine.platform import Machine, Pair, follow
 
 PARAMETERS_TOML: Final = Path(__file__).with_name("belt_parameters.toml")
 Row = dict[str, Any]

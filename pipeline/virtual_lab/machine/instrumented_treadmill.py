@@ -9,11 +9,33 @@ from hbm.markers import Markers
 from hbm.spatial import Array, shift_wrench
 from pipeline.io.recording import Plate
 from pipeline.io.units import acceleration_in_mps2
-from pipeline.virtual_lab.faults import (Faults, PlatformFaults)
-from pipeline.virtual_lab.machine.belts import (Drives, carried_of_belts, make_drives, run_belts)
-from pipeline.virtual_lab.machine.instruments import (FRAME_HZ, PLATE_CENTERS_M, SENSOR_NAMES, Accelerometer, Clock, ForcePlate, Stream, add_noise, make_accelerometers, make_force_plate, measure_markers, misplaced, noise_sd_at, recorded_plate)
-from pipeline.virtual_lab.machine.platform import (Machine, Pair, TreadmillMotion, make_machine)
-from pipeline.virtual_lab.machine.structure import (Loads, Response, Structure, frame_shape, make_structure, respond)
+from pipeline.virtual_lab.faults import Faults, PlatformFaults
+from pipeline.virtual_lab.machine.belts import Drives, carried_of_belts, make_drives, run_belts
+from pipeline.virtual_lab.machine.instruments import (
+    FRAME_HZ,
+    PLATE_CENTERS_M,
+    SENSOR_NAMES,
+    Accelerometer,
+    Clock,
+    ForcePlate,
+    Stream,
+    add_noise,
+    make_accelerometers,
+    make_force_plate,
+    measure_markers,
+    misplaced,
+    noise_sd_at,
+    recorded_plate,
+)
+from pipeline.virtual_lab.machine.platform import Machine, Pair, TreadmillMotion, make_machine
+from pipeline.virtual_lab.machine.structure import (
+    Loads,
+    Response,
+    Structure,
+    frame_shape,
+    make_structure,
+    respond,
+)
 
 RATE_PPM: Final = 1.0
 JITTER_S: Final = 0.00002

@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 
 from hbm.spatial import GRAVITY_MPS2, Array, rotation_about, transform_wrench
 from pipeline.io.recording import Plate
-from pipeline.virtual_lab.faults import (AccelerometerFaults, CameraFaults, PlateFaults)
+from pipeline.virtual_lab.faults import AccelerometerFaults, CameraFaults, PlateFaults
 
 ANALOG_HZ: Final = 1000.0
 FRAME_HZ: Final = 100.0

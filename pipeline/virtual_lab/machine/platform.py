@@ -11,11 +11,11 @@ from typing import Final
 import numpy as np
 from scipy.signal import cont2discrete, lfilter
 
-from compensation.platform.pose import PlatformPose
-from compensation.signals.signal import MachineLimits
+from compensation.platform import PlatformPose
+from compensation.signals import MachineLimits
 from hbm.spatial import GRAVITY_MPS2, Array, skew
 from pipeline.virtual_lab.faults import MachineFaults
-from pipeline.virtual_lab.trajectories import (Trajectory, fit_trajectory, smooth_step)
+from pipeline.virtual_lab.trajectories import Trajectory, fit_trajectory, smooth_step
 
 Pair = tuple[Array, Array]
 """Of the left and the right plate or belt."""

@@ -16,7 +16,19 @@ from scipy.signal import lfilter
 
 from hbm.spatial import Array, skew
 from pipeline.virtual_lab.machine.belts import BeltMotion
-from pipeline.virtual_lab.machine.platform import (LEFT_ASSEMBLY, RIGHT_ASSEMBLY, TERMS, Assembly, Pair, PlatformMotion, felt_by_terms, inertial_wrench, motion_terms, specific_force, weight_of)
+from pipeline.virtual_lab.machine.platform import (
+    LEFT_ASSEMBLY,
+    RIGHT_ASSEMBLY,
+    TERMS,
+    Assembly,
+    Pair,
+    PlatformMotion,
+    felt_by_terms,
+    inertial_wrench,
+    motion_terms,
+    specific_force,
+    weight_of,
+)
 
 SHAPES: Final = ("vertical bending", "twist", "sideways bending")
 FRAME: Final = 6 + len(SHAPES)

@@ -1,7 +1,7 @@
 """A person in the T-pose: markers, and the joints that the Human Body Model finds from them.
 
 The markers are those of a reference person, scaled limb by limb. The joints are the laboratory's
-own statement of that model: joint centres by `joint_centers.csv` and the published regressions
+own statement of that model: joint centres midway between markers and by the published regressions
 below, straightened limbs as the zero of the angles. It is used for people whose mechanics are the
 model's, and as the mean from which other people differ.
 """
@@ -11,13 +11,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 
 from hbm.segments import Sex
 from hbm.spatial import Array, axes_from, distance, perpendicular, rotation_about, unit
-from pipeline.virtual_lab.person.body import (LINKS, PARENT)
+from pipeline.virtual_lab.person.body import LINKS, PARENT
 
 SIDES: Final = {"right": 1.0, "left": -1.0}
 """Side -> sign of its medial direction, where left is positive."""
@@ -238,6 +238,22 @@ TOE_TIP: Final = 1.25
 """Length of the foot by the distance of heel and second metatarsal head; typical."""
 SUBTALAR_DEG: Final = 42.0, 16.0
 """Inclination and medial deviation of the subtalar axis (Manter 1941, Anat Rec 80:397)."""
+MIDDLES: Final = {
+    "mid_asis": ("RASIS", "LASIS"),
+    "mid_psis": ("RPSIS", "LPSIS"),
+    "trunk_bottom": ("T10", "XIPH"),
+    "trunk_top": ("C7", "JN"),
+    "mid_head": ("RHEAD", "LHEAD"),
+}
+JOINTS: Final = {
+    "knee": ("LEK", "MEK", 1.0),
+    "ankle": ("LM", "MM", 1.0),
+    "elbow": ("LEE", "MEE", 1.0),
+    "wrist": ("LW", "MW", -1.0),
+    "toes": ("MT2", "MT5", -1.0),
+}
+"""Points midway between two markers, and joints with the sign of the way from one to the other in
+medial direction: Dumas et al. 2007 (J Biomech 40:543)."""
 Landmarks = Mapping[str, Array]
 
 
@@ -278,28 +294,14 @@ def locate(at: Landmarks, shown: frozenset[str], sex: Sex, navel: float) -> Anat
 
 
 def _combinations(at: Landmarks) -> tuple[dict[str, Array], dict[str, Array]]:
-    points, axes = {}, {}
-    for name, kind, first, second in _rows():
-        if kind == "mean":
-            points[name] = (at[first] + at[second]) / 2
-        else:
-            axes[name] = at[second] - at[first]
+    """Give points midway between markers, and the joints' axes, which point to the left."""
+    points, axes = {name: (at[a] + at[b]) / 2 for name, (a, b) in MIDDLES.items()}, {}
+    for side, medial in SIDES.items():
+        for joint, (first, second, inward) in JOINTS.items():
+            one, other = (at[side[0].upper() + marker] for marker in (first, second))
+            points[f"{side}_{joint}"] = (one + other) / 2
+            axes[f"{side}_{joint}"] = medial * inward * (other - one)
     return points, axes
-
-
-@cache
-def _rows() -> list[tuple[str, Literal["mean", "axis"], str, str]]:
-    text = files(__package__).joinpath("joint_centers.csv").read_text(encoding="utf-8")
-    rows = []
-    for row in csv.DictReader(line for line in text.splitlines() if not line.startswith("#")):
-        kind: Literal["mean", "axis"] = "mean" if row["kind"] == "mean" else "axis"
-        rows.append((row["name"], kind, row["first"], row["second"]))
-        if row["name"].startswith("right"):
-            first, second = "L" + row["first"][1:], "L" + row["second"][1:]
-            if kind == "axis":
-                first, second = second, first
-            rows.append((row["name"].replace("right", "left"), kind, first, second))
-    return rows
 
 
 def _pelvis(anatomy: Anatomy, at: Landmarks, shown: frozenset[str], sex: Sex) -> None:

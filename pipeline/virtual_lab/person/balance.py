@@ -9,13 +9,24 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_banded
 from scipy.ndimage import gaussian_filter1d
 
-from compensation.platform.pose import PlatformPose
+from compensation.platform import PlatformPose
 from hbm.coordinates import INDEX
 from hbm.spatial import GRAVITY_MPS2, Array, Mask
-from pipeline.virtual_lab.person.body import (COLUMN, KNEE, LINKS, Frame, Skeleton, chunks, frames, moved, placed, segment_poses)
-from pipeline.virtual_lab.person.feet import (FootPlacement, Sole, orientation, rolled)
-from pipeline.virtual_lab.person.gait import (LEAVING, STANCE, foot_angles, sole_weights)
-from pipeline.virtual_lab.person.momentum import (ground_wrench, oscillators_of)
+from pipeline.virtual_lab.person.body import (
+    COLUMN,
+    KNEE,
+    LINKS,
+    Frame,
+    Skeleton,
+    chunks,
+    frames,
+    moved,
+    placed,
+    segment_poses,
+)
+from pipeline.virtual_lab.person.feet import FootPlacement, Sole, orientation, rolled
+from pipeline.virtual_lab.person.gait import LEAVING, STANCE, foot_angles, sole_weights
+from pipeline.virtual_lab.person.momentum import ground_wrench, oscillators_of
 from pipeline.virtual_lab.person.subject import VirtualSubject
 from pipeline.virtual_lab.person.variation import ExtraJoints
 

@@ -8,7 +8,14 @@ import numpy as np
 
 from hbm.spatial import Array, rotation_about
 from pipeline.virtual_lab.machine.platform import BeltRamp
-from pipeline.virtual_lab.person.gait import (LEAVING, STANCE, Steps, foot_angles, phase_of, roll_over)
+from pipeline.virtual_lab.person.gait import (
+    LEAVING,
+    STANCE,
+    Steps,
+    foot_angles,
+    phase_of,
+    roll_over,
+)
 from pipeline.virtual_lab.trajectories import smooth_step
 
 SIDES: Final = ("left", "right")

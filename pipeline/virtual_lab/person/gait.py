@@ -6,14 +6,14 @@ distance outside of where the extrapolated centre of mass will be when weight is
 crossed or wide steps that follow result from this rule.
 """
 
-import csv
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from importlib.resources import files
+from pathlib import Path
 from typing import Final
 
 import numpy as np
+import pandas as pd
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from hbm.coordinates import INDEX, TREE
@@ -127,7 +127,7 @@ def posture(phase: Array, extent: Array, slope: Array, standing: Array) -> Array
     change = np.zeros((len(phase), len(standing)))
     polynomials = _polynomials(slope)
     bases = {side: _basis(phase + (0.5 if side == "L" else 0.0)) for side in " RL"}
-    for name, (about_standing, _) in _table().items():
+    for name, (about_standing, _) in _table()[1].items():
         if name in _FEET:
             continue
         for side in "RL" if name.startswith("R") else " ":
@@ -162,14 +162,14 @@ def foothold(slope: Array) -> Array:
 
 def _basis(phase: Array) -> tuple[Array, Array]:
     """Give the cosines and sines of all harmonics, (T, K) each."""
-    harmonics = next(iter(_table().values()))[1].shape[1]
+    harmonics = next(iter(_table()[1].values()))[1].shape[1]
     angle = 2 * np.pi * np.outer(phase, np.arange(harmonics))
     return np.cos(angle), np.sin(angle)
 
 
 def _evaluate(name: str, basis: tuple[Array, Array], polynomials: Array) -> Array:
     """Evaluate a coordinate at phases and slopes, given what is common to all coordinates, (T,)."""
-    (cosines, sines), (cosine, sine) = np.moveaxis(_table()[name][1], 2, 0), basis
+    (cosines, sines), (cosine, sine) = np.moveaxis(_table()[1][name][1], 2, 0), basis
     by_slope = cosine @ cosines.T + sine @ sines.T
     return np.asarray(np.sum(by_slope * polynomials, axis=1))
 
@@ -177,7 +177,7 @@ def _evaluate(name: str, basis: tuple[Array, Array], polynomials: Array) -> Arra
 def _polynomials(slope: Array) -> Array:
     """Give the Lagrange polynomials over the slopes of the table, (T, slopes)."""
     at = np.degrees(slope)[:, None]
-    nodes = _slopes()
+    nodes = _table()[0].tolist()
     out = np.ones((len(slope), len(nodes)))
     for j, node in enumerate(nodes):
         for other in nodes:
@@ -187,30 +187,20 @@ def _polynomials(slope: Array) -> Array:
 
 
 @cache
-def _rows() -> list[dict[str, str]]:
-    text = files("pipeline.virtual_lab.person").joinpath("gait.csv").read_text(encoding="utf-8")
-    return list(csv.DictReader(line for line in text.splitlines() if not line.startswith("#")))
+def _table() -> tuple[Array, dict[str, tuple[bool, Array]]]:
+    """Give the slopes [deg]; by name whether values add to standing, cosines and sines.
 
-
-@cache
-def _slopes() -> tuple[float, ...]:
-    return tuple(sorted({float(row["slope_deg"]) for row in _rows()}))
-
-
-@cache
-def _table() -> dict[str, tuple[bool, Array]]:
-    """Give whether a name's values add to standing, and its cosines and sines, (slopes, K, 2)."""
-    slopes = _slopes()
-    highest = max(int(row["harmonic"]) for row in _rows())
-    table: dict[str, tuple[bool, Array]] = {}
-    for row in _rows():
-        about = row["about"] == "standing"
-        entry = table.setdefault(
-            row["coordinate"], (about, np.zeros((len(slopes), highest + 1, 2)))
-        )
-        pair = float(row["cosine"]), float(row["sine"])
-        entry[1][slopes.index(float(row["slope_deg"])), int(row["harmonic"])] = pair
-    return table
+    The last are (slopes, K, 2).
+    """
+    path = Path(__file__).with_name("gait.csv")
+    rows = pd.read_csv(path, comment="#")
+    slopes, rows["at"] = np.unique(rows["slope_deg"], return_inverse=True)
+    found = {}
+    for name, own in rows.groupby("coordinate", sort=False):
+        values = np.zeros((len(slopes), rows["harmonic"].max() + 1, 2))
+        values[own["at"], own["harmonic"]] = own[["cosine", "sine"]]
+        found[str(name)] = bool((own["about"] == "standing").all()), values
+    return slopes, found
 
 
 STEERING: Final = 0.04

@@ -11,7 +11,7 @@ from hbm.segments import Inertia
 from hbm.spatial import GRAVITY_MPS2, Array
 from pipeline.virtual_lab.faults import BodyFaults
 from pipeline.virtual_lab.person.anatomy import SIDES
-from pipeline.virtual_lab.person.body import (Frame, Skeleton, chunks, frames)
+from pipeline.virtual_lab.person.body import Frame, Skeleton, chunks, frames
 from pipeline.virtual_lab.person.variation import drawn
 
 TISSUE: Final = {

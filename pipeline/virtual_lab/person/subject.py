@@ -9,13 +9,22 @@ import numpy as np
 from hbm.coordinates import COORDINATES, INDEX
 from hbm.markers import MarkerSet, marker_sets
 from hbm.spatial import Array
-from pipeline.virtual_lab.faults import (BodyFaults, Faults)
-from pipeline.virtual_lab.person.anatomy import (Proportions, axes_of, locate, offsets_of, t_pose)
-from pipeline.virtual_lab.person.body import (Skeleton, marker_positions)
-from pipeline.virtual_lab.person.feet import (SIDES, Sole, sole_of)
-from pipeline.virtual_lab.person.gait import (STEP_M, StepParameters, size_of)
-from pipeline.virtual_lab.person.momentum import (WobblingMass, draw_wobbling_masses)
-from pipeline.virtual_lab.person.variation import (MAX_DEVIATION_SD, ExtraJoints, draw_extra_joints, inertias_of, navel_share, vary, vary_inertias, with_shoes)
+from pipeline.virtual_lab.faults import BodyFaults, Faults
+from pipeline.virtual_lab.person.anatomy import Proportions, axes_of, locate, offsets_of, t_pose
+from pipeline.virtual_lab.person.body import Skeleton, marker_positions
+from pipeline.virtual_lab.person.feet import SIDES, Sole, sole_of
+from pipeline.virtual_lab.person.gait import STEP_M, StepParameters, size_of
+from pipeline.virtual_lab.person.momentum import WobblingMass, draw_wobbling_masses
+from pipeline.virtual_lab.person.variation import (
+    MAX_DEVIATION_SD,
+    ExtraJoints,
+    draw_extra_joints,
+    inertias_of,
+    navel_share,
+    vary,
+    vary_inertias,
+    with_shoes,
+)
 
 SHOE_KG: Final = 0.3
 SOLE_M: Final = 0.025

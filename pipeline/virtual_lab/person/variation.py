@@ -20,8 +20,8 @@ from hbm.coordinates import COORDINATES, INDEX, N_Q
 from hbm.segments import Inertia, Sex
 from hbm.spatial import Array, axes_from, rotation_about
 from pipeline.virtual_lab.faults import BodyFaults
-from pipeline.virtual_lab.person.anatomy import (SIDES, Anatomy, axes_of)
-from pipeline.virtual_lab.person.body import (COLUMN, EXTRA, KNEE, LINKS, Skeleton, frames)
+from pipeline.virtual_lab.person.anatomy import SIDES, Anatomy, axes_of
+from pipeline.virtual_lab.person.body import COLUMN, EXTRA, KNEE, LINKS, Skeleton, frames
 
 Source = Literal["de_leva", "dumas"]
 STATURE_M: Final = {

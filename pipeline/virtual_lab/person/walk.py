@@ -12,17 +12,36 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from compensation.platform.pose import PlatformPose
+from compensation.platform import PlatformPose
 from hbm.coordinates import INDEX
 from hbm.spatial import Array, transform_wrench
 from pipeline.io.recording import Event
-from pipeline.virtual_lab.machine.platform import (BeltRamp, PlatformTrajectory)
-from pipeline.virtual_lab.person.balance import (RATE_HZ, Plan, balanced, in_lab, keep_balance, pressure_on_platform, sole_targets, surface_height)
-from pipeline.virtual_lab.person.feet import (SIDES, FootPlacement)
-from pipeline.virtual_lab.person.gait import (MAX_DEVIATION_SD, STANCE, STEP_M, Steps, foothold, place_sideways, posture, size_of, step_time)
-from pipeline.virtual_lab.person.momentum import (center_of_mass, ground_wrench, oscillators_of)
+from pipeline.virtual_lab.machine.platform import BeltRamp, PlatformTrajectory
+from pipeline.virtual_lab.person.balance import (
+    RATE_HZ,
+    Plan,
+    balanced,
+    in_lab,
+    keep_balance,
+    pressure_on_platform,
+    sole_targets,
+    surface_height,
+)
+from pipeline.virtual_lab.person.feet import SIDES, FootPlacement
+from pipeline.virtual_lab.person.gait import (
+    MAX_DEVIATION_SD,
+    STANCE,
+    STEP_M,
+    Steps,
+    foothold,
+    place_sideways,
+    posture,
+    size_of,
+    step_time,
+)
+from pipeline.virtual_lab.person.momentum import center_of_mass, ground_wrench, oscillators_of
 from pipeline.virtual_lab.person.subject import VirtualSubject
-from pipeline.virtual_lab.trajectories import (Trajectory, fit_trajectory, smooth_step)
+from pipeline.virtual_lab.trajectories import Trajectory, fit_trajectory, smooth_step
 
 ARMS_DOWN: Final = 0.48, 0.35
 """When lowering the arms begins, and how long it takes, as shares of the time before walking."""

@@ -6,18 +6,26 @@ from typing import Final, Literal
 
 import numpy as np
 
-from compensation.signals.signal import Signal, resample_signal
-from compensation.signals.validation import RUNNING_MPS
+from compensation.protocol import RUNNING_MPS
+from compensation.signals import Signal, resample_signal
 from hbm.markers import Markers
 from hbm.spatial import Array
 from pipeline.io.recording import Analog, Recording
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.instrumented_treadmill import (BELT_CHANNELS, InstrumentedTreadmill, make_treadmill, measure_accelerations, measure_belts, measure_plates, undergo)
-from pipeline.virtual_lab.machine.instruments import (ANALOG_HZ, FRAME_HZ, SAMPLES_PER_FRAME)
-from pipeline.virtual_lab.machine.platform import (TreadmillMotion, move_platform)
+from pipeline.virtual_lab.machine.instrumented_treadmill import (
+    BELT_CHANNELS,
+    InstrumentedTreadmill,
+    make_treadmill,
+    measure_accelerations,
+    measure_belts,
+    measure_plates,
+    undergo,
+)
+from pipeline.virtual_lab.machine.instruments import ANALOG_HZ, FRAME_HZ, SAMPLES_PER_FRAME
+from pipeline.virtual_lab.machine.platform import TreadmillMotion, move_platform
 from pipeline.virtual_lab.machine.structure import Response
 from pipeline.virtual_lab.person import bystander
-from pipeline.virtual_lab.protocol.walking_protocol import (PERSONS, Setting)
+from pipeline.virtual_lab.protocol.walking_protocol import PERSONS, Setting
 
 BELT_CHANNEL: Final = "BeltSpeed"
 LABORATORY: Final = 0

@@ -19,7 +19,17 @@ from pipeline.config.plate_study import FILE
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.write import write_text
 from pipeline.virtual_lab.faults import CameraFaults
-from pipeline.virtual_lab.machine.instruments import (ANALOG_HZ, FRAME_HZ, PLATE_CENTERS_M, PLATE_WIDTH_M, SAMPLES_PER_FRAME, ForcePlate, delayed, measure_markers, recorded_plate)
+from pipeline.virtual_lab.machine.instruments import (
+    ANALOG_HZ,
+    FRAME_HZ,
+    PLATE_CENTERS_M,
+    PLATE_WIDTH_M,
+    SAMPLES_PER_FRAME,
+    ForcePlate,
+    delayed,
+    measure_markers,
+    recorded_plate,
+)
 
 HEAD_KG: Final = 0.5
 """Mass of the hammer's head; assumed."""

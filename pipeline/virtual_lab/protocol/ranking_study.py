@@ -7,9 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from compensation.signals.protocol import belt_signals, pitch_and_sway_signals
-from compensation.signals.signal import Signal
-from compensation.signals.validation import validation_signals
+from compensation.protocol import belt_signals, pitch_and_sway_signals, validation_signals
+from compensation.signals import Signal
 from hbm.spatial import Array
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Recording
@@ -17,7 +16,7 @@ from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
 from pipeline.virtual_lab.machine.instruments import ANALOG_HZ
 from pipeline.virtual_lab.person import bystander
-from pipeline.virtual_lab.protocol.calibration_trial import (record_signal_trial, sample_times)
+from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
 
 TRIALS: Final = 58
 """28 calibration trials of the platform, 24 of the belts, and 6 validation trials, one of which is

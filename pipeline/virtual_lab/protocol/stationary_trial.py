@@ -11,12 +11,19 @@ from hbm.markers import Markers
 from hbm.spatial import Array, shift_wrench
 from pipeline.io.c3d.write import write_c3d
 from pipeline.virtual_lab.faults import CameraFaults
-from pipeline.virtual_lab.machine.instruments import (ANALOG_HZ, FRAME_HZ, PLATE_CENTERS_M, ForcePlate, measure_markers, recorded_plate)
-from pipeline.virtual_lab.machine.platform import (BeltRamp, stationary_platform)
+from pipeline.virtual_lab.machine.instruments import (
+    ANALOG_HZ,
+    FRAME_HZ,
+    PLATE_CENTERS_M,
+    ForcePlate,
+    measure_markers,
+    recorded_plate,
+)
+from pipeline.virtual_lab.machine.platform import BeltRamp, stationary_platform
 from pipeline.virtual_lab.person.body import marker_positions
 from pipeline.virtual_lab.person.gait import schedule
-from pipeline.virtual_lab.person.subject import (Person, VirtualSubject, make_subject)
-from pipeline.virtual_lab.person.walk import (foot_wrenches, plate_wrenches, simulate_walk)
+from pipeline.virtual_lab.person.subject import Person, VirtualSubject, make_subject
+from pipeline.virtual_lab.person.walk import foot_wrenches, plate_wrenches, simulate_walk
 from pipeline.virtual_lab.protocol.walking_trial import stated
 from pipeline.virtual_lab.trajectories import Trajectory
 

@@ -10,14 +10,14 @@ from typing import Annotated, Any, Final, Literal
 import numpy as np
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
-from compensation.signals.protocol import (
+from compensation.protocol import (
     ADVISED_PLATFORM_SIGNAL,
     DURATIONS_S,
     PLATFORM_KINDS,
 )
 from hbm.signals.filtering import Method
 from hbm.spatial import Array
-from hbm.toml_text import parse_toml
+from hbm.spelling import parse_toml
 from pipeline.config.input_model import InputModel
 from pipeline.config.toml_file import describe_faults
 from pipeline.io.input_file import read_text
@@ -90,7 +90,7 @@ class Protocol(InputModel):
 
     The belts start after ``standing_s`` of T-pose and lowering the arms and reach their speed
     within ``starting_s``; durations of the conditions count from then. ``calibration`` is one of
-    the signals of `compensation.signals.protocol`, with the belts at 0 or 3 m/s; ``beside_s`` is
+    the signals of `compensation.protocol`, with the belts at 0 or 3 m/s; ``beside_s`` is
     how long each of the recordings of people beside an empty plate lasts that are fitted with it, 0
     for none. ``pose`` is whether the study takes the platform's pose from its markers or its
     channels, or has none, so that forces stay in the plates' axes; ``filter`` is how it filters,

@@ -14,14 +14,33 @@ from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Recording
 from pipeline.io.write import remove_leftovers, whole_file, write_csv, write_text
 from pipeline.run.processes import in_processes
-from pipeline.virtual_lab.machine.instrumented_treadmill import (PITCH_CHANNEL, PLATFORM_MARKERS_M, PULSE_CHANNEL, SWAY_CHANNEL, make_treadmill)
-from pipeline.virtual_lab.machine.instruments import (SAMPLES_PER_FRAME, SENSOR_NAMES)
+from pipeline.virtual_lab.machine.instrumented_treadmill import (
+    PITCH_CHANNEL,
+    PLATFORM_MARKERS_M,
+    PULSE_CHANNEL,
+    SWAY_CHANNEL,
+    make_treadmill,
+)
+from pipeline.virtual_lab.machine.instruments import SAMPLES_PER_FRAME, SENSOR_NAMES
 from pipeline.virtual_lab.machine.platform import Machine
 from pipeline.virtual_lab.person.subject import Person
-from pipeline.virtual_lab.person.walk import (foot_events, foot_wrenches)
-from pipeline.virtual_lab.protocol.calibration_trial import (beside_names, run_beside)
-from pipeline.virtual_lab.protocol.walking_protocol import (PERSONS, ConditionName, Protocol, Setting, read_setting, recording_name, setting_toml)
-from pipeline.virtual_lab.protocol.walking_trial import (WalkingTrial, run_calibration, run_trial, study_subject)
+from pipeline.virtual_lab.person.walk import foot_events, foot_wrenches
+from pipeline.virtual_lab.protocol.calibration_trial import beside_names, run_beside
+from pipeline.virtual_lab.protocol.walking_protocol import (
+    PERSONS,
+    ConditionName,
+    Protocol,
+    Setting,
+    read_setting,
+    recording_name,
+    setting_toml,
+)
+from pipeline.virtual_lab.protocol.walking_trial import (
+    WalkingTrial,
+    run_calibration,
+    run_trial,
+    study_subject,
+)
 
 CALIBRATION: Final = "calibration.c3d"
 CYCLES: Final = 50

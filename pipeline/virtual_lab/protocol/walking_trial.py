@@ -6,22 +6,53 @@ from typing import Final
 
 import numpy as np
 
-from compensation.signals.protocol import pitch_and_sway_signals
-from compensation.signals.signal import Signal, resample_signal
+from compensation.protocol import pitch_and_sway_signals
+from compensation.signals import Signal, resample_signal
 from hbm.markers import Markers
 from hbm.spatial import Array
 from pipeline.io.recording import Analog, Metadata, Recording
 from pipeline.virtual_lab.faults import CameraFaults
-from pipeline.virtual_lab.machine.instrumented_treadmill import (BELT_CHANNELS, InstrumentedTreadmill, measure_accelerations, measure_belts, measure_plates, measure_platform, measure_pose, measure_pulses, undergo)
-from pipeline.virtual_lab.machine.instruments import (ANALOG_HZ, FRAME_HZ, SAMPLES_PER_FRAME, measure_markers)
-from pipeline.virtual_lab.machine.platform import (BeltRamp, Machine, Pair, TreadmillMotion, move_platform, platform_trajectory)
+from pipeline.virtual_lab.machine.instrumented_treadmill import (
+    BELT_CHANNELS,
+    InstrumentedTreadmill,
+    measure_accelerations,
+    measure_belts,
+    measure_plates,
+    measure_platform,
+    measure_pose,
+    measure_pulses,
+    undergo,
+)
+from pipeline.virtual_lab.machine.instruments import (
+    ANALOG_HZ,
+    FRAME_HZ,
+    SAMPLES_PER_FRAME,
+    measure_markers,
+)
+from pipeline.virtual_lab.machine.platform import (
+    BeltRamp,
+    Machine,
+    Pair,
+    TreadmillMotion,
+    move_platform,
+    platform_trajectory,
+)
 from pipeline.virtual_lab.machine.structure import Response
-from pipeline.virtual_lab.person.body import (marker_positions, segment_poses)
+from pipeline.virtual_lab.person.body import marker_positions, segment_poses
 from pipeline.virtual_lab.person.gait import schedule
 from pipeline.virtual_lab.person.soft_tissue import displace_markers
-from pipeline.virtual_lab.person.subject import (VirtualSubject, make_subject)
-from pipeline.virtual_lab.person.walk import (Walk, foot_wrenches, plate_wrenches, simulate_walk)
-from pipeline.virtual_lab.protocol.walking_protocol import (CONDITIONS, PERSONS, ConditionName, Setting, perturbations, pitch_command, recording_name, sway_command)
+from pipeline.virtual_lab.person.subject import VirtualSubject, make_subject
+from pipeline.virtual_lab.person.walk import Walk, foot_wrenches, plate_wrenches, simulate_walk
+from pipeline.virtual_lab.protocol.walking_protocol import (
+    CONDITIONS,
+    PERSONS,
+    ConditionName,
+    Setting,
+    perturbations,
+    pitch_command,
+    recording_name,
+    sway_command,
+)
 
 CHUNK_SAMPLES: Final = 60_000
 """Samples of a minute are computed at a time, to bound memory in long trials."""

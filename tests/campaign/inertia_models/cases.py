@@ -6,20 +6,23 @@ from typing import Final
 
 import numpy as np
 
-from compensation import MachineLimits, Signal, best_places, validation_signals
-from compensation.inertia.choice import rms_left
-from compensation.inertia.dynamic import LAGS_S
-from compensation.signals.protocol import platform_signal
+from compensation import MachineLimits, Signal, low_pass, validation_signals
+from compensation.inertia.fit import LAGS_S
+from compensation.protocol import platform_signal
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.accelerometers import find_accelerometers
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.empty_plates import plate_samples
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.instrumented_treadmill import (InstrumentedTreadmill, make_treadmill)
+from pipeline.virtual_lab.machine.instrumented_treadmill import (
+    InstrumentedTreadmill,
+    make_treadmill,
+)
 from pipeline.virtual_lab.person import bystander
-from pipeline.virtual_lab.protocol.calibration_trial import (record_signal_trial, sample_times)
-from pipeline.virtual_lab.protocol.ranking_study import (BESIDE_THE_BELTS, BYSTANDERS)
+from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
+from pipeline.virtual_lab.protocol.ranking_study import BESIDE_THE_BELTS, BYSTANDERS
+from tests.campaign.inertia_models.places import best_places
 
 
 @dataclass(frozen=True)
@@ -133,6 +136,12 @@ def record(
     )
 
 
+def rms_left(left: np.ndarray, rate_hz: float) -> np.ndarray:
+    """Give the RMS about the mean of all that is left and of its part below 6 Hz, (2, 6)."""
+    slow = low_pass(left, rate_hz, 6.0, "zero_phase")
+    return np.stack([left.std(axis=0), slow.std(axis=0)])
+
+
 def judge(
     seed: int,
     machine: str = "default",
@@ -157,9 +166,14 @@ def judge(
         ]
         channels = list(find_accelerometers(recording).items())
         for count in (n for n in counts if n in plan.counts):
-            stated = Treadmill(accelerometers=dict(channels[:count]), inertia_model="dynamic")
-            calibration = fit_calibration(recording, stated, beside=beside)
-            assert calibration.choice is not None
+            sensors = dict(channels[:count])
+            stated = Treadmill(accelerometers=sensors, inertia_model="dynamic")
+            calibration = fit_calibration(
+                recording, Treadmill(accelerometers=sensors), beside=beside
+            )
+            better = "dynamic" if calibration.dynamic else "static"
+            if better == "static":
+                calibration = fit_calibration(recording, stated, beside=beside)
             static, dynamic = calibration.plates["plate 1"], calibration.dynamic["plate 1"]
             for trial, other in trials.items():
                 samples = plate_samples(other, stated, calibration.sensors, None, LAGS_S)
@@ -169,6 +183,5 @@ def judge(
                     dynamic.compensate(felt, wrench),
                 )
                 left = [rms_left(error, RATE_HZ) for error in errors]
-                better = calibration.choice.better
                 found.append(Judged(seed, machine, name, count, better, trial, *left))
     return found

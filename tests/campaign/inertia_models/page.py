@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from compensation.inertia.dynamic import LAGS_S
+from compensation.inertia.fit import LAGS_S
 from hbm.spatial import WRENCH_COMPONENTS
 from pipeline.virtual_lab.protocol.ranking_study import BYSTANDERS
 from tests.campaign.inertia_models.cases import (
@@ -191,7 +191,7 @@ def page(found: Sequence[Judged], places: dict[str, list[Judged]], command: str)
             f"## Where the accelerometers are: {BEST[0]}, soft machine",
             "",
             "Below 20 Hz, static → dynamic, as above. *D-optimal* places are those that "
-            "`compensation.best_places` chooses of the corners and the middle of the platform at "
+            "D-optimality chooses of the corners and the middle of the platform at "
             "two heights; mirrored to the other side they are as good by that criterion, and "
             "belong to the right plate as the others do to the left one, which is judged.",
             "",

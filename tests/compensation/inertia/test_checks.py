@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from compensation.inertia.checks import check_trial
 from compensation.inertia.fit import fit_inertia
+from compensation.inertia.sensors import check_trial
 from hbm.notes import Note
 
 places = pytest.mark.parametrize("places", ["two", "four"])

@@ -9,8 +9,7 @@ from scipy.signal import butter, resample, sosfiltfilt
 from compensation.inertia.choice import weigh_beside
 from compensation.inertia.fit import fit_inertia, fit_trials
 from compensation.inertia.model import Setup
-from compensation.inertia.model_error import fit_model_error
-from compensation.inertia.residual import zero_of_trials
+from compensation.inertia.model_error import fit_model_error, zero_of_trials
 from hbm.signals.filtering import low_pass
 
 RATE_HZ = 100.0
@@ -165,8 +164,7 @@ def test_a_recording_of_which_too_little_would_be_expected_counts_more():
     rng = np.random.default_rng(17)
     felt = [0.3 * band(rng, 7, 11, (6000, 3)) for _ in range(2)]
     left = [size * band(rng, 7, 11, (6000, 6)) for size in (1.0, 4.0)]
-    slow = [0.1 * one for one in left]
-    error = fit_model_error(felt, left, slow, RATE_HZ, np.zeros(6))
+    error = fit_model_error(felt, left, RATE_HZ, None, np.zeros(6))
     expected = [np.sqrt(error.variance(one, RATE_HZ).mean()) for one in felt]
     assert expected[1] > 0.85 * 4
     assert expected[0] < 1.15 * 4
@@ -192,7 +190,7 @@ def belt_error(speeds):
     rng = np.random.default_rng(18)
     felt = [rng.normal(0, 0.01, (3000, 3)) for _ in speeds]
     left = [left_of_belts(speed, rng) for speed in speeds]
-    return felt[0], fit_model_error(felt, left, left, RATE_HZ, np.zeros(6), speeds)
+    return felt[0], fit_model_error(felt, left, RATE_HZ, None, np.zeros(6), speeds)
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.8, 1.3, 2.0, 3.0])
@@ -229,7 +227,7 @@ def test_the_sign_of_belt_speeds_does_not_matter():
     rng = np.random.default_rng(18)
     left = [rng.normal(0, 1, (3000, 6)) for _ in range(3)]
     errors = [
-        fit_model_error([felt] * 3, left, left, RATE_HZ, np.zeros(6), speeds)
+        fit_model_error([felt] * 3, left, RATE_HZ, None, np.zeros(6), speeds)
         for speeds in ((0.0, 1.3, 3.0), (0.0, -1.3, -3.0))
     ]
     np.testing.assert_array_equal(errors[0].per_belts, errors[1].per_belts)
@@ -241,7 +239,7 @@ def test_belt_speeds_of_other_than_all_recordings_are_refused():
     rng = np.random.default_rng(18)
     felt, left = [rng.normal(size=(500, 3))] * 2, [rng.normal(size=(500, 6))] * 2
     with pytest.raises(ValueError, match="1 belt speeds for 2 recordings"):
-        fit_model_error(felt, left, left, RATE_HZ, np.zeros(6), (2.0,))
+        fit_model_error(felt, left, RATE_HZ, None, np.zeros(6), (2.0,))
 
 
 def of_two_rollers(speed, rng):
@@ -262,7 +260,7 @@ def test_rollers_are_held_where_two_recordings_are_near_the_fastest_speed(speeds
     for _ in range(100):
         felt = [rng.normal(0, 0.01, (1000, 3)) for _ in speeds]
         left = [of_two_rollers(speed, rng) for speed in speeds]
-        error = fit_model_error(felt, left, left, RATE_HZ, np.zeros(6), speeds)
+        error = fit_model_error(felt, left, RATE_HZ, None, np.zeros(6), speeds)
         sigma = np.sqrt(error.variance(felt[0], RATE_HZ, belts_mps=3.0))
         held.append(np.abs(of_two_rollers(3.0, rng)) <= 1.96 * sigma)
     assert least < np.mean(held) < most

@@ -14,7 +14,8 @@ from pipeline.cli.app import main
 from pipeline.config.study import read_study
 from pipeline.report.write import write_report
 from pipeline.run.run import run_study
-from pipeline.run.store import read_summary
+from pipeline.run.store import read_trial
+from pipeline.trial.residuals import residual_table
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +78,7 @@ def test_an_interrupted_run_keeps_what_is_done(copy):
 
 def test_a_result_has_bands_while_its_explanation_is_of_it(copy):
     path = copy / "trials" / "sub01_pitch.parquet"
-    trial = read_summary(path)
+    trial = read_trial(path, frames=False)
     bands = bands_of(path, trial)
     assert len(np.unique(bands.cycle)) >= 4
     assert (bands.deviation > 0).all()
@@ -210,7 +211,8 @@ def test_the_uncertainty_of_a_perturbed_trial_is_also_of_the_part_that_counts(ex
         for name in ("baseline", "sway")
     }
     assert budgets["baseline"].of_window == ()
-    rows = read_summary(explained / "trials" / "sub01_sway.parquet").residuals
+    trial = read_trial(explained / "trials" / "sub01_sway.parquet")
+    rows = list(residual_table(trial, "sway").itertuples())
     for window, values in (
         ("motion", budgets["sway"].of_window),
         ("cycle", budgets["sway"].uncertainty),

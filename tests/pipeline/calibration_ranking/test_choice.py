@@ -9,18 +9,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from compensation import fit_belt
-from compensation.signals.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
-from pipeline.calibration_ranking.belts import taken_away
-from pipeline.calibration_ranking.choice import (
+from compensation.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
+from pipeline.calibration_ranking.ranking import (
     SMALLEST_DIFFERENCE,
     as_good,
+    best_trials,
     count_best,
+    ranked,
+    taken_away,
     thesis_choice,
 )
-from pipeline.calibration_ranking.effects import best_levels, calibration_effects
-from pipeline.calibration_ranking.ranking import best_trials, ranked
 from pipeline.calibration_ranking.trials import BeltTrial
 from pipeline.calibration_ranking.verdict import (
+    best_levels,
+    calibration_effects,
     level_sentences,
     person_sentence,
     recommendation,

@@ -7,28 +7,33 @@ import pandas as pd
 import pytest
 
 from compensation import belt_acceleration, low_pass, pitch_and_sway_signals, validation_signals
-from compensation.signals.protocol import (
+from compensation.protocol import (
     ADVISED_BELT_SIGNAL,
     ADVISED_PLATFORM_SIGNAL,
     PLATFORM_KINDS,
 )
-from pipeline.calibration_ranking.belts import belt_interaction, rank_belts
-from pipeline.calibration_ranking.choice import thesis_choice
-from pipeline.calibration_ranking.effects import (
+from pipeline.calibration_ranking.ranking import (
+    belt_interaction,
+    best_trials,
+    rank_belts,
+    rank_platform,
+    ranked,
+    thesis_choice,
+)
+from pipeline.calibration_ranking.report import table_2
+from pipeline.calibration_ranking.trials import BeltTrial, RankingSettings, factors, platform_trial
+from pipeline.calibration_ranking.verdict import (
     calibration_effects,
     ratio_to_random,
     ratios_to_random,
+    recommendation,
 )
-from pipeline.calibration_ranking.ranking import best_trials, rank_platform, ranked
-from pipeline.calibration_ranking.report import table_2
-from pipeline.calibration_ranking.trials import BeltTrial, RankingSettings, factors, platform_trial
-from pipeline.calibration_ranking.verdict import recommendation
 from pipeline.cli.app import main
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
 from pipeline.virtual_lab.person import bystander
 from pipeline.virtual_lab.protocol import ranking_study
-from pipeline.virtual_lab.protocol.calibration_trial import (record_signal_trial, sample_times)
+from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
 
 RATE = 200.0
 RANDOM = pitch_and_sway_signals(3, 0.0)[0]

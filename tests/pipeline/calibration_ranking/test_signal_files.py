@@ -15,7 +15,7 @@ from compensation import (
     resample_signal,
     validation_signals,
 )
-from compensation.signals.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
+from compensation.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
 from pipeline.calibration_ranking import signal_files
 from pipeline.calibration_ranking.signal_files import (
     protocol_signals,
@@ -40,26 +40,26 @@ def test_files_hold_the_signal_at_the_rate_asked_for(tmp_path):
 
 
 def names(signals):
-    return {signal.name for signal in signals.possible}
+    return {signal.name for signal in signals[0]}
 
 
 def test_signals_that_a_machine_cannot_do_are_named_with_their_limit():
     """Belts up to 2.5 m/s: no squares of ± 3 m/s, alone or in all variations, and all else."""
     found = protocol_signals("belt", 1, MachineLimits(belt_m_per_s=2.5, belt_m_per_s2=3))
-    assert len(found.possible) == 16
+    assert len(found[0]) == 16
     assert not any("square" in name or "_all_" in name for name in names(found))
     assert ADVISED_BELT_SIGNAL in names(found)
-    assert len(found.beyond) == 8
-    assert all("belt_m_per_s reaches 3, the machine allows 2.5" in line for line in found.beyond)
+    assert len(found[1]) == 8
+    assert all("belt_m_per_s reaches 3, the machine allows 2.5" in line for line in found[1])
 
 
 @pytest.mark.parametrize("fastest", [1.5, 2.0])
 def test_belts_that_cannot_exceed_a_mean_speed_do_the_signals_of_the_other(fastest):
     found = protocol_signals("belt", 1, MachineLimits(belt_m_per_s=fastest))
-    assert len(found.possible) == 8
+    assert len(found[0]) == 8
     assert all(name.endswith("_1mps") for name in names(found))
     line = f"belt_m_per_s must exceed its mean speed of 2, the machine allows {fastest:g}"
-    assert sum(line in beyond for beyond in found.beyond) == 12
+    assert sum(line in beyond for beyond in found[1]) == 12
 
 
 def test_moves_that_take_longer_than_the_signal_are_named():
@@ -67,7 +67,7 @@ def test_moves_that_take_longer_than_the_signal_are_named():
     found = protocol_signals("pitch_sway", 1, MachineLimits(sway_m_per_s=0.001))
     assert "random_300s_3mps" in names(found)
     assert "square_sway_300s_3mps" not in names(found)
-    assert any(line.startswith("square_sway_300s_3mps: its moves take") for line in found.beyond)
+    assert any(line.startswith("square_sway_300s_3mps: its moves take") for line in found[1])
 
 
 @given(
@@ -80,7 +80,7 @@ def test_every_signal_of_the_protocol_is_either_possible_or_named(kind, slow, sh
     limits = MachineLimits()
     found = protocol_signals(kind, 0, replace(limits, **{slow: share * getattr(limits, slow)}))
     every = names(protocol_signals(kind, 0, limits))
-    beyond = [line.split(":")[0] for line in found.beyond]
+    beyond = [line.split(":")[0] for line in found[1]]
     assert sorted([*names(found), *beyond]) == sorted(every)
 
 

@@ -15,12 +15,12 @@ from pipeline.config.schema import Treadmill
 from pipeline.config.study import read_study
 from pipeline.live.preparation import prepare
 from pipeline.run.check import check_study
-from pipeline.run.store import read_summary
+from pipeline.run.store import read_trial
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.study_files import read_study_laboratory
-from pipeline.virtual_lab.faults import (BeltFaults, Faults)
+from pipeline.virtual_lab.faults import BeltFaults, Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
-from pipeline.virtual_lab.protocol.walking_protocol import (DEMO, Setting)
+from pipeline.virtual_lab.protocol.walking_protocol import DEMO, Setting
 from pipeline.virtual_lab.protocol.walking_trial import run_calibration
 from tests.pipeline import lab
 
@@ -49,7 +49,7 @@ def fit(recording, folder, *options):
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_late_sensor_and_one_with_a_wrong_gain_are_found_and_corrected(tmp_path, capsys, seed):
+def test_a_late_sensor_is_found_and_corrected_and_a_wrong_gain_does_no_harm(tmp_path, capsys, seed):
     perfect, late = empty(seed), empty(seed, accelerometer_delay_s=0.005)
     rear, front = SENSORS.values()
 
@@ -62,27 +62,13 @@ def test_a_late_sensor_and_one_with_a_wrong_gain_are_found_and_corrected(tmp_pat
     found = fit(with_values(perfect, spoil), tmp_path)
     printed = " ".join(capsys.readouterr().out.split())
     assert "accelerometer rear_left is 5.0" in printed
-    assert "accelerometer front_right reads +" in printed
     first, second = found.sensors
     assert abs(first.delay_s - 0.005) < 1.96 * first.delay_error_s
     assert abs(second.delay_s) < 1.96 * second.delay_error_s
-    assert abs(first.gain - 1) < 1.96 * first.gain_error
-    assert abs(second.gain - 1.03) < 1.96 * second.gain_error
     for plate, model in found.plates.items():
         np.testing.assert_allclose(
             model.rms_compensated, expected.plates[plate].rms_compensated, rtol=0.1
         )
-
-
-def test_a_calibration_from_before_sensors_were_described_is_used_as_it_was(tmp_path):
-    document = json.loads(to_json(fit(empty(1), tmp_path))) | {"version": 2}
-    del document["sensors"]
-    for plate in document["plates"].values():
-        del plate["correlation"], plate["rms_slow"]
-    old = from_json(json.dumps(document))
-    assert old.sensors == ()
-    np.testing.assert_array_equal(old.plates["plate 1"].rms_slow,
-                                  old.plates["plate 1"].rms_compensated)  # fmt: skip
 
 
 @pytest.mark.parametrize("missing", ["correlation", "rms_slow", "sensors", "model_error"])
@@ -288,7 +274,7 @@ def test_the_verdict_on_a_recording_of_the_study_is_in_everything_that_a_run_lea
     assert main(["report", str(out)]) == 0
     stated = json.loads((out / "study.json").read_text(encoding="utf-8"))["calibration"]
     assert stated == notes
-    summary = read_summary(out / "trials" / "sub01_pitch.parquet")
+    summary = read_trial(out / "trials" / "sub01_pitch.parquet", frames=False)
     assert [n.level for n in summary.of_calibration] == ["warning"] * fails
     page = (out / "report.html").read_text(encoding="utf-8")
     assert (BEYOND in page) == fails

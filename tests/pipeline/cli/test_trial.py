@@ -8,8 +8,9 @@ import pytest
 
 from pipeline.cli.app import main
 from pipeline.io.opensim import read_sto
-from pipeline.run.store import read_summary
+from pipeline.run.store import read_trial
 from pipeline.trial.quality import free_of
+from pipeline.trial.residuals import marker_table, residual_table, threshold_table
 
 AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
@@ -21,7 +22,11 @@ def processed(trial, out, *options):
         assert main(["residuals", str(trial), "--out", str(out), *options]) == 0
     stem = out / trial.stem
     frames = pd.read_parquet(f"{stem}.parquet")
-    return frames, read_summary(Path(f"{stem}.parquet")), pd.read_csv(f"{stem}_residuals.csv")
+    return (
+        frames,
+        read_trial(Path(f"{stem}.parquet")),
+        pd.read_csv(f"{stem}_residuals.csv"),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +67,7 @@ def test_a_trial_alone_and_in_a_study_has_the_same_residuals(result, real_trial,
     )
     assert main(["run", str(tmp_path), "--out", str(tmp_path / "out")]) == 0
     (study,) = (tmp_path / "out").glob("trials/*.parquet")
-    rows = pd.DataFrame(read_summary(study).residuals)
+    rows = residual_table(read_trial(study), "walk")
     table = result[-1]
     for column in ("axis", "window", "n_cycles"):
         assert rows[column].tolist() == table[column].tolist()
@@ -96,7 +101,7 @@ def test_every_gait_cycle_has_its_own_rows(result):
 def test_percentages_are_of_body_weight_and_of_body_weight_times_stature(result):
     *_, summary, table = result
     weight = 55.3 * 9.81
-    stature = summary.height_m
+    stature = summary.body.height_m
     assert stature == pytest.approx(1.72, abs=0.005)
     scale = [weight] * 3 + [weight * stature] * 3
     np.testing.assert_allclose(table["rms_percent"], 100 * table["rms"] / scale, rtol=1e-4)
@@ -144,14 +149,14 @@ def test_a_name_with_dots_keeps_all_of_it(real_trial, tmp_path):
 
 def test_the_summary_holds_what_the_result_was_made_from(result):
     summary = result[2]
-    assert summary.source == "treadmill_events.c3d"
+    assert summary.source.name == "treadmill_events.c3d"
     assert summary.subject.sex == "female"
-    assert summary.body_mass_kg == 55.3
+    assert summary.body.mass == 55.3
     assert summary.settings.filter == "zero_phase"
     assert summary.settings.cutoff_hz == 6.0
-    assert summary.unsolved_frames == 0
+    assert summary.motion.converged.all()
     assert {"hbm-residuals", "casadi", "numpy", "scipy"} <= set(summary.versions)
-    assert "RShoulderFlexion" in summary.locked
+    assert "RShoulderFlexion" in summary.body.locked
 
 
 def test_what_is_printed_is_what_is_in_the_table(real_trial, tmp_path, capsys):
@@ -165,13 +170,13 @@ def test_what_is_printed_is_what_is_in_the_table(real_trial, tmp_path, capsys):
     assert [cells[2].strip() for cells in lines] == list(AXES)
     assert [cells[3].strip() for cells in lines] == [f"{rms:.1f}" for rms in table["rms"]]
     assert [cells[4].strip() for cells in lines] == [f"{mean:.1f}" for mean in table["mean"]]
-    for limit in summary.thresholds:
+    for limit in threshold_table(summary).itertuples():
         verdict = "passes" if limit.passed else "FAILS"
         assert f"{verdict} Hicks (2015): peak residual {limit.quantity}" in out
     for note in summary.notes:
         assert f"{note} [{note.code}]" in out
-    worst = max(summary.markers[:-1], key=lambda row: row.rms_mm)
-    assert f"{worst.marker} {worst.rms_mm:.1f}" in out
+    markers = marker_table(summary).set_index("marker")["rms_mm"][:-1]
+    assert f"{markers.idxmax()} {markers.max():.1f}" in out
 
 
 def test_what_is_typed_is_stored_with_the_result(real_trial, tmp_path):

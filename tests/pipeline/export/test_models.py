@@ -12,8 +12,7 @@ from hbm.coordinates import COORDINATES, MOVING, SEGMENTS
 from hbm.overrides import SegmentOverride
 from hbm.segments import Inertia
 from pipeline.cli.app import main
-from pipeline.export.opensim_model import write_osim
-from pipeline.export.urdf import TOKEN_INERTIA, write_urdf
+from pipeline.export.models import TOKEN_INERTIA, write_osim, write_urdf
 from tests.hbm.people import person
 from tests.pipeline.without_pinocchio import BLOCKED, COMMAND
 from tests.synthetic import MASS_KG, synthetic_body

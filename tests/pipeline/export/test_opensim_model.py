@@ -18,8 +18,8 @@ from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.signals.resampling import interpolate
 from hbm.spatial import GRAVITY_MPS2, Array, rotation_about
-from pipeline.export.opensim_model import write_osim
-from pipeline.export.opensim_tables import (
+from pipeline.export.models import write_osim
+from pipeline.export.tables import (
     write_coordinates,
     write_external_loads,
     write_forces,

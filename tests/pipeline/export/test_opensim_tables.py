@@ -10,7 +10,7 @@ from hbm.dynamics import Dynamics
 from hbm.engines.engine import EngineUsed
 from hbm.markers import Markers
 from hbm.motion import Motion
-from pipeline.export.opensim_tables import (
+from pipeline.export.tables import (
     write_coordinates,
     write_external_loads,
     write_forces,

@@ -5,7 +5,7 @@ import pytest
 
 from hbm.coordinates import COORDINATES, FIXED_TO, MOVING, N_Q, RIGID_BODIES, SEGMENTS, TREE
 from hbm.kernels.native import kernels
-from pipeline.export.urdf import TOKEN_INERTIA, write_urdf
+from pipeline.export.models import TOKEN_INERTIA, write_urdf
 from tests.synthetic import synthetic_body
 
 pin = pytest.importorskip("pinocchio", reason="Pinocchio has no wheel for this system")

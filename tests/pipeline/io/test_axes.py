@@ -43,12 +43,6 @@ def test_any_axes_of_a_file_are_inferred_from_a_standing_subject(subject, axes):
     np.testing.assert_allclose(position @ parse_axes(found).T, subject.position, atol=1e-12)
 
 
-def test_stated_axes_rotate_a_file_into_the_lab():
-    rotation = parse_axes("left, back, up")
-    np.testing.assert_array_equal(rotation @ [1, 0, 0], [0, 1, 0])
-    np.testing.assert_array_equal(rotation @ [0, 1, 0], [-1, 0, 0])
-
-
 @pytest.mark.parametrize("axes", ["", "left,back", "left,back,upwards", "x,y,z"])
 def test_words_other_than_directions_are_refused(axes):
     with pytest.raises(ValueError, match="must be three of forward, back"):

@@ -107,12 +107,6 @@ def test_a_plate_that_lacks_channels_is_left_out_and_the_other_kept(
     assert note.values["reason"] == reason
 
 
-def test_millimetres_labelled_as_metres_are_refused(trial, tmp_path):
-    path = write_nexus(trial, tmp_path / "t.csv", unit=("m", 1000.0))
-    with pytest.raises(ValueError, match=r"^t\.csv: the markers spread over .* correct the unit"):
-        read_recording(path)
-
-
 def test_mox_keeps_unknown_channels_and_notes_that_its_signs_are_unconfirmed(trial, tmp_path):
     read = read_recording(write_mox(trial, tmp_path / "t.mox"))
     assert read.analog.names == ("Rotation LHipFlex",)

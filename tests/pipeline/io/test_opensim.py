@@ -5,9 +5,8 @@ from hypothesis import strategies as st
 
 from hbm.markers import Markers
 from hbm.notes import Note
-from pipeline.export.opensim_tables import write_trc
+from pipeline.export.tables import write_trc
 from pipeline.io.opensim import read_opensim_trial, read_sto
-from pipeline.io.stated import Stated
 
 TRIALS = {
     "opensim_subject01": ("subject01_walk1.trc", "subject01_walk1_grf.mot", 72.6),
@@ -236,16 +235,3 @@ def test_torques_under_two_names_are_refused(tmp_path):
         ValueError, match="torques of ground_force_1 are there twice, as ground_torq"
     ):
         read_opensim_trial(trc, mot)
-
-
-def test_forces_in_stated_units(tmp_path):
-    force, point, torque = steps(np.random.default_rng(3))
-    trc, mot = write_standing(tmp_path / "s.trc"), tmp_path / "s.mot"
-    names = NAMINGS["ground_force_vx"]
-    write_forces(mot, [(names, force / 1000, point * 1000, torque)])
-    stated = Stated(plate_units="kN,Nm,mm")
-    recording = read_opensim_trial(trc, mot, stated)
-    np.testing.assert_allclose(
-        recording.plates[0].wrench[:, 3:], in_lab(moment_of(force, point, torque)), atol=1e-4
-    )
-    assert "units_overruled" in {note.code for note in recording.notes}

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.export.opensim_tables import write_trc
+from pipeline.export.tables import write_trc
 from pipeline.io.opensim import read_mot, read_sto
 from tests.synthetic import synthetic_t_pose
 

@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 from pipeline.config.live import Live
 from pipeline.io.xdf.channels import Channel, parse_channels
 from pipeline.io.xdf.plates import find_plates
-from pipeline.live.description import describe
-from pipeline.live.recorder.descriptions import described_streams
-from pipeline.live.sources.recorded import RecordedSource, recorded_streams
+from pipeline.live.recording import describe, described_streams
+from pipeline.live.replay import RecordedSource, recorded_streams
 from pipeline.live.stream import LAB_AXES
 
 words = st.text(st.characters(codec="utf-8", exclude_categories=["C", "Z"]), max_size=8)

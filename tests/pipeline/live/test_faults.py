@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from pipeline.config.live import Live
 from pipeline.config.schema import Platform, Settings, Subject, Treadmill
 from pipeline.config.study import read_study
+from pipeline.live.arrival import known
 from pipeline.live.frames.chain import LiveChain
 from pipeline.live.stream import Samples
 from pipeline.trial.process import process_recording
@@ -165,7 +166,7 @@ def test_samples_that_are_no_numbers_stop_nothing(recording, new_chain):
             values[:] = random.choice([np.nan, np.inf, 1e30, -1e30])
         if random.random() < 0.02:
             time[-1] = random.choice([np.nan, np.inf, -1.0])
-        spoilt.append(Samples(samples.stream, time, values))
+        spoilt.append(Samples(samples.stream, time, known(values)))
     assert_accounted(chain, play(chain, spoilt))
 
 

@@ -9,7 +9,7 @@ from pipeline.config.live import Live
 from pipeline.config.schema import Settings, Subject
 from pipeline.config.study import read_study
 from pipeline.live.frames.chain import LiveChain
-from pipeline.live.sources.recorded import RecordedSource
+from pipeline.live.replay import RecordedSource
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import reported
@@ -66,9 +66,8 @@ def test_a_recorded_source_gives_the_numbers_of_the_file(pitch, whole, laborator
 @pytest.mark.slow
 def test_a_replay_over_the_loopback_gives_the_numbers_of_the_file(pitch, whole, laboratory):
     lsl = pytest.importorskip("pylsl", reason="the extra live is not installed")
-    from pipeline.live.outlet import result_outlet
+    from pipeline.live.outlet import result_outlet, result_row
     from pipeline.live.replay import Replay
-    from pipeline.live.result_row import result_row
     from pipeline.live.sources.lsl import LslSource
 
     prefix = f"{os.getpid()} over "

@@ -18,11 +18,10 @@ from pipeline.io.read import read_recording
 from pipeline.io.xdf.channels import Channel, parse_channels
 from pipeline.live.frames.channels import AnalogStreams
 from pipeline.live.frames.ground import LiveGround
-from pipeline.live.places import place_plates
-from pipeline.live.recorder.descriptions import described_streams
-from pipeline.live.recorder.xdf_writer import XdfWriter
+from pipeline.live.preparation import place_plates
+from pipeline.live.recording import XdfWriter, described_streams
+from pipeline.live.replay import RecordedSource
 from pipeline.live.sources.description import describe_plates, describe_signals
-from pipeline.live.sources.recorded import RecordedSource
 from pipeline.live.stream import Samples, StatedPlate
 from pipeline.trial.ground.laboratory import Laboratory
 from tests.pipeline import xdf_file as xdf

@@ -11,15 +11,14 @@ from pipeline.config.schema import Settings, Treadmill
 from pipeline.io.stated import Stated
 from pipeline.live.frames.channels import AnalogStreams
 from pipeline.live.frames.ground import LiveGround
-from pipeline.live.places import place_plates
+from pipeline.live.preparation import place_plates
 from pipeline.live.stream import Samples
 from pipeline.trial.ground.laboratory import Laboratory
 from tests.pipeline.live.qtm_server import QtmServer, frame, location, parameters
 
 pytest.importorskip("qtm_rt", reason="the extra live is not installed")
 
-from pipeline.live.sources.qualisys import QualisysSource
-from pipeline.live.sources.qualisys_frames import read_parameters
+from pipeline.live.sources.qualisys import QualisysSource, read_parameters
 
 NAMES = ("LASIS", "RASIS", "SACR")
 AXES = Stated(axes="left,back,up")
@@ -166,7 +165,9 @@ def test_plates_that_lie_elsewhere_when_the_program_is_back_are_refused(source, 
         NAMES, plates=("Left", "Right"), channels=CHANNELS, locations=moved
     )
     server.drop_clients()
-    with pytest.raises(ValueError, match="back with another place of plate 1; begin a new session"):
+    with pytest.raises(
+        ValueError, match="back with another description of its plates; begin a new session"
+    ):
         collect(source, 1, timeout_s=5.0)
 
 

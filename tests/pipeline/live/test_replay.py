@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from hbm.markers import Markers
 from pipeline.io.recording import Analog, Recording
-from pipeline.live.sources.recorded import RecordedSource, recorded_streams
+from pipeline.live.replay import RecordedSource, recorded_streams
 from tests.pipeline.live.perturbed import Faults, PerturbedSource
 from tests.pipeline.other_formats import excerpt
 

@@ -13,17 +13,16 @@ from pipeline.config.schema import Settings, Subject, Treadmill
 from pipeline.io.read import read_recording
 from pipeline.live import session as module
 from pipeline.live.frames.chain import LiveChain
-from pipeline.live.pose import PoseFinder
-from pipeline.live.recorder.descriptions import described_streams
-from pipeline.live.recorder.recorder import RESULTS, STREAMS, Recorder
-from pipeline.live.result_row import result_columns, result_row
+from pipeline.live.monitor import Monitor
+from pipeline.live.outlet import result_columns, result_row
+from pipeline.live.preparation import PoseFinder
+from pipeline.live.recording import RESULTS, STREAMS, Recorder, described_streams
+from pipeline.live.replay import RecordedSource
 from pipeline.live.session import Session
-from pipeline.live.sources.recorded import RecordedSource
 from pipeline.live.stream import Samples, StreamDescription
-from pipeline.live.watch.monitor import Monitor
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
-from pipeline.trial.residuals import headline_rows, residual_rows
+from pipeline.trial.residuals import residual_table
 from tests.pipeline.live.perturbed import Faults, PerturbedSource
 from tests.pipeline.live.playing import chain_of
 
@@ -89,8 +88,7 @@ def test_a_recorded_session_processed_afterwards_gives_the_residuals_of_the_tria
     again = process_recording(
         read_recording(followed[3] / STREAMS), Subject(sex="female"), REALTIME
     )
-    rows = (headline_rows(residual_rows(each, "level")) for each in (again, result))
-    ours, true = ([row.rms for row in each] for each in rows)
+    ours, true = (residual_table(each, "level")["rms"] for each in (again, result))
     np.testing.assert_allclose(ours, true, rtol=1e-6)
 
 
@@ -106,7 +104,7 @@ def test_results_on_disk_are_those_of_the_frames(followed):
 def test_the_monitor_has_the_residuals_of_the_trial(result, followed):
     """Gait cycles by the plates' contacts, of the trial by the motion of the feet."""
     monitor = followed[1]
-    true = [row.rms for row in headline_rows(residual_rows(result, "level"))]
+    true = residual_table(result, "level")["rms"]
     np.testing.assert_allclose(monitor.condition.rms["measured"], true, rtol=0.15)
     assert monitor.condition.cycles > 12
     assert f"{monitor.condition.cycles} gait cycles · RMS Fx" in monitor.status()
@@ -196,7 +194,7 @@ def test_no_pose_is_found_without_load_or_markers(walker, stream, factor, why_no
 def test_streams_that_fall_silent_and_return_are_noted(walker, followed, monkeypatch):
     computed, _, frames, _ = followed
     now = [100.0]
-    monkeypatch.setattr("pipeline.live.watch.monitor.monotonic", lambda: now[0])
+    monkeypatch.setattr("pipeline.live.monitor.monotonic", lambda: now[0])
     monitor = Monitor(computed, walker.plates)
     plates = Samples("Plates", np.array([1.0]), np.zeros((1, 12)))
     monitor.samples(plates)

@@ -8,7 +8,7 @@ import numpy as np
 from pipeline.cli.live.following import take_new
 from pipeline.config.schema import Settings, Subject
 from pipeline.config.study import read_study
-from pipeline.live.watch.monitor import Monitor
+from pipeline.live.monitor import Monitor
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality
 from pipeline.trial.study_files import read_study_file, read_study_laboratory

@@ -25,7 +25,7 @@ def text_of(folder, study=None, **made):
 def described(results, changed):
     """The Methods with another trial in place of sub01's sway."""
     key = ("sub01", "sway")
-    found = replace(results, summaries=results.summaries | {key: changed(results.summaries[key])})
+    found = replace(results, trials=results.trials | {key: changed(results.trials[key])})
     return " ".join(methods(found, statistics(found.residuals, found.subjects), EXPERIMENT_3, None))
 
 
@@ -102,8 +102,13 @@ def test_what_one_trial_was_processed_with_is_described(usual, changed, expected
 def test_without_pinocchio_it_is_neither_named_nor_cited(usual):
     _, results = usual
     alone = EngineUsed("kernels", "casadi 3.7.2")
-    trials = {key: replace(trial, engine=alone) for key, trial in results.summaries.items()}
-    found = replace(results, summaries=trials)
+    trials = {
+        key: replace(
+            trial, variants={n: replace(d, engine=alone) for n, d in trial.variants.items()}
+        )
+        for key, trial in results.trials.items()
+    }
+    found = replace(results, trials=trials)
     text = " ".join(methods(found, statistics(found.residuals, found.subjects), EXPERIMENT_3, None))
     assert "algorithm with equations generated with CasADi 3.7.2. " in text
     assert "Pinocchio" not in text
@@ -140,8 +145,8 @@ def test_every_setting_changes_the_text(tmp_path, stated, expected, absent):
 def test_the_origin_of_the_gait_events_is_described_and_cited(tmp_path, code, expected, cites_zeni):
     _, results = text_of(tmp_path, subjects=1)
     note = Note.of(code, left=3, right=3)
-    summaries = {key: replace(each, notes=(note,)) for key, each in results.summaries.items()}
-    found = replace(results, summaries=summaries)
+    summaries = {key: replace(each, notes=(note,)) for key, each in results.trials.items()}
+    found = replace(results, trials=summaries)
     text = " ".join(methods(found, statistics(found.residuals, found.subjects), EXPERIMENT_3, None))
     assert text.count("Gait events were") == 1
     assert expected in text

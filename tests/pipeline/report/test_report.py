@@ -202,7 +202,10 @@ def test_markup_in_the_name_of_a_condition_is_shown_as_text(tmp_path, quick):
     name = "<b>$x$\"'&"
     for condition in ("baseline", name):
         result = fake_trial(1, condition, cycles=2)
-        write_trial(result, condition, "key", tmp_path / "trials" / f"{len(condition)}.parquet")
+        write_trial(
+            replace(result, condition=condition, key="key"),
+            tmp_path / "trials" / f"{len(condition)}.parquet",
+        )
     found = Page(write_report(tmp_path))
     assert found.open == []
     assert "b" not in found.tags
@@ -285,7 +288,7 @@ group = "group"
 def write_standing(folder, number, condition, **made):
     result = standing(fake_trial(number, condition, cycles=4, **made))
     path = folder / "trials" / f"sub{number:02}_{condition}.parquet"
-    write_trial(result, condition, "key", path)
+    write_trial(replace(result, condition=condition, key="key"), path)
 
 
 def test_a_study_of_standing_is_reported_over_the_recordings(tmp_path, quick):
@@ -333,7 +336,9 @@ def test_a_trial_without_residuals_is_in_no_table_with_its_reason(tmp_path, quic
         quality=result.quality | int(Quality.NOT_CARRIED),
         notes=(Note.of("no_residuals", reason="the plates carry the subject in no frame"),),
     )
-    write_trial(lost, "pitch", "key", tmp_path / "trials" / "sub03_pitch.parquet")
+    write_trial(
+        replace(lost, condition="pitch", key="key"), tmp_path / "trials" / "sub03_pitch.parquet"
+    )
     text = Page(write_report(tmp_path)).text
     assert "sub03 pitch failed: the plates carry the subject in no frame" in text
     assert "sub03" not in set(pd.read_csv(tmp_path / "residuals.csv")["subject"])
@@ -344,7 +349,10 @@ def test_trials_with_different_settings_are_reported(tmp_path, quick):
 
     write_fake_results(tmp_path, subjects=2, conditions=("baseline",), cycles=2)
     result = fake_trial(1, "baseline", cycles=2, settings=Settings(cutoff_hz=12))
-    write_trial(result, "baseline", "key", tmp_path / "trials" / "sub01_baseline.parquet")
+    write_trial(
+        replace(result, condition="baseline", key="key"),
+        tmp_path / "trials" / "sub01_baseline.parquet",
+    )
     assert "processed with 2 different settings" in Page(write_report(tmp_path)).text
 
 

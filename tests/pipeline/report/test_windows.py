@@ -36,7 +36,7 @@ def folder(tmp_path_factory):
                 result = fake_trial(number, condition, cycles=4)
                 result = with_part(result) if condition == "sway" else result
                 path = out / "trials" / f"sub{number:02}_{condition}.parquet"
-                write_trial(result, condition, "key", path)
+                write_trial(replace(result, condition=condition, key="key"), path)
         write_report(out)
     return out
 
@@ -83,9 +83,9 @@ def test_the_console_prints_the_headline_and_what_it_is_of(folder, capsys):
 
 def test_the_part_that_counts_is_grey_in_every_panel(folder):
     found = collect(folder)
-    grey = mean_part(t for t in found.summaries.values() if t.condition == "sway")
+    grey = mean_part(t for t in found.trials.values() if t.condition == "sway")
     assert grey == pytest.approx((20, 50))
-    assert mean_part(t for t in found.summaries.values() if t.condition == "pitch") is None
+    assert mean_part(t for t in found.trials.values() if t.condition == "pitch") is None
     study = gait_cycle_figure(found.cycles, "sway", EXPERIMENT_3, grey=grey)
     trial = residual_figure(with_part(fake_trial(1, "sway", cycles=4)))
     for panel in (*study.axes, *trial.axes):

@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 
 from pipeline.run.load import collect
-from pipeline.run.store import read_summary, read_trial
+from pipeline.run.store import read_trial
 from pipeline.trial.gait.cycles import normalise
-from pipeline.trial.residuals import AXES, cycles_of
+from pipeline.trial.residuals import AXES, cycles_of, residual_table
 from tests.pipeline import lab
 
 
@@ -21,18 +21,18 @@ def gathered(finished):
 def test_residuals_of_every_trial_are_in_one_table(finished, gathered):
     assert len(gathered.residuals) == 2 * 3 * 2 * 6
     for path in (finished / "trials").glob("*.parquet"):
-        trial = read_summary(path)
+        trial = read_trial(path)
         rows = gathered.residuals[
             (gathered.residuals["subject"] == trial.subject.id)
             & (gathered.residuals["condition"] == trial.condition)
         ]
-        expected = pd.DataFrame(trial.residuals)
+        expected = residual_table(trial, trial.condition)
         pd.testing.assert_frame_equal(rows.reset_index(drop=True), expected)
 
 
 def test_curves_are_the_cycles_of_the_frames(finished, gathered):
     path = finished / "trials" / "sub02_sway.parquet"
-    trial, frames = read_summary(path), pd.read_parquet(path)
+    trial, frames = read_trial(path, frames=False), pd.read_parquet(path)
     curves = gathered.cycles.query("subject == 'sub02' and condition == 'sway'")
     count = sum(len(spans) for spans in trial.cycles.values())
     assert len(curves) == count * 101 * 2 * 6
@@ -93,4 +93,4 @@ def test_other_files_in_the_folder_are_ignored(finished, tmp_path):
     out = shutil.copytree(finished, tmp_path / "out")
     for name in (".sub03_sway.parquet.deadbeef.part", "sub03_sway.failed.json", "notes.txt"):
         (out / "trials" / name).write_text("{}", encoding="utf-8")
-    assert len(collect(out).summaries) == 6
+    assert len(collect(out).trials) == 6

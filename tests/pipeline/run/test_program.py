@@ -35,7 +35,7 @@ def edit(path):
         "pipeline/report/page.py",
         "pipeline/figures/style.py",
         "pipeline/viewer/scene.py",
-        "pipeline/export/urdf.py",
+        "pipeline/export/models.py",
         "pipeline/cli/app.py",
         "pipeline/run/run.py",
         "pipeline/statistics/rm_glm.py",

@@ -80,10 +80,10 @@ def test_a_trial_excluded_after_it_was_processed_no_longer_counts(tmp_path, stud
     found = states(everything, {}, study)
     assert (found["sub03", "pitch"].state, found["sub03", "pitch"].in_tables) == ("excluded", False)
     left = select_trials(everything, {key for key, state in found.items() if state.in_tables})
-    assert set(everything.summaries) - set(left.summaries) == {("sub03", "pitch")}
+    assert set(everything.trials) - set(left.trials) == {("sub03", "pitch")}
     for table in (left.residuals, left.cycles):
         keys = set(table[["subject", "condition"]].drop_duplicates().itertuples(index=False))
-        assert keys == set(left.summaries)
+        assert keys == set(left.trials)
     assert set(left.subjects["subject"]) == {"sub01", "sub02", "sub03"}
 
 
@@ -150,7 +150,7 @@ def test_provenance_is_json_and_complete(results, study):
     stored = json.loads(provenance(results, trial_states(results, {}, study), study).to_json())
     assert stored["settings"] == [Settings().model_dump()]
     assert stored["versions"][0]["hbm-residuals"]
-    assert stored["engines"] == [asdict(replace(ENGINE, frames=16 * len(results.summaries)))]
+    assert stored["engines"] == [asdict(replace(ENGINE, frames=16 * len(results.trials)))]
     assert re.fullmatch(r"[0-9a-f]{64}", stored["program"]["sha256"])
     assert stored["treadmill"]["cutoff_hz"] == 20
     trial = next(t for t in stored["trials"] if (t["subject"], t["condition"]) == ("sub01", "sway"))

@@ -20,7 +20,7 @@ from pipeline.run import cluster, program, run
 from pipeline.run import job as work
 from pipeline.run.job import process_job
 from pipeline.run.run import plan, run_jobs, run_study
-from pipeline.run.store import read_summary, read_trial, recorded_study_folder, write_trial
+from pipeline.run.store import read_trial, recorded_study_folder, write_trial
 from pipeline.trial import process
 from pipeline.trial.ground.laboratory import Laboratory
 
@@ -66,7 +66,7 @@ def test_every_trial_has_a_result_with_the_key_of_all_that_went_into_it(moving_s
     planned = plan(read_study(moving_study), finished)
     assert sorted(contents(finished)) == [f"{name}.parquet" for name in TRIALS]
     for job in planned:
-        summary = read_summary(job.target)
+        summary = read_trial(job.target, frames=False)
         assert (summary.key, summary.subject.id) == (job.key, job.subject)
         assert summary.condition == job.condition
 
@@ -452,7 +452,7 @@ def test_results_made_with_other_settings_are_kept_unless_they_are_to_be_replace
     assert "cutoff_hz 6.0 → 8.0" in capsys.readouterr().err
     assert contents(out) == contents(finished)
     assert main([*command, "--overwrite"]) == 0
-    assert read_summary(out / "trials" / "sub01_sway.parquet").settings.cutoff_hz == 8.0
+    assert read_trial(out / "trials" / "sub01_sway.parquet", frames=False).settings.cutoff_hz == 8.0
     others = [name for name in contents(out) if name != "sub01_sway.parquet"]
     assert all(contents(out)[name] == contents(finished)[name] for name in others)
 
@@ -460,7 +460,7 @@ def test_results_made_with_other_settings_are_kept_unless_they_are_to_be_replace
 def test_results_of_an_earlier_version_are_kept_where_other_settings_are_stated(study, out, capsys):
     """Their keys are one digest of everything."""
     stored = out / "trials" / "sub01_sway.parquet"
-    write_trial(read_trial(stored), "sway", "0" * 64, stored)
+    write_trial(replace(read_trial(stored), condition="sway", key="0" * 64), stored)
     command = ["run", str(study), "--subject", "sub01", "--condition", "sway", "--out", str(out)]
     retype("study.toml", "[treadmill]", "[settings]\ncutoff_hz = 8.0\n[treadmill]")(study)
     assert main(command) == 2

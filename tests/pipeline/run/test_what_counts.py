@@ -12,10 +12,11 @@ from pipeline.config.schema import PlateContact, Settings, Subject
 from pipeline.config.study import read_study
 from pipeline.run.check import check_study
 from pipeline.run.run import run_study
-from pipeline.run.store import read_summary, read_trial
+from pipeline.run.store import read_trial
 from pipeline.trial.gait.events import zeni_events
 from pipeline.trial.process import process_recording, process_trial
 from pipeline.trial.quality import Quality, free_of
+from pipeline.trial.residuals import residual_table
 from tests.pipeline import lab
 
 CONTACT = '[[trials.quiet.contacts]]\nplate = {}\ntime_s = {}\nfoot = "{}"\n'
@@ -65,13 +66,13 @@ def test_a_trial_without_gait_cycles_counts_as_a_whole_however_short(
     folder = study(first(walker, seconds))
     _, outcome = checked_and_run(folder, tmp_path / "out")
     assert outcome.state == "done"
-    summary = read_summary(outcome.job.target)
+    summary = read_trial(outcome.job.target)
     start, stop = summary.span
     assert 0 <= start <= 0.17
     assert seconds - 0.2 < stop < seconds
     (note,) = [note for note in summary.notes if note.code == "no_gait_cycle"]
     assert "there are no foot strikes" in note.text
-    assert all(row.rms < 10 for row in summary.residuals)
+    assert (residual_table(summary, "")["rms"] < 10).all()
 
 
 @pytest.mark.parametrize(
@@ -85,14 +86,14 @@ def test_a_trial_without_gait_cycles_counts_as_a_whole_however_short(
 def test_a_condition_states_what_counts(walker, study, tmp_path, condition, span):
     _, outcome = checked_and_run(study(first(walker, 1.5), condition), tmp_path / "out")
     assert outcome.state == "done"
-    assert read_summary(outcome.job.target).span == pytest.approx(span)
+    assert read_trial(outcome.job.target, frames=False).span == pytest.approx(span)
 
 
 def test_a_span_counts_in_walking_too(walker, study, tmp_path):
     _, outcome = checked_and_run(study(walker, "window = [6.0, 9.0]"), tmp_path / "out")
-    summary = read_summary(outcome.job.target)
+    summary = read_trial(outcome.job.target)
     assert summary.span == (6.0, 9.0)
-    assert {row.window for row in summary.residuals} == {"span"}
+    assert set(residual_table(summary, "")["window"]) == {"span"}
 
 
 @pytest.mark.parametrize(
@@ -125,9 +126,9 @@ def test_of_a_trial_with_events_of_the_left_foot_its_cycles_count(
     folder = study(of_one_side(walker, "left"), condition)
     faults, outcome = checked_and_run(folder, tmp_path / "out")
     assert not faults
-    summary = read_summary(outcome.job.target)
+    summary = read_trial(outcome.job.target)
     assert list(summary.cycles) == ["left"]
-    assert {row.window for row in summary.residuals} == {"cycle"}
+    assert set(residual_table(summary, "")["window"]) == {"cycle"}
     assert "cycles_of_left" in {note.code for note in summary.notes}
 
 

@@ -17,7 +17,7 @@ from pipeline.figures.residuals import mean_part
 from pipeline.run.store import read_trial, write_trial
 from pipeline.trial.gait.perturbations import motion_onsets, motion_stops
 from pipeline.trial.process import process_trial
-from pipeline.trial.residuals import counted, residual_table, threshold_rows
+from pipeline.trial.residuals import counted, residual_table, threshold_table
 from pipeline.trial.window import perturbed_part
 from tests.pipeline import lab
 
@@ -221,8 +221,10 @@ def test_while_the_platform_moves_the_uncompensated_residual_is_far_above_that_o
         inside |= (since > 0.005) & (since < 0.25)
     assert counted(result)[inside].all()
     assert np.count_nonzero(counted(result)) < 2 * 35
-    peaks = {row.peak for row in threshold_rows(result) if not row.compensated}
-    assert peaks <= {row.peak for row in threshold_rows(sway[None]) if not row.compensated}
+    peaks = {row.peak for row in threshold_table(result).itertuples() if not row.compensated}
+    assert peaks <= {
+        row.peak for row in threshold_table(sway[None]).itertuples() if not row.compensated
+    }
 
 
 def test_the_rms_of_cycles_is_that_of_the_part(sway):
@@ -241,9 +243,9 @@ def test_the_part_is_where_the_perturbation_is_in_the_cycle(sway):
 
 
 def test_the_part_is_stored_with_the_trial(sway, tmp_path):
-    summary = write_trial(sway["motion"], "sway", "", tmp_path / "sway.parquet")
+    write_trial(sway["motion"], tmp_path / "sway.parquet")
     back = read_trial(tmp_path / "sway.parquet")
-    assert back.part == sway["motion"].part == summary.part
+    assert back.part == sway["motion"].part
     pd.testing.assert_frame_equal(
         residual_table(back, "sway"), residual_table(sway["motion"], "sway")
     )

@@ -17,12 +17,11 @@ from pipeline.trial.residuals import (
     AXES,
     counted,
     cycle_residuals,
-    marker_rows,
+    marker_table,
     reported,
     residual_table,
-    threshold_rows,
+    threshold_table,
 )
-from pipeline.trial.summary import summarise
 
 SPANS = np.array([[6.0, 7.0], [7.0, 8.5]])
 
@@ -95,7 +94,7 @@ def test_the_table_has_both_variants_of_a_compensated_trial(processed):
 def test_where_nothing_counts_there_are_no_rows(processed):
     result = replace(processed, cycles={"right": np.empty((0, 2))})
     assert residual_table(result, "pitch").empty
-    assert threshold_rows(result) == ()
+    assert threshold_table(result).empty
 
 
 def masked(result, *, plates):
@@ -112,7 +111,7 @@ def test_frames_that_do_not_count_are_in_no_number(processed):
     for column in ("rms", "rms_of_cycles", "peak"):
         np.testing.assert_allclose(table[column], 1.0, rtol=1e-9)
     np.testing.assert_allclose(table["valid_share"], 1 - 0.2 / 2.5, atol=0.002)
-    limits = threshold_rows(masked(result, plates=carried))
+    limits = list(threshold_table(masked(result, plates=carried)).itertuples())
     assert limits[0].peak == pytest.approx(np.sqrt(3))
     curves = cycle_residuals(masked(result, plates=carried), "measured")["right"]
     assert np.isnan(curves[0, 42:58]).all()
@@ -143,7 +142,7 @@ def test_hicks_limits_are_shares_of_the_peak_force_and_of_the_height_of_the_cent
 ):
     residual = np.tile([3.0, 4.0, 0, 0, 0, 2.0], (len(time_of(processed)), 1))
     result = with_residual(processed, residual)
-    force, moment = threshold_rows(result)
+    force, moment = threshold_table(result).itertuples()
     inside = counted(result)
     ground = sum(result.ground["measured"].values())[inside, :3]
     peak = np.linalg.norm(ground, axis=1).max()
@@ -155,15 +154,15 @@ def test_hicks_limits_are_shares_of_the_peak_force_and_of_the_height_of_the_cent
     height = moment.limit / (0.01 * peak)
     assert above_belts - 0.1 < height < above_belts  # the lowest joint of a foot is in the shoe
     worse = with_residual(processed, 100 * residual)
-    assert not any(row.passed for row in threshold_rows(worse))
+    assert not threshold_table(worse)["passed"].any()
 
 
 @pytest.mark.parametrize("height_m", [-2.0, 2.0])
 def test_hicks_limits_do_not_depend_on_where_the_laboratory_has_its_origin(processed, height_m):
     q = processed.motion.q + height_m * (np.arange(46) == 2)
     moved = replace(processed, motion=replace(processed.motion, q=q))
-    for row, before in zip(threshold_rows(moved), threshold_rows(processed), strict=True):
-        assert row.limit == pytest.approx(before.limit, rel=1e-9)
+    limits, before = threshold_table(moved)["limit"], threshold_table(processed)["limit"]
+    np.testing.assert_allclose(limits, before, rtol=1e-9)
 
 
 def test_marker_errors_leave_gaps_out_and_count_them(processed):
@@ -172,8 +171,8 @@ def test_marker_errors_leave_gaps_out_and_count_them(processed):
     error[:, 0] = 0.004
     error[: len(error) // 2, 0] = np.nan
     error[:, 1] = np.nan
-    rows = marker_rows(replace(processed, motion=replace(motion, marker_error=error)))
-    first, second, third, every = (rows[k] for k in (0, 1, 2, -1))
+    table = marker_table(replace(processed, motion=replace(motion, marker_error=error)))
+    first, second, third, every = table.iloc[[0, 1, 2, -1]].itertuples()
     assert (first.rms_mm, first.missing_percent) == pytest.approx((4.0, 50.0))
     assert np.isnan(second.rms_mm)
     assert second.missing_percent == 100.0
@@ -198,7 +197,7 @@ def printed(result):
     """What the command line and the report say of the markers."""
     text = StringIO()
     print_result(result, Console(file=text, width=2000))
-    quality = trial_quality(summarise(result, "pitch", ""))
+    quality = trial_quality(result)
     return text.getvalue(), str(quality)
 
 

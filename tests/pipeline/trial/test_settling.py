@@ -15,7 +15,7 @@ from pipeline.trial.gait.cycles import cut_cycles
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality, free_of, settled_frames, settling_s
-from pipeline.trial.residuals import counted, residual_rows, threshold_rows
+from pipeline.trial.residuals import counted, residual_table, threshold_table
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
 from tests.pipeline import lab
 from tests.pipeline.settling import LIMIT, cycle_change
@@ -66,15 +66,15 @@ def test_cropping_a_compensated_trial_changes_no_cycle(moving_study, condition):
 
 
 def test_cropping_a_trial_at_heel_strikes_changes_no_verdict(walker, whole):
-    passed = [row.passed for row in threshold_rows(whole)]
+    passed = list(threshold_table(whole)["passed"])
     for _, part in lab.cropped_at_strikes(walker, whole.events, count=2):
-        assert [row.passed for row in threshold_rows(again(part, whole, walker))] == passed
+        assert list(threshold_table(again(part, whole, walker))["passed"]) == passed
 
 
 def test_no_stored_frame_that_counts_has_an_unsettled_filter(walker, whole, tmp_path):
     first, part = next(lab.cropped_at_strikes(walker, whole.events, count=1))
     result = again(part, whole, walker)
-    write_trial(result, "level", "", tmp_path / "level.parquet")
+    write_trial(replace(result, condition="level", key=""), tmp_path / "level.parquet")
     frames = pd.read_parquet(tmp_path / "level.parquet")
     counts = free_of(frames["quality"].to_numpy())
     after_s, before_s = settling_s([(whole.settings.filter, 6.0)])
@@ -151,9 +151,7 @@ def test_cycles_without_a_frame_that_counts_are_not_counted(whole):
         cycles={"right": whole.cycles["right"]},
         quality=quality,
     )
-    assert {row.n_cycles for row in residual_rows(result, "level")} == {
-        len(whole.cycles["right"]) - 1
-    }
+    assert set(residual_table(result, "level")["n_cycles"]) == {len(whole.cycles["right"]) - 1}
     assert not counted(result)[(whole.motion.time >= start) & (whole.motion.time < stop)].any()
 
 

@@ -342,7 +342,7 @@ def test_a_full_disk_is_one_line_that_names_the_file(tmp_path):
         "from pipeline.run import store\n"
         "from tests.pipeline.viewer_trial import viewer_trial\n"
         "store.read_trial = lambda path: viewer_trial(500)\n"
-        "store.read_summary = lambda path: types.SimpleNamespace(key='')\n"
+        "store.read_trial = lambda path: types.SimpleNamespace(key='')\n"
         "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))\n"
         "sys.exit(main(['view', 'any.parquet', '--save', sys.argv[1]]))\n"

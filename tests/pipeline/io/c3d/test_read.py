@@ -3,7 +3,6 @@ import pytest
 
 from hbm.notes import Note
 from pipeline.io.c3d.read import read_c3d
-from pipeline.io.stated import Stated
 
 ezc3d = pytest.importorskip("ezc3d", reason="ezc3d has no wheel for this system")
 
@@ -144,25 +143,6 @@ def test_lengths_are_converted_by_the_files_unit(raw_c3d, unit, metre):
     np.testing.assert_allclose(position[0], [[0.1, 0.2, 0.3], [0.4, 0.2, 1.3]], rtol=1e-6)
 
 
-@pytest.mark.parametrize("unit", ["furlong", "deg", ""])
-def test_an_unknown_length_unit_is_refused(raw_c3d, unit):
-    path = raw_c3d(points_at((1, 2, 3)), POINT={"UNITS": unit, "LABELS": ["A"]})
-    with pytest.raises(ValueError, match=r"length unit.*expected mm, cm or m"):
-        read_c3d(path, AXES)
-
-
-def test_a_unit_that_the_markers_contradict_is_refused(raw_c3d):
-    path = raw_c3d(points_at((0.1, 0.2, 0.3), (0.4, 0.2, 1.3)), POINT={"LABELS": ["A", "B"]})
-    with pytest.raises(ValueError, match=r"spread over 0.001.* m if their unit is 'mm'"):
-        read_c3d(path, AXES)
-
-
-def test_stated_axes_rotate_markers_and_plates_alike(raw_c3d):
-    path = raw_c3d(points_at((100, 200, 300), (900, 0, 0)), POINT={"LABELS": ["A", "B"]})
-    position = read_c3d(path, "left,back,up").markers.position
-    np.testing.assert_allclose(position[0, 0], [-0.2, 0.1, 0.3], rtol=1e-6)
-
-
 def test_missing_points_are_gaps_never_zeros(raw_c3d):
     points = points_at((0, 0, 0), (100, 0, 0), (100, 200, 900), (0, 0, 900), frames=3)
     points[1, 2, 3] = -1
@@ -243,38 +223,6 @@ def test_a_subject_prefix_is_removed_and_noted(raw_c3d):
     recording = read_c3d(path, AXES)
     assert recording.markers.names == ("LASI", "RASI")
     assert recording.metadata.subject == "S01"
-    assert Note.of("subject_prefixes_removed", prefixes=1) in recording.notes
-
-
-def test_two_subjects_with_the_same_labels_need_a_chosen_subject(raw_c3d):
-    points = points_at((0, 100, 1000), (0, 300, 1000), (0, 500, 0))
-    path = raw_c3d(points, POINT={"LABELS": ["S01:LASI", "S02:LASI", "S02:LHEE"]})
-    with pytest.raises(
-        ValueError, match=r"2 subjects carry .* \(1, 2\), for example --label-prefix 1"
-    ):
-        read_c3d(path, AXES)
-    chosen = read_c3d(path, Stated(AXES, label_prefix="S02"))
-    assert chosen.markers.names == ("LASI", "LHEE")
-    np.testing.assert_allclose(chosen.markers.position[0, 0], [0, 0.3, 1])
-    with pytest.raises(ValueError, match="no label begins with the stated prefix; it has 2"):
-        read_c3d(path, Stated(AXES, label_prefix="S03"))
-
-
-def test_a_platform_tracked_as_its_own_subject_needs_no_choice(raw_c3d):
-    points = points_at((0, 100, 1000), (500, 300, 0))
-    path = raw_c3d(points, POINT={"LABELS": ["S01:LASI", "treadmill:ROT_C1"]})
-    assert read_c3d(path, AXES).markers.names == ("LASI", "ROT_C1")
-
-
-def test_labels_are_renamed_on_request(raw_c3d):
-    points = points_at((0, 100, 1000), (0, 300, 1000))
-    path = raw_c3d(points, POINT={"LABELS": ["L.ASIS", "R.ASIS"]})
-    renamed = read_c3d(path, Stated(AXES, rename={"L.ASIS": "LASIS"}))
-    assert renamed.markers.names == ("LASIS", "R.ASIS")
-    absent = read_c3d(path, Stated(AXES, rename={"C7": "T10"}))
-    assert Note.of("labels_not_renamed", labels=["C7"]) in absent.notes
-    with pytest.raises(ValueError, match=r"same label: R.ASIS"):
-        read_c3d(path, Stated(AXES, rename={"L.ASIS": "R.ASIS"}))
 
 
 def test_repeated_and_missing_labels_become_unique(raw_c3d):

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from compensation.platform.pose import PlatformPose
+from compensation.platform import PlatformPose
 from pipeline.trial.gait import foot_motion_events as module
 from pipeline.trial.gait.foot_motion_events import FootMotion, foot_motion, foot_motion_events
 

@@ -8,8 +8,12 @@ import pytest
 from compensation import belt_signals
 from pipeline.config.schema import Belt
 from pipeline.trial.ground.belt_calibration import WALKING_MPS, fit_belts, roller_notes
-from pipeline.virtual_lab.faults import (BeltFaults, Faults, MachineFaults)
-from pipeline.virtual_lab.machine.belts import (ROLLER_AHEAD_M, ROLLER_CIRCUMFERENCE_M, ROLLER_HEIGHT_M)
+from pipeline.virtual_lab.faults import BeltFaults, Faults, MachineFaults
+from pipeline.virtual_lab.machine.belts import (
+    ROLLER_AHEAD_M,
+    ROLLER_CIRCUMFERENCE_M,
+    ROLLER_HEIGHT_M,
+)
 from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial
 
 BELT = Belt(calibration="belts.c3d", speed_channels=("BeltSpeed",))

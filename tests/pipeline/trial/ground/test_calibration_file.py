@@ -138,7 +138,7 @@ def test_a_recording_of_a_still_treadmill_is_no_calibration(tmp_path):
 def test_a_calibration_with_a_number_too_large_is_refused_with_its_file_name(tmp_path):
     path = lab.save(lab.on_platform(lab.without_people(5.0), lab.shaken(5.0)), tmp_path / "e.c3d")
     text = to_json(read_calibration(path, TREADMILL))
-    first = re.search(r"-?\d+\.\d+", text)[0]
+    first = re.search(r"-?\d+\.\d{6,}", text)[0]
     stored = tmp_path / "lab.json"
     stored.write_text(text.replace(first, "9" * 400, 1), encoding="utf-8")
     with pytest.raises(

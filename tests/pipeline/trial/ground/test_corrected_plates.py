@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from compensation import estimate_delay
-from compensation.accuracy.plate_calibration import to_json
+from compensation.plate_calibration import to_json
 from hbm.signals.filtering import low_pass
 from pipeline.config.plate_correction import read_plate_correction
 from pipeline.config.schema import Platform, Settings, Subject, Treadmill

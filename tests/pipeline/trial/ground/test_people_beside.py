@@ -13,7 +13,7 @@ from scipy.signal import butter, sosfiltfilt
 from hbm import Markers
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Analog, Plate, Recording
-from pipeline.trial.ground.calibration_recording import fit_calibration
+from pipeline.trial.ground.calibration_recording import WEIGHT, fit_calibration
 from pipeline.trial.ground.empty_plates import plate_samples
 from tests.flexible_treadmill import BOARDS, RATE_HZ, RUNNING, WALKING, FlexibleTreadmill
 
@@ -109,7 +109,7 @@ def test_the_standard_deviation_covers_commanded_motion_and_people(recorded, sen
 
 
 def test_a_calibration_says_how_much_people_beside_weigh_and_why(recorded):
-    beside = calibrated(recorded[0], 2).choice.beside
+    beside = calibrated(recorded[0], 2).provenance[WEIGHT]
     assert beside.startswith("weight 0.0")
     assert "left of held-out parts of signal.c3d would be" in beside
-    assert calibrated(recorded[0], 2, people=False).choice.beside == ""
+    assert WEIGHT not in calibrated(recorded[0], 2, people=False).provenance

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pipeline.run.frames import frame_table
 
 from hbm.signals.filtering import low_pass
 from hbm.spatial import rotation_about, transform_wrench
 from pipeline.config.schema import Platform, Treadmill
-from pipeline.run.frames import frame_table
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.uncertainty import (
@@ -21,7 +21,7 @@ from pipeline.trial.ground.uncertainty import (
     sum_deviation,
 )
 from pipeline.trial.ground.wrenches import ground_wrenches
-from pipeline.trial.residuals import residual_rows
+from pipeline.trial.residuals import residual_table
 from tests.pipeline import lab
 
 TREADMILL = Treadmill(
@@ -159,12 +159,11 @@ def test_trials_keep_the_uncertainty_of_every_frame_and_its_rms(processed):
         table.column("uncertainty.residual.Fz").to_numpy(), spread.residual[:, 2]
     )
     assert "uncertainty.plate_2.mx" in table.column_names
-    rows = residual_rows(processed, "pitch")
-    assert all(row.compensation_sd is None for row in rows if not row.compensated)
+    rows = residual_table(processed, "pitch").set_index("compensated")["compensation_sd"]
+    assert rows[False].isna().all()
     counted = processed.counts
     expected = np.sqrt(np.mean(spread.residual[counted] ** 2, axis=0))
-    stated = [row.compensation_sd for row in rows if row.compensated]
-    np.testing.assert_allclose(stated, expected, rtol=0.3)
+    np.testing.assert_allclose(rows[True], expected, rtol=0.3)
     (note,) = [note for note in processed.notes if note.code == "compensation_uncertainty"]
     assert f"{expected[0]:.2f}"[:2] in note.text
 

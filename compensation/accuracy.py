@@ -1,0 +1,432 @@
+"""Accuracy of force plates: known weights, errors, linearity, and where a plate is."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import stdtrit
+
+from compensation.inputs import read_rate, read_signal, read_table, refuse_constant, refuse_unequal
+from hbm.spatial import GRAVITY_MPS2, Array, read_only
+
+MIN_COSINE: Final = 0.9
+"""Between two signals of equal shape, whose sizes then show whether their units are equal."""
+MAX_UNIT_RATIO: Final = 10.0
+"""Between measured and true size, either way: no plate is that wrong, other units are."""
+MIN_SINE: Final = 1e-12
+"""Between the fitted line and the vertical; below it the line has no slope."""
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A straight line ``measured = intercept + slope × truth`` and the scatter about it.
+
+    `fit_line_orthogonal` fits one.
+
+    Attributes
+    ----------
+    slope, intercept
+        Of the line [1, unit].
+    rmse
+        Root-mean-square distance from the line, at right angles to it [unit].
+
+    Examples
+    --------
+    >>> Line(slope=1.01, intercept=2.0, rmse=0.7).intercept
+    2.0
+    """
+
+    slope: float
+    intercept: float
+    rmse: float
+
+
+def fit_line_orthogonal(measured: ArrayLike, truth: ArrayLike) -> Line:
+    """Fit a line by total least squares, which lets both measured and truth be in error.
+
+    Parameters
+    ----------
+    measured, truth
+        One quantity in one unit, (N,).
+
+    Returns
+    -------
+    Line
+        The line with the least squared orthogonal distances, and their RMS.
+
+    Raises
+    ------
+    ValueError
+        Wrong shapes, fewer than 3 samples, gaps, different lengths, or a constant channel.
+
+    Notes
+    -----
+    The last right singular vector of the centred pairs is the line's normal, the last singular
+    value the root of the summed squared distances (Golub and Van Loan 1980; Markovsky and Van
+    Huffel 2007). Both channels are taken as equally uncertain. The RMS is that *about the fitted
+    line*: an offset or a wrong scale of the plate is in `slope` and `intercept`, not in it.
+
+    Examples
+    --------
+    >>> line = fit_line_orthogonal([1.0, 3.0, 5.0, 7.0], [0.0, 1.0, 2.0, 3.0])
+    >>> f"{line.slope:.3f} {line.intercept:.3f}"
+    '2.000 1.000'
+    """
+    m, t = read_signal(measured, "measured"), read_signal(truth, "truth")
+    refuse_unequal(measured=m, truth=t)
+    _refuse_other_scale(m, t)
+    if len(m) < 3:
+        raise ValueError(f"{len(m)} samples are too few for a line, give at least 3")
+    refuse_constant(np.column_stack([m, t]), "the pair", ("measured", "truth"))
+    center = np.array([t.mean(), m.mean()])
+    _, s, vt = np.linalg.svd(np.column_stack([t, m]) - center, full_matrices=False)
+    normal = vt[1]
+    if abs(normal[1]) < MIN_SINE:
+        raise ValueError("the line is vertical: the truth does not vary with what is measured")
+    slope = -normal[0] / normal[1]
+    rmse = s[1] / np.sqrt(len(m))
+    return Line(float(slope), float(center[1] - slope * center[0]), float(rmse))
+
+
+@dataclass(frozen=True, slots=True)
+class Linearity:
+    """How close to proportional a plate's output is to its load; `linearity` finds it.
+
+    Attributes
+    ----------
+    slope, intercept
+        Of the first-order fit [1, N].
+    nonlinearity
+        Three standard deviations of the residual of the first-order fit [N].
+    percent_of_full_scale
+        The same by the full scale output [%].
+    r_squared_first, r_squared_second
+        Of the first- and second-order fit [1].
+    slope_error, degrees_of_freedom
+        Standard error of the slope [1], recordings counting as independent, and its degrees of
+        freedom.
+
+    Examples
+    --------
+    >>> found = linearity([100.0, 200.0, 300.0, 400.0], [101.0, 201.0, 303.0, 403.0], 510.0)
+    >>> f"{found.nonlinearity:.1f} N"
+    '1.5 N'
+    """
+
+    slope: float
+    intercept: float
+    nonlinearity: float
+    percent_of_full_scale: float
+    r_squared_first: float
+    r_squared_second: float
+    slope_error: float = float("nan")
+    degrees_of_freedom: int = 0
+
+    @property
+    def slope_uncertainty(self) -> float:
+        """Half of the 95 % confidence interval of the slope, by Student's t [1]."""
+        return float(stdtrit(self.degrees_of_freedom, 0.975) * self.slope_error)
+
+
+def linearity(known: ArrayLike, measured: ArrayLike, full_scale: float) -> Linearity:
+    """Compare known with measured loads by a straight line and by a parabola.
+
+    Parameters
+    ----------
+    known, measured
+        Loads, (N,) [N].
+    full_scale
+        Full scale output of the plate [N]; 510 N in the thesis.
+
+    Returns
+    -------
+    Linearity
+        Non-linearity and R² of both fits.
+
+    Raises
+    ------
+    ValueError
+        Wrong shapes, gaps, different lengths, fewer than 3 different loads, or a full scale that
+        is not positive.
+
+    Notes
+    -----
+    Ordinary least squares of measured on known; three standard deviations (with ``N - 1``) stand
+    for the largest deviation without its outliers (van de Loosdrecht 2018, A.4 and D.1.4).
+
+    Examples
+    --------
+    >>> found = linearity([100.0, 200.0, 300.0, 400.0], [101.0, 201.0, 303.0, 403.0], 510.0)
+    >>> f"slope {found.slope:.3f}, non-linearity {found.percent_of_full_scale:.2f} % of full scale"
+    'slope 1.008, non-linearity 0.30 % of full scale'
+    """
+    x, y = read_signal(known, "known loads"), read_signal(measured, "measured loads")
+    refuse_unequal(known_loads=x, measured_loads=y)
+    if len(np.unique(x)) < 3 or len(x) < 4:
+        raise ValueError(
+            f"{len(x)} measurements of {len(np.unique(x))} known loads; "
+            "linearity needs at least 4 of 3 different loads"
+        )
+    refuse_constant(y[:, None], "measured loads", ("their only channel",))
+    _refuse_other_scale(y, x)
+    if not full_scale > 0:
+        raise ValueError(f"full_scale must be a positive load in N, got {full_scale}")
+    first, second = (np.polynomial.Polynomial.fit(x, y, degree) for degree in (1, 2))
+    rest = y - first(x)
+    nonlinearity = 3 * float(np.std(rest, ddof=1))
+    freedom = len(x) - 2
+    variance = np.sum(rest**2) / freedom / np.sum((x - x.mean()) ** 2)
+    r_squared = [
+        1 - float(np.sum((y - fit(x)) ** 2) / np.sum((y - y.mean()) ** 2))
+        for fit in (first, second)
+    ]
+    return Linearity(
+        float(first.deriv()(0.0)),
+        float(first(0.0)),
+        nonlinearity,
+        100 * nonlinearity / full_scale,
+        r_squared_first=r_squared[0],
+        r_squared_second=r_squared[1],
+        slope_error=float(np.sqrt(variance)),
+        degrees_of_freedom=freedom,
+    )
+
+
+def _refuse_other_scale(m: Array, t: Array) -> None:
+    """Raise a ValueError where measured and truth have equal shape, but not equal units."""
+    sizes = np.linalg.norm(m), np.linalg.norm(t)
+    alike = abs(m @ t) > MIN_COSINE * sizes[0] * sizes[1]
+    if alike and not sizes[1] / MAX_UNIT_RATIO <= sizes[0] <= MAX_UNIT_RATIO * sizes[1]:
+        raise ValueError(
+            f"measured is {sizes[0] / sizes[1]:.3g} times the truth; are both in one unit?"
+        )
+
+
+MAX_MASS_KG: Final = 1000.0
+"""Of a known weight; larger numbers are grams."""
+MAX_DISTANCE_M: Final = 20.0
+"""Of a marker or point from the origin; larger numbers are millimetres."""
+MAX_ACCELERATION_MPS2: Final = 50.0
+"""Median of a weight on a belt: five times gravity. Raw markers and millimetres show more."""
+
+
+def wrench_of_weight(
+    mass_kg: float, marker: ArrayLike, rate_hz: float, center_height_m: float
+) -> Array:
+    """Give the wrench that a plate should measure under a weight with a marker on top.
+
+    Parameters
+    ----------
+    mass_kg
+        Mass of the weight [kg].
+    marker
+        Low-passed positions of the marker above the weight's centre, lab axes, (T, 3) [m].
+    rate_hz
+        Their sampling rate [Hz].
+    center_height_m
+        Height of the weight's centre of mass in the lab while it stands still [m]; with 0, as in
+        the thesis, the centre of pressure is always below the marker.
+
+    Returns
+    -------
+    Array
+        Action of the plate on the weight, lab axes about the lab origin, (T, 6) [N, N·m]: force
+        ``m (a - g)`` with the twice differentiated marker, through the centre of mass.
+
+    Raises
+    ------
+    ValueError
+        Wrong shape, fewer than 3 samples, gaps, a mass that is not positive, or positions that
+        are not in metres.
+
+    Notes
+    -----
+    After van de Loosdrecht (2018), II.A and D.1. The weight does not rotate, so the force goes
+    through its centre of mass, which moves with the marker.
+
+    Examples
+    --------
+    >>> wrench = wrench_of_weight(10.0, [[0.5, 0.1, 0.3]] * 3, 100.0, center_height_m=0.15)
+    >>> print(wrench[0].round(3) + 0.0)
+    [  0.     0.    98.1    9.81 -49.05   0.  ]
+    """
+    position, rate = read_table(marker, "marker", 3), read_rate(rate_hz)
+    if len(position) < 3:
+        raise ValueError(f"marker has {len(position)} samples; an acceleration needs at least 3")
+    if not 0 < mass_kg < MAX_MASS_KG:
+        raise ValueError(
+            f"mass_kg must be a weight in kilograms up to {MAX_MASS_KG:g}, got {mass_kg}"
+        )
+    acceleration = np.gradient(np.gradient(position, 1 / rate, axis=0), 1 / rate, axis=0)
+    fastest = float(np.median(np.linalg.norm(acceleration, axis=1)))
+    if np.max(np.abs(position)) > MAX_DISTANCE_M or fastest > MAX_ACCELERATION_MPS2:
+        raise ValueError(
+            f"marker lies {np.max(np.abs(position)):.3g} m away and is accelerated by "
+            f"{fastest:.3g} m/s²; is it in metres and low-passed?"
+        )
+    force = mass_kg * (acceleration + np.array([0, 0, GRAVITY_MPS2]))
+    rise = position[:, 2] - position[0, 2]
+    center = np.column_stack([position[:, :2], center_height_m + rise])
+    return np.hstack([force, np.cross(center, force)])
+
+
+MIN_SPREAD_M: Final = 1e-9
+"""Of the camera points about their mean; below it all places are one."""
+MAX_SPREAD_ERROR: Final = 0.5
+"""Share by which plate and camera points may spread differently; other units do. A plate whose
+moments are a third too large is a bad plate, to be found as one."""
+MIRROR_MARGIN: Final = 1.001
+"""By which mirrored points must fit better to be taken as mirrored; points on a line fit alike."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlateAlignment:
+    """Rotation and offset between camera and plate coordinates in the horizontal plane.
+
+    ``p_plate = R(angle) p_camera + offset``.
+
+    Attributes
+    ----------
+    angle
+        Rotation about the vertical from camera to plate coordinates [rad].
+    offset
+        The cameras' origin in plate coordinates, (2,) [m].
+    covariance
+        Of (angle, offset), (3, 3) [rad², rad·m, m²].
+    rms_before, rms_after
+        Distance between pairs of points before and after alignment, root mean square [m].
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> alignment = PlateAlignment(np.pi / 2, [0.1, 0.0], np.zeros((3, 3)), 0.0, 0.0)
+    >>> alignment.to_plate([[1.0, 0.0]])
+    array([[0.1, 1. ]])
+    """
+
+    angle: float
+    offset: Array
+    covariance: Array
+    rms_before: float
+    rms_after: float
+
+    def __post_init__(self) -> None:
+        for name, shape in (("offset", (2,)), ("covariance", (3, 3))):
+            value = read_only(getattr(self, name))
+            if value.shape != shape:
+                raise ValueError(
+                    f"plate alignment: {name} must have shape {shape}, got {value.shape}"
+                )
+            object.__setattr__(self, name, value)
+
+    @property
+    def rotation(self) -> Array:
+        """Rotation from camera to plate coordinates, (2, 2)."""
+        return _rotation(self.angle)
+
+    @property
+    def standard_error(self) -> Array:
+        """Standard errors of angle and offset, (3,) [rad, m, m]."""
+        error: Array = np.sqrt(np.diag(self.covariance))
+        return error
+
+    def to_plate(self, points: ArrayLike) -> Array:
+        """Bring camera points to plate coordinates, (N, 2) [m] both."""
+        return read_table(points, "points", 2) @ self.rotation.T + self.offset
+
+    def to_camera(self, points: ArrayLike) -> Array:
+        """Bring plate points to camera coordinates, (N, 2) [m] both."""
+        return (read_table(points, "points", 2) - self.offset) @ self.rotation
+
+
+def fit_plate_alignment(plate_points: ArrayLike, camera_points: ArrayLike) -> PlateAlignment:
+    """Find rotation and offset from the same points measured by plate and cameras.
+
+    Parameters
+    ----------
+    plate_points
+        Centres of pressure of a weight at many places, horizontal coordinates, (N, 2) [m].
+    camera_points
+        The weight's marker at the same places, (N, 2) [m].
+
+    Returns
+    -------
+    PlateAlignment
+        Least-squares rotation and offset with their covariance.
+
+    Raises
+    ------
+    ValueError
+        Wrong shapes, fewer than 3 places, gaps, places that coincide, different units, or mirrored
+        axes.
+
+    Notes
+    -----
+    ``min Σ |P_plate - (R P_camera + O)|²`` (Goldberg et al. 2009; van de Loosdrecht 2018, eq.
+    D.1) in closed form: with points about their centroids as complex numbers, the angle is that
+    of ``Σ conj(c) p``. The covariance is that of least squares with errors equal and independent
+    in both axes, their variance from the residual with ``2 N - 3`` degrees of freedom. It assumes
+    that errors differ from place to place: the offset of a marker from the weight's centre is not
+    detected.
+
+    Deviations from the original: only the horizontal plane, in which the centre of pressure is
+    measured; the uncertainty is added. Eq. D.2 applies the inverse, `to_camera`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> camera = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.5], [0.0, 0.5]])
+    >>> found = fit_plate_alignment(camera + [0.002, -0.001], camera)
+    >>> print(found.offset.round(4), f"{found.rms_before:.4f}")
+    [ 0.002 -0.001] 0.0022
+    """
+    plate, camera = (
+        read_table(plate_points, "plate points", 2),
+        read_table(camera_points, "camera points", 2),
+    )
+    refuse_unequal(plate_points=plate, camera_points=camera)
+    n = len(plate)
+    if n < 3:
+        raise ValueError(f"{n} places are too few for a static calibration, give at least 3")
+    farthest = float(max(np.max(np.abs(plate)), np.max(np.abs(camera))))
+    if farthest > MAX_DISTANCE_M:
+        raise ValueError(f"a point lies {farthest:.3g} m away; are both in metres?")
+    p, c = (points - points.mean(axis=0) for points in (plate, camera))
+    apart = float(np.linalg.norm(c))
+    ratio = float(np.linalg.norm(p)) / max(apart, MIN_SPREAD_M)
+    if apart < MIN_SPREAD_M or abs(ratio - 1) >= MAX_SPREAD_ERROR:
+        raise ValueError(
+            f"plate points spread {np.linalg.norm(p):.3g} about their mean, camera points "
+            f"{apart:.3g}, expected the same; are both in metres and in the same order?"
+        )
+    p_complex, c_complex = p @ [1, 1j], c @ [1, 1j]
+    rotated = np.sum(np.conj(c_complex) * p_complex)
+    if np.abs(np.sum(c_complex * p_complex)) > MIRROR_MARGIN * np.abs(rotated):
+        raise ValueError(
+            "plate and camera points fit better when mirrored; "
+            "is one axis reversed, or are the axes exchanged?"
+        )
+    angle = float(np.angle(rotated))
+    rotation = _rotation(angle)
+    offset = plate.mean(axis=0) - rotation @ camera.mean(axis=0)
+    residual = plate - camera @ rotation.T - offset
+
+    by_angle = (camera @ rotation.T) @ np.array([[0.0, 1.0], [-1.0, 0.0]])
+    jacobian = np.column_stack([by_angle.ravel(), np.tile([1.0, 0.0], n), np.tile([0.0, 1.0], n)])
+    variance = np.sum(residual**2) / (2 * n - 3)
+    return PlateAlignment(
+        angle,
+        offset,
+        variance * np.linalg.inv(jacobian.T @ jacobian),
+        rms_before=_rms_distance(plate - camera),
+        rms_after=_rms_distance(residual),
+    )
+
+
+def _rotation(angle: float) -> Array:
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
+def _rms_distance(difference: Array) -> float:
+    return float(np.sqrt(np.mean(np.sum(difference**2, axis=1))))

@@ -1,1 +1,0 @@
-"""Accuracy of force plates: known weights, errors, linearity."""

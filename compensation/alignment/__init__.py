@@ -1,1 +1,0 @@
-"""Plates, cameras and accelerometers brought to one clock and one place."""

@@ -1,1 +1,0 @@
-"""What accelerating belts leave in their plates: the pitch moment of motor and rollers."""

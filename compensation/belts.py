@@ -1,0 +1,599 @@
+"""What accelerating belts leave in their plates: the pitch moment of motor and rollers."""
+
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.fft import dct
+from scipy.optimize import OptimizeResult, least_squares, minimize_scalar
+from scipy.signal import lfilter
+
+from compensation.inputs import read_rate, read_signal, refuse_constant, refuse_unequal
+from hbm.signals.filtering import LowPassMethod, low_pass
+from hbm.spatial import Array, read_only
+
+SETTLING_SAMPLES: Final = 100
+"""At the start of a trial, which depend on the belt's motion before; 1 s at 100 Hz."""
+MIN_SAMPLES: Final = 1000
+"""10 s at 100 Hz; fewer do not determine five coefficients and their poles."""
+MAX_REFLECTION: Final = 0.9
+"""Largest reflection coefficient of a fit: keeps the poles well inside the unit circle."""
+START_GRID: Final = np.linspace(-0.8, 0.8, 5)
+"""Reflection coefficients from which the fit starts; the error has several minima."""
+REFINED_STARTS: Final = 3
+"""Best starts of the grid that are refined; more find the same minimum."""
+MAX_SPEED_MPS: Final = 10.0
+"""No treadmill's belt is faster: larger numbers are mm/s or km/h."""
+MIN_MOMENT_PER_ACCELERATION: Final = 0.05
+MAX_MOMENT_PER_ACCELERATION: Final = 500.0
+"""N·m per m/s²; some 5 on a GRAIL. Moments in N·mm and accelerations in mm/s² are outside."""
+State = tuple[float, float]
+
+
+def belt_acceleration(
+    speed: ArrayLike, rate_hz: float, cutoff_hz: float, method: LowPassMethod
+) -> Array:
+    """Give a belt's acceleration: central differences of its speed, low-passed.
+
+    Parameters
+    ----------
+    speed
+        Belt speed at a constant rate, (N,) [m/s]; resample first where the times jitter.
+    rate_hz
+        Sampling rate [Hz].
+    cutoff_hz, method
+        As of `low_pass` [Hz]; filter the pitch moment equally.
+
+    Returns
+    -------
+    Array
+        Acceleration, (N,) [m/s²].
+
+    Raises
+    ------
+    ValueError
+        As `low_pass`; also gaps, and speeds that no belt reaches (mm/s, km/h).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> speed = 1.3 + 0.5 * np.arange(0, 2, 0.01)
+    >>> belt_acceleration(speed, 100.0, 10.0, "realtime")[-1].round(6)
+    np.float64(0.5)
+    """
+    v = read_signal(speed, "belt speed")
+    if len(v) < 2:
+        raise ValueError("belt speed has 1 sample; an acceleration needs at least 2")
+    if np.max(np.abs(v)) > MAX_SPEED_MPS:
+        raise ValueError(
+            f"belt speed reaches {np.max(np.abs(v)):.3g} m/s, expected below {MAX_SPEED_MPS:g}; "
+            "is it in m/s?"
+        )
+    return low_pass(np.gradient(v, 1 / read_rate(rate_hz)), rate_hz, cutoff_hz, method)
+
+
+@dataclass(frozen=True, slots=True)
+class BeltModel:
+    """Second-order discrete model of the pitch moment of an unloaded, accelerating belt.
+
+    ``M[k] = -θ₁ M[k-1] - θ₂ M[k-2] + θ₃ a[k+s] + θ₄ a[k+s-1] + θ₅ a[k+s-2]`` with ``s`` the
+    advance. It is valid at the sampling rate of its fit.
+
+    Attributes
+    ----------
+    theta
+        (5,): θ₁, θ₂ [1]; θ₃, θ₄, θ₅ [N·m per m/s²].
+    advance
+        Samples by which the acceleration is read ahead; in real time the moment is late by them.
+    r_squared, rms_measured, rms_compensated
+        Of the calibration [1, N·m, N·m].
+
+    Examples
+    --------
+    >>> model = BeltModel([-1.2, 0.5, 2.0, -1.0, 0.5])
+    >>> model.predict([1.0, 0.0, 0.0, 0.0]).round(2)
+    array([2.  , 1.4 , 1.18, 0.72])
+    """
+
+    theta: Array
+    advance: int = 0
+    r_squared: float = field(default=float("nan"), kw_only=True)
+    rms_measured: float = field(default=float("nan"), kw_only=True)
+    rms_compensated: float = field(default=float("nan"), kw_only=True)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "theta", read_only(self.theta))
+        if self.theta.shape != (5,):
+            raise ValueError(f"belt model: theta must have shape (5,), got {self.theta.shape}")
+        if self.advance < 0:
+            raise ValueError(f"belt model: advance must be 0 or more samples, got {self.advance}")
+        largest = np.max(np.abs(self.poles))
+        if not largest < 1:
+            raise ValueError(f"belt model: unstable, its largest pole has size {largest:.3g}")
+
+    @property
+    def poles(self) -> NDArray[np.complex128]:
+        """Poles of the recursion, (2,); the model is stable, all are smaller than 1."""
+        return np.roots(self._recursion).astype(complex)
+
+    @property
+    def rms_reduction(self) -> float:
+        """Reduction of the calibration's RMS [%]."""
+        return 100 * (1 - self.rms_compensated / self.rms_measured)
+
+    @property
+    def at_rest(self) -> State:
+        """State of a belt that has run at constant speed, with which `step` begins."""
+        return (0.0, 0.0)
+
+    def predict(self, belt_acceleration: ArrayLike) -> Array:
+        """Predict the pitch moment of a whole trial that begins at constant speed.
+
+        Parameters
+        ----------
+        belt_acceleration
+            Filtered acceleration, (N,) [m/s²].
+
+        Returns
+        -------
+        Array
+            Pitch moment, (N,) [N·m].
+
+        Raises
+        ------
+        ValueError
+            Wrong shape, no samples or gaps.
+        """
+        a = read_signal(belt_acceleration, "belt acceleration")
+        moment: Array = lfilter(self.theta[2:], self._recursion, _advanced(a, self.advance))
+        return moment
+
+    def step(self, belt_acceleration: float, state: State) -> tuple[float, State]:
+        """Predict one sample in real time.
+
+        Parameters
+        ----------
+        belt_acceleration
+            The newest filtered acceleration [m/s²].
+        state
+            As the last step returned it; `at_rest` at first.
+
+        Returns
+        -------
+        moment, state
+            Pitch moment `advance` samples ago [N·m], and the state of the next step.
+        """
+        theta_1, theta_2, theta_3, theta_4, theta_5 = self.theta.tolist()
+        moment = theta_3 * belt_acceleration + state[0]
+        following = (
+            theta_4 * belt_acceleration - theta_1 * moment + state[1],
+            theta_5 * belt_acceleration - theta_2 * moment,
+        )
+        return moment, following
+
+    @property
+    def _recursion(self) -> Array:
+        return np.concatenate([[1.0], self.theta[:2]])
+
+
+def fit_belt(belt_acceleration: ArrayLike, pitch_moment: ArrayLike, advance: int = 0) -> BeltModel:
+    """Fit the pitch moment of an unloaded belt to its acceleration.
+
+    Parameters
+    ----------
+    belt_acceleration
+        Filtered acceleration of a random belt trial, (N,) [m/s²], at a constant rate.
+    pitch_moment
+        Pitch moment of the empty plate at the same instants, through the same filter, (N,) [N·m].
+    advance
+        Samples to read the acceleration ahead, where the speed arrives later than the moment;
+        0 is the published model.
+
+    Returns
+    -------
+    BeltModel
+        Stable, and best in the sense of least squares over its free-running output.
+
+    Raises
+    ------
+    ValueError
+        Wrong shapes, no or too few samples, gaps, different numbers of samples, constant channels,
+        or implausible units.
+
+    Notes
+    -----
+    The simulated output is fitted, not the one-step-ahead prediction, by Gauss–Newton steps with
+    analytic sensitivities: each derivative is the model's own denominator applied to the past
+    output or input. The recursion is written in reflection coefficients ``κ``,
+    ``θ₁ = κ₁ (1 + κ₂), θ₂ = κ₂``, which are stable for ``|κ| < 1``; they are bounded to 0.9. The
+    error has several minima: the best of several starts is taken. The first 100 samples, which
+    depend on the belt's motion before, do not count.
+
+    Source: Hnat and van den Bogert (2014).
+
+    Deviations from the original: bounded to stable models; best of several starts; optional
+    advance.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> acceleration = np.random.default_rng(0).normal(size=1500)
+    >>> moment = BeltModel([-1.2, 0.5, 2.0, -1.0, 0.5]).predict(acceleration)
+    >>> fit_belt(acceleration, moment).theta.round(3)
+    array([-1.2,  0.5,  2. , -1. ,  0.5])
+    """
+    a = read_signal(belt_acceleration, "belt acceleration")
+    moment = read_signal(pitch_moment, "pitch moment")
+    refuse_unequal(belt_acceleration=a, pitch_moment=moment)
+    if len(a) < MIN_SAMPLES:
+        raise ValueError(f"{len(a)} samples are too few to fit a belt model, give {MIN_SAMPLES}")
+    refuse_constant(a[:, None], "belt acceleration", ("its only channel",))
+    refuse_constant(moment[:, None], "pitch moment", ("its only channel",))
+    ratio = float(np.std(moment) / np.std(a))
+    if not MIN_MOMENT_PER_ACCELERATION < ratio < MAX_MOMENT_PER_ACCELERATION:
+        raise ValueError(
+            f"pitch moment by belt acceleration is {ratio:.3g} N·m per m/s², expected "
+            f"{MIN_MOMENT_PER_ACCELERATION:g} to {MAX_MOMENT_PER_ACCELERATION:g}; the moment must "
+            "be in N·m, the acceleration in m/s²"
+        )
+    if advance < 0:
+        raise ValueError(f"advance must be 0 or more samples, got {advance}")
+    ahead, moment = a[advance:], moment[: len(moment) - advance]
+    starts = [_best_numerator(k1, k2, ahead, moment) for k1 in START_GRID for k2 in START_GRID]
+    starts.sort(key=lambda start: start[0])
+    fits = [_refine(start, ahead, moment) for _, start in starts[:REFINED_STARTS]]
+    best = min(fits, key=lambda fit: float(fit.cost))
+    theta = _theta(best.x)
+    measured = moment[SETTLING_SAMPLES:]
+    error = measured - _sensitivities(theta, ahead)[0][SETTLING_SAMPLES:]
+    return BeltModel(
+        theta,
+        advance,
+        r_squared=float(1 - np.sum(error**2) / np.sum((measured - measured.mean()) ** 2)),
+        rms_measured=float(np.sqrt(np.mean(measured**2))),
+        rms_compensated=float(np.sqrt(np.mean(error**2))),
+    )
+
+
+def _advanced(signal: Array, samples: int) -> Array:
+    return np.concatenate([signal[samples:], np.repeat(signal[-1:], samples)])
+
+
+def _delayed(signal: Array, samples: int) -> Array:
+    return np.concatenate([np.zeros(samples), signal[: len(signal) - samples]])
+
+
+def _theta(kappa_and_numerator: Array) -> Array:
+    kappa_1, kappa_2, *numerator = kappa_and_numerator
+    return np.array([kappa_1 * (1 + kappa_2), kappa_2, *numerator])
+
+
+def _sensitivities(theta: Array, a: Array) -> tuple[Array, Array]:
+    """Give the free-running output, (N,), and its derivatives by theta, (N, 5)."""
+    recursion = [1, *theta[:2]]
+    moment = lfilter(theta[2:], recursion, a)
+    by_past, by_input = lfilter([1], recursion, -moment), lfilter([1], recursion, a)
+    columns = [(by_past, 1), (by_past, 2), (by_input, 0), (by_input, 1), (by_input, 2)]
+    return moment, np.column_stack([_delayed(signal, n) for signal, n in columns])
+
+
+def _best_numerator(kappa_1: float, kappa_2: float, a: Array, moment: Array) -> tuple[float, Array]:
+    theta = _theta(np.array([kappa_1, kappa_2, 0.0, 0.0, 0.0]))
+    basis = _sensitivities(theta, a)[1][SETTLING_SAMPLES:, 2:]
+    numerator = np.linalg.lstsq(basis, moment[SETTLING_SAMPLES:])[0]
+    error = moment[SETTLING_SAMPLES:] - basis @ numerator
+    return float(error @ error), np.array([kappa_1, kappa_2, *numerator])
+
+
+def _refine(start: Array, a: Array, moment: Array) -> OptimizeResult:
+    def error(x: Array) -> Array:
+        return (_sensitivities(_theta(x), a)[0] - moment)[SETTLING_SAMPLES:]
+
+    def jacobian(x: Array) -> Array:
+        by_theta = _sensitivities(_theta(x), a)[1][SETTLING_SAMPLES:]
+        by_kappa_1 = by_theta[:, 0] * (1 + x[1])
+        by_kappa_2 = by_theta[:, 0] * x[0] + by_theta[:, 1]
+        return np.column_stack([by_kappa_1, by_kappa_2, by_theta[:, 2:]])
+
+    bound = np.array([MAX_REFLECTION] * 2 + [np.inf] * 3)
+    return least_squares(error, start, jac=jacobian, bounds=(-bound, bound), x_scale="jac")
+
+
+TRAVEL_STEP_M: Final = 0.01
+"""Of belt travel, at which the moment is resampled: sixteen samples on the smallest roller."""
+MIN_TURNS_PER_M: Final = 0.3
+MAX_TURNS_PER_M: Final = 6.0
+"""Rollers of 5 to 100 cm diameter."""
+MIN_TURNS: Final = 20
+"""Of the largest roller sought: fewer make its line in the spectrum too broad to separate."""
+MIN_SPEED_SQUARED_SHARE: Final = 0.1
+"""Of the median; slower samples are divided by this, for their own is mostly noise."""
+COARSE_STEPS: Final = 9
+"""Of the first search about the spectral line; a quarter of its width apart."""
+
+
+@dataclass(frozen=True, slots=True)
+class Roller:
+    """Moment ``v² (c cos φ + s sin φ)``, low-passed, with ``φ`` the roller's angle since the start.
+
+    Attributes
+    ----------
+    turns_per_m
+        Turns of the roller per metre of belt [1/m].
+    cosine, sine
+        ``c`` and ``s`` [N·m per (m/s)²], valid for one trial; see `locate`.
+    cutoff_hz
+        Cut-off of the real-time filter on the moment [Hz].
+
+    Examples
+    --------
+    >>> roller = Roller(turns_per_m=1.9, cosine=0.3, sine=0.4, cutoff_hz=6.0)
+    >>> f"{roller.circumference_m:.2f} m, {roller.amplitude:.1f} N·m per (m/s)²"
+    '0.53 m, 0.5 N·m per (m/s)²'
+    """
+
+    turns_per_m: float
+    cosine: float
+    sine: float
+    cutoff_hz: float
+
+    @property
+    def circumference_m(self) -> float:
+        """Length of belt per turn [m]."""
+        return 1 / self.turns_per_m
+
+    @property
+    def amplitude(self) -> float:
+        """Amplitude by the square of the speed [N·m per (m/s)²]."""
+        return float(np.hypot(self.cosine, self.sine))
+
+    def predict(self, belt_speed: ArrayLike, rate_hz: float) -> Array:
+        """Predict the moment of a trial.
+
+        Parameters
+        ----------
+        belt_speed
+            Unfiltered belt speed from the start of the trial on, (N,) [m/s].
+        rate_hz
+            Sampling rate [Hz].
+
+        Returns
+        -------
+        Array
+            Pitch moment, (N,) [N·m].
+
+        Raises
+        ------
+        ValueError
+            Wrong shape, no samples, gaps or no rate.
+        """
+        speed = read_signal(belt_speed, "belt speed")
+        basis = _basis(self.turns_per_m, speed, read_rate(rate_hz), self.cutoff_hz)
+        return basis[:, 0] * self.cosine + basis[:, 1] * self.sine
+
+    def locate(self, moment: ArrayLike, belt_speed: ArrayLike, rate_hz: float) -> "Roller":
+        """Find the roller's angle at the start of another trial.
+
+        Parameters
+        ----------
+        moment
+            Pitch moment of the empty plate from the start of that trial on, (N,) [N·m], low-passed
+            as in the calibration, minus the prediction of `BeltModel`.
+        belt_speed
+            Unfiltered belt speed, (N,) [m/s].
+        rate_hz
+            Sampling rate [Hz].
+
+        Returns
+        -------
+        Roller
+            The same roller with ``cosine`` and ``sine`` of that trial.
+
+        Raises
+        ------
+        ValueError
+            Wrong shapes, no samples, gaps, different lengths or no rate.
+        """
+        moment, speed = _read(moment, belt_speed)
+        basis = _basis(self.turns_per_m, speed, read_rate(rate_hz), self.cutoff_hz)
+        cosine, sine, _ = np.linalg.lstsq(basis, moment)[0]
+        return replace(self, cosine=float(cosine), sine=float(sine))
+
+
+def fit_roller(
+    moment: ArrayLike, belt_speed: ArrayLike, rate_hz: float, cutoff_hz: float
+) -> Roller:
+    """Find an unbalanced roller in the pitch moment that a belt model leaves.
+
+    Parameters
+    ----------
+    moment
+        Pitch moment of the empty plate, low-passed in real time, minus the prediction of
+        `BeltModel`, (N,) [N·m].
+    belt_speed
+        Unfiltered belt speed, (N,) [m/s].
+    rate_hz
+        Sampling rate [Hz].
+    cutoff_hz
+        Cut-off of the real-time filter on the moment [Hz].
+
+    Returns
+    -------
+    Roller
+        The strongest one with a circumference of 0.17 to 3.3 m.
+
+    Raises
+    ------
+    ValueError
+        Wrong shapes, no samples, gaps, different lengths, or too little belt travel.
+
+    Notes
+    -----
+    The moment, divided by ``v²`` and resampled over the belt's travel, has a line in its spectrum
+    at every roller; the strongest starts a least-squares fit through the filter itself. Own
+    method: on the recordings of Hnat and van den Bogert (2014) it explains 40 % of the
+    variance that the second-order model leaves, on a trial that it was not fitted on.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> speed = 1.3 + 0.2 * np.sin(np.arange(0, 60, 0.01))
+    >>> moment = Roller(1.9, 0.3, 0.4, 6.0).predict(speed, 100.0)
+    >>> found = fit_roller(moment, speed, 100.0, cutoff_hz=6.0)
+    >>> f"{found.turns_per_m:.3f} {found.cosine:.2f} {found.sine:.2f}"
+    '1.900 0.30 0.40'
+    """
+    moment, speed = _read(moment, belt_speed)
+    rate = read_rate(rate_hz)
+    travel = _travel(speed, rate)
+    length = float(np.ptp(travel))
+    if length * MIN_TURNS_PER_M < MIN_TURNS:
+        raise ValueError(
+            f"the belt ran {length:.3g} m, too little to find a roller; "
+            f"give at least {MIN_TURNS / MIN_TURNS_PER_M:.0f} m in one direction"
+        )
+    grid = np.arange(travel.min(), travel.max(), TRAVEL_STEP_M)
+    forwards = np.maximum.accumulate(travel)
+    least = MIN_SPEED_SQUARED_SHARE * np.median(speed**2)
+    by_speed = np.interp(grid, forwards, moment / np.maximum(speed**2, least))
+    spectrum = np.abs(np.fft.rfft((by_speed - by_speed.mean()) * np.hanning(len(grid))))
+    turns = np.fft.rfftfreq(len(grid), TRAVEL_STEP_M)
+    sought = (turns > MIN_TURNS_PER_M) & (turns < MAX_TURNS_PER_M)
+    coarse = float(turns[sought][int(np.argmax(spectrum[sought]))])
+
+    def squared_error(turns_per_m: float) -> float:
+        basis = _basis(turns_per_m, speed, rate, cutoff_hz)
+        return float(np.sum((moment - basis @ np.linalg.lstsq(basis, moment)[0]) ** 2))
+
+    candidates = np.linspace(coarse - 1 / length, coarse + 1 / length, COARSE_STEPS)
+    middle = candidates[int(np.argmin([squared_error(t) for t in candidates]))]
+    step = float(candidates[1] - candidates[0])
+    best = minimize_scalar(squared_error, bounds=(middle - step, middle + step), method="bounded")
+    unknown = Roller(float(best.x), 0.0, 0.0, cutoff_hz)
+    return unknown.locate(moment, speed, rate)
+
+
+def _read(moment: ArrayLike, belt_speed: ArrayLike) -> tuple[Array, Array]:
+    moment, speed = read_signal(moment, "pitch moment"), read_signal(belt_speed, "belt speed")
+    refuse_unequal(pitch_moment=moment, belt_speed=speed)
+    return moment, speed
+
+
+def _travel(speed: Array, rate: float) -> Array:
+    return np.cumsum(speed) / rate
+
+
+def _basis(turns_per_m: float, speed: Array, rate: float, cutoff_hz: float) -> Array:
+    """Cosine, sine and constant through the filter, (N, 3)."""
+    angle = 2 * np.pi * turns_per_m * _travel(speed, rate)
+    waves = [
+        low_pass(speed**2 * wave(angle), rate, cutoff_hz, "realtime") for wave in (np.cos, np.sin)
+    ]
+    return np.column_stack([*waves, np.ones(len(speed))])
+
+
+MIN_SPLINE_SAMPLES: Final = 10
+"""Fewer hold no frequencies to tell signal from noise by."""
+GRID: Final = np.linspace(-8, 12, 201)
+"""Powers of ten of the smoothing about that which passes half of the spectrum; steps of 0.1."""
+
+
+def cutoff_of_spline(smoothing: float, interval_s: float, order: int = 4) -> float:
+    """Give the frequency at which a smoothing spline halves an amplitude.
+
+    Parameters
+    ----------
+    smoothing
+        Weight ``p`` of the squared derivative, in ``Σ (f - x)² + p ∫ f⁽ᴹ⁾²`` [s^(2M - 1)].
+    interval_s
+        Sampling interval ``T`` [s].
+    order
+        Order ``2M`` of the spline: 4 for a cubic one.
+
+    Returns
+    -------
+    float
+        Cut-off frequency [Hz].
+
+    Raises
+    ------
+    ValueError
+        Smoothing or interval that is not positive, or an odd order.
+
+    Notes
+    -----
+    ``ω₀ = (p T)^(-0.5/M)`` (Woltring 1986; van de Loosdrecht 2018, eq. D.8). A spline passes
+    ``1 / (1 + (ω/ω₀)^(2M))`` without delay: half the amplitude at ``ω₀``, where a Butterworth
+    filter of one pass leaves 0.71.
+
+    Examples
+    --------
+    >>> f"{cutoff_of_spline(6.4e-6, 0.01):.1f} Hz"
+    '10.0 Hz'
+    """
+    if not (smoothing > 0 and interval_s > 0 and order > 0 and order % 2 == 0):
+        raise ValueError(
+            f"smoothing and interval must be positive and the order even, got {smoothing}, "
+            f"{interval_s} s and {order}"
+        )
+    return float((smoothing * interval_s) ** (-1 / order) / (2 * np.pi))
+
+
+def spline_smoothing(signal: ArrayLike, rate_hz: float) -> float:
+    """Find the smoothing parameter of a cubic spline by generalised cross-validation.
+
+    Parameters
+    ----------
+    signal
+        Samples at a constant rate, (N,), with white noise.
+    rate_hz
+        Sampling rate [Hz].
+
+    Returns
+    -------
+    float
+        Weight ``p`` of the squared second derivative [s³]; `cutoff_of_spline` gives its frequency.
+
+    Raises
+    ------
+    ValueError
+        Wrong shape, fewer than 10 samples, gaps, or a constant signal.
+
+    Notes
+    -----
+    On even samples a cubic smoothing spline is a filter that leaves ``1 / (1 + p q(θ))`` of
+    every cosine, with ``q = (2 - 2 cos θ)² / ((2 + cos θ) / 3) / T³``, so that the score (Craven
+    and Wahba 1979) costs one cosine transform. The ends are mirrored about the straight line
+    through the signal, where a spline is free: without consequence for signals much longer than
+    the spline's impulse response.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> time = np.arange(0, 20, 0.01)
+    >>> noise = 0.01 * np.random.default_rng(0).normal(size=len(time))
+    >>> p = spline_smoothing(np.sin(2 * np.pi * time) + noise, 100.0)
+    >>> f"{cutoff_of_spline(p, 0.01):.0f} Hz"
+    '8 Hz'
+    """
+    x, rate = read_signal(signal, "signal"), read_rate(rate_hz)
+    if len(x) < MIN_SPLINE_SAMPLES:
+        raise ValueError(
+            f"{len(x)} samples are too few to find a smoothing, give at least {MIN_SPLINE_SAMPLES}"
+        )
+    refuse_constant(x[:, None], "signal", ("its only channel",))
+    line = np.polynomial.Polynomial.fit(np.arange(len(x)), x, 1)
+    amplitude: Array = dct(x - line(np.arange(len(x))), norm="ortho")
+    theta = np.pi * np.arange(len(x)) / len(x)
+    penalty = (2 - 2 * np.cos(theta)) ** 2 / ((2 + np.cos(theta)) / 3) * rate**3
+
+    def score(log_p: float) -> float:
+        removed = 1 - 1 / (1 + 10**log_p * penalty)
+        return float(np.log(np.sum((removed * amplitude) ** 2)) - 2 * np.log(removed.mean()))
+
+    middle = -3 * np.log10(rate)  # where half of the spectrum is smoothed, whatever the rate
+    grid = middle + GRID
+    nearest = grid[int(np.argmin([score(log_p) for log_p in grid]))]
+    best = minimize_scalar(score, bounds=(nearest - 0.1, nearest + 0.1), method="bounded")
+    return float(10**best.x)

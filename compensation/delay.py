@@ -1,0 +1,383 @@
+"""Delays between two devices that recorded the same motion, and of accelerometers on plates."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.fft import irfft, next_fast_len, rfft
+from scipy.interpolate import CubicSpline
+from scipy.special import stdtrit
+
+from compensation.inputs import (
+    read_rate,
+    read_table,
+    refuse_constant,
+    refuse_unequal,
+)
+from hbm.signals.filtering import low_pass
+from hbm.spatial import Array
+
+BLOCKS: Final = 40
+"""Blocks of a trial whose errors are taken as independent: a second and more in half a minute."""
+MAX_STEPS: Final = 20
+"""Of Gauss–Newton; four to eight are enough where there is one best delay."""
+STEP_TOLERANCE: Final = 1e-9
+"""Last step of the delay, in samples: far below any uncertainty."""
+MIN_EXPLAINED: Final = 0.1
+"""Share of the late signal's variance; unrelated recordings of a minute explain some percent."""
+MAX_MOTION_HZ: Final = 20.0
+"""Neither platforms nor people move faster; what lies above is noise."""
+SAMPLES_PER_PERIOD: Final = 10
+"""Of the fastest motion, so that a cubic spline passes through it."""
+MIN_SINGULAR_SHARE: Final = 1e-6
+"""Of the reference's largest singular value; a channel below it is a combination of others."""
+MIN_VARIANCE: Final = 1e-12
+"""Share of a channel's variance; keeps the weight of a channel without any noise finite."""
+
+
+Found = TypeVar("Found")
+
+
+@dataclass(frozen=True, slots=True)
+class Delay:
+    """How much later one device's samples are stamped than another's.
+
+    Attributes
+    ----------
+    seconds
+        Positive where the second device is later [s].
+    standard_error
+        Of the estimate [s].
+    explained
+        Share of the late signal's variance that follows the reference [1]; NaN where the delay
+        was not estimated by `estimate_delay`.
+    differences
+        Delays of the single impacts of a hammer, in their order [s]; else empty.
+    degrees_of_freedom
+        Of the standard error; few where it is from the scatter of a few impacts or recordings.
+
+    Examples
+    --------
+    >>> delay = Delay(0.0072, standard_error=0.0002)
+    >>> f"{1000 * delay.seconds:.1f} ± {1000 * delay.uncertainty:.1f} ms"
+    '7.2 ± 0.4 ms'
+    """
+
+    seconds: float
+    standard_error: float
+    explained: float = float("nan")
+    differences: tuple[float, ...] = ()
+    degrees_of_freedom: float = float("inf")
+
+    @property
+    def uncertainty(self) -> float:
+        """Half of the 95 % confidence interval, by Student's t [s]."""
+        return float(stdtrit(self.degrees_of_freedom, 0.975) * self.standard_error)
+
+
+def estimate_delay(
+    reference: ArrayLike, late: ArrayLike, rate_hz: float, longest_s: float = 0.2
+) -> Delay:
+    """Estimate by how much one device lags another that recorded the same motion.
+
+    Parameters
+    ----------
+    reference
+        Channels of the first device, (N, K), in any unit.
+    late
+        Channels of the second device at the same nominal instants, (N, C), in any unit; each is,
+        apart from the delay and noise, a linear combination of the first device's channels and a
+        constant. A wrench of an empty plate is that of accelerometers; a measured pose is that
+        of the commanded one.
+    rate_hz
+        Common sampling rate [Hz].
+    longest_s
+        Delays are sought up to this, either way [s].
+
+    Returns
+    -------
+    Delay
+        With `late` at ``t`` agreeing best with `reference` at ``t - seconds``.
+
+    Raises
+    ------
+    ValueError
+        Wrong shapes, no samples, gaps, different numbers of samples, constant channels, a trial
+        shorter than the delays sought, signals that do not follow each other, or a best agreement
+        at the end of the range.
+
+    Notes
+    -----
+    The combination and the delay are fitted together. Correlation over whole samples comes first;
+    then Gauss–Newton steps over a cubic spline through the reference, with the linear
+    combination projected out, give the fraction. Channels of `late` are weighted by the inverse of
+    their residual variance. The standard error is the sandwich estimate over 40 blocks, which
+    allows for noise that is correlated in time. Both signals are low-passed with zero phase at
+    20 Hz before (at a tenth of the sampling rate where that is lower): a spline passes noise
+    differently between samples than on them.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> rng = np.random.default_rng(0)
+    >>> acceleration = low_pass(rng.normal(size=(3000, 3)), 100.0, 5.0, "zero_phase")
+    >>> found = estimate_delay(acceleration[2:], 150 * acceleration[:-2], 100.0)
+    >>> f"{found.seconds:.3f}"
+    '0.020'
+    """
+    x, y = read_table(reference, "reference"), read_table(late, "late signal")
+    given_rate = read_rate(rate_hz)
+    refuse_unequal(reference=x, late_signal=y)
+    refuse_constant(x, "reference", tuple(f"channel {k + 1}" for k in range(x.shape[1])))
+    refuse_constant(y, "late signal", tuple(f"channel {k + 1}" for k in range(y.shape[1])))
+    fewest = int(4 * longest_s * given_rate) + BLOCKS * SAMPLES_PER_PERIOD
+    if len(x) < fewest:
+        raise ValueError(
+            f"{len(x)} samples are too few to seek delays up to {longest_s} s at {given_rate} Hz; "
+            f"give at least {fewest}"
+        )
+    x, rate = decimated(x, given_rate)
+    y, _ = decimated(y, given_rate)
+    reach = int(np.ceil(longest_s * rate))
+
+    lag, explained = _best_lag(x, y, reach)
+    if explained < MIN_EXPLAINED:
+        raise ValueError(
+            f"the late signal follows the reference in {explained:.0%} of its variance only, "
+            f"at no delay up to {longest_s} s; are they of one trial?"
+        )
+    if abs(lag) == reach:
+        raise ValueError(f"the best agreement lies beyond {longest_s} s; seek longer delays")
+
+    spline, inside = CubicSpline(np.arange(len(x)), x), np.arange(reach + 1, len(x) - reach - 1)
+    (shift,), (error, explained) = without_step(
+        lambda shifts: _gauss_newton(spline, y, inside, shifts), np.array([float(lag)]), reach
+    )
+    return Delay(float(shift / rate), error / rate, explained)
+
+
+def decimated(signal: Array, rate: float) -> tuple[Array, float]:
+    """Low-pass, decimate and standardise (N, C) samples; give the new rate [Hz] too."""
+    cutoff_hz = min(MAX_MOTION_HZ, rate / SAMPLES_PER_PERIOD)
+    every = int(rate / (SAMPLES_PER_PERIOD * cutoff_hz))
+    slow = low_pass(signal, rate, cutoff_hz, "zero_phase")[::every]
+    return (slow - slow.mean(axis=0)) / slow.std(axis=0), rate / every
+
+
+def _best_lag(x: Array, y: Array, reach: int) -> tuple[int, float]:
+    """Whole samples that `y` lags by and the share of its variance explained there."""
+    u, s, _ = np.linalg.svd(x, full_matrices=False)
+    lags = np.arange(-reach, reach + 1)
+    length = next_fast_len(len(x) + reach, real=True)
+    late = rfft(y.T, length)
+    power = np.zeros(len(lags))
+    for column in u[:, s > MIN_SINGULAR_SHARE * s[0]].T:
+        correlation = irfft(late * rfft(column, length).conj(), length)
+        power += np.sum(correlation[:, lags] ** 2, axis=0)
+    best = int(np.argmax(power))
+    return int(lags[best]), float(power[best] / np.sum(y**2))
+
+
+def without_step(
+    step_of: Callable[[Array], tuple[Array, Found]], start: Array, limit: float = np.inf
+) -> tuple[Array, Found]:
+    """Give the shifts from which a Gauss–Newton step leads no farther.
+
+    Parameters
+    ----------
+    step_of
+        Gives the step from some shifts, (S,) [samples], and what else is found there.
+    start
+        (S,) [samples].
+    limit
+        Of each shift, either way [samples].
+
+    Returns
+    -------
+    shifts, found
+        (S,) [samples], and what else is found there.
+
+    Notes
+    -----
+    Where noise is in both signals, the steps are too short or too long by a constant factor, which
+    Broyden's method learns from each step and the next (Broyden 1965, Math Comput 19:577).
+    """
+    shifts, inverse = start, np.eye(len(start))
+    step, found = step_of(start)
+    for _ in range(MAX_STEPS):
+        before, shifts = shifts, np.clip(shifts + np.clip(inverse @ step, -1, 1), -limit, limit)
+        change, last = shifts - before, step
+        step, found = step_of(shifts)
+        shorter = inverse @ (last - step)
+        size = change @ shorter
+        if np.max(np.abs(step)) < STEP_TOLERANCE or not size:
+            break
+        inverse += np.outer(change - shorter, change @ inverse) / size
+    return shifts, found
+
+
+def linear_fit(x: Array, target: Array) -> tuple[Array, Array, Array]:
+    """Give an orthonormal basis of regressors (N, R), the gains of a fit, and what it leaves."""
+    u, s, vt = np.linalg.svd(x, full_matrices=False)
+    kept = s > s[0] * len(x) * np.finfo(float).eps
+    basis, along = u[:, kept], u[:, kept].T @ target
+    return basis, vt[kept].T @ (along / s[kept, None]), target - basis @ along
+
+
+def _gauss_newton(
+    spline: CubicSpline, y: Array, inside: NDArray[np.int64], shift: Array
+) -> tuple[Array, tuple[float, float]]:
+    """Step of the delay (1,), its standard error [samples], share of variance explained."""
+    at, target = inside - shift, y[inside]
+    basis, gain, residual = linear_fit(np.column_stack([spline(at), np.ones(len(at))]), target)
+    slope = -spline(at, 1) @ gain[:-1]
+    slope -= basis @ (basis.T @ slope)
+    variance = np.maximum(np.mean(residual**2, axis=0), MIN_VARIANCE)
+    scores = np.sum(slope * residual / variance, axis=1)
+    information = float(np.sum(slope**2 / variance))
+    blocks = np.array([block.sum() for block in np.array_split(scores, BLOCKS)])
+    explained = 1 - float(np.sum(residual**2) / np.sum((target - target.mean(axis=0)) ** 2))
+    error = float(np.sqrt(np.sum(blocks**2) * BLOCKS / (BLOCKS - 1)) / information)
+    return np.array([scores.sum() / information]), (error, explained)
+
+
+SOUGHT_S: Final = np.arange(-0.03, 0.0301, 0.003)
+"""About the common delay, in which the delay of each sensor is sought: the steps are a fraction of
+the fastest motion's period, so that one of them leads to the best."""
+SEARCHES: Final = 2
+"""Rounds over all sensors; the delay of one changes what fits best of another."""
+SEARCHED: Final = 4
+"""Of the samples every which one is searched: their covariance needs no more."""
+MODEL_ERROR_S: Final = 0.00005
+"""Standard error besides the noise's: a platform that vibrates on an elastic base, which no rigid
+motion explains, moves the estimate by up to this (virtual laboratory, 7 to 30 Hz)."""
+MAX_SEPARATE_ERROR_S: Final = 0.002
+"""Standard error above which the sensors cannot be told apart and share the common delay."""
+
+
+def sensor_delays(
+    accelerations: ArrayLike, wrench: ArrayLike, rate_hz: float, longest_s: float = 0.2
+) -> tuple[Delay, ...]:
+    """Estimate how much later each accelerometer is than the empty plates that move with it.
+
+    Parameters
+    ----------
+    accelerations
+        Readings at the plates' nominal instants, three columns per sensor, (N, 3 S), in any unit.
+    wrench
+        Wrenches of one or more empty plates side by side, (N, 6 P), in any unit.
+    rate_hz
+        Common sampling rate [Hz].
+    longest_s
+        Delays are sought up to this, either way [s].
+
+    Returns
+    -------
+    tuple of Delay
+        One per sensor; positive where it is later than the plates.
+
+    Raises
+    ------
+    ValueError
+        As `estimate_delay`.
+
+    Notes
+    -----
+    `estimate_delay` gives the delay of all sensors together. From there on the delay of each is a
+    parameter of its own of the linear model that compensates the plates (`fit_inertia`): sought
+    in steps of 3 ms, then by Gauss–Newton with the gains projected out. The standard errors are
+    those of the sandwich over 40 blocks, and 0.05 ms for vibration that the model lacks. The
+    search minimises the determinant of the covariance of all channels, to which the sensors'
+    agreement with each other contributes.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> rng = np.random.default_rng(0)
+    >>> felt = low_pass(rng.normal(size=(6000, 6)), 200.0, 5.0, "zero_phase")
+    >>> plate = felt @ rng.normal(size=(6, 6)) + 0.001 * rng.normal(size=(6000, 6))
+    >>> felt[1:, 3:] = felt[:-1, 3:].copy()
+    >>> [round(1000 * late.seconds, 1) + 0.0 for late in sensor_delays(felt, plate, 200.0)]
+    [0.0, 5.0]
+    """
+    a, w = read_table(accelerations, "accelerations"), read_table(wrench, "wrench")
+    common = estimate_delay(a, w, rate_hz, longest_s)
+    all_alike = Delay(
+        -common.seconds, float(np.hypot(common.standard_error, MODEL_ERROR_S)), common.explained
+    )
+    count = a.shape[1] // 3
+    if count == 1:
+        return (all_alike,)
+    x, rate = decimated(a, read_rate(rate_hz))
+    y, _ = decimated(w, rate_hz)
+    model = _LateSensors(x, y, round(longest_s * rate))
+    delays = _search(model, np.full(count, all_alike.seconds * rate), SOUGHT_S * rate)
+    delays, covariance = without_step(model.gauss_newton, delays)
+    errors = np.hypot(np.sqrt(np.diag(covariance)) / rate, MODEL_ERROR_S)
+    if not np.all(errors < MAX_SEPARATE_ERROR_S):
+        return tuple(all_alike for _ in range(count))
+    explained = model.explained(delays)
+    return tuple(
+        Delay(float(late / rate), float(error), explained)
+        for late, error in zip(delays, errors, strict=True)
+    )
+
+
+class _LateSensors:
+    """The linear model of wrenches (N, C) by sensors (N, 3 S), each read ahead by its delay."""
+
+    def __init__(self, readings: Array, wrench: Array, reach: int) -> None:
+        self.sensors = [slice(3 * k, 3 * k + 3) for k in range(readings.shape[1] // 3)]
+        self.splines = [CubicSpline(np.arange(len(readings)), readings[:, s]) for s in self.sensors]
+        self.inside = np.arange(reach + 1, len(readings) - reach - 1)
+        self.wrench = wrench[self.inside]
+
+    def _ahead(self, delays: Array, derivative: int, every: int = 1) -> Array:
+        at = self.inside[::every]
+        parts = [
+            spline(at + late, derivative) for late, spline in zip(delays, self.splines, strict=True)
+        ]
+        return np.hstack(parts)
+
+    def _fit(self, delays: Array) -> tuple[Array, Array, Array]:
+        x = np.column_stack([self._ahead(delays, 0), np.ones(len(self.inside))])
+        return linear_fit(x, self.wrench)
+
+    def misfit(self, delays: Array) -> float:
+        """Give how little all channels have in common: the logarithm of their covariance's volume.
+
+        Sensors on one rigid body agree in what sway does to them, and together they predict the
+        plates; a wrong delay spoils either.
+        """
+        together = np.hstack([self._ahead(delays, 0, SEARCHED), self.wrench[::SEARCHED]])
+        variances = np.linalg.eigvalsh(np.cov(together, rowvar=False))
+        return float(np.sum(np.log(np.maximum(variances, MIN_VARIANCE))))
+
+    def explained(self, delays: Array) -> float:
+        left = np.sum(self._fit(delays)[2] ** 2)
+        return 1 - float(left / np.sum((self.wrench - self.wrench.mean(axis=0)) ** 2))
+
+    def gauss_newton(self, delays: Array) -> tuple[Array, Array]:
+        """Give the step of the delays and their covariance, in samples."""
+        basis, gain, left = self._fit(delays)
+        weight = 1 / np.maximum(np.mean(left**2, axis=0), MIN_VARIANCE)
+        rates = self._ahead(delays, 1)
+        slopes = [rates[:, s] @ gain[s] for s in self.sensors]
+        slopes = [(slope - basis @ (basis.T @ slope)) * np.sqrt(weight) for slope in slopes]
+        weighted = left * np.sqrt(weight)
+        scores = np.column_stack([np.vecdot(slope, weighted) for slope in slopes])
+        inverse = np.linalg.pinv([[np.vdot(one, other) for other in slopes] for one in slopes])
+        blocks = np.stack([block.sum(axis=0) for block in np.array_split(scores, BLOCKS)])
+        covariance = inverse @ (blocks.T @ blocks) @ inverse * BLOCKS / (BLOCKS - 1)
+        return inverse @ scores.sum(axis=0), covariance
+
+
+def _search(model: _LateSensors, delays: Array, steps: Array) -> Array:
+    """Vary the delay of one sensor after the other by some steps, and keep the best."""
+    for _ in range(SEARCHES):
+        for k in range(len(delays)):
+            tried = [delays + step * (np.arange(len(delays)) == k) for step in steps]
+            delays = min(tried, key=model.misfit)
+    return delays

@@ -1,0 +1,213 @@
+"""The delay of force plates behind markers, from the motion of the subject's own body."""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from compensation.delay import Delay
+from hbm.signals.filtering import oscillation
+from hbm.signals.resampling import interpolate
+from hbm.spatial import Array, Mask
+
+MAX_DELAY_S: Final = 0.15
+"""Delays are sought up to this, either way; walking repeats itself every half second."""
+MAX_UNCERTAINTY_S: Final = 0.010
+"""Half of the 95 % interval above which a delay is not determined: the usual size of delays, and so
+wide an interval as forces have of which the motion explains only half of the variance."""
+NOISE_FLOOR_N: Final = 1.0
+"""Of the force in each axis: no body model is better."""
+INDEPENDENT_PER_S: Final = 12.0
+"""Independent errors of a body model in a second: it errs up to about 6 Hz."""
+STRIDE_S: Final = 1.1
+"""Errors of a body model repeat in every stride, so that a longer recording has no more of them."""
+MIN_INDEPENDENT: Final = 4.0
+"""Independent errors of each axis, two of which offset and delay take."""
+TISSUE_HZ: Final = 4.5
+TISSUE_DAMPING: Final = 0.5
+TISSUE_SHARE: Final = 0.125
+TISSUE_DEVIATION: Final = 0.5
+"""Soft tissue that oscillates against the bones, as one mass: natural frequency, damping ratio, its
+share of body mass, and one standard deviation as part of that share (assumed). The share is that of
+the viscera (Minetti and Belli 1994, J Biomech 27:97). Trunks of standing people are in resonance at
+4 to 6 Hz (Matsumoto and Griffin 1998, J Sound Vib 212:85), and oscillate at 3.8 Hz in a model of
+running (Liu and Nigg 2000, J Biomech 33:219)."""
+GAIN_DEVIATION: Final = 0.03
+"""Of the ratio of both forces: of body mass and of the plates' gain."""
+USUAL: Final = np.array([1.0, TISSUE_DEVIATION, GAIN_DEVIATION])
+"""One standard deviation before the forces are looked at: of the delay [s], so large that they
+alone determine it, of soft tissue and of the ratio."""
+MAX_STEPS: Final = 50
+STEP_TOLERANCE: Final = 1e-6
+"""Last step of the delay, in samples."""
+SLOPE_STEP: Final = 0.01
+"""Of a sample, either way, over which the slope of the plates' force is taken."""
+
+
+def marker_plate_delay(plate_force: ArrayLike, motion_force: ArrayLike, time: ArrayLike) -> Delay:
+    """Estimate by how much the plates lag the markers, from Newton's second law.
+
+    Parameters
+    ----------
+    plate_force
+        Sum of all external forces on the subject in lab axes, brought to the markers' times,
+        (T, 3) [N].
+    motion_force
+        The same force from the markers: m(a − g) of the whole body's centre of mass, through the
+        same filter, (T, 3) [N]. Frames with a gap (NaN) in either are left out.
+    time
+        Sample times of both, in equal steps, (T,) [s].
+
+    Returns
+    -------
+    Delay
+        Positive where the plates are later than the markers: the force from the markers at ``t``
+        agrees best with the plates at ``t + seconds``.
+
+    Raises
+    ------
+    ValueError
+        If the arrays do not fit, if there are too few frames, if the best agreement is not within
+        ``MAX_DELAY_S``, or if the 95 % interval is wider than ± ``MAX_UNCERTAINTY_S``: too little
+        motion, or axes that disagree.
+
+    Notes
+    -----
+    Least squares over a shift of the plates' cubic spline, a constant offset of each axis, the
+    ratio of both forces and the force of soft tissue. Soft tissue follows the bones late, which
+    plates measure and markers do not show; left out, it would make plates 2 to 3 ms later than they
+    are. It is one oscillator that the force from the markers drives, of a usual mass whose
+    deviation is part of the standard error, and so is that of the ratio.
+
+    Each axis is weighted by the variance of what is left in it, and frames as by the soft-L1 loss,
+    so that a stumble or a marker that jumps has little weight. The standard error takes what is
+    left as an error of the body model that repeats in every stride, so that more strides do not
+    make the delay surer. It is larger where the axes show delays that differ by more than it says
+    (Birge 1932, Phys Rev 40:207).
+
+    Unlike `estimate_delay`, whose channels may be combined in any way, both signals are one force
+    in newtons and the same axes.
+
+    The real-time filter's acceleration is half a time step older than its value, so forces filtered
+    with it show half a step less delay than there is (5 ms at 100 Hz); zero phase shows it all.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> time = np.arange(0, 10, 0.01)
+    >>> def force(at):
+    ...     return 60 * np.column_stack([np.sin(6 * at), np.sin(3 * at), np.cos(6 * at)])
+    >>> motion = force(time)
+    >>> plates = force(time - 0.013) + soft_tissue(motion, time)
+    >>> f"{marker_plate_delay(plates, motion, time).seconds:.3f}"
+    '0.013'
+    """
+    plate, motion = np.asarray(plate_force, float), np.asarray(motion_force, float)
+    time = np.asarray(time, float)
+    if not plate.shape == motion.shape == (len(time), 3) or len(time) < 2:
+        raise ValueError(
+            f"both forces must have shape (T, 3) with T > 1, here T = {len(time)} times, "
+            f"got {plate.shape} and {motion.shape}"
+        )
+    step_s = float(np.median(np.diff(time)))
+    _independent(np.isfinite(plate + motion).all(axis=1), step_s)
+    tissue = soft_tissue(motion, time)
+    wanted = motion + tissue
+    delay_s = step_s * _nearest_lag(plate, wanted, int(MAX_DELAY_S // step_s))
+    scale = np.full(3, np.inf)
+    for _ in range(MAX_STEPS):
+        step, error_s, scale = _step(plate, wanted, tissue, time, delay_s, scale)
+        delay_s += float(np.clip(step, -step_s, step_s))
+        if abs(step) < STEP_TOLERANCE * step_s or abs(delay_s) > MAX_DELAY_S - step_s:
+            break
+    found = Delay(delay_s, error_s)
+    if abs(delay_s) > MAX_DELAY_S - step_s:
+        raise ValueError(
+            f"plates and markers agree nowhere within ±{1000 * MAX_DELAY_S:.0f} ms; "
+            "are they of the same trial, in the same axes?"
+        )
+    if not found.uncertainty <= MAX_UNCERTAINTY_S:
+        raise ValueError(
+            f"its 95 % interval would be ± {1000 * found.uncertainty:.1f} ms, more than "
+            f"{1000 * MAX_UNCERTAINTY_S:.0f} ms: the force changes too little, or its axes disagree"
+        )
+    return found
+
+
+def soft_tissue(motion_force: Array, time: Array) -> Array:
+    """Give the force that soft tissue of usual mass adds to that of a rigid body, (T, 3) [N]."""
+    known = np.isfinite(motion_force).all(axis=1)
+    drive = np.column_stack([-np.interp(time, time[known], axis) for axis in motion_force[known].T])
+    _, added = oscillation(drive - drive[0], time, TISSUE_HZ, TISSUE_DAMPING)
+    return TISSUE_SHARE * added
+
+
+def _independent(used: Mask, step_s: float) -> float:
+    """Give how many independent errors the frames that are used have, (T,); refuse too few."""
+    duration_s = np.count_nonzero(used) * step_s
+    if duration_s * INDEPENDENT_PER_S <= MIN_INDEPENDENT:
+        raise ValueError(
+            f"more than {MIN_INDEPENDENT / INDEPENDENT_PER_S:.2g} s of frames without gaps are "
+            f"needed, got {duration_s:.2g} s"
+        )
+    return INDEPENDENT_PER_S * min(duration_s, STRIDE_S)
+
+
+def _nearest_lag(plate: Array, wanted: Array, reach: int) -> int:
+    """Give the lag of the plates, in frames, at which forces (T, 3) agree best but for offsets."""
+    spreads = {}
+    for lag in sorted(range(-reach, reach + 1), key=abs):  # of those that agree alike, the shortest
+        late = plate[max(lag, 0) : len(plate) + min(lag, 0)]
+        difference = late - wanted[max(-lag, 0) : len(wanted) - max(lag, 0)]
+        difference = difference[np.isfinite(difference).all(axis=1)]
+        if 2 * len(difference) > np.count_nonzero(np.isfinite(plate + wanted).all(axis=1)):
+            spreads[lag] = np.abs(difference - np.median(difference, axis=0)).mean()
+    return min(spreads, key=spreads.__getitem__)
+
+
+def _step(
+    plate: Array, wanted: Array, tissue: Array, time: Array, delay_s: float, scale: Array
+) -> tuple[float, float, Array]:
+    """Give how much later the plates are than `delay_s` says [s].
+
+    With its standard error [s], and the size of what is left in each axis, (3,) [N], which the next
+    step is given; infinite in the first.
+    """
+    step_s = float(np.median(np.diff(time)))
+    around = delay_s + SLOPE_STEP * step_s * np.array([-1.0, 0.0, 1.0])
+    before, late, after = np.moveaxis(interpolate(time, plate, time[:, None] + around), 1, 0)
+    used = np.isfinite(before + late + after + wanted).all(axis=1)
+    independent = _independent(used, step_s)
+    left = (wanted - late)[used]
+    columns = np.stack([(after - before)[used] / np.ptp(around), -tissue[used], -wanted[used]])
+    left = left - np.median(left, axis=0)
+    weight = 1 / np.sqrt(1 + (left / scale) ** 2)
+    left, columns = (x - _mean(x, weight)[..., None, :] for x in (left, columns))
+    scale = _size(left) if np.isinf(scale).all() else scale
+    per_frame = weight * independent / len(left) / np.maximum(scale, NOISE_FLOOR_N) ** 2
+    information = np.einsum("itk,jtk,tk->ij", columns, columns, per_frame)
+    information += np.diag(USUAL**-2.0)
+    score = np.einsum("itk,tk,tk->ik", columns, left, per_frame)
+    covariance = np.linalg.inv(information)
+    size = covariance @ score.sum(axis=1)
+    rest = left - np.tensordot(size, columns, 1)
+    alone = np.tensordot(covariance[0] / covariance[0, 0], columns, 1)
+    of_axis = np.einsum("tk,tk->k", alone**2, per_frame)
+    from_axis = np.einsum("tk,tk,tk->k", alone, rest, per_frame)
+    disagreement = float(np.sum(from_axis**2 / np.maximum(of_axis, np.finfo(float).tiny))) / 2
+    variance = covariance[0, 0] * independent / (independent - 2) * max(disagreement, 1.0)
+    return float(size[0]), float(np.sqrt(variance)), _size(rest)
+
+
+def _size(error: Array) -> Array:
+    """Give the standard deviation of errors (T, 3), few of which may be large, (3,).
+
+    Halfway to that of all axes: one stride shows little of each axis by itself.
+    """
+    own = 1.4826 * np.median(np.abs(error), axis=0)
+    return np.asarray(np.sqrt((own**2 + np.mean(own**2)) / 2))
+
+
+def _mean(values: Array, weight: Array) -> Array:
+    """Give the weighted mean over frames of (…, T, 3), (…, 3)."""
+    return np.asarray((weight * values).sum(axis=-2) / weight.sum(axis=0))

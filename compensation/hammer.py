@@ -1,0 +1,372 @@
+"""The delay of a plate behind the cameras, from impacts of a hammer that carries a marker."""
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+from numpy.polynomial import Polynomial
+from numpy.typing import ArrayLike
+
+from compensation.delay import Delay
+from compensation.inputs import read_signal, refuse_constant, refuse_unequal
+from hbm.spatial import Array
+
+ONSET_SD: Final = 5.0
+"""Standard deviations from the baseline at which the force begins (van de Loosdrecht 2018)."""
+SD_PER_MAD: Final = 1.4826
+"""Standard deviation of normal noise per median absolute deviation, which impacts do not move."""
+MIN_IMPACTS: Final = 3
+"""For a standard error from their scatter."""
+QUIET_S: Final = 0.01
+"""Without force, for a contact to have ended."""
+APART_S: Final = 0.2
+"""After all other force, for an impact to count: what follows sooner is a bounce."""
+LONGEST_S: Final = 0.05
+"""Of a contact: a longer force is not an impact but a plate that rings, or a load."""
+FLIGHT_S: Final = 0.06
+"""Of the marker's path before and after a contact that is used."""
+MARGIN_S: Final = 0.001
+"""Between a contact and the marker samples beside it, for the error of the delay so far."""
+MIN_SAMPLES: Final = 4
+"""Of the marker on either side: one more than a parabola has coefficients."""
+MIN_FORCE_HZ: Final = 500.0
+"""Of the force: a contact lasts some milliseconds, and shorter ones would lie between samples."""
+REPETITIONS: Final = 4
+"""Of the estimate, each with the delay of the one before to tell which samples are in contact."""
+NEWTON_STEPS: Final = 4
+"""To where two parabolas meet that are nearly straight."""
+
+
+@dataclass(frozen=True, slots=True)
+class HammerImpact:
+    """An impact, as marker and plate show it.
+
+    Attributes
+    ----------
+    begin_s, end_s
+        Of the force, in the plate's time [s].
+    force_s
+        Centroid in time of the force, in the plate's time [s].
+    marker_s
+        When the marker's paths before and after the contact meet, in the cameras' time [s].
+    unknown_s
+        Standard error of `marker_s` for what is unknown of the hand's acceleration within the
+        contact [s].
+    path_before, path_after
+        The parabolas of the marker's height: coefficients of 1, t and t², (3,) [m, m/s, m/s²], t
+        from `marker_s`.
+
+    Examples
+    --------
+    >>> down, up = np.array([0.0, -2.0, -5.0]), np.array([0.0, 1.0, -5.0])
+    >>> impact = HammerImpact(1.002, 1.007, 1.0045, 1.0, 0.0, down, up)
+    >>> f"{1000 * impact.delay_s:.1f} ms"
+    '4.5 ms'
+    """
+
+    begin_s: float
+    end_s: float
+    force_s: float
+    marker_s: float
+    unknown_s: float
+    path_before: Array
+    path_after: Array
+
+    @property
+    def delay_s(self) -> float:
+        """By how much the plate is later than the marker [s]."""
+        return self.force_s - self.marker_s
+
+
+def hammer_delay(
+    marker_time: ArrayLike,
+    marker_height: ArrayLike,
+    force_time: ArrayLike,
+    force: ArrayLike,
+    window_s: float = 0.1,
+) -> Delay:
+    """Estimate by how much a plate lags the cameras from impacts of a hammer with a marker.
+
+    Parameters
+    ----------
+    marker_time
+        Instants of the marker's samples, (N,) [s].
+    marker_height
+        Height of the marker on the hammer, (N,) [m].
+    force_time
+        Instants of the plate's samples, (P,) [s], on the same nominal clock.
+    force
+        Vertical force of the plate, unfiltered, (P,) [N].
+    window_s
+        The marker's reversal is sought this long before and after the force begins [s].
+
+    Returns
+    -------
+    Delay
+        Mean over impacts, positive where the plate is later; its standard error from their
+        scatter, and from what is unknown of the hand's push within a contact.
+
+    Raises
+    ------
+    ValueError
+        Wrong shapes, no samples, gaps, times that do not increase, a force at less than 500 Hz,
+        fewer than 3 impacts.
+
+    Notes
+    -----
+    In a contact, the hammer's momentum changes by the impulse of the force. The paths of the marker
+    before and after it, extended into it, therefore meet at the centroid in time of that force,
+    t* = ∫ t F dt / ∫ F dt, whatever the shape and duration of the contact and however much the
+    hammer bounces. The delay is the difference of the two instants. The paths are parabolas through
+    60 ms on either side, without samples within a contact; hand and gravity accelerate the hammer
+    evenly. When within a contact their acceleration changes from the one to the other is unknown;
+    the standard error holds for any instant.
+
+    The force of an impact is summed from where it first leaves the baseline by five standard
+    deviations (van de Loosdrecht 2018, II.A.3) until it is quiet for 10 ms. Baseline and deviation
+    are the median and 1.4826 times the median absolute deviation. Impacts whose marker shows no
+    reversal, or fewer than four samples on a side, and contacts longer than 50 ms do not count.
+
+    Deviations from the original: it takes the marker's lowest sample and the first sample of the
+    force. The marker is lowest in the middle of a contact or later, so that a delay by them is too
+    small by half of the contact and more.
+
+    Examples
+    --------
+    Three impacts of 5 ms at 1, 2 and 3 s; the plate is 2 ms late:
+
+    >>> import numpy as np
+    >>> marker_time, force_time = np.arange(0, 4, 0.01), np.arange(0, 4, 0.001)
+    >>> height = np.min([np.abs(marker_time - t - 0.002) for t in (1, 2, 3)], axis=0)
+    >>> force = np.random.default_rng(0).normal(size=len(force_time))
+    >>> for t in (1, 2, 3):
+    ...     force[1000 * t + 2 : 1000 * t + 7] += 800.0
+    >>> f"{hammer_delay(marker_time, height, force_time, force).seconds:.4f}"
+    '0.0020'
+    """
+    impacts = hammer_impacts(marker_time, marker_height, force_time, force, window_s)
+    found = [impact.delay_s for impact in impacts]
+    scatter = float(np.std(found, ddof=1) / np.sqrt(len(found)))
+    unknown = float(np.mean([impact.unknown_s for impact in impacts]))
+    return Delay(
+        float(np.mean(found)),
+        float(np.hypot(scatter, unknown)),
+        differences=tuple(found),
+        degrees_of_freedom=len(found) - 1,
+    )
+
+
+def hammer_impacts(
+    marker_time: ArrayLike,
+    marker_height: ArrayLike,
+    force_time: ArrayLike,
+    force: ArrayLike,
+    window_s: float = 0.1,
+) -> tuple[HammerImpact, ...]:
+    """Find the impacts of a hammer, each with its instants in marker and force.
+
+    Parameters
+    ----------
+    marker_time, marker_height, force_time, force, window_s
+        As of `hammer_delay`.
+
+    Returns
+    -------
+    tuple
+        At least three, in their order.
+
+    Raises
+    ------
+    ValueError
+        As `hammer_delay`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> marker_time, force_time = np.arange(0, 4, 0.01), np.arange(0, 4, 0.001)
+    >>> height = np.min([np.abs(marker_time - t - 0.002) for t in (1, 2, 3)], axis=0)
+    >>> force = np.random.default_rng(0).normal(size=len(force_time))
+    >>> for t in (1, 2, 3):
+    ...     force[1000 * t + 2 : 1000 * t + 7] += 800.0
+    >>> first, *_ = hammer_impacts(marker_time, height, force_time, force)
+    >>> f"{first.marker_s:.3f} {first.force_s:.3f}"
+    '1.002 1.004'
+    """
+    t_m, height = _read_timed(marker_time, marker_height, "marker")
+    t_f, load = _read_timed(force_time, force, "force")
+    if (rate_hz := 1 / float(np.median(np.diff(t_f)))) < MIN_FORCE_HZ:
+        raise ValueError(
+            f"a force at {rate_hz:.0f} Hz misses impacts between its samples, expected "
+            f"{MIN_FORCE_HZ:.0f} Hz at least; leave the impacts out, weights that a belt carries "
+            "back and forth show the delay too"
+        )
+    contacts = _contacts(t_f, load)
+    turns = [(contact, _sharpest_turn(t_m, height, contact, window_s)) for contact in contacts]
+    delays = _enough([contact.centroid - turn for contact, turn in turns if turn is not None])
+    found: list[HammerImpact] = []
+    for _ in range(REPETITIONS):
+        delay = float(np.median(delays))
+        each = (_impact(t_m, height, contact, delay) for contact in contacts)
+        found = [impact for impact in each if impact is not None]
+        delays = _enough([impact.delay_s for impact in found])
+    return tuple(found)
+
+
+def _enough(delays: list[float]) -> list[float]:
+    if len(delays) < MIN_IMPACTS:
+        raise ValueError(
+            f"{len(delays)} impacts found in both marker and force, expected at least "
+            f"{MIN_IMPACTS}; is the force unfiltered and are both on one clock?"
+        )
+    return delays
+
+
+def _read_timed(time: ArrayLike, values: ArrayLike, name: str) -> tuple[Array, Array]:
+    t, x = read_signal(time, f"{name} times"), read_signal(values, name)
+    refuse_unequal(**{f"{name}_times": t, name: x})
+    if not np.all(np.diff(t) > 0):
+        raise ValueError(f"{name} times must increase")
+    refuse_constant(x[:, None], name, ("its only channel",))
+    return t, x
+
+
+@dataclass(frozen=True, slots=True)
+class _Contact:
+    """A contact in the force's time: begin, end, centroid, and when the next contact begins [s]."""
+
+    begin: float
+    end: float
+    centroid: float
+    next: float
+
+
+def _contacts(time: Array, force: Array) -> list[_Contact]:
+    """Find contacts that follow no other one closely."""
+    load = force - float(np.median(force))
+    spread = SD_PER_MAD * float(np.median(np.abs(load)))
+    out = np.flatnonzero(np.abs(load) > ONSET_SD * spread)
+    first = np.flatnonzero(np.diff(time[out], prepend=-np.inf) > QUIET_S)
+    parts = np.split(out, first)[1:]
+    begins = np.array([time[part[0]] for part in parts])
+    contacts = []
+    previous, following = np.insert(begins, 0, -np.inf)[:-1], np.append(begins, np.inf)[1:]
+    for part, before, after in zip(parts, previous, following, strict=True):
+        rows = slice(max(part[0] - 1, 0), part[-1] + 2)
+        begin, end, impulse = float(time[part[0]]), float(time[part[-1]]), float(load[rows].sum())
+        if begin - before > APART_S and end - begin < LONGEST_S and impulse > 0:
+            centroid = float(np.sum(time[rows] * load[rows])) / impulse
+            contacts.append(_Contact(begin, end, centroid, float(after)))
+    return contacts
+
+
+def _sharpest_turn(time: Array, height: Array, contact: _Contact, window_s: float) -> float | None:
+    """Give when the marker turns most sharply upwards near an impact, None where it does not."""
+    turn = np.zeros(len(time))
+    turn[2:-2] = height[4:] - 2 * height[2:-2] + height[:-4]
+    near = np.flatnonzero(np.abs(time - contact.centroid) <= window_s)
+    if not len(near):
+        return None
+    sharpest = int(near[np.argmax(turn[near])])
+    around = height[sharpest - 2 : sharpest + 3]
+    if len(around) < 5 or not around[0] > around[2] <= around[4]:
+        return None
+    return float(time[sharpest])
+
+
+def _impact(time: Array, height: Array, contact: _Contact, delay_s: float) -> HammerImpact | None:
+    """Find where the paths before and after a contact meet; None where they are too short."""
+    begin, end, next_begin = (t - delay_s for t in (contact.begin, contact.end, contact.next))
+    down = (time < begin - MARGIN_S) & (time >= begin - FLIGHT_S)
+    up = (time > end + MARGIN_S) & (time <= min(end + FLIGHT_S, next_begin - MARGIN_S))
+    if min(np.count_nonzero(down), np.count_nonzero(up)) < MIN_SAMPLES:
+        return None
+    middle = contact.centroid - delay_s
+    fall, rise = (
+        Polynomial.fit(time[part] - middle, height[part], 2).convert() for part in (down, up)
+    )
+    apart = rise - fall
+    kink, bend = float(apart.deriv()(0.0)), float(apart.deriv(2)(0.0))
+    if kink <= 0:
+        return None
+    meets = 0.0
+    for _ in range(NEWTON_STEPS):
+        meets -= float(apart(meets) / apart.deriv()(meets))
+    unknown = abs(bend) * (end - begin) ** 2 / 8 / kink / np.sqrt(3)
+    return HammerImpact(
+        contact.begin,
+        contact.end,
+        contact.centroid,
+        middle + meets,
+        float(unknown),
+        *(
+            np.array([path(meets), path.deriv()(meets), path.deriv(2)(meets) / 2])
+            for path in (fall, rise)
+        ),
+    )
+
+
+PRECISE_S: Final = 0.001
+"""Half of the 95 % interval up to which the delay in motion is taken, however precise the hammer's:
+a fifth of what the thesis' plates are late by, and of the default limit of a delay."""
+
+
+@dataclass(frozen=True, slots=True)
+class AgreedDelay:
+    """The delay to correct by, the method it is from, and whether another method contradicts it.
+
+    Attributes
+    ----------
+    delay
+        The delay that is used.
+    method
+        What it is from: "motion" of weights on the belt, or "hammer".
+    difference_s
+        The hammer's delay less that in motion [s]; NaN where only one is known.
+    disagree
+        True where the 95 % intervals of both do not overlap: one of them is wrong by more than it
+        states.
+
+    Examples
+    --------
+    >>> found = agreed_delay(hammer=Delay(0.0009, 0.0001), motion=Delay(0.0040, 0.0001))
+    >>> found.method, found.disagree, f"{1000 * found.difference_s:.1f} ms"
+    ('motion', True, '-3.1 ms')
+    """
+
+    delay: Delay
+    method: Literal["motion", "hammer"]
+    difference_s: float = float("nan")
+    disagree: bool = False
+
+
+def agreed_delay(hammer: Delay | None, motion: Delay | None) -> AgreedDelay | None:
+    """Choose between a plate's delay by a hammer and that in motion, and compare them.
+
+    Parameters
+    ----------
+    hammer
+        As `hammer_delay` gives it; None without impacts.
+    motion
+        From the same plate's wrench under weights that accelerate; None where it is unknown.
+
+    Returns
+    -------
+    AgreedDelay or None
+        That in motion where its 95 % interval is within ± 1 ms, since it is measured as the plate
+        is used and needs no model of an impact; else the one with the narrower interval. None
+        where neither is known.
+
+    Examples
+    --------
+    >>> agreed_delay(Delay(0.0041, 0.0001), Delay(0.0050, 0.003)).method
+    'hammer'
+    """
+    if hammer is None or motion is None:
+        if motion is not None:
+            return AgreedDelay(motion, "motion")
+        return AgreedDelay(hammer, "hammer") if hammer is not None else None
+    difference = hammer.seconds - motion.seconds
+    disagree = abs(difference) > hammer.uncertainty + motion.uncertainty
+    if motion.uncertainty <= max(PRECISE_S, hammer.uncertainty):
+        return AgreedDelay(motion, "motion", difference, disagree)
+    return AgreedDelay(hammer, "hammer", difference, disagree)

@@ -1,0 +1,714 @@
+"""The moving platform: its pose from commands or markers, and plate wrenches in the lab.
+
+The platform frame moves with the platform and is the lab frame when the platform is in neutral.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from compensation.delay import Delay, estimate_delay
+from compensation.inputs import read_rate, read_signal, refuse_gaps, refuse_unequal
+from hbm.notes import Note
+from hbm.signals.resampling import interpolate
+from hbm.spatial import (
+    GRAVITY_MPS2,
+    Array,
+    Mask,
+    fit_rotation,
+    read_only,
+    rotation_about,
+    transform_wrench,
+)
+
+LEFT: Final = read_only([0.0, 1.0, 0.0])
+"""The lab's left axis, along which the platform sways and about which it pitches."""
+MAX_SWAY_M: Final = 1.0
+"""No platform moves farther sideways: larger numbers are millimetres."""
+MAX_PITCH_RAD: Final = 0.8
+"""46°; no platform pitches farther: larger numbers are degrees."""
+MAX_PIVOT_M: Final = 10.0
+"""No pitch axis is farther from the lab's origin: larger numbers are millimetres."""
+MIN_MOTION: Final = 1e-3
+"""Range of a command, in metres or radians, below which it shows no delay."""
+ROTATION_TOLERANCE: Final = 1e-6
+"""Of ``RᵀR = 1``: the error of rotations that went through text with seven digits."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlatformPose:
+    """Where the platform is: ``p_lab = rotation p_platform + position``; the identity in neutral.
+
+    Attributes
+    ----------
+    rotation
+        Orientation in the lab (columns: the platform's axes), (T, 3, 3).
+    position
+        The platform frame's origin in the lab, (T, 3) [m]. A gap is NaN in both.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> pose = PlatformPose(np.eye(3)[None], [[0.0, 0.05, 0.0]])
+    >>> pose.to_lab([1.0, 0.0, 0.0])
+    array([[1.  , 0.05, 0.  ]])
+    """
+
+    rotation: Array
+    position: Array
+
+    def __post_init__(self) -> None:
+        rotation, position = read_only(self.rotation), read_only(self.position)
+        if rotation.ndim != 3 or rotation.shape != (len(position), 3, 3):
+            raise ValueError(
+                f"platform rotation must have shape ({len(position)}, 3, 3), got {rotation.shape}"
+            )
+        if position.shape != (len(rotation), 3):
+            raise ValueError(f"platform position must have shape (frames, 3), got {position.shape}")
+        seen = np.isfinite(rotation).all(axis=(1, 2))
+        if not np.array_equal(seen, np.isfinite(position).all(axis=1)):
+            raise ValueError("platform rotation and position must have their gaps together")
+        product = rotation[seen] @ np.swapaxes(rotation[seen], 1, 2)
+        proper = np.linalg.det(rotation[seen]) > 0
+        if not (np.allclose(product, np.eye(3), atol=ROTATION_TOLERANCE) and proper.all()):
+            raise ValueError("platform rotation must hold proper rotations: RᵀR = 1 and det R = 1")
+        object.__setattr__(self, "rotation", rotation)
+        object.__setattr__(self, "position", position)
+
+    @property
+    def pitch(self) -> Array:
+        """Rotation about the lab's left axis, (T,) [rad]; positive lowers the front."""
+        angle: Array = np.arctan2(-self.rotation[:, 2, 0], self.rotation[:, 0, 0])
+        return angle
+
+    def to_lab(self, points: ArrayLike) -> Array:
+        """Bring points of the platform frame, (T, 3) or (3,) [m], to the lab, (T, 3) [m]."""
+        points = np.broadcast_to(np.asarray(points, float), self.position.shape)
+        moved: Array = (self.rotation @ points[..., None])[..., 0] + self.position
+        return moved
+
+
+def commanded_pose(sway: ArrayLike, pitch: ArrayLike, pivot: ArrayLike) -> PlatformPose:
+    """Give the pose from the machine's own sway and pitch channels.
+
+    Parameters
+    ----------
+    sway
+        Translation along the lab's left axis, (T,) [m].
+    pitch
+        Rotation about the lab's left axis by the right-hand rule, (T,) [rad]: positive lowers the
+        front. D-Flow's pitch has the opposite sign.
+    pivot
+        A point of the pitch axis with the platform in neutral, (3,) [m]; the axis sways along.
+
+    Returns
+    -------
+    PlatformPose
+        The pose as commanded; the machine follows with a delay, see `pose_delay`.
+
+    Raises
+    ------
+    ValueError
+        Wrong shapes, no samples, gaps, different lengths, or sizes that no platform reaches
+        (millimetres, degrees).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> pose = commanded_pose(sway=[0.05], pitch=[np.radians(10)], pivot=[0, 0, -0.3])
+    >>> print(np.degrees(pose.pitch).round(3), pose.to_lab([0, 0, -0.3]))
+    [10.] [[ 0.    0.05 -0.3 ]]
+    """
+    y, angle = read_signal(sway, "sway"), read_signal(pitch, "pitch")
+    refuse_unequal(sway=y, pitch=angle)
+    point = np.asarray(pivot, float)
+    if point.shape != (3,) or not np.all(np.abs(point) < MAX_PIVOT_M):
+        raise ValueError(f"pivot must be one point in metres, (3,), got {point}")
+    for name, values, most, unit in (
+        ("sway", y, MAX_SWAY_M, "m"),
+        ("pitch", angle, MAX_PITCH_RAD, "rad"),
+    ):
+        if np.max(np.abs(values)) > most:
+            raise ValueError(
+                f"{name} reaches {np.max(np.abs(values)):.3g}, expected at most {most} {unit}; "
+                f"is it in {unit}?"
+            )
+    rotation = rotation_about(LEFT, angle)
+    return PlatformPose(rotation, y[:, None] * LEFT + point - rotation @ point)
+
+
+def pose_delay(
+    commanded: PlatformPose, measured: PlatformPose, rate_hz: float, longest_s: float = 0.2
+) -> Delay:
+    """Estimate by how much the platform (or its record) is later than its command.
+
+    Parameters
+    ----------
+    commanded, measured
+        Poses at the same nominal instants, without gaps.
+    rate_hz
+        Their sampling rate [Hz].
+    longest_s
+        Delays are sought up to this, either way [s].
+
+    Returns
+    -------
+    Delay
+        Positive where the measured pose is later.
+
+    Raises
+    ------
+    ValueError
+        As `compensation.estimate_delay`; also a platform that does not move.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> time = np.arange(0, 30, 0.01)
+    >>> def pose(at):
+    ...     return commanded_pose(0.05 * np.sin(at), 0.1 * np.sin(1.7 * at), [0, 0, 0])
+    >>> f"{pose_delay(pose(time), pose(time - 0.08), 100.0).seconds:.3f}"
+    '0.080'
+    """
+    signals = [np.column_stack([p.position[:, 1], p.pitch]) for p in (commanded, measured)]
+    for name, signal in zip(("commanded pose", "measured pose"), signals, strict=True):
+        refuse_gaps(signal, name)
+    moving = np.ptp(signals[0], axis=0) > MIN_MOTION
+    if not moving.any():
+        raise ValueError("the commanded platform does not move: its delay cannot be estimated")
+    return estimate_delay(signals[0][:, moving], signals[1][:, moving], rate_hz, longest_s)
+
+
+def specific_force(pose: PlatformPose, rate_hz: float) -> Array:
+    """Give what inertial sensors fixed to the platform measure, from its pose.
+
+    Parameters
+    ----------
+    pose
+        The platform's pose, without gaps.
+    rate_hz
+        Its sampling rate [Hz].
+
+    Returns
+    -------
+    Array
+        Specific force ``Rᵀ (a - g)`` of the platform's origin [m/s²] and angular acceleration
+        [rad/s²], both in platform axes, (T, 6). Up to the centripetal part every accelerometer on
+        the platform is a linear combination of these: `compensation.estimate_delay` aligns
+        markers with accelerometers by them, with the accelerometers as its reference.
+
+    Raises
+    ------
+    ValueError
+        Gaps, fewer than 5 frames, or no rate.
+
+    Examples
+    --------
+    At rest, pitched by 10° with the front down, a sensor measures gravity along two axes:
+
+    >>> import numpy as np
+    >>> pose = commanded_pose(np.zeros(5), np.full(5, np.radians(10)), [0, 0, 0])
+    >>> specific_force(pose, 100.0)[0].round(2) + 0.0
+    array([-1.7 ,  0.  ,  9.66,  0.  ,  0.  ,  0.  ])
+    """
+    rate = read_rate(rate_hz)
+    refuse_gaps(pose.position, "pose")
+    if len(pose.position) < 5:
+        raise ValueError(f"pose has {len(pose.position)} frames; its acceleration needs at least 5")
+    back = np.swapaxes(pose.rotation, 1, 2)
+    acceleration = _derivative(_derivative(pose.position, rate), rate)
+    force = (back @ (acceleration + np.array([0, 0, GRAVITY_MPS2]))[..., None])[..., 0]
+    cross = back @ _derivative(pose.rotation, rate)  # [ω]×
+    omega = np.stack([cross[:, 2, 1], cross[:, 0, 2], cross[:, 1, 0]], axis=1)
+    return np.hstack([force, _derivative(omega, rate)])
+
+
+def interpolate_pose(pose: PlatformPose, time: ArrayLike, at: ArrayLike) -> PlatformPose:
+    """Give the pose at other times, such as those of the plates.
+
+    Parameters
+    ----------
+    pose
+        The platform's pose; gaps are NaN.
+    time
+        Its times, (T,) [s].
+    at
+        Wanted times, (N,) [s].
+
+    Returns
+    -------
+    PlatformPose
+        By cubic splines through positions and rotation vectors; NaN inside gaps and outside the
+        recorded time.
+
+    Raises
+    ------
+    ValueError
+        Fewer than 4 samples, or times that do not fit the pose.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> time = np.arange(0, 1, 0.1)
+    >>> pose = commanded_pose(0.1 * time, 0.2 * time, [0, 0, 0])
+    >>> between = interpolate_pose(pose, time, [0.25])
+    >>> print(between.pitch.round(6), between.position.round(6) + 0.0)
+    [0.05] [[0.    0.025 0.   ]]
+    """
+    known = np.asarray(np.isfinite(pose.position).all(axis=1))
+    vectors = np.full((len(pose.position), 6), np.nan)
+    vectors[known, :3] = Rotation.from_matrix(pose.rotation[known]).as_rotvec()
+    vectors[:, 3:] = pose.position
+    wanted = interpolate(time, vectors, at)
+    found = np.asarray(np.isfinite(wanted).all(axis=1))
+    rotation = np.full((len(wanted), 3, 3), np.nan)
+    rotation[found] = Rotation.from_rotvec(wanted[found, :3]).as_matrix()
+    return PlatformPose(rotation, np.where(found[:, None], wanted[:, 3:], np.nan))
+
+
+def mean_pose(pose: PlatformPose) -> PlatformPose:
+    """Give the mean of a pose over time.
+
+    Parameters
+    ----------
+    pose
+        The platform's pose; gaps are NaN and do not count.
+
+    Returns
+    -------
+    PlatformPose
+        One pose: the mean position, and the rotation nearest to the mean of the rotations.
+
+    Raises
+    ------
+    ValueError
+        The pose is nowhere known.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> pose = commanded_pose([0.0, 0.1], np.radians([8, 12]), [0, 0, 0])
+    >>> mean = mean_pose(pose)
+    >>> print(np.degrees(mean.pitch).round(6), mean.position.round(6) + 0.0)
+    [10.] [[0.   0.05 0.  ]]
+    """
+    known = np.isfinite(pose.position).all(axis=1)
+    if not known.any():
+        raise ValueError("the platform's pose is nowhere known")
+    rotation = fit_rotation(pose.rotation[known].mean(axis=0))
+    return PlatformPose(rotation[None], pose.position[known].mean(axis=0)[None])
+
+
+def _derivative(values: Array, rate: float) -> Array:
+    derivative: Array = np.gradient(values, 1 / rate, axis=0)
+    return derivative
+
+
+MAX_REST_SD_M: Final = 0.005
+"""Of a marker in neutral: more than the noise of cameras, less than any motion of a platform."""
+MIN_SPREAD_M: Final = 0.02
+"""Root-mean-square distance from a line, below which markers do not determine the rotation about
+it: 1 mm of noise is 3° there."""
+MAX_DISTANCE_M: Final = 20.0
+"""Of a marker from the lab's origin; larger numbers are millimetres."""
+MAX_LEFT_OUT_SHARE: Final = 0.05
+"""Of the frames, in which a marker may be left out without a warning."""
+
+
+@dataclass(frozen=True, slots=True)
+class PoseFit:
+    """A pose from markers, and how well they agree with it; `fit_pose` makes one.
+
+    Attributes
+    ----------
+    pose
+        The platform's pose, NaN where fewer than three markers agree.
+    marker_error
+        Distance of every marker from its position by the pose, (T, M) [m]; NaN where not seen.
+    used
+        Markers that were fitted, (T, M).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> neutral = np.array([[0.0, 0.7, 0], [1.0, 0.7, 0], [1.0, -0.7, 0], [0.0, -0.7, 0]])
+    >>> fit_pose([neutral], neutral, outlier_m=0.01).used
+    array([[ True,  True,  True,  True]])
+    """
+
+    pose: PlatformPose
+    marker_error: Array
+    used: Mask
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "marker_error", read_only(self.marker_error))
+        object.__setattr__(self, "used", read_only(self.used, bool))
+
+
+def neutral_markers(markers: ArrayLike) -> Array:
+    """Give the platform markers' neutral positions from frames with the platform in neutral.
+
+    Parameters
+    ----------
+    markers
+        Platform markers in those frames, lab axes, (T, M, 3) [m]; gaps are NaN.
+
+    Returns
+    -------
+    Array
+        Mean positions, (M, 3) [m].
+
+    Raises
+    ------
+    ValueError
+        Wrong shape, positions not in metres, a marker never seen, or one that moves by more than
+        5 mm (standard deviation).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> neutral_markers(np.tile([[[0.0, 0.7, 0], [1.0, 0.7, 0], [1.0, -0.7, 0]]], (100, 1, 1)))
+    array([[ 0. ,  0.7,  0. ],
+           [ 1. ,  0.7,  0. ],
+           [ 1. , -0.7,  0. ]])
+    """
+    position = _read_markers(markers)
+    seen = _seen(position)
+    missing = np.flatnonzero(~seen.any(axis=0))
+    if len(missing):
+        raise ValueError(f"platform markers {list(missing + 1)} are never seen in neutral")
+    moved = np.nanstd(position, axis=0).max(axis=1)
+    if moved.max() > MAX_REST_SD_M:
+        raise ValueError(
+            f"platform marker {int(np.argmax(moved)) + 1} moves by {1000 * moved.max():.1f} mm in "
+            "the frames taken as neutral; choose frames in which the platform stands still"
+        )
+    mean: Array = np.nanmean(position, axis=0)
+    return mean
+
+
+def fit_pose(markers: ArrayLike, neutral: ArrayLike, outlier_m: float) -> PoseFit:
+    """Fit the platform's pose to its markers, frame by frame.
+
+    Parameters
+    ----------
+    markers
+        Platform markers in lab axes, (T, M, 3) [m]; gaps are NaN.
+    neutral
+        The same markers with the platform in neutral, (M, 3) [m].
+    outlier_m
+        Distance from the fit at which a marker is left out [m]; twice the cameras' error or more.
+
+    Returns
+    -------
+    PoseFit
+        Pose, errors and markers used.
+
+    Raises
+    ------
+    ValueError
+        Wrong shapes, fewer than three markers, markers in a line, or positions not in metres.
+
+    Notes
+    -----
+    Least squares by singular value decomposition (Söderkvist and Wedin 1993). While a marker lies
+    beyond `outlier_m` and four or more are left, the one without which the others fit best is
+    left out. Three that still disagree give no pose.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> neutral = np.array([[0.0, 0.7, 0], [1.0, 0.7, 0], [1.0, -0.7, 0], [0.0, -0.7, 0]])
+    >>> fit = fit_pose([neutral + [0.0, 0.05, 0.0]], neutral, outlier_m=0.01)
+    >>> fit.pose.position.round(6) + 0.0
+    array([[0.  , 0.05, 0.  ]])
+    """
+    position, reference = _read_markers(markers), np.asarray(neutral, float)
+    if reference.shape != position.shape[1:]:
+        raise ValueError(
+            f"neutral must have shape {position.shape[1:]} as the markers, got {reference.shape}"
+        )
+    _read_markers(reference[None])
+    if not outlier_m > 0:
+        raise ValueError(f"outlier_m must be positive, got {outlier_m}")
+    if _rank(reference[None], np.ones((1, len(reference)), bool))[0] < 2:
+        raise ValueError(
+            f"{len(reference)} platform markers lie within 2 cm of a line: "
+            "rotation about it cannot be determined"
+        )
+    seen = _seen(position)
+    used = seen.copy()
+    rotation, origin, error = _fit(position, reference, used)
+    while len(bad := np.flatnonzero(_beyond(error, used, outlier_m) & (used.sum(axis=1) > 3))):
+        used[bad] = _without_worst(position[bad], reference, used[bad])
+        rotation[bad], origin[bad], error[bad] = _fit(position[bad], reference, used[bad])
+    lost = (used.sum(axis=1) < 3) | _beyond(error, used, outlier_m)
+    some = np.flatnonzero(~used.all(axis=1))
+    lost[some] |= _rank(np.broadcast_to(reference, (len(some), *reference.shape)), used[some]) < 2
+    rotation[lost], origin[lost], used[lost] = np.nan, np.nan, False
+    error[~seen] = np.nan
+    return PoseFit(PlatformPose(rotation, origin), error, used)
+
+
+def check_pose(fit: PoseFit, names: Sequence[str], outlier_m: float) -> tuple[Note, ...]:
+    """Find where a pose from markers is unknown, and markers that it had to leave out.
+
+    Parameters
+    ----------
+    fit
+        Result of `fit_pose`.
+    names
+        The markers' names, (M,).
+    outlier_m
+        As for `fit_pose` [m].
+
+    Returns
+    -------
+    tuple of Note
+        Warnings: ``platform_pose_unknown``, and a ``platform_marker_left_out`` for every marker
+        that was left out in more than 5 % of the frames.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> neutral = np.array([[0.0, 0.7, 0], [1.0, 0.7, 0], [1.0, -0.7, 0], [0.0, -0.7, 0]])
+    >>> loose = neutral + [[0.0, 0.2, 0.0], [0, 0, 0], [0, 0, 0], [0, 0, 0]]
+    >>> fit = fit_pose([loose], neutral, outlier_m=0.01)
+    >>> [note.code for note in check_pose(fit, ("PF1", "PF2", "PF3", "PF4"), 0.01)]
+    ['platform_marker_left_out']
+    """
+    lost = np.isnan(fit.pose.pitch)
+    notes = []
+    if lost.any():
+        notes.append(
+            Note.of("platform_pose_unknown", unknown=np.count_nonzero(lost), frames=len(lost))
+        )
+    left_out = np.mean(np.isfinite(fit.marker_error) & ~fit.used & ~lost[:, None], axis=0)
+    notes += [
+        Note.of("platform_marker_left_out", marker=name, limit_m=outlier_m, share=share)
+        for name, share in zip(names, left_out, strict=True)
+        if share > MAX_LEFT_OUT_SHARE
+    ]
+    return tuple(notes)
+
+
+def _read_markers(markers: ArrayLike) -> Array:
+    position = np.array(markers, float)
+    if position.ndim != 3 or position.shape[2] != 3:
+        raise ValueError(
+            f"platform markers must have shape (frames, markers, 3), got {position.shape}"
+        )
+    if len(position) == 0 or position.shape[1] < 3:
+        raise ValueError(
+            f"a platform needs 3 markers and 1 frame at least, got {position.shape[1]} markers in "
+            f"{len(position)} frames"
+        )
+    if np.isinf(position).any() or np.nanmax(np.abs(position), initial=0) > MAX_DISTANCE_M:
+        raise ValueError(f"platform markers lie beyond {MAX_DISTANCE_M:.0f} m; are they in metres?")
+    return position
+
+
+def _seen(position: Array) -> Mask:
+    return np.asarray(np.isfinite(position).all(axis=2), bool)
+
+
+def _fit(position: Array, reference: Array, used: Mask) -> tuple[Array, Array, Array]:
+    """Give rotation, origin and every marker's error; the identity in frames without markers."""
+    weight = used / np.maximum(used.sum(axis=1, keepdims=True), 1)
+    filled = np.where(np.isfinite(position), position, 0.0)
+    center = np.einsum("tm,tmi->ti", weight, filled)
+    reference_center = weight @ reference
+    covariance = np.einsum(
+        "tm,tmi,tmj->tij",
+        weight,
+        filled - center[:, None],
+        reference - reference_center[:, None],
+    )
+    rotation = fit_rotation(covariance)
+    origin = center - (rotation @ reference_center[..., None])[..., 0]
+    model = np.einsum("tij,mj->tmi", rotation, reference) + origin[:, None]
+    return rotation, origin, np.linalg.norm(filled - model, axis=2)
+
+
+def _beyond(error: Array, used: Mask, outlier_m: float) -> Mask:
+    return np.asarray((used & (error > outlier_m)).any(axis=1), bool)
+
+
+def _without_worst(position: Array, reference: Array, used: Mask) -> Mask:
+    """Leave out, in every frame, the marker whose absence lets the others fit best."""
+    misfit = np.full(used.shape, np.inf)
+    for m in range(used.shape[1]):
+        others = used.copy()
+        others[:, m] = False
+        error = np.where(others, _fit(position, reference, others)[2], 0.0)
+        misfit[:, m] = np.where(used[:, m], np.sum(error**2, axis=1), np.inf)
+    kept = used.copy()
+    kept[np.arange(len(kept)), np.argmin(misfit, axis=1)] = False
+    return kept
+
+
+def _rank(reference: Array, used: Mask) -> NDArray[np.int64]:
+    """Count the directions, up to 2, in which the used markers spread."""
+    weight = used / np.maximum(used.sum(axis=1, keepdims=True), 1)
+    center = np.einsum("tm,tmi->ti", weight, reference)
+    apart = reference - center[:, None]
+    spread = np.sqrt(
+        np.maximum(np.linalg.eigvalsh(np.einsum("tm,tmi,tmj->tij", weight, apart, apart)), 0)
+    )
+    rank: NDArray[np.int64] = np.sum(spread[:, 1:] > MIN_SPREAD_M, axis=1)
+    return rank
+
+
+def to_lab(wrench_in_plate: ArrayLike, pose: PlatformPose) -> Array:
+    """Bring plate wrenches from the moving platform to the lab.
+
+    Parameters
+    ----------
+    wrench_in_plate
+        Wrenches in the platform frame about its origin, that is, in lab axes about the lab origin
+        as if the platform were in neutral, (T, 6) [N, N·m]. Compensate inertia before.
+    pose
+        The platform's pose at the same T instants.
+
+    Returns
+    -------
+    Array
+        Wrenches in lab axes about the lab origin, (T, 6) [N, N·m]; NaN where the pose is.
+
+    Raises
+    ------
+    ValueError
+        Wrong shape or another number of samples.
+
+    Notes
+    -----
+    ``F = R f``, ``M = R m + d × F``.
+
+    Examples
+    --------
+    The plate is 10 cm to the left of neutral, its force is vertical:
+
+    >>> import numpy as np
+    >>> pose = PlatformPose(np.eye(3)[None], [[0.0, 0.1, 0.0]])
+    >>> to_lab([[0, 0, 700.0, 0, 0, 0]], pose)
+    array([[  0.,   0., 700.,  70.,   0.,   0.]])
+    """
+    wrench = _read_wrench(wrench_in_plate, "wrench_in_plate")
+    refuse_unequal(wrench_in_plate=wrench, pose=pose.position)
+    return transform_wrench(wrench, pose.rotation, pose.position)
+
+
+def center_of_pressure(
+    wrench: ArrayLike, threshold_n: float, surface_height_m: ArrayLike = 0.0
+) -> Array:
+    """Give the point of a level surface that the ground reaction goes through.
+
+    Parameters
+    ----------
+    wrench
+        Action on the subject about the origin of axes whose third one is normal to the surface
+        (of the platform frame, or of the lab where the surface is level), (T, 6) [N, N·m]. Gaps
+        are NaN.
+    threshold_n
+        Force along the normal up to which there is no centre of pressure [N].
+    surface_height_m
+        Height of the surface along the normal, (T,) or one number [m].
+
+    Returns
+    -------
+    Array
+        Points in the same frame, (T, 3) [m]; NaN where the plate is not loaded. For drawing and
+        foot placement, not for dynamics.
+
+    Raises
+    ------
+    ValueError
+        Wrong shape, or a threshold that is not positive.
+
+    Notes
+    -----
+    ``x = (h Fx - My) / Fz``, ``y = (h Fy + Mx) / Fz`` (van de Loosdrecht 2018, eq. A.2).
+
+    Examples
+    --------
+    700 N, 0.3 m in front of the origin and 0.1 m to its left:
+
+    >>> center_of_pressure([[0, 0, 700.0, 70.0, -210.0, 0]], threshold_n=30.0)
+    array([[0.3, 0.1, 0. ]])
+    """
+    fx, fy, fz, mx, my, _ = _read_wrench(wrench, "wrench").T
+    if not threshold_n > 0:
+        raise ValueError(f"threshold_n must be positive, got {threshold_n}")
+    loaded = fz > threshold_n
+    height = np.where(loaded, np.asarray(surface_height_m, float), np.nan)
+    divisor = np.where(loaded, fz, np.nan)
+    return np.column_stack([(height * fx - my) / divisor, (height * fy + mx) / divisor, height])
+
+
+def free_moment(wrench: ArrayLike, threshold_n: float, surface_height_m: ArrayLike = 0.0) -> Array:
+    """Give the moment about the surface's normal that is left at the centre of pressure.
+
+    Parameters and errors are those of `center_of_pressure`.
+
+    Returns
+    -------
+    Array
+        Free moments on the subject, (T,) [N·m]; NaN where the plate is not loaded.
+
+    Examples
+    --------
+    A force of 100 N to the left, 0.3 m in front of the origin, and 5 N·m beside:
+
+    >>> free_moment([[0, 100.0, 700.0, 0, -210.0, 35.0]], threshold_n=30.0).round(6)
+    array([5.])
+    """
+    center = center_of_pressure(wrench, threshold_n, surface_height_m)
+    fx, fy, _, _, _, mz = np.asarray(wrench, float).T
+    moment: Array = mz - (center[:, 0] * fy - center[:, 1] * fx)
+    return moment
+
+
+def moment_error_of_pivot(pivot_error: ArrayLike, pitch: ArrayLike, force: ArrayLike) -> Array:
+    """Give the error of the moments that a misplaced pitch axis in `commanded_pose` causes.
+
+    Parameters
+    ----------
+    pivot_error
+        Stated minus true pivot, (3,) [m].
+    pitch
+        Pitch angle, (...) [rad].
+    force
+        Force of the plates in lab axes, (..., 3) [N].
+
+    Returns
+    -------
+    Array
+        Error of the moment about the lab origin, (..., 3) [N·m]; the force has none.
+
+    Notes
+    -----
+    ``(1 - R) ε × F``, at most ``2 sin(φ/2) |ε| |F|``.
+
+    Examples
+    --------
+    1 cm of height at 10° under 75 kg:
+
+    >>> import numpy as np
+    >>> mx, my, mz = moment_error_of_pivot([0, 0, 0.01], np.radians(10), [0, 0, 736.0])
+    >>> print(f"{my:.2f} N·m")
+    1.28 N·m
+    """
+    error = np.asarray(pivot_error, float)
+    shift = error - rotation_about(LEFT, pitch) @ error
+    return np.cross(shift, np.asarray(force, float))
+
+
+def _read_wrench(values: ArrayLike, name: str) -> Array:
+    wrench = np.asarray(values, float)
+    if wrench.ndim != 2 or wrench.shape[1] != 6:
+        raise ValueError(f"{name} must have shape (samples, 6), got {wrench.shape}")
+    return wrench

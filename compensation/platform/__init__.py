@@ -1,1 +1,0 @@
-"""The moving platform: its pose, and plate wrenches in the lab."""

@@ -1,1 +1,0 @@
-"""Commanded motion of the treadmill: the calibration and validation signals."""

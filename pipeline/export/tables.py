@@ -1,0 +1,285 @@
+"""Results as tables that other programs open: OpenSim's MOT, STO, TRC and external loads; CSV.
+
+All are in the lab's axes (x forward, y left, z up), which are the ground axes of the model that
+`pipeline.export.models.write_osim` writes, and in SI units but for angles in degrees where the
+header says so. Gaps are NaN in MOT and STO, empty fields in TRC and CSV. OpenSim's tools fit
+splines to whole columns, so give them an interval without gaps.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pandas as pd
+
+from hbm.clinical import AnkleZero, clinical_angles
+from hbm.coordinates import COORDINATES, HBM_ORDER, INDEX, LAST_Q, TREE
+from hbm.dynamics import Dynamics
+from hbm.markers import Markers
+from hbm.motion import Motion
+from hbm.spatial import Array
+from pipeline.io.write import whole_file, write_csv, write_text
+from pipeline.trial.result import TrialResult
+
+
+def write_tables(
+    result: TrialResult, folder: Path, name: str, ankle_zero: AnkleZero = "right_angle"
+) -> list[Path]:
+    """Write a trial's coordinates, forces, loads, markers and clinical angles.
+
+    Parameters
+    ----------
+    result
+        The processed trial. Forces and loads are of the plates compensated, where they are. Where
+        these do not carry the subject, the forces of pelvis and legs are NaN.
+    folder
+        Where; made where there is none.
+    name
+        What the files' names begin with.
+    ankle_zero
+        See `angle_table`.
+
+    Returns
+    -------
+    list of Path
+        Coordinates and external loads (.mot), generalized forces (.sto), measured markers (.trc),
+        clinical angles (.csv), and the description of the loads (.xml).
+    """
+    suffixes = "_angles.csv", "_coordinates.mot", "_forces.sto", "_loads.mot", ".trc"
+    written = [folder / f"{name}{suffix}" for suffix in suffixes]
+    angles, coordinates, forces, loads, markers = written
+    variant, dynamics = list(result.variants.items())[-1]
+    pelvis = np.array([name.startswith("Pelvis") for name in COORDINATES])
+    dynamics = dynamics.without_forces(np.outer(~result.counts, pelvis))
+    write_csv(angle_table(result.motion, ankle_zero), angles)
+    write_coordinates(result.motion, coordinates)
+    write_forces(dynamics, forces)
+    write_external_loads(result.motion.time, result.ground[variant], loads)
+    write_trc(result.markers, markers)
+    return [*written, loads.with_suffix(".xml")]
+
+
+def angle_table(motion: Motion, ankle_zero: AnkleZero = "right_angle") -> pd.DataFrame:
+    """Lay out the clinical angles of a motion with one row per frame.
+
+    Parameters
+    ----------
+    motion
+        The coordinates.
+    ankle_zero
+        Where the ankle is zero, "right_angle" or "in_line"; see
+        `hbm.clinical.clinical_angles`, which also gives the meaning of every sign.
+
+    Returns
+    -------
+    pandas.DataFrame
+        ``time_s``, then every coordinate in the Human Body Model's order, named with its unit:
+        ``PelvisX_m``, ``RKneeFlexion_deg``; NaN where no marker ever shows it.
+
+    Raises
+    ------
+    ValueError
+        If the ankle's zero is unknown.
+    """
+    columns: dict[str, object] = {"time_s": motion.time}
+    seen = motion.observed.any(axis=0)
+    angles = clinical_angles(np.where(seen, motion.q, np.nan), ankle_zero=ankle_zero)
+    for name, value in zip(HBM_ORDER, angles.T, strict=True):
+        if TREE[INDEX[name]].translates:
+            columns[f"{name}_m"] = value
+        else:
+            columns[f"{name}_deg"] = np.degrees(value)
+    return pd.DataFrame(columns)
+
+
+MAX_JITTER: Final = 0.1
+"""Deviation of sample times from even spacing, in sampling intervals; rounding of written times is
+smaller."""
+
+
+def write_coordinates(motion: Motion, path: str | Path) -> None:
+    """Write a motion's coordinates, for example as ``trial.mot``.
+
+    Parameters
+    ----------
+    motion
+        The motion.
+    path
+        Where to write.
+
+    Notes
+    -----
+    Columns in the Human Body Model's order, rotations in degrees, translations in metres. They are
+    the model's coordinates; `hbm.clinical` gives the shoulder angles of the original's export.
+    """
+    columns = {}
+    for name in HBM_ORDER:
+        value = motion.coordinate(name)
+        columns[name] = value if TREE[INDEX[name]].translates else np.degrees(value)
+    _write_table(path, motion.time, columns, in_degrees=True)
+
+
+def write_forces(dynamics: Dynamics, path: str | Path) -> None:
+    """Write generalized forces as OpenSim's inverse dynamics does, for example as ``trial_id.sto``.
+
+    Parameters
+    ----------
+    dynamics
+        The forces.
+    path
+        Where to write.
+
+    Notes
+    -----
+    Columns ``<coordinate>_force`` [N] for translations and ``<coordinate>_moment`` [N·m] for
+    rotations, in the Human Body Model's order. The six of the pelvis are the residual: forces along
+    lab axes, moments about the axes of yaw, pitch and roll through the pelvis origin (mid-hip).
+    """
+    columns = {
+        f"{name}_{'force' if TREE[INDEX[name]].translates else 'moment'}": dynamics.force(name)
+        for name in HBM_ORDER
+    }
+    _write_table(path, dynamics.time, columns, in_degrees=False)
+
+
+def write_external_loads(time: Array, wrenches: Mapping[str, Array], path: str | Path) -> None:
+    """Write the external loads on the subject: a table, and OpenSim's description of it.
+
+    Parameters
+    ----------
+    time
+        (T,) [s].
+    wrenches
+        Segment -> wrench acting on it, (T, 6) [N, N·m], lab axes about the lab origin.
+    path
+        Where to write the table, for example ``trial_grf.mot``. The description goes to the same
+        name with the ending ``.xml`` and names the table without its folder.
+
+    Raises
+    ------
+    ValueError
+        If a segment is unknown, a wrench's shape is wrong, or ``path`` ends in ``.xml``.
+
+    Notes
+    -----
+    The point of application is always the lab origin and the torque the moment about it, so that
+    no point goes to infinity while a plate is unloaded. To OpenSim's dynamics this is the same;
+    its arrows are drawn at the origin.
+    """
+    path = Path(path)
+    if path.suffix == ".xml":
+        raise ValueError(f"{path.name}: name the table (.mot); the .xml is written next to it")
+    columns: dict[str, Array] = {}
+    for segment, wrench in wrenches.items():
+        if segment not in LAST_Q:
+            raise ValueError(f"no segment {segment!r}; there are: {', '.join(LAST_Q)}")
+        if np.shape(wrench) != (len(time), 6):
+            raise ValueError(
+                f"wrench on {segment} must have shape ({len(time)}, 6), got {np.shape(wrench)}"
+            )
+        parts = wrench[:, :3], np.zeros((len(time), 3)), wrench[:, 3:]
+        for stem, part in zip(_stems(segment).values(), parts, strict=True):
+            columns |= {f"{stem}{axis}": part[:, k] for k, axis in enumerate("xyz")}
+    _write_table(path, time, columns, in_degrees=False)
+    _write_description(path, list(wrenches))
+
+
+def _stems(segment: str) -> dict[str, str]:
+    """Name the columns of one load: OpenSim's property -> what its three columns begin with."""
+    return {
+        "force_identifier": f"{segment}_force_v",
+        "point_identifier": f"{segment}_force_p",
+        "torque_identifier": f"{segment}_torque_",
+    }
+
+
+def _write_description(table: Path, segments: list[str]) -> None:
+    document = ET.Element("OpenSimDocument", Version="40000")
+    loads = ET.SubElement(document, "ExternalLoads", name=table.stem)
+    objects = ET.SubElement(loads, "objects")
+    for segment in segments:
+        force = ET.SubElement(objects, "ExternalForce", name=segment)
+        ET.SubElement(force, "applied_to_body").text = segment
+        ET.SubElement(force, "force_expressed_in_body").text = "ground"
+        ET.SubElement(force, "point_expressed_in_body").text = "ground"
+        for tag, stem in _stems(segment).items():
+            ET.SubElement(force, tag).text = stem
+    ET.SubElement(loads, "datafile").text = table.name
+    ET.indent(document)
+    target = table.with_suffix(".xml")
+    with whole_file(target) as temporary:
+        ET.ElementTree(document).write(temporary, encoding="UTF-8", xml_declaration=True)
+
+
+def write_trc(markers: Markers, path: str | Path) -> None:
+    """Write marker trajectories as TRC, in metres.
+
+    Parameters
+    ----------
+    markers
+        The markers; samples must be evenly spaced in time, since the format has one rate.
+    path
+        Where to write.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two samples or they are not evenly spaced.
+    """
+    frames, names = len(markers.time), markers.names
+    rate = markers.rate_hz if frames > 1 else np.nan
+    regular = markers.time[:1] + np.arange(frames) / rate
+    if not np.abs(markers.time - regular).max(initial=0) < MAX_JITTER / rate:
+        raise ValueError("TRC needs two or more samples, evenly spaced in time")
+    header = {
+        "DataRate": f"{rate:.10g}",
+        "CameraRate": f"{rate:.10g}",
+        "NumFrames": frames,
+        "NumMarkers": len(names),
+        "Units": "m",
+        "OrigDataRate": f"{rate:.10g}",
+        "OrigDataStartFrame": 1,
+        "OrigNumFrames": frames,
+    }
+    axes = [f"{axis}{k + 1}" for k in range(len(names)) for axis in "XYZ"]
+    lines = [
+        f"PathFileType\t4\t(X/Y/Z)\t{Path(path).name}",
+        "\t".join(header),
+        "\t".join(str(value) for value in header.values()),
+        "\t".join(["Frame#", "Time", "\t\t\t".join(names)]),
+        "\t".join(["", "", *axes]),
+        "",
+    ]
+    rows = markers.position.reshape(frames, -1)
+    for k, (time, row) in enumerate(zip(markers.time, rows, strict=True), start=1):
+        fields = ["" if np.isnan(x) else repr(float(x)) for x in row]
+        lines.append("\t".join([str(k), repr(float(time)), *fields]))
+    write_text("\n".join(lines) + "\n", Path(path))
+
+
+def _write_table(
+    path: str | Path, time: Array, columns: Mapping[str, Array], *, in_degrees: bool
+) -> None:
+    path = Path(path)
+    header = [
+        path.stem,
+        "version=1",
+        f"nRows={len(time)}",
+        f"nColumns={len(columns) + 1}",
+        f"inDegrees={'yes' if in_degrees else 'no'}",
+        "endheader",
+        "\t".join(["time", *columns]),
+    ]
+    values = np.column_stack([time, *columns.values()])
+    with whole_file(path) as temporary:
+        np.savetxt(
+            temporary,
+            values,
+            "%.17g",
+            "\t",
+            header="\n".join(header),
+            comments="",
+            encoding="utf-8",
+        )

@@ -1,0 +1,482 @@
+"""What a laboratory sees of a session: residuals so far, latency, and what is wrong."""
+
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from time import monotonic
+from typing import Final
+
+import numpy as np
+
+from compensation import marker_plate_delay
+from hbm.notes import Note
+from hbm.signals.filtering import acceleration_lag_s
+from hbm.signals.samples import stretches
+from hbm.spatial import GRAVITY_MPS2, Array
+from pipeline.io.recording import Plate
+from pipeline.live.cycles import ConditionSoFar, GaitTracker, Limits, LiveCycle
+from pipeline.live.frames.chain import LiveChain, LiveFrame
+from pipeline.live.stream import Samples, StreamDescription
+from pipeline.trial.plate_check import COMPONENTS, MAX_REST_N, rest_level
+from pipeline.trial.quality import Quality
+from pipeline.trial.residuals import AXES, REPORTED_SIGN, height_of_mass
+from pipeline.trial.weighing import differing_masses
+
+MISSING: Final = 1.5
+"""Sampling intervals between two samples of which one at least is missing between them."""
+GONE_S: Final = 0.4
+"""A marker that a hand or a rail hides is back sooner."""
+FITTED_S: Final = 2.0
+"""Frames that are judged together, in which each foot stands and swings."""
+MIN_FRAMES: Final = 20
+MAX_ERROR_M: Final = 0.02
+"""RMS: twice what soft tissue and sparse marker sets leave in walking."""
+MOST: Final = 0.5
+"""Share of the frames."""
+DELAY_OF_S: Final = 20.0
+"""Some fifteen gait cycles."""
+JUDGED_S: Final = 10.0
+"""Between judgements of plates and of their delay."""
+MIN_DELAY_S: Final = 0.005
+CHANGED_S: Final = 0.002
+"""By which a delay has changed to be noted again."""
+STRIDES: Final = 5
+"""Of either foot, between judgements of their weight: some three seconds."""
+EXTREME: Final = (100.0, 100.0, 300.0, 20.0, 20.0, 20.0)
+"""From here on a component that stays exactly at its extreme is saturated, not at rest [N, N·m]."""
+SATURATED_SAMPLES: Final = 5
+SATURATED_STEPS: Final = 3
+SMALLER: Final = 0.9
+"""Of the extreme, between two steps."""
+
+
+class Losses:
+    """Counts samples that are missing between those that arrived, by stream, in ``lost``.
+
+    Examples
+    --------
+    >>> heels = StreamDescription("Markers", "markers", ("LHEE",), ("m",), 100.0)
+    >>> losses = Losses([heels])
+    >>> losses.add(Samples("Markers", np.array([0.0, 0.01, 0.05]), np.ones((3, 3))))
+    >>> dict(losses.lost)
+    {'Markers': 3}
+    """
+
+    def __init__(self, streams: Sequence[StreamDescription]) -> None:
+        self._rate_hz = {stream.name: stream.rate_hz for stream in streams}
+        self._newest_s: dict[str, float] = {}
+        self.lost: Counter[str] = Counter()
+
+    def add(self, received: Samples) -> None:
+        """Take samples with known times as they were received."""
+        times: Array = np.sort(received.time)
+        before_s = self._newest_s.get(received.stream, times[0])
+        self._newest_s[received.stream] = max(before_s, float(times[-1]))
+        rate_hz = self._rate_hz.get(received.stream, 0.0)
+        intervals = np.diff(times, prepend=before_s) * rate_hz
+        if missing := int(np.sum(np.round(intervals[intervals > MISSING]) - 1)):
+            self.lost[received.stream] += missing
+
+
+class MarkerGaps:
+    """Notes each marker that is gone for 0.4 s, once for each time that it is gone.
+
+    Examples
+    --------
+    >>> gaps = MarkerGaps(["LASIS"])
+    >>> gaps.add(np.array([0.0, 0.2, 0.4, 0.6]), np.full((4, 1, 3), np.nan))
+    [Note(code='live_marker_gone', values=mappingproxy({'marker': 'LASIS', 'gone_s': 0.4}))]
+    >>> gaps.add(np.array([0.8]), np.full((1, 1, 3), np.nan))
+    []
+    """
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self._names = tuple(names)
+        self._seen_s = np.full(len(names), np.nan)
+        self._noted = np.zeros(len(names), bool)
+
+    def add(self, time: Array, position: Array) -> list[Note]:
+        """Take frames, (N,) [s] and (N, M, 3); give what they show."""
+        notes = []
+        seen = np.asarray(np.isfinite(position).all(axis=2))
+        for now, visible in zip(time.tolist(), seen, strict=True):
+            if np.isnan(self._seen_s[0]):
+                self._seen_s[:] = now
+            self._seen_s[visible], self._noted[visible] = now, False
+            gone = ~self._noted & (now - self._seen_s >= GONE_S)
+            for k in np.flatnonzero(gone):
+                gone_s = now - float(self._seen_s[k])
+                notes.append(Note.of("live_marker_gone", marker=self._names[k], gone_s=gone_s))
+            self._noted |= gone
+        return notes
+
+
+class FitWatch:
+    """Notes markers that do not fit the body, and pressure that is mostly under neither foot.
+
+    Judges the frames of two seconds and notes each once each time. The body's M markers that are
+    received are at these columns of a frame's markers.
+    """
+
+    def __init__(self, markers: Sequence[str], columns: Sequence[int]) -> None:
+        self._names, self._columns = tuple(markers), list(columns)
+        self._frames: list[LiveFrame] = []
+        self._noted: set[str] = set()
+
+    def add(self, frame: LiveFrame) -> list[Note]:
+        """Take a frame; give what it and those before show."""
+        frames = self._frames
+        frames.append(frame)
+        if len(frames) < MIN_FRAMES or frame.time - frames[0].time < FITTED_S:
+            return []
+        found = [*self._misfit(), *self._uncertain()]
+        frames.clear()
+        before, self._noted = self._noted, {note.code for note in found}
+        return [note for note in found if note.code not in before]
+
+    def _misfit(self) -> Iterator[Note]:
+        """Find large distances, and markers that were seen, and not used, in most frames."""
+        error = np.array([frame.marker_error for frame in self._frames])
+        squared_m2 = error[np.isfinite(error)] ** 2
+        rms_m = float(np.sqrt(squared_m2.mean())) if len(squared_m2) else 0.0
+        lost = np.zeros(len(self._names))
+        for frame in self._frames:
+            if Quality.MARKERS_LEFT_OUT in frame.quality:
+                seen = np.isfinite(frame.markers[self._columns]).all(axis=1)
+                lost += seen & np.isnan(frame.marker_error)
+        often = np.flatnonzero(lost > MOST * len(self._frames))
+        if rms_m > MAX_ERROR_M or len(often):
+            left_out = ", ".join(self._names[k] for k in often) or "none"
+            yield Note.of("live_markers_misfit", error_m=rms_m, left_out=left_out)
+
+    def _uncertain(self) -> Iterator[Note]:
+        share = float(np.mean([Quality.FOOT_UNCERTAIN in each.quality for each in self._frames]))
+        if share > MOST:
+            yield Note.of("live_foot_uncertain", share=share)
+
+
+class DelayWatch:
+    """Notes how much later the plates are than the markers, every ten seconds of walking.
+
+    As `compensation.marker_plate_delay`; the lag of the real-time filter's accelerations is added.
+    A delay below 5 ms, or whose 95 % interval contains zero, is none.
+    """
+
+    def __init__(self) -> None:
+        self._frames: deque[LiveFrame] = deque()
+        self._judged_s = -np.inf
+        self._noted_s = np.nan
+
+    def add(self, frame: LiveFrame) -> list[Note]:
+        """Take a frame; give what it and those before show."""
+        self._frames.append(frame)
+        while frame.time - self._frames[0].time > DELAY_OF_S:
+            self._frames.popleft()
+        if frame.time - max(self._judged_s, self._frames[0].time) < JUDGED_S:
+            return []
+        self._judged_s = frame.time
+        variant = list(frame.residual)[-1]
+        time = np.array([each.time for each in self._frames])
+        plate = np.array([each.by_foot[variant][:, :3].sum(axis=0) for each in self._frames])
+        residual = np.array([each.residual[variant][:3] for each in self._frames])
+        motion = plate + residual * REPORTED_SIGN[:3]
+        motion[[not each.quality.counts for each in self._frames]] = np.nan
+        try:
+            found = marker_plate_delay(plate, motion, time)
+        except ValueError:  # not determined by what is in it
+            return []
+        delay_s = found.seconds + acceleration_lag_s(time)
+        small = abs(delay_s) <= max(MIN_DELAY_S, found.uncertainty)
+        if small or abs(delay_s - self._noted_s) < CHANGED_S:
+            return []
+        self._noted_s = delay_s
+        return [Note.of("live_plates_late", delay_s=delay_s, uncertainty_s=found.uncertainty)]
+
+
+class WeightWatch:
+    """Notes when plates begin to carry another weight than the subject's, (body mass in kg).
+
+    Over a whole stride a body gains no vertical speed, so that the mean vertical force is its
+    weight. The median of five strides, on which one step beside a plate has no effect, is compared
+    with the body mass as trials compare it (`pipeline.trial.weighing.differing_masses`). What two
+    such judgements in a row say counts, with the value of the second, in which nothing is left of
+    what was before. Strides with frames that do not count are left out.
+
+    Examples
+    --------
+    >>> watch, empty = WeightWatch(75.0), np.empty(0)
+    >>> light = LiveCycle("left", 0.0, 1.1, empty, {}, {}, {}, vertical_n=700.0)
+    >>> notes = [note for _ in range(20) for note in watch.add(light)]
+    >>> [note.code for note in notes], round(notes[0].values["carried_kg"], 1)
+    (['live_weight_differs'], 71.4)
+    """
+
+    def __init__(self, mass_kg: float) -> None:
+        self._mass_kg = mass_kg
+        self._carried_kg: list[float] = []
+        self._differs = self._latest = False
+
+    def add(self, stride: LiveCycle) -> list[Note]:
+        """Take a stride; give what it and those before show."""
+        if np.isfinite(stride.vertical_n):
+            self._carried_kg.append(stride.vertical_n / GRAVITY_MPS2)
+        if len(self._carried_kg) < STRIDES:
+            return []
+        carried_kg = float(np.median(self._carried_kg))
+        self._carried_kg.clear()
+        differs = bool(differing_masses({"of the body": self._mass_kg}, carried_kg))
+        before, self._latest = self._latest, differs
+        if differs != before or differs == self._differs:
+            return []
+        self._differs = differs
+        masses = {"carried_kg": carried_kg, "mass_kg": self._mass_kg}
+        difference = carried_kg / self._mass_kg - 1
+        note = Note.of("live_weight_differs", **masses, difference=difference)
+        return [note] if differs else []
+
+
+class PlateWatch:
+    """Notes a plate that is not zero without load, each time, or saturated, once.
+
+    It judges ten seconds at a time, as trials do (`pipeline.trial.plate_check.rest_level`). Its z
+    axis points up (1) or down (-1). What it reads without load on a platform that moves is the
+    platform's inertia and weight.
+    """
+
+    def __init__(
+        self, number: int, mass_kg: float, up: float = 1.0, *, moves: bool = False
+    ) -> None:
+        self._number, self._weight_n = number, mass_kg * GRAVITY_MPS2
+        self._up, self._moves = up, moves
+        self._kept: list[tuple[Array, Array]] = []
+        self._not_zero = False
+        self._saturated: set[str] = set()
+
+    def add(self, time: Array, wrench: Array) -> list[Note]:
+        """Take samples, (N,) [s] and (N, 6) in the plate's axes; give what they show."""
+        self._kept.append((time, wrench))
+        if time[-1] - self._kept[0][0][0] < JUDGED_S:
+            return []
+        time, wrench = map(np.concatenate, zip(*self._kept, strict=True))
+        self._kept.clear()
+        time, order = np.unique(time, return_index=True)
+        wrench, notes = wrench[order], list[Note]()
+        rest_n = None if self._moves else rest_level(self._up * wrench[:, 2], time, self._weight_n)
+        before, self._not_zero = self._not_zero, abs(rest_n or 0.0) > MAX_REST_N
+        if self._not_zero and not before:
+            notes.append(Note.of("live_plate_not_zero", plate=self._number, rest_n=rest_n or 0.0))
+        for name, values, least in zip(COMPONENTS, np.abs(wrench).T, EXTREME, strict=True):
+            if name not in self._saturated and _is_limited(values, least):
+                self._saturated.add(name)
+                plate, limit = self._number, float(np.nanmax(values))
+                code = "live_plate_saturated"
+                notes.append(Note.of(code, plate=plate, component=name, value=limit))
+        return notes
+
+
+def _is_limited(values: Array, least: float) -> bool:
+    """Whether magnitudes stay exactly at their largest value in several steps.
+
+    A subject who stands may repeat a value too, so only runs of samples count between which the
+    component was clearly smaller: steps that all end at the same limit.
+    """
+    largest = np.fmax.reduce(values)
+    if not largest >= least:
+        return False
+    runs = [a for a, b in stretches(values == largest) if b - a >= SATURATED_SAMPLES]
+    between = (np.fmin.reduce(values[a:b]) for a, b in pairwise(runs))
+    return bool(1 + sum(each < SMALLER * largest for each in between) >= SATURATED_STEPS)
+
+
+LATENCIES: Final = 6000
+"""Of the newest frames, a minute at 100 Hz."""
+MAX_NOTES: Final = 200
+"""That are kept; a session of hours repeats itself."""
+SHOWN_NOTES: Final = 8
+SILENT_S: Final = 1.0
+"""Without samples a stream has gone."""
+
+
+@dataclass(frozen=True, slots=True)
+class TimedNote:
+    """A note and when it arose on the streams' clock [s]."""
+
+    time: float
+    note: Note
+
+
+class Monitor:
+    """Follows a session.
+
+    Parameters
+    ----------
+    chain
+        The session's.
+    plates
+        Places of the plates.
+
+    Attributes
+    ----------
+    condition
+        Residuals so far.
+    cycles
+        The last ten gait cycles.
+    notes, noted
+        As they arose, the newest last; how many arose in all.
+    reasons
+        Why frames do not count -> how many.
+    losses
+        Samples that never arrived.
+    """
+
+    def __init__(self, chain: LiveChain, plates: Sequence[Plate]) -> None:
+        self._chain = chain
+        self._gait, self._delay = GaitTracker(), DelayWatch()
+        self._markers = MarkerGaps(chain.tracker.markers)
+        self._columns = list(chain.tracker.columns)
+        self._fit = FitWatch(chain.tracker.markers, self._columns)
+        self.losses = Losses([chain.stream, *chain.analog.streams.values()])
+        self._weight = WeightWatch(chain.body.mass)
+        self._plates = [
+            (
+                chain.live.channels_of(plate.number),
+                PlateWatch(
+                    plate.number,
+                    chain.body.mass,
+                    float(np.sign(plate.rotation[2, 2])),
+                    moves=chain.ground.platform is not None,
+                ),
+            )
+            for plate in plates
+        ]
+        self._latency: deque[float] = deque(maxlen=LATENCIES)
+        self._height_m = np.nan
+        streams = (chain.stream.name, *chain.analog.used)
+        self._arrived_s = dict.fromkeys(streams, monotonic())
+        self._silent: set[str] = set()
+        self.condition = ConditionSoFar(chain.settings.min_valid_share)
+        self.cycles: deque[LiveCycle] = deque(maxlen=10)
+        self.notes: deque[TimedNote] = deque(maxlen=MAX_NOTES)
+        self.noted = 0
+        self.reasons: Counter[str] = Counter()
+        self.last: LiveFrame | None = None
+        present = set(chain.tracker.markers)
+        if absent := [name for name in chain.body.markers if name not in present]:
+            names = ", ".join(absent)
+            stream = chain.stream.name
+            self._note(np.nan, [Note.of("live_markers_absent", markers=names, stream=stream)])
+
+    def samples(self, received: Samples) -> None:
+        """Take samples as they were received; those without a time are nobody's."""
+        if received.clock_set_s:
+            note = Note.of("live_clock_set", stream=received.stream, set_s=received.clock_set_s)
+            self._note(received.time[-1], [note])
+        timed = np.isfinite(received.time)
+        if not timed.all():
+            received = replace(received, time=received.time[timed], values=received.values[timed])
+        if not len(received.time):
+            return
+        self._arrived_s[received.stream] = monotonic()
+        self.losses.add(received)
+        if received.stream in self._silent:
+            self._silent.remove(received.stream)
+            self._note(received.time[-1], [Note.of("live_stream_back", stream=received.stream)])
+        if received.stream == self._chain.stream.name:
+            position = received.values.reshape(len(received.time), -1, 3)
+            notes = self._markers.add(received.time, position[:, self._columns])
+            self._note(received.time[-1], notes)
+            return
+        stream = self._chain.analog.streams.get(received.stream)
+        for channels, watch in self._plates:
+            if stream is not None and set(channels) <= set(stream.labels):
+                columns = [stream.labels.index(channel) for channel in channels]
+                notes = watch.add(received.time, received.values[:, columns])
+                self._note(received.time[-1], notes)
+
+    def frame(self, frame: LiveFrame, latency_s: float) -> tuple[LiveCycle, ...]:
+        """Take a frame; give the gait cycles that it ends."""
+        self.last = frame
+        self._latency.append(latency_s)
+        self.reasons.update(reason.name or "" for reason in Quality if reason in frame.quality)
+        gait = self._gait.add(frame)
+        for stride in gait.strides:
+            self._note(frame.time, self._weight.add(stride))
+        for cycle in gait.cycles:
+            self.condition.add(cycle)
+            self.cycles.append(cycle)
+            self._height_m = height_of_mass(self._chain.body, frame.q[None])
+        self._note(frame.time, [*self._delay.add(frame), *self._fit.add(frame)])
+        return gait.cycles
+
+    def look_for_silence(self) -> None:
+        """Note streams that have sent nothing for a second, or not yet."""
+        now = monotonic()
+        for stream, arrived_s in self._arrived_s.items():
+            if stream not in self._silent and now - arrived_s > SILENT_S:
+                self._silent.add(stream)
+                time = self.last.time if self.last is not None else np.nan
+                self._note(time, [Note.of("live_stream_silent", stream=stream)])
+
+    @property
+    def limits(self) -> dict[str, Limits]:
+        """Variant -> peaks beside their published limits; empty before the first cycle."""
+        return dict(self.condition.limits(self._height_m))
+
+    def latency_ms(self, percent: float) -> float:
+        """Give a percentile of the time from arrival to results over the last minute [ms]."""
+        return 1000 * float(np.percentile(self._latency, percent)) if self._latency else np.nan
+
+    def status(self) -> str:
+        """Give one line: frames, gait cycles, residuals so far, latency."""
+        counts = self._chain.counts
+        parts = [f"{counts.received} frames, {counts.marked} of them do not count"]
+        if counts.late:
+            parts.append(f"{counts.late} late")
+        if self.condition.cycles:
+            best = list(self.condition.rms)[-1]
+            parts.append(f"{self.condition.cycles} gait cycles")
+            parts.append(f"RMS {in_words(self.condition.rms[best])}")
+        if self.condition.not_carried:
+            parts.append(f"{self.condition.not_carried} gait cycles beside the plates")
+        parts.append(f"{self.latency_ms(50):.1f} ms (99 %: {self.latency_ms(99):.1f})")
+        return " · ".join(parts)
+
+    def page(self) -> str:
+        """Give counts, residuals beside their limits and the newest notes as Markdown."""
+        counts = self._chain.counts
+        lines = [
+            f"**{counts.received}** frames, {counts.marked} of them do not count, {counts.late} "
+            f"late; {self.condition.cycles} gait cycles, and {self.condition.not_carried} beside "
+            "the plates",
+            "",
+        ]
+        if self.condition.cycles:
+            lines += [f"| RMS | {' | '.join(AXES)} |", "|---" * 7 + "|"]
+            for variant, rms in self.condition.rms.items():
+                cells = " | ".join(f"{value:.1f}" for value in rms)
+                lines.append(f"| {variant} | {cells} |")
+            lines.append("")
+            for variant, limit in self.limits.items():
+                lines.append(
+                    f"- {variant}: peaks {limit.force_n:.0f} N (limit {limit.max_force_n:.0f} N), "
+                    f"{limit.moment_nm:.0f} N·m (limit {limit.max_moment_nm:.0f} N·m)"
+                )
+        lines += [f"- {timed.note}" for timed in list(self.notes)[-SHOWN_NOTES:]]
+        lines.append(
+            f"\nfrom arrival to results {self.latency_ms(50):.1f} ms, 99 % within "
+            f"{self.latency_ms(99):.1f} ms"
+        )
+        return "\n".join(lines)
+
+    def _note(self, time: float, notes: Iterable[Note]) -> None:
+        for note in notes:
+            self.notes.append(TimedNote(float(time), note))
+            self.noted += 1
+
+
+def in_words(rms: Array) -> str:
+    """Give residuals in words, such as "Fx 12 Fy 8 Fz 15 N, Mx 2.1 My 3.0 Mz 1.2 N·m"."""
+    forces = " ".join(f"{axis} {value:.0f}" for axis, value in zip(AXES[:3], rms[:3], strict=True))
+    moments = " ".join(f"{axis} {value:.1f}" for axis, value in zip(AXES[3:], rms[3:], strict=True))
+    return f"{forces} N, {moments} N·m"

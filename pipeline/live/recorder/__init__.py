@@ -1,1 +1,0 @@
-"""What is received and computed, on disk as it comes."""

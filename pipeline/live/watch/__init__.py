@@ -1,1 +1,0 @@
-"""Gait cycles, residuals so far, and what a laboratory should know before the subject has gone."""

@@ -1,0 +1,177 @@
+"""Accuracy of plates under known weights, against independent computations."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+from scipy.optimize import minimize
+
+from compensation import (
+    fit_line_orthogonal,
+    linearity,
+    wrench_of_weight,
+)
+
+LOADS = np.repeat([13.44, 22.56, 36.00, 45.08], 6) * 9.81
+time = np.arange(2000) / 100
+
+
+def scattered(seed, slope=1.02, intercept=3.0, noise=2.0, count=200):
+    rng = np.random.default_rng(seed)
+    true = rng.uniform(0, 400, count)
+    return slope * true + intercept + noise * rng.normal(size=count), true + noise * rng.normal(
+        size=count
+    )
+
+
+# Truth ------------------------------------------------------------------------------------------
+
+
+def test_a_weight_at_rest_is_its_weight_below_the_marker():
+    marker = np.tile([0.4, -0.3, 0.9], (50, 1))
+    wrench = wrench_of_weight(36.0, marker, 100, center_height_m=0.2)
+    expected = [0, 0, 36 * 9.81, -0.3 * 36 * 9.81, -0.4 * 36 * 9.81, 0]
+    np.testing.assert_allclose(wrench, np.tile(expected, (50, 1)), atol=1e-9)
+
+
+def test_an_accelerated_weight_pushes_back_through_its_centre():
+    marker = np.column_stack([0.3 * np.sin(2 * time), np.full_like(time, 0.25), 1 + 0 * time])
+    force_x = 22.56 * -1.2 * np.sin(2 * time)
+    wrench = wrench_of_weight(22.56, marker, 100, center_height_m=0.15)[5:-5]
+    np.testing.assert_allclose(wrench[:, 0], force_x[5:-5], atol=0.03)
+    overturning = 0.15 * force_x[5:-5] - marker[5:-5, 0] * 22.56 * 9.81
+    np.testing.assert_allclose(wrench[:, 4], overturning, atol=0.01)
+    np.testing.assert_allclose(wrench[:, 2], 22.56 * 9.81)
+
+
+# Errors -----------------------------------------------------------------------------------------
+
+
+def test_total_least_squares_agrees_with_a_numerical_minimum():
+    measured, truth = scattered(1)
+    line = fit_line_orthogonal(measured, truth)
+
+    def squared_distance(parameters):
+        angle, distance = parameters  # the line's normal and its distance from the origin
+        return np.sum((truth * np.cos(angle) + measured * np.sin(angle) - distance) ** 2)
+
+    best = minimize(
+        squared_distance,
+        [2.36, 2.0],
+        method="Nelder-Mead",
+        options={"xatol": 1e-12, "fatol": 1e-12, "maxiter": 5000, "maxfev": 5000},
+    )
+    angle, distance = best.x
+    assert line.slope == pytest.approx(-1 / np.tan(angle), rel=1e-6)
+    assert line.intercept == pytest.approx(distance / np.sin(angle), rel=1e-6)
+    assert line.rmse == pytest.approx(np.sqrt(best.fun / len(truth)), rel=1e-6)
+
+
+def test_total_least_squares_agrees_with_demings_formula():
+    measured, truth = scattered(2)
+    (sxx, sxy), (_, syy) = np.cov(truth, measured)
+    slope = (syy - sxx + np.sqrt((syy - sxx) ** 2 + 4 * sxy**2)) / (2 * sxy)
+    line = fit_line_orthogonal(measured, truth)
+    assert line.slope == pytest.approx(slope, rel=1e-10)
+    residual = (measured - line.intercept - line.slope * truth) / np.hypot(1, line.slope)
+    assert line.rmse == pytest.approx(np.sqrt(np.mean(residual**2)), rel=1e-10)
+
+
+def test_total_least_squares_is_unbiased_where_both_are_in_error():
+    slopes = [fit_line_orthogonal(*scattered(seed, noise=20.0)).slope for seed in range(60)]
+    ordinary = [np.polyfit(*scattered(seed, noise=20.0)[::-1], 1)[0] for seed in range(60)]
+    assert np.mean(slopes) == pytest.approx(1.02, abs=0.006)
+    assert np.mean(ordinary) < 1.005  # what ordinary least squares would say
+
+
+@settings(deadline=None, max_examples=20)
+@given(seed=st.integers(0, 1000))
+def test_exchanging_measured_and_truth_keeps_the_orthogonal_error(seed):
+    measured, truth = scattered(seed)
+    forth, back = fit_line_orthogonal(measured, truth), fit_line_orthogonal(truth, measured)
+    assert forth.rmse == pytest.approx(back.rmse)
+    assert forth.slope == pytest.approx(1 / back.slope)
+
+
+# Linearity --------------------------------------------------------------------------------------
+
+
+def test_linearity_agrees_with_the_normal_equations():
+    measured = 1.01 * LOADS + 2 + 2e-5 * LOADS**2 + np.random.default_rng(5).normal(size=24)
+    found = linearity(LOADS, measured, 510)
+    r_squared = []
+    for degree in (1, 2):
+        x = np.vander(LOADS / 100, degree + 1)
+        residual = measured - x @ np.linalg.solve(x.T @ x, x.T @ measured)
+        r_squared.append(1 - residual.var() / measured.var())
+        if degree == 1:
+            nonlinearity = 3 * np.sqrt(np.sum(residual**2) / 23)
+            slope = np.sum((LOADS - LOADS.mean()) * measured) / np.sum((LOADS - LOADS.mean()) ** 2)
+    assert found.nonlinearity == pytest.approx(nonlinearity, rel=1e-6)
+    assert found.percent_of_full_scale == pytest.approx(nonlinearity / 5.1, rel=1e-6)
+    assert found.slope == pytest.approx(slope, rel=1e-6)
+    assert found.intercept == pytest.approx(measured.mean() - slope * LOADS.mean(), rel=1e-6)
+    np.testing.assert_allclose(
+        [found.r_squared_first, found.r_squared_second], r_squared, rtol=1e-6
+    )
+
+
+def test_the_interval_of_the_slope_is_that_of_linear_regression():
+    measured = 1.01 * LOADS + 3 * np.sin(np.arange(len(LOADS)))
+    found, theirs = linearity(LOADS, measured, 510), stats.linregress(LOADS, measured)
+    assert found.slope_error == pytest.approx(theirs.stderr, rel=1e-9)
+    width = stats.t.isf(0.025, len(LOADS) - 2) * theirs.stderr
+    assert found.slope_uncertainty == pytest.approx(width, rel=1e-9)
+    assert abs(found.slope - 1.01) < found.slope_uncertainty
+
+
+def test_a_straight_plate_has_no_nonlinearity_and_a_curved_one_needs_the_parabola():
+    straight = linearity(LOADS, 0.97 * LOADS + 5, 510)
+    assert straight.nonlinearity < 1e-10
+    assert (straight.slope, straight.intercept) == pytest.approx((0.97, 5))
+    curved = linearity(LOADS, LOADS + 3e-4 * LOADS**2, 510)
+    assert curved.nonlinearity > 5
+    assert curved.r_squared_second == pytest.approx(1)
+    assert curved.r_squared_first < 1 - 1e-5
+
+
+# Wrong input ------------------------------------------------------------------------------------
+
+MARKER = np.column_stack([0.3 * np.sin(2 * time), 0 * time, 1 + 0 * time])
+PAIR = scattered(9)
+
+
+def gap(values):
+    values = np.array(values)
+    values[5:9] = np.nan
+    return values
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: wrench_of_weight(36, MARKER[:, :2], 100, 0.2), r"shape \(samples, 3\)"),
+        (lambda: wrench_of_weight(36, MARKER[:0], 100, 0.2), "marker has no samples"),
+        (lambda: wrench_of_weight(36, MARKER[:2], 100, 0.2), "needs at least 3"),
+        (lambda: wrench_of_weight(36, gap(MARKER), 100, 0.2), "marker: 4 of 2000"),
+        (lambda: wrench_of_weight(36, 1000 * MARKER, 100, 0.2), "is it in metres"),
+        (lambda: wrench_of_weight(36_000, MARKER, 100, 0.2), "weight in kilograms"),
+        (lambda: wrench_of_weight(0, MARKER, 100, 0.2), "weight in kilograms"),
+        (lambda: wrench_of_weight(36, MARKER, 0, 0.2), "rate_hz must be a positive"),
+        (lambda: fit_line_orthogonal(PAIR[0], 0 * PAIR[1]), "constant in truth"),
+        (lambda: fit_line_orthogonal(0 * PAIR[0], PAIR[1]), "constant in measured"),
+        (lambda: fit_line_orthogonal(PAIR[0] / 1000, PAIR[1]), "are both in one unit"),
+        (lambda: fit_line_orthogonal(PAIR[0][:2], PAIR[1][:2]), "2 samples are too few"),
+        (lambda: fit_line_orthogonal([], []), "measured has no samples"),
+        (lambda: linearity(LOADS[:12], LOADS[:12], 510), "2 known loads; linearity needs"),
+        (lambda: linearity(LOADS, LOADS[1:], 510), "numbers of samples differ"),
+        (lambda: linearity(LOADS, 0 * LOADS, 510), "measured loads: constant"),
+        (lambda: linearity(LOADS, LOADS / 1000, 510), "are both in one unit"),
+        (lambda: linearity(LOADS, gap(LOADS), 510), "measured loads: 4 of 24"),
+        (lambda: linearity(LOADS, LOADS, 0), "full_scale must be a positive"),
+    ],
+)
+def test_wrong_input_gets_one_clear_error(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()

@@ -1,0 +1,331 @@
+"""The pitch moment of accelerating belts: known models are found, real recordings predicted."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.interpolate import make_smoothing_spline
+from scipy.signal import butter, sosfiltfilt
+
+from compensation.belts import (
+    BeltModel,
+    Roller,
+    _best_numerator,
+    _sensitivities,
+    belt_acceleration,
+    cutoff_of_spline,
+    fit_belt,
+    fit_roller,
+    spline_smoothing,
+)
+from hbm.signals.filtering import low_pass
+
+THETA = np.array([-1.2, 0.52, 3.0, -3.1, 1.1])
+
+
+def rms(values):
+    return np.sqrt(np.mean(values**2))
+
+
+def filtered(signal):
+    """Filter as the published model was fitted: 6 Hz in real time, at 100 Hz."""
+    return low_pass(signal, 100, 6, "realtime")
+
+
+def filtered_acceleration(speed):
+    return belt_acceleration(speed, 100, 6, "realtime")
+
+
+def random_speed(seed, samples=6000):
+    """Belt speed of about 2 ± 0.4 m/s at 100 Hz."""
+    noise = np.random.default_rng(seed).normal(size=samples)
+    band = butter(2, (0.3, 12), "band", fs=100, output="sos")
+    speed = np.cumsum(sosfiltfilt(band, noise))
+    return 2 + 0.4 * (speed - speed.mean()) / np.std(speed)
+
+
+@pytest.fixture(scope="module")
+def acceleration():
+    return belt_acceleration(random_speed(1), 100, 10, "realtime")
+
+
+def by_hand(theta, a):
+    """The difference equation, term by term."""
+    moment = np.zeros(len(a))
+    for k in range(len(a)):
+        for n in (1, 2):
+            moment[k] -= theta[n - 1] * (moment[k - n] if k >= n else 0)
+        for n in (0, 1, 2):
+            moment[k] += theta[2 + n] * (a[k - n] if k >= n else 0)
+    return moment
+
+
+def test_prediction_is_the_published_difference_equation(acceleration):
+    a = acceleration[:500]
+    np.testing.assert_allclose(BeltModel(THETA).predict(a), by_hand(THETA, a), atol=1e-11)
+
+
+@pytest.mark.parametrize("advance", [0, 2])
+def test_sample_by_sample_is_the_whole_trial(acceleration, advance):
+    model, moments = BeltModel(THETA, advance), []
+    state = model.at_rest
+    for a in acceleration:
+        moment, state = model.step(float(a), state)
+        moments.append(moment)
+    late = np.array(moments)[100:]
+    whole = model.predict(acceleration)
+    np.testing.assert_allclose(late, whole[100 - advance : len(whole) - advance], atol=1e-9)
+
+
+def test_a_known_model_comes_back_from_its_own_output(acceleration):
+    model = fit_belt(acceleration, by_hand(THETA, acceleration))
+    np.testing.assert_allclose(model.theta, THETA, rtol=1e-5)
+    assert model.r_squared > 1 - 1e-9
+
+
+def test_noise_on_the_moment_does_not_bias_the_free_running_fit(acceleration):
+    clean = by_hand(THETA, acceleration)
+    noise = np.random.default_rng(2).normal(size=len(clean)) * clean.std() / 3
+    free = fit_belt(acceleration, clean + noise)
+    assert rms(free.predict(acceleration) - clean) < 0.03 * rms(clean)
+    assert free.rms_compensated == pytest.approx(rms(noise[100:]), rel=0.01)
+
+
+def test_sensitivities_are_the_derivatives(acceleration):
+    a, step = acceleration[:400], 1e-6
+    moment, analytic = _sensitivities(THETA, a)
+    np.testing.assert_allclose(moment, by_hand(THETA, a), atol=1e-11)
+    for j in range(5):
+        nudge = np.eye(5)[j] * step
+        central = (by_hand(THETA + nudge, a) - by_hand(THETA - nudge, a)) / (2 * step)
+        np.testing.assert_allclose(analytic[:, j], central, rtol=1e-6, atol=1e-6)
+
+
+def test_a_delayed_speed_is_undone_by_reading_ahead(acceleration):
+    moment = by_hand(THETA, acceleration)
+    late = np.concatenate([np.repeat(acceleration[:1], 2), acceleration[:-2]])
+    model = fit_belt(late, moment, advance=2)
+    np.testing.assert_allclose(model.theta, THETA, rtol=1e-5)
+    assert rms((model.predict(late) - moment)[100:-100]) < 1e-5 * rms(moment)
+
+
+@settings(deadline=None, max_examples=8)
+@given(seed=st.integers(0, 10_000))
+def test_the_fit_is_stable_whatever_the_data(seed):
+    rng = np.random.default_rng(seed)
+    model = fit_belt(rng.normal(size=1000), rng.normal(size=1000).cumsum())
+    assert np.max(np.abs(model.poles)) < 1
+
+
+def test_the_fit_is_no_worse_than_any_start_of_a_fine_grid(acceleration):
+    rng = np.random.default_rng(5)
+    moment = filtered(by_hand(THETA, acceleration) + 5 * rng.normal(size=len(acceleration)))
+    a = filtered(acceleration)
+    found = fit_belt(a, moment).rms_compensated
+    grid = np.linspace(-0.9, 0.9, 13)
+    costs = [_best_numerator(k1, k2, a, moment)[0] for k1 in grid for k2 in grid]
+    assert found <= np.sqrt(min(costs) / (len(a) - 100)) * (1 + 1e-9)
+
+
+def test_an_unstable_model_cannot_be_made():
+    with pytest.raises(ValueError, match=r"unstable, its largest pole has size 1\.1"):
+        BeltModel([-1.1, 0, 1, 0, 0])
+
+
+def test_acceleration_of_a_steady_speed_up_is_constant():
+    np.testing.assert_allclose(filtered_acceleration(0.3 * np.arange(200) / 100), 0.3)
+
+
+def test_the_published_low_pass_is_causal_and_starts_settled():
+    np.testing.assert_allclose(filtered(np.full(50, 3.0)), 3.0)  # no transient
+    step = np.where(np.arange(100) < 60, 1.0, 7.0)
+    np.testing.assert_allclose(filtered(step)[:60], 1.0)
+
+
+# Real recordings: fit on one trial, score on the other ------------------------------------------
+
+
+def even(recording):
+    """A recording on even times: (moment, speed), 100 Hz."""
+    time, *channels = recording.T
+    return [np.interp(np.arange(len(time)) / 100, time, c) for c in channels]
+
+
+def score(measured, predicted):
+    """R² and RMS reduction in percent, without the first 99 and the last 100 samples."""
+    y, e = measured[99:-100], (measured - predicted)[99:-100]
+    return 1 - np.sum(e**2) / np.sum((y - y.mean()) ** 2), 100 * (1 - rms(e) / rms(y))
+
+
+@pytest.fixture(scope="module")
+def recordings(shared_data):
+    folder = shared_data / "belt_acceleration"
+    return [np.loadtxt(folder / f"RandomFastSpeed{n}.txt", skiprows=1) for n in (1, 2)]
+
+
+def test_published_model_on_the_recorded_samples_reaches_the_published_numbers(recordings):
+    signals = []
+    for _, moment, speed in (r.T for r in recordings):
+        two_point = np.diff(speed) * 100
+        signals.append((filtered(two_point), filtered(moment[:-1])))
+    model = fit_belt(*signals[0])
+    a, moment = signals[1]
+    r_squared, reduction = score(moment, model.predict(a))
+    assert r_squared >= 0.9675
+    assert round(reduction, 1) >= 82.0  # 81.98
+
+
+@pytest.mark.parametrize(
+    ("advance", "r_squared", "reduction"), [(0, 0.9675, 82.0), (1, 0.968, 82.2), (2, 0.969, 82.35)]
+)
+def test_even_samples_and_reading_ahead_do_better(recordings, advance, r_squared, reduction):
+    (moment_1, speed_1), (moment_2, speed_2) = map(even, recordings)
+    model = fit_belt(filtered_acceleration(speed_1), filtered(moment_1), advance=advance)
+    found = score(filtered(moment_2), model.predict(filtered_acceleration(speed_2)))
+    assert found[0] >= r_squared
+    assert found[1] >= reduction
+
+
+def test_an_unbalanced_roller_explains_more_of_the_held_out_recording(recordings):
+    (moment_1, speed_1), (moment_2, speed_2) = map(even, recordings)
+    moment_1, moment_2 = filtered(moment_1), filtered(moment_2)
+    a_1, a_2 = (filtered_acceleration(v) for v in (speed_1, speed_2))
+    model = fit_belt(a_1, moment_1, advance=2)
+    roller = fit_roller(moment_1 - model.predict(a_1), speed_1, 100, 6)
+    assert roller.circumference_m == pytest.approx(0.632, abs=0.001)
+
+    left = moment_2 - model.predict(a_2)
+    located = roller.locate(left[:1000], speed_2[:1000], 100)  # the first 10 s, then hands off
+    rest = slice(1000, None)
+    predicted = (model.predict(a_2) + located.predict(speed_2, 100))[rest]
+    r_squared, reduction = score(moment_2[rest], predicted)
+    assert r_squared > 0.981
+    assert reduction > 86
+
+
+# Roller -----------------------------------------------------------------------------------------
+
+
+def turning(speed, turns_per_m=1.9, size=0.35, phase=0.8, rate_hz=100):
+    angle = 2 * np.pi * turns_per_m * np.cumsum(speed) / rate_hz + phase
+    return low_pass(size * speed**2 * np.cos(angle), rate_hz, 6, "realtime")
+
+
+def test_a_known_roller_comes_back_from_noise():
+    speed = random_speed(3)
+    moment = turning(speed) + 0.9 * np.random.default_rng(4).normal(size=len(speed)) + 2.0
+    roller = fit_roller(moment, speed, 100, 6)
+    assert roller.turns_per_m == pytest.approx(1.9, abs=2e-4)
+    assert roller.amplitude == pytest.approx(0.35, rel=0.05)
+    assert rms(roller.predict(speed, 100) - turning(speed)) < 0.1 * rms(turning(speed))
+
+
+def test_a_roller_is_found_again_in_a_trial_that_begins_elsewhere():
+    speed = random_speed(5)
+    roller = Roller(1.9, 0.35, 0.0, 6)
+    moment = turning(speed, phase=2.5)
+    located = roller.locate(moment[:1000], speed[:1000], 100)
+    np.testing.assert_allclose(located.predict(speed, 100), moment, atol=1e-2)
+
+
+def test_a_belt_that_hardly_ran_shows_no_roller():
+    with pytest.raises(ValueError, match=r"the belt ran 19.* m, too little"):
+        fit_roller(np.ones(1000), np.full(1000, 1.95), 100, 6)
+
+
+# Cut-off ----------------------------------------------------------------------------------------
+
+
+def test_a_smoothing_spline_halves_the_amplitude_at_its_cutoff():
+    rate, p = 100.0, 1.4e-4
+    impulse = np.zeros(2001)
+    impulse[1000] = 1
+    passed = make_smoothing_spline(np.arange(2001) / rate, impulse, lam=p)
+    response = np.abs(np.fft.rfft(passed(np.arange(2001) / rate)))
+    frequency = np.fft.rfftfreq(2001, 1 / rate)
+    half = np.interp(cutoff_of_spline(p, 1 / rate), frequency, response)
+    assert half == pytest.approx(0.5, abs=1e-3)
+
+
+def test_cross_validation_agrees_with_scipys_spline():
+    rng, time = np.random.default_rng(0), np.arange(3000) / 100
+    low = butter(4, 5, fs=100, output="sos")
+    signal = sosfiltfilt(low, rng.normal(size=3000).cumsum() / 100)
+    noisy = signal + 0.02 * rng.normal(size=3000)
+    spline = make_smoothing_spline(time, noisy)
+    # a smoothing spline's third derivative jumps by (x - f)/p at every knot
+    jump = np.diff(spline.derivative(3)(time[:-1] + 0.005))
+    error = (noisy - spline(time))[1:-1]
+    p = abs(jump @ error / (jump @ jump))
+    assert spline_smoothing(noisy, 100) == pytest.approx(p, rel=0.02)
+
+
+@settings(deadline=None, max_examples=10)
+@given(scale=st.floats(1e-4, 1e4), rate_hz=st.sampled_from([50.0, 100.0, 1000.0]))
+def test_cutoff_knows_no_units_and_scales_with_the_rate(scale, rate_hz):
+    signal = random_speed(6, 1000) + 0.01 * np.random.default_rng(7).normal(size=1000)
+    at_100 = cutoff_of_spline(spline_smoothing(signal, 100), 0.01)
+    other = cutoff_of_spline(spline_smoothing(scale * signal, rate_hz), 1 / rate_hz)
+    assert other == pytest.approx(at_100 * rate_hz / 100, rel=1e-3)
+
+
+def test_cutoff_of_the_real_belt_speed_is_about_ten_hertz(recordings):
+    for _, _, speed in (r.T for r in recordings):
+        assert 8 < cutoff_of_spline(spline_smoothing(speed, 100), 0.01) < 14
+
+
+# Wrong input ------------------------------------------------------------------------------------
+
+
+def with_gap(signal):
+    signal = signal.copy()
+    signal[10:40] = np.nan
+    return signal
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda a, m: (a[:, None], m), r"belt acceleration must have shape \(samples,\)"),
+        (lambda a, m: (a[:0], m[:0]), "belt acceleration has no samples"),
+        (lambda a, m: (a[:300], m[:300]), "300 samples are too few"),
+        (lambda a, m: (with_gap(a), m), "belt acceleration: 30 of 6000 samples are not numbers"),
+        (lambda a, m: (a, with_gap(m)), "pitch moment: 30 of 6000"),
+        (lambda a, m: (a, m[::2]), "belt_acceleration 6000, pitch_moment 3000; .* different rates"),
+        (lambda a, m: (0 * a, m), "belt acceleration: constant"),
+        (lambda a, m: (a, 0 * m), "pitch moment: constant"),
+        (lambda a, m: (a, 1000 * m), "the moment must be in N·m"),
+        (lambda a, m: (1000 * a, m), "the acceleration in m/s²"),
+    ],
+)
+def test_wrong_calibration_input_gets_one_clear_error(acceleration, spoil, message):
+    with pytest.raises(ValueError, match=message):
+        fit_belt(*spoil(acceleration, by_hand(THETA, acceleration)))
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: filtered_acceleration(np.full(50, 1300.0)), "is it in m/s"),
+        (lambda: filtered_acceleration(np.ones(1)), "1 sample"),
+        (lambda: filtered_acceleration(np.ones(0)), "no samples"),
+        (
+            lambda: belt_acceleration(np.ones(50), 0, 6, "realtime"),
+            "rate_hz must be a positive number",
+        ),
+        (
+            lambda: belt_acceleration(np.ones(50), 100, 60, "realtime"),
+            r"cut-off .* \(50 Hz\), got 60",
+        ),
+        (lambda: spline_smoothing(np.ones(50), 100), "constant"),
+        (lambda: spline_smoothing(np.arange(5.0), 100), "5 samples are too few"),
+        (lambda: cutoff_of_spline(0.0, 0.01), "must be positive"),
+        (lambda: fit_belt(random_speed(1), random_speed(2), -1), "advance must be 0 or more"),
+        (lambda: BeltModel(THETA, -1), "advance must be 0 or more"),
+        (lambda: BeltModel(THETA[:4]), r"theta must have shape \(5,\)"),
+        (lambda: fit_roller(np.ones(100), np.ones(99), 100, 6), "numbers of samples differ"),
+    ],
+)
+def test_wrong_input_gets_one_clear_error(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()

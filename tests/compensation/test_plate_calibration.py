@@ -1,0 +1,182 @@
+"""A plate's correction undoes its errors in any axes; every number of its file is checked."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from compensation import PlateCalibration, PlateCalibrations
+from compensation.plate_calibration import from_json, to_json
+from hbm.spatial import rotate_wrench, rotation_about, transform_wrench
+
+RNG = np.random.default_rng(16)
+RESPONSE = np.eye(6) + 0.03 * RNG.normal(size=(6, 6))
+OFFSET = np.array([3.0, -2.0, 12.0, 0.5, -0.7, 0.2])
+CENTER = np.array([0.1, 0.25, 0.0])
+LOADS = RNG.normal(size=(50, 6)) * [50, 50, 700, 100, 100, 20]
+
+
+def plate(number=1, **changes):
+    own = {
+        "plate": number,
+        "matrix": np.linalg.inv(RESPONSE),
+        "offset": OFFSET,
+        "standard_error": np.full((6, 6), 1e-4),
+        "center": CENTER,
+        "examined": ("Fx", "Fz", "Mx", "My", "Mz"),
+        "delay_s": 0.004,
+    }
+    return PlateCalibration(**own | changes)
+
+
+def test_what_a_wrong_plate_measures_is_corrected_to_what_acted_on_it():
+    measured = LOADS @ RESPONSE.T + OFFSET
+    np.testing.assert_allclose(plate().correct(measured), LOADS, rtol=1e-11, atol=1e-9)
+
+
+@given(
+    angle=st.floats(-np.pi, np.pi),
+    axis=st.sampled_from([(0, 0, 1.0), (1.0, 0, 0), (0, 0.6, 0.8)]),
+    x=st.floats(-2, 2),
+    y=st.floats(-2, 2),
+)
+def test_it_makes_no_difference_in_which_axes_and_about_which_point_a_file_holds_the_wrench(
+    angle, axis, x, y
+):
+    rotation, origin = rotation_about(np.array(axis), angle), np.array([x, y, 0.0])
+    in_lab = LOADS @ RESPONSE.T + OFFSET
+
+    def in_plate(about_center):
+        return rotate_wrench(transform_wrench(about_center, np.eye(3), CENTER - origin), rotation.T)
+
+    corrected = plate().correct_in_plate(in_plate(in_lab), rotation, origin)
+    np.testing.assert_allclose(corrected, in_plate(LOADS), rtol=1e-9, atol=1e-9)
+
+
+@given(angle=st.floats(-np.pi, np.pi), shift=st.floats(-2, 2))
+def test_a_correction_that_changes_nothing_leaves_every_bit(angle, shift):
+    same = plate(matrix=np.eye(6), offset=np.zeros(6))
+    rotation = rotation_about(np.array([0, 0.6, 0.8]), angle)
+    corrected = same.correct_in_plate(LOADS, rotation, CENTER + shift)
+    np.testing.assert_array_equal(corrected, LOADS)
+
+
+def test_gaps_stay_gaps_and_their_neighbours_what_they_are():
+    measured = LOADS.copy()
+    measured[7] = np.nan
+    corrected = plate().correct(measured)
+    assert np.isnan(corrected[7]).all()
+    assert np.isfinite(np.delete(corrected, 7, axis=0)).all()
+
+
+def test_components_that_no_weight_excited_are_named():
+    assert plate().unexamined == ("Fy",)
+
+
+def test_every_number_survives_the_round_trip():
+    written = PlateCalibrations((plate(), plate(2, delay_s=None)), {"study": "Größe"})
+    read = from_json(to_json(written))
+    assert dict(read.provenance) == {"study": "Größe"}
+    for one, other in zip(written.plates, read.plates, strict=True):
+        for name in one.__dataclass_fields__:
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"plate": 0}, "numbered from 1 to 99, got 0"),
+        ({"matrix": np.eye(5)}, r"plate 1: matrix must have shape \(6, 6\), got \(5, 5\)"),
+        ({"offset": np.zeros(3)}, r"offset must have shape \(6,\)"),
+        ({"matrix": np.full((6, 6), np.nan)}, "matrix holds values that are not numbers"),
+        ({"matrix": 1000 * np.eye(6)}, "matrix holds 1e.03, expected 100 at most"),
+        ({"offset": np.full(6, 1e7)}, "offset holds 1e.07, expected 100000 at most"),
+        ({"center": [0, 250, 0]}, "center holds 250, expected 20 at most"),
+        ({"standard_error": -np.eye(6)}, "standard_error is negative"),
+        ({"matrix": np.ones((6, 6))}, "singular"),
+        ({"matrix": np.diag([1, 1, 0, 1, 1, 1])}, "singular"),
+        ({"examined": ("Fz", "Fw")}, "different ones of Fx, .*, got Fz, Fw"),
+        ({"examined": ("Fz", "Fz")}, "different ones of"),
+        ({"delay_s": 4.0}, "delay_s must be within ±0.5 s, got 4.0"),
+        ({"delay_s": np.nan}, "delay_s must be within"),
+    ],
+)
+def test_a_correction_that_cannot_be_one_is_refused(changes, message):
+    with pytest.raises(ValueError, match=message):
+        plate(**changes)
+
+
+def test_two_corrections_of_one_plate_are_refused():
+    with pytest.raises(ValueError, match="plate 1 is there more than once"):
+        PlateCalibrations((plate(), plate()))
+
+
+def test_a_file_without_plates_is_refused():
+    with pytest.raises(ValueError, match="corrects no plate"):
+        PlateCalibrations(())
+
+
+def spoilt(**changes):
+    """The file with other values of its first plate."""
+    document = json.loads(to_json(PlateCalibrations((plate(),), {"study": "plates"})))
+    document["plates"][0] |= changes
+    return json.dumps(document)
+
+
+def with_document(**changes):
+    return json.dumps(json.loads(spoilt()) | changes)
+
+
+NESTED = "[" * 50 + "]" * 50
+HUGE = 10**400
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (spoilt()[:100], "is not JSON"),
+        ("[" * 100_000, "is not JSON"),
+        ("1" * 10_000, "is not JSON"),
+        ("[1, 2]", "not a plate calibration: its format should be"),
+        (with_document(format="hbm-residuals inertia calibration"), "its format should be"),
+        (with_document(version=2), "has version 2, this program reads version 1"),
+        (with_document(version=[1]), r"has version \[1\]"),
+        (with_document(plates={}), "plates must be a list"),
+        (with_document(plates=[]), "corrects no plate"),
+        (with_document(plates=[3]), "a plate needs .*, got 3"),
+        (with_document(provenance=["a"]), "provenance must be a table"),
+        (with_document(provenance={"a": 1}), "provenance: 'a' must be text, got 1"),
+        (spoilt(gain=1), "a plate needs .*, got .*gain"),
+        (spoilt(plate=True), "a plate's number must be a whole number, got True"),
+        (spoilt(plate="1"), "must be a whole number, got '1'"),
+        (spoilt(plate=HUGE), "numbered from 1 to 99"),
+        (spoilt(examined="Fz"), "examined must be a list, got 'Fz'"),
+        (spoilt(examined=[["Fz"]]), "examined must be a list"),
+        (spoilt(offset=["1"] * 6), "offset: expected numbers .* got '1'"),
+        (spoilt(offset=[True] * 6), "offset: expected numbers"),
+        (spoilt(offset=[None] * 6), "offset: expected numbers"),
+        (spoilt(offset=[HUGE] * 6), "offset holds values that are not numbers"),
+        (spoilt(offset=json.loads(NESTED)), "offset: expected numbers"),
+        (spoilt(matrix=[[1.0] * 6] * 5), r"matrix must have shape \(6, 6\), got \(5, 6\)"),
+        (spoilt(matrix=[[1.0] * 6] * 5 + [[1.0]]), "matrix: expected numbers in a table"),
+        (spoilt(matrix=[[1.0] * 6] * 10_000), "matrix: expected numbers in a table"),
+        (spoilt(matrix=[]), "matrix: expected numbers in a table"),
+        (spoilt(matrix=[[float("nan")] * 6] * 6), "matrix holds values that are not numbers"),
+        (spoilt(matrix=[[float("inf")] * 6] * 6), "matrix holds values that are not numbers"),
+        (spoilt(matrix=[[1e308] * 6] * 6), "matrix holds 1e.308"),
+        (spoilt(delay_s="4 ms"), "delay_s: expected numbers"),
+        (spoilt(delay_s=HUGE), "delay_s must be within"),
+    ],
+)
+def test_a_damaged_file_gets_one_line(text, message):
+    with pytest.raises(ValueError, match=message) as caught:
+        from_json(text)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 500
+
+
+def test_text_that_steers_a_terminal_is_made_harmless():
+    read = from_json(with_document(provenance={"study": "\x1b[31mred\n"}))
+    assert read.provenance["study"].isprintable()

@@ -1,0 +1,375 @@
+"""Signals for the machine: as the thesis describes them, repeatable, and within its limits."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from compensation.inertia.fit import fit_inertia
+from compensation.inertia.sensors import sensor_noise_of
+from compensation.protocol import (
+    ADVISED_BELT_SIGNAL,
+    ADVISED_PLATFORM_SIGNAL,
+    BELT_KINDS,
+    PLATFORM_KINDS,
+    belt_signals,
+    pitch_and_sway_signals,
+    validation_signals,
+)
+from compensation.signals import (
+    MachineLimits,
+    Signal,
+    acceleration_spectrum,
+    check_signal,
+    move,
+    resample_signal,
+)
+
+TIGHT = MachineLimits(
+    sway_m=0.03,
+    sway_m_per_s=0.1,
+    sway_m_per_s2=1.0,
+    pitch_deg=6,
+    pitch_deg_per_s=12,
+    pitch_deg_per_s2=150,
+    belt_m_per_s=3.5,
+    belt_m_per_s2=8,
+)
+
+
+@pytest.fixture(scope="module")
+def platform():
+    return {s.name: s for s in pitch_and_sway_signals(1, 3.0)}
+
+
+@pytest.fixture(scope="module")
+def belts():
+    return {s.name: s for mean in (1.0, 2.0) for s in belt_signals(1, mean)}
+
+
+def stretches(condition, shortest):
+    """Number of unbroken stretches in which a condition holds for so many samples or more."""
+    edges = np.flatnonzero(np.diff(condition.astype(int), prepend=0, append=0))
+    return int(np.sum(edges[1::2] - edges[::2] >= shortest))
+
+
+def test_there_are_14_platform_12_belt_and_6_validation_signals(platform, belts):
+    assert list(platform) == [f"{k}_{d}s_3mps" for d in (60, 300) for k in PLATFORM_KINDS]
+    assert list(belts) == [
+        f"belt_{k}_{d}s_{mean}mps" for mean in (1, 2) for d in (60, 300) for k in BELT_KINDS
+    ]
+    names = [s.name for s in validation_signals()]
+    assert names == ["sway", "pitch", "running", "boarding", "belt", "belt_with_person"]
+
+
+@pytest.mark.parametrize("limits", [MachineLimits(), TIGHT, MachineLimits(belt_m_per_s=3.2)])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_all_calibration_signals_respect_the_machine(limits, seed):
+    signals = [
+        *pitch_and_sway_signals(seed, 0.0, limits),
+        *belt_signals(seed, 1.0, limits),
+        *belt_signals(seed, 2.0, limits),
+    ]
+    assert [note for s in signals for note in check_signal(s, limits)] == []
+
+
+def test_validation_signals_respect_the_machine():
+    assert [f for s in validation_signals() for f in check_signal(s, MachineLimits())] == []
+
+
+@pytest.mark.parametrize("rate_hz", [200.0, 300.0, 1000.0])
+def test_resampling_stays_within_the_limits_and_keeps_the_motion(platform, belts, rate_hz):
+    for signal in (platform["all_60s_3mps"], belts["belt_all_60s_2mps"]):
+        fine = resample_signal(signal, rate_hz)
+        assert check_signal(fine, MachineLimits()) == ()
+        assert fine.time[-1] == pytest.approx(signal.time[-1], abs=1.001 / rate_hz)
+        np.testing.assert_allclose(
+            np.interp(signal.time, fine.time, fine.sway), signal.sway, atol=1e-4
+        )
+
+
+def test_a_seed_gives_the_same_signals_and_another_seed_others(platform):
+    again, other = (pitch_and_sway_signals(seed, 3.0) for seed in (1, 2))
+    for signal, same, different in zip(platform.values(), again, other, strict=True):
+        np.testing.assert_array_equal(signal.sway, same.sway)
+        np.testing.assert_array_equal(signal.pitch, same.pitch)
+        n = min(len(signal.sway), len(different.sway))
+        assert not np.array_equal(signal.sway[:n], different.sway[:n])
+
+
+def test_no_two_signals_share_their_random_motion(platform):
+    starts = {tuple(np.round(s.sway[100:300], 9)) for s in platform.values()}
+    assert len(starts) == 14
+
+
+def test_signals_begin_and_end_at_rest(platform, belts):
+    for signal in (*platform.values(), *belts.values()):
+        for course in (signal.sway, signal.pitch):
+            np.testing.assert_allclose(course[[0, -1]], 0, atol=1e-12)
+            first_and_last = np.abs(np.diff(course)[[0, -1]])
+            assert np.all(first_and_last <= 0.002 * np.max(np.abs(course)))
+    for signal in belts.values():
+        np.testing.assert_allclose(signal.belt_speed[[0, -1]], 0, atol=1e-12)
+
+
+def test_long_signals_last_300_seconds_with_what_is_added(platform, belts):
+    assert {len(s.sway) for name, s in platform.items() if "_300s" in name} == {30_000}
+    assert len(platform["random_60s_3mps"].sway) == len(platform["gaps_60s_3mps"].sway) == 6000
+    assert len(platform["square_sway_60s_3mps"].sway) > 7000
+    run_up_and_down = 401  # 2 s each way at 2 m/s, and the first sample
+    assert len(belts["belt_random_300s_2mps"].sway) == 30_000 + run_up_and_down
+
+
+def test_random_motion_has_the_accelerations_of_the_thesis(platform):
+    sway, pitch, _ = platform["random_300s_3mps"].acceleration.T
+    assert np.std(sway) == pytest.approx(0.707, rel=0.03)
+    assert np.std(np.degrees(pitch)) == pytest.approx(127, rel=0.03)
+
+
+@pytest.mark.parametrize(("mean", "sd"), [(1, 5.0), (2, np.sqrt(2000))])
+def test_belt_motion_has_the_accelerations_of_the_thesis_within_the_machine(belts, mean, sd):
+    signal = belts[f"belt_random_300s_{mean}mps"]
+    inside = slice(300, -300)
+    saturated = np.std(np.clip(sd * np.random.default_rng(0).normal(size=10_000), -14.25, 14.25))
+    acceleration = np.diff(signal.belt_speed)[inside] * 100
+    assert 0.7 * saturated < np.std(acceleration) < 1.05 * saturated  # scaled to keep its peaks
+    assert np.mean(signal.belt_speed[inside]) == pytest.approx(mean, abs=0.01)
+
+
+@pytest.mark.parametrize("duration", [60, 300])
+def test_square_waves_go_three_times_to_95_percent_of_the_range(platform, duration):
+    sway = platform[f"square_sway_{duration}s_3mps"].sway
+    pitch = np.degrees(platform[f"square_pitch_{duration}s_3mps"].pitch)
+    for course, level in ((sway, 0.0475), (pitch, 9.5)):
+        assert stretches(course > level - 1e-9, 150) == 3
+        assert stretches(course < -level + 1e-9, 150) == 3
+
+
+@pytest.mark.parametrize("duration", [60, 300])
+def test_constant_parts_are_at_full_and_half_range(platform, duration):
+    sway = platform[f"constant_sway_{duration}s_3mps"].sway
+    pitch = np.degrees(platform[f"constant_pitch_{duration}s_3mps"].pitch)
+    for course, level in ((sway, 0.0475), (pitch, 9.5)):
+        assert stretches(np.isclose(course, level, rtol=1e-9), 500) == 3
+        assert stretches(np.isclose(course, level / 2, rtol=1e-9), 500) == 3
+
+
+@pytest.mark.parametrize(("duration", "gaps"), [(60, 3), (300, 15)])
+def test_gaps_are_stretches_without_perturbation(platform, belts, duration, gaps):
+    signal = platform[f"gaps_{duration}s_3mps"]
+    assert stretches((signal.sway == 0) & (signal.pitch == 0), 300) == gaps
+    belt = belts[f"belt_gaps_{duration}s_1mps"].belt_speed
+    assert stretches(np.isclose(belt, 1, atol=1e-12), 300) == gaps
+
+
+@pytest.mark.parametrize("duration", [60, 300])
+def test_belts_go_three_times_to_their_square_and_constant_speeds(belts, duration):
+    square = belts[f"belt_square_{duration}s_2mps"].belt_speed
+    constant = belts[f"belt_constant_{duration}s_2mps"].belt_speed
+    for course, level, hold in ((square, 3, 150), (square, -3, 150), (constant, -1, 500)):
+        assert stretches(np.isclose(course, level, atol=1e-12), hold) == 3
+    assert stretches(np.isclose(constant, -0.3, atol=1e-12), 500) == 3
+    assert np.max(np.abs(np.diff(square))) * 100 == pytest.approx(0.95 * 15)
+
+
+def test_validation_signals_are_those_of_the_thesis():
+    sway, pitch, running, boarding, belt, with_person = validation_signals()
+    assert np.max(np.abs(sway.sway)) == pytest.approx(0.05)
+    assert 0.29 < np.max(np.abs(np.diff(sway.sway))) * 100 <= 0.31
+    assert stretches(sway.sway > 0.05 - 1e-9, 600) == stretches(sway.sway < -0.05 + 1e-9, 600) == 3
+    crossings = pitch.time[1:][(pitch.pitch[:-1] < 0) & (pitch.pitch[1:] >= 0)]
+    np.testing.assert_allclose(np.diff(crossings), 30, atol=0.02)
+    assert np.degrees(np.max(pitch.pitch)) == pytest.approx(10, abs=1e-3)
+    assert set(running.belt_speed) == {2.5}
+    assert not np.any(boarding.sway) and not np.any(boarding.belt_speed)  # noqa: PT018
+    for pulses, mean in ((belt, 1.0), (with_person, 1.3)):
+        onsets = pulse_onsets(pulses.belt_speed)
+        np.testing.assert_array_equal(np.diff(onsets), [500] * 11)
+        np.testing.assert_allclose(pulses.belt_speed[onsets], mean)
+        np.testing.assert_allclose(pulses.belt_speed[onsets + 15], mean + 0.15 * 12)
+
+
+def test_belt_validation_is_a_minute_of_random_acceleration_before_the_pulses():
+    belt = validation_signals()[4].belt_speed
+    random = belt[101 : pulse_onsets(belt)[0] + 1]
+    assert len(random) == 6000
+    assert np.std(np.diff(random) * 100) == pytest.approx(5, rel=0.1)
+    assert np.mean(random) == pytest.approx(1, abs=0.01)
+
+
+def test_a_seed_changes_the_random_part_of_the_belt_validation_alone():
+    for one, other in zip(validation_signals(1), validation_signals(2), strict=True):
+        differs = one.belt_speed != other.belt_speed
+        assert differs.any() == (one.name == "belt")
+        assert not differs[7000:].any()
+        np.testing.assert_array_equal(one.sway, other.sway)
+
+
+@pytest.mark.parametrize("duration", [60, 300])
+@pytest.mark.parametrize("mean", [1, 2])
+def test_belt_perturbations_are_three_pulses_as_those_of_normal_use(belts, mean, duration):
+    speed = belts[f"belt_perturbations_{duration}s_{mean}mps"].belt_speed
+    onsets = [k for k in pulse_onsets(speed) if np.isclose(speed[k : k + 500], mean).sum() > 460]
+    assert len(onsets) == 3
+    for onset in onsets:
+        np.testing.assert_allclose(np.diff(speed[onset : onset + 31]) * 100, [12] * 15 + [-12] * 15)
+
+
+def pulse_onsets(speed):
+    """Samples from which a belt accelerates by 12 m/s² for 0.15 s."""
+    pushed = np.isclose(np.diff(speed) * 100, 12)
+    starts = np.flatnonzero(pushed & ~np.append(False, pushed[:-1]))
+    return np.array([k for k in starts if pushed[k : k + 15].all()])
+
+
+far = st.floats(1e-4, 0.3) | st.floats(-0.3, -1e-4)
+
+
+@given(distance=far, speed=st.floats(0.01, 10), acceleration=st.floats(0.1, 30))
+def test_a_move_arrives_and_exceeds_neither_speed_nor_acceleration(distance, speed, acceleration):
+    x = np.concatenate([[0, 0], move(distance, speed, acceleration)])
+    x = np.append(x, x[-1])
+    assert x[-1] == pytest.approx(distance, rel=1e-9)
+    assert np.max(np.abs(np.diff(x))) * 100 <= speed * (1 + 1e-9)
+    assert np.max(np.abs(np.diff(x, 2))) * 100**2 <= acceleration * (1 + 1e-9)
+
+
+@given(distance=far, speed=st.floats(0.01, 10), acceleration=st.floats(0.1, 30))
+def test_no_move_from_rest_to_rest_could_end_a_sample_earlier(distance, speed, acceleration):
+    """Constant acceleration, and constant speed where that is reached, is the fastest there is."""
+    cruised = abs(distance) - speed**2 / acceleration
+    if cruised > 0:
+        fastest_s = cruised / speed + 2 * speed / acceleration
+    else:
+        fastest_s = 2 * np.sqrt(abs(distance) / acceleration)
+    assert fastest_s * 100 - 1e-6 <= len(move(distance, speed, acceleration)) < fastest_s * 100 + 1
+
+
+def test_a_sway_of_ten_centimetres_takes_the_time_of_the_machine():
+    """0.31 m/s within 62 ms, so that 0.1 m takes 0.1/0.31 + 0.062 = 0.385 s: 39 samples."""
+    assert len(move(0.1, 0.31, 5.0)) == 39
+
+
+@pytest.mark.parametrize("duration", [60, 300])
+def test_square_waves_turn_at_the_acceleration_of_the_machine(platform, duration):
+    """Twice the speed changes at the full acceleration, for 0.12 s: a slow platform follows."""
+    limits = MachineLimits()
+    for kind, column, most in (
+        ("square_sway", 0, limits.sway_m_per_s2),
+        ("square_pitch", 1, np.radians(limits.pitch_deg_per_s2)),
+    ):
+        signal = platform[f"{kind}_{duration}s_3mps"]
+        assert np.max(np.abs(signal.acceleration[:, column])) == pytest.approx(most, rel=0.03)
+    sway = platform[f"square_sway_{duration}s_3mps"].acceleration[:, 0]
+    assert stretches(sway > 0.95 * limits.sway_m_per_s2, 11) == 3
+    assert np.max(np.abs(platform[f"random_{duration}s_3mps"].acceleration[:, 0])) < 4
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_random_motion_for_300_seconds_fills_its_range(seed):
+    signal = pitch_and_sway_signals(seed, 0.0)[len(PLATFORM_KINDS)]
+    for course, most, reached in ((signal.sway, 0.0475, 0.8), (np.degrees(signal.pitch), 9.5, 0.9)):
+        assert reached * most < np.max(course) <= most
+        assert reached * most < -np.min(course) <= most
+
+
+def test_the_advised_signals_are_of_the_protocol(platform, belts):
+    assert ADVISED_PLATFORM_SIGNAL in platform
+    assert ADVISED_BELT_SIGNAL in belts
+
+
+def test_a_signal_beyond_the_machine_names_the_limit():
+    time = np.arange(300) / 100
+    wild = Signal("wild", 100, 0.08 * np.sin(9 * time), 0 * time, 0 * time + 7)
+    notes = check_signal(wild, MachineLimits())
+    assert [note.values["quantity"] for note in notes] == [
+        *("sway_m", "sway_m_per_s", "sway_m_per_s2", "belt_m_per_s")
+    ]
+    assert str(notes[0]).startswith("wild: sway_m reaches ")
+    assert str(notes[0]).endswith("the machine allows 0.05")
+
+
+def test_spectrum_is_flat_above_the_high_pass_and_holds_the_variance(platform):
+    signal = platform["random_300s_3mps"]
+    frequency, (sway, pitch, _) = (x.T for x in acceleration_spectrum(signal))
+    flat = (frequency > 1) & (frequency < 45)
+    for density, sd in ((sway, 0.707), (pitch, np.radians(127))):
+        np.testing.assert_allclose(density[flat].mean(), sd**2 / 50, rtol=0.05)
+        assert density[frequency < 0.15].mean() < 0.1 * density[flat].mean()
+        assert np.sum(density) * frequency[1] == pytest.approx(sd**2, rel=0.05)
+
+
+def rms(values):
+    return np.sqrt(np.mean(values**2, axis=0))
+
+
+@pytest.fixture(scope="module")
+def thesis_trials(laboratory, platform):
+    """The thesis' best calibration for 60 s, and trials it was not fitted on, with noise."""
+    courses = {s.name: s for s in validation_signals()}
+    courses |= {name: platform[f"{name}_60s_3mps"] for name in ("random", "square_sway")}
+    lab = laboratory()
+    return {
+        name: lab.follow(courses[name].sway, courses[name].pitch, noise=noise, cutoff_hz=20)
+        for noise, name in enumerate(("square_sway", "sway", "pitch", "random"))
+    }
+
+
+@pytest.mark.parametrize("validation", ["sway", "pitch", "random"])
+def test_thesis_calibration_compensates_its_validation_to_the_noise(thesis_trials, validation):
+    trial, held_out = thesis_trials["square_sway"], thesis_trials[validation]
+    noise = sensor_noise_of(trial.accelerations)
+    model = fit_inertia(trial.accelerations, trial.wrench, sensor_noise=noise, zero_sd=0.0)
+    left = model.compensate(held_out.accelerations, held_out.wrench)
+    sigma = model.uncertainty(held_out.accelerations)
+    np.testing.assert_allclose(rms(left), rms(sigma), rtol=0.1)
+    assert np.mean(np.abs(left) < 1.96 * sigma) == pytest.approx(0.95, abs=0.015)
+
+
+def test_ordinary_least_squares_leaves_vertical_force_where_the_calibration_tilted_less(
+    laboratory, platform, thesis_trials
+):
+    signal, pitch = platform["square_sway_60s_3mps"], thesis_trials["pitch"]
+    trial = laboratory().follow(signal.sway, 0.7 * signal.pitch, noise=0, cutoff_hz=20)
+    noise = sensor_noise_of(trial.accelerations)
+    left = {
+        allowed: rms(model.compensate(pitch.accelerations, pitch.wrench))
+        for allowed in (0.0, noise)
+        if (model := fit_inertia(trial.accelerations, trial.wrench, sensor_noise=allowed))
+    }
+    assert left[0.0][2] > 3 * left[noise][2]
+
+
+@pytest.mark.parametrize("validation", ["sway", "pitch", "random"])
+def test_thesis_calibration_without_noise_is_exact(laboratory, platform, validation):
+    courses = {s.name: s for s in validation_signals()} | {"random": platform["random_60s_3mps"]}
+    lab = laboratory()
+    trial, held_out = (
+        lab.follow(s.sway, s.pitch, rate_hz=200)
+        for s in (platform["square_sway_60s_3mps"], courses[validation])
+    )
+    model = fit_inertia(trial.accelerations, trial.wrench)
+    left = model.compensate(held_out.accelerations, held_out.wrench)
+    assert np.max(np.abs(left)) < 1e-6 * np.max(np.abs(held_out.wrench))
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda s: belt_signals(1, 3.0), "mean_speed must be one of"),
+        (lambda s: belt_signals(1, 2.0, MachineLimits(belt_m_per_s=2)), "must exceed its mean"),
+        (lambda s: resample_signal(s, 50), "decimating it to 50"),
+        (lambda s: resample_signal(s, 0), "rate_hz must be a positive"),
+        (lambda s: replace(s, sway=s.sway[:, None]), "sway must have shape"),
+        (lambda s: replace(s, sway=s.sway[:0]), "sway must have shape"),
+        (lambda s: replace(s, pitch=s.pitch[:-9]), "numbers of samples differ"),
+        (lambda s: replace(s, pitch=s.pitch * np.nan), "pitch: 6000 of 6000"),
+        (lambda s: replace(s, rate_hz=-1), "rate_hz must be a positive"),
+        (lambda s: MachineLimits(sway_m=0), "limit sway_m must be positive"),
+    ],
+)
+def test_wrong_input_gets_one_clear_error(platform, call, message):
+    with pytest.raises(ValueError, match=message):
+        call(platform["random_60s_3mps"])

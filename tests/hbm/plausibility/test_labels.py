@@ -1,0 +1,308 @@
+"""Labels that are exchanged, markers that moved, positions that were repeated."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from hbm.markers import Markers, marker_sets, read_marker_set
+from hbm.plausibility.labels import (
+    changed_distances,
+    counterparts,
+    frozen_frames,
+    labels_exchanged,
+    repeated_positions,
+    sides_exchanged,
+)
+from tests.hbm.motions import exchanged, markers_of, relabelled, swinging, with_noise, without
+from tests.hbm.people import moved
+from tests.synthetic import synthetic_body, synthetic_t_pose
+
+BODY = synthetic_body()
+PAIRS = list(counterparts(BODY.marker_set).items())
+LEGS = [pair for pair in PAIRS if BODY.marker_set.segment[pair[0]].endswith(("thigh", "shank"))]
+
+
+@pytest.fixture(scope="module")
+def long_walk():
+    motion = swinging(np.random.default_rng(5), frames=200, degrees=20.0)
+    return with_noise(markers_of(BODY, motion), np.random.default_rng(6), 0.001)
+
+
+def found(markers):
+    return [note.values for note in labels_exchanged(markers, BODY.markers)]
+
+
+def test_a_walk_exchanges_no_labels(long_walk):
+    assert found(long_walk) == []
+
+
+@settings(deadline=None)
+@given(
+    pair=st.sampled_from(PAIRS),
+    start=st.integers(5, 100),
+    duration=st.integers(2, 90),
+)
+def test_every_pair_is_found_with_its_times_however_short(long_walk, pair, start, duration):
+    """Where its markers are 5 cm apart; nearer ones pass each other in this motion."""
+    own = [long_walk.names.index(name) for name in pair]
+    left, right = long_walk.position[[start, start + duration]][:, own].swapaxes(0, 1)
+    assume((np.linalg.norm(left - right, axis=1) > 0.05).all())
+    (values,) = found(exchanged(long_walk, slice(start, start + duration), pair))
+    assert values["named"] == ("/".join(pair),)
+    assert values["first_s"] == pytest.approx(start / 100)
+    assert values["last_s"] == pytest.approx((start + duration) / 100)
+
+
+def test_labels_exchanged_to_the_end_are_found_where_they_begin(long_walk):
+    (values,) = found(exchanged(long_walk, slice(120, None), ("LHEE", "RHEE")))
+    assert (values["first_s"], values["last_s"]) == (1.2, 1.2)
+
+
+def test_markers_of_one_segment_and_whole_legs_are_found(long_walk):
+    (values,) = found(exchanged(long_walk, slice(50, 90), ("LHEAD", "FHEAD")))
+    assert values["named"] == ("LHEAD/FHEAD",)
+    (values,) = found(exchanged(long_walk, slice(50, 90), *PAIRS))
+    assert values["pairs"] == len(PAIRS)
+    assert values["named"][-1] == "…"
+
+
+@pytest.mark.parametrize(("gap", "expected"), [(5, 1), (30, 0)])
+def test_a_short_gap_at_the_exchange_does_not_hide_it(long_walk, gap, expected):
+    """After a long gap the motion is unknown, and nothing is claimed."""
+    swapped = exchanged(long_walk, slice(100, None), ("LHEE", "RHEE"))
+    gone = without(swapped, ["LHEE", "RHEE"], slice(100 - gap, 100))
+    assert len(found(gone)) == expected
+
+
+@settings(deadline=None, max_examples=30)
+@given(cm=st.floats(3.5, 80), frame=st.integers(5, 190), seed=st.integers(0, 99))
+def test_a_marker_that_jumps_alone_has_exchanged_nothing(long_walk, cm, frame, seed):
+    direction = np.random.default_rng(seed).normal(size=3)
+    position = long_walk.position.copy()
+    heel = long_walk.names.index("LHEE")
+    position[frame:, heel] += cm / 100 * direction / np.linalg.norm(direction)
+    assert found(Markers(long_walk.time, long_walk.names, position)) == []
+
+
+@settings(deadline=None, max_examples=30)
+@given(seed=st.integers(0, 99))
+def test_glitches_of_many_markers_are_no_exchange(long_walk, seed):
+    rng = np.random.default_rng(seed)
+    position = long_walk.position.copy()
+    glitch = rng.random(position.shape[:2]) < 0.02
+    position[glitch] += rng.normal(scale=0.1, size=(glitch.sum(), 3))
+    assert found(Markers(long_walk.time, long_walk.names, position)) == []
+
+
+def test_the_end_of_a_drop_out_is_no_exchange(long_walk):
+    position = long_walk.position.copy()
+    position[60:160] = position[60]
+    assert found(Markers(long_walk.time, long_walk.names, position)) == []
+
+
+def named(markers):
+    """The pairs of the note, and how many there are."""
+    notes = sides_exchanged(BODY, markers, "walk.c3d")
+    return [(note.values["named"], note.values["pairs"]) for note in notes]
+
+
+def test_labels_that_are_right_raise_no_warning(walk):
+    assert sides_exchanged(BODY, synthetic_t_pose(), "pose.c3d") == ()
+    assert sides_exchanged(BODY, walk, "walk.c3d") == ()
+
+
+@pytest.mark.parametrize("pair", [p for p in PAIRS if p != ("LFIN", "RFIN")], ids="/".join)
+def test_every_single_pair_is_named(walk, pair):
+    """Those of forearms, which people cross, by their distances; of a hand with one marker none."""
+    exchanged = relabelled(walk, pair)
+    if BODY.marker_set.segment[pair[0]].endswith("forearm"):
+        segments = {note.values["segment"] for note in changed_distances(BODY, exchanged)}
+        assert {"left_forearm", "right_forearm"} <= segments
+    else:
+        assert named(exchanged) == [(("/".join(pair),), 1)]
+
+
+def test_the_sentence_names_recording_and_pair(walk):
+    (note,) = sides_exchanged(BODY, relabelled(walk, ("LHEE", "RHEE")), "walk.c3d")
+    assert note.level == "warning"
+    assert "in walk.c3d, 1 pair of left and right markers carries each other's" in note.text
+    assert "LHEE/RHEE" in note.text
+
+
+def test_the_markers_of_both_legs_are_named(walk):
+    ((names, pairs),) = named(relabelled(walk, *LEGS))
+    assert pairs == len(LEGS)
+    assert set(names) <= {"/".join(pair) for pair in LEGS} | {"…"}
+
+
+def test_a_whole_side_is_named_by_its_first_pairs(walk):
+    ((names, pairs),) = named(relabelled(walk, *PAIRS))
+    arms = [a for a, _ in PAIRS if BODY.marker_set.segment[a].endswith(("forearm", "hand"))]
+    assert pairs == len(PAIRS) - len(arms)
+    assert len(names) == 7
+    assert names[-1] == "…"
+
+
+@settings(deadline=None, max_examples=20)
+@given(yaw=st.floats(-np.pi, np.pi), pairs=st.sets(st.sampled_from(LEGS), min_size=1, max_size=3))
+def test_where_the_subject_faces_does_not_matter(walk, yaw, pairs):
+    ((_, count),) = named(moved(relabelled(walk, *pairs), yaw, (3.0, -2.0, 0.0)))
+    assert count == len(pairs)
+    assert named(moved(walk, yaw)) == []
+
+
+@settings(deadline=None)
+@given(cm=st.floats(-20, 20))
+def test_a_left_marker_is_on_the_wrong_side_from_4_cm_on_and_never_below(walk, cm):
+    """Tracking markers of the thigh, whose distances to their segments fit neither way."""
+    position = walk.position.copy()
+    left, right = (walk.names.index(name) for name in ("LLTHI", "RLTHI"))
+    front = position[:, [walk.names.index(n) for n in ("LASIS", "RASIS")]].mean(axis=1)
+    back = position[:, [walk.names.index(n) for n in ("LPSIS", "RPSIS")]].mean(axis=1)
+    forward = (front - back) * [1, 1, 0]
+    forward /= np.linalg.norm(forward, axis=1, keepdims=True)
+    position[:, left] = position[:, right] + cm / 100 * np.cross([0, 0, 1], forward)
+    found = named(Markers(walk.time, walk.names, position))
+    assert (found != []) == (cm < -4)
+
+
+def test_hands_held_on_each_other_s_side_are_not_exchanged(walk):
+    """Arms folded: forearms and hands are on the other side, and keep their own distances."""
+    crossing = [p for p in PAIRS if BODY.marker_set.segment[p[0]].endswith(("forearm", "hand"))]
+    assert len(crossing) == 4
+    assert named(relabelled(walk, *crossing)) == []
+
+
+def test_markers_that_are_missing_are_not_judged(walk):
+    assert named(without(walk, ["LHEE"])) == []
+    assert named(without(relabelled(walk, ("LHEE", "RHEE")), ["LASIS", "RASIS"])) == []
+    nothing = without(relabelled(walk, ("LHEE", "RHEE")), list(walk.names))
+    assert named(nothing) == []
+
+
+def test_labels_of_other_sets_are_paired_by_landmark_or_by_one_letter():
+    own = read_marker_set(
+        """
+        [markers]
+        "l.knee" = ["left_thigh", "LLEK"]
+        "knee right" = ["right_thigh", "RLEK"]
+        "L.Thigh" = ["left_thigh"]
+        "R.Thigh" = ["right_thigh"]
+        FLTHI = ["left_thigh"]
+        FRTHI = ["right_thigh"]
+        CLAV = ["thorax", "JN"]
+        """
+    )
+    assert counterparts(own) == {
+        "l.knee": "knee right",
+        "L.Thigh": "R.Thigh",
+        "FLTHI": "FRTHI",
+    }
+
+
+@pytest.mark.parametrize("name", marker_sets())
+def test_every_left_marker_of_a_shipped_set_has_its_counterpart(name):
+    chosen = marker_sets()[name]
+    left = {marker for marker, segment in chosen.segment.items() if segment.startswith("left_")}
+    assert left <= set(counterparts(chosen))
+
+
+def test_skin_and_noise_change_no_distance_noticeably(walk):
+    assert changed_distances(synthetic_body(), walk) == ()
+
+
+def test_a_marker_that_moved_is_noticed(walk):
+    position = walk.position.copy()
+    position[:, walk.names.index("RLTHI"), 2] += 0.08
+    (note,) = changed_distances(synthetic_body(), Markers(walk.time, walk.names, position))
+    assert (note.code, note.level) == ("marker_distances_changed", "warning")
+    assert note.values["segment"] == "right_thigh"
+    assert all("RLTHI" in pair for pair in note.values["largest_m"])
+
+
+def test_two_swapped_markers_are_noticed(walk):
+    notes = changed_distances(synthetic_body(), relabelled(walk, ("LLEK", "LLTHI")))
+    assert any(note.values["segment"] == "left_thigh" for note in notes)
+
+
+def test_gaps_do_not_count_as_changes(walk):
+    gone = without(without(walk, ["RLTHI"]), ["LLTHI"], slice(0, 30))
+    assert changed_distances(synthetic_body(), gone) == ()
+
+
+def held(markers, frames, names=None):
+    """The same markers, some of them held at the first of these frames."""
+    position = markers.position.copy()
+    own = [markers.names.index(name) for name in names or markers.names]
+    position[frames, own] = position[frames.start, own]
+    return Markers(markers.time, markers.names, position)
+
+
+def codes(markers):
+    return [note.code for note in repeated_positions(BODY, markers)]
+
+
+def test_a_walk_repeats_no_position(long_walk):
+    assert repeated_positions(BODY, long_walk) == ()
+
+
+@settings(deadline=None)
+@given(start=st.integers(0, 100), repeats=st.integers(1, 90))
+def test_a_drop_out_is_found_from_a_twentieth_of_a_second_on_and_never_below(
+    long_walk, start, repeats
+):
+    frames = slice(start, start + repeats + 1)
+    frozen = frozen_frames(held(long_walk, frames), BODY.markers)
+    expected = np.zeros(200, bool)
+    if repeats >= 5:
+        expected[start + 1 : start + repeats + 1] = True
+    np.testing.assert_array_equal(frozen, expected)
+
+
+def test_the_note_states_frames_and_times(long_walk):
+    (note,) = repeated_positions(BODY, held(long_walk, slice(40, 91)))
+    assert (note.code, note.level) == ("markers_frozen", "warning")
+    assert "in 50 frames from 0.41 to 0.90 s" in note.text
+
+
+def test_a_trial_that_never_moves_is_frozen(long_walk):
+    frozen = frozen_frames(held(long_walk, slice(0, 200)), BODY.markers)
+    assert frozen.sum() == 199
+
+
+def test_markers_of_others_do_not_matter(long_walk):
+    """A platform's markers move on while the subject's are frozen, or stand still all the time."""
+    frozen = held(long_walk, slice(40, 91))
+    for size_m in (0.0, 0.01):
+        platform = np.random.default_rng(0).normal(scale=size_m, size=(200, 1, 3))
+        position = np.concatenate([frozen.position, platform], axis=1)
+        both = Markers(frozen.time, (*frozen.names, "PLAT1"), position)
+        assert codes(both) == ["markers_frozen"]
+
+
+def test_frames_without_markers_are_gaps_and_not_frozen(long_walk):
+    gone = without(long_walk, long_walk.names, slice(50, 120))
+    assert codes(gone) == []
+    some = without(held(long_walk, slice(40, 91)), ["LHEE"], slice(60, 80))
+    assert codes(some) == ["markers_frozen"]
+
+
+@settings(deadline=None)
+@given(name=st.sampled_from(BODY.markers), repeats=st.integers(2, 150))
+def test_a_marker_held_alone_is_found_from_half_a_second_on_and_never_below(
+    long_walk, name, repeats
+):
+    notes = repeated_positions(BODY, held(long_walk, slice(20, 21 + repeats), [name]))
+    if repeats < 50:
+        assert notes == ()
+    else:
+        (note,) = notes
+        assert (note.code, note.level) == ("markers_constant", "warning")
+        assert note.values["constant_s"] == {name: pytest.approx(repeats / 100)}
+
+
+def test_a_foot_that_rests_while_the_body_moves_is_not_constant(long_walk):
+    """In the stance of a noise-free or rounded recording all its markers repeat together."""
+    foot = [m for m, s in zip(BODY.markers, BODY.marker_segment, strict=True) if s == "left_foot"]
+    assert codes(held(long_walk, slice(20, 120), foot)) == []

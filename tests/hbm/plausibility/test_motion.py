@@ -1,0 +1,269 @@
+"""Bodies and motions that cannot be, errors of markers, and what markers do not show."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from hbm.body import build_body
+from hbm.coordinates import INDEX
+from hbm.ik.continuity import BALL_JOINTS
+from hbm.ik.problem import covariance, marker_slopes
+from hbm.kinematics import solve_ik
+from hbm.markers import Markers
+from hbm.notes import Note
+from hbm.plausibility.motion import (
+    RANGE_DEG,
+    ROTATES,
+    implausible,
+    impossible_angles,
+    large_marker_errors,
+    undetermined_notes,
+)
+from tests.hbm.motions import any_pose, relabelled, without
+from tests.hbm.people import person
+from tests.synthetic import MASS_KG, T_POSE_MM, synthetic_body, synthetic_t_pose
+
+BODY = synthetic_body()
+OF_FOREARM = ("LFRM", "LMW", "LFIN", "LLW")
+ARM = ("left_upper_arm", "left_forearm", "left_hand")
+CLUSTER = ("LLEK", "RLEK"), ("LMEK", "RMEK"), ("LLTHI", "RLTHI")
+MILLIMETRES = st.floats(0.1, 300.0)
+
+
+def test_a_plausible_body_raises_no_warning():
+    assert implausible(synthetic_body()) == ()
+
+
+def test_legs_of_different_length_are_noticed():
+    short = {
+        n: (*T_POSE_MM[n][:2], T_POSE_MM[n][2] + 40) for n in ("LLM", "LMM", "LHEE", "LMT2", "LMT5")
+    }
+    body = build_body(person(**short), mass=MASS_KG)
+    (note,) = implausible(body)
+    assert (note.code, note.level) == ("legs_differ", "warning")
+
+
+@pytest.fixture(scope="module")
+def pose():
+    """A second in a T-pose: the same frame a hundred times."""
+    return synthetic_t_pose()
+
+
+def test_the_uncertainty_is_the_scatter_of_solutions_with_errors_of_10_mm(pose):
+    """Four hundred solutions; a standard deviation of as many is known within 4 % (SD)."""
+    rng, times = np.random.default_rng(1), 400
+    position = np.repeat(pose.position[:1], times, axis=0)
+    position = position + rng.normal(scale=0.01, size=position.shape)
+    solved = solve_ik(BODY, Markers(np.arange(times) / 100, pose.names, position))
+    still = solve_ik(BODY, pose)
+    own = [BODY.markers.index(name) for name in still.markers]
+    slopes = marker_slopes(BODY, still.q[0])[:, own]
+    expected = np.sqrt(np.diag(covariance(slopes, np.ones(len(own)))))
+    shown = ROTATES & (expected < np.radians(8))
+    assert np.count_nonzero(shown) > 25
+    np.testing.assert_allclose(solved.q.std(axis=0)[shown], expected[shown], rtol=0.2)
+
+
+def test_of_markers_that_show_everything_else_only_the_toes_are_named(pose):
+    (note,) = undetermined_notes(BODY, solve_ik(BODY, pose))
+    assert note == Note.of("coordinates_locked", coordinates=("RToeFlexion", "LToeFlexion"))
+
+
+def test_an_angle_whose_markers_lie_near_its_axis_is_named_with_the_deviation_of_its_prior(pose):
+    hidden = [name for name in OF_FOREARM[:-1] if name in BODY.markers]
+    _, note = undetermined_notes(BODY, solve_ik(BODY, without(pose, hidden)))
+    assert note.code == "coordinates_uncertain"
+    assert note.values["deviation_deg"]["LForeArmPronation"] == pytest.approx(40)
+    assert all(name.startswith("L") for name in note.values["deviation_deg"])
+
+
+def test_an_arm_that_no_marker_shows_is_locked_and_its_mass_is_named(pose):
+    own = zip(BODY.markers, BODY.marker_segment, strict=True)
+    arm = [name for name, segment in own if segment in ARM]
+    motion = solve_ik(BODY, without(pose, arm))
+    assert not motion.observed[:, INDEX["LElbowFlexion"]].any()
+    locked, mass = undetermined_notes(BODY, motion)
+    assert "LElbowFlexion" in locked.values["coordinates"]
+    assert mass.code == "mass_not_shown"
+    assert mass.values["segments"] == ARM
+    assert mass.values["share"] == pytest.approx(0.0494, abs=1e-3)
+
+
+def test_unsolved_motion_names_nothing(pose):
+    motion = solve_ik(BODY, without(pose, pose.names))
+    assert not motion.converged.any()
+    assert undetermined_notes(BODY, motion) == ()
+
+
+@pytest.fixture(scope="module")
+def still():
+    return solve_ik(BODY, synthetic_t_pose())
+
+
+def turned(motion, frames=slice(None), **degrees):
+    """The same motion with other angles."""
+    q = motion.q.copy()
+    for name, angle in degrees.items():
+        q[frames, INDEX[name]] = np.radians(angle)
+    return replace(motion, q=q)
+
+
+def test_poses_within_the_joints_ranges_are_possible():
+    motion = any_pose(np.random.default_rng(7), 300)
+    solved = replace(motion, markers=BODY.markers, marker_error=np.zeros((300, len(BODY.markers))))
+    assert impossible_angles(BODY, solved) == ()
+
+
+def test_a_thigh_s_markers_exchanged_with_the_other_s_turn_leg_joints_beyond_their_range(walk):
+    assert impossible_angles(BODY, solve_ik(BODY, walk)) == ()
+    motion = solve_ik(BODY, relabelled(walk, *CLUSTER))
+    assert motion.converged.any()
+    (note,) = impossible_angles(BODY, motion)
+    assert (note.code, note.level) == ("joint_angles_impossible", "warning")
+    of_leg = ("Hip", "Knee", "Ankle", "Foot")
+    assert all(name[1:].startswith(of_leg) for name in note.values["extreme_deg"])
+    assert note.values["share"] > 0.5
+
+
+@settings(deadline=None)
+@given(degrees=st.floats(-150, 150), turns=st.integers(-2, 2))
+def test_a_hip_s_rotation_is_impossible_beyond_its_range_and_never_within(still, degrees, turns):
+    low, high = RANGE_DEG["HipInternalRotation"]
+    assume(min(abs(degrees - low), abs(degrees - high)) > 1e-6)
+    motion = turned(still, LHipInternalRotation=degrees + 360 * turns)
+    notes = impossible_angles(BODY, motion)
+    if low < degrees < high:
+        assert notes == ()
+    else:
+        (note,) = notes
+        assert list(note.values["extreme_deg"]) == ["LHipInternalRotation"]
+        assert note.values["extreme_deg"]["LHipInternalRotation"] == pytest.approx(degrees)
+
+
+@settings(deadline=None)
+@given(st.data())
+def test_neither_full_turns_nor_a_ball_joint_s_other_angles_matter(still, data):
+    """(a, b, c) and (a + π, π − b, c + π) are one rotation about three axes at right angles."""
+    first = data.draw(st.sampled_from([i for i in BALL_JOINTS if i > 5]))
+    q = still.q.copy()
+    q[:, first : first + 3] = q[:, first : first + 3] * [1, -1, 1] + np.pi
+    knee = INDEX["LKneeFlexion"]
+    q[:, knee] += 2 * np.pi * data.draw(st.integers(-2, 2))
+    assert impossible_angles(BODY, replace(still, q=q)) == ()
+
+
+@pytest.mark.parametrize("frames", [1, 10, 100])
+def test_the_share_of_frames_and_the_extreme_are_named(still, frames):
+    motion = turned(still, slice(0, frames), RKneeFlexion=-50.0)
+    motion = turned(motion, slice(0, 1), RKneeFlexion=-60.0)
+    (note,) = impossible_angles(BODY, motion)
+    assert note.values["share"] == pytest.approx(frames / 100)
+    assert note.values["extreme_deg"] == {"RKneeFlexion": pytest.approx(-60.0)}
+    assert f"in {frames:.1f} % of the frames" in note.text
+    assert "RKneeFlexion -60°" in note.text
+
+
+def test_an_angle_that_the_markers_hardly_show_does_not_count(still):
+    """One marker, 5 mm from the forearm's axis: 10 mm of error turn it half-way round."""
+    pronation = turned(still, LForeArmPronation=-120.0)
+    assert len(impossible_angles(BODY, pronation)) == 1
+    hidden = [name for name in BODY.markers if name in ("LFRM", "LMW", "LFIN")]
+    position, k = BODY.marker_position.copy(), BODY.markers.index("LLW")
+    position[k, :2] = [0.0, 0.005]
+    near_axis = replace(BODY, marker_position=position)
+    error = pronation.marker_error.copy()
+    error[:, [pronation.markers.index(name) for name in hidden]] = np.nan
+    assert impossible_angles(near_axis, replace(pronation, marker_error=error)) == ()
+
+
+def test_an_angle_that_no_marker_shows_does_not_count(still):
+    unseen = still.observed.copy()
+    unseen[:, INDEX["LKneeFlexion"]] = False
+    bent = turned(still, LKneeFlexion=-90.0)
+    assert len(impossible_angles(BODY, bent)) == 1
+    assert impossible_angles(BODY, replace(bent, observed=unseen)) == ()
+
+
+def test_frames_without_a_solution_do_not_count(still):
+    bent = turned(still, slice(0, 20), LKneeFlexion=-90.0)
+    converged = np.arange(100) >= 20
+    assert impossible_angles(BODY, replace(bent, converged=converged)) == ()
+    nothing = replace(bent, converged=np.zeros(100, bool))
+    assert impossible_angles(BODY, nothing) == ()
+
+
+def test_gaps_of_markers_make_no_angle_impossible(walk):
+    gone = without(walk, ["LLEK", "LMEK"], slice(5, 20))
+    assert impossible_angles(BODY, solve_ik(BODY, gone)) == ()
+
+
+def test_every_range_belongs_to_a_coordinate_and_contains_zero():
+    for name, (low, high) in RANGE_DEG.items():
+        assert name in INDEX or {f"R{name}", f"L{name}"} <= set(INDEX)
+        assert low < 0 < high
+        assert high - low < 360
+
+
+@pytest.fixture(scope="module")
+def motion(walk):
+    return solve_ik(BODY, walk)
+
+
+def with_errors(motion, **error_mm):
+    """The same motion, all markers 5 mm from the model but the named ones."""
+    error = np.full(motion.marker_error.shape, 0.005)
+    for name, size in error_mm.items():
+        error[:, motion.markers.index(name)] = size / 1000
+    return replace(motion, marker_error=error)
+
+
+def codes(motion):
+    return {note.code for note in large_marker_errors(BODY, motion)}
+
+
+def test_a_walk_with_noise_of_4_mm_is_fitted_well(motion):
+    assert large_marker_errors(BODY, motion) == ()
+
+
+def test_exchanged_heels_are_far_from_the_model(walk):
+    motion = solve_ik(BODY, relabelled(walk, ("LHEE", "RHEE")))
+    segment, marker = large_marker_errors(BODY, motion)
+    assert (segment.code, marker.code) == ("segment_error_large", "marker_error_large")
+    assert {"left_foot", "right_foot"} <= set(segment.values["farthest_m"])
+    assert {"LHEE", "RHEE"} <= set(marker.values["farthest_m"])
+    assert "has a marker moved since the calibration pose" in segment.text
+
+
+@given(size=MILLIMETRES)
+def test_a_marker_is_named_from_40_mm_on_and_never_below(motion, size):
+    assume(abs(size - 40) > 1e-6)
+    found = codes(with_errors(motion, LHEE=size))
+    assert ("marker_error_large" in found) == (size > 40)
+
+
+@given(size=MILLIMETRES)
+def test_a_segment_is_named_from_20_mm_on_and_never_below(motion, size):
+    assume(abs(size - 20) > 1e-6)
+    found = codes(with_errors(motion, LHEE=size, LMT2=size, LMT5=size))
+    assert ("segment_error_large" in found) == (size > 20)
+
+
+def test_a_segment_with_one_marker_is_judged_by_the_limit_of_a_marker(motion):
+    assert codes(with_errors(motion, LSHO=35.0)) == set()
+    assert codes(with_errors(motion, LSHO=45.0)) == {"marker_error_large"}
+
+
+def test_the_six_farthest_are_named_the_farthest_first(motion):
+    names = motion.markers[:8]
+    motion = with_errors(motion, **{name: 50.0 + k for k, name in enumerate(names)})
+    note = next(n for n in large_marker_errors(BODY, motion) if n.code == "marker_error_large")
+    assert note.values["count"] == 8
+    assert list(note.values["farthest_m"]) == list(names[:1:-1])
+
+
+def test_markers_that_are_never_seen_have_no_error(walk):
+    motion = solve_ik(BODY, without(walk, ["LHEE"]))
+    assert large_marker_errors(BODY, motion) == ()

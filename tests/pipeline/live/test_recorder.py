@@ -1,0 +1,188 @@
+"""What is recorded live is the recording, up to the last half second if the process is killed."""
+
+import signal
+import subprocess
+import sys
+import time
+from contextlib import closing
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipeline.io.read import read_recording
+from pipeline.live import recording as module
+from pipeline.live.recording import RESULTS, STREAMS, Recorder, ResultParts, XdfWriter
+from pipeline.live.stream import Samples
+from tests.pipeline import xdf_file as xdf
+from tests.pipeline.other_formats import excerpt
+
+COLUMNS = ("time_s", "residual.Fz")
+
+
+@pytest.fixture(scope="module")
+def trial(walker):
+    return excerpt(walker, 500, 700)
+
+
+@pytest.fixture(scope="module")
+def streams(trial):
+    return xdf.recorded(trial)
+
+
+def described(streams):
+    return [ElementTree.fromstring(xdf.header(of)) for of in streams]
+
+
+def in_chunks(streams, each):
+    """The streams' samples as they arrive, so many frames of the cameras at a time."""
+    cameras = len(streams[0]["stamps"])
+    for start in range(0, cameras, each):
+        for of in streams:
+            ratio = len(of["stamps"]) // cameras
+            part = slice(start * ratio, (start + each) * ratio)
+            yield Samples(of["name"], of["stamps"][part], of["values"][part])
+
+
+def write(path, streams, each=7):
+    with closing(XdfWriter(path, described(streams))) as writer:
+        for samples in in_chunks(streams, each):
+            writer.write(samples)
+    return path
+
+
+@pytest.mark.parametrize("each", [1, 7, 200])
+def test_recorded_streams_are_the_trial(trial, streams, tmp_path, each):
+    read = read_recording(write(tmp_path / "a.xdf", streams, each))
+    np.testing.assert_array_equal(read.markers.position, trial.markers.position)
+    for ours, true in zip(read.plates, trial.plates, strict=True):
+        np.testing.assert_allclose(ours.wrench, true.wrench, atol=1e-12)
+    assert {note.code for note in read.notes} == {"axes_of_format", "stream_clock"}
+
+
+@settings(max_examples=25)
+@given(share=st.floats(0.1, 1, exclude_max=True))
+def test_a_recording_cut_short_holds_all_complete_chunks(streams, trial, tmp_path_factory, share):
+    """As after a kill: the file ends anywhere."""
+    path = write(tmp_path_factory.mktemp("cut") / "a.xdf", streams)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(share * len(whole))])
+    read = read_recording(path)
+    frames = len(read.markers.time)
+    assert frames > share * len(trial.markers.time) - 15
+    np.testing.assert_array_equal(read.markers.position, trial.markers.position[:frames])
+    assert "recording_unended" in [note.code for note in read.notes]
+
+
+def test_a_file_that_exists_is_not_overwritten(streams, tmp_path):
+    path = write(tmp_path / "a.xdf", streams)
+    before = path.read_bytes()
+    with pytest.raises(FileExistsError):
+        XdfWriter(path, described(streams))
+    assert path.read_bytes() == before
+
+
+@given(counts=st.lists(st.integers(0, 5), min_size=1, max_size=6))
+def test_parts_hold_all_rows_in_their_order(tmp_path_factory, counts):
+    folder = tmp_path_factory.mktemp("parts") / RESULTS
+    parts, rows = ResultParts(folder, COLUMNS), []
+    for count in counts:
+        for _ in range(count):
+            rows.append([len(rows), -len(rows)])
+            parts.add(np.array(rows[-1], float))
+        parts.write()
+    assert len(list(folder.iterdir())) == np.count_nonzero(counts)
+    if rows:
+        table = pd.read_parquet(folder)
+        assert tuple(table.columns) == COLUMNS
+        np.testing.assert_array_equal(table.to_numpy(), rows)
+
+
+def test_the_recorder_writes_streams_and_results(trial, streams, tmp_path):
+    with closing(Recorder(tmp_path / "live", described(streams), COLUMNS)) as recorder:
+        for number, samples in enumerate(in_chunks(streams, 10)):
+            recorder.samples(samples)
+            recorder.frame(np.array([number, 0.0]))
+    assert (recorder.fault, recorder.lost) == (None, 0)
+    read = read_recording(tmp_path / "live" / STREAMS)
+    np.testing.assert_array_equal(read.markers.position, trial.markers.position)
+    assert pd.read_parquet(tmp_path / "live" / RESULTS).time_s.tolist() == list(range(40))
+
+
+def test_a_folder_with_a_recording_is_refused(streams, tmp_path):
+    Recorder(tmp_path, described(streams), COLUMNS).close()
+    with pytest.raises(ValueError, match="holds a recording already; choose another folder"):
+        Recorder(tmp_path, described(streams), COLUMNS)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+def test_a_full_disk_ends_the_recording_in_words_and_nothing_waits_for_it(
+    streams, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(module, "EVERY_S", 0.01)
+    recorder = Recorder(tmp_path, described(streams), COLUMNS)
+    recorder._streams._file.close()
+    recorder._streams._file = Path("/dev/full").open("wb")  # noqa: SIM115
+    every = list(in_chunks(streams, 10))
+    recorder.samples(every[0])
+    recorder._thread.join(5)
+    for samples in every[1:]:
+        recorder.samples(samples)
+    recorder.close()
+    assert recorder.fault == "recording stopped: No space left on device"
+    assert recorder.lost == len(every) - 1
+
+
+def test_memory_stays_bounded_where_the_disk_stalls(streams, tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "MAX_WAITING", 10)
+    recorder = Recorder(tmp_path, described(streams), COLUMNS)
+    for number in range(30):
+        recorder.frame(np.array([number, 0.0]))
+    assert recorder.lost >= 10
+    recorder.close()
+
+
+KILLED = """
+import sys, time
+from pathlib import Path
+from xml.etree import ElementTree
+import numpy as np
+from pipeline.live.recording import Recorder
+from pipeline.live.stream import Samples
+info = ElementTree.fromstring(sys.argv[2])
+recorder = Recorder(Path(sys.argv[1]), [info], ["time_s"])
+start = time.monotonic()
+for frame in range(100_000):
+    while time.monotonic() < start + frame / 100:
+        time.sleep(1e-3)
+    position = np.array([[0.1, 0.2, 1, 0.1, -0.2, 1]]) + 1e-4 * frame
+    recorder.samples(Samples("Cameras", np.array([frame / 100]), position))
+    recorder.frame(np.array([frame / 100]))
+    print(frame, flush=True)
+"""
+
+
+def test_of_a_killed_process_at_most_the_last_second_is_missing(tmp_path):
+    names = ("LASI", "RASI")
+    of = xdf.stream(
+        "Cameras",
+        "MoCap",
+        np.zeros(1),
+        np.zeros((1, 6)),
+        xdf.described(xdf.marker_channels(names), xdf.tags(axes="forward,left,up")),
+        rate=100,
+    )
+    command = [sys.executable, "-c", KILLED, str(tmp_path / "live"), xdf.header(of).decode()]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        time.sleep(2.3)
+        process.send_signal(signal.SIGKILL)
+        frames = 2 + process.stdout.read().count("\n")
+    read = read_recording(tmp_path / "live" / STREAMS)
+    assert len(read.markers.time) > frames - 100
+    assert len(pd.read_parquet(tmp_path / "live" / RESULTS)) > frames - 100

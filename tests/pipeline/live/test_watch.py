@@ -1,0 +1,242 @@
+"""What is wrong with markers and plates is noted as it arises, and what is right is not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipeline.config.schema import Settings, Subject
+from pipeline.live.cycles import GaitTracker
+from pipeline.live.frames.chain import LiveFrame
+from pipeline.live.monitor import (
+    GONE_S,
+    DelayWatch,
+    FitWatch,
+    Losses,
+    MarkerGaps,
+    PlateWatch,
+    WeightWatch,
+)
+from pipeline.live.stream import Samples, StreamDescription
+from pipeline.trial.process import process_recording
+from pipeline.trial.quality import Quality
+from pipeline.trial.residuals import reported
+from pipeline.trial.weighing import differing_masses
+from tests.pipeline import lab
+
+MASS_KG = 70.0
+STEP_S = 0.001
+
+
+def walking(minutes, rest_n=0.0, rate_hz=250):
+    """A plate's load of a foot that is on it 60 % of the time, with noise: (N,) and (N, 6)."""
+    time = np.arange(round(60 * minutes * rate_hz)) / rate_hz
+    phase = time % 1.1 / 1.1
+    load = np.where(phase < 0.6, 700 * np.sin(np.pi * phase / 0.6).clip(0) ** 0.3, 0.0)
+    wrench = np.random.default_rng(3).normal(0, 1, (len(time), 6))
+    wrench[:, 2] += load + rest_n
+    return time, wrench
+
+
+def noted(watch, time, wrench, each=25):
+    parts = [slice(k, k + each) for k in range(0, len(time), each)]
+    return [note for part in parts for note in watch.add(time[part], wrench[part])]
+
+
+def test_a_good_plate_is_not_noted():
+    assert noted(PlateWatch(1, MASS_KG), *walking(3)) == []
+
+
+@pytest.mark.parametrize("up", [1.0, -1.0])
+def test_a_plate_that_is_not_zero_is_noted_within_seconds(up):
+    """As a load, whether its z axis points up or down."""
+    time, wrench = walking(0.4, rest_n=14.0)
+    first, *_ = noted(PlateWatch(1, MASS_KG, up), time, up * wrench)
+    assert first.code == "live_plate_not_zero"
+    assert first.values["rest_n"] == pytest.approx(14.0, abs=0.5)
+
+
+def test_what_a_plate_reads_on_a_platform_that_moves_is_no_offset():
+    time, wrench = walking(1.0, rest_n=14.0)
+    assert noted(PlateWatch(1, MASS_KG), time, wrench)
+    assert noted(PlateWatch(1, MASS_KG, moves=True), time, wrench) == []
+
+
+def test_a_saturated_component_is_noted_once_with_its_limit():
+    time, wrench = walking(0.5)
+    wrench[:, 2] = wrench[:, 2].clip(None, 600.0)
+    (note,) = noted(PlateWatch(1, MASS_KG), time, wrench)
+    assert note.values == {"plate": 1, "component": "Fz", "value": 600.0}
+
+
+def test_a_converters_steps_are_no_saturation_at_rest_and_of_one_who_stands():
+    time, wrench = walking(0.5)
+    assert noted(PlateWatch(1, MASS_KG), time, wrench.round()) == []
+    assert noted(PlateWatch(1, MASS_KG), time, np.full((len(time), 6), 350.0)) == []
+
+
+@given(gone=st.integers(0, 100), each=st.integers(1, 30))
+def test_a_marker_is_noted_once_for_each_time_that_it_is_gone_for_long(gone, each):
+    position = np.ones((300, 2, 3))
+    position[50 : 50 + gone, 1] = np.nan
+    position[200:230, 0] = np.nan  # shorter
+    gaps, notes, time = MarkerGaps(["LASIS", "RASIS"]), [], np.arange(300) / 100
+    for k in range(0, 300, each):
+        notes += gaps.add(time[k : k + each], position[k : k + each])
+    assert [note.values["marker"] for note in notes] == ["RASIS"] * (gone >= 100 * GONE_S)
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory):
+    """A walk of 35 s, in which plates can be later."""
+    return lab.walk(tmp_path_factory.mktemp("watch"), duration_s=35.0)
+
+
+@pytest.fixture(scope="module")
+def result(walk):
+    return processed(walk)
+
+
+def processed(recording):
+    return process_recording(recording, Subject(sex="female"), Settings(filter="realtime"))
+
+
+def frames_of(result, gain=lambda time: np.ones(2)):
+    """A trial's frames as they would be known live, with plates under the feet of such gains."""
+    residual = reported(result.measured.residual)
+    ground = np.stack([result.ground["measured"][f"{s}_foot"] for s in ("left", "right")], 1)
+    for k, time in enumerate(result.motion.time):
+        by_foot = ground[k] * np.reshape(gain(time), (2, 1))
+        yield LiveFrame(
+            number=k,
+            time=float(time),
+            q=result.motion.q[k],
+            tau={},
+            residual={"measured": residual[k]},
+            by_foot={"measured": by_foot},
+            contact=by_foot[:, 2] > 30,
+            marker_error=result.motion.marker_error[k],
+            quality=Quality(0) if result.counts[k] else Quality.SETTLING,
+            computing_s=0.0,
+        )
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.012])
+def test_plates_that_are_late_are_noted_and_others_are_not(walk, late_s):
+    plates = tuple(replace(p, time=p.time + late_s) for p in walk.plates)
+    watch, notes = DelayWatch(), []
+    for frame in frames_of(processed(replace(walk, plates=plates))):
+        notes += watch.add(frame)
+    if not late_s:
+        assert notes == []
+        return
+    assert [note.code for note in notes[:1]] == ["live_plates_late"]
+    assert notes[0].values["delay_s"] == pytest.approx(late_s, abs=0.003)
+
+
+def weighed(result, gain):
+    """What a session's strides show of the weight that the plates carry: times and notes."""
+    tracker, watch, found = GaitTracker(), WeightWatch(result.body.mass), []
+    for frame in frames_of(result, gain):
+        for stride in tracker.add(frame).strides:
+            found += [(frame.time, note) for note in watch.add(stride)]
+    return found
+
+
+@pytest.mark.parametrize("gain", [0.98, 1.0, 1.02])
+def test_plates_that_carry_the_subject_are_not_noted(result, gain):
+    assert weighed(result, lambda time: np.full(2, gain)) == []
+
+
+@pytest.mark.parametrize("gain", [0.95, 1.05])
+def test_plates_of_a_wrong_gain_are_noted_once_with_what_they_carry(result, gain):
+    ((_, note),) = weighed(result, lambda time: np.full(2, gain))
+    assert note.code == "live_weight_differs"
+    assert note.values["carried_kg"] == pytest.approx(gain * result.body.mass, rel=0.01)
+    assert note.values["difference"] == pytest.approx(gain - 1, abs=0.01)
+
+
+def test_a_trial_is_judged_alike_by_its_whole_and_by_its_strides(result):
+    """One limit: what `mass_differs` says of the trial, a session says of its strides."""
+    for gain in (0.96, 0.98, 1.02, 1.04):
+        carried_kg = gain * result.body.mass
+        whole = differing_masses({"stated": result.body.mass}, carried_kg)
+        assert len(whole) == len(weighed(result, lambda time, g=gain: np.full(2, g)))
+
+
+@pytest.mark.parametrize("foot", [0, 1])
+def test_a_foot_beside_the_plates_for_a_while_is_noted(result, foot):
+    """Its plate carries nothing then: the other foot's strides are no gait cycles, but weigh."""
+
+    def gain(time):
+        return np.where(np.arange(2) == foot, not 12 < time < 26, 1.0)
+
+    ((gone_s, gone),) = weighed(result, gain)
+    assert gone.values["difference"] == pytest.approx(-0.5, abs=0.15)
+    assert 12 < gone_s < 26
+
+
+def test_one_step_beside_a_plate_is_not_noted(result):
+    assert weighed(result, lambda time: np.array([1.0, not 15.0 < time < 15.8])) == []
+
+
+def test_strides_with_frames_that_do_not_count_are_not_weighed(result):
+    tracker, watch = GaitTracker(), WeightWatch(1.2 * result.body.mass)
+    for k, frame in enumerate(frames_of(result)):
+        late = replace(frame, quality=Quality.LATE if k % 50 == 0 else frame.quality)
+        for stride in tracker.add(late).strides:
+            assert np.isnan(stride.vertical_n)
+            assert watch.add(stride) == []
+
+
+def fitted(error_m, quality, seen=True, count=500):
+    """Frames at 100 Hz with two markers of such errors; NaN where one is not used."""
+    for k in range(count):
+        yield LiveFrame(
+            number=k,
+            time=k / 100,
+            q=np.zeros(46),
+            tau={},
+            residual={},
+            by_foot={},
+            contact=np.zeros(2, bool),
+            marker_error=np.array(error_m),
+            quality=quality,
+            computing_s=0.0,
+            markers=np.full((2, 3), 1.0 if seen else np.nan),
+        )
+
+
+@pytest.mark.parametrize(
+    ("frames", "codes", "left_out"),
+    [
+        (fitted([0.012, 0.008], Quality(0)), [], None),
+        (fitted([0.03, 0.03], Quality(0)), ["live_markers_misfit"], "none"),
+        (fitted([0.003, np.nan], Quality.MARKERS_LEFT_OUT), ["live_markers_misfit"], "RASIS"),
+        (fitted([0.003, np.nan], Quality(0), seen=False), [], None),
+        (fitted([np.nan, np.nan], Quality.POSE_UNKNOWN, seen=False), [], None),
+        (fitted([0.003, 0.003], Quality.FOOT_UNCERTAIN), ["live_foot_uncertain"], None),
+    ],
+)
+def test_markers_that_do_not_fit_and_feet_beside_the_pressure_are_noted_once(
+    frames, codes, left_out
+):
+    fit = FitWatch(["LASIS", "RASIS"], [0, 1])
+    notes = [note for frame in frames for note in fit.add(frame)]
+    assert [note.code for note in notes] == codes
+    if left_out:
+        assert notes[0].values["left_out"] == left_out
+
+
+@given(kept=st.sets(st.integers(0, 299), min_size=2), each=st.integers(1, 40), seed=st.integers(0))
+def test_samples_that_never_arrived_are_counted_whatever_the_chunks(kept, each, seed):
+    numbers = np.array(sorted(kept))
+    jitter = np.random.default_rng(seed).uniform(-0.2, 0.2, len(numbers))
+    time = 1e4 + (numbers + jitter) / 1000
+    losses = Losses([StreamDescription("Plates", "analog", ("Fz",), ("N",), 1000.0)])
+    for k in range(0, len(time), each):
+        chunk = time[k : k + each]
+        losses.add(Samples("Plates", chunk, np.zeros((len(chunk), 1))))
+    assert losses.lost["Plates"] == numbers[-1] - numbers[0] + 1 - len(numbers)
