@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pipeline.run.frames import frame_table
 
 from hbm.signals.filtering import low_pass
 from hbm.spatial import rotation_about, transform_wrench
 from pipeline.config.schema import Platform, Treadmill
+from pipeline.run.store import frame_table
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.uncertainty import (
