@@ -11,9 +11,6 @@ from pipeline.cli.options import RESULT, USAGE, Jobs, Out, ResultsFolder, StudyF
 
 if TYPE_CHECKING:
     from hbm.notes import Note
-    from pipeline.cli.terminal import PlainConsole
-    from pipeline.config.study import Study
-    from pipeline.run.check import Findings
 
 
 def init(folder: Annotated[Path, typer.Argument(help="Folder for the new study.")]) -> None:
@@ -35,16 +32,19 @@ def check(
     ] = False,
 ) -> int:
     """Read every TOML and every recording of a study, list all problems, compute nothing."""
-    from pipeline.cli.terminal import PlainConsole, counted, note_line
+    from pipeline.cli.terminal import PlainConsole, StepProgress, counted, note_line
     from pipeline.config.comparison import study_design
     from pipeline.config.study import read_study
-    from pipeline.run.check import check_study, joined
+    from pipeline.run.check import check_study
     from pipeline.statistics.design import in_words
 
     console, loaded = PlainConsole(), read_study(study)
     findings = check_study(loaded)
     if second_reader:
-        findings = joined([findings, *_read_twice(loaded, console)])
+        from pipeline.run.second_reader import read_study_twice
+
+        with StepProgress(console, "reading twice", "files") as progress:
+            findings.add(read_study_twice(loaded, progress.show))
     for place in dict.fromkeys(remark.place for remark in findings.remarks):
         console.say(place)
         for remark in findings.remarks:
@@ -62,18 +62,6 @@ def check(
         + ("" if findings.faults else f"; next: hbm run {study}")
     )
     return USAGE if findings.faults else 0
-
-
-def _read_twice(study: "Study", console: "PlainConsole") -> "list[Findings]":
-    from pipeline.cli.terminal import StepProgress
-    from pipeline.run.second_reader import read_twice, study_recordings, summarise
-
-    found, paths = [], study_recordings(study)
-    with StepProgress(console, "reading twice", "files") as progress:
-        for path in paths:
-            found.append(read_twice(path))
-            progress.show(path.name, len(found), len(paths))
-    return [*found, summarise(found)]
 
 
 def run(
