@@ -1,6 +1,7 @@
 """Axes of a file: stated by a person or inferred from what was recorded, and checked."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
@@ -13,7 +14,7 @@ from hbm.spatial import Array
 from hbm.spelling import listed, short
 
 PELVIS_AND_SHOULDERS: Final = ("ASIS", "PSIS", "SHO")
-HEELS: Final = ("HEE",)
+HEEL: Final = "HEE"
 TOES: Final = ("TOE", "MT2", "MT5")
 ANKLES: Final = ("LM", "MM")
 """Landmarks without their side."""
@@ -77,20 +78,26 @@ def find_sites(names: Sequence[str], marker_set: MarkerSet | None = None) -> Sit
         Their columns.
     """
     column = {name: k for k, name in enumerate(names)}
-    known = marker_set or _recognised(names)
+    known = marker_set
+    if known is None:
+        with suppress(ValueError):
+            known = recognise_marker_set(names)
     marked = known.present(names).landmark if known is not None else {}
     of_set = {landmark: column[marker] for landmark, marker in marked.items()}
-    of_labels = _by_usual_labels(column)
-    sources = (of_set, of_labels)
-    trunk = next(filter(None, (_sides(s, PELVIS_AND_SHOULDERS) for s in sources)), [])
+    sources = (of_set, _by_usual_labels(column))
+
+    def of(sites: Sequence[str]) -> tuple[int, ...]:
+        found = ([k for name, k in each.items() if name[1:] in sites] for each in sources)
+        return tuple(next(filter(None, found), ()))
+
+    trunk = next(filter(None, (_sides(each, PELVIS_AND_SHOULDERS) for each in sources)), [])
     across = trunk or _sides(of_set) or _sides(column)
-    feet = next(filter(None, map(_feet, sources)), [])
     return Sites(
-        high=next(filter(None, (_of(s, PELVIS_AND_SHOULDERS) for s in sources)), ()),
-        low=next(filter(None, (_of(s, (*HEELS, *TOES, *ANKLES)) for s in sources)), ()),
+        high=of(PELVIS_AND_SHOULDERS),
+        low=of((HEEL, *TOES, *ANKLES)),
         across={f"{names[left]}/{names[right]}": (right, left) for right, left in across},
         on_trunk=bool(trunk),
-        feet=tuple(feet),
+        feet=tuple(next(filter(None, map(_feet, sources)), ())),
     )
 
 
@@ -117,13 +124,6 @@ def typical(vectors: Array) -> Array:
     return np.asarray(known[length <= MAX_LENGTH_RATIO * np.median(length)].mean(axis=0))
 
 
-def _recognised(names: Sequence[str]) -> MarkerSet | None:
-    try:
-        return recognise_marker_set(names)
-    except ValueError:
-        return None
-
-
 def _by_usual_labels(column: Mapping[str, int]) -> dict[str, int]:
     landmarks = {label: site for site, labels in USUAL_LABELS.items() for label in labels}
     found: dict[str, int] = {}
@@ -146,17 +146,13 @@ def _sides(columns: Mapping[str, int], sites: Sequence[str] | None = None) -> li
     ]
 
 
-def _of(columns: Mapping[str, int], sites: Sequence[str]) -> tuple[int, ...]:
-    return tuple(k for name, k in columns.items() if name[1:] in sites)
-
-
 def _feet(columns: Mapping[str, int]) -> list[Pair]:
+    """Give (heel, toe) columns of one foot."""
     return [
-        (columns[side + heel], columns[side + toe])
+        (columns[side + HEEL], columns[side + toe])
         for side in "LR"
-        for heel in HEELS
         for toe in TOES
-        if side + heel in columns and side + toe in columns
+        if {side + HEEL, side + toe} <= {*columns}
     ]
 
 

@@ -14,6 +14,7 @@ from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import listed, short
 from pipeline.io.columns import (
+    SI_UNITS,
     PlateColumns,
     file_markers,
     lab_axes,
@@ -383,7 +384,7 @@ def _gaps(position: Array, names: Sequence[str]) -> list[Note]:
     for unseen, code in ((zero, "markers_written_as_zero"), (held, "markers_held")):
         if unseen.any():
             position[unseen] = np.nan
-            markers = [names[k] for k in np.flatnonzero(unseen.any(axis=0))]
+            markers = [names[k] for k in np.flatnonzero(unseen.any(axis=0)).tolist()]
             notes.append(Note.of(code, samples=np.count_nonzero(unseen), markers=markers))
     return notes
 
@@ -398,7 +399,7 @@ def _plates(table: _Table, numbers: Iterable[int], time: Array) -> Iterator[Plat
         vectors = [f"FP{number}.{quantity}" for quantity in ("For", "Mom", "Cop")]
         vectors = vectors[: 3 if f"FP{number}.CopX" in table.columns else 2]
         values = (table.vectors([name])[:, 0] for name in vectors)
-        yield PlateColumns(number, f"plate {number}", time, *values)
+        yield PlateColumns(number, f"plate {number}", time, SI_UNITS, *values)
 
 
 def _analog(table: _Table, used: set[str], time: Array) -> Analog | None:

@@ -13,6 +13,7 @@ from hbm.notes import Note
 from hbm.spatial import Array, read_only, rotate_wrench
 from hbm.spelling import listed, short
 from pipeline.io.columns import (
+    SI_UNITS,
     FileMarkers,
     PlateColumns,
     file_markers,
@@ -383,4 +384,4 @@ def _forces(table: Table, time: Array) -> Iterator[PlateColumns | Note]:
             np.column_stack([table.column(f"{name}{axis}") for axis in "xyz"]) for name in columns
         )
         point[~force.any(axis=1)] = 0  # it has no meaning there
-        yield PlateColumns(k, short(stem), time, force, torque, point)
+        yield PlateColumns(k, short(stem), time, SI_UNITS, force, torque, point)

@@ -214,8 +214,7 @@ def _larger(
     header: FrameSize, points: int, channels: int, parameters: Parameters
 ) -> Iterator[FrameSize]:
     """Give what a frame may hold where the header's numbers are too small."""
-    rates = (next(iter(parameters.numbers(g, "RATE").flat), 0.0) for g in ("ANALOG", "POINT"))
-    analog_rate, rate = rates
+    analog_rate, rate = (parameters.number(group, "RATE", 0.0) for group in ("ANALOG", "POINT"))
     per_channel = {header.per_channel}
     if rate > 0 and analog_rate > 0 and (analog_rate / rate) % 1 == 0:
         per_channel.add(int(analog_rate / rate))

@@ -3,7 +3,7 @@
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -112,6 +112,14 @@ class Parameters:
             return np.empty(0)
         with np.errstate(invalid="ignore"):
             return np.concatenate(parts, axis=-1).astype(float)
+
+    @overload
+    def number(self, group: str, name: str) -> float | None: ...
+    @overload
+    def number(self, group: str, name: str, default: float) -> float: ...
+    def number(self, group: str, name: str, default: float | None = None) -> float | None:
+        """Give the first number of a parameter, or the default where it is absent."""
+        return next(map(float, self.numbers(group, name).flat), default)
 
     def integers(self, group: str, name: str) -> NDArray[np.int64]:
         """Give a parameter of counts or indices: 16 bits without sign, whole numbers."""
