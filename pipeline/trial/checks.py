@@ -372,8 +372,8 @@ def _at_rest(
         far = np.abs(usual) > MAX_REST
         if far.any():
             components = {COMPONENTS[k]: usual[k] for k in np.flatnonzero(far)}
-            named = {"plate": plate.number, "components": components}
-            notes.append(Note.of("plate_components_not_zeroed", **named))
+            code = "plate_components_not_zeroed"
+            notes.append(Note.of(code, plate=plate.number, components=components))
     return tuple(notes)
 
 
