@@ -65,7 +65,7 @@ print(
     "a gentler machine:",
     *check_signal(signal, MachineLimits(sway_m_per_s2=2.0, pitch_deg_per_s=20.0)),
 )
-frequency, density = acceleration_spectrum(signal)
+frequency, power = acceleration_spectrum(signal)
 
 # %% [markdown]
 # ## 2. The recording
@@ -217,8 +217,8 @@ panels[0, 0].legend(frameon=False, ncols=2)
 
 density = panels[0, 1]
 frequency = frequency[1:]
-density.loglog(frequency, density[:, 0][1:], color=COLOURS["compensated"], label="sway (m/s²)²/Hz")
-density.loglog(frequency, density[:, 1][1:], color=COLOURS["measured"], label="pitch (rad/s²)²/Hz")
+density.loglog(frequency, power[1:, 0], color=COLOURS["compensated"], label="sway (m/s²)²/Hz")
+density.loglog(frequency, power[1:, 1], color=COLOURS["measured"], label="pitch (rad/s²)²/Hz")
 density.axvline(cutoff_hz, color="grey", ls=":", label="cut-off of the fit")
 density.set(title="acceleration spectra", xlabel="frequency (Hz)", xlim=(0.1, 50), ylim=(1e-6, 10))
 density.legend(frameon=False)

@@ -268,14 +268,87 @@ def check_trial(
     ['accelerometer_inverted', 'calibration_range_exceeded']
     """
     a = read_table(accelerations, "accelerations", len(model.acceleration_mean))
-    dead = _dead(model, a)
-    if dead:
-        return dead
-    return (
-        *_clipped(model, a, range_g * GRAVITY_MPS2),
-        *(_rotated(model, a) or _swapped(model, a)),
-        *_beyond(model, a),
-    )
+    channels = [f"{sensor} {axis}" for sensor in model.sensors for axis in "xyz"]
+    readings, still = a.reshape(len(a), -1, 3), (a == a[0]).all(axis=0)
+    size = np.median(np.sqrt(np.vecdot(readings, readings)), axis=0) / GRAVITY_MPS2
+    notes = [
+        Note.of(
+            "accelerometer_silent",
+            sensor=sensor,
+            median_mps2=GRAVITY_MPS2 * found,
+            gravity_mps2=GRAVITY_MPS2,
+        )
+        for sensor, found in zip(model.sensors, size, strict=True)
+        if not 1 / GRAVITY_FACTOR < found < GRAVITY_FACTOR
+    ]
+    notes += [
+        Note.of("accelerometer_constant", channel=channel, value_mps2=value)
+        for channel, value, dead in zip(channels, a[0], still & ~still.all(), strict=True)
+        if dead
+    ]
+    if notes:
+        return tuple(notes)
+    limit = range_g * GRAVITY_MPS2
+    clipped = np.mean(np.abs(a) >= CLIPPED_SHARE * limit, axis=0)
+    notes += [
+        Note.of("accelerometer_clipped", channel=channel, limit_mps2=limit, share=share)
+        for channel, share in zip(channels, clipped, strict=True)
+        if share > 0
+    ]
+    now, then = (mean.reshape(-1, 3) for mean in (a.mean(axis=0), model.acceleration_mean))
+    cosine = np.vecdot(now, then) / np.linalg.norm(now, axis=1) / np.linalg.norm(then, axis=1)
+    angles = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+    turned = [
+        Note.of(
+            "accelerometer_inverted" if angle > 180 - MIN_ROTATION_DEG else "accelerometer_turned",
+            sensor=sensor,
+            angle_deg=angle,
+        )
+        for sensor, angle in zip(model.sensors, angles, strict=True)
+        if angle > MIN_ROTATION_DEG
+    ]
+    if not turned and (swapped := _swapped(model, a)):
+        turned = [Note.of("accelerometers_swapped", first=swapped[0], second=swapped[1])]
+    notes += turned
+    low, high = model.acceleration_low, model.acceleration_high
+    margin = MAX_EXCESS_SHARE * (high - low)
+    outside = (a < low - margin) | (a > high + margin)
+    if outside.any():
+        worst = int(np.argmax(outside.mean(axis=0)))
+        notes.append(
+            Note.of(
+                "calibration_range_exceeded",
+                share=float(np.mean(outside.any(axis=1))),
+                channel=channels[worst],
+                low_mps2=a[:, worst].min(),
+                high_mps2=a[:, worst].max(),
+                calibrated_low_mps2=low[worst],
+                calibrated_high_mps2=high[worst],
+            )
+        )
+    return tuple(notes)
+
+
+def _swapped(model: InertiaModel, a: Array) -> tuple[str, str] | None:
+    """Give two sensors that, exchanged, keep constant what the calibration kept; else None."""
+    variance, directions = np.linalg.eigh(model.acceleration_covariance)
+    constant = variance < CONSTRAINT_MPS2**2
+    if not constant.any():
+        return None
+    weights = directions[:, constant] / np.sqrt(np.maximum(variance[constant], 0) + DRIFT_MPS2**2)
+
+    def violation(first: int, second: int) -> float:
+        """Give the mean square of the constraints with two sensors exchanged."""
+        order = list(range(len(model.sensors)))
+        order[first], order[second] = second, first
+        reordered = a.reshape(len(a), -1, 3)[:, order].reshape(a.shape)
+        return float(np.mean(((reordered - model.acceleration_mean) @ weights) ** 2))
+
+    as_is, pairs = violation(0, 0), list(combinations(range(len(model.sensors)), 2))
+    best = min(pairs, key=lambda pair: violation(*pair), default=(0, 0))
+    if as_is < MAX_VIOLATION or violation(*best) > as_is / MIN_IMPROVEMENT:
+        return None
+    return model.sensors[best[0]], model.sensors[best[1]]
 
 
 def _noise(readings: Array, rate_hz: float, setup: Setup) -> Array | None:
@@ -294,100 +367,3 @@ def _noise(readings: Array, rate_hz: float, setup: Setup) -> Array | None:
     passed = float(np.sum(setup.low_pass(impulse, rate_hz) ** 2))
     found: Array = np.sqrt(passed * white.reshape(-1, 3).mean(axis=1))
     return found
-
-
-def _channels(model: InertiaModel) -> list[str]:
-    return [f"{sensor} {axis}" for sensor in model.sensors for axis in "xyz"]
-
-
-def _by_sensor(values: Array) -> Array:
-    return values.reshape(*values.shape[:-1], -1, 3)
-
-
-def _dead(model: InertiaModel, a: Array) -> tuple[Note, ...]:
-    readings = _by_sensor(a)
-    size = np.median(np.sqrt(np.vecdot(readings, readings)), axis=0)
-    still = (a == a[0]).all(axis=0)
-    without_gravity = [
-        Note.of("accelerometer_silent", sensor=sensor, median_mps2=size, gravity_mps2=GRAVITY_MPS2)
-        for sensor, size in zip(model.sensors, size, strict=True)
-        if not GRAVITY_MPS2 / GRAVITY_FACTOR < size < GRAVITY_FACTOR * GRAVITY_MPS2
-    ]
-    stuck = [
-        Note.of("accelerometer_constant", channel=channel, value_mps2=value)
-        for channel, value, dead in zip(_channels(model), a[0], still, strict=True)
-        if dead and not still.all()
-    ]
-    return (*without_gravity, *stuck)
-
-
-def _clipped(model: InertiaModel, a: Array, limit: float) -> tuple[Note, ...]:
-    share = np.mean(np.abs(a) >= CLIPPED_SHARE * limit, axis=0)
-    return tuple(
-        Note.of("accelerometer_clipped", channel=channel, limit_mps2=limit, share=share)
-        for channel, share in zip(_channels(model), share, strict=True)
-        if share > 0
-    )
-
-
-def _rotated(model: InertiaModel, a: Array) -> tuple[Note, ...]:
-    now, then = _by_sensor(a.mean(axis=0)), _by_sensor(model.acceleration_mean)
-    cosine = np.sum(now * then, axis=1) / np.linalg.norm(now, axis=1) / np.linalg.norm(then, axis=1)
-    angles = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
-    return tuple(
-        Note.of(
-            "accelerometer_inverted" if angle > 180 - MIN_ROTATION_DEG else "accelerometer_turned",
-            sensor=sensor,
-            angle_deg=angle,
-        )
-        for sensor, angle in zip(model.sensors, angles, strict=True)
-        if angle > MIN_ROTATION_DEG
-    )
-
-
-def _swapped(model: InertiaModel, a: Array) -> tuple[Note, ...]:
-    variance, directions = np.linalg.eigh(model.acceleration_covariance)
-    constant = variance < CONSTRAINT_MPS2**2
-    if not constant.any():
-        return ()
-    weights = directions[:, constant] / np.sqrt(np.maximum(variance[constant], 0) + DRIFT_MPS2**2)
-
-    def violation(order: list[int]) -> float:
-        reordered = _by_sensor(a)[:, order].reshape(a.shape)
-        return float(np.mean(((reordered - model.acceleration_mean) @ weights) ** 2))
-
-    order = list(range(len(model.sensors)))
-    as_is = violation(order)
-    if as_is < MAX_VIOLATION:
-        return ()
-    exchanged = {}
-    for i, j in combinations(order, 2):
-        other = order.copy()
-        other[i], other[j] = j, i
-        exchanged[i, j] = violation(other)
-    best = min(exchanged, key=lambda pair: exchanged[pair], default=None)
-    if best is None or exchanged[best] > as_is / MIN_IMPROVEMENT:
-        return ()
-    i, j = best
-    return (Note.of("accelerometers_swapped", first=model.sensors[i], second=model.sensors[j]),)
-
-
-def _beyond(model: InertiaModel, a: Array) -> tuple[Note, ...]:
-    low, high = model.acceleration_low, model.acceleration_high
-    margin = MAX_EXCESS_SHARE * (high - low)
-    outside = (a < low - margin) | (a > high + margin)
-    share = float(np.mean(outside.any(axis=1)))
-    if share == 0:
-        return ()
-    worst = int(np.argmax(outside.mean(axis=0)))
-    return (
-        Note.of(
-            "calibration_range_exceeded",
-            share=share,
-            channel=_channels(model)[worst],
-            low_mps2=a[:, worst].min(),
-            high_mps2=a[:, worst].max(),
-            calibrated_low_mps2=low[worst],
-            calibrated_high_mps2=high[worst],
-        ),
-    )

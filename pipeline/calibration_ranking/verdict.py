@@ -76,7 +76,8 @@ def calibration_effects(scores: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFram
         for factor in tested:
             compared = compare_levels(part, "log_rms", used, factor)
             pairs.append(compared.assign(component=component, factor=factor))
-    return _anova_columns(tables), _pair_columns(pairs)
+    columns = ["component", "effect", "df", "f", "p", "partial_eta_squared"]
+    return pd.concat(tables, ignore_index=True)[columns], _pair_columns(pairs)
 
 
 def best_levels(pairs: pd.DataFrame) -> pd.DataFrame:
@@ -148,11 +149,6 @@ def ratios_to_random(pairs: pd.DataFrame) -> pd.DataFrame:
         ratios = ratio_to_random(pairs, kind).set_index("component")["ratio"]
         rows.append({"kind": kind, **ratios.to_dict(), "all": float(np.exp(np.log(ratios).mean()))})
     return pd.DataFrame(rows).sort_values("all") if rows else pd.DataFrame()
-
-
-def _anova_columns(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    columns = ["component", "effect", "df", "f", "p", "partial_eta_squared"]
-    return pd.concat(tables, ignore_index=True)[columns]
 
 
 def _pair_columns(pairs: Sequence[pd.DataFrame]) -> pd.DataFrame:
@@ -271,19 +267,20 @@ def _advice(ranking: Ranking[Model], advised: str) -> str:
 
 def person_sentence(table: pd.DataFrame) -> str:
     """State what a belt model takes away with and without a person, given `taken_away`."""
-    nobody, person = (table["reduction"][table["person"] == answer] for answer in ("no", "yes"))
-    text = f"{_range(nobody)} of the pitch moment is taken away with nobody on a belt"
-    if person.empty:
+
+    def taken(answer: str) -> str:
+        """Give the range of the reductions, with nobody or with a person."""
+        reductions = table["reduction"][table["person"] == answer]
+        low, high = f"{reductions.min():.0f}", f"{reductions.max():.0f}"
+        return f"{low} %" if low == high else f"{low} to {high} %"
+
+    text = f"{taken('no')} of the pitch moment is taken away with nobody on a belt"
+    if not (table["person"] == "yes").any():
         return f"{text}; there is no recording with a person (belt_person)."
     return (
-        f"{text}, {_range(person)} with a person on the other belt (7 % in the thesis): a person "
+        f"{text}, {taken('yes')} with a person on the other belt (7 % in the thesis): a person "
         "moves the platform, which accelerometers show and the belts' acceleration does not."
     )
-
-
-def _range(reductions: pd.Series) -> str:
-    low, high = reductions.min(), reductions.max()
-    return f"{low:.0f} %" if f"{low:.0f}" == f"{high:.0f}" else f"{low:.0f} to {high:.0f} %"
 
 
 def _verdicts(rows: pd.DataFrame, less: str, more: str) -> str:

@@ -21,6 +21,7 @@ from pipeline.cli.options import (
     described,
 )
 from pipeline.config.schema import Platform, Treadmill
+from pipeline.trial.ground.accelerometers import fastest_belt, mean_belt_speed
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -79,7 +80,7 @@ def fit(
     )
     from pipeline.trial.ground.corrected_plates import with_corrected_plates
     from pipeline.trial.ground.empty_plates import BESIDE, read_empty
-    from pipeline.trial.ground.platform_delay import recording_delays
+    from pipeline.trial.ground.platform import recording_delays
     from pipeline.trial.ground.uncertainty import belt_speed_notes
 
     console = plain_console()
@@ -144,7 +145,7 @@ def fit(
         *describe_sensors(calibration.sensors),
         *timing,
         *plates_timed_apart(empty, treadmill, calibration.sensors, plates),
-        *belt_speed_notes(empty, treadmill, calibration),
+        *belt_speed_notes(mean_belt_speed(fastest_belt(empty, treadmill)), calibration),
     ]
     for note in warnings_first(notes):
         console.print(note_line(note), soft_wrap=True)

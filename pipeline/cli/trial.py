@@ -169,9 +169,9 @@ def print_result(result: "TrialResult", console: "Console") -> None:
 
     from hbm.notes import warnings_first
     from pipeline.cli.terminal import counted, note_line, print_table
-    from pipeline.trial.residuals import marker_table, residual_table, threshold_table
+    from pipeline.trial.residuals import marker_table, residual_table, rows_of, threshold_table
 
-    rows = list(residual_table(result, result.source.stem).itertuples())
+    rows = rows_of(residual_table(result, result.source.stem))
     if result.span:
         counts = f"{result.span[0]:.2f} to {result.span[1]:.2f} s"
     else:
@@ -194,7 +194,7 @@ def print_result(result: "TrialResult", console: "Console") -> None:
         table.add_row(_plates(row.compensated), row.axis, *numbers, row.unit, percent)
     if rows:
         print_table(table, console)
-    for threshold in threshold_table(result).itertuples():
+    for threshold in rows_of(threshold_table(result)):
         verdict = "passes" if threshold.passed else "FAILS"
         console.print(
             f"{verdict} Hicks (2015): peak residual {threshold.quantity} {threshold.peak:.1f} "

@@ -16,6 +16,7 @@ from pipeline.trial.residuals import (
     MAX_MOMENT_SHARE,
     marker_table,
     residual_table,
+    rows_of,
     threshold_table,
 )
 from pipeline.trial.result import TrialResult
@@ -146,7 +147,7 @@ def _marker_gaps(markers: pd.DataFrame) -> Check:
 
 def _peaks(thresholds: pd.DataFrame, quantity: str) -> Iterator[Check]:
     """Rate peak residuals by the limits of Hicks et al."""
-    for row in thresholds.itertuples():
+    for row in rows_of(thresholds):
         if row.quantity == quantity:
             name = "IC" if row.compensated else "no IC"
             value = f"{name} {row.peak:.0f} of {row.limit:.0f} {row.unit}"

@@ -20,23 +20,20 @@ from pipeline.config.toml_file import read_segments
 from pipeline.io.read import preview_recording
 from pipeline.io.recording import Preview, Recording
 from pipeline.trial.gait.contact import require_contacts
-from pipeline.trial.gait.cycle_shortage import cycle_shortage
 from pipeline.trial.gait.cycles import found_cycles
 from pipeline.trial.gait.events import SIDES, gait_events
-from pipeline.trial.ground.accelerometers import accelerations
-from pipeline.trial.ground.belt_calibration import belts_alone, read_belts, roller_notes
+from pipeline.trial.ground.accelerometers import accelerations, fastest_belt, mean_belt_speed
+from pipeline.trial.ground.belt_calibration import read_belts
 from pipeline.trial.ground.calibration_check import read_check
 from pipeline.trial.ground.calibration_file import read_calibration
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
-from pipeline.trial.ground.empty_plates import read_empty
 from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_uncompensated
 from pipeline.trial.ground.platform import platform_pose
 from pipeline.trial.ground.uncertainty import belt_speed_notes
 from pipeline.trial.quality import settling_s
 from pipeline.trial.study_files import labels_in_none, read_study_file, read_study_plates
-from pipeline.trial.subject_body import subject_body
-from pipeline.trial.weighing import body_mass, differing_masses
-from pipeline.trial.window import NO_POSE, counted_span
+from pipeline.trial.subject import body_mass, differing_masses, subject_body
+from pipeline.trial.window import NO_POSE, counted_span, cycle_shortage
 
 MIN_CYCLE_S: Final = 0.8
 """Gait cycle of fast walking: a recording cannot hold more cycles than of this duration."""
@@ -179,17 +176,14 @@ def _check_laboratory(study: Study, found: _Collector) -> Laboratory:
 
 
 def _check_belts(study: Study, laboratory: Laboratory, found: _Collector) -> None:
-    """Check the calibration of the belts, if one is stated, and look for unbalanced rollers."""
+    """Check the calibration of the belts, if one is stated."""
     belt = laboratory.treadmill.belt
     if belt is None:
         return
     path = study.path(belt.calibration)
     read = found.attempt(path.name, lambda: read_belts(path, laboratory, study.stated))
     if read is not None:
-        models, notes = read
-        empty = read_empty(path, study.stated, any_forward=laboratory.plates is None)
-        alone, _ = belts_alone(empty, laboratory)
-        found.notes(path.name, (*notes, *roller_notes(alone, models, belt)))
+        found.notes(path.name, read[1])
 
 
 def _check_trial(
@@ -405,7 +399,10 @@ def _check_ground(
         if readings is not None:
             found.attempt(name, lambda: plate_models(recording, laboratory))
             of_belts = found.attempt(
-                name, lambda: belt_speed_notes(recording, treadmill, calibration)
+                name,
+                lambda: belt_speed_notes(
+                    mean_belt_speed(fastest_belt(recording, treadmill)), calibration
+                ),
             )
             found.notes(name, of_belts or ())
     time, platform = recording.markers.time, treadmill.platform

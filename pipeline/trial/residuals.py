@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
@@ -333,3 +333,8 @@ def marker_table(result: TrialResult) -> pd.DataFrame:
         rows.append((name, rms, seen.max(initial=-np.inf), 100 * (1 - len(seen) / own.size)))
     table = pd.DataFrame(rows, columns=["marker", "rms_mm", "peak_mm", "missing_percent"])
     return table.replace(-np.inf, np.nan)
+
+
+def rows_of(table: pd.DataFrame) -> list[Any]:
+    """Give the rows of a table, with its columns as attributes."""
+    return list(table.itertuples())

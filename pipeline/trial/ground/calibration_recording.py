@@ -27,7 +27,7 @@ from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Treadmill
 from pipeline.io.input_file import naming
 from pipeline.io.recording import Recording
-from pipeline.trial.ground.accelerometers import accelerations
+from pipeline.trial.ground.accelerometers import accelerations, fastest_belt, mean_belt_speed
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.empty_plates import (
     BESIDE,
@@ -37,7 +37,6 @@ from pipeline.trial.ground.empty_plates import (
     setup_of,
     wrenches_in_time,
 )
-from pipeline.trial.ground.instruments import mean_belt_speed
 
 PLATES_NAME: Final = "plate_calibration"
 PLATES_SHA256: Final = "plate_calibration_sha256"
@@ -101,7 +100,7 @@ def fit_calibration(
     own = plate_samples(recording, treadmill, sensors, plates, LAGS_S)
     noises = {name: noise_for_fit(sensors, felt[:, :k]) for name, (felt, _) in own.items()}
     every = (recording, *beside)
-    belts = [mean_belt_speed(one, treadmill) for one in every]
+    belts = [mean_belt_speed(fastest_belt(one, treadmill)) for one in every]
     static = {
         name: fit_trials([(felt[:, :k], wrench)], setup, noises[name], belts_mps=_known(belts[:1]))
         for name, (felt, wrench) in own.items()

@@ -5,13 +5,23 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from compensation import BeltModel, Calibration, InertiaModel, Setup
+import numpy as np
+
+from compensation import BeltModel, Calibration, InertiaModel, Sensor, Setup
 from hbm.notes import Note
 from hbm.signals.filtering import Method
+from hbm.spatial import Array
 from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Platform, Settings, Treadmill
 from pipeline.io.recording import Recording
+from pipeline.trial.ground.accelerometers import (
+    RealtimeAccelerometers,
+    accelerations,
+    at_times_of_plates,
+    fastest_belt,
+)
 from pipeline.trial.ground.calibration_file import read_calibration, require_same_plates
+from pipeline.trial.ground.corrected_plates import plate_delays_s, relative_delays_s
 from pipeline.trial.ground.empty_plates import FILTER, setup_of
 
 
@@ -88,6 +98,99 @@ def plate_models(recording: Recording, laboratory: Laboratory) -> list[InertiaMo
     setup = setup_of(recording, laboratory.treadmill)
     numbers = [plate.number for plate in recording.plates]
     return models_of_plates(laboratory.calibration, numbers, setup, recording.source.name)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoundLaboratory:
+    """A laboratory in one recording: every delay, model and channel is looked up once, here.
+
+    Attributes
+    ----------
+    recording, laboratory
+        The recording, its plates corrected, and the treadmill with its calibrations.
+    delays_s
+        How much later each plate is than the markers [s].
+    models
+        Inertia model of each plate; empty without a calibration of the platform.
+    readings, filtered
+        Times (N,) [s] and readings (N, k) [m/s²] of the accelerometers, as recorded and through the
+        low-pass of the calibration; None without one.
+    belts
+        Times (N,) [s] and speed (N,) [m/s] of the fastest belt; None where it is unknown, or
+        without a calibration of the platform.
+    """
+
+    recording: Recording
+    laboratory: Laboratory
+    delays_s: tuple[float, ...]
+    models: tuple[InertiaModel, ...] = ()
+    readings: tuple[Array, Array] | None = None
+    filtered: tuple[Array, Array] | None = None
+    belts: tuple[Array, Array] | None = None
+
+    @property
+    def sensors(self) -> tuple[Sensor, ...]:
+        """The accelerometers as the calibration found them; none without a calibration."""
+        calibration = self.laboratory.calibration
+        return () if calibration is None else calibration.sensors
+
+    @property
+    def lags_s(self) -> tuple[float, ...]:
+        """Lags of dynamic models [s]; none of static ones."""
+        return self.models[0].lags_s if self.models else ()
+
+    @property
+    def correlation(self) -> Array:
+        """Between all components of what the models leave, (6 P, 6 P); empty without models."""
+        calibration = self.laboratory.calibration
+        if calibration is None:
+            return np.zeros((0, 0))
+        return calibration.correlation_of([f"plate {p.number}" for p in self.recording.plates])
+
+    def felt(self, times: Sequence[Array], method: Method) -> list[Array]:
+        """Give what the accelerometers felt for each plate at its own times (T,), (T, K) [m/s²].
+
+        They are read as for the first plate. In real time they pass no low-pass: the wrenches do,
+        later.
+        """
+        assert self.readings is not None
+        assert self.filtered is not None
+        late = relative_delays_s(self.recording.plates, self.laboratory.plates)
+        earlier = [time - late_s for time, late_s in zip(times, late, strict=True)]
+        treadmill = self.laboratory.treadmill
+        if method != "realtime":
+            return at_times_of_plates(*self.filtered, earlier, treadmill, self.sensors, self.lags_s)
+        assert self.recording.analog is not None
+        rates_hz = self.recording.analog.rate_hz, self.recording.markers.rate_hz
+        live = RealtimeAccelerometers.of(treadmill, self.sensors, self.lags_s, *rates_hz)
+        return [live.felt(*self.readings, at) for at in earlier]
+
+
+def bind(
+    recording: Recording, laboratory: Laboratory, plate_delay_s: float | None = None
+) -> BoundLaboratory:
+    """Look up a laboratory's instruments in a recording whose plates are corrected.
+
+    The stated delay [s] holds for all plates. A ValueError where the plates are compensated
+    already, the calibration does not fit, a channel is missing, or two different delays are stated.
+    """
+    require_uncompensated(recording, laboratory)
+    treadmill = laboratory.treadmill
+    delays_s = tuple(plate_delays_s(recording.plates, laboratory.plates, plate_delay_s))
+    if laboratory.calibration is None:
+        return BoundLaboratory(recording, laboratory, delays_s)
+    clock, readings = accelerations(recording, treadmill)
+    models = tuple(plate_models(recording, laboratory))
+    filtered = clock, setup_of(recording, treadmill).low_pass(readings, clock)
+    return BoundLaboratory(
+        recording,
+        laboratory,
+        delays_s,
+        models,
+        (clock, readings),
+        filtered,
+        fastest_belt(recording, treadmill),
+    )
 
 
 def models_of_plates(
