@@ -200,7 +200,7 @@ def _checked_by(written: "Written") -> str:
     """Say which readers found that only the plates differ from the original."""
     second = written.verification
     said = f" and {second.reader}" if not second.refusal else ""
-    why = f"; {second.reader} does not read it: {second.refusal}" if second.refusal else ""
+    why = f"; {second.reader}: {second.refusal}" if second.refusal else ""
     return f"only the plates differ from the original, as read by this program{said}{why}"
 
 

@@ -78,13 +78,14 @@ def fit(
         stated_accelerometers,
     )
     from pipeline.trial.ground.calibration_recording import (
+        BESIDE,
         MODEL,
         WEIGHT,
         fit_calibration,
         plates_timed_apart,
+        read_empty,
     )
     from pipeline.trial.ground.corrected_plates import with_corrected_plates
-    from pipeline.trial.ground.empty_plates import BESIDE, read_empty
     from pipeline.trial.ground.platform import recording_delays
     from pipeline.trial.ground.uncertainty import belt_speed_notes
 
@@ -386,7 +387,7 @@ def check(
     from pipeline.config.toml_file import check_options
     from pipeline.trial.ground.accelerometers import stated_accelerometers
     from pipeline.trial.ground.calibration_check import check_recording
-    from pipeline.trial.ground.empty_plates import read_empty
+    from pipeline.trial.ground.calibration_recording import read_empty
     from pipeline.trial.ground.laboratory import read_laboratory
 
     plates = read_plate_correction(plate_calibration) if plate_calibration else None

@@ -25,9 +25,13 @@ from pipeline.trial.gait.events import SIDES, gait_events
 from pipeline.trial.ground.accelerometers import accelerations, fastest_belt, mean_belt_speed
 from pipeline.trial.ground.belt_calibration import read_belts
 from pipeline.trial.ground.calibration_check import read_check
-from pipeline.trial.ground.calibration_file import read_calibration
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
-from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_uncompensated
+from pipeline.trial.ground.laboratory import (
+    Laboratory,
+    plate_models,
+    read_calibration,
+    require_uncompensated,
+)
 from pipeline.trial.ground.platform import platform_pose
 from pipeline.trial.ground.uncertainty import belt_speed_notes
 from pipeline.trial.quality import settling_s
