@@ -21,7 +21,6 @@ from pipeline.cli.options import (
     described,
 )
 from pipeline.config.schema import Platform, Treadmill
-from pipeline.trial.ground.accelerometers import fastest_belt, mean_belt_speed
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -72,7 +71,12 @@ def fit(
     from pipeline.io.units import acceleration_in_mps2
     from pipeline.io.write import write_text
     from pipeline.run.job import file_digest
-    from pipeline.trial.ground.accelerometers import find_accelerometers, stated_accelerometers
+    from pipeline.trial.ground.accelerometers import (
+        fastest_belt,
+        find_accelerometers,
+        mean_belt_speed,
+        stated_accelerometers,
+    )
     from pipeline.trial.ground.calibration_recording import (
         BESIDE,
         MODEL,
