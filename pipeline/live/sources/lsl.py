@@ -209,27 +209,25 @@ class Inlet:
 
     def find_rate(self) -> None:
         """Find the sampling rate from time stamps where the sender does not state it."""
-        if self.description.rate_hz <= 0:
-            self.description = replace(self.description, rate_hz=self._measured_rate())
+        stamps = np.empty(0)
+        deadline = time.monotonic() + RATE_TIMEOUT_S
+        while self.description.rate_hz <= 0:
+            samples = self.pull(POLL_S)
+            stamps = np.append(stamps, samples.time) if samples else stamps
+            if len(stamps) > 1 and np.ptp(stamps) >= RATE_S:
+                rate_hz = find_clock(stamps, 0.0).rate_hz
+                self.description = replace(self.description, rate_hz=rate_hz)
+            elif time.monotonic() > deadline:
+                raise ConnectionError(
+                    f"stream {self.name!r} states no sampling rate, and sends too little within "
+                    f"{RATE_TIMEOUT_S:g} s to find it"
+                )
         if self._inlet is not None:
             self._take(self._chunk)
 
     @property
     def _chunk(self) -> int:
         return max(1, round(CHUNK_S * self.description.rate_hz))
-
-    def _measured_rate(self) -> float:
-        stamps = np.empty(0)
-        deadline = time.monotonic() + RATE_TIMEOUT_S
-        while len(stamps) < 2 or np.ptp(stamps) < RATE_S:
-            samples = self.pull(POLL_S)
-            stamps = np.append(stamps, samples.time) if samples else stamps
-            if time.monotonic() > deadline:
-                raise ConnectionError(
-                    f"stream {self.name!r} states no sampling rate, and sends too little within "
-                    f"{RATE_TIMEOUT_S:g} s to find it"
-                )
-        return find_clock(stamps, 0.0).rate_hz
 
     def measure(self) -> None:
         """Compare the sender's clock with this computer's, if that is possible now."""
@@ -410,7 +408,10 @@ class LslSource:
         settled_s = time.monotonic() + SETTLE_S
         found = _find(self._resolver, names, timeout_s, searching)
         try:
-            self._inlets = _described(lsl, found, stated or Stated())
+            stated = stated or Stated()
+            first = Inlet(lsl, found[0], stated, is_markers=True)
+            of_all = replace(stated, axes=first.axes)
+            self._inlets = [first, *(Inlet(lsl, info, of_all) for info in found[1:])]
             await_clocks(self._inlets)
         finally:  # a description that is wrong may be that of another stream of the same name
             time.sleep(max(0.0, settled_s - time.monotonic()))
@@ -496,12 +497,6 @@ def _find(
         elif searching is not None:
             searching(absent, list(there))
         time.sleep(POLL_S)
-
-
-def _described(lsl: Any, found: Sequence[Any], stated: Stated) -> list[Inlet]:
-    """Connect to streams, markers first; their axes are those of all."""
-    first = Inlet(lsl, found[0], stated, is_markers=True)
-    return [first, *(Inlet(lsl, info, replace(stated, axes=first.axes)) for info in found[1:])]
 
 
 def _require_unique(there: Mapping[str, Sequence[Any]], names: Sequence[str]) -> None:
