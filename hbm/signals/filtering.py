@@ -5,7 +5,7 @@ gap. Coordinates and forces need the same filter, or their phases disagree.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import partial
 from typing import Final, Literal
 
@@ -23,7 +23,7 @@ from hbm.signals.samples import (
     sample_times,
     unknown,
 )
-from hbm.spatial import Array, frozen, read_only
+from hbm.spatial import Array, frozen
 
 Method = Literal["realtime", "zero_phase"]
 """How coordinates and forces are filtered; `low_pass` says what each method does."""
@@ -58,16 +58,6 @@ class Filtered:
     value: Array
     velocity: Array
     acceleration: Array
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            array = read_only(getattr(self, field.name))
-            if array.shape != np.shape(self.value):
-                raise ValueError(
-                    f"{field.name} must have the value's shape {np.shape(self.value)}, "
-                    f"got {array.shape}"
-                )
-            object.__setattr__(self, field.name, array)
 
 
 def butterworth(signal: ArrayLike, time: ArrayLike, cutoff_hz: float, method: Method) -> Filtered:

@@ -22,12 +22,12 @@ from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated
 from pipeline.trial.ground.accelerometers import (
     accelerations,
+    belt_speed,
     find_accelerometers,
     stated_accelerometers,
 )
 from pipeline.trial.ground.belts import belt_axes
-from pipeline.trial.ground.empty_plates import read_empty
-from pipeline.trial.ground.instruments import belt_speed
+from pipeline.trial.ground.calibration_recording import read_empty
 
 Progress = Callable[[str, int, int], None]
 RATE_HZ: Final = 100.0

@@ -42,13 +42,15 @@ class Live(InputModel):
     ('FP2.Fx', 'FP2.Fy', 'FP2.Fz', 'FP2.Mx', 'FP2.My', 'FP2.Mz')
     """
 
-    markers: Text | None = Field(None, examples=["Markers"])
+    markers: Text | None = Field(default=None, examples=["Markers"])
     """Stream of the markers; default: the only one."""
-    analog: Labels = Field((), examples=[["Plates", "Analog"]])
+    analog: Labels = Field(default=(), examples=[["Plates", "Analog"]])
     """Streams of plates, accelerometers, belts and platform; default: all."""
     wait_s: Annotated[float, Field(gt=0, le=2)] = 0.2
     """How long a frame waits for samples that are late."""
-    listen: Annotated[str, AfterValidator(own_address)] = Field(LOOPBACK, examples=["192.168.1.10"])
+    listen: Annotated[str, AfterValidator(own_address)] = Field(
+        default=LOOPBACK, examples=["192.168.1.10"]
+    )
     """This computer's address in the laboratory's network; default: streams of this computer
     alone."""
     plates: dict[PlateNumber, Six] = Field(

@@ -44,7 +44,7 @@ class Settings(InputModel):
     'zero_phase'
     """
 
-    marker_set: Text | None = Field(None, examples=["hbm2"])
+    marker_set: Text | None = Field(default=None, examples=["hbm2"])
     """Marker set: hbm2, hbm1, pig, cgm2, ior (with _lower: pelvis and legs), or a TOML file;
     default: recognised from the labels."""
     cutoff_hz: Annotated[float, Field(ge=0.1, le=50)] = 6.0
@@ -55,15 +55,15 @@ class Settings(InputModel):
     """Hip joint centres: harrington (2007), bell (1990) or functional."""
     marker_offset_m: Annotated[float, Field(ge=0, le=0.05)] = MARKER_OFFSET_M
     """Distance from the skin to a marker's centre."""
-    plate_delay_s: DelayS | None = Field(None, examples=[0.0])
+    plate_delay_s: DelayS | None = Field(default=None, examples=[0.0])
     """Delay of the plates relative to the markers; default: their calibration's, or none."""
     contact_threshold_n: Annotated[float, Field(gt=0, le=200)] = 30.0
     """Vertical force above which a foot is on a plate."""
     min_valid_share: Annotated[float, Field(gt=0, le=1)] = 0.5
     """Smallest share of frames that count in a gait cycle, or in a recording without one."""
-    events: EventMethod | None = Field(None, examples=["auto"])
+    events: EventMethod | None = Field(default=None, examples=["auto"])
     """Gait events: file, zeni, plates or auto; default: the file's if any, else auto."""
-    engine: EngineName | None = Field(None, examples=["kernels"])
+    engine: EngineName | None = Field(default=None, examples=["kernels"])
     """Inverse dynamics by pinocchio or kernels; default: pinocchio where installed."""
 
 
@@ -80,15 +80,19 @@ class Subject(InputModel):
     """Name of the subject, part of file names."""
     sex: Sex = "unspecified"
     """male, female or unspecified."""
-    mass_kg: Annotated[float, Field(ge=10, le=400)] | None = Field(None, examples=[65.0])
+    mass_kg: Annotated[float, Field(ge=10, le=400)] | None = Field(default=None, examples=[65.0])
     """Body mass; default: measured by the plates, else the file's."""
-    height_m: Annotated[float, Field(ge=0.5, le=2.6)] | None = Field(None, examples=[1.70])
+    height_m: Annotated[float, Field(ge=0.5, le=2.6)] | None = Field(default=None, examples=[1.70])
     """Stature; default: the file's, or estimated from the legs."""
-    age_years: Annotated[float, Field(ge=0, le=120)] | None = Field(None, examples=[26.0])
+    age_years: Annotated[float, Field(ge=0, le=120)] | None = Field(default=None, examples=[26.0])
     """Age; a covariate."""
-    knee_width_m: Annotated[float, Field(ge=0.05, le=0.25)] | None = Field(None, examples=[0.105])
+    knee_width_m: Annotated[float, Field(ge=0.05, le=0.25)] | None = Field(
+        default=None, examples=[0.105]
+    )
     """Knee width, without medial markers; default: the file's, or estimated."""
-    ankle_width_m: Annotated[float, Field(ge=0.03, le=0.2)] | None = Field(None, examples=[0.072])
+    ankle_width_m: Annotated[float, Field(ge=0.03, le=0.2)] | None = Field(
+        default=None, examples=[0.072]
+    )
     """Ankle width, without medial markers; default: the file's, or estimated."""
 
 
@@ -101,16 +105,16 @@ class RecordingRules(InputModel):
     'N,Nmm'
     """
 
-    axes: AxesText | None = Field(None, examples=["left,back,up"])
+    axes: AxesText | None = Field(default=None, examples=["left,back,up"])
     """Where the files' x, y, z point, e.g. left,back,up; default: inferred."""
-    units: LengthUnit | None = Field(None, examples=["mm"])
+    units: LengthUnit | None = Field(default=None, examples=["mm"])
     """Unit of the markers, e.g. mm; default: the files'."""
-    plate_units: PlateUnitsText | None = Field(None, examples=["N,Nmm"])
+    plate_units: PlateUnitsText | None = Field(default=None, examples=["N,Nmm"])
     """Units of the plates' forces and moments, and as a third of centres of pressure, e.g. N,Nmm;
     default: the files'."""
-    label_prefix: Text | None = Field(None, examples=["S01"])
+    label_prefix: Text | None = Field(default=None, examples=["S01"])
     """Label prefix of the subject, or its number, where several carry the same labels."""
-    marker_stream: Text | None = Field(None, examples=["Cameras"])
+    marker_stream: Text | None = Field(default=None, examples=["Cameras"])
     """Stream that holds the markers, where several of an XDF file do."""
     rename: dict[Text, Text] = Field(default_factory=dict, examples=[{"LASI": "LASIS"}])
     """Label in the files, without prefix, and the label wanted."""
@@ -133,11 +137,11 @@ class Platform(InputModel):
     ('Sway', 'Pitch')
     """
 
-    markers: Labels = Field((), examples=[["PLAT1", "PLAT2", "PLAT3", "PLAT4"]])
+    markers: Labels = Field(default=(), examples=[["PLAT1", "PLAT2", "PLAT3", "PLAT4"]])
     """Three markers or more on the platform."""
-    sway_channel: Text | None = Field(None, examples=["Sway"])
+    sway_channel: Text | None = Field(default=None, examples=["Sway"])
     """Channel of the commanded sway, in place of markers and less exact."""
-    pitch_channel: Text | None = Field(None, examples=["Pitch"])
+    pitch_channel: Text | None = Field(default=None, examples=["Pitch"])
     """Channel of the commanded pitch."""
     pivot_m: PointM = (0.0, 0.0, 0.0)
     """A point on the pitch axis, in the lab; for channels."""
@@ -174,17 +178,19 @@ class Treadmill(InputModel):
     2.0
     """
 
-    calibration: Text | None = Field(None, examples=["calibration.c3d"])
+    calibration: Text | None = Field(default=None, examples=["calibration.c3d"])
     """Recording of the empty, moving treadmill (.c3d), or a calibration fitted to one (.json)."""
-    beside: Labels = Field((), examples=[["walking_right.c3d", "walking_left.c3d", "boards.c3d"]])
+    beside: Labels = Field(
+        default=(), examples=[["walking_right.c3d", "walking_left.c3d", "boards.c3d"]]
+    )
     """Recordings of people beside an empty plate, fitted with the calibration recording."""
-    check: Text | None = Field(None, examples=["empty_day2.c3d"])
+    check: Text | None = Field(default=None, examples=["empty_day2.c3d"])
     """The empty treadmill on another day: is the calibration still valid?."""
-    accelerometer_unit: Text | None = Field(None, examples=["g"])
+    accelerometer_unit: Text | None = Field(default=None, examples=["g"])
     """g or m/s²; default: as the file says."""
     accelerometer_range_g: Annotated[float, Field(gt=0, le=200)] = 2.0
     """Largest acceleration that the accelerometers can measure."""
-    accelerometer_delay_s: DelayS | None = Field(None, examples=[0.0])
+    accelerometer_delay_s: DelayS | None = Field(default=None, examples=[0.0])
     """Delay of the accelerometers relative to the plates; default: estimated from the calibration
     recording."""
     inertia_model: Literal["auto", "static", "dynamic"] = "auto"
@@ -261,7 +267,7 @@ class Treadmill(InputModel):
 class Plates(InputModel):
     """The force plates."""
 
-    calibration: Text | None = Field(None, examples=["plate_calibration.json"])
+    calibration: Text | None = Field(default=None, examples=["plate_calibration.json"])
     """What 'hbm plates' found with known weights: a 6x6 matrix, an offset and a delay of each
     plate."""
 
@@ -339,15 +345,15 @@ class Condition(InputModel):
     10 to 40 %
     """
 
-    cycles: Annotated[int, Field(ge=1)] | None = Field(None, examples=[20])
+    cycles: Annotated[int, Field(ge=1)] | None = Field(default=None, examples=[20])
     """How many gait cycles are analysed; default: all."""
     skip_s: Annotated[float, Field(ge=0)] = 0.0
     """Time left out at the start."""
-    perturbed: bool = Field(False, examples=[True])
+    perturbed: bool = Field(default=False, examples=[True])
     """Only gait cycles that contain a perturbation."""
-    pulse_channel: Text | None = Field(None, examples=["Perturbation"])
+    pulse_channel: Text | None = Field(default=None, examples=["Perturbation"])
     """Channel that rises at each onset; default: the platform's motion."""
-    window: Window | None = Field(None, examples=["motion"])
+    window: Window | None = Field(default=None, examples=["motion"])
     """What counts: "cycle"; "recording", for standing; or a span [start_s, stop_s]. Of perturbed
     gait cycles: "motion", while the platform moves fast; [start_s, stop_s] from each onset; or ["10
     %", "40 %"] of each. Default: gait cycles, or the whole recording of a trial that has none."""
@@ -409,7 +415,7 @@ class Comparison(InputModel):
         None, examples=[["baseline", "sway", "pitch"]]
     )
     """Conditions to compare, in order."""
-    reference: Text | None = Field(None, examples=["baseline"])
+    reference: Text | None = Field(default=None, examples=["baseline"])
     """Level that the others are compared with; default: the first."""
     pairs: Labels | None = Field(
         None,
@@ -431,7 +437,7 @@ class Comparison(InputModel):
     margin: Annotated[float, Field(gt=0, le=1)] = 0.2
     """Share of the reference residual by which a residual may exceed it and still be at its
     level."""
-    group: Literal["group", "sex"] | None = Field(None, examples=["group"])
+    group: Literal["group", "sex"] | None = Field(default=None, examples=["group"])
     """Key of the subjects' files that tells groups apart: group or sex."""
 
     @model_validator(mode="after")
@@ -463,9 +469,9 @@ class Trial(InputModel):
 
     file: Text | None = None
     """The recording."""
-    forces: Text | None = Field(None, examples=["sub01_baseline.mot"])
+    forces: Text | None = Field(default=None, examples=["sub01_baseline.mot"])
     """Ground reaction forces (.mot) of a .trc file."""
-    record: Text | None = Field(None, examples=["sub01_record.txt"])
+    record: Text | None = Field(default=None, examples=["sub01_record.txt"])
     """Record module's file of D-Flow's mocap text."""
     exclude: Text | None = None
     """Why the trial cannot be used; it stays in the table with this reason."""
@@ -495,13 +501,13 @@ class SubjectFile(Subject):
 
     id: Name
     """Name of the subject, part of file names."""
-    group: Text | None = Field(None, examples=["before surgery"])
+    group: Text | None = Field(default=None, examples=["before surgery"])
     """Group of the subject, where [comparison] in study.toml compares groups."""
-    static: Text | None = Field(None, examples=["sub01_static.c3d"])
+    static: Text | None = Field(default=None, examples=["sub01_static.c3d"])
     """Calibration pose; default: the quietest second of each trial."""
-    hip_trial: Text | None = Field(None, examples=["sub01_star.c3d"])
+    hip_trial: Text | None = Field(default=None, examples=["sub01_star.c3d"])
     """Recording in which both thighs swing, for functional hip centres."""
-    segments: Text | None = Field(None, examples=["sub01_segments.toml"])
+    segments: Text | None = Field(default=None, examples=["sub01_segments.toml"])
     """TOML with known segment inertias: prostheses, braces, shoes, scans."""
     trials: dict[str, Trial]
 

@@ -19,8 +19,6 @@ MAX_FILE_NAME: Final = 100
 MAX_TYPED: Final = 1e9
 """In any unit; beyond it a number is no quantity in another unit."""
 Model = TypeVar("Model", bound=BaseModel)
-Option = str | float | bool | None | Mapping[str, str | tuple[str, str, str]]
-"""Value of an option of the command line."""
 UNIT_NAMES: Final = {"_kg": "kilograms", "_m": "metres", "_s": "seconds"}
 SMALLER_UNITS: Final = {
     "_kg": {1000: "grams"},
@@ -82,7 +80,7 @@ def describe_faults(error: ValidationError, kind: type[BaseModel]) -> list[str]:
     return [_line(fault, kind) for fault in error.errors()]
 
 
-def check_options(kind: type[Model], options: Mapping[str, Option]) -> Model:
+def check_options(kind: type[Model], options: Mapping[str, object]) -> Model:
     """Check what was typed as options of the command line: ``--cutoff-hz`` is ``cutoff_hz``.
 
     A ValueError names every option at fault, and why.

@@ -1,4 +1,8 @@
-"""A trial from plates and coordinates to its residual, in steps that can be changed one by one."""
+"""The stages of a trial with inputs that can be changed one by one, down to its residual.
+
+The stages are those of `pipeline.trial.stages` and `pipeline.trial.ground.wrenches`; here are their
+inputs, and what depends on which.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -7,20 +11,21 @@ from typing import Any, Final, Self
 
 import numpy as np
 
-from compensation import PlatformPose, to_lab
+from compensation import PlatformPose
 from hbm.engines.engine import choose_engine
 from hbm.markers import Markers
 from hbm.model import Body
-from hbm.plausibility.outliers import solve_motion
 from hbm.signals.filtering import Filtered, butterworth, low_pass
-from hbm.spatial import Array, shift_wrench, transform_wrench
+from hbm.spatial import Array, shift_wrench
 from pipeline.config.schema import Settings
 from pipeline.explain.subtracted import Subtracted, subtracted_from
 from pipeline.io.recording import Plate, Recording
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
-from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.ground.laboratory import Laboratory, bind
+from pipeline.trial.ground.platform import in_lab
 from pipeline.trial.ground.wrenches import ground_wrenches
 from pipeline.trial.result import TrialResult
+from pipeline.trial.stages import solve_pose
 
 COMPUTED_FROM: Final[Mapping[str, frozenset[str]]] = {
     "motion": frozenset({"settings", "q"}),
@@ -83,8 +88,8 @@ class ProcessingChain:
     @cached_property
     def ground(self) -> Array:
         """Filtered sum of the plates' wrenches, (T, 6) [N, N·m]: lab axes about the lab origin."""
-        in_lab = wrenches_in_lab(self.wrenches, self.plates, self.pose)
-        return self.low_pass(sum(in_lab, start=np.zeros((len(self.time), 6))))
+        moved = in_lab(self.wrenches, self.plates, self.pose)
+        return self.low_pass(sum(moved, start=np.zeros((len(self.time), 6))))
 
     @property
     def residual(self) -> Array:
@@ -139,52 +144,13 @@ def needed_wrench(body: Body, motion: Filtered) -> Array:
     return choose_engine("kernels").free_dynamics(body, *state, (), 1).wrench
 
 
-def wrenches_in_lab(
-    wrenches: Sequence[Array], plates: Sequence[Plate], pose: PlatformPose | None
-) -> list[Array]:
-    """Bring wrenches in the plates' own axes to the lab, by their neutral places and the pose.
-
-    Parameters
-    ----------
-    wrenches
-        Per plate, about the centre of its surface, (T, 6) [N, N·m].
-    plates
-        The plates.
-    pose
-        The platform's pose, T frames; None where it stands still.
-
-    Returns
-    -------
-    list of Array
-        Per plate, lab axes about the lab origin, (T, 6) [N, N·m].
-    """
-    neutral = [
-        transform_wrench(wrench, plate.rotation, plate.center)
-        for wrench, plate in zip(wrenches, plates, strict=True)
-    ]
-    return neutral if pose is None else [to_lab(wrench, pose) for wrench in neutral]
-
-
-def wrenches_in_plates(
-    wrenches: Sequence[Array], plates: Sequence[Plate], pose: PlatformPose | None
-) -> list[Array]:
-    """Bring wrenches in the lab to the plates' own axes: the inverse of `wrenches_in_lab`."""
-    result = []
-    for wrench, plate in zip(wrenches, plates, strict=True):
-        center = plate.center[None] if pose is None else pose.to_lab(plate.center)
-        turned = plate.rotation[None] if pose is None else pose.rotation @ plate.rotation
-        own = shift_wrench(wrench, center).reshape(len(wrench), 2, 3)
-        result.append((own @ turned).reshape(-1, 6))
-    return result
-
-
 def processing_chain(
     recording: Recording,
     laboratory: Laboratory,
     result: TrialResult,
     frames: slice | None = None,
 ) -> ProcessingChain:
-    """Repeat the steps of a trial that its residual is computed in.
+    """Pass a trial through the stages that its residual is computed in.
 
     Parameters
     ----------
@@ -218,32 +184,24 @@ def processing_chain(
     """
     frames = frames or slice(None)
     recording = with_corrected_plates(recording, laboratory.plates)
-    body, settings, time = result.body, result.settings, result.motion.time[frames]
-    whole = recording.markers
+    settings, whole = result.settings, recording.markers
     cut = Markers(whole.time[frames], whole.names, whole.position[frames])
-    markers, unfiltered, _ = solve_motion(body, cut, settings.filter, 1)
+    pose = solve_pose(result.body, cut, settings, [])
     # of the whole trial: neutral is where the platform is at its start
-    ground = ground_wrenches(
-        recording,
-        laboratory,
-        result.motion.time,
-        settings.plate_delay_s,
-        settings.cutoff_hz,
-        settings.filter,
-    )
-    in_lab = [wrench[frames] for wrench in ground.variants[ground.best]]
-    pose = ground.pose
-    if pose is not None:
-        pose = PlatformPose(pose.rotation[frames], pose.position[frames])
-    wrenches = wrenches_in_plates(in_lab, recording.plates, pose)
+    lab = bind(recording, laboratory, settings.plate_delay_s)
+    times = result.motion.time
+    ground = ground_wrenches(lab, times, [], settings.cutoff_hz, settings.filter)
+    platform = ground.pose
+    if platform is not None:
+        platform = PlatformPose(platform.rotation[frames], platform.position[frames])
     return ProcessingChain(
-        time=time,
+        time=times[frames],
         settings=settings,
-        body=body,
-        markers=markers,
-        q=unfiltered.q,
+        body=result.body,
+        markers=pose.markers,
+        q=pose.solved.q,
         plates=recording.plates,
-        wrenches=tuple(wrenches),
-        pose=pose,
-        subtracted=subtracted_from(recording, laboratory, ground, frames),
+        wrenches=tuple(wrench[frames] for wrench in ground.in_plates[ground.best]),
+        pose=platform,
+        subtracted=subtracted_from(lab, ground, frames),
     )

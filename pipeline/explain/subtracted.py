@@ -6,8 +6,7 @@ import numpy as np
 
 from compensation import BeltModel, InertiaModel, Sensor
 from hbm.spatial import Array
-from pipeline.io.recording import Recording
-from pipeline.trial.ground.laboratory import Laboratory, plate_models
+from pipeline.trial.ground.laboratory import BoundLaboratory
 from pipeline.trial.ground.wrenches import Ground
 
 
@@ -49,19 +48,15 @@ class Subtracted:
         return float(np.std(delays, ddof=1)) if len(delays) > 1 else 0.0
 
 
-def subtracted_from(
-    recording: Recording, laboratory: Laboratory, ground: Ground, frames: slice
-) -> Subtracted | None:
+def subtracted_from(lab: BoundLaboratory, ground: Ground, frames: slice) -> Subtracted | None:
     """Give what was subtracted from the plates at some frames of a trial; None if nothing was."""
-    calibration = laboratory.calibration
     if not (ground.felt or ground.belts):
         return None
-    names = [f"plate {plate.number}" for plate in recording.plates]
     return Subtracted(
-        models=tuple(plate_models(recording, laboratory)),
+        models=lab.models,
         felt=tuple(each[frames] for each in ground.felt),
-        sensors=() if calibration is None else calibration.sensors,
-        correlation=np.zeros((0, 0)) if calibration is None else calibration.correlation_of(names),
-        belt_models=laboratory.belts,
+        sensors=lab.sensors,
+        correlation=lab.correlation,
+        belt_models=lab.laboratory.belts,
         belts=tuple(each[frames] for each in ground.belts),
     )

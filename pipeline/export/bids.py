@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -132,7 +132,7 @@ def _systems(recording: Recording) -> dict[str, System]:
     return found
 
 
-def _channels(rows: list[tuple[str, ...]]) -> pd.DataFrame:
+def _channels(rows: Sequence[tuple[str, ...]]) -> pd.DataFrame:
     columns = ["name", "component", "type", "tracked_point", "units", "reference_frame"]
     return pd.DataFrame(rows, columns=columns)
 

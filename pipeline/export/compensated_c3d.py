@@ -17,10 +17,10 @@ from pipeline.io.c3d.second_reader import SecondReading
 from pipeline.io.read import file_format
 from pipeline.io.recording import Compensation, Recording
 from pipeline.run.job import describe_error, file_digest
-from pipeline.trial.ground.artefacts import plate_artefacts
 from pipeline.trial.ground.corrected_plates import plate_delays_s, with_corrected_plates
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.platform import moved_corners, platform_pose, pose_at, turned_to_lab
+from pipeline.trial.ground.wrenches import plate_artefacts
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
 
 PROGRAM: Final = "hbm-residuals"

@@ -1,6 +1,7 @@
 """Axes of a file: stated by a person or inferred from what was recorded, and checked."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
@@ -13,7 +14,7 @@ from hbm.spatial import Array
 from hbm.spelling import listed, short
 
 PELVIS_AND_SHOULDERS: Final = ("ASIS", "PSIS", "SHO")
-HEELS: Final = ("HEE",)
+HEEL: Final = "HEE"
 TOES: Final = ("TOE", "MT2", "MT5")
 ANKLES: Final = ("LM", "MM")
 """Landmarks without their side."""
@@ -34,6 +35,29 @@ MAX_LENGTH_RATIO: Final = 5.0
 mislabelled frame does."""
 
 Pair = tuple[int, int]
+DIRECTIONS: Final = {
+    "forward": (1, 0, 0),
+    "back": (-1, 0, 0),
+    "left": (0, 1, 0),
+    "right": (0, -1, 0),
+    "up": (0, 0, 1),
+    "down": (0, 0, -1),
+}
+MIN_MEAN_LOAD_N: Final = 50.0
+"""Mean force of a plate on which somebody stood; drift of an empty plate is less."""
+MAX_FORCE_N: Final = 20_000.0
+"""On a plate that somebody stands, walks or lands on; a larger number is damaged."""
+MIN_SHARE_FACING_ONE_WAY: Final = 0.9
+"""Of the frames in which left and right are seen; the rest may be swapped labels."""
+MAX_ANGLE_TO_AXIS_DEG: Final = 30.0
+"""Beyond it a direction is too close to the diagonal to belong to one axis."""
+MAX_COSINE_OPPOSITE: Final = -0.5
+"""Cosine to left of a marker pair that lies the other way round: 120°; legs cross by less."""
+PAIRS_NAMED: Final = 3
+"""Marker pairs and contradictions that a note or message names: enough to check by eye."""
+ASK: Final = (
+    'state the axes, for example --axes forward,left,up, or axes = "forward,left,up" in study.toml'
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,20 +101,26 @@ def find_sites(names: Sequence[str], marker_set: MarkerSet | None = None) -> Sit
         Their columns.
     """
     column = {name: k for k, name in enumerate(names)}
-    known = marker_set or _recognised(names)
+    known = marker_set
+    if known is None:
+        with suppress(ValueError):
+            known = recognise_marker_set(names)
     marked = known.present(names).landmark if known is not None else {}
     of_set = {landmark: column[marker] for landmark, marker in marked.items()}
-    of_labels = _by_usual_labels(column)
-    sources = (of_set, of_labels)
-    trunk = next(filter(None, (_sides(s, PELVIS_AND_SHOULDERS) for s in sources)), [])
+    sources = (of_set, _by_usual_labels(column))
+
+    def of(sites: Sequence[str]) -> tuple[int, ...]:
+        found = ([k for name, k in each.items() if name[1:] in sites] for each in sources)
+        return tuple(next(filter(None, found), ()))
+
+    trunk = next(filter(None, (_sides(each, PELVIS_AND_SHOULDERS) for each in sources)), [])
     across = trunk or _sides(of_set) or _sides(column)
-    feet = next(filter(None, map(_feet, sources)), [])
     return Sites(
-        high=next(filter(None, (_of(s, PELVIS_AND_SHOULDERS) for s in sources)), ()),
-        low=next(filter(None, (_of(s, (*HEELS, *TOES, *ANKLES)) for s in sources)), ()),
+        high=of(PELVIS_AND_SHOULDERS),
+        low=of((HEEL, *TOES, *ANKLES)),
         across={f"{names[left]}/{names[right]}": (right, left) for right, left in across},
         on_trunk=bool(trunk),
-        feet=tuple(feet),
+        feet=tuple(next(filter(None, map(_feet, sources)), ())),
     )
 
 
@@ -117,13 +147,6 @@ def typical(vectors: Array) -> Array:
     return np.asarray(known[length <= MAX_LENGTH_RATIO * np.median(length)].mean(axis=0))
 
 
-def _recognised(names: Sequence[str]) -> MarkerSet | None:
-    try:
-        return recognise_marker_set(names)
-    except ValueError:
-        return None
-
-
 def _by_usual_labels(column: Mapping[str, int]) -> dict[str, int]:
     landmarks = {label: site for site, labels in USUAL_LABELS.items() for label in labels}
     found: dict[str, int] = {}
@@ -146,17 +169,13 @@ def _sides(columns: Mapping[str, int], sites: Sequence[str] | None = None) -> li
     ]
 
 
-def _of(columns: Mapping[str, int], sites: Sequence[str]) -> tuple[int, ...]:
-    return tuple(k for name, k in columns.items() if name[1:] in sites)
-
-
 def _feet(columns: Mapping[str, int]) -> list[Pair]:
+    """Give (heel, toe) columns of one foot."""
     return [
-        (columns[side + heel], columns[side + toe])
+        (columns[side + HEEL], columns[side + toe])
         for side in "LR"
-        for heel in HEELS
         for toe in TOES
-        if side + heel in columns and side + toe in columns
+        if {side + HEEL, side + toe} <= {*columns}
     ]
 
 
@@ -165,31 +184,6 @@ def _middle(points: Array) -> Array:
     seen = np.isfinite(points).all(axis=-1, keepdims=True)
     with np.errstate(invalid="ignore", over="ignore"):
         return np.asarray(np.where(seen, points, 0.0).sum(axis=1) / seen.sum(axis=1))
-
-
-DIRECTIONS: Final = {
-    "forward": (1, 0, 0),
-    "back": (-1, 0, 0),
-    "left": (0, 1, 0),
-    "right": (0, -1, 0),
-    "up": (0, 0, 1),
-    "down": (0, 0, -1),
-}
-MIN_MEAN_LOAD_N: Final = 50.0
-"""Mean force of a plate on which somebody stood; drift of an empty plate is less."""
-MAX_FORCE_N: Final = 20_000.0
-"""On a plate that somebody stands, walks or lands on; a larger number is damaged."""
-MIN_SHARE_FACING_ONE_WAY: Final = 0.9
-"""Of the frames in which left and right are seen; the rest may be swapped labels."""
-MAX_ANGLE_TO_AXIS_DEG: Final = 30.0
-"""Beyond it a direction is too close to the diagonal to belong to one axis."""
-MAX_COSINE_OPPOSITE: Final = -0.5
-"""Cosine to left of a marker pair that lies the other way round: 120°; legs cross by less."""
-PAIRS_NAMED: Final = 3
-"""Marker pairs and contradictions that a note or message names: enough to check by eye."""
-ASK: Final = (
-    'state the axes, for example --axes forward,left,up, or axes = "forward,left,up" in study.toml'
-)
 
 
 def parse_axes(axes: str) -> Array:

@@ -26,6 +26,10 @@ MAX_MISFIT_M: Final = 0.01
 """Moments of one plate agree with its centres of pressure within millimetres."""
 
 
+SI_UNITS: Final = ("N", "Nm", "m")
+"""Of plates in formats that state none."""
+
+
 @dataclass(frozen=True, slots=True)
 class FileMarkers:
     """Markers of a file in SI units and the file's axes.
@@ -127,21 +131,21 @@ class PlateColumns:
         Its number from 1, and what messages call it.
     time
         (N,) [s].
+    units
+        Of force, moment and pressure as the file states them.
     force, moment
         In the units of the file, or [N, N·m].
     pressure
         Centre of pressure from the file's origin, in the unit of the file or [m]; None if absent.
-    units
-        Of force, moment and pressure as the file states them.
     """
 
     number: int
     name: str
     time: Array
+    units: tuple[str, str, str]
     force: Array
     moment: Array
     pressure: Array | None = None
-    units: tuple[str, str, str] = ("N", "Nm", "m")
 
 
 def plates_in_si(

@@ -14,6 +14,7 @@ from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import listed, short
 from pipeline.io.columns import (
+    SI_UNITS,
     PlateColumns,
     file_markers,
     lab_axes,
@@ -31,6 +32,27 @@ TOTAL: Final = re.compile(r"#\s*EVENT\s+(\S+)\s+occur+ed\s+(\d+)\s+times?", re.I
 
 MIN_COVERED: Final = 0.9
 """Share of the frames' time: both modules are started and stopped by hand, some frames apart."""
+AXES: Final = "right,up,back"
+"""D-Flow's own, of x, y and z."""
+CUSTOMARY_RATES_HZ: Final = np.array(
+    [30, 50, 60, 100, 120, 125, 128, 150, 200, 240, 250, 256, 300, 400, 500, 1000], float
+)
+MAX_RATE_DIFFERENCE: Final = 0.02
+"""Relative: the slope of time stamps that lag is a customary rate to 2 %."""
+MIN_FRAME_S: Final = 1e-4
+MAX_FRAME_S: Final = 1.0
+"""Time per frame of a camera system; beyond it the stamps are not in seconds."""
+MAX_DROPPED_RATIO: Final = 2
+"""Frames spanned per frame held: with more dropped, this is not one recording."""
+SEGMENTS: Final = {
+    *("pelvis", "thorax", "spine", "pelvislegs", "toes", "head"),
+    *(f"{side}{name}" for side in "lr" for name in ("femur", "tibia", "foot", "toes")),
+    *(f"{side}{name}" for side in "lr" for name in ("humerus", "forearm", "hand", "clavicle")),
+}
+"""Columns of D-Flow's body model that are named as markers are."""
+UNITS: Final = {".Anlg": "V", ".Ang": "deg", ".Mom": "N·m", ".Pow": "W"}
+PLATE: Final = re.compile(r"FP(\d+)\.For[XYZ]")
+MARKER: Final = re.compile(r"(.+)\.Pos[XYZ]")
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,29 +206,6 @@ def on_clock(
     if np.ptp(covered) < MIN_COVERED * np.ptp(time):
         notes.append(Note.of("record_short", file=name, first_s=covered[0], last_s=covered[1]))
     return both, events, notes
-
-
-AXES: Final = "right,up,back"
-"""D-Flow's own, of x, y and z."""
-CUSTOMARY_RATES_HZ: Final = np.array(
-    [30, 50, 60, 100, 120, 125, 128, 150, 200, 240, 250, 256, 300, 400, 500, 1000], float
-)
-MAX_RATE_DIFFERENCE: Final = 0.02
-"""Relative: the slope of time stamps that lag is a customary rate to 2 %."""
-MIN_FRAME_S: Final = 1e-4
-MAX_FRAME_S: Final = 1.0
-"""Time per frame of a camera system; beyond it the stamps are not in seconds."""
-MAX_DROPPED_RATIO: Final = 2
-"""Frames spanned per frame held: with more dropped, this is not one recording."""
-SEGMENTS: Final = {
-    *("pelvis", "thorax", "spine", "pelvislegs", "toes", "head"),
-    *(f"{side}{name}" for side in "lr" for name in ("femur", "tibia", "foot", "toes")),
-    *(f"{side}{name}" for side in "lr" for name in ("humerus", "forearm", "hand", "clavicle")),
-}
-"""Columns of D-Flow's body model that are named as markers are."""
-UNITS: Final = {".Anlg": "V", ".Ang": "deg", ".Mom": "N·m", ".Pow": "W"}
-PLATE: Final = re.compile(r"FP(\d+)\.For[XYZ]")
-MARKER: Final = re.compile(r"(.+)\.Pos[XYZ]")
 
 
 @dataclass(frozen=True, slots=True)
@@ -383,7 +382,7 @@ def _gaps(position: Array, names: Sequence[str]) -> list[Note]:
     for unseen, code in ((zero, "markers_written_as_zero"), (held, "markers_held")):
         if unseen.any():
             position[unseen] = np.nan
-            markers = [names[k] for k in np.flatnonzero(unseen.any(axis=0))]
+            markers = [names[k] for k in np.flatnonzero(unseen.any(axis=0)).tolist()]
             notes.append(Note.of(code, samples=np.count_nonzero(unseen), markers=markers))
     return notes
 
@@ -398,7 +397,7 @@ def _plates(table: _Table, numbers: Iterable[int], time: Array) -> Iterator[Plat
         vectors = [f"FP{number}.{quantity}" for quantity in ("For", "Mom", "Cop")]
         vectors = vectors[: 3 if f"FP{number}.CopX" in table.columns else 2]
         values = (table.vectors([name])[:, 0] for name in vectors)
-        yield PlateColumns(number, f"plate {number}", time, *values)
+        yield PlateColumns(number, f"plate {number}", time, SI_UNITS, *values)
 
 
 def _analog(table: _Table, used: set[str], time: Array) -> Analog | None:

@@ -14,6 +14,7 @@ from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import printable, short
 from pipeline.io.columns import (
+    SI_UNITS,
     PlateColumns,
     file_markers,
     lab_axes,
@@ -187,7 +188,9 @@ def _plates(
         else:
             rate, vectors = _vectors(parts, stems)
             time = np.arange(len(vectors)) / rate
-            yield PlateColumns(number, f"plate {number}", time, *vectors.transpose(1, 0, 2))
+            yield PlateColumns(
+                number, f"plate {number}", time, SI_UNITS, *vectors.transpose(1, 0, 2)
+            )
 
 
 def _analog(

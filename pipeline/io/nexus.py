@@ -291,7 +291,7 @@ def _plates(
         groups = [parts[quantity] for quantity in ("force", "moment", "cop")]
         force, moment, pressure = (group.units[0] for group in groups)
         vectors = (block.vector(group) for group in groups)
-        yield PlateColumns(number, name, time, *vectors, units=(force, moment, pressure))
+        yield PlateColumns(number, name, time, (force, moment, pressure), *vectors)
 
 
 def _analog(block: Block, groups: list[Group], time: Array) -> Analog | None:

@@ -18,10 +18,10 @@ from pipeline.io.recording import Plate
 from pipeline.live.cycles import ConditionSoFar, GaitTracker, Limits, LiveCycle
 from pipeline.live.frames.chain import LiveChain, LiveFrame
 from pipeline.live.stream import Samples, StreamDescription
-from pipeline.trial.plate_check import COMPONENTS, MAX_REST_N, rest_level
+from pipeline.trial.checks import COMPONENTS, MAX_REST_N, rest_level
 from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import AXES, REPORTED_SIGN, height_of_mass
-from pipeline.trial.weighing import differing_masses
+from pipeline.trial.subject import differing_masses
 
 MISSING: Final = 1.5
 """Sampling intervals between two samples of which one at least is missing between them."""
@@ -199,7 +199,7 @@ class WeightWatch:
 
     Over a whole stride a body gains no vertical speed, so that the mean vertical force is its
     weight. The median of five strides, on which one step beside a plate has no effect, is compared
-    with the body mass as trials compare it (`pipeline.trial.weighing.differing_masses`). What two
+    with the body mass as trials compare it (`pipeline.trial.subject.differing_masses`). What two
     such judgements in a row say counts, with the value of the second, in which nothing is left of
     what was before. Strides with frames that do not count are left out.
 
@@ -239,7 +239,7 @@ class WeightWatch:
 class PlateWatch:
     """Notes a plate that is not zero without load, each time, or saturated, once.
 
-    It judges ten seconds at a time, as trials do (`pipeline.trial.plate_check.rest_level`). Its z
+    It judges ten seconds at a time, as trials do (`pipeline.trial.checks.rest_level`). Its z
     axis points up (1) or down (-1). What it reads without load on a platform that moves is the
     platform's inertia and weight.
     """

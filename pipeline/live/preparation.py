@@ -23,13 +23,16 @@ from pipeline.io.recording import Plate, Recording
 from pipeline.io.stated import Stated
 from pipeline.live.replay import ANALOG, MARKERS, PLATES
 from pipeline.live.stream import Samples, StatedPlate, StreamDescription
-from pipeline.trial.ground.calibration_file import read_calibration
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
-from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.standing import MAX_STILL_EXTENT_M, median_extent
+from pipeline.trial.ground.laboratory import Laboratory, read_calibration
 from pipeline.trial.study_files import read_study_laboratory
-from pipeline.trial.subject_body import subject_body
-from pipeline.trial.weighing import MIN_MASS_KG, body_mass
+from pipeline.trial.subject import (
+    MAX_STILL_EXTENT_M,
+    MIN_MASS_KG,
+    body_mass,
+    median_extent,
+    subject_body,
+)
 
 MAX_DISTANCE_M: Final = 0.003
 """Between the centres of one plate: 3 mm change moments by 2 N·m under a body of 75 kg."""
@@ -306,7 +309,7 @@ class Preparation:
         Raises
         ------
         ValueError
-            As `pipeline.trial.subject_body.subject_body`; or the mass is not known.
+            As `pipeline.trial.subject.subject_body`; or the mass is not known.
         """
         pose = pose or self.static
         if pose is None:

@@ -110,22 +110,7 @@ def stream_channels(
 def described_streams(
     streams: Sequence[StreamDescription], live: Live, plates: Sequence[Plate]
 ) -> list[Element]:
-    """Describe streams that are received, as `pipeline.io.xdf.read.read_xdf` reads them.
-
-    Parameters
-    ----------
-    streams
-        What is received: positions in lab axes [m], forces in N, moments in N·m.
-    live
-        Which channels are a plate's.
-    plates
-        Their places.
-
-    Returns
-    -------
-    list of Element
-        One ``info`` per stream.
-    """
+    """Describe streams that are received, one ``info`` each, as XDF has it."""
     return [_described(stream, live, plates) for stream in streams]
 
 
@@ -246,53 +231,6 @@ class XdfWriter:
 PART: Final = "part_{number:06d}.parquet"
 
 
-class ResultParts:
-    """Rows of numbers, collected and written as a Parquet file of their own whenever asked.
-
-    Every file is written whole or not at all; ``pandas.read_parquet`` of the folder gives all rows
-    in their order.
-
-    Parameters
-    ----------
-    folder
-        Where; it must not have parts yet.
-    columns
-        Names of the numbers of a row.
-
-    Raises
-    ------
-    OSError
-        If the folder cannot be made.
-    """
-
-    def __init__(self, folder: Path, columns: Sequence[str]) -> None:
-        folder.mkdir(parents=True)
-        self._folder, self._columns = folder, tuple(columns)
-        self._rows: list[Array] = []
-        self._number = 0
-
-    def add(self, row: Array) -> None:
-        """Keep a row, (K,), until the next part is written."""
-        self._rows.append(row)
-
-    def write(self) -> None:
-        """Write the rows since the last call, if any, as the next part.
-
-        Raises
-        ------
-        OSError
-            If the disk is full; the rows are kept.
-        """
-        if not self._rows:
-            return
-        values = np.array(self._rows)
-        table = pa.table(dict(zip(self._columns, values.T.copy(), strict=True)))
-        with whole_file(self._folder / PART.format(number=self._number + 1)) as temporary:
-            pq.write_table(table, temporary)
-        self._number += 1
-        self._rows.clear()
-
-
 STREAMS: Final = "streams.xdf"
 RESULTS: Final = "results"
 EVERY_S: Final = 0.5
@@ -341,7 +279,9 @@ class Recorder:
         require_new(folder)
         folder.mkdir(parents=True, exist_ok=True)
         self._streams = XdfWriter(folder / STREAMS, descriptions)
-        self._results = ResultParts(folder / RESULTS, columns)
+        (folder / RESULTS).mkdir(parents=True)
+        self._folder, self._columns = folder / RESULTS, tuple(columns)
+        self._rows, self._parts = list[Array](), 0
         self._waiting: SimpleQueue[Samples | Array] = SimpleQueue()
         self._stop = threading.Event()
         self.fault: str | None = None
@@ -392,5 +332,11 @@ class Recorder:
             if isinstance(entry, Samples):
                 self._streams.write(entry)
             else:
-                self._results.add(entry)
-        self._results.write()
+                self._rows.append(entry)
+        if self._rows:
+            values = np.array(self._rows).T.copy()
+            table = pa.table(dict(zip(self._columns, values, strict=True)))
+            with whole_file(self._folder / PART.format(number=self._parts + 1)) as temporary:
+                pq.write_table(table, temporary)
+            self._parts += 1
+            self._rows.clear()

@@ -19,7 +19,7 @@ from pipeline.run.provenance import engines_of
 from pipeline.statistics.comparison import MIXED_ANOVA, RM_ANOVA
 from pipeline.statistics.design import Design, design_of
 from pipeline.statistics.verdict import join_names, judged_conditions, level_name
-from pipeline.trial.gait.perturbations import MIN_PLATFORM_SPEED_MPS
+from pipeline.trial.gait.cycles import MIN_PLATFORM_SPEED_MPS
 from pipeline.trial.quality import settling_s
 from pipeline.trial.result import TrialResult
 

@@ -16,6 +16,7 @@ from pipeline.trial.residuals import (
     MAX_MOMENT_SHARE,
     marker_table,
     residual_table,
+    rows_of,
     threshold_table,
 )
 from pipeline.trial.result import TrialResult
@@ -127,7 +128,7 @@ def _marker_error(markers: pd.DataFrame) -> Check:
     overall, seen = markers.iloc[-1], markers[:-1].dropna()
     if seen.empty:
         return "fail", "unknown", ""
-    worst = seen.loc[seen["rms_mm"].idxmax()]
+    worst = seen.iloc[int(seen["rms_mm"].argmax())]
     rating = "pass" if overall["peak_mm"] <= MAX_MARKER_PEAK_MM else "check"
     if overall["rms_mm"] >= MAX_MARKER_RMS_MM:
         rating = "fail"
@@ -137,7 +138,7 @@ def _marker_error(markers: pd.DataFrame) -> Check:
 
 def _marker_gaps(markers: pd.DataFrame) -> Check:
     """Rate for how much of the trial markers are missing."""
-    worst = markers.loc[markers["missing_percent"][:-1].idxmax()]
+    worst = markers.iloc[int(markers["missing_percent"][:-1].argmax())]
     percent = worst["missing_percent"]
     rating = "check" if percent > MAX_GAP_PERCENT else "pass"
     detail = f"{worst['marker']} {percent:.1f} %" if percent else ""
@@ -146,7 +147,7 @@ def _marker_gaps(markers: pd.DataFrame) -> Check:
 
 def _peaks(thresholds: pd.DataFrame, quantity: str) -> Iterator[Check]:
     """Rate peak residuals by the limits of Hicks et al."""
-    for row in thresholds.itertuples():
+    for row in rows_of(thresholds):
         if row.quantity == quantity:
             name = "IC" if row.compensated else "no IC"
             value = f"{name} {row.peak:.0f} of {row.limit:.0f} {row.unit}"

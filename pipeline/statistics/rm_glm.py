@@ -151,7 +151,7 @@ def _coded(name: str, column: Array) -> Array:
         block = group[:, :-1] - group[:, -1:]
     if block.size == 0 or np.ptp(block) == 0:
         raise ValueError(f"{name}: the same for all subjects, so its effect cannot be tested")
-    return block
+    return np.asarray(block)
 
 
 def orthonormal_contrasts(levels: Sequence[int], tested: Sequence[bool]) -> Array:

@@ -2,21 +2,15 @@
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
-from hbm.dynamics import filter_motion, inverse_dynamics_variants
+from hbm.body import Body
 from hbm.engines.engine import choose_engine
 from hbm.markers import MarkerSet, recognise_marker_set
-from hbm.motion import Motion
 from hbm.notes import Note
 from hbm.overrides import SegmentOverride
 from hbm.plausibility.motion import implausible
-from hbm.plausibility.outliers import solve_motion
-from hbm.signals.filtering import acceleration_lag_s, low_pass
-from hbm.spatial import GRAVITY_MPS2, Array, Mask
+from hbm.spatial import GRAVITY_MPS2, Indices
 from pipeline.config.schema import (
     Condition,
-    EventMethod,
     PlateContact,
     Settings,
     Subject,
@@ -25,49 +19,46 @@ from pipeline.config.schema import (
 from pipeline.config.study import Study
 from pipeline.config.toml_file import read_segments
 from pipeline.io.recording import Event, Recording
-from pipeline.trial.delay import plate_delay
-from pipeline.trial.event_check import check_events, reference_events
-from pipeline.trial.gait.contact import (
-    SharedPlates,
-    contact_notes,
-    feet_of,
-    forces_of_legs,
-    share_between_feet,
+from pipeline.trial.checks import check_markers, check_motion, check_plates, other_person
+from pipeline.trial.gait.contact import contact_notes
+from pipeline.trial.gait.cycles import found_cycles
+from pipeline.trial.gait.detection import EventSources, detect_events, foot_motion
+from pipeline.trial.gait.events import (
+    TIMED_BY_PLATES,
+    agreement_with_plates,
+    check_events,
+    reference_events,
 )
-from pipeline.trial.gait.cycle_selection import select_cycles
-from pipeline.trial.gait.cycles import cut_cycles, found_cycles
-from pipeline.trial.gait.detection import TIMED_BY_PLATES, EventSources, detect_events
-from pipeline.trial.gait.event_agreement import agreement_with_plates
-from pipeline.trial.gait.foot_motion_events import foot_motion
-from pipeline.trial.gait.perturbations import perturbation_onsets
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
-from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.ground.loads import plate_loads
-from pipeline.trial.ground.uncertainty import sum_deviation, uncertainty_notes
-from pipeline.trial.ground.wrenches import Ground, ground_wrenches
-from pipeline.trial.marker_check import check_markers, other_person
-from pipeline.trial.motion_check import check_motion, known_frames, shown_frames
-from pipeline.trial.plate_check import check_plates
-from pipeline.trial.quality import (
-    NO_SUPPORT,
-    Quality,
-    carried_notes,
-    flagged,
-    free_of,
-    settled_frames,
-    settling_s,
+from pipeline.trial.ground.laboratory import BoundLaboratory, Laboratory, bind
+from pipeline.trial.ground.uncertainty import uncertainty_notes
+from pipeline.trial.ground.wrenches import Ground, ground_wrenches, plate_loads
+from pipeline.trial.quality import NO_SUPPORT, carried_notes, free_of, settling_s
+from pipeline.trial.result import PlateSurface, TrialResult
+from pipeline.trial.stages import (
+    Loads,
+    Pose,
+    dynamics_under_feet,
+    frame_quality,
+    known_forces,
+    plate_delay,
+    solve_pose,
 )
-from pipeline.trial.result import CompensationUncertainty, PlateSurface, TrialResult
 from pipeline.trial.study_files import (
     naming_unused_renames,
     read_study_file,
     read_study_laboratory,
     with_unused_renames,
 )
-from pipeline.trial.subject_body import subject_body
-from pipeline.trial.weighing import ON_PLATES, BodyMass, body_mass, carried_mass, differing_masses
-from pipeline.trial.weight_bearing import weight_bearing_frames
-from pipeline.trial.window import WantedWindow, counted_span, perturbed_part, window_notes
+from pipeline.trial.subject import (
+    ON_PLATES,
+    BodyMass,
+    body_mass,
+    carried_mass,
+    differing_masses,
+    subject_body,
+)
+from pipeline.trial.window import WantedWindow, what_counts
 
 
 def process_recording(
@@ -140,14 +131,17 @@ def process_recording(
     >>> f"{result.body.mass:.1f} kg, {len(result.cycles['right'])} gait cycles"
     '74.6 kg, 3 gait cycles'
     """
-    laboratory = laboratory or Laboratory(Treadmill())
+    laboratory, notes = laboratory or Laboratory(Treadmill()), list[Note]()
     _require_plates(recording)
-    recording = with_corrected_plates(recording, laboratory.plates)
-    pose = with_corrected_plates(static, laboratory.plates) if static else recording
     choose_engine(settings.engine)
-    mass = _body_mass(subject, settings, pose, recording, marker_set)
+    recording = with_corrected_plates(recording, laboratory.plates)
+    standing = with_corrected_plates(static, laboratory.plates) if static else recording
+    notes += recording.notes
+
+    # body: segments and joints from the calibration pose, scaled by mass and stature
+    mass = _body_mass(subject, settings, standing, recording, marker_set)
     body = subject_body(
-        pose,
+        standing,
         subject,
         settings,
         mass.mass_kg,
@@ -156,138 +150,49 @@ def process_recording(
         hip_trial=hip_trial,
         segments=segments,
     )
-    markers, unfiltered, outlier_notes = solve_motion(
-        body, recording.markers, settings.filter, jobs
-    )
-    motion = filter_motion(unfiltered, cutoff=settings.cutoff_hz, method=settings.filter)
+    notes += (mass.note, *implausible(body), *check_markers(body, recording, standing), *body.notes)
 
-    ground = ground_wrenches(
-        recording,
-        laboratory,
-        motion.time,
-        settings.plate_delay_s,
-        settings.cutoff_hz,
-        settings.filter,
-    )
-    best, feet = ground.variants[ground.best], feet_of(body, unfiltered)
-    under_feet = share_between_feet(
-        motion.time,
-        best,
-        feet,
-        settings.contact_threshold_n,
-        numbers=[plate.number for plate in recording.plates],
-        stated=contacts,
-        method=settings.filter,
-    )
-    shared = {
-        variant: under_feet.with_wrenches(plates) for variant, plates in ground.variants.items()
-    }
-    wrenches = {
-        variant: _filtered(by_variant.by_foot, motion, settings)
-        for variant, by_variant in shared.items()
-    }
-    by_variant = inverse_dynamics_variants(
-        body, motion, [*wrenches.values()], jobs=jobs, engine=settings.engine
-    )
-    dynamics = dict(zip(wrenches, by_variant, strict=True))
+    # pose: inverse kinematics and low-pass
+    pose = solve_pose(body, recording.markers, settings, notes, jobs)
+    motion = pose.motion
+    notes += check_motion(body, pose.solved, pose.markers)
 
-    sources = EventSources(
-        recording.events,
-        markers,
-        body.marker_set,
-        foot_motion(body, motion.time, unfiltered.q, ground.pose),
-        under_feet.contacts,
-        plate_loads(recording, laboratory, settings.plate_delay_s, ground.accelerations),
-        body.mass * GRAVITY_MPS2,
-    )
-    events, method, events_note = detect_events(sources, settings.events)
-    known, shown = known_frames(body, motion), shown_frames(body, unfiltered)
+    # ground: plates at the markers' times, compensated in their own frames, then in the lab
+    lab = bind(recording, laboratory, settings.plate_delay_s)
+    ground = ground_wrenches(lab, motion.time, notes, settings.cutoff_hz, settings.filter)
+    notes += check_plates(recording, ground.variants[ground.best], mass.mass_kg)
+
+    # dynamics: joint forces and pelvis residual of every variant
+    loads = dynamics_under_feet(body, pose, ground, recording.plates, settings, contacts, jobs)
+    notes += (loads.dynamics[ground.best].engine.note, *contact_notes(loads.shared, motion.time))
+
+    # quality: in which frames pose and support are known and filters have settled
     settling = settling_s(laboratory.filters(settings))
-    computed = [np.isfinite(each.residual).all(axis=1) for each in dynamics.values()]
-    gapless = np.all([known, shown, *computed], axis=0)
-    total = np.sum([*wrenches[ground.best].values()], axis=0)
-    vertical = total[:, 2] + dynamics[ground.best].residual[:, 2], total[:, 2]
-    supports = weight_bearing_frames(
-        body, motion, recording.plates, ground, under_feet, vertical, settings
-    )
-    quality = flagged(
-        {
-            Quality.POSE_UNKNOWN: ~known,
-            Quality.LIMB_UNSEEN: ~shown,
-            Quality.FORCES_UNKNOWN: ~ground.known,
-            Quality.NOT_CARRIED: ~supports,
-            Quality.SETTLING: ~settled_frames(gapless, motion.time, settling),
-            Quality.FOOT_UNCERTAIN: under_feet.ambiguous,
-        }
-    )
-    supported, counts = free_of(quality, NO_SUPPORT), free_of(quality)
-    unknown = forces_of_legs(~free_of(quality, NO_SUPPORT | Quality.FOOT_UNCERTAIN))
-    unknown |= ~free_of(quality, Quality.SETTLING)[:, None]
-    dynamics = {variant: each.without_forces(unknown) for variant, each in dynamics.items()}
-    cycles, cycle_notes = cut_cycles(events, motion.time, quality, settings.min_valid_share)
-    rule = condition or Condition()
-    onsets = perturbation_onsets(recording, rule, ground.pose) if rule.perturbed else np.empty(0)
-    selected, selection_notes = select_cycles(cycles, rule, onsets)
-    part, part_notes = perturbed_part(rule, selected, onsets, time=motion.time, pose=ground.pose)
-    span = counted_span(
-        window,
-        selected,
-        motion.time,
-        settling,
-        counts=counts,
-        min_valid_share=settings.min_valid_share,
-    )
+    quality = frame_quality(body, pose, ground, loads, recording.plates, settings, settling)
+    counts = free_of(quality)
+    uncertainty = ground.uncertainty(motion.q[:, :3])
+    notes += uncertainty_notes(uncertainty.residual[counts]) if uncertainty else ()
+    notes += carried_notes(quality, motion.time, loads.need, loads.measured)
 
-    uncertainty = _uncertainty(ground, motion)
-    residual = np.where(counts[:, None], dynamics[ground.best].residual, np.nan)
-    lag_s = acceleration_lag_s(motion.time) if settings.filter == "realtime" else 0.0
-    delay = plate_delay(total[:, :3], residual[:, :3], motion.time, lag_s)
-    carried_kg = carried_mass(motion.time, total[:, 2], cycles, counts)
-    reference = reference_events(
-        under_feet.by_foot,
-        motion.time,
-        settings.contact_threshold_n,
-        markers,
-        body.marker_set,
-        supported,
-        method,
+    # gait: events, the cycles that count, and the delay that the residuals show
+    events = _events(lab, body, pose, ground, loads, quality, notes, settings)
+    counted = what_counts(
+        recording,
+        events,
+        quality,
+        condition or Condition(),
+        window,
+        settling,
+        ground.pose,
+        notes,
+        settings.min_valid_share,
     )
-    notes: tuple[Note, ...] = (
-        *recording.notes,
-        mass.note,
-        *differing_masses(mass.known_kg, carried_kg),
-        *implausible(body),
-        *check_markers(body, recording, pose),
-        *body.notes,
-        *outlier_notes,
-        *check_motion(body, unfiltered, markers),
-        *ground.notes,
-        *(uncertainty_notes(uncertainty.residual[counts]) if uncertainty else ()),
-        *check_plates(recording, best, mass.mass_kg),
-        dynamics[ground.best].engine.note,
-        events_note,
-        *check_events(events, reference),
-        *_agreement(events, method, under_feet, motion, settings),
-        *contact_notes(under_feet, motion.time),
-        *carried_notes(quality, motion.time, *vertical),
-        *cycle_notes,
-        *selection_notes,
-        *part_notes,
-        *window_notes(
-            window,
-            span,
-            selected,
-            part=part,
-            events=events,
-            rejected=(events_note, *cycle_notes),
-            time=motion.time,
-            quality=quality,
-        ),
-        delay.note,
-    )
+    carried_kg = carried_mass(motion.time, loads.measured, counted.usable, counts)
+    notes += differing_masses(mass.known_kg, carried_kg)
+    delay_s, delay_uncertainty_s = plate_delay(loads, ground.best, counts, settings, notes)
     if static is not None:
-        carried = {} if carried_kg is None else {ON_PLATES: carried_kg}
-        notes = other_person(notes, body, recording, pose, {**mass.known_kg, **carried})
+        known_kg = {**mass.known_kg, **({ON_PLATES: carried_kg} if carried_kg else {})}
+        notes = other_person(notes, body, recording, standing, known_kg)
     return TrialResult(
         source=recording.source,
         subject=subject,
@@ -297,21 +202,21 @@ def process_recording(
         first_frame=recording.first_frame,
         plates=tuple(PlateSurface(p.number, p.center, p.corners) for p in recording.plates),
         motion=motion,
-        variants=dynamics,
-        ground=wrenches,
+        variants=known_forces(loads.dynamics, quality),
+        ground=loads.wrenches,
         overridden_segments=tuple(segments or ()),
         platform=ground.pose,
         events=events,
-        cycles=selected,
-        found_cycles=found_cycles(events, selected),
-        span=span,
+        cycles=counted.cycles,
+        found_cycles=found_cycles(events, counted.cycles),
+        span=counted.span,
         quality=quality,
-        onsets=onsets,
-        part=part,
+        onsets=counted.onsets,
+        part=counted.part,
         uncertainty=uncertainty,
-        delay_s=delay.delay_s,
-        delay_uncertainty_s=delay.uncertainty_s,
-        notes=notes,
+        delay_s=delay_s,
+        delay_uncertainty_s=delay_uncertainty_s,
+        notes=tuple(notes),
     )
 
 
@@ -418,40 +323,33 @@ def _require_plates(recording: Recording) -> None:
         )
 
 
-def _uncertainty(ground: Ground, motion: Motion) -> CompensationUncertainty | None:
-    """Give what the compensation makes uncertain: plates and residuals."""
-    if not ground.spreads:
-        return None
-    origin = np.zeros(3)
-    plates = [sum_deviation([spread], within, origin) for spread, within in ground.of_each]
-    pelvis = sum_deviation(ground.spreads, ground.correlation, motion.q[:, :3])
-    return CompensationUncertainty(tuple(plates), pelvis)
-
-
-def _agreement(
-    events: Sequence[Event],
-    method: EventMethod,
-    shared: SharedPlates,
-    motion: Motion,
+def _events(
+    lab: BoundLaboratory,
+    body: Body,
+    pose: Pose,
+    ground: Ground,
+    loads: Loads,
+    quality: Indices,
+    notes: list[Note],
     settings: Settings,
-) -> tuple[Note, ...]:
-    """Compare events with the plates, unless these gave them."""
-    if method in TIMED_BY_PLATES:
-        return ()
-    return agreement_with_plates(events, shared.by_foot, motion.time, settings.contact_threshold_n)
-
-
-def _filtered(by_foot: Mapping[str, Array], motion: Motion, settings: Settings) -> dict[str, Array]:
-    """Pass the wrench under each foot through the filter of the motion.
-
-    In real time a gap of one foot is one of both: who carries a plate that is unknown is unknown.
-    """
-    gaps: Mask = np.zeros((len(motion.time), 1), bool)
-    if settings.filter == "realtime":
-        gaps[:, 0] = np.isnan(np.hstack([*by_foot.values()])).any(axis=1)
-    return {
-        foot: low_pass(
-            np.where(gaps, np.nan, wrench), motion.time, settings.cutoff_hz, settings.filter
-        )
-        for foot, wrench in by_foot.items()
-    }
+) -> tuple[Event, ...]:
+    """Give a trial's gait events by the method of the settings; checks of them are noted."""
+    time, threshold_n, feet = pose.motion.time, settings.contact_threshold_n, loads.shared.by_foot
+    sources = EventSources(
+        lab.recording.events,
+        pose.markers,
+        body.marker_set,
+        foot_motion(body, time, pose.solved.q, ground.pose),
+        loads.shared.contacts,
+        plate_loads(lab),
+        body.mass * GRAVITY_MPS2,
+    )
+    events, method, note = detect_events(sources, settings.events)
+    carried = free_of(quality, NO_SUPPORT)
+    reference = reference_events(
+        feet, time, threshold_n, pose.markers, body.marker_set, carried, method
+    )
+    notes += (note, *check_events(events, reference))
+    if method not in TIMED_BY_PLATES:
+        notes += agreement_with_plates(events, feet, time, threshold_n)
+    return events

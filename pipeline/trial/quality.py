@@ -88,7 +88,7 @@ def free_of(quality: Indices, flags: Quality = DOES_NOT_COUNT) -> Mask:
 
 def flagged(flags: Mapping[Quality, Mask]) -> Indices:
     """Give the flags of every frame, (T,), from the frames of each flag, (T,)."""
-    return np.sum([np.where(frames, int(flag), 0) for flag, frames in flags.items()], axis=0)
+    return np.asarray(sum(np.where(frames, int(flag), 0) for flag, frames in flags.items()))
 
 
 def settling_s(filters: Iterable[tuple[Method, float]]) -> tuple[float, float]:

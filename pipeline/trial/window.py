@@ -1,6 +1,8 @@
-"""What of a trial counts: its gait cycles, a part of each, or a span of the recording."""
+"""What of a trial counts: its gait cycles, a part of each, or a span; or why nothing does."""
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final, Literal
 
@@ -10,13 +12,99 @@ from compensation.platform import PlatformPose
 from hbm.notes import Note
 from hbm.spatial import Array, Indices, Mask
 from pipeline.config.schema import Condition, Interval
-from pipeline.io.recording import Event
-from pipeline.trial.gait.cycle_shortage import cycle_shortage
-from pipeline.trial.gait.cycles import found_cycles
+from pipeline.io.recording import Event, Recording
+from pipeline.trial.gait.cycles import (
+    MIN_PLATFORM_SPEED_MPS,
+    cut_cycles,
+    found_cycles,
+    motion_stops,
+    perturbation_onsets,
+    select_cycles,
+)
 from pipeline.trial.gait.events import SIDES
-from pipeline.trial.gait.perturbations import MIN_PLATFORM_SPEED_MPS, motion_stops
 from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.result import CyclePart
+
+REASONS: Final = {
+    "cycle_unsolved": "frames without a solution or without forces",
+    "cycle_not_carried": "plates that do not carry the subject",
+    "cycle_unsettled": "an end or a gap too near for the filters to settle",
+    "cycle_outside": "an end beyond the recorded markers",
+    "cycle_duration": "a duration far from the median",
+    "cycle_events": "events that do not alternate",
+}
+"""Code of the note on a cycle that was left out -> what is wrong with it."""
+
+
+def cycle_shortage(
+    events: Sequence[Event],
+    notes: Iterable[Note],
+    time: Array,
+    solved: Mask,
+) -> str:
+    """Say why there is no gait cycle.
+
+    Parameters
+    ----------
+    events
+        The trial's gait events.
+    notes
+        Notes of the trial; those on events and on cycles that were left out count.
+    time
+        Of the markers, (T,) [s].
+    solved
+        Whether pose and forces are known, (T,).
+
+    Returns
+    -------
+    str
+        The reason, without a full stop.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> time = np.arange(300) / 100
+    >>> strikes = [Event(4.1, "foot_strike", "left"), Event(5.2, "foot_strike", "left")]
+    >>> cycle_shortage(strikes, (), time, time >= 0)
+    'all foot strikes are beyond the markers, which end at 2.99 s: 4.10 to 5.20 s'
+    """
+    notes = tuple(notes)
+    strikes = [event for event in events if event.label == "foot_strike"]
+    inside = [event for event in strikes if time[0] <= event.time <= time[-1]]
+    counts = [f"{[e.side for e in inside].count(side)} {side}" for side in ("left", "right")]
+    left_out = {
+        (str(note.values["side"]), note.values["start_s"]): REASONS[note.code]
+        for note in notes
+        if note.code in REASONS
+    }
+    unsolved = np.count_nonzero(~solved)
+    if unsolved == len(time):
+        return "no frame could be solved; check the markers' labels and the calibration pose"
+    if not strikes:
+        reasons = [f": {note.values['reason']}" for note in notes if note.code == "events_unknown"]
+        return f"there are no foot strikes{''.join(reasons)}"
+    if not inside:
+        return f"all foot strikes are {_beyond(strikes, time)}"
+    if left_out:
+        reasons = [f"{n} for {reason}" for reason, n in Counter(left_out.values()).most_common()]
+        frames = f"; {unsolved} of {len(time)} frames could not be solved" if unsolved else ""
+        return f"all gait cycles were left out, {', '.join(reasons)}{frames}"
+    if max(Counter(event.side for event in inside).values()) < 2:
+        others = [event for event in strikes if event not in inside]
+        more = f"; {len(others)} more are {_beyond(others, time)}" if others else ""
+        return (
+            f"a gait cycle needs two foot strikes of one side, there are {' and '.join(counts)} in "
+            f"{time[-1] - time[0]:.2f} s{more}"
+        )
+    return "none of the gait cycles is one that the condition asks for"
+
+
+def _beyond(strikes: Sequence[Event], time: Array) -> str:
+    times = [event.time for event in strikes]
+    return (
+        f"beyond the markers, which end at {time[-1]:.2f} s: {min(times):.2f} to {max(times):.2f} s"
+    )
+
 
 Span = tuple[float, float]
 WantedWindow = Literal["cycle", "recording"] | Span | None
@@ -25,6 +113,63 @@ NO_POSE: Final = (
     'window = "motion" needs the platform\'s pose; state its markers or channels under '
     "[treadmill.platform], or another window"
 )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Counted:
+    """What of a trial counts.
+
+    Attributes
+    ----------
+    usable
+        Side -> start and stop of every gait cycle of which enough is known, (C, 2) [s].
+    cycles
+        The same of those that the condition asks for.
+    onsets
+        When the perturbations of a perturbed condition began, (P,) [s].
+    part
+        The part of the gait cycles that the condition asks for; None for all of them.
+    span
+        Start and stop of what counts in place of gait cycles [s]; None where these count.
+    """
+
+    usable: dict[str, Array]
+    cycles: dict[str, Array]
+    onsets: Array
+    part: CyclePart | None
+    span: Span | None
+
+
+def what_counts(
+    recording: Recording,
+    events: Sequence[Event],
+    quality: Indices,
+    rule: Condition,
+    wanted: WantedWindow,
+    settling: tuple[float, float],
+    pose: PlatformPose | None,
+    notes: list[Note],
+    min_valid_share: float,
+) -> Counted:
+    """Find what of a trial counts: gait cycles, a part of each, or a span of the recording.
+
+    Parameters are those of `cut_cycles`, `select_cycles`, `perturbed_part` and `counted_span`, and
+    so are the errors; the platform's pose is at the T frames. What is left out is noted.
+    """
+    time = recording.markers.time
+    usable, rejected = cut_cycles(events, time, quality, min_valid_share)
+    onsets = perturbation_onsets(recording, rule, pose) if rule.perturbed else np.empty(0)
+    cycles, selection = select_cycles(usable, rule, onsets)
+    part, of_part = perturbed_part(rule, cycles, onsets, time=time, pose=pose)
+    span = counted_span(
+        wanted, cycles, time, settling, counts=free_of(quality), min_valid_share=min_valid_share
+    )
+    notes += (*rejected, *selection, *of_part)
+    counted = Counted(usable, cycles, onsets, part, span)
+    notes += window_notes(
+        wanted, counted, events=events, rejected=notes, time=time, quality=quality
+    )
+    return counted
 
 
 def counted_span(
@@ -225,10 +370,8 @@ def frames_within(time: Array, cycles: Mapping[str, Array], span: Span | None) -
 
 def window_notes(
     wanted: WantedWindow,
-    span: Span | None,
-    cycles: Mapping[str, Array],
+    counted: Counted,
     *,
-    part: CyclePart | None,
     events: Sequence[Event],
     rejected: Iterable[Note],
     time: Array,
@@ -236,29 +379,11 @@ def window_notes(
 ) -> tuple[Note, ...]:
     """Say why the recording counts in place of gait cycles, or why nothing counts.
 
-    Parameters
-    ----------
-    wanted, span
-        What was to count, and what `counted_span` gave.
-    cycles
-        Side -> the gait cycles that were selected, (C, 2) [s].
-    part
-        The part of them that counts; None for all of them.
-    events
-        The trial's gait events.
-    rejected
-        Why gait cycles were left out.
-    time
-        (T,) [s].
-    quality
-        Flags of every frame, (T,).
-
-    Returns
-    -------
-    tuple of Note
-        ``no_residuals`` where no frame counts; else, where gait cycles were wanted and none counts,
-        ``no_gait_cycle`` or, if there are some, ``gait_cycles_left_out``.
+    ``no_residuals`` where no frame counts; else, where gait cycles were wanted and none counts,
+    ``no_gait_cycle`` or, if there are some, ``gait_cycles_left_out``. The notes say why gait cycles
+    were rejected.
     """
+    cycles, part, span = counted.cycles, counted.part, counted.span
     parts = cycles if part is None else {s: np.reshape(p, (-1, 2)) for s, p in part.spans.items()}
     counts = frames_within(time, parts, span) & free_of(quality)
     reason = cycle_shortage(events, rejected, time, free_of(quality, Quality.POSE_UNKNOWN))

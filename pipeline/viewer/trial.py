@@ -25,6 +25,7 @@ from pipeline.trial.residuals import (
     cycle_residuals,
     reported,
     residual_table,
+    rows_of,
     threshold_table,
 )
 from pipeline.trial.result import TrialResult
@@ -216,7 +217,7 @@ def trial_summary(result: TrialResult) -> str:
     if counted(result).any():
         names = list(result.variants)
         table = residual_table(result, result.source.stem)
-        rows = list(table[table["headline"].astype(bool)].itertuples())
+        rows = rows_of(table[table["headline"].astype(bool)])
         lines += [
             "## Pelvis residuals (RMS)",
             "|  | direction | " + " | ".join(f"{name} | %" for name in names) + " |",
@@ -232,10 +233,10 @@ def trial_summary(result: TrialResult) -> str:
             "| plates | residual | peak | limit |  |",
             "|---|---|---:|---:|---|",
         ]
-        for row in threshold_table(result).itertuples():
+        for row in rows_of(threshold_table(result)):
             cells = [
                 "compensated" if row.compensated else "measured",
-                row.quantity,
+                str(row.quantity),
                 f"{row.peak:.1f} {row.unit}",
                 f"{row.limit:.1f} {row.unit}",
                 "passes" if row.passed else "**fails**",

@@ -22,16 +22,17 @@ from pipeline.config.study import Study, read_study
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.recording import Event, Recording
 from pipeline.trial.gait.contact import feet_of, share_between_feet
-from pipeline.trial.gait.detection import EventSources, detect_events
-from pipeline.trial.gait.event_agreement import compare_events
-from pipeline.trial.gait.events import LABELS, SIDES, event_times
-from pipeline.trial.gait.foot_motion_events import foot_motion, foot_motion_events
-from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.ground.loads import plate_loads
-from pipeline.trial.ground.wrenches import ground_wrenches
+from pipeline.trial.gait.detection import (
+    EventSources,
+    detect_events,
+    foot_motion,
+    foot_motion_events,
+)
+from pipeline.trial.gait.events import LABELS, SIDES, compare_events, event_times
+from pipeline.trial.ground.laboratory import Laboratory, bind
+from pipeline.trial.ground.wrenches import ground_wrenches, plate_loads
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
-from pipeline.trial.subject_body import subject_body
-from pipeline.trial.weighing import body_mass
+from pipeline.trial.subject import body_mass, subject_body
 from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
 from pipeline.virtual_lab.protocol.walking_study import simulate_study
 
@@ -182,7 +183,8 @@ def event_sources(
     markers, motion, _ = solve_without_outliers(
         body, without_frozen_frames(recording.markers, body.markers), 1
     )
-    ground = ground_wrenches(recording, laboratory, motion.time, rules.plate_delay_s)
+    lab = bind(recording, laboratory, rules.plate_delay_s)
+    ground = ground_wrenches(lab, motion.time, [])
     contacts = share_between_feet(
         motion.time,
         ground.variants[ground.best],
@@ -195,7 +197,7 @@ def event_sources(
         body.marker_set,
         foot_motion(body, motion.time, motion.q, ground.pose),
         contacts,
-        plate_loads(recording, laboratory, rules.plate_delay_s, ground.accelerations),
+        plate_loads(lab),
         body.mass * GRAVITY_MPS2,
     )
 

@@ -25,8 +25,8 @@ from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.accelerometers import find_accelerometers
 from pipeline.trial.ground.calibration_recording import fit_calibration
-from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.ground.uncertainty import standard_deviation
+from pipeline.trial.ground.laboratory import Laboratory, bind
+from pipeline.trial.ground.uncertainty import sum_deviation
 from pipeline.trial.ground.wrenches import ground_wrenches
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import (
@@ -171,11 +171,11 @@ def judged(known: Laboratory, recording: Recording, cutoff_hz: float) -> tuple[A
     Gives the share that is held and the mean squares of both, (6,) each.
     """
     time, center = recording.markers.time, recording.plates[0].center
-    ground = ground_wrenches(recording, known, time, 0.0, cutoff_hz)
+    ground = ground_wrenches(bind(recording, known, 0.0), time, [], cutoff_hz)
     left = shift_wrench(ground.variants["compensated"][0], center)
     if cutoff_hz < max(CUTOFFS_HZ):
         left = low_pass(left, time, cutoff_hz, "zero_phase")
-    sigma = standard_deviation(ground.covariances[0], center[None])
+    sigma = sum_deviation(ground.spreads[:1], ground.correlation[:6, :6], center)
     left, sigma = left[SETTLED], sigma[SETTLED]
     held = np.mean(np.abs(left) <= 1.96 * sigma, axis=0)
     return held, np.mean(left**2, axis=0), np.mean(sigma**2, axis=0)

@@ -1,8 +1,5 @@
 """The body: its parts, and what must not change it."""
 
-import pickle
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -111,19 +108,6 @@ def test_the_thigh_has_de_leva_s_inertia(body):
     np.testing.assert_allclose(thigh.center, 0.4095 * body.offsets["right_shank"], atol=1e-12)
     moments = thigh.mass * (np.array(part.gyration) * length) ** 2
     np.testing.assert_allclose(np.linalg.eigvalsh(thigh.tensor), np.sort(moments), rtol=1e-12)
-
-
-def test_a_body_can_be_pickled_for_parallel_work(body):
-    copy = pickle.loads(pickle.dumps(body))
-    same(copy, body, atol=0)
-    assert copy.marker_set == body.marker_set
-
-
-def test_a_body_s_arrays_are_read_only(body):
-    with pytest.raises(ValueError, match="read-only"):
-        body.marker_position[0] = 0
-    with pytest.raises(ValueError, match="read-only"):
-        body.offsets["thorax"][0] = 0
 
 
 # -- what must not matter -------------------------------------------------------------------------
@@ -361,11 +345,6 @@ def test_legs_that_nobody_has_show_another_unit_than_metres(factor, height_m):
     wrong = Markers(t_pose.time, t_pose.names, factor * t_pose.position)
     with pytest.raises(ImplausibleLegs, match=r"expected 0\.5 to 2\.6 m: their unit is wrong"):
         build_body(wrong, mass=MASS_KG, height_m=height_m)
-
-
-def test_a_wrong_number_of_marker_positions_is_refused(body):
-    with pytest.raises(ValueError, match=r"marker_position must have shape \(46, 3\)"):
-        replace(body, marker_position=np.zeros((45, 3)))
 
 
 def test_markers_on_the_model_follow_their_segments(body):

@@ -133,11 +133,6 @@ def test_unknown_markers_are_ignored(body, noisy, solved):
 # -- weights and priors ----------------------------------------------------------------------------
 
 
-def test_equal_weights_of_all_markers_change_nothing(body, noisy, solved):
-    found = solve_ik(body, noisy, weights=dict.fromkeys(body.markers, 250.0))
-    np.testing.assert_allclose(found.q, solved.q, atol=1e-9)
-
-
 def test_a_marker_of_zero_weight_is_as_good_as_missing(body, noisy):
     weightless = solve_ik(body, noisy, weights={"RLTHI": 0.0, "LLW": 0.0})
     missing = solve_ik(body, without(noisy, ("RLTHI", "LLW")))

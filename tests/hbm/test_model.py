@@ -91,10 +91,6 @@ def test_the_kernels_geometry_is_the_pinocchio_model_s(pin, body):
     np.testing.assert_array_equal(np.delete(axis, SUBJECT_AXES, axis=0), constant)
 
 
-def test_a_body_has_one_model(pin, body):
-    assert body.model is body.model
-
-
 def test_a_body_that_pinocchio_refuses_is_refused_with_one_line(pin, body):
     head = replace(body.segments["head"], tensor=np.diag([0.02, 0.02, -0.01]))
     with pytest.raises(ValueError, match=r"^Pinocchio refuses the body: [^\n]+$"):

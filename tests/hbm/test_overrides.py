@@ -93,11 +93,6 @@ def test_a_heavier_shank_raises_the_knee_moment_and_changes_no_geometry(changed)
     np.testing.assert_allclose(heavy.geometry, synthetic_body().geometry, atol=1e-12)
 
 
-def test_empty_overrides_change_nothing():
-    bare, stated = synthetic_body(), built({"head": SegmentOverride()})
-    np.testing.assert_allclose(stated.inertia_vector, bare.inertia_vector, rtol=1e-12, atol=1e-15)
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [

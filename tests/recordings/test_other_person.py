@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.c3d.read import read_c3d
-from pipeline.trial.marker_check import EXPLAINED
+from pipeline.trial.checks import EXPLAINED
 from pipeline.trial.process import process_recording
 
 AXES = "left,back,up"

@@ -12,7 +12,7 @@ from hbm.spatial import GRAVITY_MPS2
 from pipeline.config.schema import Treadmill
 from pipeline.io.c3d.read import read_c3d
 from pipeline.trial.gait.detection import detect_events
-from pipeline.trial.gait.event_agreement import compare_events
+from pipeline.trial.gait.events import compare_events
 from pipeline.trial.ground.laboratory import Laboratory
 from tests.benchmarks.events import event_sources
 

@@ -19,7 +19,7 @@ from pipeline.explain.cause import Cause, Prior, priors
 from pipeline.explain.processing_chain import ProcessingChain
 from pipeline.io.recording import Plate
 from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.ground.platform_delay import plate_marker_delay
+from pipeline.trial.ground.platform import plate_marker_delay
 
 MIN_SWING_S: Final = 0.2
 EDGE_S: Final = 0.05

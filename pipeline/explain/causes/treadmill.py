@@ -16,8 +16,9 @@ from hbm.spatial import WRENCH_COMPONENTS, Array, rotation_about, shift_wrench
 from pipeline.config.schema import Platform
 from pipeline.explain.cause import Cause, Change, Prior, priors
 from pipeline.explain.causes.plates import delayed
-from pipeline.explain.processing_chain import ProcessingChain, wrenches_in_lab
+from pipeline.explain.processing_chain import ProcessingChain
 from pipeline.explain.subtracted import Subtracted
+from pipeline.trial.ground.platform import in_lab
 
 SHARE: Final = 0.95
 MOST: Final = 12
@@ -167,8 +168,8 @@ def _to_residual(chain: ProcessingChain, plate: int) -> Array:
     columns = []
     for unit in np.eye(6):
         alone = np.tile(unit, (frames, 1))
-        (in_lab,) = wrenches_in_lab([alone], [chain.plates[plate]], chain.pose)
-        columns.append(shift_wrench(in_lab, chain.motion.value[:, :3]))
+        (moved,) = in_lab([alone], [chain.plates[plate]], chain.pose)
+        columns.append(shift_wrench(moved, chain.motion.value[:, :3]))
     return np.stack(columns, axis=2)
 
 

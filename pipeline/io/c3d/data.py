@@ -161,7 +161,7 @@ def _decode(
 
 
 def _check_scale(header: Header, parameters: Parameters) -> None:
-    scale = _first(parameters, "POINT", "SCALE", header.scale)
+    scale = parameters.number("POINT", "SCALE", header.scale)
     differs = header.scale > 0 and abs(scale / header.scale - 1) > MAX_SCALE_DIFFERENCE
     if scale * header.scale <= 0 or differs:
         raise ValueError(
@@ -198,9 +198,9 @@ def frame_rate_hz(header: Header, parameters: Parameters) -> tuple[float, tuple[
     ValueError
         None of them states a rate that a camera has, or they contradict each other.
     """
-    analog_rate = _first(parameters, "ANALOG", "RATE", np.nan)
+    analog_rate = parameters.number("ANALOG", "RATE", np.nan)
     places = {
-        "POINT:RATE": _first(parameters, "POINT", "RATE", header.rate_hz),
+        "POINT:RATE": parameters.number("POINT", "RATE", header.rate_hz),
         "the header": header.rate_hz,
     }
     if header.channels and parameters.has("ANALOG", "RATE"):
@@ -227,10 +227,6 @@ def frame_rate_hz(header: Header, parameters: Parameters) -> tuple[float, tuple[
 
 def _shown_hz(rate: float) -> str:
     return f"{rate:g} Hz" if np.isfinite(rate) else "no number"
-
-
-def _first(parameters: Parameters, group: str, name: str, default: float) -> float:
-    return float(next(iter(parameters.numbers(group, name).flat), default))
 
 
 def is_unsigned(parameters: Parameters) -> bool:
@@ -263,7 +259,7 @@ def analog_scaling(
         Either is absent otherwise, or has fewer values than there are channels.
     """
     channels, unsigned = header.channels, is_unsigned(parameters) and header.scale > 0
-    general = _first(parameters, "ANALOG", "GEN_SCALE", 1.0)
+    general = parameters.number("ANALOG", "GEN_SCALE", 1.0)
     offset = (parameters.integers if is_unsigned(parameters) else parameters.numbers)(
         "ANALOG", "OFFSET"
     )

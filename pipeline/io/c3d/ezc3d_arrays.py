@@ -27,20 +27,18 @@ def _read(source: str, target: str, wanted: list[str]) -> None:
 
     file = ezc3d.c3d(source)
     data, parameters = file["data"], file["parameters"]
-    found = {}
+    arrays: dict[str, Any] = {
+        "points": data["points"][:3].transpose(2, 1, 0),
+        "residuals": data["meta_points"]["residuals"][0].T,
+        "analog": data["analogs"][0].T,
+        "rate_hz": file["header"]["points"]["frame_rate"],
+    }
     for key in wanted:
         group, name = key.split(":")
         value = parameters.get(group, {}).get(name, {"value": []})["value"]
         texts = isinstance(value, list)
-        found[key] = np.array([_text(v) for v in value] if texts else np.ravel(value, order="F"))
-    np.savez(
-        target,
-        points=data["points"][:3].transpose(2, 1, 0),
-        residuals=data["meta_points"]["residuals"][0].T,
-        analog=data["analogs"][0].T,
-        rate_hz=file["header"]["points"]["frame_rate"],
-        **found,
-    )
+        arrays[key] = np.array([_text(v) for v in value] if texts else np.ravel(value, order="F"))
+    np.savez(target, **arrays)
 
 
 def _text(data: Any) -> str:

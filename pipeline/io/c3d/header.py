@@ -23,6 +23,12 @@ from pipeline.io.input_file import open_file
 MAX_COUNT: Final = 65535
 """Of a 16-bit number: frame counts stop there or start over."""
 NEXT: Final = "copy it from its source again, or export it again"
+DATA_STARTS: Final = (("POINT", "DATA_START"), ("ROTATION", "DATA_START"))
+"""Parameters that, like the header, say in which block of the file data begin."""
+KEY: Final = 0x50
+"""Second byte of every C3D file."""
+EVENTS_KEY: Final = 12345
+"""Of header events with labels of four characters."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,8 +220,7 @@ def _larger(
     header: FrameSize, points: int, channels: int, parameters: Parameters
 ) -> Iterator[FrameSize]:
     """Give what a frame may hold where the header's numbers are too small."""
-    rates = (next(iter(parameters.numbers(g, "RATE").flat), 0.0) for g in ("ANALOG", "POINT"))
-    analog_rate, rate = rates
+    analog_rate, rate = (parameters.number(group, "RATE", 0.0) for group in ("ANALOG", "POINT"))
     per_channel = {header.per_channel}
     if rate > 0 and analog_rate > 0 and (analog_rate / rate) % 1 == 0:
         per_channel.add(int(analog_rate / rate))
@@ -262,14 +267,6 @@ def _fitting_frames(section: DataSection, frame: FrameSize, counts: list[FrameCo
 
 def _contradicted(place: str, stated: int, held: int) -> Note:
     return Note.of("count_contradicted", place=place, stated=stated, held=held)
-
-
-DATA_STARTS: Final = (("POINT", "DATA_START"), ("ROTATION", "DATA_START"))
-"""Parameters that, like the header, say in which block of the file data begin."""
-KEY: Final = 0x50
-"""Second byte of every C3D file."""
-EVENTS_KEY: Final = 12345
-"""Of header events with labels of four characters."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +13,21 @@ from hbm.spelling import printable
 BLOCK_BYTES: Final = 512
 BYTE_ORDERS: Final = {84: "intel", 85: "dec", 86: "sgi"}
 """Processor type in the parameter section -> order of bytes."""
+Values = NDArray[np.floating] | NDArray[np.integer] | NDArray[np.str_]
+Value = str | Sequence[str] | NDArray[np.integer] | NDArray[np.floating]
+Groups = dict[str, dict[str, Value]]
+MAX_ENTRIES: Final = 255
+"""Of a parameter's dimension, which is one byte; longer lists continue in NAME2, NAME3, …"""
+MAX_BLOCKS: Final = 255
+"""Of the parameter section, whose length is one byte."""
+MAX_IDENTITY: Final = 127
+"""Of a group, whose number is one signed byte."""
+SECTION_START: Final = 4
+"""Bytes of the parameter section before its first record."""
+BLOCK_COUNT: Final = 2
+"""Which of them is the number of blocks."""
+MAX_RECORD_BYTES: Final = 32767
+"""Of one parameter, whose length is a signed 16-bit number."""
 
 
 def floats(data: bytes, byte_order: str) -> NDArray[np.floating]:
@@ -59,9 +74,6 @@ def integer_type(byte_order: str, *, signed: bool = True) -> np.dtype:
 def decoded_text(data: bytes) -> str:
     """Decode a text, which ends at its first zero, printable and without spaces around it."""
     return printable(data.decode("utf-8", "replace").split("\0", 1)[0].strip())
-
-
-Values = NDArray[np.floating] | NDArray[np.integer] | NDArray[np.str_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +124,14 @@ class Parameters:
             return np.empty(0)
         with np.errstate(invalid="ignore"):
             return np.concatenate(parts, axis=-1).astype(float)
+
+    @overload
+    def number(self, group: str, name: str) -> float | None: ...
+    @overload
+    def number(self, group: str, name: str, default: float) -> float: ...
+    def number(self, group: str, name: str, default: float | None = None) -> float | None:
+        """Give the first number of a parameter, or the default where it is absent."""
+        return next(map(float, self.numbers(group, name).flat), default)
 
     def integers(self, group: str, name: str) -> NDArray[np.int64]:
         """Give a parameter of counts or indices: 16 bits without sign, whole numbers."""
@@ -266,23 +286,6 @@ def _parse_values(section: bytes, record: Record, byte_order: str) -> Values:
     else:
         values = np.frombuffer(data, np.int8 if kind == 1 else integer_type(byte_order))
     return values.reshape(shape, order="F") if shape else values
-
-
-Value = str | Sequence[str] | NDArray[np.integer] | NDArray[np.floating]
-Groups = dict[str, dict[str, Value]]
-
-MAX_ENTRIES: Final = 255
-"""Of a parameter's dimension, which is one byte; longer lists continue in NAME2, NAME3, …"""
-MAX_BLOCKS: Final = 255
-"""Of the parameter section, whose length is one byte."""
-MAX_IDENTITY: Final = 127
-"""Of a group, whose number is one signed byte."""
-SECTION_START: Final = 4
-"""Bytes of the parameter section before its first record."""
-BLOCK_COUNT: Final = 2
-"""Which of them is the number of blocks."""
-MAX_RECORD_BYTES: Final = 32767
-"""Of one parameter, whose length is a signed 16-bit number."""
 
 
 def parameter_section(groups: Groups, data_block: int) -> bytes:

@@ -1,6 +1,7 @@
 """C3D files -> Recording: units, axes, labels and plates are settled here, once."""
 
 import re
+from collections.abc import Mapping
 from itertools import zip_longest
 from pathlib import Path
 from typing import Final, get_args
@@ -43,6 +44,38 @@ SIDE_WORDS: Final = {"left": "left", "l": "left", "right": "right", "r": "right"
 LABEL: Final = re.compile(
     rf"(?P<before>{'|'.join(SIDE_WORDS)})?(?P<kind>{'|'.join(KINDS)})(?P<after>{'|'.join(SIDE_WORDS)})?"
 )
+GROUP: Final = "HBM_RESIDUALS"
+TEXTS: Final = {
+    "SOFTWARE": "software",
+    "CALIBRATION": "calibration",
+    "CALIBRATION_SHA256": "calibration_sha256",
+    "BELTS": "belts",
+    "BELTS_SHA256": "belts_sha256",
+    "PLATE_CALIBRATION": "plate_calibration",
+    "PLATE_CALIBRATION_SHA256": "plate_calibration_sha256",
+    "FILTER": "filter",
+    "FRAME": "frame",
+}
+"""Parameter -> attribute of `Compensation`."""
+BEGINNING_FRAMES: Final = 1000
+"""Ten seconds at 100 Hz: enough gait to infer axes, weigh the subject and find events."""
+SAMPLED_FRAMES: Final = 500
+"""Frames in which missing markers are counted: shares are known to 2 % (one SD of 0.5 at most)."""
+OF_SUBJECT: Final = {
+    "mass_kg": ("BODYMASS", 1.0, 5.0, 500.0),
+    "height_m": ("HEIGHT", 1e-3, 0.3, 2.7),
+}
+OF_LIMB: Final = {
+    "leg_length_m": ("LEGLENGTH", 1e-3, 0.1, 1.5),
+    "knee_width_m": ("KNEEWIDTH", 1e-3, 0.01, 0.5),
+    "ankle_width_m": ("ANKLEWIDTH", 1e-3, 0.01, 0.5),
+    "elbow_width_m": ("ELBOWWIDTH", 1e-3, 0.01, 0.3),
+    "wrist_width_m": ("WRISTWIDTH", 1e-3, 0.01, 0.2),
+    "hand_thickness_m": ("HANDTHICKNESS", 1e-3, 0.005, 0.1),
+    "shoulder_offset_m": ("SHOULDEROFFSET", 1e-3, 0.005, 0.2),
+}
+"""Attribute -> PROCESSING parameter, without the L or R before it, factor to SI from the file's kg
+and mm, and bounds beyond which it is not stated (zero) or in another unit [kg or m]."""
 
 
 def read_events(
@@ -64,13 +97,13 @@ def read_events(
         labels, contexts = [label for label, _ in header.events], []
         seconds = np.array([time for _, time in header.events])
     events = []
-    for time, label, context in zip_longest(
-        seconds, labels[: len(seconds)], contexts[: len(seconds)], fillvalue=""
-    ):
+    count = len(seconds)
+    texts = zip_longest([""] * count, labels[:count], contexts[:count], fillvalue="")
+    for time, (_, label, context) in zip(seconds.tolist(), texts, strict=True):
         kind, side = _kind_and_side(label)
         stated = SIDE_WORDS.get(context.lower(), "")
         if kind and np.isfinite(time) and (side or stated) and side in ("", stated or side):
-            events.append(Event(float(time - start_s), kind, stated or side))
+            events.append(Event(time - start_s, kind, stated or side))
     if others := len(seconds) - len(events):
         notes.append(Note.of("events_left_out", events=others))
     return tuple(events), notes
@@ -99,21 +132,6 @@ def _kind_and_side(label: str) -> tuple[str, str]:
         return "", ""
     sides = {SIDE_WORDS[word] for word in (found["before"], found["after"]) if word}
     return (KINDS[found["kind"]], "".join(sides)) if len(sides) < 2 else ("", "")
-
-
-GROUP: Final = "HBM_RESIDUALS"
-TEXTS: Final = {
-    "SOFTWARE": "software",
-    "CALIBRATION": "calibration",
-    "CALIBRATION_SHA256": "calibration_sha256",
-    "BELTS": "belts",
-    "BELTS_SHA256": "belts_sha256",
-    "PLATE_CALIBRATION": "plate_calibration",
-    "PLATE_CALIBRATION_SHA256": "plate_calibration_sha256",
-    "FILTER": "filter",
-    "FRAME": "frame",
-}
-"""Parameter -> attribute of `Compensation`."""
 
 
 def compensation_group(compensation: Compensation) -> dict[str, Value]:
@@ -149,39 +167,8 @@ def read_compensation(parameters: Parameters) -> Compensation | None:
             f"{', '.join(frames)}; another version of this program wrote it"
         )
     plates = tuple(parameters.integers(GROUP, "PLATES").ravel().tolist())
-    cutoff_hz = next(iter(parameters.numbers(GROUP, "CUTOFF_HZ").flat), None)
+    cutoff_hz = parameters.number(GROUP, "CUTOFF_HZ")
     return Compensation(**texts, plates=plates, cutoff_hz=cutoff_hz, frame=frame)
-
-
-BEGINNING_FRAMES: Final = 1000
-"""Ten seconds at 100 Hz: enough gait to infer axes, weigh the subject and find events."""
-SAMPLED_FRAMES: Final = 500
-"""Frames in which missing markers are counted: shares are known to 2 % (one SD of 0.5 at most)."""
-MEASURES: Final = {
-    "BODYMASS": (1.0, 5.0, 500.0),
-    "HEIGHT": (1e-3, 0.3, 2.7),
-    "LEGLENGTH": (1e-3, 0.1, 1.5),
-    "KNEEWIDTH": (1e-3, 0.01, 0.5),
-    "ANKLEWIDTH": (1e-3, 0.01, 0.5),
-    "ELBOWWIDTH": (1e-3, 0.01, 0.3),
-    "WRISTWIDTH": (1e-3, 0.01, 0.2),
-    "HANDTHICKNESS": (1e-3, 0.005, 0.1),
-    "SHOULDEROFFSET": (1e-3, 0.005, 0.2),
-}
-"""PROCESSING parameter, without the L or R before it -> factor to SI from the file's kg and mm, and
-bounds beyond which it is not stated (zero) or in another unit [kg or m]."""
-
-
-LIMBS: Final = {
-    "leg_length_m": "LEGLENGTH",
-    "knee_width_m": "KNEEWIDTH",
-    "ankle_width_m": "ANKLEWIDTH",
-    "elbow_width_m": "ELBOWWIDTH",
-    "wrist_width_m": "WRISTWIDTH",
-    "hand_thickness_m": "HANDTHICKNESS",
-    "shoulder_offset_m": "SHOULDEROFFSET",
-}
-"""Attribute of `LimbMeasures` -> its parameter."""
 
 
 def read_c3d(
@@ -350,9 +337,7 @@ def _metadata(parameters: Parameters, labels: PointLabels) -> Metadata:
     software = parameters.texts("MANUFACTURER", "SOFTWARE")
     software += parameters.texts("MANUFACTURER", "VERSION_LABEL")
     limbs = {
-        side: LimbMeasures(
-            **{field: _measure(parameters, letter + name, name) for field, name in LIMBS.items()}
-        )
+        side: LimbMeasures(**_measures(parameters, letter, OF_LIMB))
         for side, letter in SIDES.items()
     }
     return Metadata(
@@ -360,18 +345,21 @@ def _metadata(parameters: Parameters, labels: PointLabels) -> Metadata:
         marker_set=parameters.text("SUBJECTS", "MARKER_SETS"),
         manufacturer=parameters.text("MANUFACTURER", "COMPANY"),
         software=" ".join(software),
-        mass_kg=_measure(parameters, "BODYMASS", "BODYMASS"),
-        height_m=_measure(parameters, "HEIGHT", "HEIGHT"),
+        **_measures(parameters, "", OF_SUBJECT),
         limbs={side: found for side, found in limbs.items() if found != LimbMeasures()},
     )
 
 
-def _measure(parameters: Parameters, name: str, kind: str) -> float | None:
-    """Give a measure of the subject in SI units; None where it is absent or implausible."""
-    scale, lowest, highest = MEASURES[kind]
-    values = [float(value * scale) for value in parameters.numbers("PROCESSING", name).flat]
-    plausible = [value for value in values if lowest < value < highest]
-    return plausible[-1] if plausible else None
+def _measures(
+    parameters: Parameters, letter: str, wanted: Mapping[str, tuple[str, float, float, float]]
+) -> dict[str, float]:
+    """Give measures of the subject in SI units, without those that are absent or implausible."""
+    found = {}
+    for attribute, (name, scale, lowest, highest) in wanted.items():
+        for number in parameters.numbers("PROCESSING", letter + name).flat:
+            if lowest < number * scale < highest:
+                found[attribute] = float(number * scale)
+    return found
 
 
 def _plate_notes(

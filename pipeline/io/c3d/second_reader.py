@@ -156,7 +156,9 @@ def check_rewritten(
     except ValueError as error:
         raise ValueError(f"the copy is not {original.name} written again: {error}") from error
     if before.disagreements:
-        return SecondReading(found.reader, f"of the original, {before.disagreements[0]}")
+        return SecondReading(
+            found.reader, f"it reads the original otherwise: {before.disagreements[0]}"
+        )
     return found
 
 
@@ -209,14 +211,11 @@ def _differences(
     """
     contradictory = bool(header.notes or samples.notes)
     frames, channels = header.frames, header.channels
-    counts = (
+    counts: tuple[tuple[str, int, int], ...] = (
         ("frames", len(second["points"]) if header.n_points else frames, frames),
         ("points", second["points"].shape[1], header.n_points),
         ("analog channels", second["analog"].shape[1], channels),
-        (
-            "samples of a channel",
-            *(len(a) * bool(channels) for a in (second["analog"], samples.analog)),
-        ),
+        ("samples", len(second["analog"]) * bool(channels), len(samples.analog) * bool(channels)),
     )
     for name, read, held in counts:
         if read != held:
@@ -341,31 +340,24 @@ def _require_same_bytes(
     data, data_again = first[header.data_start :], second[header_again.data_start :]
     if len(data) != len(data_again):
         raise ValueError(f"its data section has {len(data_again)} bytes, expected {len(data)}")
-    _require_same_words(data, data_again, header, parameters, changed)
+    _require_same_words(data, data_again, header, changed)
 
 
 def _require_same_words(
-    first: NDArray[np.uint8],
-    second: NDArray[np.uint8],
-    header: Header,
-    parameters: Parameters,
-    changed: Collection[int],
+    first: NDArray[np.uint8], second: NDArray[np.uint8], header: Header, changed: Collection[int]
 ) -> None:
     """Compare data sections but for the samples of the changed channels."""
-    points, channels = 4 * header.n_points, header.channels
-    end, size = header.frames * header.frame.bytes, header.frame.bytes
-    word = np.dtype("u4" if header.scale < 0 else "u2")
-    columns = np.arange(size // word.itemsize)
-    kept = columns[(columns < points) | ~np.isin((columns - points) % max(channels, 1), [*changed])]
+    points, channels = 4 * header.n_points, max(header.channels, 1)
+    word, size = np.dtype("u4" if header.scale < 0 else "u2"), header.frame.bytes
+    column = np.arange(size // word.itemsize)
+    kept = column[(column < points) | ~np.isin((column - points) % channels, [*changed])]
     for frame in range(header.frames):
         part = slice(frame * size, (frame + 1) * size)
-        wrong = first[part].view(word)[kept] != second[part].view(word)[kept]
-        if wrong.any():
-            column = int(kept[wrong.argmax()])
-            group, k = ("POINT", column // 4) if column < points else ("ANALOG", column - points)
-            k = k if group == "POINT" else k % channels
-            name = dict(enumerate(parameters.texts(group, "LABELS"))).get(k) or f"{k + 1}"
-            kind = "marker" if group == "POINT" else "channel"
-            raise ValueError(f"{kind} {name} differs in frame {header.first_frame + frame}")
+        wrong = kept[first[part].view(word)[kept] != second[part].view(word)[kept]]
+        if len(wrong):
+            at = int(wrong[0])
+            kind, k = ("marker", at // 4) if at < points else ("channel", (at - points) % channels)
+            raise ValueError(f"{kind} {k + 1} differs in frame {header.first_frame + frame}")
+    end = header.frames * size
     if not np.array_equal(first[end:], second[end:]):
         raise ValueError("what follows its samples differs")

@@ -9,7 +9,7 @@ import logging
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 from xml.etree import ElementTree
 
@@ -41,9 +41,9 @@ MAX_TIME_S: Final = 1e11
 MAX_CHANNELS: Final = 100_000
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Stream:
-    """One stream of numbers.
+    """One stream, of numbers or of text.
 
     Attributes
     ----------
@@ -53,6 +53,10 @@ class Stream:
         Its description.
     rate_hz
         Nominal sampling rate [Hz]; 0 where samples come irregularly.
+    channels, format
+        Number of channels, and the type of their samples.
+    samples, footer
+        Number of samples in the file, and as counted at its end; None without an end.
     stamps
         Time stamps on the recorder's clock, (N,) [s].
     values
@@ -63,20 +67,12 @@ class Stream:
     content_type: str
     info: ElementTree.Element
     rate_hz: float
-    stamps: Array
-    values: Array
-
-
-@dataclass(slots=True)
-class _Header:
-    name: str
-    content_type: str
-    info: ElementTree.Element
-    rate_hz: float
     channels: int
     format: str
     samples: int = 0
     footer: int | None = None
+    stamps: Array = field(default_factory=lambda: np.empty(0))
+    values: Array = field(default_factory=lambda: np.empty((0, 0)))
 
 
 def read_streams(content: bytes) -> tuple[list[Stream], list[str], bool]:
@@ -101,30 +97,28 @@ def read_streams(content: bytes) -> tuple[list[Stream], list[str], bool]:
     ValueError
         The file is damaged.
     """
-    headers, end = _walk(content)
-    numbers = {k: header for k, header in headers.items() if header.format in SAMPLE_BYTES}
-    for header in headers.values():
-        if header.footer is not None and header.samples < header.footer:
+    streams, end = _walk(content)
+    numbers = {k: stream for k, stream in streams.items() if stream.format in SAMPLE_BYTES}
+    for stream in streams.values():
+        if stream.footer is not None and stream.samples < stream.footer:
             raise ValueError(
-                f"damaged: stream {short(header.name)!r} holds {header.samples} samples, but its "
-                f"end counts {header.footer}"
+                f"damaged: stream {short(stream.name)!r} holds {stream.samples} samples, but its "
+                f"end counts {stream.footer}"
             )
     loaded = _load(content[:end], list(numbers))
-    streams = []
-    for k, header in numbers.items():
-        stamps, values = loaded.get(k, (np.empty(0), np.empty((0, header.channels))))
-        if not (np.abs(stamps) < MAX_TIME_S).all():
-            raise ValueError(f"damaged: stream {short(header.name)!r} has impossible time stamps")
-        streams.append(
-            Stream(header.name, header.content_type, header.info, header.rate_hz, stamps, values)
-        )
-    whole = end == len(content) and all(header.footer is not None for header in headers.values())
-    return streams, [h.name for k, h in headers.items() if k not in numbers], whole
+    for k, stream in numbers.items():
+        none = np.empty(0), np.empty((0, stream.channels))
+        stream.stamps, stream.values = loaded.get(k, none)
+        if not (np.abs(stream.stamps) < MAX_TIME_S).all():
+            raise ValueError(f"damaged: stream {short(stream.name)!r} has impossible time stamps")
+    whole = end == len(content) and all(s.footer is not None for s in streams.values())
+    texts = [stream.name for k, stream in streams.items() if k not in numbers]
+    return list(numbers.values()), texts, whole
 
 
-def _walk(content: bytes) -> tuple[dict[int, _Header], int]:
+def _walk(content: bytes) -> tuple[dict[int, Stream], int]:
     """Give the streams' headers, and where the last complete chunk ends."""
-    headers: dict[int, _Header] = {}
+    headers: dict[int, Stream] = {}
     at = len(MAGIC)
     while at < len(content):
         try:
@@ -165,7 +159,7 @@ def _length(content: bytes, at: int) -> tuple[int, int]:
     return length, at + 1 + size
 
 
-def _header(body: bytes) -> _Header:
+def _header(body: bytes) -> Stream:
     info = _xml(body)
     try:
         channels = int(info.findtext("channel_count", ""))
@@ -178,7 +172,7 @@ def _header(body: bytes) -> _Header:
     if kind not in SAMPLE_BYTES and kind != "string":
         raise ValueError(f"damaged: a stream's samples have the format {short(kind)!r}")
     name, content_type = (printable(info.findtext(tag, "").strip()) for tag in ("name", "type"))
-    return _Header(name, content_type, info, rate, channels, kind)
+    return Stream(name, content_type, info, rate, channels, kind)
 
 
 def _footer(body: bytes) -> int | None:
@@ -193,7 +187,7 @@ def _xml(body: bytes) -> ElementTree.Element:
         raise ValueError(f"damaged: the description of a stream: {error}") from error
 
 
-def _count(header: _Header, body: bytes, at: int) -> int:
+def _count(header: Stream, body: bytes, at: int) -> int:
     """Give the number of samples in a chunk, which has to fit the chunk's length."""
     try:
         count, start = _length(body, 0)

@@ -136,7 +136,7 @@ def dflow_plates(
         vectors = [values[:, found] for found in columns.values()]
         units = [channels[found[0]].unit for found in columns.values()]
         force, moment, pressure = [*units, "m"][:3]
-        yield PlateColumns(number, name, time, *vectors[:3], units=(force, moment, pressure))
+        yield PlateColumns(number, name, time, (force, moment, pressure), *vectors)
 
 
 def _place(described: Element) -> tuple[Array, Array, Array]:

@@ -21,13 +21,12 @@ from pipeline.config.live import Live
 from pipeline.config.schema import Settings
 from pipeline.io.recording import Plate
 from pipeline.live.frames.channels import AnalogStreams, SampleBuffer
-from pipeline.live.frames.ground import LiveGround
+from pipeline.live.frames.ground import LiveGround, Pose
 from pipeline.live.stream import Samples, StreamDescription
+from pipeline.trial.checks import LEGS, MAX_UNSEEN_PELVIS_S
 from pipeline.trial.gait.carried import PLACES, Feet, Support
-from pipeline.trial.gait.contact import FEET
-from pipeline.trial.gait.pressure import pressure_beside
+from pipeline.trial.gait.contact import FEET, pressure_beside
 from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.motion_check import LEGS, MAX_UNSEEN_PELVIS_S
 from pipeline.trial.quality import Quality, settling_s
 from pipeline.trial.residuals import reported
 
@@ -84,176 +83,11 @@ class LiveFrame:
     markers: Array = field(default_factory=_none)
     platform: tuple[Array, Array] | None = None
 
-    @property
-    def rms_marker_error_m(self) -> float:
-        """Root mean square of the marker errors; NaN where there are none [m]."""
-        seen = self.marker_error[np.isfinite(self.marker_error)]
-        return float(np.sqrt(np.mean(seen**2))) if len(seen) else float("nan")
 
-
-OF_PLACES = [MOVING.index(segment) for segment in PLACES]
-
-
-class LiveDynamics:
-    """The equations of motion of one body.
-
-    Parameters
-    ----------
-    body
-        The subject.
-    """
-
-    def __init__(self, body: Body) -> None:
-        ready = kernels()
-        self.segment_poses = OneFrameKernel(ready.segment_poses, body.geometry)
-        self.newton_euler = OneFrameKernel(ready.newton_euler, body.geometry, body.inertia_vector)
-        self.chains = [np.array(support(LAST_Q[foot])) for foot in FEET]
-
-    def feet(self, q: Array) -> Array:
-        """Give the middle of the left and the right foot, ankle to toes, (2, 3) [m].
-
-        Parameters
-        ----------
-        q
-            Coordinates, (46,) [m and rad].
-        """
-        ankles_and_balls = self.places(q)[1:]
-        return np.asarray((ankles_and_balls[:2] + ankles_and_balls[2:]) / 2)
-
-    def places(self, q: Array) -> Array:
-        """Give pelvis, ankles and balls, left before right, coordinates (46,) to (5, 3) [m]."""
-        (poses,) = self.segment_poses(q)
-        return np.asarray(poses.reshape(len(MOVING), 4, 3)[OF_PLACES, 3])
-
-    def needed(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
-        """Give what a motion needs where nothing but gravity acts, as `hbm.engines`.
-
-        Returns
-        -------
-        tau
-            Generalized forces, (46,) [N, N·m].
-        wrench
-            On the pelvis, lab axes about the lab origin, (6,) [N, N·m].
-        motion
-            Of each coordinate per unit rate, (46, 6).
-        """
-        tau, wrench, motion = self.newton_euler(q, v, a)
-        return tau.copy(), wrench.copy(), motion.reshape(N_Q, 6).copy()
-
-    def under(
-        self, needed: tuple[Array, Array, Array], by_foot: Array, pelvis: Array
-    ) -> tuple[Array, Array]:
-        """Give generalized forces and residuals with wrenches on the feet, of V variants.
-
-        Parameters
-        ----------
-        needed
-            As `needed` gives it.
-        by_foot
-            On the left and the right foot, lab axes about the lab origin, (V, 2, 6) [N, N·m].
-        pelvis
-            Mid-hip in the lab, (3,) [m].
-
-        Returns
-        -------
-        tau, residual
-            (V, 46) and (V, 6) [N, N·m].
-        """
-        alone, wrench, motion = needed
-        tau = np.tile(alone, (len(by_foot), 1))
-        for foot, chain in enumerate(self.chains):
-            tau[:, chain] -= by_foot[:, foot] @ motion[chain].T
-        return tau, shift_wrench(wrench - by_foot.sum(axis=1), pelvis)
-
-
-class LiveFeet:
-    """The foot that each plate carried last.
-
-    Parameters
-    ----------
-    plates
-        How many there are.
-    threshold_n
-        Vertical force above which a plate is loaded [N].
-    """
-
-    def __init__(self, plates: int, threshold_n: float) -> None:
-        self.threshold_n = threshold_n
-        self.last: list[int | None] = [None] * plates
-
-    def on_plates(self, wrenches: Array, feet: Array) -> tuple[Array, bool]:
-        """Give the foot of each plate, 0 left and 1 right, (P,), and whether one is uncertain.
-
-        Parameters
-        ----------
-        wrenches
-            Of the plates, lab axes about the lab origin, (P, 6) [N, N·m].
-        feet
-            Middle of the left and the right foot in the lab, (2, 3) [m].
-        """
-        on = np.empty(len(wrenches), int)
-        count = len(wrenches)
-        pressure = pressure_beside(wrenches, np.broadcast_to(feet, (count, 2, 3)), self.threshold_n)
-        for k in range(count):
-            if pressure.decided[k]:
-                self.last[k] = int(pressure.nearer[k])
-            last = self.last[k]
-            on[k] = pressure.nearer[k] if last is None else last
-        return on, bool(pressure.uncertain.any())
-
-
-class LiveValidity:
-    """What was unknown when, frame by frame.
-
-    Parameters
-    ----------
-    body
-        The subject.
-    markers
-        Names of the markers that are solved from, (K,).
-    settling_s
-        How long the filters need after a gap [s].
-    longest_s
-        Longest step between frames that is no gap for the filters [s].
-    """
-
-    def __init__(
-        self, body: Body, markers: Sequence[str], settling_s: float, longest_s: float
-    ) -> None:
-        segment_of = body.segment_of
-        self.of_pelvis = np.array([segment_of[name] == "pelvis" for name in markers])
-        parts = {part for leg in LEGS for part in LIMBS[leg]}
-        self.of_legs = np.array([c.segment in parts for c in TREE])
-        self.shown: Mask = np.zeros(len(TREE), bool)
-        self.settling_s, self.longest_s = settling_s, longest_s
-        self.time = -np.inf
-        self.known_since: float | None = None
-        self.pelvis_seen_s = -np.inf
-
-    def of_pose(self, time: float, solution: FrameSolution) -> Quality:
-        """Say what markers do not show in a frame."""
-        if not solution.converged:
-            return Quality.POSE_UNKNOWN
-        found = Quality(0)
-        self.shown |= solution.observed
-        pelvis = bool(np.isfinite(solution.marker_error[self.of_pelvis]).any())
-        if (self.shown & ~solution.observed & self.of_legs).any() or not pelvis:
-            found |= Quality.LIMB_UNSEEN
-        if pelvis:
-            self.pelvis_seen_s = time
-        elif time - self.pelvis_seen_s >= MAX_UNSEEN_PELVIS_S:
-            found |= Quality.POSE_UNKNOWN
-        return found
-
-    def settled(self, time: float, gap: bool) -> bool:
-        """Whether the filters have settled in a frame, which is a gap of pose or forces or none."""
-        since_s, self.time = time - self.time, time
-        if gap:
-            self.known_since = None
-            return False
-        if self.known_since is None or since_s > self.longest_s:
-            self.known_since = time
-        return time - self.known_since >= self.settling_s
+CHAINS: Final = [np.array(support(LAST_Q[foot])) for foot in FEET]
+"""Coordinates that move each foot."""
+OF_LEGS: Final = np.isin([c.segment for c in TREE], [part for leg in LEGS for part in LIMBS[leg]])
+OF_PLACES: Final = [MOVING.index(segment) for segment in PLACES]
 
 
 ROUNDING_S: Final = 1e-6
@@ -290,7 +124,7 @@ class _Pose:
 
     time: float
     position: Array
-    platform: tuple[Array, Array] | None
+    platform: Pose | None
     q: Array
     feet: Array
     places: Array
@@ -384,15 +218,20 @@ class LiveChain:
         self.wait_s = max(0.0, *self.ground.ahead_s)
         self.filter_delay_s = float(np.sqrt(2) / (2 * np.pi * settings.cutoff_hz))
         self.tracker = MarkerTracker(body, markers.labels)
-        self.feet = LiveFeet(len(plates), settings.contact_threshold_n)
-        self.dynamics = LiveDynamics(body)
-        corners, cutoff_hz = [plate.corners for plate in plates], settings.cutoff_hz
-        self.support = Support(body, corners, settings.contact_threshold_n, cutoff_hz, "realtime")
-        in_real_time = settings.model_copy(update={"filter": "realtime"})
-        after_s, _ = settling_s(laboratory.filters(in_real_time))
         self.motion = RealtimeFilter(settings.cutoff_hz, N_Q)
-        self.validity = LiveValidity(body, self.tracker.markers, after_s, self.motion.longest_s)
         self.forces = RealtimeFilter(settings.cutoff_hz, 12 * len(self.ground.variants))
+        corners, threshold_n = [plate.corners for plate in plates], settings.contact_threshold_n
+        self.support = Support(body, corners, threshold_n, settings.cutoff_hz, "realtime")
+        in_real_time = settings.model_copy(update={"filter": "realtime"})
+        self.settling_s, _ = settling_s(laboratory.filters(in_real_time))
+        ready = kernels()
+        self.segment_poses = OneFrameKernel(ready.segment_poses, body.geometry)
+        self.newton_euler = OneFrameKernel(ready.newton_euler, body.geometry, body.inertia_vector)
+        self.pelvis = np.array([body.segment_of[m] == "pelvis" for m in self.tracker.markers])
+        self.shown: Mask = np.zeros(len(TREE), bool)
+        self.pelvis_seen_s = self.judged_s = -np.inf
+        self.known_since: float | None = None
+        self.foot_on: list[int | None] = [None] * len(plates)
         self.waiting = deque[_Pose]()
         self.order = SampleBuffer(0, MAX_WAITING_FRAMES)
         self.received = self.solved = self.marked = self.late = 0
@@ -411,17 +250,9 @@ class LiveChain:
         )
 
     def push(self, samples: Samples) -> list[LiveFrame]:
-        """Take what arrived of one stream.
+        """Take what arrived of one stream; those that are not used are ignored.
 
-        Parameters
-        ----------
-        samples
-            Of one of the streams; those of others are ignored.
-
-        Returns
-        -------
-        list of LiveFrame
-            Frames that are now complete, or that have waited too long, in order.
+        Gives the frames that are now complete, or that have waited too long, in order.
         """
         started = perf_counter()
         if samples.stream == self.stream.name:
@@ -462,46 +293,85 @@ class LiveChain:
         solution = self.tracker.step(time, position)
         self.motion.step(time, solution.q)
         q, v, a = self.motion.value, self.motion.velocity, self.motion.acceleration
-        quality = self.validity.of_pose(time, solution)
+        tau, wrench, motion = self.newton_euler(q, v, a)
+        feet, places = self._places(solution.q)[1:], self._places(q)
+        platform, above = self.ground.seen(position), None
+        if platform is not None or self.ground.platform is None:  # else it waits for its commands
+            above = self._above_plates(time, places, platform)
+        return _Pose(
+            time,
+            position,
+            platform,
+            q,
+            (feet[:2] + feet[2:]) / 2,
+            places,
+            above,
+            (tau.copy(), wrench.copy(), motion.reshape(N_Q, 6).copy()),
+            solution.marker_error,
+            self._quality_of_pose(time, solution),
+        )
+
+    def _places(self, q: Array) -> Array:
+        """Give pelvis, ankles and balls, left before right, coordinates (46,) to (5, 3) [m]."""
+        (poses,) = self.segment_poses(q)
+        return np.asarray(poses.reshape(len(MOVING), 4, 3)[OF_PLACES, 3])
+
+    def _above_plates(self, time: float, places: Array, platform: Pose | None) -> Feet:
+        return self.support.feet(np.array([time]), places[None], _one(platform))
+
+    def _quality_of_pose(self, time: float, solution: FrameSolution) -> Quality:
+        """Say what markers do not show in a frame."""
+        found = Quality(0)
         if self.tracker.left_out.any():
-            quality |= Quality.MARKERS_LEFT_OUT
+            found |= Quality.MARKERS_LEFT_OUT
         if self.tracker.frozen:
-            quality |= Quality.MARKERS_FROZEN
-        feet, needed = self.dynamics.feet(solution.q), self.dynamics.needed(q, v, a)
-        places, platform = self.dynamics.places(q), self.ground.seen(position)
-        above = None
-        if platform is not None or self.ground.platform is None:
-            above = self.support.feet(np.array([time]), places[None], _of_one_frame(platform))
-        error = solution.marker_error
-        return _Pose(time, position, platform, q, feet, places, above, needed, error, quality)
+            found |= Quality.MARKERS_FROZEN
+        if not solution.converged:
+            return found | Quality.POSE_UNKNOWN
+        self.shown |= solution.observed
+        pelvis = bool(np.isfinite(solution.marker_error[self.pelvis]).any())
+        if (self.shown & ~solution.observed & OF_LEGS).any() or not pelvis:
+            found |= Quality.LIMB_UNSEEN
+        if pelvis:
+            self.pelvis_seen_s = time
+        elif time - self.pelvis_seen_s >= MAX_UNSEEN_PELVIS_S:
+            found |= Quality.POSE_UNKNOWN
+        return found
 
     def _next(self, complete: bool, started: float) -> LiveFrame:
         """Compute the frame that has waited longest; its last sample arrived when it started."""
         pose = self.waiting.popleft()
         time, quality = pose.time, pose.quality
-        ground = self.ground.at(time, pose.platform)
-        best = ground.wrenches[-1]
-        on, uncertain = self.feet.on_plates(best, pose.feet)
-        raw = _by_foot(ground.wrenches, on)
+        wrenches, platform = self.ground.at(time, pose.platform)
+        on, uncertain = self._feet_on_plates(wrenches[-1], pose.feet)
+        raw = (on == np.array([[0], [1]])).astype(float) @ wrenches
+        raw[np.isnan(wrenches).any(axis=(1, 2))] = np.nan
         self.forces.step(time, raw.ravel())
 
         by_foot = self.forces.value.reshape(raw.shape)
-        tau, residual = self.dynamics.under(pose.needed, by_foot, pose.q[:3])
+        alone, wrench, motion = pose.needed
+        tau = np.tile(alone, (len(by_foot), 1))
+        for foot, chain in enumerate(CHAINS):
+            tau[:, chain] -= by_foot[:, foot] @ motion[chain].T
+        residual = shift_wrench(wrench - by_foot.sum(axis=1), pose.q[:3])
+
         if not complete:
             quality |= Quality.LATE
-        if not ground.platform_known:
+        if platform is not None and np.isnan(platform[1][0]):
             quality |= Quality.PLATFORM_UNKNOWN
-        elif np.isnan(best).any():
+        elif np.isnan(wrenches[-1]).any():
             quality |= Quality.FORCES_UNKNOWN
-        platform = _of_one_frame(ground.platform)
-        above = pose.above or self.support.feet(np.array([time]), pose.places[None], platform)
-        need, measured = pose.needed[1][2:3], by_foot[-1, :, 2].sum(keepdims=True)
-        if not self.support.carried(above, best[None], on[None], need, measured, platform)[0]:
+        above = pose.above or self._above_plates(time, pose.places, platform)
+        measured = by_foot[-1, :, 2].sum(keepdims=True)
+        best = wrenches[-1][None]
+        if not self.support.carried(above, best, on[None], wrench[2:3], measured, _one(platform))[
+            0
+        ]:
             quality |= Quality.NOT_CARRIED
         if uncertain:
             quality |= Quality.FOOT_UNCERTAIN
         gap = bool(np.isnan(residual).any() or quality & Quality.LIMB_UNSEEN)
-        if not self.validity.settled(time, gap):
+        if not self._settled(time, gap):
             quality |= Quality.SETTLING
         self.solved += quality.counts
         self.marked += not quality.counts
@@ -519,23 +389,39 @@ class LiveChain:
             quality=quality,
             computing_s=perf_counter() - started,
             markers=pose.position,
-            platform=ground.platform,
+            platform=platform,
         )
 
+    def _feet_on_plates(self, wrenches: Array, feet: Array) -> tuple[Array, bool]:
+        """Give the foot of each plate, 0 left and 1 right, (P,), and whether one is uncertain.
 
-def _of_one_frame(pose: tuple[Array, Array] | None) -> tuple[Array, Array] | None:
-    """Give the pose of a platform with an axis of frames."""
-    return None if pose is None else (pose[0][None], pose[1][None])
+        Wrenches of the plates, (P, 6) [N, N·m], and middles of the feet, (2, 3) [m], are in the
+        lab. A plate whose pressure does not decide keeps the foot that it carried last.
+        """
+        threshold_n, count = self.settings.contact_threshold_n, len(wrenches)
+        pressure = pressure_beside(wrenches, np.broadcast_to(feet, (count, 2, 3)), threshold_n)
+        on = np.array(pressure.nearer, int)
+        for k in range(count):
+            if pressure.decided[k]:
+                self.foot_on[k] = int(on[k])
+            elif (last := self.foot_on[k]) is not None:
+                on[k] = last
+        return on, bool(pressure.uncertain.any())
+
+    def _settled(self, time: float, gap: bool) -> bool:
+        """Whether the filters have settled in a frame, which is a gap of pose or forces or none."""
+        since_s, self.judged_s = time - self.judged_s, time
+        if gap:
+            self.known_since = None
+            return False
+        if self.known_since is None or since_s > self.motion.longest_s:
+            self.known_since = time
+        return time - self.known_since >= self.settling_s
 
 
-def _by_foot(wrenches: Array, on: Array) -> Array:
-    """Add up the wrenches of the plates, (V, P, 6), under each foot, (V, 2, 6).
-
-    NaN where a plate of a variant is unknown.
-    """
-    by_foot = (on == np.array([[0], [1]])).astype(float) @ wrenches
-    by_foot[np.isnan(wrenches).any(axis=(1, 2))] = np.nan
-    return np.asarray(by_foot)
+def _one(platform: Pose | None) -> Pose | None:
+    """Give a platform's pose with an axis of frames."""
+    return None if platform is None else (platform[0][None], platform[1][None])
 
 
 def _described(

@@ -12,19 +12,9 @@ from pipeline.live.stream import Samples, StreamDescription
 
 
 class SampleBuffer:
-    """The newest samples of one stream.
+    """The newest samples of one stream, at least so many, in memory that does not grow.
 
-    Parameters
-    ----------
-    columns
-        Channels K.
-    length
-        Samples that are kept at least.
-
-    Attributes
-    ----------
-    out_of_order, doubled
-        Samples that were left out since one that is later, or as late, was there already.
+    Samples that are left out since one that is later, or as late, was there already are counted.
 
     Examples
     --------
@@ -94,19 +84,7 @@ HISTORY_S: Final = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Channels:
-    """Some channels of one stream.
-
-    Attributes
-    ----------
-    buffer
-        Samples of all its channels.
-    columns
-        Which of them, (K,).
-    factor
-        What brings each to SI units, (K,).
-    rate_hz
-        Nominal sampling rate [Hz].
-    """
+    """Some channels of one stream: which, and what brings each to SI units, (K,)."""
 
     buffer: SampleBuffer
     columns: Indices
@@ -122,18 +100,7 @@ class Channels:
 
 
 class AnalogStreams:
-    """All analog streams.
-
-    Parameters
-    ----------
-    streams
-        Their descriptions.
-
-    Attributes
-    ----------
-    used
-        The newest samples of the streams of which channels were found.
-    """
+    """All analog streams; ``used`` has the newest samples of those of which channels were found."""
 
     def __init__(self, streams: Sequence[StreamDescription]) -> None:
         self.streams = {stream.name: stream for stream in streams}
@@ -149,28 +116,16 @@ class AnalogStreams:
             self.used[samples.stream].append(samples.time, samples.values)
 
     def find(
-        self, labels: Sequence[str], unit_in_si: Callable[[str], float], unit: str | None = None
+        self,
+        labels: Sequence[str],
+        unit_in_si: Sequence[Callable[[str], float]],
+        unit: str | None = None,
     ) -> Channels:
-        """Find channels of one stream.
+        """Find channels of one stream, in this order.
 
-        Parameters
-        ----------
-        labels
-            Theirs, (K,).
-        unit_in_si
-            Gives one of a unit in SI, such as `pipeline.io.units.length_in_m`.
-        unit
-            Of all of them; by default as the stream states it.
-
-        Returns
-        -------
-        Channels
-            In this order.
-
-        Raises
-        ------
-        ValueError
-            No stream has all of them, several have, or a unit is unknown.
+        Of each, ``unit_in_si`` gives one of a unit in SI, such as `pipeline.io.units.length_in_m`;
+        the unit is as stated, else as the stream has it. A ValueError says that no stream has all
+        of them, that several have, or that a unit is unknown.
         """
         having = [s for s in self.streams.values() if set(labels) <= set(s.labels)]
         if len(having) != 1:
@@ -187,7 +142,8 @@ class AnalogStreams:
         stream = having[0]
         columns = [stream.labels.index(label) for label in labels]
         try:
-            factor = [unit_in_si(unit or stream.units[column]) for column in columns]
+            units = [unit or stream.units[column] for column in columns]
+            factor = [in_si(each) for in_si, each in zip(unit_in_si, units, strict=True)]
         except ValueError as error:
             raise ValueError(f"stream {short(stream.name)!r}: {error}") from error
         buffer = self.used[stream.name] = self.buffers[stream.name]

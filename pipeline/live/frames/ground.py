@@ -1,7 +1,6 @@
 """The wrenches of the plates and the platform's pose, frame by frame."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -23,8 +22,8 @@ from pipeline.io.units import (
 from pipeline.live.frames.channels import AnalogStreams, Channels, SampleBuffer
 from pipeline.trial.ground.accelerometers import RealtimeAccelerometers
 from pipeline.trial.ground.belts import MODEL_RATE_HZ, RealtimeBelts, belt_side, between_steps
+from pipeline.trial.ground.calibration_recording import FILTER
 from pipeline.trial.ground.corrected_plates import plate_delays_s, relative_delays_s
-from pipeline.trial.ground.empty_plates import FILTER
 from pipeline.trial.ground.laboratory import Laboratory, models_of_plates
 from pipeline.trial.ground.platform import MAX_MARKER_ERROR_M, NEUTRAL_FRAMES
 
@@ -34,25 +33,7 @@ UNKNOWN: Final[Pose] = (np.full((3, 3), np.nan), np.full(3, np.nan))
 
 
 class MarkedPlatform:
-    """The pose from markers on the platform, whose first frames show it in neutral.
-
-    Parameters
-    ----------
-    platform
-        As stated.
-    labels
-        Of the markers' stream, (M,).
-
-    Attributes
-    ----------
-    problem
-        Why there is no neutral pose; empty where there is one, or none yet.
-
-    Raises
-    ------
-    ValueError
-        A platform marker is not in the stream.
-    """
+    """The pose from markers on the platform, whose first frames show it in neutral."""
 
     ahead_s = 0.0
 
@@ -66,7 +47,6 @@ class MarkedPlatform:
         self.columns = [list(labels).index(name) for name in platform.markers]
         self.first = list[Array]()
         self.neutral: Array | None = None
-        self.problem = ""
 
     def pose(self, position: Array) -> Pose:
         """Give the pose of a frame, its markers (M, 3) [m]; NaN where unknown."""
@@ -84,8 +64,7 @@ class MarkedPlatform:
                 return rotation, center - rotation @ self.neutral_center
         try:
             pose = fit_pose(own[None], self.neutral, MAX_MARKER_ERROR_M).pose
-        except ValueError as error:
-            self.problem = str(error)
+        except ValueError:
             return UNKNOWN
         return pose.rotation[0], pose.position[0]
 
@@ -93,40 +72,24 @@ class MarkedPlatform:
         try:
             neutral = neutral_markers(np.array(self.first))
             fit_pose(neutral[None], neutral, MAX_MARKER_ERROR_M)  # refuses markers in a line
-            self.neutral, self.problem = neutral, ""
+            self.neutral = neutral
             self.neutral_center = neutral.mean(axis=0)
             self.centered = neutral - self.neutral_center
-        except ValueError as error:
-            self.problem = str(error)
+        except ValueError:
             del self.first[0]
 
 
 class CommandedPlatform:
-    """The pose as commanded.
-
-    Parameters
-    ----------
-    platform
-        As stated.
-    analog
-        All analog streams.
-    frames_hz
-        Rate of the frames [Hz].
-
-    Raises
-    ------
-    ValueError
-        A channel is in no stream, or in another unit.
-    """
+    """The pose as commanded."""
 
     def __init__(self, platform: Platform, analog: AnalogStreams, frames_hz: float) -> None:
-        self.pivot_m, self.delay_s, self.problem = platform.pivot_m, platform.delay_s, ""
+        self.pivot_m, self.delay_s = platform.pivot_m, platform.delay_s
         self.commands = list[tuple[Channels, Convolution] | None]()
         channels = (platform.sway_channel, length_in_m), (platform.pitch_channel, angle_in_rad)
         for channel, unit_in_si in channels:
             found = None
             if channel is not None:
-                stream = analog.find([channel], unit_in_si)
+                stream = analog.find([channel], [unit_in_si])
                 found = stream, Convolution.between(stream.rate_hz, frames_hz)
             self.commands.append(found)
         reaches = [command[1].reach_s for command in self.commands if command is not None]
@@ -146,8 +109,7 @@ class CommandedPlatform:
             return UNKNOWN
         try:
             pose = commanded_pose([values[0]], [values[1]], self.pivot_m)
-        except ValueError as error:
-            self.problem = str(error)
+        except ValueError:
             return UNKNOWN
         return pose.rotation[0], pose.position[0]
 
@@ -157,17 +119,7 @@ KEPT_STEPS = 50
 
 
 class LiveBelts:
-    """The belts' models, step by step.
-
-    Parameters
-    ----------
-    models
-        Of each plate's belt.
-    speeds
-        Channels of the speed of each plate's belt.
-    first_s
-        Time of the first frame [s].
-    """
+    """The models of each plate's belt, step by step from the belts' speeds."""
 
     def __init__(self, models: Sequence[BeltModel], speeds: Channels, first_s: float) -> None:
         self.speeds, self.belts = speeds, RealtimeBelts.of(models, speeds.rate_hz, first_s)
@@ -217,56 +169,18 @@ class LiveBelts:
             self.moments[k].append(np.array([at]), np.array([[moment]]))
 
 
+PLATE_UNITS: Final = (*[force_in_n] * 3, *[moment_in_nm] * 3)
 LIVE: Final = "live"
 """What is compensated, in messages."""
-
-
-@dataclass(frozen=True, slots=True)
-class GroundFrame:
-    """The plates in one frame.
-
-    Attributes
-    ----------
-    wrenches
-        Of each variant and plate, lab axes about the lab origin, unfiltered, (V, P, 6) [N, N·m];
-        NaN where unknown.
-    platform
-        Rotation, (3, 3), and position, (3,) [m], of the platform, NaN where unknown; None where it
-        stands still.
-    """
-
-    wrenches: Array
-    platform: Pose | None = None
-
-    @property
-    def platform_known(self) -> bool:
-        """Whether the platform's pose is known, or it stands still."""
-        return self.platform is None or not np.isnan(self.platform[1][0])
 
 
 class LiveGround:
     """Plates, accelerometers, belts and platform of a laboratory.
 
-    Parameters
-    ----------
-    laboratory
-        The treadmill and its calibrations.
-    settings
-        How trials are processed.
-    plates
-        Places of the plates, whose samples do not count.
-    channels
-        Of each plate, in this order: its Fx Fy Fz Mx My Mz, in its own axes about the centre of
-        its surface.
-    analog
-        All analog streams.
-    labels, frames_hz
-        Of the markers' stream [Hz].
-
-    Raises
-    ------
-    ValueError
-        A channel or platform marker is in no stream, or the calibration does not fit the streams.
+    Of each plate, whose place is known and whose samples do not count, six channels are its Fx Fy
+    Fz Mx My Mz in its own axes about the centre of its surface. Labels and rate are those of the
+    markers' stream. A ValueError says that a channel or platform marker is in no stream, or that
+    the calibration does not fit the streams.
     """
 
     def __init__(
@@ -282,7 +196,7 @@ class LiveGround:
         treadmill = laboratory.treadmill
         self.plates, self.laboratory = plates, laboratory
         self.delays_s = plate_delays_s(plates, laboratory.plates, settings.plate_delay_s)
-        each = [_plate_channels(analog, six) for six in channels]
+        each = [analog.find(six, PLATE_UNITS) for six in channels]
         self.groups = _grouped(each, self.delays_s, frames_hz)
         corrections = [_correction(plate, laboratory) for plate in plates]
         self.corrections, self.offsets = map(np.array, zip(*corrections, strict=True))
@@ -297,7 +211,7 @@ class LiveGround:
             self.gains = [(model.gain[:-1], model.gain[-1]) for model in models]
             names = [name for axes in sensors.values() for name in axes]
             unit = treadmill.accelerometer_unit
-            self.readings = analog.find(names, acceleration_in_mps2, unit)
+            self.readings = analog.find(names, [acceleration_in_mps2] * len(names), unit)
             self.accelerometers = RealtimeAccelerometers.of(
                 treadmill,
                 laboratory.calibration.sensors,
@@ -325,8 +239,12 @@ class LiveGround:
             return None
         return self.platform.pose(position)
 
-    def at(self, time: float, seen: Pose | None) -> GroundFrame:
-        """Give the plates at a frame's time [s], whose markers show the platform so, or not."""
+    def at(self, time: float, seen: Pose | None) -> tuple[Array, Pose | None]:
+        """Give the plates at a frame's time [s], whose markers show the platform so, or not.
+
+        The wrenches of each variant and plate are in lab axes about the lab origin, unfiltered,
+        (V, P, 6) [N, N·m], NaN where unknown; the platform's pose is None where it stands still.
+        """
         variants = [self._measured(time)]
         if len(self.variants) > 1:
             compensated = variants[0].copy()
@@ -337,9 +255,7 @@ class LiveGround:
             variants.append(compensated)
         wrenches = (np.array(variants)[:, :, None] @ self.to_lab)[:, :, 0]
         pose = self.platform.pose(time) if isinstance(self.platform, CommandedPlatform) else seen
-        if pose is None:
-            return GroundFrame(wrenches)
-        return GroundFrame(transform_wrench(wrenches, *pose), pose)
+        return wrenches if pose is None else transform_wrench(wrenches, *pose), pose
 
     def _measured(self, time: float) -> Array:
         """Give each plate's own wrench, corrected, (P, 6)."""
@@ -375,7 +291,7 @@ class LiveGround:
             )
         count = len(belt.speed_channels)
         names = [belt.speed_channels[k % count] for k in range(len(self.plates))]
-        found = analog.find(names, speed_in_mps)
+        found = analog.find(names, [speed_in_mps] * len(names))
         belts = RealtimeBelts.of(models, found.rate_hz, 0.0)
         self.ahead_s.append(max(self.delays_s) + belts.ahead_s)
         self.sides = np.array([np.r_[np.zeros(3), belt_side(plate)] for plate in self.plates])
@@ -407,21 +323,6 @@ def _grouped(each: Sequence[Channels], delays_s: Sequence[float], frames_hz: flo
         how = Convolution.between(own[0].rate_hz, frames_hz)
         groups.append((plates, of_all, how, delay_s))
     return groups
-
-
-def _plate_channels(analog: AnalogStreams, six: Sequence[str]) -> Channels:
-    forces, moments = (
-        analog.find(labels, unit_in_si)
-        for labels, unit_in_si in ((six[:3], force_in_n), (six[3:], moment_in_nm))
-    )
-    if forces.buffer is not moments.buffer:
-        raise ValueError(f"the six channels {', '.join(six)} of a plate are not in one stream")
-    return Channels(
-        forces.buffer,
-        np.concatenate([forces.columns, moments.columns]),
-        np.concatenate([forces.factor, moments.factor]),
-        forces.rate_hz,
-    )
 
 
 def _correction(plate: Plate, laboratory: Laboratory) -> tuple[Array, Array]:

@@ -1,11 +1,12 @@
-"""Which foot stood on which plate, contact by contact."""
+"""Which foot stood on which plate, contact by contact, by the centre of pressure."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
 
+from compensation import center_of_pressure
 from hbm.body import Body
 from hbm.coordinates import COORDINATES
 from hbm.motion import Motion
@@ -16,7 +17,75 @@ from hbm.signals.samples import median_of, stretches
 from hbm.spatial import Array, Mask
 from pipeline.config.schema import PlateContact
 from pipeline.trial.gait.events import SIDES
-from pipeline.trial.gait.pressure import pressure_beside
+
+MIN_DISTANCE_DIFFERENCE_M: Final = 0.1
+"""How much nearer a foot must be: one that swings may pass a shoe's length from the pressure."""
+MAX_PRESSURE_DISTANCE_M: Final = 0.2
+"""Farther from the middle of a foot, ankle to toes, there is no pressure under it."""
+MAX_HEIGHT_DIFFERENCE_M: Final = 0.03
+"""Two feet that both stand are level; one that swings past is not."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pressure:
+    """The pressure on one plate beside the feet.
+
+    Attributes
+    ----------
+    loaded
+        Whether there is a centre of pressure, (T,).
+    distance
+        From it to the middle of the left and the right foot, (T, 2) [m]; 0 without load.
+    nearer
+        The nearer foot, 0 left and 1 right, (T,).
+    decided
+        Whether that foot is nearer by so much that the load is its own, (T,).
+    uncertain
+        Whether the load lies under neither foot, or between two that both stand, (T,).
+    """
+
+    loaded: Mask
+    distance: Array
+    nearer: Array
+    decided: Mask
+    uncertain: Mask
+
+
+def pressure_beside(wrench: Array, feet: Array, threshold_n: float) -> Pressure:
+    """Find the pressure on a plate beside the feet.
+
+    Parameters
+    ----------
+    wrench
+        Of the plate, lab axes about the lab origin, (T, 6) [N, N·m].
+    feet
+        Middle of the left and the right foot in the lab, (T, 2, 3) [m].
+    threshold_n
+        Vertical force above which the plate is loaded [N].
+
+    Returns
+    -------
+    Pressure
+        Frames in which wrench or feet are unknown are not loaded.
+    """
+    surface = feet[..., 2].min(axis=1)
+    pressure = center_of_pressure(wrench, threshold_n, surface)[:, :2]
+    apart = feet[..., :2] - pressure[:, None]
+    distance = np.sqrt(np.square(apart).sum(axis=-1))
+    loaded: Mask = np.isfinite(distance).all(axis=1)
+    distance = np.where(loaded[:, None], distance, 0.0)
+    left, right = distance.T
+    undecided = np.abs(left - right) < MIN_DISTANCE_DIFFERENCE_M
+    level = np.abs(feet[:, 1, 2] - feet[:, 0, 2]) < MAX_HEIGHT_DIFFERENCE_M
+    under_none = np.minimum(left, right) > MAX_PRESSURE_DISTANCE_M
+    return Pressure(
+        loaded,
+        distance,
+        (right < left).astype(int),
+        loaded & ~undecided,
+        loaded & (under_none | (undecided & level)),
+    )
+
 
 Foot = Literal["left_foot", "right_foot"]
 FEET: Final[tuple[Foot, Foot]] = ("left_foot", "right_foot")
@@ -83,10 +152,6 @@ class SharedPlates:
     contacts: tuple[Contact, ...]
     foot_of_plates: tuple[Array, ...] = ()
 
-    def with_wrenches(self, wrenches: Sequence[Array]) -> "SharedPlates":
-        """Give other wrenches of the plates, (T, 6) each, to the same feet."""
-        return replace(self, by_foot=_by_foot(wrenches, self.foot_of_plates))
-
 
 def feet_of(body: Body, motion: Motion) -> Array:
     """Give the middle of the left and right foot, ankle to toes, in the lab, (T, 2, 3) [m]."""
@@ -114,7 +179,7 @@ def share_between_feet(
     wrenches
         Per plate, action on the subject in lab axes about the lab origin, (T, 6) [N, N·m]. Where a
         moving platform's inertia is in others, these are of the subject alone, and the others are
-        given to the same feet (`SharedPlates.with_wrenches`).
+        given to the same feet (`by_foot`).
     feet
         Middle of the left and the right foot in the lab, (T, 2, 3) [m].
     threshold_n
@@ -160,17 +225,18 @@ def share_between_feet(
         contacts += plate.contacts(number, foot_index)
         ambiguous |= doubtful if live else plate.uncertain
         foot_of_plates.append(foot_index)
-    by_foot = _by_foot(wrenches, foot_of_plates)
-    return SharedPlates(by_foot, ambiguous, tuple(contacts), tuple(foot_of_plates))
+    under = by_foot(np.stack(wrenches, axis=1), np.stack(foot_of_plates, axis=1))
+    each = dict(zip(FEET, np.moveaxis(under, 1, 0), strict=True))
+    return SharedPlates(each, ambiguous, tuple(contacts), tuple(foot_of_plates))
 
 
-def _by_foot(wrenches: Sequence[Array], foot_of_plates: Sequence[Array]) -> dict[str, Array]:
-    """Add up the wrenches of the plates, (T, 6) each, under each foot."""
-    by_foot: dict[str, Array] = {foot: np.zeros(wrenches[0].shape) for foot in FEET}
-    for wrench, foot_index in zip(wrenches, foot_of_plates, strict=True):
-        for k, foot in enumerate(FEET):
-            by_foot[foot] += np.where((foot_index == k)[:, None], wrench, 0.0)
-    return by_foot
+def by_foot(wrenches: Array, on: Array) -> Array:
+    """Add up the wrenches of the plates, (..., P, 6), under each foot, (..., 2, 6).
+
+    ``on`` is the foot that each plate carries, 0 left and 1 right, (..., P).
+    """
+    under = (np.where((on == foot)[..., None], wrenches, 0.0).sum(axis=-2) for foot in range(2))
+    return np.stack([*under], axis=-2)
 
 
 def require_contacts(stated: Iterable[PlateContact], numbers: Sequence[int], time: Array) -> None:

@@ -1,37 +1,376 @@
-"""Gait events of a trial by the method that is wanted: the file's, Zeni's, the plates', or all."""
+"""Gait events of a trial: by the motion of the feet, by the plates, or both."""
 
+from bisect import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Final
 
 import numpy as np
+from scipy.signal import find_peaks
 
+from compensation.platform import PlatformPose
+from hbm.body import Body
 from hbm.markers import Markers, MarkerSet
 from hbm.notes import Note
-from hbm.signals.samples import stretches
+from hbm.poses import joint_positions
+from hbm.signals.filtering import butterworth, low_pass
+from hbm.signals.samples import median_of, stretches
 from hbm.spatial import Array
 from pipeline.config.schema import EventMethod
 from pipeline.io.recording import Event
-from pipeline.trial.gait.contact import Contact
-from pipeline.trial.gait.event_agreement import match_times
+from pipeline.trial.gait.contact import FEET, MIN_STANCE_S, Contact, Foot
 from pipeline.trial.gait.events import (
     LABELS,
     MIN_EXCURSION_M,
+    MIN_STRIDE_S,
     NONE_IN_FILE,
     SIDES,
     event_times,
     has_strides,
     in_order,
+    match_times,
     zeni_events,
 )
-from pipeline.trial.gait.foot_motion_events import FootMotion, foot_motion_events
-from pipeline.trial.gait.plate_events import plate_events
-from pipeline.trial.ground.loads import PlateLoad
+from pipeline.trial.ground.wrenches import PlateLoad
+
+TURN_CUTOFF_HZ: Final = 6.0
+"""For when a foot swings forward and back: gait is below it."""
+SPEED_CUTOFF_HZ: Final = 12.0
+"""For the speed of a foot, which stops within a tenth of a second."""
+STRIKE_SHARE: Final = 0.6
+OFF_SHARE: Final = 0.8
+"""Of the walking speed, that an ankle has above the ground at foot strike and the ball of a foot at
+foot off: where the events of simulated walking are closest to those of the force."""
+MID_STANCE: Final = 0.3, 0.6
+"""Of the time in which a foot travels backwards against the pelvis: it rests on the ground."""
+
+
+@dataclass(frozen=True, slots=True)
+class FootMotion:
+    """How pelvis and feet moved on the surface that carries them.
+
+    Attributes
+    ----------
+    time
+        (T,) [s].
+    pelvis
+        Its forward place, (T,) [m].
+    ankles, balls
+        Forward places of the ankle joints and of the joints of the toes, left and right, (T, 2)
+        [m]; all in the frame of the platform, the belts moving in it.
+    """
+
+    time: Array
+    pelvis: Array
+    ankles: Array
+    balls: Array
+
+
+def foot_motion(body: Body, time: Array, q: Array, pose: PlatformPose | None) -> FootMotion:
+    """Give how pelvis and feet moved on a platform.
+
+    Parameters
+    ----------
+    body
+        The subject.
+    time
+        (T,) [s].
+    q
+        Coordinates, not filtered, (T, 46) [m and rad].
+    pose
+        The platform's pose at these times; None where it stands still.
+
+    Returns
+    -------
+    FootMotion
+        NaN where the pose of body or platform is unknown.
+    """
+    names = "pelvis", "left_foot", "right_foot", "left_toes", "right_toes"
+    places = joint_positions(body, q, names)
+    if pose is None:
+        forward = places[..., 0]
+    else:
+        relative = places - pose.position[:, None]
+        forward = np.einsum("ti,tki->tk", pose.rotation[:, :, 0], relative)
+    return FootMotion(time, forward[:, 0], forward[:, 1:3], forward[:, 3:])
+
+
+def foot_motion_events(motion: FootMotion) -> tuple[Event, ...]:
+    """Find foot strikes and foot offs by the speed of each foot above the ground.
+
+    Parameters
+    ----------
+    motion
+        How pelvis and feet moved.
+
+    Returns
+    -------
+    tuple of Event
+        In order of time, to a fraction of a frame. In a gap there are none, and none of a foot
+        that does not swing past the pelvis.
+
+    Raises
+    ------
+    ValueError
+        If the trial is shorter than the filter needs.
+
+    Notes
+    -----
+    A foot swings between the instants at which it is farthest behind and ahead of the pelvis (Zeni
+    et al. 2008). In the middle of the stance between two swings the ball of the foot rests on the
+    ground, whose speed it shows: a belt's, or none. A foot strikes when, after it was farthest
+    ahead, the speed of the ankle above the ground falls below `STRIKE_SHARE` of the walking speed,
+    that of the pelvis above the ground; it leaves when, before it was farthest behind, that of the
+    ball rises above `OFF_SHARE` of it. Belts may so differ from each other, change their speed, or
+    stand still, and the platform may move.
+    """
+    time, back, events = motion.time, -motion.time[::-1], []
+    pelvis = butterworth(motion.pelvis, time, TURN_CUTOFF_HZ, "zero_phase")
+    for side, ankle, ball in zip(SIDES, motion.ankles.T, motion.balls.T, strict=True):
+        ahead = _turns(time, ankle - motion.pelvis)
+        behind = _turns(time, motion.pelvis - ball)
+        ankle_speed, ball_speed = (
+            butterworth(place, time, SPEED_CUTOFF_HZ, "zero_phase").velocity
+            for place in (ankle, ball)
+        )
+        known = np.isfinite(ball_speed + pelvis.velocity)
+        stances = [(a, b) for a, b in _stances(ahead, behind) if known[a:b].all()]
+        if not stances:
+            continue
+        middle, ground, walking = _ground(time, stances, ball_speed, pelvis.velocity)
+        ground, walking = (np.interp(time, middle, values) for values in (ground, walking))
+        strike = ankle_speed - ground - STRIKE_SHARE * walking
+        off = ball_speed - ground - OFF_SHARE * walking
+        strikes = (_falls_through(time, strike, k) for k in ahead)
+        offs = (_falls_through(back, off[::-1], len(time) - 1 - k) for k in behind)
+        events += [Event(t, "foot_strike", side) for t in strikes if t is not None]
+        events += [Event(-t, "foot_off", side) for t in offs if t is not None]
+    return in_order(events)
+
+
+def _turns(time: Array, distance: Array) -> list[int]:
+    """Find the frames in which a distance (T,) is largest; in a gap nothing is found."""
+    filtered = low_pass(distance, time, TURN_CUTOFF_HZ, "zero_phase")
+    apart = max(1, round(MIN_STRIDE_S / np.median(np.diff(time))))
+    frames: list[int] = []
+    for start, stop in stretches(np.isfinite(filtered)):
+        peaks, _ = find_peaks(filtered[start:stop], distance=apart, prominence=MIN_EXCURSION_M)
+        frames += [int(start + peak) for peak in peaks]
+    return frames
+
+
+def _stances(ahead: list[int], behind: list[int]) -> list[tuple[int, int]]:
+    """Pair each frame in which a foot is farthest ahead with the next in which it is behind."""
+    stops = np.searchsorted(behind, ahead, side="right")
+    pairs = [(a, behind[k]) for a, k in zip(ahead, stops, strict=True) if k < len(behind)]
+    following = [*ahead[1:], np.inf]
+    return [(a, b) for (a, b), after in zip(pairs, following, strict=False) if b < after]
+
+
+def _ground(
+    time: Array, stances: list[tuple[int, int]], ball_speed: Array, pelvis_speed: Array
+) -> tuple[Array, Array, Array]:
+    """Give time, speed of the ground and walking speed in every stance, (S,) each [s], [m/s]."""
+    middle, ground, walking = [], [], []
+    for start, stop in stances:
+        first, last = (round(start + share * (stop - start)) for share in MID_STANCE)
+        speed = median_of(ball_speed[first : last + 1])
+        middle.append((time[first] + time[last]) / 2)
+        ground.append(speed)
+        walking.append(float(np.mean(pelvis_speed[start:stop])) - speed)
+    return np.array(middle), np.array(ground), np.array(walking)
+
+
+def _falls_through(time: Array, value: Array, frame: int) -> float | None:
+    """Give when a value first falls to zero from a frame on; None if not within a stride."""
+    after = value[
+        frame : frame + 1 + int(np.searchsorted(time, time[frame] + MIN_STRIDE_S) - frame)
+    ]
+    below = np.flatnonzero(~(after > 0))
+    if not len(below) or not np.isfinite(after[below[0]]):
+        return None
+    if below[0] == 0:
+        return float(time[frame])
+    k = frame + int(below[0]) - 1
+    return float(time[k] + (time[k + 1] - time[k]) * value[k] / (value[k] - value[k + 1]))
+
+
+EVENT_THRESHOLD_N: Final = 20.0
+"""Of the vertical force at foot strike and foot off, above what the plate reads without load."""
+MAX_NOISE_SHARE: Final = 0.2
+"""Of the threshold that is noise of the unloaded plate, one standard deviation: of a plate that is
+noisier the threshold is higher, so that noise does not cross it."""
+MIN_STEP_SHARE: Final = 0.3
+"""Of body weight that a step carries at its peak; what a platform adds to its plates is less."""
+LANDED_SHARE: Final = 0.15
+"""Of body weight, beyond any noise: from there the crossing is looked for backwards."""
+LEVEL_S: Final = 0.2
+"""Before a contact and after it, of which the median is what the plate reads without load."""
+MIN_LEVEL_S: Final = 0.05
+"""With less time without load the level is unknown, and so is the event."""
+TOGETHER_S: Final = 0.1
+"""A foot that comes to a second plate later has landed on the first one."""
+MARGIN_S: Final = 0.04
+"""From a contact's start or stop at the markers' rate: a foot lands and leaves within it."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Hold:
+    """A stretch of frames in which a plate carries a foot.
+
+    ``lands`` and ``leaves`` are whether the plate is without load before and after it, and whose
+    foot it is is certain.
+    """
+
+    plate: int
+    foot: Foot
+    start: int
+    stop: int
+    lands: bool
+    leaves: bool
+
+
+def plate_events(
+    contacts: Sequence[Contact], loads: Sequence[PlateLoad], time: Array, weight_n: float
+) -> tuple[Event, ...]:
+    """Find foot strikes and foot offs at which a plate carries one foot alone.
+
+    Parameters
+    ----------
+    contacts
+        Which foot stood on which plate when, of `share_between_feet`.
+    loads
+        The plates' loads.
+    time
+        Of the frames that the contacts count, (T,) [s].
+    weight_n
+        Body weight.
+
+    Returns
+    -------
+    tuple of Event
+        In order of time, to a fraction of a plate's sample. There is none where a foot comes to or
+        leaves a plate that carries the other one, nor of a contact that is uncertain, nor where the
+        recording begins or ends.
+
+    Notes
+    -----
+    The event is where the load leaves, or falls to, ``EVENT_THRESHOLD_N`` above the level that the
+    plate has just before the strike, or just after the foot off: on a platform that moves, plates
+    that are not compensated read up to some tens of newtons without load. The loads of plates that
+    a foot steps on at the same time are added.
+    """
+    holds = [hold for contact in contacts for hold in _holds(contact, len(time))]
+    back = [
+        _Hold(h.plate, h.foot, len(time) - h.stop, len(time) - h.start, h.leaves, h.lands)
+        for h in holds
+    ]
+    loads_back = [PlateLoad(load.number, -load.time[::-1], load.force[::-1]) for load in loads]
+    strikes = _landings(holds, loads, time, weight_n)
+    offs = _landings(back, loads_back, -time[::-1], weight_n)
+    return in_order(
+        [
+            *(Event(at, "foot_strike", foot.removesuffix("_foot")) for foot, at in strikes),
+            *(Event(-at, "foot_off", foot.removesuffix("_foot")) for foot, at in offs),
+        ]
+    )
+
+
+def _holds(contact: Contact, frames: int) -> list[_Hold]:
+    """Cut a contact where its foot changes."""
+    bounds = [contact.start, *contact.changes, contact.stop]
+    lands = not contact.ambiguous and contact.start > 0
+    leaves = not contact.ambiguous and contact.stop < frames
+    return [
+        _Hold(
+            contact.plate,
+            foot,
+            start,
+            stop,
+            lands and start == contact.start,
+            leaves and stop == contact.stop,
+        )
+        for foot, start, stop in zip(contact.feet, bounds[:-1], bounds[1:], strict=True)
+    ]
+
+
+def _landings(
+    holds: Sequence[_Hold], loads: Sequence[PlateLoad], time: Array, weight_n: float
+) -> list[tuple[Foot, float]]:
+    """Find when feet come to plates that are free; backwards in time, when they leave them."""
+
+    @cache
+    def total(plates: frozenset[int]) -> PlateLoad:
+        return _total([load for load in loads if load.number in plates])
+
+    @cache
+    def stops(plates: frozenset[int]) -> list[int]:
+        return sorted(hold.stop for hold in holds if hold.plate in plates)
+
+    found = []
+    for foot in FEET:
+        for stance in _stances_of([hold for hold in holds if hold.foot == foot]):
+            start, stop = min(h.start for h in stance), max(h.stop for h in stance)
+            onto = [h for h in stance if time[h.start] - time[start] < TOGETHER_S]
+            if not all(hold.lands for hold in onto):
+                continue
+            plates = frozenset(hold.plate for hold in onto)
+            before = stops(plates)[: bisect(stops(plates), start)]
+            free_s = time[before[-1] - 1] + MARGIN_S if before else time[0]
+            at = _crossing(total(plates), free_s, time[start], time[stop - 1], weight_n)
+            found += [] if at is None else [(foot, at)]
+    return found
+
+
+def _stances_of(holds: Sequence[_Hold]) -> list[list[_Hold]]:
+    """Group the holds of one foot by several plates that overlap in time."""
+    groups: list[list[_Hold]] = []
+    for hold in sorted(holds, key=lambda h: h.start):
+        if groups and hold.start < max(h.stop for h in groups[-1]):
+            groups[-1].append(hold)
+        else:
+            groups.append([hold])
+    return groups
+
+
+def _total(loads: Sequence[PlateLoad]) -> PlateLoad:
+    """Add the loads of plates, at the samples of the first one."""
+    first, *others = loads
+    if not others:
+        return first
+    added = [np.interp(first.time, p.time, p.force, np.nan, np.nan) for p in others]
+    return PlateLoad(first.number, first.time, first.force + np.sum(added, axis=0))
+
+
+def _crossing(
+    load: PlateLoad, free_s: float, start_s: float, stop_s: float, weight_n: float
+) -> float | None:
+    """Give when a plate that is free from a time on becomes loaded, near the start of a stance.
+
+    None where the level without load is unknown, or what follows is no step.
+    """
+    time, since = load.time, max(free_s, start_s - LEVEL_S - MARGIN_S)
+    before = load.force[time.searchsorted(since) : time.searchsorted(start_s - MARGIN_S, "right")]
+    at_rest = before[np.isfinite(before)]
+    if len(at_rest) * load.step_s < MIN_LEVEL_S or stop_s - start_s < MIN_STANCE_S:
+        return None
+    first, last = time.searchsorted([start_s - MARGIN_S, stop_s])
+    above = load.force[first:last] - median_of(at_rest)
+    if not np.fmax.reduce(above, initial=0.0) >= MIN_STEP_SHARE * weight_n:
+        return None
+    landed = int(np.argmax(above > LANDED_SHARE * weight_n))
+    threshold_n = max(EVENT_THRESHOLD_N, float(at_rest.std()) / MAX_NOISE_SHARE)
+    below = np.flatnonzero(above[:landed] <= threshold_n)
+    if not len(below) or not np.isfinite(above[below[-1] + 1]):
+        return None
+    k = int(below[-1])
+    share = (threshold_n - above[k]) / (above[k + 1] - above[k])
+    return float(time[first + k] + share * (time[first + k + 1] - time[first + k]))
+
 
 NO_SWING: Final = "no foot swings forward and back against the pelvis, as in walking"
-TIMED_BY_PLATES: Final[tuple[EventMethod, ...]] = ("plates", "auto")
-"""Methods whose events need no comparison with the plates: it would be one with themselves."""
-MAX_APART_S: Final = 0.2
+MAX_PLATES_APART_S: Final = 0.2
 """Of a foot's motion and a plate's load that are the same event; the next one is a second away."""
 MIN_CLEAN: Final = 3
 """Events of a kind and foot that plates see, for a median that one wrong contact does not move."""
@@ -188,7 +527,7 @@ def combined_events(
             {side: event_times(each, label, side) for side in SIDES}
             for each in (by_motion, of_plates)
         )
-        pairs = {side: match_times(moved[side], timed[side], MAX_APART_S) for side in SIDES}
+        pairs = {side: match_times(moved[side], timed[side], MAX_PLATES_APART_S) for side in SIDES}
         seen = {
             side: (moved[side][own], timed[side][other]) for side, (own, other) in pairs.items()
         }

@@ -1,6 +1,8 @@
-"""Gait events: foot strike and foot off, from the file, from markers or from forces."""
+"""Gait events from the file, from markers or from forces, and how far two sources of them agree."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -11,13 +13,15 @@ from hbm.markers import Markers, MarkerSet
 from hbm.notes import Note
 from hbm.signals.filtering import butterworth
 from hbm.signals.samples import stretches
-from hbm.spatial import Array
+from hbm.spatial import Array, Mask
 from pipeline.config.schema import EventMethod
 from pipeline.io.recording import Event
 
 SIDES: Final = ("left", "right")
 LABELS: Final = ("foot_strike", "foot_off")
 
+TIMED_BY_PLATES: Final[tuple[EventMethod, ...]] = ("plates", "auto")
+"""Methods whose events need no comparison with the plates: it would be one with themselves."""
 EVENT_CUTOFF_HZ: Final = 6.0
 """Gait is below it, marker noise above; as for the motion."""
 MIN_STRIDE_S: Final = 0.4
@@ -220,3 +224,259 @@ def _forward(markers: Markers, marker_set: MarkerSet, choices: Sequence[Sequence
     raise ValueError(
         f"no marker of the set {marker_set.name!r} shows the landmark {wanted} in this recording"
     )
+
+
+MAX_DIFFERENCE_S: Final = 0.2
+"""Of two events that may be the same; events of one kind and side are a second apart."""
+
+
+@dataclass(frozen=True, slots=True)
+class EventAgreement:
+    """Agreement between two ways of finding one kind of gait event.
+
+    Attributes
+    ----------
+    label, side
+        The kind of event.
+    mean_ms, sd_ms
+        Mean and standard deviation of first minus second [ms]; NaN where too few match.
+    matched, only_in_first, only_in_second
+        Numbers of events.
+    """
+
+    label: str
+    side: str
+    mean_ms: float
+    sd_ms: float
+    matched: int
+    only_in_first: int
+    only_in_second: int
+
+
+def compare_events(
+    first: Iterable[Event], second: Iterable[Event], tolerance_s: float = MAX_DIFFERENCE_S
+) -> tuple[EventAgreement, ...]:
+    """Match the events of two methods and give their differences per kind and side.
+
+    Parameters
+    ----------
+    first, second
+        Events of the same trial.
+    tolerance_s
+        Largest difference of two events that may be the same [s].
+
+    Returns
+    -------
+    tuple of EventAgreement
+        Left and right foot strikes, left and right foot offs. Two events match when each is the
+        other's nearest.
+    """
+    first, second = tuple(first), tuple(second)
+    return tuple(
+        _agreement(
+            event_times(first, label, side),
+            event_times(second, label, side),
+            label,
+            side,
+            tolerance_s,
+        )
+        for label in LABELS
+        for side in SIDES
+    )
+
+
+def match_times(first: Array, second: Array, tolerance_s: float) -> tuple[Array, Array]:
+    """Give which times are each other's nearest, as two arrays of indices, (M,) each.
+
+    Parameters
+    ----------
+    first, second
+        Times in order, (E,) and (F,) [s].
+    tolerance_s
+        Largest difference of two times that may be the same [s].
+
+    Returns
+    -------
+    own, other
+        Indices into ``first`` and ``second``.
+    """
+    if not (len(first) and len(second)):
+        return np.zeros(0, int), np.zeros(0, int)
+    distance = np.abs(first[:, None] - second)
+    other = distance.argmin(axis=1)
+    own = np.arange(len(first))
+    same = (distance.argmin(axis=0)[other] == own) & (distance[own, other] <= tolerance_s)
+    return own[same], other[same]
+
+
+def agreement_with_plates(
+    events: Iterable[Event], feet: Mapping[str, Array], time: Array, threshold_n: float
+) -> tuple[Note, ...]:
+    """Give how far gait events are from those of the forces under the feet.
+
+    Parameters
+    ----------
+    events
+        Gait events.
+    feet
+        "left_foot" and "right_foot" -> action on that foot in lab axes, unfiltered, (T, 6).
+    time
+        (T,) [s].
+    threshold_n
+        Vertical force of contact [N].
+
+    Returns
+    -------
+    tuple of Note
+        One ``event_agreement`` per kind and side of which two events match at least; one
+        ``events_disagree`` where there is no such kind, though both sources show some event of a
+        side more than once.
+    """
+    sides = {foot.removesuffix("_foot"): wrench for foot, wrench in feet.items()}
+    compared = compare_events(events, force_events(sides, time, threshold_n))
+    notes = tuple(
+        Note.of(
+            "event_agreement",
+            side=kind.side,
+            event=kind.label.replace("_", " "),
+            mean_ms=kind.mean_ms,
+            sd_ms=kind.sd_ms,
+            matched=kind.matched,
+            only_events=kind.only_in_first,
+            only_plates=kind.only_in_second,
+        )
+        for kind in compared
+        if kind.matched > 1
+    )
+    repeated = any(
+        kind.matched + min(kind.only_in_first, kind.only_in_second) > 1 for kind in compared
+    )
+    return notes if notes or not repeated else (Note.of("events_disagree"),)
+
+
+def _agreement(
+    first: Array, second: Array, label: str, side: str, tolerance_s: float
+) -> EventAgreement:
+    own, other = match_times(first, second, tolerance_s)
+    matched = 1000 * (first[own] - second[other])
+    return EventAgreement(
+        label,
+        side,
+        mean_ms=float(matched.mean()) if matched.size else np.nan,
+        sd_ms=float(matched.std(ddof=1)) if matched.size > 1 else np.nan,
+        matched=matched.size,
+        only_in_first=len(first) - matched.size,
+        only_in_second=len(second) - matched.size,
+    )
+
+
+MIN_EVENTS: Final = 3
+"""Of a kind, for their mean to mean something; and half of those of the source that has fewer."""
+MAX_APART_S: Final = 0.5
+"""Of two events that may be the same: half of a stride."""
+MAX_AGREEMENT_MS: Final = 100.0
+MAX_OFFSET_MS: Final = 150.0
+"""In walking, markers turn up to 100 ms before or after the load crosses its threshold."""
+MAX_SD_MS: Final = 100.0
+"""Standard deviation of offsets beyond which events are not the same ones."""
+MIN_CARRIED_SHARE: Final = 0.8
+"""Of the frames: on a treadmill all, and fewer where a plate is dead or feet land beside them."""
+OTHER_SIDE: Final = {"left": "right", "right": "left"}
+
+
+def check_events(
+    events: Iterable[Event], references: Mapping[str, Iterable[Event]]
+) -> tuple[Note, ...]:
+    """Find gait events that carry the other side's name, are early, or late.
+
+    Parameters
+    ----------
+    events
+        The events that are used.
+    references
+        Where other events of the same trial come from -> these events; the first that can be
+        compared decides.
+
+    Returns
+    -------
+    tuple of Note
+        ``events_of_other_side`` where events coincide with the reference's of the other side;
+        ``events_offset`` where those of a kind are 150 ms and more away from the reference's on
+        average, always by about the same time.
+    """
+    events = tuple(events)
+    for source, reference in references.items():
+        notes = _compare(events, tuple(reference), source)
+        if notes is not None:
+            return notes
+    return ()
+
+
+def reference_events(
+    feet: Mapping[str, Array],
+    time: Array,
+    threshold_n: float,
+    markers: Markers,
+    marker_set: MarkerSet,
+    carried: Mask,
+    method: EventMethod,
+) -> dict[str, tuple[Event, ...]]:
+    """Give a trial's gait events by its plates and its markers, as far as both can be found.
+
+    Parameters
+    ----------
+    feet
+        "left_foot" and "right_foot" -> action on that foot in lab axes, unfiltered, (T, 6).
+    time
+        (T,) [s].
+    threshold_n
+        Vertical force of contact [N].
+    markers, marker_set
+        Trajectories, and the landmarks that they mark.
+    carried
+        Frames in which the plates carry the subject, (T,): plates that miss many steps show other
+        events than the feet.
+    method
+        What the events that are compared with these were found by; the same is no reference.
+
+    Returns
+    -------
+    dict[str, tuple of Event]
+        Where they come from -> events.
+    """
+    sides = {foot.removesuffix("_foot"): wrench for foot, wrench in feet.items()}
+    found = {}
+    if method not in TIMED_BY_PLATES and np.mean(carried) >= MIN_CARRIED_SHARE:
+        found["the plates"] = force_events(sides, time, threshold_n)
+    if method != "zeni":
+        with suppress(ValueError):  # without these markers, or too short for the filter
+            found["heel, toe and sacrum markers"] = zeni_events(markers, marker_set)
+    return found
+
+
+def _compare(
+    events: tuple[Event, ...], reference: tuple[Event, ...], source: str
+) -> tuple[Note, ...] | None:
+    """Compare with one reference; None where too few of its events are the same."""
+    other_side = [replace(e, side=OTHER_SIDE[e.side]) for e in reference]
+    own, crossed = _comparable(events, reference), _comparable(events, other_side)
+    if not (own or crossed):
+        return None
+    far = [kind for kind in own if abs(kind.mean_ms) > MAX_OFFSET_MS]
+    exchanged = [kind for kind in crossed if abs(kind.mean_ms) < MAX_AGREEMENT_MS]
+    if exchanged and len(far) == len(own):
+        return (Note.of("events_of_other_side", source=source),)
+    if not far:
+        return ()
+    offset_ms = {f"{kind.side} {kind.label.replace('_', ' ')}s": kind.mean_ms for kind in far}
+    return (Note.of("events_offset", source=source, offset_ms=offset_ms),)
+
+
+def _comparable(events: Iterable[Event], reference: Iterable[Event]) -> list[EventAgreement]:
+    """Compare kinds of events of which enough are about equally far from the reference's."""
+    return [
+        kind
+        for kind in compare_events(events, reference, MAX_APART_S)
+        if kind.matched >= max(MIN_EVENTS, min(kind.only_in_first, kind.only_in_second))
+        and kind.sd_ms < MAX_SD_MS
+    ]

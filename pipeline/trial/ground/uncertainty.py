@@ -15,10 +15,8 @@ from compensation import Calibration, InertiaModel, PlatformPose
 from compensation.inertia.model_error import RUNNING_MPS, SLOW_HZ
 from hbm.notes import Note
 from hbm.spatial import WRENCH_COMPONENTS, Array
-from pipeline.config.schema import Treadmill
-from pipeline.io.recording import Plate, Recording
+from pipeline.io.recording import Plate
 from pipeline.trial.ground.calibration_recording import BELTS_UNKNOWN
-from pipeline.trial.ground.instruments import mean_belt_speed
 
 FORCE: Final = slice(0, 3)
 MOMENT: Final = slice(3, 6)
@@ -99,8 +97,8 @@ def wrench_spread(
     )
 
 
-def sum_covariance(spreads: Sequence[Spread], correlation: Array) -> Array:
-    """Give the covariance of the sum of some plates' wrenches.
+def sum_deviation(spreads: Sequence[Spread], correlation: Array, point: Array) -> Array:
+    """Give one standard deviation of the sum of some plates' wrenches.
 
     Parameters
     ----------
@@ -108,28 +106,6 @@ def sum_covariance(spreads: Sequence[Spread], correlation: Array) -> Array:
         Of each plate.
     correlation
         Between all of their components but the zeros, which are independent, (6 P, 6 P).
-
-    Returns
-    -------
-    Array
-        In lab axes about the lab origin, (T, 6, 6) [N², N²·m, N²·m²].
-    """
-    changes = [spread.to_lab(np.zeros(3)) for spread in spreads]
-    moving, zeros = (
-        np.concatenate([c * sd[:, None] for c, sd in zip(changes, sds, strict=True)], axis=2)
-        for sds in ([s.sd for s in spreads], [s.zero[None] for s in spreads])
-    )
-    of_motion = moving @ correlation @ np.swapaxes(moving, 1, 2)
-    return np.asarray(of_motion + zeros @ np.swapaxes(zeros, 1, 2))
-
-
-def sum_deviation(spreads: Sequence[Spread], correlation: Array, point: Array) -> Array:
-    """Give one standard deviation of the sum of some plates' wrenches.
-
-    Parameters
-    ----------
-    spreads, correlation
-        As for `sum_covariance`, of which this needs the diagonal alone.
     point
         About which moments are wanted, in the lab, (T, 3) or (3,) [m].
 
@@ -149,81 +125,18 @@ def sum_deviation(spreads: Sequence[Spread], correlation: Array, point: Array) -
     return np.sqrt(variance).T
 
 
-def moved(covariance: Array, rotation: Array, point: Array) -> Array:
-    """Bring covariances of wrenches to other axes and another point of reference.
+def belt_speed_notes(speed: float | None, calibration: Calibration) -> tuple[Note, ...]:
+    """Say where a calibration does not know what belts as fast as a trial's leave; one at most.
 
-    Parameters
-    ----------
-    covariance
-        (T, 6, 6).
-    rotation
-        From the old axes to the new ones, (T, 3, 3) or (1, 3, 3).
-    point
-        The old point of reference from the new one, in the new axes, (T, 3) or (1, 3) [m].
-
-    Returns
-    -------
-    Array
-        (T, 6, 6).
-    """
-    change = _change(rotation, point)
-    return np.asarray(change @ covariance @ np.swapaxes(change, 1, 2))
-
-
-def standard_deviation(covariance: Array, point: Array) -> Array:
-    """Give one standard deviation of a wrench about a point.
-
-    Parameters
-    ----------
-    covariance
-        Of the wrench in lab axes about the lab origin, (T, 6, 6).
-    point
-        In the lab, (T, 3) or (1, 3) [m].
-
-    Returns
-    -------
-    Array
-        (T, 6) [N, N·m].
-    """
-    there = moved(covariance, np.eye(3)[None], -point)
-    return np.asarray(np.sqrt(np.diagonal(there, axis1=1, axis2=2)))
-
-
-def belt_speed_notes(
-    recording: Recording, treadmill: Treadmill, calibration: Calibration
-) -> tuple[Note, ...]:
-    """Say where a calibration does not know what belts as fast as a trial's leave.
-
-    Parameters
-    ----------
-    recording
-        The trial.
-    treadmill
-        Its belts' channels, where they are stated.
-    calibration
-        Its models of earlier versions, which know of noise alone, do not count.
-
-    Returns
-    -------
-    tuple of Note
-        One at most.
-
-    Raises
-    ------
-    ValueError
-        If a stated channel is in no unit of speed.
-
-    Notes
-    -----
-    Speeds of a trial and of the calibration's recordings are both those of `mean_belt_speed`.
+    The speed [m/s] is that of `mean_belt_speed`. Models of earlier versions, which know of noise
+    alone, do not count.
     """
     models, made = calibration.in_use.values(), calibration.provenance
     known = [m.model_error.fastest_mps for m in models if m.model_error is not None]
-    speeds = [speed for speed in known if speed is not None]
+    speeds = [each for each in known if each is not None]
     if len(speeds) < len(known):
         recordings = made.get(BELTS_UNKNOWN, made.get("recording", "its recording"))
         return (Note.of("uncertainty_calibration_belts_unknown", recordings=recordings),)
-    speed = mean_belt_speed(recording, treadmill)
     if not speeds:
         return ()
     calibrated = min(speeds)

@@ -128,22 +128,6 @@ def test_an_unknown_engine_is_refused():
         choose_engine("opensim")
 
 
-def test_the_engine_is_named_with_the_version_it_runs_on(body, motion):
-    used = inverse_dynamics(body, motion, {}).engine
-    assert str(used) == f"Pinocchio {pinocchio.__version__}"
-    assert str(used.note).startswith(
-        f"inverse dynamics by {used}; the other engine, kernels (casadi "
-    )
-    assert str(used.note).endswith("of the largest force and moment in 16 frames")
-    assert used.frames == CHECKED_FRAMES
-
-
-def test_a_result_that_nothing_checked_says_so(body, motion, without_pinocchio):
-    used = inverse_dynamics(body, motion, {}).engine
-    assert used.other is None
-    assert used.note.code == "engine_unchecked"
-
-
 # -- the check by the other engine ----------------------------------------------------------------
 
 

@@ -90,10 +90,6 @@ def test_lost_samples_leave_a_gap_and_one_of_many_does_not():
     assert np.isnan(resampling.evaluate(many, many[:, None], at)[0, 0])
 
 
-def test_weights_do_not_depend_on_the_measured_rate():
-    assert Convolution.between(999.97, 100.004) == Convolution.between(1000, 100)
-
-
 def test_instants_beyond_the_samples_are_unknown():
     time, at = np.array([0.5]), np.array([0.1, 0.498, 0.5, 0.9])
     found = Convolution.between(100, 100).evaluate(time, np.array([[7.0]]), at)[:, 0]

@@ -8,11 +8,7 @@ import pytest
 from hbm.segments import Inertia
 from hbm.spatial import GRAVITY_MPS2, shift_wrench
 from pipeline.config.schema import Treadmill
-from pipeline.explain.processing_chain import (
-    processing_chain,
-    wrenches_in_lab,
-    wrenches_in_plates,
-)
+from pipeline.explain.processing_chain import processing_chain
 from pipeline.trial.ground.laboratory import Laboratory
 
 
@@ -31,12 +27,6 @@ def test_some_frames_of_a_trial_have_the_same_residual_but_for_their_ends(walk):
     part = processing_chain(recording, Laboratory(Treadmill()), result, slice(500, 900))
     expected = result.measured.residual[600:800]
     np.testing.assert_allclose(part.residual[100:-100], expected, atol=1e-3)
-
-
-def test_wrenches_come_back_from_the_lab_on_a_moving_platform(moving_chain):
-    in_lab = wrenches_in_lab(moving_chain.wrenches, moving_chain.plates, moving_chain.pose)
-    again = wrenches_in_plates(in_lab, moving_chain.plates, moving_chain.pose)
-    np.testing.assert_allclose(again, moving_chain.wrenches, atol=1e-9)
 
 
 def test_a_heavier_pelvis_needs_its_own_weight_and_inertia_more(chain):

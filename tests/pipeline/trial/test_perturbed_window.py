@@ -15,7 +15,7 @@ from pipeline.config.schema import Condition
 from pipeline.config.study import read_study
 from pipeline.figures.residuals import mean_part
 from pipeline.run.store import read_trial, write_trial
-from pipeline.trial.gait.perturbations import motion_onsets, motion_stops
+from pipeline.trial.gait.cycles import motion_onsets, motion_stops
 from pipeline.trial.process import process_trial
 from pipeline.trial.residuals import counted, residual_table, threshold_table
 from pipeline.trial.window import perturbed_part

@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from hbm.signals.resampling import resample
-from pipeline.trial.plate_check import check_plates, rest_level
+from pipeline.trial.checks import check_plates, rest_level
 from tests.pipeline.trial.standing import WEIGHT_N, late, standing
 
 MASS_KG = 80.0
@@ -70,10 +70,9 @@ def test_any_component_that_is_not_zero_when_nobody_is_on_the_plate_is_named(com
     added[component] = offset
     shifted = replace(plate, wrench_in_plate=plate.wrench_in_plate + added)
     notes = all_notes(replace(recording, plates=(recording.plates[0], shifted)))
-    assert bool(notes) == (abs(offset) > 1)
+    assert bool(notes) == (abs(offset) > 10)
     for note in notes:
-        code = "plate_components_not_zeroed" if abs(offset) > 10 else "plate_rest"
-        assert (note.code, note.values["plate"]) == (code, 2)
+        assert (note.code, note.values["plate"]) == ("plate_components_not_zeroed", 2)
         (size,) = note.values["components"].values()
         assert abs(size) == pytest.approx(abs(offset), abs=1)
 

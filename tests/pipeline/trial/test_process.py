@@ -12,17 +12,16 @@ from pipeline.config.schema import Condition, Settings, Subject, Treadmill
 from pipeline.config.study import read_study
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.recording import Event, Metadata
-from pipeline.trial import process
+from pipeline.trial import stages
 from pipeline.trial.gait.cycles import cut_cycles
 from pipeline.trial.gait.events import event_times
-from pipeline.trial.ground.calibration_file import read_calibration
-from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.ground.wrenches import ground_wrenches
+from pipeline.trial.ground.laboratory import Laboratory, read_calibration
 from pipeline.trial.process import process_recording, process_trial
 from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.residuals import residual_table
-from pipeline.trial.weighing import body_mass
+from pipeline.trial.subject import body_mass
 from tests.pipeline import lab
+from tests.pipeline.trial.ground.grounds import ground_of
 
 PERSON = Subject(id="sub01", sex="male")
 
@@ -83,13 +82,13 @@ def test_a_platform_at_rest_has_nothing_to_compensate(results, standing_still):
 def test_both_variants_use_one_inverse_kinematics(study, monkeypatch):
     calls = {"solve_motion": 0, "filter_motion": 0, "inverse_dynamics_variants": 0}
     for name in calls:
-        real = getattr(process, name)
+        real = getattr(stages, name)
 
         def counted(*given, name=name, real=real, **named):
             calls[name] += 1
             return real(*given, **named)
 
-        monkeypatch.setattr(process, name, counted)
+        monkeypatch.setattr(stages, name, counted)
     result = process_trial(study, "sub01", "pitch")
     assert set(calls.values()) == {1}
     assert result.compensated is not None
@@ -131,7 +130,7 @@ def test_a_perturbed_condition_without_perturbation_is_refused(study):
 def test_motion_and_forces_pass_the_filter_that_is_stated(walker, method):
     result = process_recording(walker, PERSON, Settings(filter=method, cutoff_hz=8.0))
     time = walker.markers.time
-    plates = ground_wrenches(walker, Laboratory(Treadmill()), time, 0.0, 8.0, method)
+    plates = ground_of(walker, Laboratory(Treadmill()), time, cutoff_hz=8.0, method=method)
     raw = np.sum(plates.variants["measured"], axis=0)
     expected = butterworth(raw, time, 8.0, method).value
     np.testing.assert_allclose(total(result.ground["measured"]), expected, atol=1e-6)

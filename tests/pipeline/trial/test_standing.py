@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.trial.standing import common_tenths, median_extent, tenths
+from pipeline.trial.subject import common_tenths, median_extent, tenths
 
 
 @given(rate_hz=st.sampled_from([50, 60, 100, 120, 250, 1000, 1080]), tenth=st.integers(1, 30))

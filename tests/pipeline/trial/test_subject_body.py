@@ -21,7 +21,7 @@ from pipeline.io.stated import Stated
 from pipeline.run.check import check_study
 from pipeline.run.job import trial_key
 from pipeline.trial.process import process_trial
-from pipeline.trial.subject_body import subject_body
+from pipeline.trial.subject import subject_body
 from tests.hbm.calibration_pose.test_functional import swings
 from tests.pipeline import lab
 

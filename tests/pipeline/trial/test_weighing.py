@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from hbm.notes import Note
 from pipeline.config.schema import Subject
-from pipeline.trial.weighing import body_mass, carried_mass, differing_masses
+from pipeline.trial.subject import body_mass, carried_mass, differing_masses
 from tests.pipeline.trial.standing import WEIGHT_N, late, standing, without_plates
 
 NOBODY = Subject()

@@ -203,9 +203,9 @@ def flipped(word, frame):
 @pytest.mark.parametrize(
     ("word", "message"),
     [
-        (4 + 1, "marker B differs in frame 14"),
-        (4 + 3, "marker B differs in frame 14"),
-        (20 + 8 + 6, "channel A6 differs in frame 14"),
+        (4 + 1, "marker 2 differs in frame 14"),
+        (4 + 3, "marker 2 differs in frame 14"),
+        (20 + 8 + 6, "channel 7 differs in frame 14"),
     ],
 )
 def test_one_bit_outside_the_changed_channels_is_named(everything, word, message):

@@ -4,8 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from hbm.notes import Note
 from hbm.spatial import rotate_wrench
@@ -56,13 +54,6 @@ def test_an_xdf_file_is_recognised_by_content_and_holds_the_trial(trial, whole):
     assert read.analog.units == trial.analog.units
     np.testing.assert_array_equal(read.analog.values, trial.analog.values)
     assert set(codes(read)) == {"axes_of_format", "stream_clock"}
-
-
-def test_time_stamps_that_follow_from_the_rate_need_not_be_written(trial, tmp_path):
-    streams = [of | {"deduced": True} for of in xdf.recorded(trial)]
-    read = read_recording(xdf.write_xdf(tmp_path / "a.xdf", streams))
-    np.testing.assert_array_equal(read.markers.position, trial.markers.position)
-    np.testing.assert_allclose(read.plates[0].time, trial.plates[0].time, atol=1e-9)
 
 
 def test_positions_in_millimetres_are_metres_and_stated_units_win(trial, tmp_path):
@@ -278,44 +269,3 @@ def test_no_cut_changes_a_number_without_a_refusal_or_a_warning(whole, tmp_path)
         np.testing.assert_array_equal(read.markers.position, frames[: len(read.markers.time)])
         warned += 1
     assert warned > 30
-
-
-@pytest.fixture(scope="module")
-def small(trial, tmp_path_factory):
-    """A file of a few kilobytes, so that damage meets its structure."""
-    names = ["LASIS", "RASIS", "LPSIS", "RPSIS", "LHEE", "RHEE"]
-    columns = [trial.markers.names.index(name) for name in names]
-    position = np.array(trial.markers.position[:12, columns]).reshape(12, -1)
-    desc = xdf.described(xdf.marker_channels(names), xdf.tags(axes="forward,left,up"))
-    offset = [(5000.0 + t, 0.5) for t in range(4)]
-    of = xdf.stream("M", "MoCap", np.arange(12) / 100, position, desc, rate=100, offset=offset)
-    return xdf.write_xdf(tmp_path_factory.mktemp("small") / "small.xdf", [of], each=5)
-
-
-@settings(
-    deadline=None, max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
-@given(data=st.data())
-def test_a_damaged_file_is_read_or_refused_in_one_line(small, tmp_path, data):
-    content = bytearray(small.read_bytes())
-    for _ in range(data.draw(st.integers(1, 4))):
-        at = data.draw(st.integers(4, len(content) - 1))
-        match data.draw(st.sampled_from(["change", "remove", "insert", "zero"])):
-            case "change":
-                content[at] = data.draw(st.integers(0, 255))
-            case "remove":
-                del content[at : at + data.draw(st.integers(1, 20))]
-            case "insert":
-                content[at:at] = data.draw(st.binary(min_size=1, max_size=20))
-            case "zero":
-                content[at : at + 12] = bytes(len(content[at : at + 12]))
-        content = content if len(content) > 5 else bytearray(b"XDF:  ")
-    damaged = tmp_path / "damaged.xdf"
-    damaged.write_bytes(content)
-    try:
-        read_recording(damaged)
-    except ValueError as error:
-        text = str(error)
-        assert text.startswith("damaged.xdf: ")
-        assert text.isprintable()
-        assert len(text) < 300

@@ -10,6 +10,7 @@ from compensation import center_of_pressure
 from hbm.coordinates import COORDINATES
 from pipeline.config.schema import PlateContact
 from pipeline.trial.gait.contact import (
+    by_foot,
     contact_notes,
     forces_of_legs,
     share_between_feet,
@@ -170,9 +171,9 @@ def test_feet_are_assigned_by_the_forces_of_the_subject_alone():
     measured = [wrench + artefact for wrench in alone]
     by_themselves = share(measured, feet).by_foot
     assert not np.array_equal(by_themselves["left_foot"], measured[LEFT])
-    shared = share(alone, feet).with_wrenches(measured).by_foot
-    np.testing.assert_array_equal(shared["left_foot"], measured[LEFT])
-    np.testing.assert_array_equal(shared["right_foot"], measured[RIGHT])
+    on = np.stack(share(alone, feet).foot_of_plates, axis=1)
+    shared = by_foot(np.stack(measured, axis=1), on)
+    np.testing.assert_array_equal(shared, np.stack([measured[LEFT], measured[RIGHT]], axis=1))
 
 
 def cross_over():

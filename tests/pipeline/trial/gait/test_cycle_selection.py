@@ -10,8 +10,7 @@ from hbm.markers import Markers
 from hbm.notes import Note
 from pipeline.config.schema import Condition
 from pipeline.io.recording import Analog, Recording
-from pipeline.trial.gait.cycle_selection import select_cycles
-from pipeline.trial.gait.perturbations import motion_onsets, pulse_onsets
+from pipeline.trial.gait.cycles import motion_onsets, pulse_onsets, select_cycles
 from tests.pipeline.lab import swaying
 
 STRIDE_S = 1.1

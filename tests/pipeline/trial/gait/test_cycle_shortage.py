@@ -5,7 +5,7 @@ import pytest
 
 from hbm.notes import Note
 from pipeline.io.recording import Event
-from pipeline.trial.gait.cycle_shortage import cycle_shortage
+from pipeline.trial.window import cycle_shortage
 
 TIME = np.arange(300) / 100
 SOLVED = np.ones(300, bool)

@@ -12,8 +12,7 @@ from hbm.notes import Note
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.recording import Event
 from pipeline.trial.gait.cycles import gait_cycles, normalise
-from pipeline.trial.gait.event_agreement import compare_events
-from pipeline.trial.gait.events import SIDES, force_events, gait_events, zeni_events
+from pipeline.trial.gait.events import SIDES, compare_events, force_events, gait_events, zeni_events
 
 HBM2 = {"sacrum": ("LPSIS", "RPSIS"), "heel": "{}HEE", "toe": "{}MT2"}
 HBM1 = {"sacrum": ("SACR",), "heel": "{}HEE", "toe": "{}TOE"}

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.recording import Event
 from pipeline.trial.gait import detection
-from pipeline.trial.gait.detection import combined_events
-from pipeline.trial.gait.foot_motion_events import FootMotion
+from pipeline.trial.gait.detection import FootMotion, combined_events
 from pipeline.trial.process import process_recording
 
 KINDS = [(label, side) for label in ("foot_strike", "foot_off") for side in ("left", "right")]

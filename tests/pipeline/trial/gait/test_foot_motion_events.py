@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from compensation.platform import PlatformPose
-from pipeline.trial.gait import foot_motion_events as module
-from pipeline.trial.gait.foot_motion_events import FootMotion, foot_motion, foot_motion_events
+from pipeline.trial.gait import detection as module
+from pipeline.trial.gait.detection import FootMotion, foot_motion, foot_motion_events
 
 TIME = np.arange(1200) / 100
 STRIDE_S, STANCE, SPEED_MPS = 1.1, 0.62, 1.3

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.trial.gait.contact import Contact
-from pipeline.trial.gait.plate_events import plate_events
-from pipeline.trial.ground.loads import PlateLoad
+from pipeline.trial.gait.detection import plate_events
+from pipeline.trial.ground.wrenches import PlateLoad
 
 TIME = np.arange(600) / 100
 CLOCK = np.arange(6000) / 1000

@@ -7,12 +7,11 @@ import pytest
 
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Compensation
-from pipeline.trial.ground.artefacts import plate_artefacts
-from pipeline.trial.ground.calibration_file import read_calibration
 from pipeline.trial.ground.calibration_recording import fit_calibration
-from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.ground.wrenches import ground_wrenches
+from pipeline.trial.ground.laboratory import Laboratory, read_calibration
+from pipeline.trial.ground.wrenches import plate_artefacts
 from tests.pipeline import lab
+from tests.pipeline.trial.ground.grounds import ground_of
 
 DONE = Compensation("hbm-residuals 0.2.0", (1, 2))
 
@@ -88,9 +87,9 @@ def test_compensated_plates_are_not_compensated_again(pitching, laboratory):
     with pytest.raises(
         ValueError, match=r"plates are compensated already, by hbm-residuals 0\.2\."
     ):
-        ground_wrenches(again, laboratory, again.markers.time, 0.0)
+        ground_of(again, laboratory, again.markers.time, 0.0)
     only_moving = Laboratory(laboratory.treadmill.model_copy(update={"calibration": None}))
-    ground = ground_wrenches(again, only_moving, again.markers.time, 0.0)
+    ground = ground_of(again, only_moving, again.markers.time, 0.0)
     assert set(ground.variants) == {"measured"}
 
 
@@ -99,15 +98,15 @@ def test_plates_in_the_lab_are_not_moved_with_the_platform_again(pitching, labor
     in_lab = replace(pitching, compensation=replace(DONE, frame=frame))
     moving = Laboratory(laboratory.treadmill)
     with pytest.raises(ValueError, match=rf"to the lab \(--frame {frame}\); leave the platform's"):
-        ground_wrenches(in_lab, moving, in_lab.markers.time, 0.0)
-    assert ground_wrenches(in_lab, Laboratory(Treadmill()), in_lab.markers.time, 0.0).pose is None
+        ground_of(in_lab, moving, in_lab.markers.time, 0.0)
+    assert ground_of(in_lab, Laboratory(Treadmill()), in_lab.markers.time, 0.0).pose is None
 
 
 def test_a_compensated_recording_is_no_calibration(tmp_path, laboratory, monkeypatch):
     empty = lab.on_platform(lab.without_people(5.0), lab.shaken(5.0))
     path = lab.save(empty, tmp_path / "empty.c3d")
     monkeypatch.setattr(
-        "pipeline.trial.ground.empty_plates.read_as_stated",
+        "pipeline.trial.ground.calibration_recording.read_as_stated",
         lambda *_: replace(empty, compensation=DONE),
     )
     with pytest.raises(ValueError, match=r"empty\.c3d: its plates are compensated, by hbm-residua"):

@@ -14,19 +14,19 @@ from pipeline.config.toml_file import StudyFaults
 from pipeline.io.axes import parse_axes
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.c3d.write import write_c3d
-from pipeline.trial.ground.artefacts import plate_artefacts
+from pipeline.trial.ground.accelerometers import belt_speed
 from pipeline.trial.ground.belt_calibration import belts_alone, fit_belts
 from pipeline.trial.ground.belts import belt_axes, belt_wrenches
 from pipeline.trial.ground.calibration_recording import fit_calibration
-from pipeline.trial.ground.instruments import belt_speed
 from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.ground.wrenches import ground_wrenches
+from pipeline.trial.ground.wrenches import plate_artefacts
 from pipeline.trial.process import process_trial
 from pipeline.virtual_lab.faults import BeltFaults, Faults, MachineFaults
 from pipeline.virtual_lab.machine.instruments import SENSOR_NAMES
 from pipeline.virtual_lab.person import bystander
 from pipeline.virtual_lab.protocol import calibration_trial
 from pipeline.virtual_lab.protocol.calibration_trial import sample_times
+from tests.pipeline.trial.ground.grounds import ground_of, notes_on
 
 RATE = 1000.0
 FAULTS = Faults(
@@ -64,7 +64,7 @@ def calibration():
 def left_over(recording, models, calibration=None):
     """RMS of the empty plate's pitch moment below 6 Hz, as measured and compensated [N·m]."""
     time = recording.markers.time[100:-100]
-    ground = ground_wrenches(recording, Laboratory(TREADMILL, calibration, models), time, 0.0)
+    ground = ground_of(recording, Laboratory(TREADMILL, calibration, models), time, 0.0)
     about = [
         low_pass(plates[0][:, 4], 100.0, 6.0, "zero_phase") for plates in ground.variants.values()
     ]
@@ -201,8 +201,8 @@ def test_belts_recorded_without_accelerometers_are_fitted_as_measured_and_trials
     alone, notes = belts_alone(bare, Laboratory(TREADMILL, platform))
     assert [note.code for note in notes] == ["belts_without_accelerometers"]
     known = Laboratory(TREADMILL, platform, fit_belts(alone, BELT), notes=notes)
-    ground = ground_wrenches(trial, known, trial.markers.time[100:-100], 0.0)
-    assert "belts_without_accelerometers" in {note.code for note in ground.notes}
+    notes = notes_on(trial, known, trial.markers.time[100:-100])
+    assert "belts_without_accelerometers" in {note.code for note in notes}
 
 
 def with_readings(recording, make):
@@ -245,7 +245,7 @@ def test_in_real_time_as_little_of_belt_pulses_is_left(models):
     """The model was fitted without delay; the real-time filter afterwards delays both alike."""
     recording = record_signal_trial(PULSES, seed=3)
     laboratory, time = Laboratory(TREADMILL, None, models), recording.markers.time
-    ground = ground_wrenches(recording, laboratory, time, 0.0, 6.0, "realtime")
+    ground = ground_of(recording, laboratory, time, cutoff_hz=6.0, method="realtime")
     about = {
         name: low_pass(plates[0][:, 4], 100.0, 6.0, "realtime")[100:-100].std()
         for name, plates in ground.variants.items()

@@ -13,14 +13,13 @@ from pipeline.config.plate_correction import read_plate_correction
 from pipeline.config.schema import Platform, Settings, Subject, Treadmill
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.recording import Compensation
-from pipeline.trial.ground.artefacts import plate_artefacts
-from pipeline.trial.ground.calibration_file import read_calibration
 from pipeline.trial.ground.calibration_recording import fit_calibration, plates_timed_apart
 from pipeline.trial.ground.corrected_plates import plate_delays_s, with_corrected_plates
-from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.ground.wrenches import ground_wrenches
+from pipeline.trial.ground.laboratory import Laboratory, read_calibration
+from pipeline.trial.ground.wrenches import plate_artefacts
 from pipeline.trial.process import process_recording
 from tests.pipeline import lab
+from tests.pipeline.trial.ground.grounds import ground_of
 from tests.pipeline.wrong_plates import correction_of, wrongly_measured
 
 TREADMILL = Treadmill(
@@ -126,7 +125,7 @@ def left_of_second_plate(calibration, correction):
     trial = thesis_delays(lab.shaken(20.0, seed=3), seed=3)
     laboratory = Laboratory(TREADMILL, calibration, plates=correction)
     trial = with_corrected_plates(trial, correction)
-    ground = ground_wrenches(trial, laboratory, trial.markers.time, None)
+    ground = ground_of(trial, laboratory, trial.markers.time, None)
     slow = low_pass(ground.variants["compensated"][1], trial.markers.time, 6.0, "zero_phase")
     return np.sqrt(np.mean(slow[100:-100] ** 2, axis=0))
 

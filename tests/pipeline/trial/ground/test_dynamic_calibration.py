@@ -12,13 +12,11 @@ import pytest
 from compensation import from_json, to_json
 from pipeline.cli.app import main
 from pipeline.config.schema import Treadmill
-from pipeline.trial.ground.artefacts import plate_artefacts
-from pipeline.trial.ground.calibration_file import read_calibration
 from pipeline.trial.ground.calibration_recording import fit_calibration
-from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.ground.loads import plate_loads
-from pipeline.trial.ground.wrenches import ground_wrenches
+from pipeline.trial.ground.laboratory import Laboratory, bind, read_calibration
+from pipeline.trial.ground.wrenches import plate_artefacts, plate_loads
 from tests.pipeline import lab
+from tests.pipeline.trial.ground.grounds import ground_of
 
 MODE_HZ = 25.0
 SENSORS = {"accelerometers": lab.CHANNELS, "platform": {"markers": list(lab.PLATFORM_MARKERS_M)}}
@@ -61,7 +59,7 @@ def laboratory(recording, model="auto", check=None):
 
 
 def left(recording, lab_):
-    ground = ground_wrenches(recording, lab_, recording.markers.time, 0.0)
+    ground = ground_of(recording, lab_, recording.markers.time, 0.0)
     return [wrench[INSIDE] for wrench in ground.variants["compensated"]]
 
 
@@ -104,16 +102,16 @@ def test_files_of_compensated_plates_hold_what_trials_are_computed_with(calibrat
         assert np.abs(
             np.linalg.norm(frames[:, :3], axis=1) - np.linalg.norm(in_lab[:, :3], axis=1)
         ).mean() < LEFT_N  # fmt: skip
-    ground = ground_wrenches(other, chosen, other.markers.time, 0.0)
-    for load in plate_loads(other, chosen, 0.0, ground.accelerations):
+    for load in plate_loads(bind(other, chosen)):
         assert np.abs(load.force[500:-500]).mean() < 5 * LEFT_N
 
 
 def test_a_trial_names_the_model_and_every_frame_has_an_uncertainty(calibrated):
     other = yielding(moving(2))
-    ground = ground_wrenches(other, calibrated[1], other.markers.time, 0.0)
-    assert "second differences over 10, 20, 40 ms" in " ".join(n.text for n in ground.notes)
-    sd = np.sqrt(np.diagonal(ground.covariances[0], axis1=1, axis2=2))[INSIDE]
+    notes = []
+    ground = ground_of(other, calibrated[1], notes=notes)
+    assert "second differences over 10, 20, 40 ms" in " ".join(n.text for n in notes)
+    sd = ground.uncertainty(np.zeros(3)).plates[0][INSIDE]
     assert np.isfinite(sd).all()
     assert (sd[:, :3] > 0.05).all()
 

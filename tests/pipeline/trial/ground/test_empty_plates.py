@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from pipeline.config.schema import Treadmill
-from pipeline.trial.ground.calibration_file import read_calibration
 from pipeline.trial.ground.calibration_recording import fit_calibration
-from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.ground.wrenches import ground_wrenches
+from pipeline.trial.ground.laboratory import Laboratory, read_calibration
 from tests.pipeline import lab
+from tests.pipeline.trial.ground.grounds import notes_on
 
 TREADMILL = Treadmill(accelerometers=lab.CHANNELS)
 
@@ -113,8 +112,7 @@ def test_trials_say_whether_their_interval_knows_of_people(empty):
     codes = {}
     for others in ((), (beside(2),)):
         known = Laboratory(TREADMILL, fit_calibration(empty, TREADMILL, beside=others))
-        ground = ground_wrenches(empty, known, empty.markers.time, 0.0)
-        codes[len(others)] = {note.code for note in ground.notes}
+        codes[len(others)] = {note.code for note in notes_on(empty, known)}
     assert "uncertainty_without_people" in codes[0]
     assert "uncertainty_without_people" not in codes[1]
 
@@ -128,8 +126,8 @@ def with_belts(recording, speed, unit="m/s"):
 
 
 def belt_notes(trial, calibration):
-    ground = ground_wrenches(trial, Laboratory(TREADMILL, calibration), trial.markers.time, 0.0)
-    return [(n.code, dict(n.values)) for n in ground.notes if "belts" in n.code]
+    notes = notes_on(trial, Laboratory(TREADMILL, calibration))
+    return [(n.code, dict(n.values)) for n in notes if "belts" in n.code]
 
 
 def test_trials_whose_belts_are_faster_than_those_of_the_calibration_say_so(empty):
@@ -170,9 +168,7 @@ def test_a_calibration_does_not_warn_of_the_speed_of_its_own_belts(empty, restin
 
 def test_two_speeds_of_which_one_is_too_fast_are_printed_apart(empty):
     known = fit_calibration(with_belts(empty, 1.26), TREADMILL)
-    ground = ground_wrenches(
-        with_belts(empty, 1.34), Laboratory(TREADMILL, known), empty.markers.time, 0.0
-    )
-    (note,) = [note for note in ground.notes if note.code == "uncertainty_belts_faster"]
+    notes = notes_on(with_belts(empty, 1.34), Laboratory(TREADMILL, known))
+    (note,) = [note for note in notes if note.code == "uncertainty_belts_faster"]
     assert "1.34 m/s on average" in note.text
     assert "in the calibration's recordings at 1.26 m/s at most" in note.text

@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.config.schema import Belt, Treadmill
 from pipeline.io.recording import Analog
-from pipeline.trial.ground.instruments import fastest_belt, hold_ends
+from pipeline.trial.ground.accelerometers import fastest_belt, hold_ends
 from tests.pipeline import lab
 
 TIME = np.arange(2000) / 1000

@@ -6,9 +6,9 @@ from pipeline.cli.app import main
 from pipeline.config.schema import Platform, Treadmill
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.ground.platform_delay import recording_delays
-from pipeline.trial.ground.wrenches import ground_wrenches
+from pipeline.trial.ground.platform import recording_delays
 from tests.pipeline import lab
+from tests.pipeline.trial.ground.grounds import notes_on
 
 MARKERS = tuple(lab.PLATFORM_MARKERS_M)
 TREADMILL = Treadmill(accelerometers=lab.CHANNELS, platform=Platform(markers=MARKERS))
@@ -49,7 +49,7 @@ def test_a_trial_on_a_moving_platform_says_how_late_its_plates_are_and_what_of_i
         (lab.still(20.0), 0.004, []),
     ):
         trial = empty(5, motion, **late)
-        notes = ground_wrenches(trial, laboratory, trial.markers.time, stated_s).notes
+        notes = notes_on(trial, laboratory, None, stated_s)
         found = [note for note in notes if note.code.startswith("platform_plates_delay")]
         assert [note.code for note in found] == codes
         for note in found:

@@ -4,52 +4,34 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from pipeline.run.frames import frame_table
 
 from hbm.signals.filtering import low_pass
 from hbm.spatial import rotation_about, transform_wrench
 from pipeline.config.schema import Platform, Treadmill
+from pipeline.run.store import frame_table
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.uncertainty import (
     Spread,
-    moved,
-    standard_deviation,
-    sum_covariance,
     sum_deviation,
 )
-from pipeline.trial.ground.wrenches import ground_wrenches
 from pipeline.trial.residuals import residual_table
 from tests.pipeline import lab
+from tests.pipeline.trial.ground.grounds import ground_of
 
 TREADMILL = Treadmill(
     accelerometers=lab.CHANNELS, platform=Platform(markers=tuple(lab.PLATFORM_MARKERS_M))
 )
 
 
-def covariance(seed):
-    factor = np.random.default_rng(seed).normal(size=(6, 6)) * [3, 2, 5, 0.5, 1, 0.2]
-    return factor.T @ factor
-
-
-@settings(deadline=None, max_examples=20)
-@given(seed=st.integers(0, 10_000), angle=st.floats(-3, 3), lever=st.floats(-2, 2))
-def test_a_covariance_moves_as_the_wrenches_that_have_it(seed, angle, lever):
-    """A linear map of samples has the covariance that the map gives theirs."""
-    rng = np.random.default_rng(seed)
-    samples = rng.normal(size=(500, 6)) @ np.linalg.cholesky(covariance(seed)).T
-    rotation, point = rotation_about(np.array([0.6, 0.0, 0.8]), angle), np.array([0.3, lever, -1])
-    expected = np.cov(transform_wrench(samples, rotation, point), rowvar=False)
-    found = moved(np.cov(samples, rowvar=False)[None], rotation[None], point[None])[0]
-    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+ORIGIN = np.zeros(3)
 
 
 def test_a_force_that_is_uncertain_makes_moments_about_a_far_point_uncertain():
-    sideways = np.zeros((1, 6, 6))
-    sideways[0, 1, 1] = 4.0
-    found = standard_deviation(sideways, np.array([[0.0, 0.0, 1.0]]))
+    sideways = Spread(
+        np.array([[0, 2.0, 0, 0, 0, 0]]), np.zeros(6), np.eye(3)[None], np.zeros((1, 3))
+    )
+    found = sum_deviation([sideways], np.eye(6), np.array([[0.0, 0.0, 1.0]]))
     np.testing.assert_allclose(found, [[0, 2, 0, 2, 0, 0]])
 
 
@@ -64,11 +46,19 @@ def test_the_deviation_of_a_sum_is_the_diagonal_of_its_covariance_about_the_poin
     ]
     spreads[1].sd[2] = np.nan
     factor = rng.normal(size=(12, 12))
-    correlation, point = factor @ factor.T, rng.normal(size=(4, 3))
-    found = sum_deviation(spreads, correlation, point)
-    expected = standard_deviation(sum_covariance(spreads, correlation), point)
+    correlation, points = factor @ factor.T, rng.normal(size=(4, 3))
+    found = sum_deviation(spreads, correlation, points)
     assert np.isnan(found).all(axis=1).tolist() == [False, False, True, False]
-    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    for frame in (0, 1, 3):
+        k = frame % frames
+        maps = [
+            transform_wrench(np.eye(6), s.rotation[k], s.center[k] - points[frame]).T
+            for s in spreads
+        ]
+        moving = np.hstack([m * s.sd[frame] for m, s in zip(maps, spreads, strict=True)])
+        zeros = np.hstack([m * s.zero for m, s in zip(maps, spreads, strict=True)])
+        covariance = moving @ correlation @ moving.T + zeros @ zeros.T
+        np.testing.assert_allclose(found[frame] ** 2, np.diag(covariance), rtol=1e-9)
 
 
 def with_known_zeros(calibration):
@@ -86,9 +76,8 @@ def laboratory():
     return Laboratory(TREADMILL, with_known_zeros(fit_calibration(empty, TREADMILL)))
 
 
-def rms_by_stated(trial, ground, wrench, covariance):
+def rms_by_stated(trial, wrench, stated):
     slow = low_pass(wrench, trial.markers.time, 6.0, "zero_phase")
-    stated = standard_deviation(covariance, np.zeros((1, 3)))
     return np.sqrt(np.mean(slow[100:-100] ** 2, axis=0) / np.mean(stated**2, axis=0))
 
 
@@ -98,9 +87,10 @@ def test_what_compensation_leaves_of_an_empty_treadmill_is_as_uncertain_as_state
 ):
     """The plates' own noise, so that the only error is the compensation's."""
     trial = lab.on_platform(lab.without_people(20.0), motion, seed=5)
-    ground = ground_wrenches(trial, laboratory, trial.markers.time, 0.0)
-    for wrench, covariance in zip(ground.variants["compensated"], ground.covariances, strict=True):
-        ratio = rms_by_stated(trial, ground, wrench, covariance)
+    ground = ground_of(trial, laboratory, trial.markers.time, 0.0)
+    stated = ground.uncertainty(ORIGIN).plates
+    for wrench, deviation in zip(ground.variants["compensated"], stated, strict=True):
+        ratio = rms_by_stated(trial, wrench, deviation)
         assert (ratio > 0.6).all()
         assert (ratio < 1.4).all()
 
@@ -128,10 +118,14 @@ def test_the_sum_of_all_plates_is_as_uncertain_as_stated():
         trial = noisy(seed)
         for joint in squares:
             known = Laboratory(TREADMILL, calibration if joint else independent)
-            ground = ground_wrenches(trial, known, trial.markers.time, 0.0)
-            total = np.sum(ground.variants["compensated"], axis=0)
-            squares[joint].append(rms_by_stated(trial, ground, total, ground.covariance) ** 2)
-            codes = [note.code for note in ground.notes]
+            notes = []
+            ground = ground_of(trial, known, notes=notes)
+            total, stated = (
+                np.sum(ground.variants["compensated"], axis=0),
+                ground.uncertainty(ORIGIN),
+            )
+            squares[joint].append(rms_by_stated(trial, total, stated.residual) ** 2)
+            codes = [note.code for note in notes]
             assert ("plates_taken_as_independent" in codes) is not joint
     np.testing.assert_allclose(np.sqrt(np.mean(squares[True], axis=0)), 1, atol=0.12)
     assert np.sqrt(np.mean(squares[False], axis=0))[:3].min() > 1.2
@@ -140,15 +134,14 @@ def test_the_sum_of_all_plates_is_as_uncertain_as_stated():
 def test_zeros_of_plates_are_independent_and_the_same_in_every_frame():
     calibration = fit_calibration(noisy(0, 20.0), TREADMILL)
     trial = noisy(1, 20.0)
-    grounds = [
-        ground_wrenches(trial, Laboratory(TREADMILL, known), trial.markers.time, 0.0)
+    squares = [
+        ground_of(trial, Laboratory(TREADMILL, known)).uncertainty(ORIGIN).residual ** 2
         for known in (calibration, with_known_zeros(calibration))
     ]
-    force = slice(0, 3), slice(0, 3)
-    added = np.diff([ground.covariance[:, *force] for ground in grounds[::-1]], axis=0)[0]
     zero = [model.model_error.zero[:3] for model in calibration.plates.values()]
-    expected = np.diag(np.sum(np.square(zero), axis=0))
-    np.testing.assert_allclose(added, np.broadcast_to(expected, added.shape), atol=1e-9)
+    added = (squares[0] - squares[1])[:, :3]
+    expected = np.broadcast_to(np.sum(np.square(zero), axis=0), added.shape)
+    np.testing.assert_allclose(added, expected, rtol=1e-6)
 
 
 def test_trials_keep_the_uncertainty_of_every_frame_and_its_rms(processed):

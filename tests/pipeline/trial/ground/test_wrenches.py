@@ -14,8 +14,8 @@ from pipeline.io.recording import Analog
 from pipeline.io.units import acceleration_in_mps2
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.ground.wrenches import ground_wrenches
 from tests.pipeline import lab
+from tests.pipeline.trial.ground.grounds import ground_of
 
 ON_MARKERS = Platform(markers=tuple(lab.PLATFORM_MARKERS_M))
 COMMANDED = Platform(sway_channel="Sway", pitch_channel="Pitch", pivot_m=tuple(lab.PIVOT_M))
@@ -40,14 +40,14 @@ def motions():
 
 
 def filtered_total(recording, laboratory, *, plate_delay_s=0.0):
-    """Sum of the plates per variant after the filter, and the ground itself."""
-    time = recording.markers.time
-    ground = ground_wrenches(recording, laboratory, time, plate_delay_s)
+    """Sum of the plates per variant after the filter, the ground itself, and the notes on it."""
+    time, notes = recording.markers.time, []
+    ground = ground_of(recording, laboratory, time, plate_delay_s, notes=notes)
     total = {
         name: butterworth(np.sum(wrenches, axis=0), time, 6.0, "zero_phase").value
         for name, wrenches in ground.variants.items()
     }
-    return total, ground
+    return total, ground, notes
 
 
 def truth(walker):
@@ -68,7 +68,7 @@ def test_a_persons_known_wrench_is_recovered_on_a_moving_platform(
 ):
     """Belt assemblies of 150 kg each, 10°, 5 cm: only the plates' noise is left."""
     recording = lab.on_platform(walker, motions[kind])
-    found, _ = filtered_total(recording, Laboratory(TREADMILL, calibration))
+    found, *_ = filtered_total(recording, Laboratory(TREADMILL, calibration))
     limit = np.array([2, 2, 2, 1, 1, 1])
     assert (error(found["compensated"], truth(walker)) < limit).all()
     assert error(found["measured"], truth(walker)).max() > 200
@@ -78,7 +78,7 @@ def test_a_persons_known_wrench_is_recovered_on_a_moving_platform(
 def test_the_platforms_pose_applies_to_the_measured_plates_too(walker, motions, kind):
     """Without belt assemblies nothing is to be compensated, but the pose is to be applied."""
     recording = lab.on_platform(walker, motions[kind], assembly=False, noise=0)
-    found, ground = filtered_total(recording, Laboratory(TREADMILL))
+    found, ground, _ = filtered_total(recording, Laboratory(TREADMILL))
     assert list(found) == ["measured"]
     assert error(found["measured"], truth(walker)).max() < 0.05
     rotation, position = motions[kind].pose(recording.markers.time)
@@ -89,9 +89,9 @@ def test_the_platforms_pose_applies_to_the_measured_plates_too(walker, motions, 
 def test_a_commanded_pose_gives_the_wrenches_that_markers_give(walker, calibration, motions):
     recording = lab.on_platform(walker, motions["both"])
     treadmill = TREADMILL.model_copy(update={"platform": COMMANDED})
-    found, ground = filtered_total(recording, Laboratory(treadmill, calibration))
+    found, _, found_notes = filtered_total(recording, Laboratory(treadmill, calibration))
     assert (error(found["compensated"], truth(walker)) < [2, 2, 2, 1, 1, 1]).all()
-    notes = {note.code: note for note in ground.notes}
+    notes = {note.code: note for note in found_notes}
     commanded, budget = notes["platform_pose_commanded"], notes["pivot_error_budget"]
     assert commanded.values["channels"] == ("Sway", "Pitch")
     assert str(budget).startswith("a pivot stated 1 cm off would add up to ")
@@ -115,8 +115,7 @@ def test_accelerations_of_a_trial_pass_the_low_pass_of_the_calibration(walker, m
 
     time = recording.markers.time
     quiet, noisy = (
-        ground_wrenches(r, laboratory, time, 0.0).variants["compensated"][0]
-        for r in (recording, shaken)
+        ground_of(r, laboratory, time, 0.0).variants["compensated"][0] for r in (recording, shaken)
     )
     model = laboratory.calibration.plates["plate 1"]
     scale = acceleration_in_mps2(analog.units[column])
@@ -133,17 +132,17 @@ def test_an_empty_plate_keeps_only_what_the_fit_itself_could_not_explain():
     calibration = fit_calibration(recording, TREADMILL)
     model, clock = calibration.plates["plate 1"], recording.plates[0].time
     level = TREADMILL.model_copy(update={"platform": None})
-    ground = ground_wrenches(recording, Laboratory(level, calibration), clock, 0.0)
+    ground = ground_of(recording, Laboratory(level, calibration), clock, 0.0)
     left = np.linalg.norm(ground.variants["compensated"][0][:, :3], axis=1)
     left_rms_n = np.sqrt(np.nanmean(left**2))
     assert left_rms_n == pytest.approx(np.linalg.norm(model.rms_compensated[:3]), rel=1e-6)
 
 
 def test_the_note_on_compensation_names_its_filter(walker, calibration, motions):
-    _, ground = filtered_total(
+    *_, found_notes = filtered_total(
         lab.on_platform(walker, motions["sway"]), Laboratory(TREADMILL, calibration)
     )
-    (note,) = (note for note in ground.notes if note.code == "plates_compensated")
+    (note,) = (note for note in found_notes if note.code == "plates_compensated")
     assert "low-passed as in the calibration, zero_phase at 20 Hz" in note.text
 
 
@@ -152,8 +151,8 @@ def test_clipping_is_judged_by_the_stated_range(walker, calibration, motions):
     clipped = {}
     for range_g in (1.05, 2.0):
         treadmill = TREADMILL.model_copy(update={"accelerometer_range_g": range_g})
-        _, ground = filtered_total(recording, Laboratory(treadmill, calibration))
-        clipped[range_g] = [n for n in ground.notes if n.code == "accelerometer_clipped"]
+        *_, found_notes = filtered_total(recording, Laboratory(treadmill, calibration))
+        clipped[range_g] = [n for n in found_notes if n.code == "accelerometer_clipped"]
     assert clipped[2.0] == []
     assert clipped[1.05]
 
@@ -164,7 +163,7 @@ def test_a_delayed_command_is_shifted_and_leaves_a_gap_at_one_end(walker, motion
         walker, motions["both"], assembly=False, noise=0, command_delay_s=delay_s
     )
     platform = COMMANDED.model_copy(update={"delay_s": delay_s})
-    _, ground = filtered_total(recording, Laboratory(Treadmill(platform=platform)))
+    _, ground, _ = filtered_total(recording, Laboratory(Treadmill(platform=platform)))
     known = np.isfinite(ground.pose.position).all(axis=1)
     assert np.count_nonzero(~known) == 3
     assert not known[-1 if delay_s > 0 else 0]
@@ -182,10 +181,10 @@ def test_a_delayed_command_is_shifted_and_leaves_a_gap_at_one_end(walker, motion
 def test_late_plates_are_aligned_with_the_markers(walker, calibration, motions, delays, settings):
     recording = lab.on_platform(walker, motions["both"], **delays)
     laboratory = Laboratory(TREADMILL, calibration)
-    found, _ = filtered_total(recording, laboratory, **settings)
+    found, *_ = filtered_total(recording, laboratory, **settings)
     limit = np.array([2, 2, 2, 1, 1, 1])
     assert (error(found["compensated"], truth(walker)) < limit).all()
-    found, _ = filtered_total(recording, laboratory)
+    found, *_ = filtered_total(recording, laboratory)
     assert (error(found["compensated"], truth(walker)) > limit).any()
 
 
@@ -202,18 +201,18 @@ def test_accelerometers_that_lag_the_plates_are_aligned_in_calibration_and_trial
     calibration = fit_calibration(empty, treadmill)
     for sensor in calibration.sensors:
         assert abs(sensor.delay_s - 0.025) <= 1.96 * sensor.delay_error_s
-    found, ground = filtered_total(recording, Laboratory(treadmill, calibration))
+    found, _, found_notes = filtered_total(recording, Laboratory(treadmill, calibration))
     assert (error(found["compensated"], truth(walker)) < limit).all()
-    assert "accelerometers_corrected" in [note.code for note in ground.notes]
+    assert "accelerometers_corrected" in [note.code for note in found_notes]
     unaware = TREADMILL.model_copy(update={"accelerometer_delay_s": 0.0})
-    found, _ = filtered_total(recording, Laboratory(unaware, fit_calibration(empty, unaware)))
+    found, *_ = filtered_total(recording, Laboratory(unaware, fit_calibration(empty, unaware)))
     assert (error(found["compensated"], truth(walker)) > limit).any()
 
 
 def test_a_treadmill_that_stands_still_needs_no_platform(walker):
-    found, ground = filtered_total(walker, Laboratory(Treadmill()))
+    found, ground, found_notes = filtered_total(walker, Laboratory(Treadmill()))
     assert ground.pose is None
-    assert ground.notes == ()
+    assert found_notes == []
     np.testing.assert_allclose(found["measured"], truth(walker), atol=1e-6)
 
 
@@ -224,7 +223,7 @@ def test_a_gap_of_an_accelerometer_is_a_gap_of_the_compensated_plates_only(
     values = recording.analog.values.copy()
     values[5000:5050, 0] = np.nan
     analog = Analog(recording.analog.time, recording.analog.names, recording.analog.units, values)
-    _, ground = filtered_total(
+    _, ground, _ = filtered_total(
         replace(recording, analog=analog), Laboratory(TREADMILL, calibration)
     )
     assert np.isfinite(ground.variants["measured"]).all()
@@ -240,18 +239,18 @@ def test_a_platform_marker_that_is_lost_leaves_a_gap_only_below_three(walker, mo
     position[300:310, -1] = np.nan
     position[400:410, -2:] = np.nan
     lost = replace(recording, markers=replace(recording.markers, position=position))
-    _, ground = filtered_total(lost, Laboratory(TREADMILL))
+    _, ground, found_notes = filtered_total(lost, Laboratory(TREADMILL))
     gap = np.isnan(ground.variants["measured"][0]).any(axis=1)
     assert np.flatnonzero(gap).tolist() == list(range(400, 410))
-    assert Note.of("platform_pose_unknown", unknown=10, frames=1200) in ground.notes
+    assert Note.of("platform_pose_unknown", unknown=10, frames=1200) in found_notes
 
 
 def test_a_dead_plate_is_noted(walker):
     first, second = walker.plates
     dead = replace(second, wrench_in_plate=np.full_like(second.wrench_in_plate, 3.0))
     standing = Laboratory(Treadmill())
-    assert not filtered_total(walker, standing)[1].notes
-    (note,) = filtered_total(replace(walker, plates=(first, dead)), standing)[1].notes
+    assert not filtered_total(walker, standing)[2]
+    (note,) = filtered_total(replace(walker, plates=(first, dead)), standing)[2]
     assert (note.code, note.level) == ("plate_constant", "warning")
     assert note.values["plate"] == 2
 
@@ -300,7 +299,7 @@ def test_what_is_missing_is_named_in_one_line_with_the_file(
 def test_a_stated_unit_replaces_that_of_the_file(walker, calibration, motions):
     recording = in_volts(lab.on_platform(walker, motions["pitch"]))
     treadmill = TREADMILL.model_copy(update={"accelerometer_unit": "g"})
-    found, _ = filtered_total(recording, Laboratory(treadmill, calibration))
+    found, *_ = filtered_total(recording, Laboratory(treadmill, calibration))
     assert (error(found["compensated"], truth(walker)) < [2, 2, 2, 1, 1, 1]).all()
 
 

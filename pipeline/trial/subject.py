@@ -1,23 +1,118 @@
-"""Body mass and stature: as stated, weighed by the plates, or from the file."""
+"""A subject's mass, stature and body, from what is stated, recorded and weighed."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from hbm.body import Body, ImplausibleLegs, build_body
+from hbm.calibration_pose.anatomy import HipRule, LimbMeasures
+from hbm.calibration_pose.functional import functional_hips
+from hbm.coordinates import SIDES
+from hbm.markers import MarkerSet, marker_sets
 from hbm.notes import Note
-from hbm.spatial import GRAVITY_MPS2, Array, Mask
-from pipeline.config.schema import Subject
+from hbm.overrides import SegmentOverride
+from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask
+from pipeline.config.schema import Settings, Subject
 from pipeline.io.recording import Recording
-from pipeline.trial.standing import (
-    MAX_STILL_EXTENT_M,
-    TENTH_S,
-    common_tenths,
-    median_extent,
-    tenths,
-)
+from pipeline.io.units import correct_units
+
+TENTH_S: Final = 0.1
+"""Noise of plates and markers averages out in it, and a subject who stands hardly moves."""
+MAX_STILL_EXTENT_M: Final = 0.02
+"""Extent of the path of the median marker in a second: postural sway is smaller, a step larger."""
+ROUNDING: Final = 1e-3
+"""Of a tenth: times may be stored in single precision."""
+
+
+def common_tenths(*times: Array) -> tuple[float, int]:
+    """Give when signals have all begun, and for how many tenths of a second they all last.
+
+    Parameters
+    ----------
+    times
+        Sample times of each signal, (N,) [s]; a sample stands for one time step, a single one for
+        no time.
+
+    Returns
+    -------
+    begin_s, count
+        Start [s], and number of complete tenths from there on.
+    """
+    begin_s = max(float(time[0]) for time in times)
+    if min(map(len, times)) < 2:
+        return begin_s, 0
+    end_s = min(float(time[-1]) + _step_s(time) for time in times)
+    return begin_s, max(0, int((end_s - begin_s) / TENTH_S + ROUNDING))
+
+
+def tenths(values: Array, time: Array, begin_s: float, count: int) -> Array:
+    """Give the means of a signal over successive tenths of a second.
+
+    Parameters
+    ----------
+    values
+        Samples, (N, ...); those that are missing (NaN) do not count.
+    time
+        (N,) [s], increasing.
+    begin_s, count
+        When the first tenth begins [s], and how many there are.
+
+    Returns
+    -------
+    Array
+        (count, ...); NaN where no sample is known.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> time = np.arange(7) / 20
+    >>> tenths(np.arange(7.0), time, *common_tenths(time)).tolist()
+    [0.5, 2.5, 4.5]
+    """
+    edges = np.searchsorted(time, begin_s - _step_s(time) / 2 + TENTH_S * np.arange(count + 1))
+    values = values[: edges[-1]]
+    known = np.isfinite(values)
+    number = np.diff(edges).reshape(-1, *(1,) * (values.ndim - 1))
+    if not known.all():
+        values, number = np.where(known, values, 0.0), _sums_between(edges, known)
+    return np.where(number > 0, _sums_between(edges, values) / np.maximum(number, 1), np.nan)
+
+
+def median_extent(position: Array) -> float:
+    """Give how far the median marker moves.
+
+    Parameters
+    ----------
+    position
+        Markers, (B, K, 3) [m]; gaps are NaN.
+
+    Returns
+    -------
+    float
+        Diagonal of the box that its path fills [m]; NaN where no marker is known.
+    """
+    box = np.fmax.reduce(position, axis=0) - np.fmin.reduce(position, axis=0)
+    extent = np.linalg.norm(box, axis=-1)
+    known = extent[np.isfinite(extent)]
+    return float(np.median(known)) if len(known) else np.nan
+
+
+def _step_s(time: Array) -> float:
+    return float(time[-1] - time[0]) / (len(time) - 1)
+
+
+def _sums_between(edges: Indices, values: Array | Mask) -> Array:
+    """Give the sums of samples from each edge, (E,), to the next, (E − 1, ...).
+
+    The samples, (N, ...), end at the last edge.
+    """
+    sums, filled = np.zeros((len(edges) - 1, *values.shape[1:])), np.diff(edges) > 0
+    sums[filled] = np.add.reduceat(values, edges[:-1][filled], axis=0, dtype=float)
+    return sums
+
 
 WEIGHING_TENTHS: Final = 10
 """One second: quiet standing before a trial rarely lasts longer."""
@@ -250,3 +345,134 @@ def stature(subject: Subject, pose: Recording) -> float | None:
         return subject.height_m
     plausible = recorded is not None and MIN_HEIGHT_M <= recorded <= MAX_HEIGHT_M
     return recorded if plausible else None
+
+
+EXPECTED_HIP_DISTANCE_M: Final = 0.03
+"""Harrington's regression misses imaged hip centres by 1 to 2 cm in adults: 3 cm is doubtful."""
+MAX_HIP_DISTANCE_M: Final = 0.05
+"""Beyond this no pelvis explains the difference; the thighs did not swing enough."""
+
+
+def subject_body(
+    pose: Recording,
+    subject: Subject,
+    settings: Settings,
+    mass: float,
+    *,
+    window_s: tuple[float, float] | None = None,
+    marker_set: MarkerSet | None = None,
+    hip_trial: Recording | None = None,
+    segments: Mapping[str, SegmentOverride] | None = None,
+) -> Body:
+    """Build a subject's body.
+
+    Parameters
+    ----------
+    pose
+        Recording of the calibration pose.
+    subject, settings
+        Who, and by which rules.
+    mass
+        Body mass [kg].
+    window_s
+        Where the pose is in its recording [s]; by default its quietest second.
+    marker_set
+        A marker set of one's own; by default the stated one, or recognised from the labels.
+    hip_trial
+        Recording in which the thighs swing, where ``settings.hip`` is "functional".
+    segments
+        Segment -> what is known better than the table of inertias.
+
+    Returns
+    -------
+    Body
+        See `hbm.body.build_body`.
+
+    Raises
+    ------
+    ValueError
+        As `build_body` and `functional_hips`; if functional hips have no recording or are too far
+        from the regression's, or if there is a recording for them that is not used.
+    """
+    limbs = limb_measures(subject, pose)
+
+    def built(hip: HipRule | dict[str, Array]) -> Body:
+        try:
+            return build_body(
+                pose.markers,
+                mass=mass,
+                sex=subject.sex,
+                height_m=stature(subject, pose),
+                marker_set=marker_set or settings.marker_set,
+                window_s=window_s,
+                hip=hip,
+                limbs=limbs,
+                marker_offset_m=settings.marker_offset_m,
+                overrides=segments,
+            )
+        except ImplausibleLegs as error:
+            remedy = correct_units(stated=pose.stated.units is not None)
+            raise ValueError(f"{pose.source.name}: {error}; {remedy}") from error
+
+    if settings.hip != "functional":
+        if hip_trial is not None:
+            raise ValueError('a recording for functional hips is not used without "functional"')
+        return built(settings.hip)
+    if hip_trial is None:
+        raise ValueError("functional hips need a recording in which the thighs swing (hip_trial)")
+    named = marker_sets().get(settings.marker_set or "")
+    body = built(functional_hips(hip_trial.markers, marker_set or named))
+    note = _beside_regression(body, built("harrington"), hip_trial.source.name)
+    return replace(body, notes=(*body.notes, note))
+
+
+def limb_measures(subject: Subject, pose: Recording) -> dict[str, LimbMeasures]:
+    """Give what was measured on a subject's limbs.
+
+    Parameters
+    ----------
+    subject
+        Who.
+    pose
+        Recording of the calibration pose.
+
+    Returns
+    -------
+    dict[str, LimbMeasures]
+        Side -> its measures: the recording's own of that side, but widths of knee and ankle that
+        are stated.
+    """
+    limbs = {}
+    for side in SIDES:
+        recorded = pose.metadata.limbs.get(side, LimbMeasures())
+        limbs[side] = replace(
+            recorded,
+            knee_width_m=subject.knee_width_m or recorded.knee_width_m,
+            ankle_width_m=subject.ankle_width_m or recorded.ankle_width_m,
+        )
+    return limbs
+
+
+def _beside_regression(body: Body, by_regression: Body, file: str) -> Note:
+    """Give how far functional hips are from the regression's; refuse more than pelvises differ."""
+    distance_m = {}
+    for side in ("right", "left"):
+        hip, expected = (
+            each.offsets[f"{side}_thigh"] - _pelvis(each) for each in (body, by_regression)
+        )
+        distance_m[side] = float(np.linalg.norm(hip - expected))
+    largest_m = max(distance_m.values())
+    if largest_m > MAX_HIP_DISTANCE_M:
+        off = ", ".join(f"{side} {1000 * each:.0f} mm" for side, each in distance_m.items())
+        raise ValueError(
+            f"{file}: the functional hips are {off} from Harrington's regression, more than"
+            " pelvises differ: swing both thighs forward, back and sideways by 30° and more"
+        )
+    code = "functional_hips" if largest_m <= EXPECTED_HIP_DISTANCE_M else "functional_hips_far"
+    return Note.of(code, file=file, distance_m=distance_m)
+
+
+def _pelvis(body: Body) -> Array:
+    """Give the middle of the pelvis' markers in its own frame, (3,) [m]."""
+    own = [segment == "pelvis" for segment in body.marker_segment]
+    return np.asarray(body.marker_position[own].mean(axis=0))

@@ -1,0 +1,492 @@
+"""Checks of a trial's markers, motion and plates: what is wrong, or cannot be."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from hbm.body import Body
+from hbm.coordinates import LIMBS, TREE
+from hbm.markers import Markers
+from hbm.motion import Motion
+from hbm.notes import Note
+from hbm.plausibility.labels import (
+    changed_distances,
+    labels_exchanged,
+    median_distance,
+    repeated_positions,
+    sides_exchanged,
+)
+from hbm.plausibility.motion import impossible_angles, large_marker_errors, undetermined_notes
+from hbm.signals.samples import stretches
+from hbm.spatial import GRAVITY_MPS2, Array, Mask, shift_wrench
+from pipeline.io.recording import Recording
+from pipeline.trial.subject import (
+    MAX_STILL_EXTENT_M,
+    TENTH_S,
+    common_tenths,
+    median_extent,
+    tenths,
+)
+
+LENGTHS: Final = {
+    "pelvis width": ((("LASIS", "RASIS"),), 0.010),
+    "shank length": ((("LLEK", "LLM"), ("RLEK", "RLM")), 0.015),
+    "foot length": ((("LHEE", "LMT2"), ("RHEE", "RMT2")), 0.010),
+}
+"""Name -> landmarks at its ends on each side, and by how much skin that moves changes it [m]: more
+than in any of our recordings of a person (4, 9 and 8 mm)."""
+OTHER_MASS: Final = 0.08
+"""Difference of body masses by the smallest; that of wrong zeros and gains of plates is smaller."""
+MIN_OTHER: Final = 2
+"""Lengths that differ, and the mass: one length may be that of a marker that was moved."""
+EXPLAINED: Final = {
+    *("marker_distances_changed", "segment_error_large", "marker_error_large"),
+    *("joint_angles_impossible", "mass_differs"),
+}
+"""What a pose of another person causes."""
+
+
+def check_markers(body: Body, trial: Recording, pose: Recording) -> tuple[Note, ...]:
+    """Find wrong labels in a trial or its calibration pose, and positions that were held.
+
+    Parameters
+    ----------
+    body
+        The subject.
+    trial, pose
+        The trial, and the recording of the calibration pose; they may be the same.
+
+    Returns
+    -------
+    tuple of Note
+        ``sides_exchanged``, ``labels_exchanged``, ``marker_distances_changed``,
+        ``markers_frozen`` and ``markers_constant``, where there are any.
+    """
+    notes = list(sides_exchanged(body, trial.markers, trial.source.name))
+    if pose is not trial:
+        notes += sides_exchanged(body, pose.markers, pose.source.name)
+    return (
+        *notes,
+        *labels_exchanged(trial.markers, body.markers),
+        *changed_distances(body, trial.markers),
+        *repeated_positions(body, trial.markers),
+    )
+
+
+def other_person(
+    notes: Iterable[Note],
+    body: Body,
+    trial: Recording,
+    pose: Recording,
+    known_kg: Mapping[str, float],
+) -> list[Note]:
+    """Find out whether the calibration pose is another person's.
+
+    Parameters
+    ----------
+    notes
+        Of the trial.
+    body
+        From the pose.
+    trial, pose
+        The recordings; they may be the same.
+    known_kg
+        What is known of the body mass, by where it comes from.
+
+    Returns
+    -------
+    list of Note
+        The notes; where two lengths, or one and the mass, differ by more than skin moves, with
+        ``static_of_another`` first and without those that this explains. Of a length on both sides
+        the smaller difference counts.
+    """
+    marked = body.marker_set.present(body.markers).landmark
+    found = []
+    for name, (sides, limit_m) in LENGTHS.items():
+        labels = [[marked.get(end, "") for end in ends] for ends in sides]
+        lengths = [
+            [median_distance(each.markers, *pair) for each in (pose, trial)] for pair in labels
+        ]
+        there, here = min(lengths, key=lambda pair: _lengths_apart(*pair))
+        if _lengths_apart(there, here) > limit_m and len({a > b for a, b in lengths}) == 1:
+            found.append(f"{name} {1000 * there:.0f} mm there, {1000 * here:.0f} mm here")
+    heavier = max(known_kg.values()) / min(known_kg.values()) - 1 > OTHER_MASS
+    if not found or len(found) + heavier < MIN_OTHER:
+        return [*notes]
+    other = Note.of("static_of_another", file=pose.source.name, lengths=found, known_kg=known_kg)
+    return [other, *(note for note in notes if note.code not in EXPLAINED)]
+
+
+def _lengths_apart(there: float, here: float) -> float:
+    """Give by how much two lengths differ [m]; 0 where one is not known."""
+    return abs(there - here) if np.isfinite(there - here) else 0.0
+
+
+MAX_UNSEEN_PELVIS_S: Final = 0.1
+"""For so long, trunk and thighs show where a pelvis without markers is."""
+MAX_UNSEEN_LIMB_S: Final = 0.2
+LEGS: Final = ("left leg", "right leg")
+MAX_MISSING_SHARE: Final = 0.5
+"""Of the frames: a joint that more of them do not show has no markers, and no gaps."""
+MIN_HEAVY_SHARE: Final = 0.1
+"""Of body mass: a leg is more, an arm or the head less."""
+
+
+def known_frames(body: Body, motion: Motion) -> Mask:
+    """Find the frames of a trial in which the subject's motion is known.
+
+    Parameters
+    ----------
+    body
+        The subject.
+    motion
+        The filtered motion.
+
+    Returns
+    -------
+    Mask
+        (T,). Frames that were solved, but for those in which the pelvis shows no marker for 0.1 s
+        or more: what trunk and thighs say of it is off by up to 10° then.
+    """
+    return np.asarray(np.isfinite(motion.a).all(axis=1) & ~_pelvis_unseen(body, motion))
+
+
+def shown_frames(body: Body, motion: Motion) -> Mask:
+    """Find the frames of a trial in which markers show pelvis and legs.
+
+    Parameters
+    ----------
+    body
+        The subject.
+    motion
+        The motion.
+
+    Returns
+    -------
+    Mask
+        (T,). A leg of which markers show no coordinate, one of its joints that markers show in
+        other frames, and a pelvis without any marker, are not shown. Where markers vanish and
+        return, the pose of what they helped to show jumps, and the filters have to settle as beside
+        a gap of all markers.
+    """
+    gaps = [_no_pelvis_marker(body, motion)]
+    for _, share, lost, _ in _lost_limbs(body, motion):
+        if share >= MIN_HEAVY_SHARE:
+            gaps.append(lost)
+    for limb in LEGS:
+        for part in LIMBS[limb]:
+            own = np.array([c.segment == part for c in TREE])
+            missing: Mask = np.asarray(_unseen(body, motion)[:, own].any(axis=1))
+            if missing.mean() < MAX_MISSING_SHARE:
+                gaps.append(missing)
+    return np.asarray(~np.any(gaps, axis=0))
+
+
+def _no_pelvis_marker(body: Body, motion: Motion) -> Mask:
+    segment_of = body.segment_of
+    of_pelvis = [segment_of[name] == "pelvis" for name in motion.markers]
+    return np.asarray(np.isnan(motion.marker_error[:, of_pelvis]).all(axis=1))
+
+
+def _unseen(body: Body, motion: Motion) -> Mask:
+    """Find coordinates that markers do not show in frames that were solved, (T, 46)."""
+    return np.asarray(~motion.observed & motion.converged[:, None] & _free(body, motion))
+
+
+def _free(body: Body, motion: Motion) -> Mask:
+    """Find coordinates that markers should show, (46,): of a leg, or shown in any frame."""
+    of_legs = np.array([c.segment in {s for leg in LEGS for s in LIMBS[leg]} for c in TREE])
+    locked = np.array([name in body.locked for name in motion.names])
+    return np.asarray(motion.observed.any(axis=0) | of_legs & ~locked)
+
+
+def _lost_limbs(body: Body, motion: Motion) -> Iterator[tuple[str, float, Mask, Mask]]:
+    """Give limbs of which markers show no coordinate.
+
+    Name, share of the body mass, frames (T,) among those that were solved, and which coordinates
+    are the limb's, (46,).
+    """
+    free, unseen = _free(body, motion), _unseen(body, motion)
+    for limb, parts in {"trunk": ("thorax",), **LIMBS}.items():
+        own = np.array([c.segment in parts for c in TREE])
+        heavy = own & free & [c.segment in body.segments for c in TREE]
+        lost: Mask = np.asarray(unseen[:, heavy].all(axis=1) & heavy.any())
+        if lost.any():
+            mass = sum(body.segments[s].mass for s in parts if s in body.segments)
+            yield limb, mass / body.mass, lost, own
+
+
+def _pelvis_unseen(body: Body, motion: Motion) -> Mask:
+    """Find the frames, (T,), in which the pelvis shows no marker for too long."""
+    unseen = _no_pelvis_marker(body, motion)
+    for start, stop in stretches(unseen):
+        if motion.time[stop - 1] - motion.time[start] < MAX_UNSEEN_PELVIS_S:
+            unseen[start:stop] = False
+    return unseen
+
+
+def check_motion(body: Body, motion: Motion, markers: Markers) -> tuple[Note, ...]:
+    """Find what was locked, interpolated, left out or not solved in a trial's motion.
+
+    Parameters
+    ----------
+    body
+        The subject.
+    motion
+        The motion as the inverse kinematics gave it, unfiltered.
+    markers
+        The trial's markers, at the same T frames.
+
+    Returns
+    -------
+    tuple of Note
+        ``coordinates_locked``, ``coordinates_uncertain``, ``mass_not_shown``,
+        ``limb_interpolated`` or ``limb_unknown``, ``coordinates_interpolated``,
+        ``marker_samples_missing``,
+        ``pelvis_unseen``, ``frames_unsolved``, ``segment_error_large``, ``marker_error_large`` and
+        ``joint_angles_impossible``, where there are any. Samples are missing where a marker has a
+        gap in a frame that was solved.
+    """
+    notes = [*undetermined_notes(body, motion), *_interpolated(body, motion)]
+    used = [markers.names.index(name) for name in motion.markers]
+    missing = np.count_nonzero(np.isnan(markers.position[:, used, 0])[motion.converged])
+    if missing:
+        notes.append(Note.of("marker_samples_missing", samples=missing))
+    unsolved = np.count_nonzero(~motion.converged)
+    unseen = np.count_nonzero(motion.converged & _pelvis_unseen(body, motion))
+    if unseen:
+        notes.append(Note.of("pelvis_unseen", frames=unseen))
+    if unsolved:
+        notes.append(Note.of("frames_unsolved", unsolved=unsolved, frames=len(motion.time)))
+    return (*notes, *large_marker_errors(body, motion), *impossible_angles(body, motion))
+
+
+def _interpolated(body: Body, motion: Motion) -> list[Note]:
+    """Name limbs and coordinates that markers do not show in frames that were solved."""
+    unseen, notes = _unseen(body, motion), []
+    for limb, share, lost, own in _lost_limbs(body, motion):
+        longest_s = max(motion.time[b - 1] - motion.time[a] for a, b in stretches(lost))
+        heavy_and_long = share >= MIN_HEAVY_SHARE and longest_s >= MAX_UNSEEN_LIMB_S
+        code = "limb_unknown" if heavy_and_long else "limb_interpolated"
+        notes.append(Note.of(code, limb=limb, frames=np.count_nonzero(lost), share=share))
+        unseen[np.ix_(lost, own)] = False
+    if unseen.any():
+        names = tuple(np.array(motion.names)[unseen.any(axis=0)])
+        frames = np.count_nonzero(unseen.any(axis=1))
+        notes.append(Note.of("coordinates_interpolated", frames=frames, coordinates=names))
+    return notes
+
+
+MAX_REST_SHARE: Final = 0.1
+"""Of body weight that a plate without load may read; more is taken as load."""
+REST_SPREAD_N: Final = 6.0
+"""Means of a tenth of a second of an unloaded plate lie this close together: noise and creep."""
+MIN_REST_S: Final = 0.3
+"""In all, so that a foot that lands or leaves does not count as rest: one swing of a foot."""
+MAX_REST_N: Final = 10.0
+"""About 1 kg: plates drift by less between two zeroings."""
+MAX_TOTAL_REST_N: Final = 20.0
+"""Of all plates together: 3 % of the weight of a light adult."""
+
+COMPONENTS: Final = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+MAX_REST: Final = np.array([10.0, 10.0, np.inf, 5.0, 5.0, 5.0])
+"""Of an unloaded plate, moments about its centre [N, N·m]; real plates, zeroed before the session,
+read a few newtons. The vertical force is judged by itself."""
+MAX_HELD_S: Final = 0.005
+MIN_BESIDE: Final = 0.05
+"""Of a component's largest value, on both sides of samples that are exactly zero for so short a
+time: a foot lands and leaves slowly enough for a plate to read what is in between."""
+
+MIN_SHARED_TIME: Final = 0.9
+"""Of the markers' time that the plates must cover: recordings end some frames apart."""
+
+MIN_LOAD_JUMP: Final = 0.2
+"""Share of body weight by which the load of somebody who stands still cannot change."""
+MAX_LOAD_SPREAD: Final = 0.05
+"""Share of body weight within which a load is steady before and after it jumps."""
+STEADY_TENTHS: Final = 4
+"""Tenths of a second on either side of a jump in which load and subject are steady."""
+
+
+def check_plates(
+    recording: Recording, wrenches: Sequence[Array], mass_kg: float
+) -> tuple[Note, ...]:
+    """Find plates that are not zero when nobody is on them, and loads that jump.
+
+    Parameters
+    ----------
+    recording
+        The trial.
+    wrenches
+        Per plate, action on the subject in lab axes at the markers' times, without what a moving
+        platform adds, (T, 6) [N, N·m].
+    mass_kg
+        Body mass.
+
+    Returns
+    -------
+    tuple of Note
+        ``plate_samples_zero`` where samples of a loaded plate are exactly zero;
+        ``plates_apart`` where the plates cover less than 0.9 of the markers' time;
+        ``plates_not_zeroed`` where an unloaded plate reads more than 10 N either way, or all
+        together more than 20 N; ``plate_components_not_zeroed`` where another component is more
+        than 10 N or 5 N·m from zero then;
+        ``load_jumps`` where their total changes by a fifth of the body weight while the subject
+        stands still.
+    """
+    time, weight_n = recording.markers.time, mass_kg * GRAVITY_MPS2
+    vertical = {
+        f"plate {plate.number}": wrench[:, 2]
+        for plate, wrench in zip(recording.plates, wrenches, strict=True)
+    }
+    levels = {plate: rest_level(force, time, weight_n) for plate, force in vertical.items()}
+    rest_n = {plate: level for plate, level in levels.items() if level is not None}
+    total_n = sum(rest_n.values())
+    others = (
+        *_zero_samples(recording),
+        *_apart(recording),
+        *_at_rest(recording, wrenches, rest_n, time),
+        *load_jumps(vertical, recording.markers.position, time, weight_n),
+    )
+    if max(map(abs, rest_n.values()), default=0) <= MAX_REST_N and abs(total_n) <= MAX_TOTAL_REST_N:
+        return others
+    added_kg = total_n / GRAVITY_MPS2
+    rest = Note.of("plates_not_zeroed", rest_n=rest_n, total_n=total_n, mass_kg=added_kg)
+    return (rest, *others)
+
+
+def _at_rest(
+    recording: Recording, wrenches: Sequence[Array], rest_n: Mapping[str, float], time: Array
+) -> tuple[Note, ...]:
+    """Say what plates read when nobody is on them, each about its own centre."""
+    notes = []
+    for plate, wrench in zip(recording.plates, wrenches, strict=True):
+        level = rest_n.get(f"plate {plate.number}")
+        if level is None:
+            continue
+        means = tenths(shift_wrench(wrench, plate.center), time, *common_tenths(time))
+        at_rest = np.abs(means[:, 2] - level) <= REST_SPREAD_N / 2
+        usual = np.median(means[at_rest], axis=0) if at_rest.any() else np.zeros(6)
+        far = np.abs(usual) > MAX_REST
+        if far.any():
+            components = {COMPONENTS[k]: usual[k] for k in np.flatnonzero(far)}
+            named = {"plate": plate.number, "components": components}
+            notes.append(Note.of("plate_components_not_zeroed", **named))
+    return tuple(notes)
+
+
+def _zero_samples(recording: Recording) -> tuple[Note, ...]:
+    """Name plates of which single samples are exactly zero between loaded ones."""
+    notes = []
+    for plate in recording.plates:
+        zero = np.zeros(len(plate.time), bool)
+        longest = round(MAX_HELD_S / float(np.median(np.diff(plate.time))))
+        for component in plate.wrench_in_plate.T:
+            least = MIN_BESIDE * np.nanmax(np.abs(component), initial=0.0)
+            starts, stops = stretches(component == 0).T
+            inside = (starts > 0) & (stops < len(component)) & (stops - starts <= longest)
+            starts, stops = starts[inside], stops[inside]
+            beside = np.minimum(np.abs(component[starts - 1]), np.abs(component[stops]))
+            for start, stop in zip(starts[beside > least], stops[beside > least], strict=True):
+                zero[start:stop] = True
+        if zero.any():
+            samples, first_s = int(zero.sum()), plate.time[np.argmax(zero)]
+            note = Note.of(
+                "plate_samples_zero", plate=plate.number, samples=samples, first_s=first_s
+            )
+            notes.append(note)
+    return tuple(notes)
+
+
+def _apart(recording: Recording) -> tuple[Note, ...]:
+    """Say where plates and markers were recorded, if not at the same time."""
+    start_s, stop_s = recording.markers.time[[0, -1]]
+    first_s = max(plate.time[0] for plate in recording.plates)
+    last_s = min(plate.time[-1] for plate in recording.plates)
+    if min(last_s, stop_s) - max(first_s, start_s) >= MIN_SHARED_TIME * (stop_s - start_s):
+        return ()
+    times = {"first_s": first_s, "last_s": last_s, "start_s": start_s, "stop_s": stop_s}
+    return (Note.of("plates_apart", **times),)
+
+
+def rest_level(vertical: Array, time: Array, weight_n: float) -> float | None:
+    """Give what a plate reads when nobody is on it.
+
+    Parameters
+    ----------
+    vertical
+        Vertical force, (T,) [N].
+    time
+        (T,) [s].
+    weight_n
+        Body weight.
+
+    Returns
+    -------
+    float or None
+        The level, below a tenth of the body weight, at which the plate is most often [N]: the mean
+        over those tenths of a second that lie closest together. None where the plate is never
+        at rest for 0.3 s in all: somebody stands on it throughout.
+    """
+    means = tenths(vertical, time, *common_tenths(time))
+    low = np.sort(means[means < MAX_REST_SHARE * weight_n])
+    within = np.searchsorted(low, low + REST_SPREAD_N, side="right") - np.arange(len(low))
+    if TENTH_S * max(within, default=0) < MIN_REST_S:
+        return None
+    start = int(np.argmax(within))
+    return float(low[start : start + within[start]].mean())
+
+
+def load_jumps(
+    vertical: Mapping[str, Array], position: Array, time: Array, weight_n: float
+) -> tuple[Note, ...]:
+    """Find where the load of somebody who stands still jumps.
+
+    Parameters
+    ----------
+    vertical
+        Plate -> vertical force on the subject, (T,) [N].
+    position
+        The subject's markers, (T, K, 3) [m].
+    time
+        (T,) [s].
+    weight_n
+        Body weight.
+
+    Returns
+    -------
+    tuple of Note
+        ``load_jumps`` for the largest change of the plates' total from one steady load to another
+        by more than a fifth of the body weight while half of the markers stay within 2 cm.
+    """
+    every = common_tenths(time)
+    load = np.stack([tenths(force, time, *every) for force in vertical.values()])
+    wide = 2 * STEADY_TENTHS + 1
+    if load.shape[1] < wide:
+        return ()
+    windows = sliding_window_view(load, wide, axis=1)
+    before, after = windows[..., :STEADY_TENTHS], windows[..., -STEADY_TENTHS:]
+    change = after.mean(axis=-1) - before.mean(axis=-1)
+    jump_n = np.abs(change.sum(axis=0))
+    spread_n = [np.ptp(each.sum(axis=0), axis=-1) for each in (before, after)]
+    steady = np.max(spread_n, axis=0) < MAX_LOAD_SPREAD * weight_n
+    largest_n = MIN_LOAD_JUMP * weight_n
+    found = np.flatnonzero(steady & (jump_n > largest_n))
+    place = tenths(position, time, every[0], int(found.max(initial=-wide)) + wide)
+    notes: tuple[Note, ...] = ()
+    for start in found:
+        still = median_extent(place[start : start + wide]) < MAX_STILL_EXTENT_M
+        if still and jump_n[start] > largest_n:
+            largest_n = jump_n[start]
+            by_plate = zip(vertical, change[:, start], strict=True)
+            note = Note.of(
+                "load_jumps",
+                plates=[plate for plate, each in by_plate if 2 * abs(each) > largest_n],
+                at_s=time[0] + TENTH_S * (start + wide / 2),
+                before_n=before[:, start].sum(axis=0).mean(),
+                after_n=after[:, start].sum(axis=0).mean(),
+            )
+            notes = (note,)
+    return notes

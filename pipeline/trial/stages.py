@@ -1,0 +1,227 @@
+"""The stages between ground and results that whole trials, explanations and live frames share.
+
+A trial passes *pose*, *ground* (`pipeline.trial.ground.wrenches`), *dynamics* and *quality* in
+this order; every stage adds its *notes* to the list that it is handed. `pipeline.trial.process`
+calls all of them. An explanation changes an input of a stage and runs what depends on it
+(`pipeline.explain.processing_chain`).
+
+One frame at a time: `by_foot` (`pipeline.trial.gait.contact`) takes the plates of one frame,
+(P, 6), as it takes those of a trial, (T, P, 6), and `in_lab` (`pipeline.trial.ground.platform`) any
+number of frames. What a frame needs of the frames before it is in small objects with a method for
+the next one: `hbm.plausibility.outliers.MarkerTracker` and
+`hbm.signals.filtering.RealtimeFilter` for pose and forces, and
+`pipeline.trial.gait.carried.Support` for the quality, whose flags are those of
+`pipeline.trial.quality.Quality`. `pipeline.trial.ground.laboratory.bind` looks up delays, models
+and channels once, before the first frame.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from compensation import marker_plate_delay
+from hbm.body import Body
+from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics_variants
+from hbm.markers import Markers
+from hbm.motion import Motion
+from hbm.notes import Note
+from hbm.plausibility.outliers import solve_motion
+from hbm.signals.filtering import acceleration_lag_s, low_pass
+from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask
+from pipeline.config.schema import PlateContact, Settings
+from pipeline.io.recording import Plate
+from pipeline.trial.checks import known_frames, rest_level, shown_frames
+from pipeline.trial.gait.carried import Support, places_of
+from pipeline.trial.gait.contact import (
+    FEET,
+    SharedPlates,
+    by_foot,
+    feet_of,
+    forces_of_legs,
+    share_between_feet,
+)
+from pipeline.trial.ground.wrenches import Ground
+from pipeline.trial.quality import NO_SUPPORT, Quality, flagged, free_of, settled_frames
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pose:
+    """The markers that were solved, the motion that they show, and the filtered one, T frames."""
+
+    markers: Markers
+    solved: Motion
+    motion: Motion
+
+
+def solve_pose(
+    body: Body, markers: Markers, settings: Settings, notes: list[Note], jobs: int = 1
+) -> Pose:
+    """Find the coordinates that the markers show, without outliers, and filter them."""
+    used, solved, outliers = solve_motion(body, markers, settings.filter, jobs)
+    notes += outliers
+    motion = filter_motion(solved, cutoff=settings.cutoff_hz, method=settings.filter)
+    return Pose(used, solved, motion)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Loads:
+    """The plates under the feet, and the dynamics that follow.
+
+    Attributes
+    ----------
+    shared
+        Whose foot each plate carries, and the unfiltered wrenches of the best variant.
+    wrenches
+        Variant -> foot -> filtered wrench, lab axes about the lab origin, (T, 6) [N, N·m].
+    dynamics
+        Variant -> forces and residual.
+    need, measured
+        Vertical force that the motion needs, and that of all plates in the best variant, filtered,
+        (T,) [N].
+    """
+
+    shared: SharedPlates
+    wrenches: dict[str, dict[str, Array]]
+    dynamics: dict[str, Dynamics]
+    need: Array
+    measured: Array
+
+
+def dynamics_under_feet(
+    body: Body,
+    pose: Pose,
+    ground: Ground,
+    plates: Sequence[Plate],
+    settings: Settings,
+    contacts: Sequence[PlateContact] = (),
+    jobs: int = 1,
+) -> Loads:
+    """Give every plate to the foot on it, and compute the dynamics of each variant.
+
+    Errors are those of `share_between_feet` and `hbm.dynamics.inverse_dynamics`.
+    """
+    motion = pose.motion
+    shared = share_between_feet(
+        motion.time,
+        ground.variants[ground.best],
+        feet_of(body, pose.solved),
+        settings.contact_threshold_n,
+        numbers=[plate.number for plate in plates],
+        stated=contacts,
+        method=settings.filter,
+    )
+    on = np.stack(shared.foot_of_plates, axis=1)
+    wrenches = {
+        variant: _filtered(by_foot(np.stack(own, axis=1), on), motion.time, settings)
+        for variant, own in ground.variants.items()
+    }
+    found = inverse_dynamics_variants(
+        body, motion, [*wrenches.values()], jobs=jobs, engine=settings.engine
+    )
+    dynamics = dict(zip(wrenches, found, strict=True))
+    measured = np.sum([*wrenches[ground.best].values()], axis=0)[:, 2]
+    need = measured + dynamics[ground.best].residual[:, 2]
+    return Loads(shared, wrenches, dynamics, need, measured)
+
+
+def _filtered(feet: Array, time: Array, settings: Settings) -> dict[str, Array]:
+    """Pass the wrenches under both feet, (T, 2, 6), through the filter of the motion.
+
+    In real time a gap of one foot is one of both: who carries a plate that is unknown is unknown.
+    """
+    if settings.filter == "realtime":
+        feet = np.where(np.isnan(feet).any(axis=(1, 2), keepdims=True), np.nan, feet)
+    each = (low_pass(feet[:, k], time, settings.cutoff_hz, settings.filter) for k in range(2))
+    return dict(zip(FEET, each, strict=True))
+
+
+def frame_quality(
+    body: Body,
+    pose: Pose,
+    ground: Ground,
+    loads: Loads,
+    plates: Sequence[Plate],
+    settings: Settings,
+    settling: tuple[float, float],
+) -> Indices:
+    """Give the flags of every frame, (T,), with the time that filters need to settle [s]."""
+    motion = pose.motion
+    known, shown = known_frames(body, motion), shown_frames(body, pose.solved)
+    computed = [np.isfinite(each.residual).all(axis=1) for each in loads.dynamics.values()]
+    gapless = np.all([known, shown, *computed], axis=0)
+    return flagged(
+        {
+            Quality.POSE_UNKNOWN: ~known,
+            Quality.LIMB_UNSEEN: ~shown,
+            Quality.FORCES_UNKNOWN: ~ground.known,
+            Quality.NOT_CARRIED: ~_carried(body, motion, ground, loads, plates, settings),
+            Quality.SETTLING: ~settled_frames(gapless, motion.time, settling),
+            Quality.FOOT_UNCERTAIN: loads.shared.ambiguous,
+        }
+    )
+
+
+def _carried(
+    body: Body,
+    motion: Motion,
+    ground: Ground,
+    loads: Loads,
+    plates: Sequence[Plate],
+    settings: Settings,
+) -> Mask:
+    """Find the frames in which the plates carry the subject, (T,), by `Support`.
+
+    What plates read at rest does not count, but in real time.
+    """
+    best, at_rest = ground.variants[ground.best], None
+    if settings.filter != "realtime":
+        weight_n = body.mass * GRAVITY_MPS2
+        at_rest = np.array([rest_level(w[:, 2], motion.time, weight_n) or 0.0 for w in best])
+    support = Support(
+        body,
+        [plate.corners for plate in plates],
+        settings.contact_threshold_n,
+        settings.cutoff_hz,
+        settings.filter,
+        at_rest,
+    )
+    platform = None if ground.pose is None else (ground.pose.rotation, ground.pose.position)
+    return support.carried(
+        support.feet(motion.time, places_of(body, motion.q), platform),
+        np.stack(best, axis=1),
+        np.column_stack(loads.shared.foot_of_plates),
+        loads.need,
+        loads.measured,
+        platform,
+    )
+
+
+def known_forces(dynamics: Mapping[str, Dynamics], quality: Indices) -> dict[str, Dynamics]:
+    """Leave out the forces of legs whose load is unknown, and all while filters settle."""
+    unknown = forces_of_legs(~free_of(quality, NO_SUPPORT | Quality.FOOT_UNCERTAIN))
+    unknown |= ~free_of(quality, Quality.SETTLING)[:, None]
+    return {variant: each.without_forces(unknown) for variant, each in dynamics.items()}
+
+
+def plate_delay(
+    loads: Loads, best: str, counts: Mask, settings: Settings, notes: list[Note]
+) -> tuple[float, float]:
+    """Estimate how much later a trial's plates are than its markers, from its inverse dynamics.
+
+    Half of the 95 % interval follows the delay [s]; both are NaN where
+    `compensation.marker_plate_delay` refuses. Residual and plates' forces together are what the
+    motion needs, which the real-time filter makes later than the plates' forces.
+    """
+    dynamics = loads.dynamics[best]
+    force = np.sum([*loads.wrenches[best].values()], axis=0)[:, :3]
+    need = force + np.where(counts[:, None], dynamics.residual[:, :3], np.nan)
+    try:
+        found = marker_plate_delay(force, need, dynamics.time)
+    except ValueError as error:
+        notes.append(Note.of("plate_delay_unknown", reason=str(error)))
+        return np.nan, np.nan
+    lag_s = acceleration_lag_s(dynamics.time) if settings.filter == "realtime" else 0.0
+    delay_s = found.seconds + lag_s
+    notes.append(Note.of("plate_delay", delay_s=delay_s, uncertainty_s=found.uncertainty))
+    return delay_s, found.uncertainty

@@ -1,0 +1,174 @@
+"""Sizes of causes: Fourier coefficients of gait cycles, and what they say of causes."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipeline.explain.sizes import MIN_VARIANCE, cycle_series, estimate_sizes
+
+TIME = np.arange(600) / 100
+SPANS = [(0.5, 1.62), (1.62, 2.70), (2.70, 3.85), (3.85, 4.93)]
+
+
+def waves(seed, harmonics=6):
+    """A signal whose Fourier coefficients are those of each cycle, and they."""
+    rng = np.random.default_rng(seed)
+    signal, coefficients = np.zeros((len(TIME), 6)), rng.normal(size=(4, 2 * harmonics + 1, 6))
+    for (start, stop), own in zip(SPANS, coefficients, strict=True):
+        inside = (start <= TIME) & (stop > TIME)
+        phase = 2 * np.pi * (TIME[inside] - start) / (stop - start)
+        signal[inside] = own[0]
+        for h in range(1, harmonics + 1):
+            pair = own[2 * h - 1 : 2 * h + 1]
+            sine, cosine = np.sin(h * phase), np.cos(h * phase)
+            signal[inside] += np.sqrt(2) * (np.outer(sine, pair[0]) + np.outer(cosine, pair[1]))
+    return signal, coefficients
+
+
+@given(seed=st.integers(0, 10_000))
+def test_the_coefficients_of_sums_of_waves_are_their_own(seed):
+    signal, expected = waves(seed)
+    found = cycle_series(TIME, SPANS, 6.0).coefficients(signal)
+    np.testing.assert_allclose(found[:, : expected.shape[1]], expected, atol=1e-9)
+
+
+def test_the_sum_of_squares_is_the_mean_square_of_each_cycle():
+    signal, _ = waves(1)
+    series = cycle_series(TIME, SPANS, 6.0)
+    squares = (series.coefficients(signal) ** 2).sum(axis=1)
+    means = np.array([np.mean(signal[cycle] ** 2, axis=0) for cycle in series.frames])
+    np.testing.assert_allclose(squares, means, rtol=0.05)  # frames do not sample a cycle evenly
+
+
+def test_several_signals_at_once_and_some_cycles_give_the_same():
+    signal, _ = waves(2)
+    series = cycle_series(TIME, SPANS, 6.0)
+    both = series.coefficients(np.stack([signal, 2 * signal]))
+    np.testing.assert_allclose(both[1], 2 * series.coefficients(signal), atol=1e-12)
+    np.testing.assert_allclose(series.some(slice(2)).coefficients(signal), both[0, :2], atol=1e-12)
+
+
+@pytest.mark.parametrize(("to_hz", "harmonics"), [(3.0, 4), (9.0, 10), (40.0, 18)])
+def test_harmonics_reach_what_is_wanted_unless_a_cycle_has_too_few_frames(to_hz, harmonics):
+    """Cycles have a median of 1.1 s, and the shortest 108 frames: six for each harmonic."""
+    series = cycle_series(TIME, SPANS, to_hz)
+    assert series.frequency[0] == 0
+    assert series.frequency[-1] == pytest.approx(harmonics / 1.1)
+
+
+FREQUENCY = np.repeat(np.arange(9), 2)[1:] / 1.1
+B = len(FREQUENCY)
+
+
+def effects_of(rng, causes, cycles):
+    """Effects that repeat but for a tenth."""
+    mean = rng.normal(size=(causes, 1, B, 6))
+    return mean * (1 + 0.1 * rng.normal(size=(causes, cycles, 1, 1)))
+
+
+def test_without_noise_and_with_few_causes_the_sizes_are_found(rng):
+    effects = effects_of(rng, 5, 8)
+    true = np.array([1.0, -0.5, 2.0, 0.0, 0.3])
+    residual = np.tensordot(true, effects, 1)
+    found = estimate_sizes(residual, effects, np.full(5, 2.0), FREQUENCY, np.zeros(5, bool))
+    np.testing.assert_allclose(found.size, true, atol=1e-3)
+
+
+def test_the_sizes_are_those_of_least_squares_with_the_priors_as_observations(rng):
+    """One cycle: the variance is that of what no cause describes alone."""
+    effects, prior = effects_of(rng, 12, 1), np.linspace(0.5, 2, 12)
+    residual = rng.normal(size=(1, B, 6))
+    found = estimate_sizes(residual, effects, prior, FREQUENCY, np.zeros(12, bool))
+    again = estimate_sizes(residual, effects, prior, FREQUENCY, np.zeros(12, bool))
+    deviation = np.tile(np.sqrt(found.unexplained**2 + MIN_VARIANCE), B)
+    rows = np.vstack([(effects[:, 0].reshape(12, -1) / deviation).T, np.diag(1 / prior)])
+    wanted = np.concatenate([residual.ravel() / deviation, np.zeros(12)])
+    expected, *_ = np.linalg.lstsq(rows, wanted)
+    np.testing.assert_allclose(found.size, expected, rtol=0.02, atol=1e-3)
+    np.testing.assert_array_equal(found.size, again.size)
+
+
+def test_what_the_residual_does_not_tell_keeps_its_prior(rng):
+    effects = effects_of(rng, 3, 6)
+    effects[2] = 0
+    residual = rng.normal(size=(6, B, 6))
+    found = estimate_sizes(
+        residual, effects, np.array([1.0, 1.0, 0.7]), FREQUENCY, np.zeros(3, bool)
+    )
+    assert found.size[2] == pytest.approx(0, abs=1e-12)
+    assert found.deviation[2] == pytest.approx(0.7)
+
+
+@pytest.mark.parametrize("undescribed", [0.0, 1.0])
+def test_intervals_contain_the_sizes_as_often_as_they_say(rng, undescribed):
+    """Whether causes describe the residual or something besides them does."""
+    prior, inside = np.array([1.0, 0.5, 2.0, 1.0]), []
+    for _ in range(150):
+        effects, true = effects_of(rng, 4, 8), prior * rng.normal(size=4)
+        other = undescribed * rng.normal(size=(B, 6))
+        noise = 0.5 * rng.normal(size=(8, B, 6))
+        residual = np.tensordot(true, effects, 1) + other + noise
+        found = estimate_sizes(residual, effects, prior, FREQUENCY, np.zeros(4, bool))
+        inside.append(np.abs(found.size - true) < 1.96 * found.deviation)
+    # 600 intervals; four standard errors
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.036)
+
+
+def test_more_cycles_do_not_make_sure_what_a_wrong_model_leaves_open(rng):
+    """What no cause describes repeats with the cycle: a hundred cycles tell no more of it."""
+    deviations = []
+    for cycles in (10, 1000):
+        effects = np.repeat(effects_of(rng, 4, 1), cycles, axis=1)
+        other = rng.normal(size=(B, 6))
+        residual = other + 0.3 * rng.normal(size=(cycles, B, 6))
+        found = estimate_sizes(residual, effects, np.ones(4), FREQUENCY, np.zeros(4, bool))
+        deviations.append(found.deviation)
+    assert np.median(deviations[1] / deviations[0]) > 0.7
+
+
+def test_a_cause_that_follows_the_platform_is_found_in_what_differs_between_cycles(rng):
+    """Its effect has no mean: only the differences between cycles tell of it."""
+    effects = effects_of(rng, 2, 20)
+    effects[1] = rng.normal(size=(20, B, 6))
+    effects[1] -= effects[1].mean(axis=0)
+    residual = 0.8 * effects[1] + 0.1 * rng.normal(size=(20, B, 6))
+    prior = np.ones(2)
+    without = estimate_sizes(residual, effects, prior, FREQUENCY, np.array([False, False]))
+    found = estimate_sizes(residual, effects, prior, FREQUENCY, np.array([False, True]))
+    assert without.deviation[1] == pytest.approx(1.0)
+    assert found.size[1] == pytest.approx(0.8, abs=0.02)
+
+
+CYCLES, TILTED = 30, np.repeat(np.arange(6), 2)[1:] / 1.1
+TILT = np.sin(2 * np.pi * np.arange(CYCLES) / CYCLES)[:, None, None]
+
+
+def tilted_trial(rng, size, response):
+    """Residual and effects: one cause of the plates, one that follows a slow tilt, and a person."""
+    cycle, tilted = rng.normal(0, 1, (2, len(TILTED), 6))
+    effects = np.stack([np.tile(cycle, (CYCLES, 1, 1)), TILT * tilted])
+    missed, changed = rng.normal(0, 1, (2, len(TILTED), 6))
+    noise = rng.normal(0, 0.3, (CYCLES, len(TILTED), 6))
+    residual = np.tensordot(size, effects, 1) + missed + response * TILT * changed + noise
+    return residual, effects
+
+
+@pytest.mark.parametrize("response", [0.0, 0.5, 2.0])
+def test_intervals_hold_however_much_a_person_changes_with_the_platform(response):
+    rng = np.random.default_rng(4)
+    prior, held = np.array([1.0, 1.0]), []
+    for _ in range(60):
+        size = rng.normal(0, prior)
+        residual, effects = tilted_trial(rng, size, response)
+        found = estimate_sizes(residual, effects, prior, TILTED, np.array([False, True]))
+        held.append(np.abs(found.size - size) < 1.96 * found.deviation)
+    assert np.all(np.mean(held, axis=0) > 0.85)
+
+
+def test_one_cycle_alone_tells_of_its_mean():
+    residual, effects = tilted_trial(np.random.default_rng(6), np.array([0.5, 0.5]), 0.0)
+    follow = np.array([False, True])
+    found = estimate_sizes(residual[:1], effects[:, :1], np.ones(2), TILTED, follow)
+    assert np.isfinite(found.size).all()
+    assert found.deviation[1] == pytest.approx(1.0)

@@ -1,0 +1,18 @@
+"""The ground of a recording, and the notes on it, in one call."""
+
+from pipeline.trial.ground.laboratory import bind
+from pipeline.trial.ground.wrenches import ground_wrenches
+
+
+def ground_of(recording, laboratory, time=None, plate_delay_s=0.0, *, notes=None, **low_pass):
+    """The wrenches of the plates at the markers' times, or at others; ``notes`` takes the notes."""
+    time = recording.markers.time if time is None else time
+    lab = bind(recording, laboratory, plate_delay_s)
+    return ground_wrenches(lab, time, [] if notes is None else notes, **low_pass)
+
+
+def notes_on(recording, laboratory, time=None, plate_delay_s=0.0):
+    """The notes on the wrenches of the plates."""
+    notes = []
+    ground_of(recording, laboratory, time, plate_delay_s, notes=notes)
+    return notes
