@@ -207,7 +207,7 @@ calibration'
         )
     try:
         if version == RELEASED:
-            unknown = {"correlation": None, "sensors": [], "dynamic": {}}
+            unknown: dict[str, Any] = {"correlation": None, "sensors": [], "dynamic": {}}
             document |= unknown
             for plain in document["plates"].values():
                 plain |= {"model_error": None, "correlation": np.eye(6), "rms_slow": None}

@@ -335,7 +335,7 @@ def left_of_held_out(
 
 def is_short(felt: Array) -> bool:
     """Whether channels (N, K) are too few samples to fit their gains."""
-    return len(felt) < MIN_SAMPLES_PER_GAIN * (felt.shape[1] + 1)
+    return bool(len(felt) < MIN_SAMPLES_PER_GAIN * (felt.shape[1] + 1))
 
 
 def refuse_real_time(setup: Setup | None) -> None:

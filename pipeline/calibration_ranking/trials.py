@@ -187,7 +187,8 @@ def read_trials(
         if progress is not None:
             progress(path.name, done, len(named))
     return Trials(
-        *(tuple(trials) for trials in platform.values()),
+        tuple(platform["calibration"]),
+        tuple(platform["validation"]),
         *(tuple(trials) for trials in belts.values()),
     )
 
