@@ -336,6 +336,7 @@ def _first_frame(header: Header, parameters: Parameters) -> tuple[int, tuple[Not
 def _metadata(parameters: Parameters, labels: PointLabels) -> Metadata:
     software = parameters.texts("MANUFACTURER", "SOFTWARE")
     software += parameters.texts("MANUFACTURER", "VERSION_LABEL")
+    of_subject = _measures(parameters, "", OF_SUBJECT)
     limbs = {
         side: LimbMeasures(**_measures(parameters, letter, OF_LIMB))
         for side, letter in SIDES.items()
@@ -345,7 +346,8 @@ def _metadata(parameters: Parameters, labels: PointLabels) -> Metadata:
         marker_set=parameters.text("SUBJECTS", "MARKER_SETS"),
         manufacturer=parameters.text("MANUFACTURER", "COMPANY"),
         software=" ".join(software),
-        **_measures(parameters, "", OF_SUBJECT),
+        mass_kg=of_subject.get("mass_kg"),
+        height_m=of_subject.get("height_m"),
         limbs={side: found for side, found in limbs.items() if found != LimbMeasures()},
     )
 

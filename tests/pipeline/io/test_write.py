@@ -20,7 +20,7 @@ from pipeline.io.write import remove_leftovers, require_writable, whole_file, wr
 PIPELINE = Path(__file__).resolve().parents[3] / "pipeline"
 WRITERS = {"write_text", "write_bytes", "to_csv", "to_parquet", "save", "savefig", "savetxt"}
 OWN_FOLDER = PIPELINE / "io" / "c3d" / "ezc3d_arrays.py"
-GROWING = PIPELINE / "live" / "recorder" / "xdf_writer.py"
+GROWING = PIPELINE / "live" / "recording.py"
 """A recording grows while it is made, and never takes the place of another file."""
 IN_MEMORY = "picture"
 
