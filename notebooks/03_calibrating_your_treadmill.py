@@ -32,7 +32,7 @@ from pipeline.figures.style import COLOURS
 from pipeline.trial.ground.accelerometers import accelerations
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.empty_plates import plate_samples
-from pipeline.virtual_lab.faults import (AccelerometerFaults, Faults)
+from pipeline.virtual_lab.faults import AccelerometerFaults, Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
 from pipeline.virtual_lab.machine.instruments import SENSOR_NAMES
 from pipeline.virtual_lab.protocol.walking_trial import run_signal

@@ -26,7 +26,7 @@ from pipeline.run.run import run_study
 from pipeline.statistics.comparison import statistics
 from pipeline.statistics.design import EXPERIMENT_3
 from pipeline.statistics.table_3 import table_3, table_3_markdown
-from pipeline.virtual_lab.protocol.walking_protocol import (Protocol, Setting)
+from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
 from pipeline.virtual_lab.protocol.walking_study import simulate_study
 
 # %% [markdown]

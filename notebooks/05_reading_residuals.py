@@ -37,9 +37,9 @@ from pipeline.trial.residuals import (
     threshold_table,
 )
 from pipeline.viewer.trial import write_recording
-from pipeline.virtual_lab.machine.instrumented_treadmill import (PLATFORM_MARKERS_M, make_treadmill)
-from pipeline.virtual_lab.protocol.walking_protocol import (Protocol, Setting)
-from pipeline.virtual_lab.protocol.walking_trial import (run_calibration, run_trial, study_subject)
+from pipeline.virtual_lab.machine.instrumented_treadmill import PLATFORM_MARKERS_M, make_treadmill
+from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
+from pipeline.virtual_lab.protocol.walking_trial import run_calibration, run_trial, study_subject
 
 # %% [markdown]
 # ## The reference trial

@@ -6,7 +6,7 @@ import pytest
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.config.plate_study import AccuracyLimits
 from pipeline.plate_accuracy.response import QUANTITIES
-from pipeline.virtual_lab.protocol.known_weights import (SUPPORTED_VIBRATION, PlateErrors)
+from pipeline.virtual_lab.protocol.known_weights import SUPPORTED_VIBRATION, PlateErrors
 from tests.campaign.plates import page
 from tests.campaign.plates.cases import (
     FAULTS,

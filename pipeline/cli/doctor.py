@@ -56,7 +56,7 @@ def engine_report(engine: "EngineName") -> str:
     from hbm.body import build_body
     from hbm.dynamics import inverse_dynamics
     from hbm.markers import Markers
-    from pipeline.virtual_lab.person.subject import (Person, make_subject, t_pose_markers)
+    from pipeline.virtual_lab.person.subject import Person, make_subject, t_pose_markers
 
     subject = make_subject(Person())
     standing = t_pose_markers(subject)[None].repeat(3, axis=0)

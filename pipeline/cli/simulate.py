@@ -38,8 +38,8 @@ def simulate(
 
     Of a simulated study that is in the folder already, only what is missing is written.
     """
-    from pipeline.virtual_lab.protocol.walking_protocol import (Setting, find_setting)
-    from pipeline.virtual_lab.protocol.walking_study import (folder_setting, require_setting)
+    from pipeline.virtual_lab.protocol.walking_protocol import Setting, find_setting
+    from pipeline.virtual_lab.protocol.walking_study import folder_setting, require_setting
 
     there = folder_setting(folder)
     chosen = find_setting(setting) if setting is not None else there or Setting()
@@ -56,7 +56,7 @@ def simulate(
 def _complete_study(folder: Path, setting: "Setting", jobs: int) -> None:
     """Write what is missing of a study; print what was written and what was there."""
     from pipeline.cli.terminal import counted, plain_console
-    from pipeline.virtual_lab.protocol.walking_study import (missing_files, study_files)
+    from pipeline.virtual_lab.protocol.walking_study import missing_files, study_files
 
     console, start = plain_console(), time.monotonic()
     missing, every = missing_files(folder, setting), study_files(setting)
@@ -76,7 +76,11 @@ def _simulate_study(
     from hbm.kernels.native import kernels
     from pipeline.cli.stopping import stoppable
     from pipeline.cli.terminal import StepProgress, announcer
-    from pipeline.virtual_lab.protocol.walking_study import (missing_files, simulate_study, study_files)
+    from pipeline.virtual_lab.protocol.walking_study import (
+        missing_files,
+        simulate_study,
+        study_files,
+    )
 
     def state() -> str:
         if not keep:
@@ -100,7 +104,7 @@ def demo(
 ) -> int:
     """Simulate a study in the virtual laboratory and run experiment 3 on it."""
     from pipeline.cli.terminal import plain_console
-    from pipeline.virtual_lab.protocol.walking_protocol import (DEMO, Setting)
+    from pipeline.virtual_lab.protocol.walking_protocol import DEMO, Setting
 
     console, start = plain_console(), time.monotonic()
     study, results = out / "study", out / "results"

@@ -302,7 +302,7 @@ def rank(
     from pipeline.calibration_ranking.report import write_results
     from pipeline.calibration_ranking.trials import RankingSettings, read_trials
     from pipeline.cli.terminal import StepProgress, plain_console
-    from pipeline.virtual_lab.protocol.ranking_study import (TRIALS, simulate_ranking)
+    from pipeline.virtual_lab.protocol.ranking_study import TRIALS, simulate_ranking
 
     console = plain_console()
     settings = RankingSettings(
@@ -343,7 +343,7 @@ def plates(
     from pipeline.plate_accuracy.accuracy import check_plates
     from pipeline.plate_accuracy.report import use_of_calibration, write_report
     from pipeline.plate_accuracy.verdict import describe
-    from pipeline.virtual_lab.protocol.known_weights import (THESIS_ERRORS, simulate_plates)
+    from pipeline.virtual_lab.protocol.known_weights import THESIS_ERRORS, simulate_plates
 
     console = plain_console()
     announce = announcer(console)

@@ -33,7 +33,7 @@ from pipeline.trial.ground.laboratory import Laboratory, bind
 from pipeline.trial.ground.wrenches import ground_wrenches, plate_loads
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
 from pipeline.trial.subject import body_mass, subject_body
-from pipeline.virtual_lab.protocol.walking_protocol import (Protocol, Setting)
+from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
 from pipeline.virtual_lab.protocol.walking_study import simulate_study
 
 SEEDS = (1, 2, 3)

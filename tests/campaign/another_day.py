@@ -28,7 +28,10 @@ from pipeline.trial.ground.calibration_check import check_recording
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.instrumented_treadmill import (InstrumentedTreadmill, make_treadmill)
+from pipeline.virtual_lab.machine.instrumented_treadmill import (
+    InstrumentedTreadmill,
+    make_treadmill,
+)
 from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial
 
 RATE_HZ: Final = 100.0

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from compensation import hammer_delay
-from pipeline.virtual_lab.machine.instruments import (ANALOG_HZ, SAMPLES_PER_FRAME)
+from pipeline.virtual_lab.machine.instruments import ANALOG_HZ, SAMPLES_PER_FRAME
 from pipeline.virtual_lab.protocol.known_weights import strike_belt
 
 PAGE: Final = Path(__file__).resolve().parents[2] / "docs" / "hammer_delay.md"

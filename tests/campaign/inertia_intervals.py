@@ -29,10 +29,13 @@ from pipeline.trial.ground.laboratory import Laboratory, bind
 from pipeline.trial.ground.uncertainty import sum_deviation
 from pipeline.trial.ground.wrenches import ground_wrenches
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.instrumented_treadmill import (InstrumentedTreadmill, make_treadmill)
+from pipeline.virtual_lab.machine.instrumented_treadmill import (
+    InstrumentedTreadmill,
+    make_treadmill,
+)
 from pipeline.virtual_lab.person import bystander
-from pipeline.virtual_lab.protocol.calibration_trial import (record_signal_trial, sample_times)
-from pipeline.virtual_lab.protocol.ranking_study import (BESIDE_THE_BELTS, BYSTANDERS)
+from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
+from pipeline.virtual_lab.protocol.ranking_study import BESIDE_THE_BELTS, BYSTANDERS
 
 PAGE: Final = Path(__file__).resolve().parents[2] / "docs" / "inertia_intervals.md"
 SEEDS: Final = range(9000, 9036)

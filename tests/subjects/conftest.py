@@ -10,7 +10,7 @@ import pytest
 
 from pipeline.config.study import read_study
 from pipeline.run.run import run_study
-from pipeline.virtual_lab.protocol.walking_protocol import (Protocol, Setting)
+from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
 from pipeline.virtual_lab.protocol.walking_study import simulate_study
 
 ROOT = Path(__file__).resolve().parents[2]

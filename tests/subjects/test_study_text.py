@@ -6,7 +6,7 @@ import subprocess
 import pytest
 
 from pipeline.virtual_lab.protocol.walking_protocol import Setting
-from pipeline.virtual_lab.protocol.walking_study import (folder_setting, study_files, study_texts)
+from pipeline.virtual_lab.protocol.walking_study import folder_setting, study_files, study_texts
 from tests.subjects.conftest import ROOT, SUBJECTS
 
 TEXTS = study_texts(Setting())

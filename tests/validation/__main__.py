@@ -6,7 +6,7 @@
 import argparse
 from pathlib import Path
 
-from pipeline.virtual_lab.protocol.walking_protocol import (THESIS, Setting)
+from pipeline.virtual_lab.protocol.walking_protocol import THESIS, Setting
 from tests.validation.ablation import ablation
 from tests.validation.table_3 import reproduce
 

@@ -26,14 +26,38 @@ from pipeline.io.recording import Recording
 from pipeline.io.units import acceleration_in_mps2
 from pipeline.run.processes import in_processes
 from pipeline.trial.residuals import AXES, UNITS
-from pipeline.virtual_lab.faults import (BodyFaults, Faults)
-from pipeline.virtual_lab.machine.instrumented_treadmill import (PITCH_CHANNEL, SWAY_CHANNEL, InstrumentedTreadmill, make_treadmill, undergo)
-from pipeline.virtual_lab.machine.instruments import (ANALOG_HZ, SAMPLES_PER_FRAME, delayed, misplaced)
-from pipeline.virtual_lab.machine.platform import (Machine, TreadmillMotion)
+from pipeline.virtual_lab.faults import BodyFaults, Faults
+from pipeline.virtual_lab.machine.instrumented_treadmill import (
+    PITCH_CHANNEL,
+    SWAY_CHANNEL,
+    InstrumentedTreadmill,
+    make_treadmill,
+    undergo,
+)
+from pipeline.virtual_lab.machine.instruments import (
+    ANALOG_HZ,
+    SAMPLES_PER_FRAME,
+    delayed,
+    misplaced,
+)
+from pipeline.virtual_lab.machine.platform import Machine, TreadmillMotion
 from pipeline.virtual_lab.machine.structure import Response
 from pipeline.virtual_lab.person.walk import Walk
-from pipeline.virtual_lab.protocol.walking_protocol import (CONDITIONS, ONSET_PHASE, SHORT, ConditionName, Protocol, Setting)
-from pipeline.virtual_lab.protocol.walking_trial import (person_loads, record, run_calibration, run_walk, study_subject)
+from pipeline.virtual_lab.protocol.walking_protocol import (
+    CONDITIONS,
+    ONSET_PHASE,
+    SHORT,
+    ConditionName,
+    Protocol,
+    Setting,
+)
+from pipeline.virtual_lab.protocol.walking_trial import (
+    person_loads,
+    record,
+    run_calibration,
+    run_walk,
+    study_subject,
+)
 from tests.validation.true_body import true_body
 
 FIT_CUTOFF_HZ: Final = 20.0

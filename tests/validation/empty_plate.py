@@ -17,9 +17,9 @@ from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
 from pipeline.virtual_lab.machine.instruments import ANALOG_HZ
 from pipeline.virtual_lab.machine.platform import Machine
-from pipeline.virtual_lab.machine.structure import (make_structure, natural_modes)
+from pipeline.virtual_lab.machine.structure import make_structure, natural_modes
 from pipeline.virtual_lab.person import bystander
-from pipeline.virtual_lab.protocol.calibration_trial import (record_signal_trial, sample_times)
+from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
 from pipeline.virtual_lab.protocol.walking_study import CUTOFF_HZ
 
 FORCES: Final = ("forward", "left", "up")

@@ -17,7 +17,7 @@ from pipeline.run.load import collect
 from pipeline.run.run import run_study
 from pipeline.run.store import read_trial
 from pipeline.trial.residuals import AXES, reported
-from pipeline.virtual_lab.protocol.walking_protocol import (CONDITIONS, Setting, find_setting)
+from pipeline.virtual_lab.protocol.walking_protocol import CONDITIONS, Setting, find_setting
 from pipeline.virtual_lab.protocol.walking_study import simulate_study
 
 AS_IS: Final = "as it is"

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.virtual_lab.protocol.walking_protocol import (CONDITIONS, Setting)
+from pipeline.virtual_lab.protocol.walking_protocol import CONDITIONS, Setting
 from tests.pipeline.virtual_lab import conftest
 from tests.validation.ablation import ablation
 

@@ -10,9 +10,15 @@ from hbm.kinematics import solve_ik
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
-from pipeline.virtual_lab.machine.instruments import (ANALOG_HZ, SAMPLES_PER_FRAME)
-from pipeline.virtual_lab.protocol.walking_protocol import (ONSET_PHASE, PITCH_DEG, PITCH_PERIOD_S, SWAY_MPS, Setting)
-from pipeline.virtual_lab.protocol.walking_trial import (run_calibration, run_trial, study_subject)
+from pipeline.virtual_lab.machine.instruments import ANALOG_HZ, SAMPLES_PER_FRAME
+from pipeline.virtual_lab.protocol.walking_protocol import (
+    ONSET_PHASE,
+    PITCH_DEG,
+    PITCH_PERIOD_S,
+    SWAY_MPS,
+    Setting,
+)
+from pipeline.virtual_lab.protocol.walking_trial import run_calibration, run_trial, study_subject
 from tests.pipeline.virtual_lab.conftest import SHORT
 from tests.validation.ablation import Case, fit_models, residual_of
 from tests.validation.true_body import true_body

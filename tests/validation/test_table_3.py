@@ -9,7 +9,7 @@ import pytest
 
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.run.load import collect
-from pipeline.virtual_lab.protocol.walking_protocol import (THESIS, Protocol, Setting, find_setting)
+from pipeline.virtual_lab.protocol.walking_protocol import THESIS, Protocol, Setting, find_setting
 from tests.validation.empty_plate import FORCES, THESIS_RUNNING_N, beside_a_runner
 from tests.validation.table_3 import (
     CELLS,

@@ -8,7 +8,7 @@ from hbm.body import Body, build_body
 from hbm.coordinates import COORDINATES, PARENT, SEGMENTS, SUBJECT_AXES
 from hbm.markers import Markers
 from hbm.model import joints_of
-from pipeline.virtual_lab.person.subject import (VirtualSubject, t_pose_markers)
+from pipeline.virtual_lab.person.subject import VirtualSubject, t_pose_markers
 
 
 def true_body(subject: VirtualSubject) -> Body:

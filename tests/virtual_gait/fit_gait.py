@@ -17,8 +17,8 @@ import pandas as pd
 
 from hbm.coordinates import COORDINATES, INDEX, N_Q, TREE
 from hbm.spatial import Array
-from pipeline.virtual_lab.person.gait import (SPEED_MPS, STRIDE_S)
-from pipeline.virtual_lab.person.subject import (Person, VirtualSubject, make_subject)
+from pipeline.virtual_lab.person.gait import SPEED_MPS, STRIDE_S
+from pipeline.virtual_lab.person.subject import Person, VirtualSubject, make_subject
 from tests.virtual_gait.gait_optimum import Target, nodes, optimise
 
 GAIT_CSV: Final = Path(__file__).parents[2] / "pipeline" / "virtual_lab" / "person" / "gait.csv"

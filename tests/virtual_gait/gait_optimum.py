@@ -15,8 +15,8 @@ import numpy as np
 from hbm.coordinates import COORDINATES, INDEX, N_Q, TREE
 from hbm.kernels import skeleton
 from hbm.spatial import GRAVITY_MPS2, Array, rotation_about
-from pipeline.virtual_lab.person.feet import (LEFT, OUTWARD, orientation, rolled)
-from pipeline.virtual_lab.person.gait import (LANDING, floor_contact, load_share, roll_over)
+from pipeline.virtual_lab.person.feet import LEFT, OUTWARD, orientation, rolled
+from pipeline.virtual_lab.person.gait import LANDING, floor_contact, load_share, roll_over
 from pipeline.virtual_lab.person.subject import VirtualSubject
 from tests.validation.true_body import true_body
 

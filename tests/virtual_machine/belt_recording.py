@@ -8,7 +8,7 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from hbm.spatial import Array
-from pipeline.virtual_lab.machine.belts import (BeltDrive, run_belt)
+from pipeline.virtual_lab.machine.belts import BeltDrive, run_belt
 
 RATE_HZ: Final = 100.0
 SECONDS: Final = 350.0

@@ -20,7 +20,12 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from hbm.spatial import Array
-from pipeline.virtual_lab.machine.belts import (PARAMETERS_TOML, BeltDrive, RotatingLine, identified_drive)
+from pipeline.virtual_lab.machine.belts import (
+    PARAMETERS_TOML,
+    BeltDrive,
+    RotatingLine,
+    identified_drive,
+)
 from tests.virtual_machine.belt_features import (
     Features,
     features,

@@ -21,7 +21,7 @@ from compensation.protocol import ADVISED_BELT_SIGNAL, belt_signals, validation_
 from compensation.signals import Signal, resample_signal
 from hbm.signals.filtering import low_pass
 from hbm.spatial import Array
-from pipeline.virtual_lab.machine.belts import (BeltDrive, run_belt, scattered_drive)
+from pipeline.virtual_lab.machine.belts import BeltDrive, run_belt, scattered_drive
 from tests.virtual_machine.belt_recording import COMMAND_SD_MPS2, simulate_recording
 
 RATE_HZ: Final = 1000.0

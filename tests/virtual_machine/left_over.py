@@ -20,11 +20,14 @@ from compensation.protocol import (
 from hbm.signals.filtering import low_pass
 from hbm.spatial import GRAVITY_MPS2, Array
 from pipeline.io.recording import Recording
-from pipeline.virtual_lab.faults import (AccelerometerFaults, Faults, MachineFaults)
-from pipeline.virtual_lab.machine.instrumented_treadmill import (InstrumentedTreadmill, make_treadmill)
-from pipeline.virtual_lab.machine.instruments import (ANALOG_HZ, SAMPLES_PER_FRAME)
-from pipeline.virtual_lab.protocol.calibration_trial import (record_signal_trial, sample_times)
-from pipeline.virtual_lab.protocol.ranking_study import (BESIDE_THE_BELTS, BYSTANDERS)
+from pipeline.virtual_lab.faults import AccelerometerFaults, Faults, MachineFaults
+from pipeline.virtual_lab.machine.instrumented_treadmill import (
+    InstrumentedTreadmill,
+    make_treadmill,
+)
+from pipeline.virtual_lab.machine.instruments import ANALOG_HZ, SAMPLES_PER_FRAME
+from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
+from pipeline.virtual_lab.protocol.ranking_study import BESIDE_THE_BELTS, BYSTANDERS
 
 FIT_HZ = 20.0
 CUTOFFS_HZ = (20.0, 6.0)

@@ -15,10 +15,10 @@ from hbm.signals.filtering import low_pass
 from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.recording import Plate
-from pipeline.virtual_lab.faults import (BeltFaults, Faults, MachineFaults)
+from pipeline.virtual_lab.faults import BeltFaults, Faults, MachineFaults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
-from pipeline.virtual_lab.protocol.walking_protocol import (Protocol, Setting)
-from pipeline.virtual_lab.protocol.walking_trial import (record, run_walk, study_subject)
+from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
+from pipeline.virtual_lab.protocol.walking_trial import record, run_walk, study_subject
 
 MACHINES: Final = {
     "default": Faults(),

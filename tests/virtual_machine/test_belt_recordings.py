@@ -9,7 +9,7 @@ import pytest
 from compensation.belts import BeltModel, Roller, belt_acceleration, fit_belt, fit_roller
 from hbm.signals.filtering import low_pass
 from hbm.spatial import Array
-from pipeline.virtual_lab.machine.belts import (RotatingLine, identified_drive)
+from pipeline.virtual_lab.machine.belts import RotatingLine, identified_drive
 from tests.virtual_machine.belt_features import features, segments
 from tests.virtual_machine.belt_recording import (
     COMMAND_SD_MPS2,

@@ -14,16 +14,28 @@ from pipeline.config.schema import Platform, Subject, Treadmill
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.virtual_lab.faults import (BodyFaults, Faults)
-from pipeline.virtual_lab.machine.instrumented_treadmill import (PITCH_CHANNEL, PLATFORM_MARKERS_M, SWAY_CHANNEL, InstrumentedTreadmill, make_treadmill, undergo)
-from pipeline.virtual_lab.machine.instruments import (ANALOG_HZ, Clock)
-from pipeline.virtual_lab.machine.platform import (BeltRamp, TreadmillMotion, move_platform, platform_trajectory)
+from pipeline.virtual_lab.faults import BodyFaults, Faults
+from pipeline.virtual_lab.machine.instrumented_treadmill import (
+    PITCH_CHANNEL,
+    PLATFORM_MARKERS_M,
+    SWAY_CHANNEL,
+    InstrumentedTreadmill,
+    make_treadmill,
+    undergo,
+)
+from pipeline.virtual_lab.machine.instruments import ANALOG_HZ, Clock
+from pipeline.virtual_lab.machine.platform import (
+    BeltRamp,
+    TreadmillMotion,
+    move_platform,
+    platform_trajectory,
+)
 from pipeline.virtual_lab.machine.structure import Response
 from pipeline.virtual_lab.person.gait import schedule
 from pipeline.virtual_lab.person.subject import make_subject
-from pipeline.virtual_lab.person.walk import (Walk, simulate_walk)
-from pipeline.virtual_lab.protocol.walking_protocol import (PERSONS, sway_command)
-from pipeline.virtual_lab.protocol.walking_trial import (person_loads, record, run_signal)
+from pipeline.virtual_lab.person.walk import Walk, simulate_walk
+from pipeline.virtual_lab.protocol.walking_protocol import PERSONS, sway_command
+from pipeline.virtual_lab.protocol.walking_trial import person_loads, record, run_signal
 from tests.campaign.explain.faults import Seeded
 from tests.campaign.explain.plate_faults import restated, with_faults
 

@@ -15,10 +15,13 @@ from pipeline.trial.ground.accelerometers import find_accelerometers
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.empty_plates import plate_samples
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.instrumented_treadmill import (InstrumentedTreadmill, make_treadmill)
+from pipeline.virtual_lab.machine.instrumented_treadmill import (
+    InstrumentedTreadmill,
+    make_treadmill,
+)
 from pipeline.virtual_lab.person import bystander
-from pipeline.virtual_lab.protocol.calibration_trial import (record_signal_trial, sample_times)
-from pipeline.virtual_lab.protocol.ranking_study import (BESIDE_THE_BELTS, BYSTANDERS)
+from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
+from pipeline.virtual_lab.protocol.ranking_study import BESIDE_THE_BELTS, BYSTANDERS
 from tests.campaign.inertia_models.places import best_places
 
 

@@ -16,8 +16,14 @@ from pipeline.plate_accuracy.accuracy import examine_plates
 from pipeline.plate_accuracy.judgement import TOTAL
 from pipeline.plate_accuracy.response import QUANTITIES, stance_loads
 from pipeline.plate_accuracy.verdict import Answer, judge
-from pipeline.virtual_lab.machine.instruments import (ANALOG_HZ, PLATE_CENTERS_M)
-from pipeline.virtual_lab.protocol.known_weights import (FULL_SCALE_N, PLATES, SUPPORTED_VIBRATION, PlateErrors, simulate_plates)
+from pipeline.virtual_lab.machine.instruments import ANALOG_HZ, PLATE_CENTERS_M
+from pipeline.virtual_lab.protocol.known_weights import (
+    FULL_SCALE_N,
+    PLATES,
+    SUPPORTED_VIBRATION,
+    PlateErrors,
+    simulate_plates,
+)
 
 DESIGN: Final = {
     "speeds": (0.7, 1.0),

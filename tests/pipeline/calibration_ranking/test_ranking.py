@@ -33,7 +33,7 @@ from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
 from pipeline.virtual_lab.person import bystander
 from pipeline.virtual_lab.protocol import ranking_study
-from pipeline.virtual_lab.protocol.calibration_trial import (record_signal_trial, sample_times)
+from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
 
 RATE = 200.0
 RANDOM = pitch_and_sway_signals(3, 0.0)[0]

@@ -19,8 +19,8 @@ from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Plate
 from pipeline.io.write import write_text
 from pipeline.run import one_trial
-from pipeline.virtual_lab.protocol.walking_protocol import (Protocol, Setting)
-from pipeline.virtual_lab.protocol.walking_study import (folder_setting, study_files, study_texts)
+from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
+from pipeline.virtual_lab.protocol.walking_study import folder_setting, study_files, study_texts
 from tests.synthetic import synthetic_t_pose
 
 HEAVY = (

@@ -18,9 +18,9 @@ from pipeline.run.check import check_study
 from pipeline.run.store import read_trial
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.study_files import read_study_laboratory
-from pipeline.virtual_lab.faults import (BeltFaults, Faults)
+from pipeline.virtual_lab.faults import BeltFaults, Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
-from pipeline.virtual_lab.protocol.walking_protocol import (DEMO, Setting)
+from pipeline.virtual_lab.protocol.walking_protocol import DEMO, Setting
 from pipeline.virtual_lab.protocol.walking_trial import run_calibration
 from tests.pipeline import lab
 

@@ -16,8 +16,8 @@ from pipeline.trial.process import process_recording
 from pipeline.trial.residuals import residual_table
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
 from pipeline.virtual_lab.protocol import walking_protocol
-from pipeline.virtual_lab.protocol.walking_protocol import (Protocol, Setting)
-from pipeline.virtual_lab.protocol.walking_trial import (run_trial, study_subject)
+from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
+from pipeline.virtual_lab.protocol.walking_trial import run_trial, study_subject
 
 pytestmark = pytest.mark.slow
 PROTOCOL = Protocol(subjects=2, baseline_s=20.0, pitch_s=35.0, waits_s=(12.0, 14.0), beside_s=12.0)

@@ -7,7 +7,7 @@ from pipeline.explain.processing_chain import processing_chain
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.instrumented_treadmill import (PLATFORM_MARKERS_M, make_treadmill)
+from pipeline.virtual_lab.machine.instrumented_treadmill import PLATFORM_MARKERS_M, make_treadmill
 from tests.campaign.explain.virtual_trial import recorded, walk_on
 
 SWAYED = slice(1000, 1600)

@@ -18,7 +18,7 @@ from pipeline.plate_accuracy.accuracy import check_plates
 from pipeline.plate_accuracy.faults import find_vibration
 from pipeline.plate_accuracy.verdict import describe, judge
 from pipeline.virtual_lab.protocol import known_weights
-from pipeline.virtual_lab.protocol.known_weights import (PlateErrors, simulate_plates)
+from pipeline.virtual_lab.protocol.known_weights import PlateErrors, simulate_plates
 
 FEW = {
     "speeds": (0.7, 1.0),

@@ -6,7 +6,7 @@ import pytest
 from pipeline.config.plate_study import read_plates_study
 from pipeline.plate_accuracy.figures import hammer_trace_figure, vibration_figure
 from pipeline.plate_accuracy.trials import UNALIGNED, read_hammer_delay, read_weight
-from pipeline.virtual_lab.protocol.known_weights import (PlateErrors, simulate_plates)
+from pipeline.virtual_lab.protocol.known_weights import PlateErrors, simulate_plates
 
 
 @pytest.fixture(scope="module")

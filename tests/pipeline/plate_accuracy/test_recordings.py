@@ -18,7 +18,7 @@ from pipeline.plate_accuracy.trials import (
     read_with_marker,
     static_places,
 )
-from pipeline.virtual_lab.protocol.known_weights import (PlateErrors, simulate_plates)
+from pipeline.virtual_lab.protocol.known_weights import PlateErrors, simulate_plates
 from tests.pipeline.other_formats import write_dflow
 
 FEW = {

@@ -20,7 +20,7 @@ from pipeline.plate_accuracy.response import fit_response
 from pipeline.plate_accuracy.trials import UNALIGNED
 from pipeline.plate_accuracy.verdict import Verdict, judge
 from pipeline.virtual_lab.protocol import known_weights
-from pipeline.virtual_lab.protocol.known_weights import (THESIS_ERRORS, PlateErrors, simulate_plates)
+from pipeline.virtual_lab.protocol.known_weights import THESIS_ERRORS, PlateErrors, simulate_plates
 
 ONE = {"speeds": (1.0,), "weights": (22.56,), "positions": (0.25,)}
 """Two recordings, sine and square."""

@@ -7,8 +7,8 @@ import pytest
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
 from pipeline.virtual_lab.machine.platform import Machine
-from pipeline.virtual_lab.protocol.walking_protocol import (Protocol, Setting)
-from pipeline.virtual_lab.protocol.walking_trial import (run_trial, run_walk, study_subject)
+from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
+from pipeline.virtual_lab.protocol.walking_trial import run_trial, run_walk, study_subject
 
 SHORT = Protocol(
     baseline_s=20.0, pitch_s=24.0, waits_s=(12.0, 12.0), calibration="square_sway_60s_3mps"

@@ -9,10 +9,10 @@ from pipeline.config.schema import Platform, Treadmill
 from pipeline.trial.gait.detection import detect_events
 from pipeline.trial.gait.events import LABELS, SIDES
 from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.virtual_lab.machine.instrumented_treadmill import (PLATFORM_MARKERS_M, make_treadmill)
+from pipeline.virtual_lab.machine.instrumented_treadmill import PLATFORM_MARKERS_M, make_treadmill
 from pipeline.virtual_lab.person.walk import foot_events
-from pipeline.virtual_lab.protocol.walking_protocol import (Protocol, Setting)
-from pipeline.virtual_lab.protocol.walking_trial import (run_trial, study_subject)
+from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
+from pipeline.virtual_lab.protocol.walking_trial import run_trial, study_subject
 from tests.benchmarks.events import errors_of, event_sources, tabulate
 from tests.benchmarks.report import EVENT_LIMITS_MS
 

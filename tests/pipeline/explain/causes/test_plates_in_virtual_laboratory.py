@@ -14,8 +14,11 @@ from pipeline.explain.sizes import CycleSeries, cycle_series, estimate_sizes
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.result import TrialResult
-from pipeline.virtual_lab.faults import (Faults, PlateFaults)
-from pipeline.virtual_lab.machine.instrumented_treadmill import (InstrumentedTreadmill, make_treadmill)
+from pipeline.virtual_lab.faults import Faults, PlateFaults
+from pipeline.virtual_lab.machine.instrumented_treadmill import (
+    InstrumentedTreadmill,
+    make_treadmill,
+)
 from tests.campaign.explain.plate_faults import PlateFault, restated, true_sizes, with_faults
 from tests.campaign.explain.virtual_trial import Walked, recorded, walk_on
 

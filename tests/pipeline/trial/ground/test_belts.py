@@ -21,7 +21,7 @@ from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.wrenches import plate_artefacts
 from pipeline.trial.process import process_trial
-from pipeline.virtual_lab.faults import (BeltFaults, Faults, MachineFaults)
+from pipeline.virtual_lab.faults import BeltFaults, Faults, MachineFaults
 from pipeline.virtual_lab.machine.instruments import SENSOR_NAMES
 from pipeline.virtual_lab.person import bystander
 from pipeline.virtual_lab.protocol import calibration_trial

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from pipeline.virtual_lab.machine.platform import (Machine, move_platform)
-from pipeline.virtual_lab.protocol.walking_protocol import (SWAY_MPS, sway_command)
+from pipeline.virtual_lab.machine.platform import Machine, move_platform
+from pipeline.virtual_lab.protocol.walking_protocol import SWAY_MPS, sway_command
 
 RATE_HZ = 1000.0
 

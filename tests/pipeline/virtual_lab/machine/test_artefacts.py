@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from pipeline.virtual_lab.machine.platform import (LEFT_ASSEMBLY, Machine, inertial_wrench, motion_terms, move_platform, specific_force)
+from pipeline.virtual_lab.machine.platform import (
+    LEFT_ASSEMBLY,
+    Machine,
+    inertial_wrench,
+    motion_terms,
+    move_platform,
+    specific_force,
+)
 from pipeline.virtual_lab.protocol.walking_protocol import PITCH_DEG
 
 RATE_HZ = 1000.0

@@ -8,7 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.virtual_lab.machine.belts import (PARAMETERS_TOML, identified_drive, run_belt, scattered_drive)
+from pipeline.virtual_lab.machine.belts import (
+    PARAMETERS_TOML,
+    identified_drive,
+    run_belt,
+    scattered_drive,
+)
 
 RATE_HZ = 1000.0
 QUIET = replace(

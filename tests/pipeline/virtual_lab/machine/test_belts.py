@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 
 from pipeline.virtual_lab.faults import BeltFaults
-from pipeline.virtual_lab.machine.belts import (ROLLER_AHEAD_M, ROLLER_HEIGHT_M, belt_moment, carried_of_belts, drive_belt, make_drives, run_belts)
+from pipeline.virtual_lab.machine.belts import (
+    ROLLER_AHEAD_M,
+    ROLLER_HEIGHT_M,
+    belt_moment,
+    carried_of_belts,
+    drive_belt,
+    make_drives,
+    run_belts,
+)
 from pipeline.virtual_lab.machine.platform import Machine
 
 RATE_HZ = 1000.0

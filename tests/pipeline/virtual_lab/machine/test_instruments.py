@@ -6,8 +6,21 @@ import numpy as np
 import pytest
 
 from hbm.signals.filtering import low_pass
-from pipeline.virtual_lab.faults import (AccelerometerFaults, CameraFaults, Faults, PlateFaults)
-from pipeline.virtual_lab.machine.instruments import (Clock, ForcePlate, Stream, delayed, interpolated, jitter, make_accelerometers, make_force_plate, measure_markers, misplaced, quantised, wander)
+from pipeline.virtual_lab.faults import AccelerometerFaults, CameraFaults, Faults, PlateFaults
+from pipeline.virtual_lab.machine.instruments import (
+    Clock,
+    ForcePlate,
+    Stream,
+    delayed,
+    interpolated,
+    jitter,
+    make_accelerometers,
+    make_force_plate,
+    measure_markers,
+    misplaced,
+    quantised,
+    wander,
+)
 
 RATE_HZ = 1000.0
 STEADY = Faults.none().plates.model_copy(update={"gain_scale": 1.0, "zero_scale": 1.0})

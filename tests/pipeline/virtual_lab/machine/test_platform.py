@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.virtual_lab.machine.platform import (Machine, specific_force)
+from pipeline.virtual_lab.machine.platform import Machine, specific_force
 
 UPWARD = np.array([0, 0, 9.81])
 

@@ -3,8 +3,18 @@
 import numpy as np
 import pytest
 
-from pipeline.virtual_lab.machine.platform import (LEFT_ASSEMBLY, RIGHT_ASSEMBLY)
-from pipeline.virtual_lab.machine.structure import (ASSEMBLIES, COORDINATES, FRAME, FRAME_KG, Elasticity, frame_shape, make_structure, natural_modes, rigid_shape)
+from pipeline.virtual_lab.machine.platform import LEFT_ASSEMBLY, RIGHT_ASSEMBLY
+from pipeline.virtual_lab.machine.structure import (
+    ASSEMBLIES,
+    COORDINATES,
+    FRAME,
+    FRAME_KG,
+    Elasticity,
+    frame_shape,
+    make_structure,
+    natural_modes,
+    rigid_shape,
+)
 
 RIGID = np.vstack([np.eye(FRAME, 6), np.eye(6), np.eye(6)])
 """All parts move as one."""

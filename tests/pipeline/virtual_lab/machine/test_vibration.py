@@ -4,8 +4,24 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from pipeline.virtual_lab.machine.platform import (Machine, inertial_wrench, motion_terms, move_platform, specific_force)
-from pipeline.virtual_lab.machine.structure import (COORDINATES, FRAME, FRAME_KG, FRAME_NODES_M, Elasticity, Loads, frame_shape, make_structure, respond)
+from pipeline.virtual_lab.machine.platform import (
+    Machine,
+    inertial_wrench,
+    motion_terms,
+    move_platform,
+    specific_force,
+)
+from pipeline.virtual_lab.machine.structure import (
+    COORDINATES,
+    FRAME,
+    FRAME_KG,
+    FRAME_NODES_M,
+    Elasticity,
+    Loads,
+    frame_shape,
+    make_structure,
+    respond,
+)
 from pipeline.virtual_lab.trajectories import smooth_step
 
 RATE_HZ = 1000.0

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from hbm.coordinates import COORDINATES, INDEX
-from pipeline.virtual_lab.faults import (BodyFaults, Faults)
-from pipeline.virtual_lab.person.balance import (JOINT_WEIGHTS, SoleTarget, solve_legs)
+from pipeline.virtual_lab.faults import BodyFaults, Faults
+from pipeline.virtual_lab.person.balance import JOINT_WEIGHTS, SoleTarget, solve_legs
 from pipeline.virtual_lab.person.body import segment_poses
-from pipeline.virtual_lab.person.subject import (Person, make_subject)
+from pipeline.virtual_lab.person.subject import Person, make_subject
 
 FRAMES = 40
 

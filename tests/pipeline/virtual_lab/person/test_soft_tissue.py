@@ -5,7 +5,12 @@ import pytest
 
 from hbm.coordinates import INDEX, N_Q
 from pipeline.virtual_lab.faults import CameraFaults
-from pipeline.virtual_lab.person.soft_tissue import (DRIVEN_SHARE, DRIVERS, SKIN_RMS_M, displace_markers)
+from pipeline.virtual_lab.person.soft_tissue import (
+    DRIVEN_SHARE,
+    DRIVERS,
+    SKIN_RMS_M,
+    displace_markers,
+)
 
 STRIDE_FRAMES = 108
 

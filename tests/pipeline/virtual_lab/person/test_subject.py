@@ -6,9 +6,9 @@ import pytest
 from hbm.body import build_body
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers, marker_sets
-from pipeline.virtual_lab.faults import (BodyFaults, Faults)
-from pipeline.virtual_lab.person.anatomy import (Proportions, t_pose)
-from pipeline.virtual_lab.person.subject import (SHOE_KG, SOLE_M, Person, make_subject)
+from pipeline.virtual_lab.faults import BodyFaults, Faults
+from pipeline.virtual_lab.person.anatomy import Proportions, t_pose
+from pipeline.virtual_lab.person.subject import SHOE_KG, SOLE_M, Person, make_subject
 from pipeline.virtual_lab.protocol.walking_protocol import PERSONS
 from tests.validation.true_body import t_pose_markers, true_body
 

@@ -8,14 +8,14 @@ from hbm.spatial import GRAVITY_MPS2, shift_wrench
 from pipeline.virtual_lab.machine.platform import Machine
 from pipeline.virtual_lab.person import momentum
 from pipeline.virtual_lab.person.balance import balanced
-from pipeline.virtual_lab.person.body import (COLUMN, segment_poses)
-from pipeline.virtual_lab.person.feet import (orientation, rolled)
+from pipeline.virtual_lab.person.body import COLUMN, segment_poses
+from pipeline.virtual_lab.person.feet import orientation, rolled
 from pipeline.virtual_lab.person.gait import posture
 from pipeline.virtual_lab.person.momentum import center_of_mass
-from pipeline.virtual_lab.person.subject import (Person, make_subject)
-from pipeline.virtual_lab.person.walk import (foot_wrenches, left_wrench, plate_wrenches)
-from pipeline.virtual_lab.protocol.walking_protocol import (Protocol, Setting)
-from pipeline.virtual_lab.protocol.walking_trial import (run_walk, study_subject)
+from pipeline.virtual_lab.person.subject import Person, make_subject
+from pipeline.virtual_lab.person.walk import foot_wrenches, left_wrench, plate_wrenches
+from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
+from pipeline.virtual_lab.protocol.walking_trial import run_walk, study_subject
 from tests.virtual_gait import fit_gait, gait_optimum
 from tests.virtual_gait.realism import (
     ANGLES,

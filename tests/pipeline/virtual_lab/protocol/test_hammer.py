@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.virtual_lab.protocol.known_weights import (HEAD_KG, STEPS_HZ, Blows, strike)
+from pipeline.virtual_lab.protocol.known_weights import HEAD_KG, STEPS_HZ, Blows, strike
 
 
 def blow(contact_s, restitution, hand_mps2=20.0):

@@ -11,8 +11,8 @@ from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
 from pipeline.virtual_lab.machine.instruments import PLATE_WIDTH_M
 from pipeline.virtual_lab.person.bystander import MASS_KG
-from pipeline.virtual_lab.protocol.calibration_trial import (BESIDE, run_beside)
-from pipeline.virtual_lab.protocol.walking_protocol import (Protocol, Setting)
+from pipeline.virtual_lab.protocol.calibration_trial import BESIDE, run_beside
+from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
 from pipeline.virtual_lab.protocol.walking_study import simulate_study
 
 SHORT = Setting(protocol=Protocol(beside_s=12.0))

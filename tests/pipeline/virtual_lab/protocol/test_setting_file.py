@@ -9,8 +9,14 @@ import pytest
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
 from pipeline.virtual_lab.machine.platform import move_platform
-from pipeline.virtual_lab.protocol.walking_protocol import (Protocol, Setting, find_setting, read_setting, setting_toml)
-from pipeline.virtual_lab.protocol.walking_trial import (record, run_walk, study_subject)
+from pipeline.virtual_lab.protocol.walking_protocol import (
+    Protocol,
+    Setting,
+    find_setting,
+    read_setting,
+    setting_toml,
+)
+from pipeline.virtual_lab.protocol.walking_trial import record, run_walk, study_subject
 from tests.pipeline.virtual_lab.conftest import SHORT
 
 FAULTS = [

@@ -8,13 +8,22 @@ from hbm.coordinates import INDEX
 from pipeline.config.schema import Treadmill
 from pipeline.trial.ground.accelerometers import accelerations
 from pipeline.trial.ground.calibration_recording import fit_calibration
-from pipeline.virtual_lab.faults import (Faults, MachineFaults)
-from pipeline.virtual_lab.machine.instrumented_treadmill import (PULSE_CHANNEL, make_treadmill)
+from pipeline.virtual_lab.faults import Faults, MachineFaults
+from pipeline.virtual_lab.machine.instrumented_treadmill import PULSE_CHANNEL, make_treadmill
 from pipeline.virtual_lab.machine.instruments import SENSOR_NAMES
-from pipeline.virtual_lab.machine.platform import (BeltRamp, TreadmillMotion, move_platform)
-from pipeline.virtual_lab.person.gait import (StepParameters, schedule)
-from pipeline.virtual_lab.protocol.walking_protocol import (DEMO, ONSET_PHASE, PITCH_PERIOD_S, SWAY_M, Protocol, perturbations, pitch_command, sway_command)
-from pipeline.virtual_lab.protocol.walking_trial import (record, run_signal)
+from pipeline.virtual_lab.machine.platform import BeltRamp, TreadmillMotion, move_platform
+from pipeline.virtual_lab.person.gait import StepParameters, schedule
+from pipeline.virtual_lab.protocol.walking_protocol import (
+    DEMO,
+    ONSET_PHASE,
+    PITCH_PERIOD_S,
+    SWAY_M,
+    Protocol,
+    perturbations,
+    pitch_command,
+    sway_command,
+)
+from pipeline.virtual_lab.protocol.walking_trial import record, run_signal
 from tests.pipeline.virtual_lab.conftest import SHORT
 
 

@@ -18,8 +18,8 @@ from hbm.signals.resampling import resample
 from pipeline.config.study import read_study
 from pipeline.io.c3d.read import read_c3d
 from pipeline.virtual_lab.machine.instrumented_treadmill import PULSE_CHANNEL
-from pipeline.virtual_lab.protocol.walking_protocol import (PERSONS, Protocol, Setting, setting_toml)
-from pipeline.virtual_lab.protocol.walking_study import (WRENCH, simulate_study)
+from pipeline.virtual_lab.protocol.walking_protocol import PERSONS, Protocol, Setting, setting_toml
+from pipeline.virtual_lab.protocol.walking_study import WRENCH, simulate_study
 
 ROOT = Path(__file__).resolve().parents[4]
 SMALL = Protocol(

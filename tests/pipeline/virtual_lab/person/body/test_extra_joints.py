@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from hbm.coordinates import COORDINATES, INDEX
-from pipeline.virtual_lab.faults import (BodyFaults, Faults)
-from pipeline.virtual_lab.person.body import (COLUMN, SPINE, segment_poses)
-from pipeline.virtual_lab.person.subject import (Person, make_subject)
+from pipeline.virtual_lab.faults import BodyFaults, Faults
+from pipeline.virtual_lab.person.body import COLUMN, SPINE, segment_poses
+from pipeline.virtual_lab.person.subject import Person, make_subject
 
 
 def subject_of(**sizes):

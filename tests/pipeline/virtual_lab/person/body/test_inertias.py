@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from pipeline.virtual_lab.faults import BodyFaults
-from pipeline.virtual_lab.person.subject import (Person, make_subject)
-from pipeline.virtual_lab.person.variation import (PAIRED, table)
+from pipeline.virtual_lab.person.subject import Person, make_subject
+from pipeline.virtual_lab.person.variation import PAIRED, table
 
 SEXES = ("male", "female")
 SOURCES = ("de_leva", "dumas")

@@ -8,10 +8,10 @@ from hbm.kernels.native import kernels
 from hbm.poses import marker_positions as production_markers
 from hbm.segments import Inertia
 from hbm.spatial import GRAVITY_MPS2
-from pipeline.virtual_lab.faults import (BodyFaults, Faults)
-from pipeline.virtual_lab.person.body import (ALL_COORDINATES, frames, marker_positions)
-from pipeline.virtual_lab.person.momentum import (center_of_mass, ground_wrench, second_moment)
-from pipeline.virtual_lab.person.subject import (Person, make_subject)
+from pipeline.virtual_lab.faults import BodyFaults, Faults
+from pipeline.virtual_lab.person.body import ALL_COORDINATES, frames, marker_positions
+from pipeline.virtual_lab.person.momentum import center_of_mass, ground_wrench, second_moment
+from pipeline.virtual_lab.person.subject import Person, make_subject
 from tests.validation.true_body import true_body
 
 STEP_S = 1e-4
