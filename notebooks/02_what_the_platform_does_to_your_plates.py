@@ -23,7 +23,7 @@ from compensation.protocol import ADVISED_PLATFORM_SIGNAL
 from pipeline.config.schema import Treadmill
 from pipeline.figures.style import COLOURS
 from pipeline.trial.ground.accelerometers import accelerations
-from pipeline.trial.ground.empty_plates import setup_of
+from pipeline.trial.ground.calibration_recording import setup_of
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
 from pipeline.virtual_lab.protocol.walking_trial import run_signal

@@ -30,8 +30,7 @@ from compensation.protocol import ADVISED_PLATFORM_SIGNAL
 from pipeline.config.schema import Treadmill
 from pipeline.figures.style import COLOURS
 from pipeline.trial.ground.accelerometers import accelerations
-from pipeline.trial.ground.calibration_recording import fit_calibration
-from pipeline.trial.ground.empty_plates import plate_samples
+from pipeline.trial.ground.calibration_recording import fit_calibration, plate_samples
 from pipeline.virtual_lab.faults import AccelerometerFaults, Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
 from pipeline.virtual_lab.machine.instruments import SENSOR_NAMES

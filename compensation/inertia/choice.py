@@ -148,7 +148,7 @@ def choose(
         better = left_of_held_out(both, len(LAGS_S), beside_weight)
         for (source, _), *pair in zip(samples, simple, better, strict=True):
             found.add(source, *pair)
-    dynamic = {}
+    dynamic: dict[str, InertiaModel] = {}
     if stated == "dynamic" or checks or found.clear:
         dynamic = {
             name: fit_trials(

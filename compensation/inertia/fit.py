@@ -260,7 +260,8 @@ def fit_trials(
     meat = np.einsum("brc,bsc->crs", scores, scores) * len(scores) / (len(scores) - 1)
     bread = to_gain / np.append(s**2 - noisy, n)
 
-    rate_hz, cutoff_hz = (None, None) if setup is None else (setup.rate_hz, setup.cutoff_hz)
+    rate_hz = None if setup is None else setup.rate_hz
+    cutoff_hz = None if setup is None else setup.cutoff_hz
     slow = [slow_part(part, rate_hz) for part in np.split(residual, ends)]
     known = [part for part in slow if part is not None]
     all_slow = np.vstack(known) if len(known) == len(read) else None

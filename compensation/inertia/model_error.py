@@ -230,7 +230,8 @@ def fit_model_error(
             thin = max(int(rate_hz / (MIN_RATE_PER_CUTOFF * cutoff_hz)), 1)
         rate_hz /= thin
     else:
-        slow, rate_hz = list(unseen), None
+        slow = [*unseen]
+        rate_hz = None
     accelerations = [part[::thin] for part in accelerations]
     left, left_slow = (
         [part[::thin] for part in side if part is not None] for side in (unseen, slow)

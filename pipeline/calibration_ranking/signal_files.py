@@ -59,7 +59,8 @@ def protocol_signals(kind: str, seed: int, limits: MachineLimits) -> tuple[list[
     beyond
         A line for each of the others: its name, and the limits that it exceeds.
     """
-    drawn, beyond = list(validation_signals(seed)) if kind == "validation" else [], []
+    drawn = list(validation_signals(seed)) if kind == "validation" else []
+    beyond: list[str] = []
     draw, kinds, belt_speeds = (
         (platform_signal, PLATFORM_KINDS, PLATFORM_BELT_MPS)
         if kind == "pitch_sway"

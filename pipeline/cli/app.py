@@ -14,17 +14,7 @@ from typing import Annotated, Final
 import typer
 from typer.exceptions import TyperException
 
-from pipeline.cli import (
-    calibration_check,
-    doctor,
-    explain,
-    results,
-    simulate,
-    study,
-    treadmill,
-    trial,
-)
-from pipeline.cli.live.command import live
+from pipeline.cli import doctor, explain, export, live, simulate, study, treadmill, trial
 from pipeline.cli.options import USAGE
 from pipeline.cli.output import accept_any_letter, drop_output, print_error
 from pipeline.cli.stopping import Stopped
@@ -59,19 +49,13 @@ def show_help(context: typer.Context) -> None:
         typer.echo(context.get_help())
 
 
-for command in (trial.residuals, trial.export, simulate.demo, study.init, study.check, study.run):
-    app.command()(command)
 for command in (
-    explain.explain,
-    results.report,
-    results.view,
-    treadmill.plates,
-    simulate.simulate,
-    live,
-    doctor.doctor,
+    *(trial.residuals, export.export, simulate.demo, study.init, study.check, study.run),
+    *(explain.explain, study.report, study.view, treadmill.plates, simulate.simulate),
+    *(live.live, doctor.doctor),
 ):
     app.command()(command)
-for command in (treadmill.fit, calibration_check.check, treadmill.signals, treadmill.rank):
+for command in (treadmill.fit, treadmill.check, treadmill.signals, treadmill.rank):
     calibration.command()(command)
 app.add_typer(calibration, name="calibration")
 

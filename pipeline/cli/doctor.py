@@ -30,23 +30,23 @@ def doctor() -> None:
     """Print versions, how kernels and engines run here, how fast, and whether the engines agree."""
     from hbm.engines.engine import ENGINES, choose_engine
     from hbm.kernels.native import kernels
-    from pipeline.cli.terminal import announcer, plain_console
+    from pipeline.cli.terminal import PlainConsole, announcer
 
-    console = plain_console()
-    console.print(f"Python {platform.python_version()} on {platform.platform()}", soft_wrap=True)
+    console = PlainConsole()
+    console.say(f"Python {platform.python_version()} on {platform.platform()}")
     for name in PACKAGES:
         try:
             console.print(f"  {name} {version(name)}")
         except PackageNotFoundError:
             console.print(f"  {name} is missing")
     ready = kernels(announcer(console))
-    console.print(f"kernels: {ready.backend}", soft_wrap=True)
+    console.say(f"kernels: {ready.backend}")
     for name in ("newton_step", "segment_poses", "newton_euler"):
         rate = speed(getattr(ready, name))
         console.print(f"  {name}: {rate:,.0f} frames/s on one core ({1e6 / rate:.1f} µs)")
     console.print(f"inverse dynamics: {choose_engine().name} unless another engine is stated")
     for engine in ENGINES:
-        console.print(f"  {engine}: {engine_report(engine)}", soft_wrap=True)
+        console.say(f"  {engine}: {engine_report(engine)}")
 
 
 def engine_report(engine: "EngineName") -> str:

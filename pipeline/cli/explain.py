@@ -18,9 +18,8 @@ CAUSE_COLUMNS: Final = 20
 """Of a narrow terminal, for the names of causes; six residuals share the other 60 of 80."""
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from pipeline.budgets.explanation import Explanation
+    from pipeline.cli.terminal import PlainConsole
 
 
 @takes_trial_request
@@ -44,7 +43,7 @@ def explain(
 def _explain_trial(request: TrialRequest, out: Path) -> int:
     from pipeline.budgets.explanation import BANDS_SUFFIX as BANDS
     from pipeline.budgets.explanation import SUFFIX, explain, write_bands, write_explanation
-    from pipeline.cli.terminal import announcer, plain_console
+    from pipeline.cli.terminal import PlainConsole, announcer
     from pipeline.figures.explained import bands_figure, budget_figure
     from pipeline.figures.style import save_figure
     from pipeline.run.one_trial import process_request
@@ -54,7 +53,7 @@ def _explain_trial(request: TrialRequest, out: Path) -> int:
             f"{request.trial} is a result, and only the recording shows what its residuals are "
             "made of; give the recording, or the results folder of a study"
         )
-    console = plain_console()
+    console = PlainConsole()
     require_folder(out)
     trial = process_request(request, announcer(console))
     explanation = explain(trial.recording, trial.laboratory, trial.result)
@@ -65,15 +64,14 @@ def _explain_trial(request: TrialRequest, out: Path) -> int:
     write_bands(bands, out / f"{name}{BANDS}")
     save_figure(bands_figure(bands, request.trial.name), out / f"{name}_bands")
     print_explanation(explanation, console)
-    console.print(
+    console.say(
         f"written to {out}: {name}{SUFFIX} (all numbers), {name}{BANDS} (residuals over time), "
-        f"{name}_explained and {name}_bands as .png and .svg",
-        soft_wrap=True,
+        f"{name}_explained and {name}_bands as .png and .svg"
     )
     return 0
 
 
-def print_explanation(explanation: "Explanation", console: "Console") -> None:
+def print_explanation(explanation: "Explanation", console: "PlainConsole") -> None:
     """Print what a trial's residuals are made of: a table of shares, and lines.
 
     Parameters
@@ -88,7 +86,7 @@ def print_explanation(explanation: "Explanation", console: "Console") -> None:
 
     from hbm.notes import warnings_first
     from pipeline.budgets.words import CAPTION, budget_table
-    from pipeline.cli.terminal import fits, note_line, print_table
+    from pipeline.cli.terminal import fits, print_table
 
     title, axes, columns = budget_table(explanation.budget)
     wide, narrow = (
@@ -118,21 +116,20 @@ def print_explanation(explanation: "Explanation", console: "Console") -> None:
         print_table(narrow, console)
     for line in explanation.lines():
         console.print(line)
-    for note in warnings_first(explanation.budget.notes):
-        console.print(note_line(note), soft_wrap=True)
+    console.say_notes(warnings_first(explanation.budget.notes))
 
 
 def _explain_results(request: TrialRequest, out: Path | None, jobs: int) -> int:
     from pipeline.budgets.study import explain_planned, plan_explanations, study_of, up_to_date
     from pipeline.cli.stopping import stoppable
-    from pipeline.cli.terminal import StepProgress, announcer, counted, plain_console
+    from pipeline.cli.terminal import PlainConsole, StepProgress, announcer, counted
     from pipeline.run.processes import keep_freed_memory
 
     folder = request.trial
     require_no_options(request, "the results of a study, whose files state everything")
     if out is not None:
         raise ValueError(f"leave out --out: explanations of a study go to {folder / 'explained'}")
-    console = plain_console()
+    console = PlainConsole()
     keep_freed_memory()
     planned = plan_explanations(study_of(folder), folder)
     states = {"done": 0, "kept": 0, "failed": 0}
@@ -152,10 +149,9 @@ def _explain_results(request: TrialRequest, out: Path | None, jobs: int) -> int:
             explanation = up_to_date(job.target, job.key)
             if explanation:
                 sizes, mending, *_ = explanation.lines()
-                console.print(f"{job.name}: {sizes} {mending}", soft_wrap=True)
-    console.print(
+                console.say(f"{job.name}: {sizes} {mending}")
+    console.say(
         f"{counted(states['done'], 'trial')} explained, {states['kept']} were there already, "
-        f"{states['failed']} failed; next: hbm report {folder}",
-        soft_wrap=True,
+        f"{states['failed']} failed; next: hbm report {folder}"
     )
     return 1 if states["failed"] else 0

@@ -7,12 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline.cli.options import Jobs, Out
-from pipeline.cli.results import print_study_residuals, report, view
-from pipeline.cli.study import run
+from pipeline.cli.study import print_study_residuals, report, run, view
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
+    from pipeline.cli.terminal import PlainConsole
     from pipeline.virtual_lab.protocol.walking_protocol import Setting
 
 
@@ -55,23 +53,22 @@ def simulate(
 
 def _complete_study(folder: Path, setting: "Setting", jobs: int) -> None:
     """Write what is missing of a study; print what was written and what was there."""
-    from pipeline.cli.terminal import counted, plain_console
+    from pipeline.cli.terminal import PlainConsole, counted
     from pipeline.virtual_lab.protocol.walking_study import missing_files, study_files
 
-    console, start = plain_console(), time.monotonic()
+    console, start = PlainConsole(), time.monotonic()
     missing, every = missing_files(folder, setting), study_files(setting)
     _simulate_study(folder, setting, jobs, console, keep=True)
     recordings = sum(name.endswith(".c3d") for name in missing)
-    console.print(
+    console.say(
         f"{counted(recordings, 'recording')} and {counted(len(missing) - recordings, 'other file')}"
         f" written to {folder} in {time.monotonic() - start:.0f} s, "
-        f"{len(every) - len(missing)} were there already; next: hbm run {folder}",
-        soft_wrap=True,
+        f"{len(every) - len(missing)} were there already; next: hbm run {folder}"
     )
 
 
 def _simulate_study(
-    folder: Path, setting: "Setting", jobs: int, console: "Console", *, keep: bool = False
+    folder: Path, setting: "Setting", jobs: int, console: "PlainConsole", *, keep: bool = False
 ) -> None:
     from hbm.kernels.native import kernels
     from pipeline.cli.stopping import stoppable
@@ -103,26 +100,24 @@ def demo(
     out: Out = Path("demo"),
 ) -> int:
     """Simulate a study in the virtual laboratory and run experiment 3 on it."""
-    from pipeline.cli.terminal import plain_console
+    from pipeline.cli.terminal import PlainConsole
     from pipeline.virtual_lab.protocol.walking_protocol import DEMO, Setting
 
-    console, start = plain_console(), time.monotonic()
+    console, start = PlainConsole(), time.monotonic()
     study, results = out / "study", out / "results"
     out.mkdir(parents=True, exist_ok=True)
     setting = Setting() if full else Setting(protocol=DEMO)
     _simulate_study(study, setting, jobs, console)
-    console.print(
+    console.say(
         f"{setting.protocol.subjects} simulated subjects walked on a treadmill that sways and "
-        f"pitches; their recordings are in {study} ({time.monotonic() - start:.0f} s)",
-        soft_wrap=True,
+        f"pitches; their recordings are in {study} ({time.monotonic() - start:.0f} s)"
     )
     code = run(study, jobs=jobs, out=results)
     print_study_residuals(results)
     report(results)
     view(results, "sub01", "sway", save=results / "viewer" / "sub01_sway.rrd")
-    console.print(
+    console.say(
         f"open {results / 'report.html'} in a browser; 'hbm view {results}' shows where the "
-        "residuals come from",
-        soft_wrap=True,
+        "residuals come from"
     )
     return code

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable
-from typing import Final
+from typing import Any, Final
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -22,10 +22,19 @@ WIDE: Final = 10_000
 class PlainConsole(Console):
     """A console that prints text as it is: brackets are no markup, escapes do not escape."""
 
-    def __init__(self) -> None:
-        super().__init__(highlight=False, markup=False)
+    def __init__(self, **options: Any) -> None:
+        super().__init__(highlight=False, markup=False, **options)
         if self.width < MIN_COLUMNS:
             self.width = MIN_COLUMNS
+
+    def say(self, *parts: RenderableType) -> None:
+        """Print in one line, however long; the terminal wraps it."""
+        self.print(*parts, soft_wrap=True)
+
+    def say_notes(self, notes: Iterable[Note]) -> None:
+        """Print notes, each in one line with its code."""
+        for note in notes:
+            self.say(note_line(note))
 
     def render(
         self, renderable: RenderableType, options: ConsoleOptions | None = None
@@ -41,11 +50,6 @@ class PlainConsole(Console):
     def on_broken_pipe(self) -> None:
         """Say that nobody reads the output any more; the command ends."""
         raise BrokenPipeError
-
-
-def plain_console() -> Console:
-    """Give the console that all commands print with."""
-    return PlainConsole()
 
 
 def print_table(table: Table, console: Console) -> None:

@@ -1,4 +1,4 @@
-"""The treadmill on the command line: calibration (fit, signals, rank) and plates."""
+"""The treadmill on the command line: calibration (fit, check, signals, rank) and plates."""
 
 import json
 from dataclasses import replace
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from compensation import Calibration
+    from pipeline.trial.ground.calibration_check import CalibrationCheck
 
 
 def fit(
@@ -64,7 +65,7 @@ def fit(
     from compensation import to_json
     from compensation.inertia.sensors import describe_sensors
     from hbm.notes import warnings_first
-    from pipeline.cli.terminal import note_line, plain_console, print_table
+    from pipeline.cli.terminal import PlainConsole, print_table
     from pipeline.config.plate_correction import read_plate_correction
     from pipeline.config.schema import RecordingRules
     from pipeline.config.toml_file import check_options
@@ -73,17 +74,18 @@ def fit(
     from pipeline.run.job import file_digest
     from pipeline.trial.ground.accelerometers import find_accelerometers, stated_accelerometers
     from pipeline.trial.ground.calibration_recording import (
+        BESIDE,
         MODEL,
         WEIGHT,
         fit_calibration,
         plates_timed_apart,
+        read_empty,
     )
     from pipeline.trial.ground.corrected_plates import with_corrected_plates
-    from pipeline.trial.ground.empty_plates import BESIDE, read_empty
     from pipeline.trial.ground.platform import recording_delays
     from pipeline.trial.ground.uncertainty import belt_speed_notes
 
-    console = plain_console()
+    console = PlainConsole()
     if out.is_dir():
         raise ValueError(f"--out {out}: is a folder; name the file to write, such as lab.json")
     rules = {"axes": axes, "units": units, "plate_units": plate_units}
@@ -135,8 +137,8 @@ def fit(
     method = setup.filter_method if setup is not None else ""
     console.print(f"accelerometers: {', '.join(sensors)}; low-pass {cutoff_hz:g} Hz, {method}")
     if BESIDE in provenance:
-        console.print(f"fitted too: {provenance[BESIDE]}; {provenance[WEIGHT]}", soft_wrap=True)
-    console.print(provenance[MODEL], soft_wrap=True)
+        console.say(f"fitted too: {provenance[BESIDE]}; {provenance[WEIGHT]}")
+    console.say(provenance[MODEL])
     print_table(_sensor_table(calibration), console)
     print_table(_fit_table(calibration), console)
     notes = [
@@ -147,8 +149,7 @@ def fit(
         *plates_timed_apart(empty, treadmill, calibration.sensors, plates),
         *belt_speed_notes(mean_belt_speed(fastest_belt(empty, treadmill)), calibration),
     ]
-    for note in warnings_first(notes):
-        console.print(note_line(note), soft_wrap=True)
+    console.say_notes(warnings_first(notes))
     if calibration.notes:
         advice = "calibration not fit for trials: mend what the warnings name, then fit it again"
     else:
@@ -156,7 +157,7 @@ def fit(
         advice = (
             f"next: hbm residuals TRIAL --calibration {out}{plates_too} --platform-markers M1,M2,M3"
         )
-    console.print(f"written to {out}; {advice}", soft_wrap=True)
+    console.say(f"written to {out}; {advice}")
 
 
 def _fit_table(calibration: "Calibration") -> "Table":
@@ -230,7 +231,7 @@ def signals(
     from compensation import MachineLimits
     from compensation.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
     from pipeline.calibration_ranking.signal_files import KINDS, protocol_signals, write_signals
-    from pipeline.cli.terminal import plain_console
+    from pipeline.cli.terminal import PlainConsole
 
     if kind not in (*KINDS, "all"):
         raise ValueError(f"--kind must be one of {', '.join(KINDS)} or all, got {kind!r}")
@@ -244,16 +245,16 @@ def signals(
         belt_m_per_s,
         belt_m_per_s2,
     )
-    console = plain_console()
+    console = PlainConsole()
     kinds = KINDS if kind == "all" else (kind,)
     drawn = {name: protocol_signals(name, seed, limits) for name in kinds}
     if not any(possible for possible, _ in drawn.values()):
         raise ValueError(f"the machine can do none of these: {drawn[kinds[0]][1][0]}")
     for name, (possible, beyond) in drawn.items():
         written = write_signals(possible, out / name, rate_hz, limits)
-        console.print(f"{len(written)} signals at {rate_hz:g} Hz in {out / name}", soft_wrap=True)
+        console.say(f"{len(written)} signals at {rate_hz:g} Hz in {out / name}")
         for line in beyond:
-            console.print(f"not written, beyond the machine: {name} {line}", soft_wrap=True)
+            console.say(f"not written, beyond the machine: {name} {line}")
     to_begin_with = {"pitch_sway": ADVISED_PLATFORM_SIGNAL, "belt": ADVISED_BELT_SIGNAL}
     lacking = [
         advised
@@ -261,18 +262,16 @@ def signals(
         if name in drawn and advised not in {s.name for s in drawn[name][0]}
     ]
     if lacking:
-        console.print(
+        console.say(
             f"the machine cannot do {' and '.join(lacking)}, which is advised: record others of "
-            "those written, and rank them (hbm calibration rank)",
-            soft_wrap=True,
+            "those written, and rank them (hbm calibration rank)"
         )
         return 1
-    console.print(
+    console.say(
         "columns: sway to the left, pitch (positive lowers the front), speed of both belts; next: "
         f"record one with the treadmill empty, {ADVISED_PLATFORM_SIGNAL} for pitch and sway or "
         f"{ADVISED_BELT_SIGNAL} for the belts, and fit it (hbm calibration fit), or several and "
-        "rank them (hbm calibration rank)",
-        soft_wrap=True,
+        "rank them (hbm calibration rank)"
     )
     return 0
 
@@ -301,10 +300,10 @@ def rank(
     """Rank calibration trials by how well they compensate the validation trials."""
     from pipeline.calibration_ranking.report import write_results
     from pipeline.calibration_ranking.trials import RankingSettings, read_trials
-    from pipeline.cli.terminal import StepProgress, plain_console
+    from pipeline.cli.terminal import PlainConsole, StepProgress
     from pipeline.virtual_lab.protocol.ranking_study import TRIALS, simulate_ranking
 
-    console = plain_console()
+    console = PlainConsole()
     settings = RankingSettings(
         plate,
         cutoff_hz,
@@ -324,8 +323,8 @@ def rank(
     with StepProgress(console, "reading", "recordings") as progress:
         trials = read_trials(folder, settings, progress.show)
     for sentence in write_results(trials, seed, out):
-        console.print(sentence, soft_wrap=True)
-    console.print(f"written to {out}: ranking.md, tables, figures", soft_wrap=True)
+        console.say(sentence)
+    console.say(f"written to {out}: ranking.md, tables, figures")
 
 
 def plates(
@@ -338,14 +337,14 @@ def plates(
 
     Where a plate can be corrected, its calibration is written too.
     """
-    from pipeline.cli.terminal import announcer, note_line, plain_console
+    from pipeline.cli.terminal import PlainConsole, announcer
     from pipeline.config.plate_study import read_plates_study
     from pipeline.plate_accuracy.accuracy import check_plates
     from pipeline.plate_accuracy.report import use_of_calibration, write_report
     from pipeline.plate_accuracy.verdict import describe
     from pipeline.virtual_lab.protocol.known_weights import THESIS_ERRORS, simulate_plates
 
-    console = plain_console()
+    console = PlainConsole()
     announce = announcer(console)
     if simulate:
         if study.exists() and any(study.iterdir()):
@@ -358,12 +357,61 @@ def plates(
     verdicts = write_report(found, out)
     for fault in found.faults:
         if fault.significant:
-            console.print(f"- {describe(fault)}", soft_wrap=True)
+            console.say(f"- {describe(fault)}")
     for verdict in verdicts:
-        for note in verdict.notes:
-            console.print(note_line(note), soft_wrap=True)
-        console.print(verdict.sentence, soft_wrap=True)
+        console.say_notes(verdict.notes)
+        console.say(verdict.sentence)
     advice = use_of_calibration(verdicts, out)
     if advice is not None:
-        console.print(advice, soft_wrap=True)
-    console.print(f"written to {out}: verdict.md, table_1, figures", soft_wrap=True)
+        console.say(advice)
+    console.say(f"written to {out}: verdict.md, table_1, figures")
+
+
+def check(
+    calibration: Annotated[Path, typer.Argument(help="What 'hbm calibration fit' wrote (.json).")],
+    recording: Annotated[Path, typer.Argument(help="The empty treadmill, moving, another day.")],
+    axes: Axes = None,
+    units: Units = None,
+    plate_units: PlateUnits = None,
+    accelerometer: Accelerometers = None,
+    plate_calibration: PlateCorrectionFile = None,
+) -> int:
+    """Check a calibration with an empty recording of another day; exit code 1 if not valid."""
+    from pipeline.cli.terminal import PlainConsole, print_table
+    from pipeline.config.plate_correction import read_plate_correction
+    from pipeline.config.schema import RecordingRules
+    from pipeline.config.toml_file import check_options
+    from pipeline.trial.ground.accelerometers import stated_accelerometers
+    from pipeline.trial.ground.calibration_check import check_recording
+    from pipeline.trial.ground.calibration_recording import read_empty
+    from pipeline.trial.ground.laboratory import read_laboratory
+
+    plates = read_plate_correction(plate_calibration) if plate_calibration else None
+    channels = stated_accelerometers(accelerometer or ())
+    laboratory = read_laboratory(calibration, (), channels, plates)
+    rules = {"axes": axes, "units": units, "plate_units": plate_units}
+    stated, console = check_options(RecordingRules, rules).stated(), PlainConsole()
+    empty = read_empty(recording, stated, any_forward=plates is None)
+    found = check_recording(empty, laboratory)
+    if found.plates:
+        print_table(_table(found, recording.name), console)
+    assert laboratory.calibration is not None
+    console.say_notes((*found.notes, *laboratory.calibration.notes))
+    return 0 if found.valid else 1
+
+
+def _table(found: "CalibrationCheck", recording: str) -> "Table":
+    """Lay out what the calibration and a new fit leave, and how far the zeros moved."""
+    from rich.table import Table
+
+    from compensation.inertia.quality import UNITS
+    from hbm.spatial import WRENCH_COMPONENTS
+
+    table = Table(title=f"{recording}, compensated by the calibration (below 6 Hz)")
+    for name in ("plate", "component", "RMS left", "by a new fit", "zero changed by"):
+        table.add_column(name, justify="left" if name in ("plate", "component") else "right")
+    for plate, one in found.plates.items():
+        for k, component in enumerate(WRENCH_COMPONENTS):
+            numbers = one.left[k], one.left_by_new_fit[k], one.zero_change[k]
+            table.add_row(plate, component, *(f"{x:.2f} {UNITS[k]}" for x in numbers))
+    return table

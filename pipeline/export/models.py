@@ -18,6 +18,10 @@ FORMAT: Final = "40000"
 """Format version in OpenSim 4.0 files."""
 RANGE: Final = {True: "-10 10", False: "-6.2831853 6.2831853"}
 """Whether a coordinate translates -> the range of its slider [m or rad]."""
+TOKEN_INERTIA: Final = Inertia(1e-12, np.zeros(3), 1e-14 * np.eye(3))
+"""Inertia of links without a segment, since MuJoCo refuses moving links below 1e-15."""
+LIMITS: Final = {"lower": "-100", "upper": "100", "effort": "1e6", "velocity": "1e6"}
+"""Limits of every joint [rad or m], since URDF requires them: beyond what a trial reaches."""
 
 
 def write_osim(body: Body, path: str | Path) -> None:
@@ -135,12 +139,6 @@ def _write(root: ET.Element, path: str | Path) -> None:
     ET.indent(root)
     with whole_file(Path(path)) as temporary:
         ET.ElementTree(root).write(temporary, encoding="UTF-8", xml_declaration=True)
-
-
-TOKEN_INERTIA: Final = Inertia(1e-12, np.zeros(3), 1e-14 * np.eye(3))
-"""Inertia of links without a segment, since MuJoCo refuses moving links below 1e-15."""
-LIMITS: Final = {"lower": "-100", "upper": "100", "effort": "1e6", "velocity": "1e6"}
-"""Limits of every joint [rad or m], since URDF requires them: beyond what a trial reaches."""
 
 
 def write_urdf(body: Body, path: str | Path) -> None:

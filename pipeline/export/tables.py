@@ -23,6 +23,10 @@ from hbm.spatial import Array
 from pipeline.io.write import whole_file, write_csv, write_text
 from pipeline.trial.result import TrialResult
 
+MAX_JITTER: Final = 0.1
+"""Deviation of sample times from even spacing, in sampling intervals; rounding of written times is
+smaller."""
+
 
 def write_tables(
     result: TrialResult, folder: Path, name: str, ankle_zero: AnkleZero = "right_angle"
@@ -92,11 +96,6 @@ def angle_table(motion: Motion, ankle_zero: AnkleZero = "right_angle") -> pd.Dat
         else:
             columns[f"{name}_deg"] = np.degrees(value)
     return pd.DataFrame(columns)
-
-
-MAX_JITTER: Final = 0.1
-"""Deviation of sample times from even spacing, in sampling intervals; rounding of written times is
-smaller."""
 
 
 def write_coordinates(motion: Motion, path: str | Path) -> None:

@@ -35,6 +35,29 @@ MAX_LENGTH_RATIO: Final = 5.0
 mislabelled frame does."""
 
 Pair = tuple[int, int]
+DIRECTIONS: Final = {
+    "forward": (1, 0, 0),
+    "back": (-1, 0, 0),
+    "left": (0, 1, 0),
+    "right": (0, -1, 0),
+    "up": (0, 0, 1),
+    "down": (0, 0, -1),
+}
+MIN_MEAN_LOAD_N: Final = 50.0
+"""Mean force of a plate on which somebody stood; drift of an empty plate is less."""
+MAX_FORCE_N: Final = 20_000.0
+"""On a plate that somebody stands, walks or lands on; a larger number is damaged."""
+MIN_SHARE_FACING_ONE_WAY: Final = 0.9
+"""Of the frames in which left and right are seen; the rest may be swapped labels."""
+MAX_ANGLE_TO_AXIS_DEG: Final = 30.0
+"""Beyond it a direction is too close to the diagonal to belong to one axis."""
+MAX_COSINE_OPPOSITE: Final = -0.5
+"""Cosine to left of a marker pair that lies the other way round: 120°; legs cross by less."""
+PAIRS_NAMED: Final = 3
+"""Marker pairs and contradictions that a note or message names: enough to check by eye."""
+ASK: Final = (
+    'state the axes, for example --axes forward,left,up, or axes = "forward,left,up" in study.toml'
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,31 +184,6 @@ def _middle(points: Array) -> Array:
     seen = np.isfinite(points).all(axis=-1, keepdims=True)
     with np.errstate(invalid="ignore", over="ignore"):
         return np.asarray(np.where(seen, points, 0.0).sum(axis=1) / seen.sum(axis=1))
-
-
-DIRECTIONS: Final = {
-    "forward": (1, 0, 0),
-    "back": (-1, 0, 0),
-    "left": (0, 1, 0),
-    "right": (0, -1, 0),
-    "up": (0, 0, 1),
-    "down": (0, 0, -1),
-}
-MIN_MEAN_LOAD_N: Final = 50.0
-"""Mean force of a plate on which somebody stood; drift of an empty plate is less."""
-MAX_FORCE_N: Final = 20_000.0
-"""On a plate that somebody stands, walks or lands on; a larger number is damaged."""
-MIN_SHARE_FACING_ONE_WAY: Final = 0.9
-"""Of the frames in which left and right are seen; the rest may be swapped labels."""
-MAX_ANGLE_TO_AXIS_DEG: Final = 30.0
-"""Beyond it a direction is too close to the diagonal to belong to one axis."""
-MAX_COSINE_OPPOSITE: Final = -0.5
-"""Cosine to left of a marker pair that lies the other way round: 120°; legs cross by less."""
-PAIRS_NAMED: Final = 3
-"""Marker pairs and contradictions that a note or message names: enough to check by eye."""
-ASK: Final = (
-    'state the axes, for example --axes forward,left,up, or axes = "forward,left,up" in study.toml'
-)
 
 
 def parse_axes(axes: str) -> Array:

@@ -32,6 +32,27 @@ TOTAL: Final = re.compile(r"#\s*EVENT\s+(\S+)\s+occur+ed\s+(\d+)\s+times?", re.I
 
 MIN_COVERED: Final = 0.9
 """Share of the frames' time: both modules are started and stopped by hand, some frames apart."""
+AXES: Final = "right,up,back"
+"""D-Flow's own, of x, y and z."""
+CUSTOMARY_RATES_HZ: Final = np.array(
+    [30, 50, 60, 100, 120, 125, 128, 150, 200, 240, 250, 256, 300, 400, 500, 1000], float
+)
+MAX_RATE_DIFFERENCE: Final = 0.02
+"""Relative: the slope of time stamps that lag is a customary rate to 2 %."""
+MIN_FRAME_S: Final = 1e-4
+MAX_FRAME_S: Final = 1.0
+"""Time per frame of a camera system; beyond it the stamps are not in seconds."""
+MAX_DROPPED_RATIO: Final = 2
+"""Frames spanned per frame held: with more dropped, this is not one recording."""
+SEGMENTS: Final = {
+    *("pelvis", "thorax", "spine", "pelvislegs", "toes", "head"),
+    *(f"{side}{name}" for side in "lr" for name in ("femur", "tibia", "foot", "toes")),
+    *(f"{side}{name}" for side in "lr" for name in ("humerus", "forearm", "hand", "clavicle")),
+}
+"""Columns of D-Flow's body model that are named as markers are."""
+UNITS: Final = {".Anlg": "V", ".Ang": "deg", ".Mom": "N·m", ".Pow": "W"}
+PLATE: Final = re.compile(r"FP(\d+)\.For[XYZ]")
+MARKER: Final = re.compile(r"(.+)\.Pos[XYZ]")
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,29 +206,6 @@ def on_clock(
     if np.ptp(covered) < MIN_COVERED * np.ptp(time):
         notes.append(Note.of("record_short", file=name, first_s=covered[0], last_s=covered[1]))
     return both, events, notes
-
-
-AXES: Final = "right,up,back"
-"""D-Flow's own, of x, y and z."""
-CUSTOMARY_RATES_HZ: Final = np.array(
-    [30, 50, 60, 100, 120, 125, 128, 150, 200, 240, 250, 256, 300, 400, 500, 1000], float
-)
-MAX_RATE_DIFFERENCE: Final = 0.02
-"""Relative: the slope of time stamps that lag is a customary rate to 2 %."""
-MIN_FRAME_S: Final = 1e-4
-MAX_FRAME_S: Final = 1.0
-"""Time per frame of a camera system; beyond it the stamps are not in seconds."""
-MAX_DROPPED_RATIO: Final = 2
-"""Frames spanned per frame held: with more dropped, this is not one recording."""
-SEGMENTS: Final = {
-    *("pelvis", "thorax", "spine", "pelvislegs", "toes", "head"),
-    *(f"{side}{name}" for side in "lr" for name in ("femur", "tibia", "foot", "toes")),
-    *(f"{side}{name}" for side in "lr" for name in ("humerus", "forearm", "hand", "clavicle")),
-}
-"""Columns of D-Flow's body model that are named as markers are."""
-UNITS: Final = {".Anlg": "V", ".Ang": "deg", ".Mom": "N·m", ".Pow": "W"}
-PLATE: Final = re.compile(r"FP(\d+)\.For[XYZ]")
-MARKER: Final = re.compile(r"(.+)\.Pos[XYZ]")
 
 
 @dataclass(frozen=True, slots=True)

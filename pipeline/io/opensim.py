@@ -28,6 +28,26 @@ from pipeline.io.stated import Stated, as_stated
 from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows, read_number
 
 TRANSLATIONS: Final = ("_tx", "_ty", "_tz")
+MIN_RATE_HZ, MAX_RATE_HZ = 1.0, 100_000.0
+"""Of cameras."""
+MAX_TIME_ERROR: Final = 0.1
+"""In frames: files round their times, but not by more than this beyond half of their last digit."""
+ROUNDED: Final = 1e-6
+"""Of a digit: closer to a whole one, a number has no further digits."""
+Trajectories = tuple[FileMarkers, Array, int]
+"""Markers, times on the file's clock, (T,) [s], and number of the first frame."""
+MAX_ROUNDING: Final = 0.05
+"""In steps: times printed with few digits differ from even ones by less."""
+FORCE_COLUMN: Final = re.compile(r"(?P<stem>.*force.*)_(?P<letter>[vf])[xyz]")
+TORQUE_COLUMNS: Final = (
+    ("torque", "_"),
+    ("moment", "_"),
+    ("torque", "_m"),
+    ("moment", "_m"),
+    ("force", "_m"),
+)
+"""How programs call the torques of ``ground_force_vx``: ``ground_torque_x``, `` ground_force_mx``:
+word in the place of "force", and what stands before the axis."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,18 +141,6 @@ def _table(lines: list[str], notes: tuple[Note, ...]) -> Table:
             raise ValueError(f"its header says {key}={short(header[key])} but it holds {count}")
     in_degrees = header.get("indegrees", "no") == "yes"
     return Table(values[:, 0], tuple(names[1:]), values[:, 1:], in_degrees, notes)
-
-
-MIN_RATE_HZ, MAX_RATE_HZ = 1.0, 100_000.0
-"""Of cameras."""
-MAX_TIME_ERROR: Final = 0.1
-"""In frames: files round their times, but not by more than this beyond half of their last digit."""
-ROUNDED: Final = 1e-6
-"""Of a digit: closer to a whole one, a number has no further digits."""
-
-
-Trajectories = tuple[FileMarkers, Array, int]
-"""Markers, times on the file's clock, (T,) [s], and number of the first frame."""
 
 
 def read_trc(path: str | Path, stated: Stated | str | None = None) -> Recording:
@@ -261,20 +269,6 @@ def _with_last_gaps(line: str, count: int) -> str:
     """Add the tabs that some programs leave out where a frame's last markers are missing."""
     missing = count - line.count("\t") - 1
     return line + "\t" * missing if missing > 0 and missing % 3 == 0 else line
-
-
-MAX_ROUNDING: Final = 0.05
-"""In steps: times printed with few digits differ from even ones by less."""
-FORCE_COLUMN: Final = re.compile(r"(?P<stem>.*force.*)_(?P<letter>[vf])[xyz]")
-TORQUE_COLUMNS: Final = (
-    ("torque", "_"),
-    ("moment", "_"),
-    ("torque", "_m"),
-    ("moment", "_m"),
-    ("force", "_m"),
-)
-"""How programs call the torques of ``ground_force_vx``: ``ground_torque_x``, `` ground_force_mx``:
-word in the place of "force", and what stands before the axis."""
 
 
 def read_opensim_trial(

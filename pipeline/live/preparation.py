@@ -23,9 +23,8 @@ from pipeline.io.recording import Plate, Recording
 from pipeline.io.stated import Stated
 from pipeline.live.replay import ANALOG, MARKERS, PLATES
 from pipeline.live.stream import Samples, StatedPlate, StreamDescription
-from pipeline.trial.ground.calibration_file import read_calibration
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
-from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.ground.laboratory import Laboratory, read_calibration
 from pipeline.trial.study_files import read_study_laboratory
 from pipeline.trial.subject import (
     MAX_STILL_EXTENT_M,

@@ -1,8 +1,8 @@
 """Figures of a study: gait cycles over subjects, marginal means, every cycle of one subject."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import matplotlib as mpl
 import numpy as np
@@ -37,7 +37,7 @@ OFFSET: Final = 0.05
 """Shift of the means of both variants against each other, in steps of conditions."""
 
 
-Spans = Mapping[str, Sequence[Sequence[float]]]
+Spans = Mapping[str, Any]
 """Side -> start and stop of each gait cycle [s]."""
 
 

@@ -128,7 +128,7 @@ def _marker_error(markers: pd.DataFrame) -> Check:
     overall, seen = markers.iloc[-1], markers[:-1].dropna()
     if seen.empty:
         return "fail", "unknown", ""
-    worst = seen.loc[seen["rms_mm"].idxmax()]
+    worst = seen.iloc[int(seen["rms_mm"].argmax())]
     rating = "pass" if overall["peak_mm"] <= MAX_MARKER_PEAK_MM else "check"
     if overall["rms_mm"] >= MAX_MARKER_RMS_MM:
         rating = "fail"
@@ -138,7 +138,7 @@ def _marker_error(markers: pd.DataFrame) -> Check:
 
 def _marker_gaps(markers: pd.DataFrame) -> Check:
     """Rate for how much of the trial markers are missing."""
-    worst = markers.loc[markers["missing_percent"][:-1].idxmax()]
+    worst = markers.iloc[int(markers["missing_percent"][:-1].argmax())]
     percent = worst["missing_percent"]
     rating = "check" if percent > MAX_GAP_PERCENT else "pass"
     detail = f"{worst['marker']} {percent:.1f} %" if percent else ""

@@ -25,9 +25,13 @@ from pipeline.trial.gait.events import SIDES, gait_events
 from pipeline.trial.ground.accelerometers import accelerations, fastest_belt, mean_belt_speed
 from pipeline.trial.ground.belt_calibration import read_belts
 from pipeline.trial.ground.calibration_check import read_check
-from pipeline.trial.ground.calibration_file import read_calibration
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
-from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_uncompensated
+from pipeline.trial.ground.laboratory import (
+    Laboratory,
+    plate_models,
+    read_calibration,
+    require_uncompensated,
+)
 from pipeline.trial.ground.platform import platform_pose
 from pipeline.trial.ground.uncertainty import belt_speed_notes
 from pipeline.trial.quality import settling_s
@@ -66,39 +70,28 @@ class Remark:
         return f"{self.place}: {self.note}"
 
 
-@dataclass(frozen=True, slots=True)
-class Findings:
-    """What a check found: faults stop a trial, remarks do not."""
-
-    faults: tuple[Fault, ...]
-    remarks: tuple[Remark, ...]
-
-
-def joined(findings: Iterable[Findings]) -> Findings:
-    """Join what several checks found, each thing once."""
-    every = list(findings)
-    return Findings(
-        tuple(dict.fromkeys(fault for each in every for fault in each.faults)),
-        tuple(dict.fromkeys(remark for each in every for remark in each.remarks)),
-    )
-
-
 @dataclass(slots=True)
-class _Collector:
-    """Faults and remarks as they are found."""
+class Findings:
+    """What a check found, each thing once: faults stop a trial, remarks do not."""
 
     faults: list[Fault] = field(default_factory=list)
     remarks: list[Remark] = field(default_factory=list)
     notes_of_files: list[tuple[Note, ...]] = field(default_factory=list)
 
     def remark(self, place: str, code: str, **values: NoteValue) -> None:
-        self.remarks.append(Remark(place, Note.of(code, **values)))
+        """Add a note on a place."""
+        self.notes(place, [Note.of(code, **values)])
 
     def notes(self, place: str, notes: Iterable[Note]) -> None:
-        self.remarks += [Remark(place, note) for note in notes]
+        """Add what is not yet known of a place."""
+        for remark in (Remark(place, note) for note in notes):
+            if remark not in self.remarks:
+                self.remarks.append(remark)
 
     def fault(self, place: str, reason: str) -> None:
-        self.faults.append(Fault(place, reason))
+        """Add what stops a trial."""
+        if (fault := Fault(place, reason)) not in self.faults:
+            self.faults.append(fault)
 
     def attempt(self, place: str, action: Callable[[], Result]) -> Result | None:
         """Give what a function returns; where it raises, its message is a fault of the place."""
@@ -108,9 +101,12 @@ class _Collector:
             self.fault(place, str(error))
             return None
 
-    def add(self, other: "_Collector") -> None:
-        self.faults += other.faults
-        self.remarks += other.remarks
+    def add(self, other: "Findings") -> None:
+        """Add all that another check found."""
+        for fault in other.faults:
+            self.fault(fault.place, fault.reason)
+        for remark in other.remarks:
+            self.notes(remark.place, [remark.note])
         self.notes_of_files += other.notes_of_files
 
 
@@ -128,7 +124,7 @@ def check_study(study: Study) -> Findings:
         All faults of all files, not only the first. A recording is judged by its header, its
         beginning and frames spread over it; before a fault is reported, all of it is read.
     """
-    found = _Collector()
+    found = Findings()
     found.attempt("study.toml", lambda: choose_engine(study.file.settings.engine))
     laboratory = _check_laboratory(study, found)
     trial_of: dict[Path, str] = {}
@@ -147,10 +143,10 @@ def check_study(study: Study) -> Findings:
             found.remark(subject, "conditions_without_trial", conditions=without)
     if absent := labels_in_none(found.notes_of_files):
         found.remark("study.toml", "rename_without_label", labels=absent)
-    return Findings(tuple(dict.fromkeys(found.faults)), tuple(dict.fromkeys(found.remarks)))
+    return found
 
 
-def _check_laboratory(study: Study, found: _Collector) -> Laboratory:
+def _check_laboratory(study: Study, found: Findings) -> Laboratory:
     """Check the calibrations; give the treadmill with those of platform and plates."""
     treadmill, stated = study.file.treadmill, study.stated
     plates = found.attempt("study.toml", lambda: read_study_plates(study))
@@ -175,7 +171,7 @@ def _check_laboratory(study: Study, found: _Collector) -> Laboratory:
     return laboratory
 
 
-def _check_belts(study: Study, laboratory: Laboratory, found: _Collector) -> None:
+def _check_belts(study: Study, laboratory: Laboratory, found: Findings) -> None:
     """Check the calibration of the belts, if one is stated."""
     belt = laboratory.treadmill.belt
     if belt is None:
@@ -192,15 +188,15 @@ def _check_trial(
     person: SubjectFile,
     trial: Trial,
     laboratory: Laboratory,
-) -> _Collector:
+) -> Findings:
     """Check one trial: its beginning and, if that has a fault or contacts are stated, all of it."""
     rule = study.file.conditions[condition]
     file, *_ = trial.files
     path = study.path(file)
     forces, record = (study.path(name) if name else None for name in (trial.forces, trial.record))
 
-    def check(preview: Preview) -> _Collector:
-        found = _Collector()
+    def check(preview: Preview) -> Findings:
+        found = Findings()
         pose: Recording | None = preview.beginning
         static = person.static
         if static is not None:
@@ -223,7 +219,7 @@ def _check_trial(
         beginning = with_corrected_plates(preview.beginning, laboratory.plates)
         return replace(preview, beginning=beginning)
 
-    of_beginning, of_whole = _Collector(), _Collector()
+    of_beginning, of_whole = Findings(), Findings()
     preview = of_beginning.attempt(
         path.name,
         lambda: corrected(
@@ -250,7 +246,7 @@ def _check_trial(
     return of_whole if preview is None else check(preview)
 
 
-def _check_contents(preview: Preview, rule: Condition, found: _Collector) -> None:
+def _check_contents(preview: Preview, rule: Condition, found: Findings) -> None:
     """Note what a file holds, and whether that is enough."""
     recording = preview.beginning
     name, rate_hz = recording.source.name, recording.markers.rate_hz
@@ -277,7 +273,7 @@ def _check_window(
     settings: Settings,
     laboratory: Laboratory,
     body: Body,
-    found: _Collector,
+    found: Findings,
 ) -> None:
     """Look for what counts in a trial: gait events, or the span that is stated."""
     recording = preview.beginning
@@ -309,7 +305,7 @@ def _check_window(
 
 
 def _check_body(
-    study: Study, person: SubjectFile, preview: Preview, pose: Recording, found: _Collector
+    study: Study, person: SubjectFile, preview: Preview, pose: Recording, found: Findings
 ) -> Body | None:
     """Build the body; note its mass, its locked coordinates, and which markers have gaps."""
     name = preview.beginning.source.name
@@ -337,7 +333,7 @@ def _check_body(
     return body
 
 
-def _check_markers(body: Body, preview: Preview, found: _Collector) -> None:
+def _check_markers(body: Body, preview: Preview, found: Findings) -> None:
     name, known = preview.beginning.source.name, body.marker_set
     present = list(known.present(preview.beginning.markers.names).segment)
     needed = [marker for marker in known.markers if not marker.optional]
@@ -364,7 +360,7 @@ def _check_markers(body: Body, preview: Preview, found: _Collector) -> None:
         found.remark(name, "markers_often_missing", share=often)
 
 
-def _check_loads(trial: Trial, recording: Recording, settings: Settings, found: _Collector) -> None:
+def _check_loads(trial: Trial, recording: Recording, settings: Settings, found: Findings) -> None:
     """Refuse plates on which nobody ever stands, and stated contacts that are not there."""
     name, plates = recording.source.name, {plate.number: plate for plate in recording.plates}
     threshold_n = settings.contact_threshold_n
@@ -388,7 +384,7 @@ def _check_loads(trial: Trial, recording: Recording, settings: Settings, found: 
 
 
 def _check_ground(
-    recording: Recording, laboratory: Laboratory, rule: Condition, found: _Collector
+    recording: Recording, laboratory: Laboratory, rule: Condition, found: Findings
 ) -> None:
     """Look for everything that compensation, platform pose and perturbations need."""
     name, treadmill = recording.source.name, laboratory.treadmill

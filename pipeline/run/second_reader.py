@@ -1,12 +1,12 @@
 """The recordings of a study read a second time by an independent reader."""
 
+from collections.abc import Callable
 from pathlib import Path
 
-from hbm.notes import Note
 from pipeline.config.study import Study
 from pipeline.io.c3d.second_reader import compare_readers
 from pipeline.io.read import file_format
-from pipeline.run.check import Fault, Findings, Remark
+from pipeline.run.check import Findings
 
 PLACE = "second reader"
 """Of what is said of all files together."""
@@ -28,25 +28,31 @@ def read_twice(path: Path) -> Findings:
 
     A remark says that the readings agree, why ezc3d does not read the file, or that it is no C3D.
     """
-    place = path.name
+    place, found = path.name, Findings()
     try:
         if file_format(path) != "C3D":
-            return Findings((), (Remark(place, Note.of("second_reader_not_for_format")),))
+            found.remark(place, "second_reader_not_for_format")
+            return found
         second = compare_readers(path)
     except (ValueError, OSError) as error:
-        return Findings((Fault(place, str(error)),), ())
-    if second.disagreements:
-        return Findings(tuple(Fault(place, line) for line in second.disagreements), ())
-    if second.refusal:
-        note = Note.of("second_reader_refuses", reader=second.reader, reason=second.refusal)
-    else:
-        note = Note.of("second_reader_agrees", reader=second.reader)
-    return Findings((), (Remark(place, note),))
+        found.fault(place, str(error))
+        return found
+    for line in second.disagreements:
+        found.fault(place, line)
+    if second.refusal and not found.faults:
+        reason = second.refusal
+        found.remark(place, "second_reader_refuses", reader=second.reader, reason=reason)
+    elif not found.faults:
+        found.remark(place, "second_reader_agrees", reader=second.reader)
+    return found
 
 
-def summarise(found: list[Findings]) -> Findings:
-    """Say of all files together in how many both readers read the same."""
-    notes = [remark.note for findings in found for remark in findings.remarks]
-    agree = sum(note.code == "second_reader_agrees" for note in notes)
-    note = Note.of("second_reader_total", files=len(found), agree=agree)
-    return Findings((), (Remark(PLACE, note),))
+def read_study_twice(study: Study, progress: Callable[[str, int, int], None]) -> Findings:
+    """Read every recording of a study twice; say in how many files both readings are the same."""
+    every, paths = Findings(), study_recordings(study)
+    for done, path in enumerate(paths, 1):
+        every.add(read_twice(path))
+        progress(path.name, done, len(paths))
+    agree = sum(remark.note.code == "second_reader_agrees" for remark in every.remarks)
+    every.remark(PLACE, "second_reader_total", files=len(paths), agree=agree)
+    return every

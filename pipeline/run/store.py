@@ -233,10 +233,11 @@ def _typed(kind: Any, stored: Any) -> Any:
             raise TypeError(f"expected names and values, got {short(stored)}")
         if not is_dataclass(kind):
             return {name: _typed(inner[1], value) for name, value in stored.items()}
-        types = _types(kind)
+        record: Any = kind
+        types = _types(record)
         if unknown := stored.keys() - types:
             raise TypeError(f"unknown: {', '.join(unknown)}")
-        return kind(**{name: _typed(own, stored[name]) for name, own in types.items()})
+        return record(**{name: _typed(own, stored[name]) for name, own in types.items()})
     if isinstance(kind, type) and issubclass(kind, BaseModel):
         try:
             return kind.model_validate(stored)

@@ -1,6 +1,6 @@
-"""Residuals of a trial: over gait cycles, as a long table, and beside published thresholds."""
+"""Residuals of a trial: over gait cycles, as tables, and beside published thresholds."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -11,14 +11,12 @@ from numpy.typing import ArrayLike
 from hbm.model import Body
 from hbm.poses import center_of_mass, joint_positions
 from hbm.spatial import GRAVITY_MPS2, Array, Mask
-from pipeline.trial.gait.cycle_table import cycle_table
 from pipeline.trial.gait.cycles import normalise
 from pipeline.trial.result import TrialResult
 from pipeline.trial.window import frames_within
 
 AXES: Final = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 UNITS: Final = ("N", "N", "N", "N·m", "N·m", "N·m")
-UNIT_OF: Final = dict(zip(AXES, UNITS, strict=True))
 DIRECTIONS: Final = ("forward", "right", "up", "forward", "right", "up")
 REPORTED_SIGN: Final = np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0])
 """From lab axes, with Y to the left, to the reported ones, with y to the right."""
@@ -28,6 +26,10 @@ MAX_MOMENT_SHARE: Final = 0.01
 """Peak residual moment over that force times the height of the centre of mass (ibid.)."""
 FOOT_SEGMENTS: Final = ("left_foot", "left_toes", "right_foot", "right_toes")
 """Begin at the ankle and at the ball of the foot."""
+CYCLE_COLUMNS: Final = (
+    *("compensated", "side", "cycle", "start_s", "stop_s"),
+    *("axis", "unit", "rms", "peak", "valid_share"),
+)
 RESIDUAL_COLUMNS: Final = (
     *("subject", "condition", "compensated", "window", "headline", "axis", "unit"),
     *("rms", "rms_of_cycles", "mean", "sd", "peak", "rms_percent"),
@@ -132,18 +134,31 @@ def cycles_of(result: TrialResult, condition: str) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        subject, condition, and the columns of `pipeline.trial.gait.cycle_table.cycle_table`; empty
-        where a span of the recording counts.
+        subject, condition, compensated, side, cycle (from 1 for each side), start_s, stop_s, axis,
+        unit, rms and peak (largest magnitude) over the frames of the cycle that count, and their
+        share of its frames; NaN where none counts. Empty where a span of the recording counts.
     """
-    residuals = {
-        name == "compensated": reported(dynamics.residual)
-        for name, dynamics in result.variants.items()
-    }
-    cycles = {} if result.span else result.cycles
-    table = cycle_table(result.motion.time, result.counts, residuals, cycles, UNIT_OF)
+    time, counts, rows = result.motion.time, result.counts, list[tuple[object, ...]]()
+    for name, dynamics in result.variants.items():
+        residual = reported(dynamics.residual)
+        for side, spans in ({} if result.span else result.cycles).items():
+            for number, (start, stop) in enumerate(np.reshape(spans, (-1, 2)).tolist(), start=1):
+                inside = (time >= start) & (time < stop)
+                share = float(np.mean(counts[inside])) if inside.any() else 0.0
+                cycle = name == "compensated", side, number, start, stop
+                measures = zip(AXES, UNITS, *_rms_and_peak(residual[inside & counts]), strict=True)
+                rows += [(*cycle, *measure, share) for measure in measures]
+    table = pd.DataFrame(rows, columns=CYCLE_COLUMNS)
     table.insert(0, "condition", condition)
     table.insert(0, "subject", result.subject.id)
     return table
+
+
+def _rms_and_peak(residual: Array) -> tuple[Sequence[float], Sequence[float]]:
+    if not len(residual):
+        unknown = [np.nan] * residual.shape[1]
+        return unknown, unknown
+    return np.sqrt(np.mean(residual**2, axis=0)).tolist(), np.abs(residual).max(axis=0).tolist()
 
 
 def residual_table(result: TrialResult, condition: str) -> pd.DataFrame:

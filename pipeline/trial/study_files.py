@@ -14,8 +14,7 @@ from pipeline.io.read import read_as_stated
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.belt_calibration import read_belts
 from pipeline.trial.ground.calibration_check import read_check
-from pipeline.trial.ground.calibration_file import read_calibration
-from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.ground.laboratory import Laboratory, read_calibration
 
 
 def read_study_file(

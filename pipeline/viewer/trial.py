@@ -236,7 +236,7 @@ def trial_summary(result: TrialResult) -> str:
         for row in rows_of(threshold_table(result)):
             cells = [
                 "compensated" if row.compensated else "measured",
-                row.quantity,
+                str(row.quantity),
                 f"{row.peak:.1f} {row.unit}",
                 f"{row.limit:.1f} {row.unit}",
                 "passes" if row.passed else "**fails**",

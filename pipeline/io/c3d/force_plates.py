@@ -26,6 +26,8 @@ MAX_PLATES: Final = 255
 MAX_CORNER_ERROR_M: Final = 0.005
 """By which the corners may miss a rectangle: what measuring them by a marker misses."""
 VOLTS: Final = {"v", "mv", "uv", "volt", "volts", ""}
+MAX_CONDITION: Final = 1e9
+"""Of channels -> wrench; units of force and moment differ by 1e3, a singular matrix by 1e16."""
 
 
 class Undescribed(ValueError):
@@ -277,10 +279,6 @@ def _from_eight_sensors(values: Array, distances: Array) -> Array:
         [b * (z1 + z2 - z3 - z4), a * (z2 + z3 - z1 - z4), b * (x34 - x12) + a * (y14 - y23)]
     )
     return np.hstack([force, moment + np.cross(force, [0.0, 0.0, height])])
-
-
-MAX_CONDITION: Final = 1e9
-"""Of channels -> wrench; units of force and moment differ by 1e3, a singular matrix by 1e16."""
 
 
 def channel_change(plate: PlateLayout, channels: Array, wrench_change: Array) -> Array:

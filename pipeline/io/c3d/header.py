@@ -23,6 +23,12 @@ from pipeline.io.input_file import open_file
 MAX_COUNT: Final = 65535
 """Of a 16-bit number: frame counts stop there or start over."""
 NEXT: Final = "copy it from its source again, or export it again"
+DATA_STARTS: Final = (("POINT", "DATA_START"), ("ROTATION", "DATA_START"))
+"""Parameters that, like the header, say in which block of the file data begin."""
+KEY: Final = 0x50
+"""Second byte of every C3D file."""
+EVENTS_KEY: Final = 12345
+"""Of header events with labels of four characters."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -261,14 +267,6 @@ def _fitting_frames(section: DataSection, frame: FrameSize, counts: list[FrameCo
 
 def _contradicted(place: str, stated: int, held: int) -> Note:
     return Note.of("count_contradicted", place=place, stated=stated, held=held)
-
-
-DATA_STARTS: Final = (("POINT", "DATA_START"), ("ROTATION", "DATA_START"))
-"""Parameters that, like the header, say in which block of the file data begin."""
-KEY: Final = 0x50
-"""Second byte of every C3D file."""
-EVENTS_KEY: Final = 12345
-"""Of header events with labels of four characters."""
 
 
 @dataclass(frozen=True, slots=True)

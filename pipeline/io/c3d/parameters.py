@@ -13,6 +13,21 @@ from hbm.spelling import printable
 BLOCK_BYTES: Final = 512
 BYTE_ORDERS: Final = {84: "intel", 85: "dec", 86: "sgi"}
 """Processor type in the parameter section -> order of bytes."""
+Values = NDArray[np.floating] | NDArray[np.integer] | NDArray[np.str_]
+Value = str | Sequence[str] | NDArray[np.integer] | NDArray[np.floating]
+Groups = dict[str, dict[str, Value]]
+MAX_ENTRIES: Final = 255
+"""Of a parameter's dimension, which is one byte; longer lists continue in NAME2, NAME3, …"""
+MAX_BLOCKS: Final = 255
+"""Of the parameter section, whose length is one byte."""
+MAX_IDENTITY: Final = 127
+"""Of a group, whose number is one signed byte."""
+SECTION_START: Final = 4
+"""Bytes of the parameter section before its first record."""
+BLOCK_COUNT: Final = 2
+"""Which of them is the number of blocks."""
+MAX_RECORD_BYTES: Final = 32767
+"""Of one parameter, whose length is a signed 16-bit number."""
 
 
 def floats(data: bytes, byte_order: str) -> NDArray[np.floating]:
@@ -59,9 +74,6 @@ def integer_type(byte_order: str, *, signed: bool = True) -> np.dtype:
 def decoded_text(data: bytes) -> str:
     """Decode a text, which ends at its first zero, printable and without spaces around it."""
     return printable(data.decode("utf-8", "replace").split("\0", 1)[0].strip())
-
-
-Values = NDArray[np.floating] | NDArray[np.integer] | NDArray[np.str_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -274,23 +286,6 @@ def _parse_values(section: bytes, record: Record, byte_order: str) -> Values:
     else:
         values = np.frombuffer(data, np.int8 if kind == 1 else integer_type(byte_order))
     return values.reshape(shape, order="F") if shape else values
-
-
-Value = str | Sequence[str] | NDArray[np.integer] | NDArray[np.floating]
-Groups = dict[str, dict[str, Value]]
-
-MAX_ENTRIES: Final = 255
-"""Of a parameter's dimension, which is one byte; longer lists continue in NAME2, NAME3, …"""
-MAX_BLOCKS: Final = 255
-"""Of the parameter section, whose length is one byte."""
-MAX_IDENTITY: Final = 127
-"""Of a group, whose number is one signed byte."""
-SECTION_START: Final = 4
-"""Bytes of the parameter section before its first record."""
-BLOCK_COUNT: Final = 2
-"""Which of them is the number of blocks."""
-MAX_RECORD_BYTES: Final = 32767
-"""Of one parameter, whose length is a signed 16-bit number."""
 
 
 def parameter_section(groups: Groups, data_block: int) -> bytes:

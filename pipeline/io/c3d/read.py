@@ -44,6 +44,38 @@ SIDE_WORDS: Final = {"left": "left", "l": "left", "right": "right", "r": "right"
 LABEL: Final = re.compile(
     rf"(?P<before>{'|'.join(SIDE_WORDS)})?(?P<kind>{'|'.join(KINDS)})(?P<after>{'|'.join(SIDE_WORDS)})?"
 )
+GROUP: Final = "HBM_RESIDUALS"
+TEXTS: Final = {
+    "SOFTWARE": "software",
+    "CALIBRATION": "calibration",
+    "CALIBRATION_SHA256": "calibration_sha256",
+    "BELTS": "belts",
+    "BELTS_SHA256": "belts_sha256",
+    "PLATE_CALIBRATION": "plate_calibration",
+    "PLATE_CALIBRATION_SHA256": "plate_calibration_sha256",
+    "FILTER": "filter",
+    "FRAME": "frame",
+}
+"""Parameter -> attribute of `Compensation`."""
+BEGINNING_FRAMES: Final = 1000
+"""Ten seconds at 100 Hz: enough gait to infer axes, weigh the subject and find events."""
+SAMPLED_FRAMES: Final = 500
+"""Frames in which missing markers are counted: shares are known to 2 % (one SD of 0.5 at most)."""
+OF_SUBJECT: Final = {
+    "mass_kg": ("BODYMASS", 1.0, 5.0, 500.0),
+    "height_m": ("HEIGHT", 1e-3, 0.3, 2.7),
+}
+OF_LIMB: Final = {
+    "leg_length_m": ("LEGLENGTH", 1e-3, 0.1, 1.5),
+    "knee_width_m": ("KNEEWIDTH", 1e-3, 0.01, 0.5),
+    "ankle_width_m": ("ANKLEWIDTH", 1e-3, 0.01, 0.5),
+    "elbow_width_m": ("ELBOWWIDTH", 1e-3, 0.01, 0.3),
+    "wrist_width_m": ("WRISTWIDTH", 1e-3, 0.01, 0.2),
+    "hand_thickness_m": ("HANDTHICKNESS", 1e-3, 0.005, 0.1),
+    "shoulder_offset_m": ("SHOULDEROFFSET", 1e-3, 0.005, 0.2),
+}
+"""Attribute -> PROCESSING parameter, without the L or R before it, factor to SI from the file's kg
+and mm, and bounds beyond which it is not stated (zero) or in another unit [kg or m]."""
 
 
 def read_events(
@@ -102,21 +134,6 @@ def _kind_and_side(label: str) -> tuple[str, str]:
     return (KINDS[found["kind"]], "".join(sides)) if len(sides) < 2 else ("", "")
 
 
-GROUP: Final = "HBM_RESIDUALS"
-TEXTS: Final = {
-    "SOFTWARE": "software",
-    "CALIBRATION": "calibration",
-    "CALIBRATION_SHA256": "calibration_sha256",
-    "BELTS": "belts",
-    "BELTS_SHA256": "belts_sha256",
-    "PLATE_CALIBRATION": "plate_calibration",
-    "PLATE_CALIBRATION_SHA256": "plate_calibration_sha256",
-    "FILTER": "filter",
-    "FRAME": "frame",
-}
-"""Parameter -> attribute of `Compensation`."""
-
-
 def compensation_group(compensation: Compensation) -> dict[str, Value]:
     """Give the group's parameters; what is not known is left out."""
     members: dict[str, Value] = {
@@ -152,27 +169,6 @@ def read_compensation(parameters: Parameters) -> Compensation | None:
     plates = tuple(parameters.integers(GROUP, "PLATES").ravel().tolist())
     cutoff_hz = parameters.number(GROUP, "CUTOFF_HZ")
     return Compensation(**texts, plates=plates, cutoff_hz=cutoff_hz, frame=frame)
-
-
-BEGINNING_FRAMES: Final = 1000
-"""Ten seconds at 100 Hz: enough gait to infer axes, weigh the subject and find events."""
-SAMPLED_FRAMES: Final = 500
-"""Frames in which missing markers are counted: shares are known to 2 % (one SD of 0.5 at most)."""
-OF_SUBJECT: Final = {
-    "mass_kg": ("BODYMASS", 1.0, 5.0, 500.0),
-    "height_m": ("HEIGHT", 1e-3, 0.3, 2.7),
-}
-OF_LIMB: Final = {
-    "leg_length_m": ("LEGLENGTH", 1e-3, 0.1, 1.5),
-    "knee_width_m": ("KNEEWIDTH", 1e-3, 0.01, 0.5),
-    "ankle_width_m": ("ANKLEWIDTH", 1e-3, 0.01, 0.5),
-    "elbow_width_m": ("ELBOWWIDTH", 1e-3, 0.01, 0.3),
-    "wrist_width_m": ("WRISTWIDTH", 1e-3, 0.01, 0.2),
-    "hand_thickness_m": ("HANDTHICKNESS", 1e-3, 0.005, 0.1),
-    "shoulder_offset_m": ("SHOULDEROFFSET", 1e-3, 0.005, 0.2),
-}
-"""Attribute -> PROCESSING parameter, without the L or R before it, factor to SI from the file's kg
-and mm, and bounds beyond which it is not stated (zero) or in another unit [kg or m]."""
 
 
 def read_c3d(

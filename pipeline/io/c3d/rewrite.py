@@ -38,6 +38,13 @@ from pipeline.io.write import remove_leftovers, whole_file
 MAX_REAL: Final = float(np.finfo(np.float32).max)
 MAX_DEC: Final = MAX_REAL / 4
 """The same bits mean a quarter of the IEEE number in a DEC file."""
+FRAMES_PER_SLICE: Final = 4096
+"""Some megabytes at a time: large enough for NumPy, small beside the trial."""
+DATA_BLOCK: Final = 8
+"""Word of the header that says where the data section begins."""
+LABEL_RANGE: Final = 147
+LABEL_RANGE_KEY: Final = 12345
+"""This number in this word of the header: the file has a section of labels and ranges."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,15 +215,6 @@ def plate_samples(header: Header, parameters: Parameters, stated: Stated) -> Pla
     rate_hz = frame_rate_hz(header, parameters)[0] * header.analog_per_frame
     unsigned = is_unsigned(parameters)
     return PlateSamples(header, tuple(plates), names, offset, scale, rate_hz, unsigned)
-
-
-FRAMES_PER_SLICE: Final = 4096
-"""Some megabytes at a time: large enough for NumPy, small beside the trial."""
-DATA_BLOCK: Final = 8
-"""Word of the header that says where the data section begins."""
-LABEL_RANGE: Final = 147
-LABEL_RANGE_KEY: Final = 12345
-"""This number in this word of the header: the file has a section of labels and ranges."""
 
 
 def rewrite_plates(

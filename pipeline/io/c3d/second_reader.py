@@ -156,7 +156,9 @@ def check_rewritten(
     except ValueError as error:
         raise ValueError(f"the copy is not {original.name} written again: {error}") from error
     if before.disagreements:
-        return SecondReading(found.reader, f"of the original, {before.disagreements[0]}")
+        return SecondReading(
+            found.reader, f"it reads the original otherwise: {before.disagreements[0]}"
+        )
     return found
 
 

@@ -22,8 +22,8 @@ from pipeline.io.units import (
 from pipeline.live.frames.channels import AnalogStreams, Channels, SampleBuffer
 from pipeline.trial.ground.accelerometers import RealtimeAccelerometers
 from pipeline.trial.ground.belts import MODEL_RATE_HZ, RealtimeBelts, belt_side, between_steps
+from pipeline.trial.ground.calibration_recording import FILTER
 from pipeline.trial.ground.corrected_plates import plate_delays_s, relative_delays_s
-from pipeline.trial.ground.empty_plates import FILTER
 from pipeline.trial.ground.laboratory import Laboratory, models_of_plates
 from pipeline.trial.ground.platform import MAX_MARKER_ERROR_M, NEUTRAL_FRAMES
 

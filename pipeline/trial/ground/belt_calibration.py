@@ -20,8 +20,8 @@ from pipeline.trial.ground.belts import (
     belt_side,
 )
 from pipeline.trial.ground.calibration_check import FAULTS
+from pipeline.trial.ground.calibration_recording import FILTER, read_empty
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
-from pipeline.trial.ground.empty_plates import FILTER, read_empty
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.wrenches import plate_artefacts
 

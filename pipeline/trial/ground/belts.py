@@ -19,7 +19,7 @@ from hbm.spatial import Array
 from pipeline.config.schema import Belt
 from pipeline.io.recording import Plate, Recording
 from pipeline.trial.ground.accelerometers import belt_speed
-from pipeline.trial.ground.empty_plates import FILTER
+from pipeline.trial.ground.calibration_recording import FILTER
 
 MODEL_RATE_HZ: Final = 100.0
 """The belt model's rate: belts accelerate below 10 Hz."""

@@ -18,8 +18,8 @@ from pipeline.io.input_file import last_written, naming
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated
 from pipeline.trial.ground.accelerometers import accelerations, at_plate_times, fastest_belt
+from pipeline.trial.ground.calibration_recording import read_empty, wrenches_in_time
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
-from pipeline.trial.ground.empty_plates import read_empty, wrenches_in_time
 from pipeline.trial.ground.laboratory import Laboratory, plate_models
 
 FAULTS: Final = (

@@ -33,7 +33,7 @@ from pipeline.trial.ground.accelerometers import (
     hold_ends,
     read_channel,
 )
-from pipeline.trial.ground.empty_plates import setup_of
+from pipeline.trial.ground.calibration_recording import setup_of
 
 NEUTRAL_FRAMES: Final = 100
 """Frames at the start in which the platform is in neutral: one second at 100 Hz."""

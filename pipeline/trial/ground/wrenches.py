@@ -22,8 +22,8 @@ from pipeline.trial.ground.accelerometers import (
     mean_belt_speed,
 )
 from pipeline.trial.ground.belts import belt_wrenches, belt_wrenches_in_real_time
+from pipeline.trial.ground.calibration_recording import BESIDE, FILTER, samples_of, setup_of
 from pipeline.trial.ground.corrected_plates import relative_delays_s
-from pipeline.trial.ground.empty_plates import BESIDE, FILTER, samples_of, setup_of
 from pipeline.trial.ground.laboratory import BoundLaboratory, Laboratory, bind
 from pipeline.trial.ground.platform import (
     NEUTRAL_FRAMES,

@@ -12,8 +12,7 @@ from compensation.protocol import platform_signal
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.accelerometers import find_accelerometers
-from pipeline.trial.ground.calibration_recording import fit_calibration
-from pipeline.trial.ground.empty_plates import plate_samples
+from pipeline.trial.ground.calibration_recording import fit_calibration, plate_samples
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import (
     InstrumentedTreadmill,

@@ -15,8 +15,7 @@ import pandas as pd
 import pytest
 
 from pipeline.cli import main
-from pipeline.cli.live.following import take_new
-from pipeline.cli.live.session import missing_teller
+from pipeline.cli.live_session import missing_teller, take_new
 from pipeline.io.read import read_recording
 from pipeline.live.recording import RESULTS, STREAMS
 from pipeline.trial.quality import Quality
@@ -217,8 +216,8 @@ def test_the_address_is_that_of_the_option_or_of_the_study(walk, tmp_path, capsy
 
 def test_streams_that_are_not_there_are_named(walk, tmp_path, capsys, monkeypatch):
     pytest.importorskip("pylsl", reason="the extra live is not installed")
-    monkeypatch.setattr("pipeline.cli.live.session.SEARCH_S", 0.8)
-    monkeypatch.setattr("pipeline.cli.live.session.MISSING_S", 0.2)
+    monkeypatch.setattr("pipeline.cli.live_session.SEARCH_S", 0.8)
+    monkeypatch.setattr("pipeline.cli.live_session.MISSING_S", 0.2)
     stated = '[conditions.level]\n[live]\nmarkers = "Nobody"\nanalog = ["Nor plates"]\n'
     study, out = study_of(tmp_path / "study", stated), tmp_path / "out"
     assert main(["live", "--study", str(study), "--static", str(walk), "--out", str(out)]) == 2

@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 
 from hbm.spatial import shift_wrench
-from pipeline.cli.results import print_study_residuals
 from pipeline.cli.simulate import demo
+from pipeline.cli.study import print_study_residuals
 from pipeline.config.study import read_study
 from pipeline.run.load import collect
 from pipeline.trial.ground.laboratory import Laboratory

@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from hbm.notes import Note
-from pipeline.cli.terminal import StepProgress, note_line, plain_console, print_table
+from pipeline.cli.terminal import PlainConsole, StepProgress, note_line, print_table
 
 HOSTILE = "a\x1b]0;title\x07b\x1b[31mc\x9b2Jd\u202ee\udcfff\rg\x00h"
 MARKUP = "[red]x[/red] [/] [bold [link=x]"
@@ -74,7 +74,7 @@ def printed(monkeypatch, print_it, **environment):
     """What a terminal gets, its own control codes for styles left out."""
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
-    screen = plain_console()
+    screen = PlainConsole()
     with screen.capture() as capture:
         print_it(screen)
     return capture.get()

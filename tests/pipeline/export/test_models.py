@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hbm.body import build_body
-from hbm.coordinates import COORDINATES, MOVING, SEGMENTS
+from hbm.coordinates import MOVING, SEGMENTS
 from hbm.overrides import SegmentOverride
 from hbm.segments import Inertia
 from pipeline.cli.app import main
@@ -45,30 +45,11 @@ def test_opensim_gets_the_18_segments_and_the_two_massless_shoulder_points(body,
     assert sum(found.values()) == pytest.approx(MASS_KG, rel=1e-9)
 
 
-def test_opensim_welds_the_mid_trunk_to_the_thorax(body, tmp_path):
-    write_osim(body, tmp_path / "body.osim")
-    (weld,) = ET.parse(tmp_path / "body.osim").iter("WeldJoint")
-    assert weld.findtext("socket_child_frame") == "/bodyset/mid_trunk"
-    assert weld.findtext("frames/PhysicalOffsetFrame/socket_parent") == "/bodyset/thorax"
-    assert weld.findtext("frames/PhysicalOffsetFrame/translation") == "0.0 0.0 0.0"
-
-
 def test_urdf_has_18_links_of_more_than_token_mass(body, tmp_path):
     write_urdf(body, tmp_path / "body.urdf")
     found = masses(tmp_path / "body.urdf", "link", "inertial/mass")
     assert {name for name, kg in found.items() if kg > TOKEN_INERTIA.mass} == set(SEGMENTS)
     assert sum(found.values()) == pytest.approx(MASS_KG, rel=1e-9)
-
-
-def test_the_mid_trunk_is_on_a_fixed_joint_of_the_urdf_s_thorax(body, tmp_path):
-    write_urdf(body, tmp_path / "body.urdf")
-    joints = {joint.get("name"): joint for joint in ET.parse(tmp_path / "body.urdf").iter("joint")}
-    moving = [name for name, joint in joints.items() if joint.get("type") != "fixed"]
-    assert tuple(moving) == COORDINATES
-    fixed = joints["mid_trunk_joint"]
-    assert fixed.get("type") == "fixed"
-    assert fixed.find("parent").get("link") == "thorax"
-    assert fixed.find("child").get("link") == "mid_trunk"
 
 
 @pytest.mark.slow

@@ -55,13 +55,6 @@ def test_axes_that_are_not_right_handed_are_refused(axes):
         parse_axes(axes)
 
 
-def test_gaps_do_not_hide_the_axes(subject):
-    position = subject.position.copy()
-    position[::2, :3] = np.nan
-    position[1, 4] = np.nan
-    assert settle_axes(None, position, subject.names)[0] == "forward,left,up"
-
-
 def test_a_loaded_plate_shows_up_where_no_marker_is_known():
     position = np.tile([[0.0, 0.1, 1], [0, -0.1, 1]], (5, 1, 1))
     names = ("LF", "RF")

@@ -199,7 +199,7 @@ def test_what_is_stated_and_not_received_is_refused_in_one_line(recording, labor
     assert "Analog must be one of markers" in refused(Live(markers="Analog"))
     assert "Acc1.X" in refused(Live(analog=("Plates",)))
     missing = Live(plates={"1": ("a", "b", "c", "d", "e", "f")})
-    assert "live channels a, b, c are in no stream" in refused(missing)
+    assert "live channels a, b, c, d, e, f are in no stream" in refused(missing)
     platform = Platform(markers=("P1", "P2", "P3"))
     treadmill = Treadmill(accelerometers=lab.CHANNELS, platform=platform)
     assert "platform markers P1, P2, P3 are not in the stream" in refused(Live(), treadmill)

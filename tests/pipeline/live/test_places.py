@@ -179,7 +179,7 @@ def on_the_ground(stream, values, walker, placed):
     still = Laboratory(Treadmill())
     ground = LiveGround(still, Settings(), placed.plates, six, analog, (), 100.0)
     analog.append(Samples("Plates", walker.plates[0].time[:3000], values[:3000]))
-    return ground.at(2.5, None).wrenches[0]
+    return ground.at(2.5, None)[0][0]
 
 
 def test_plates_named_as_in_dflow_are_about_the_origin_whatever_the_static_file_says(

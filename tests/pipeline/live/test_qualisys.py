@@ -242,7 +242,7 @@ def test_forces_arrive_in_the_lab_without_any_file():
         analog.append(Samples(name, times, values))
     source.close()
     server.close()
-    (left, right) = ground.at(0.06, None).wrenches[0]
+    (left, right) = ground.at(0.06, None)[0][0]
     x, y, z = FORCE
     x_mm, y_mm, _ = POINT_MM
     for wrench, side_m in ((left, 0.3), (right, -0.3)):

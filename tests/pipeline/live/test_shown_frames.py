@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from pipeline.cli.live.following import take_new
+from pipeline.cli.live_session import take_new
 from pipeline.config.schema import Settings, Subject
 from pipeline.config.study import read_study
 from pipeline.live.monitor import Monitor

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.cli.results import print_study_residuals
+from pipeline.cli.study import print_study_residuals
 from pipeline.figures.residuals import mean_part, residual_figure
 from pipeline.report.figures import gait_cycle_figure
 from pipeline.report.write import write_report

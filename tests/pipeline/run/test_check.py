@@ -18,7 +18,7 @@ from pipeline.io.recording import Metadata
 from pipeline.io.stated import Stated
 from pipeline.run.check import check_study
 from pipeline.run.run import run_study
-from pipeline.trial.ground.empty_plates import read_empty
+from pipeline.trial.ground.calibration_recording import read_empty
 from pipeline.trial.process import process_trial
 from tests.pipeline import lab
 

@@ -9,7 +9,7 @@ from pipeline.cli.app import main
 from pipeline.config.study import read_study
 from pipeline.io.c3d.second_reader import SecondReading, installed
 from pipeline.run import second_reader
-from pipeline.run.second_reader import read_twice, study_recordings, summarise
+from pipeline.run.second_reader import read_twice, study_recordings
 
 needs_ezc3d = pytest.mark.skipif(not installed(), reason="no ezc3d wheel for this system")
 
@@ -21,11 +21,6 @@ def study(moving_study, tmp_path):
     for path in folder.glob("sub02*"):
         path.unlink()
     return folder
-
-
-def checked(folder):
-    found = [read_twice(path) for path in study_recordings(read_study(folder))]
-    return [*found, summarise(found)]
 
 
 def test_every_recording_is_read_once_more_and_none_that_is_excluded(study):
@@ -77,7 +72,7 @@ def test_a_file_that_is_no_c3d_file_is_named_as_not_covered(tmp_path):
     assert [str(remark) for remark in found.remarks] == [
         "walk.trc: not a C3D file: there is no second reader for it"
     ]
-    assert found.faults == ()
+    assert not found.faults
 
 
 def test_a_file_that_nobody_reads_is_a_fault_and_one_that_is_absent_too(tmp_path, shared_data):

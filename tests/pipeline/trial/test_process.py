@@ -15,8 +15,7 @@ from pipeline.io.recording import Event, Metadata
 from pipeline.trial import stages
 from pipeline.trial.gait.cycles import cut_cycles
 from pipeline.trial.gait.events import event_times
-from pipeline.trial.ground.calibration_file import read_calibration
-from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.ground.laboratory import Laboratory, read_calibration
 from pipeline.trial.process import process_recording, process_trial
 from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.residuals import residual_table

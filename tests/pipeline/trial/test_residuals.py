@@ -6,10 +6,10 @@ from io import StringIO
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from hbm.poses import center_of_mass
 from hbm.spatial import GRAVITY_MPS2
+from pipeline.cli.terminal import PlainConsole
 from pipeline.cli.trial import print_result
 from pipeline.report.trials import trial_quality
 from pipeline.trial.quality import Quality
@@ -196,7 +196,7 @@ def with_unseen(result, *names):
 def printed(result):
     """What the command line and the report say of the markers."""
     text = StringIO()
-    print_result(result, Console(file=text, width=2000))
+    print_result(result, PlainConsole(file=text, width=2000))
     quality = trial_quality(result)
     return text.getvalue(), str(quality)
 

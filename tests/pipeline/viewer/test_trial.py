@@ -336,13 +336,12 @@ def test_twelve_minutes_stay_under_150_megabytes(tmp_path):
 def test_a_full_disk_is_one_line_that_names_the_file(tmp_path):
     """A limit on the size of a file stops its writing in the middle, as a full disk does."""
     program = (
-        "import resource, signal, sys, types; from pathlib import Path\n"
-        "from pipeline.cli import results\n"
+        "import resource, signal, sys; from pathlib import Path\n"
+        "from pipeline.cli import study\n"
         "from pipeline.cli.app import main\n"
         "from pipeline.run import store\n"
         "from tests.pipeline.viewer_trial import viewer_trial\n"
-        "store.read_trial = lambda path: viewer_trial(500)\n"
-        "store.read_trial = lambda path: types.SimpleNamespace(key='')\n"
+        "store.read_trial = lambda path, frames=True: viewer_trial(500)\n"
         "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))\n"
         "sys.exit(main(['view', 'any.parquet', '--save', sys.argv[1]]))\n"

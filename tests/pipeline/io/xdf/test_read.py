@@ -56,13 +56,6 @@ def test_an_xdf_file_is_recognised_by_content_and_holds_the_trial(trial, whole):
     assert set(codes(read)) == {"axes_of_format", "stream_clock"}
 
 
-def test_time_stamps_that_follow_from_the_rate_need_not_be_written(trial, tmp_path):
-    streams = [of | {"deduced": True} for of in xdf.recorded(trial)]
-    read = read_recording(xdf.write_xdf(tmp_path / "a.xdf", streams))
-    np.testing.assert_array_equal(read.markers.position, trial.markers.position)
-    np.testing.assert_allclose(read.plates[0].time, trial.plates[0].time, atol=1e-9)
-
-
 def test_positions_in_millimetres_are_metres_and_stated_units_win(trial, tmp_path):
     path = xdf.write_xdf(tmp_path / "mm.xdf", xdf.recorded(trial, unit="mm"))
     np.testing.assert_allclose(

@@ -7,9 +7,8 @@ import pytest
 
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Compensation
-from pipeline.trial.ground.calibration_file import read_calibration
 from pipeline.trial.ground.calibration_recording import fit_calibration
-from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.ground.laboratory import Laboratory, read_calibration
 from pipeline.trial.ground.wrenches import plate_artefacts
 from tests.pipeline import lab
 from tests.pipeline.trial.ground.grounds import ground_of
@@ -107,7 +106,7 @@ def test_a_compensated_recording_is_no_calibration(tmp_path, laboratory, monkeyp
     empty = lab.on_platform(lab.without_people(5.0), lab.shaken(5.0))
     path = lab.save(empty, tmp_path / "empty.c3d")
     monkeypatch.setattr(
-        "pipeline.trial.ground.empty_plates.read_as_stated",
+        "pipeline.trial.ground.calibration_recording.read_as_stated",
         lambda *_: replace(empty, compensation=DONE),
     )
     with pytest.raises(ValueError, match=r"empty\.c3d: its plates are compensated, by hbm-residua"):

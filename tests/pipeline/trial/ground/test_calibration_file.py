@@ -13,10 +13,9 @@ from hbm.notes import Note
 from pipeline.config.schema import Platform, Treadmill
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.stated import Stated
-from pipeline.trial.ground import calibration_file
-from pipeline.trial.ground.calibration_file import read_calibration
-from pipeline.trial.ground.calibration_recording import fit_calibration
-from pipeline.trial.ground.empty_plates import read_empty
+from pipeline.trial.ground import laboratory
+from pipeline.trial.ground.calibration_recording import fit_calibration, read_empty
+from pipeline.trial.ground.laboratory import read_calibration
 from tests.pipeline import lab
 
 ON_MARKERS = Platform(markers=tuple(lab.PLATFORM_MARKERS_M))
@@ -77,9 +76,9 @@ def test_a_stated_delay_that_is_not_that_of_the_calibration_is_refused(tmp_path,
 
 def test_a_calibration_recording_is_fitted_once_until_it_changes(tmp_path, monkeypatch):
     fits = []
-    real = calibration_file.fit_calibration
+    real = laboratory.fit_calibration
     monkeypatch.setattr(
-        calibration_file, "fit_calibration", lambda *given: fits.append(1) or real(*given)
+        laboratory, "fit_calibration", lambda *given: fits.append(1) or real(*given)
     )
     path = tmp_path / "empty.c3d"
     lab.save(lab.on_platform(lab.without_people(8.0), lab.shaken(8.0)), path)

@@ -13,10 +13,9 @@ from pipeline.config.plate_correction import read_plate_correction
 from pipeline.config.schema import Platform, Settings, Subject, Treadmill
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.recording import Compensation
-from pipeline.trial.ground.calibration_file import read_calibration
 from pipeline.trial.ground.calibration_recording import fit_calibration, plates_timed_apart
 from pipeline.trial.ground.corrected_plates import plate_delays_s, with_corrected_plates
-from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.ground.laboratory import Laboratory, read_calibration
 from pipeline.trial.ground.wrenches import plate_artefacts
 from pipeline.trial.process import process_recording
 from tests.pipeline import lab

@@ -13,8 +13,7 @@ from scipy.signal import butter, sosfiltfilt
 from hbm import Markers
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Analog, Plate, Recording
-from pipeline.trial.ground.calibration_recording import WEIGHT, fit_calibration
-from pipeline.trial.ground.empty_plates import plate_samples
+from pipeline.trial.ground.calibration_recording import WEIGHT, fit_calibration, plate_samples
 from tests.flexible_treadmill import BOARDS, RATE_HZ, RUNNING, WALKING, FlexibleTreadmill
 
 SEEDS = (0, 3)

@@ -5,7 +5,7 @@ import pytest
 
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.config.study import read_study
-from pipeline.trial.ground.empty_plates import BESIDE as FITTED_TOO
+from pipeline.trial.ground.calibration_recording import BESIDE as FITTED_TOO
 from pipeline.trial.study_files import read_study_laboratory
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from pipeline.cli.terminal import PlainConsole
 
 SHOWN_S: Final = 0.02
 """Between looks whether a replay has ended."""
@@ -59,14 +59,14 @@ def live(
     Everything is recorded; Ctrl-C ends with a summary. With --replay, play a recording as streams
     for another 'hbm live' to receive.
     """
-    from pipeline.cli.terminal import plain_console
+    from pipeline.cli.terminal import PlainConsole
 
-    console = plain_console()
+    console = PlainConsole()
     if replay is not None:
         return _replay(replay, forces, record, speed, listen, study, console)
     if forces is not None or record is not None:
         raise ValueError("--forces and --record go with --replay")
-    from pipeline.cli.live.session import run_session
+    from pipeline.cli.live_session import run_session
     from pipeline.live.preparation import prepare
 
     prepared = prepare(study, subject, static, calibration)
@@ -81,7 +81,7 @@ def _replay(
     speed: float,
     listen: str | None,
     study: Path | None,
-    console: "Console",
+    console: "PlainConsole",
 ) -> int:
     from pipeline.config.live import Live
     from pipeline.config.study import read_study
@@ -94,15 +94,14 @@ def _replay(
     recording = read_as_stated(path, stated, forces, record=record)
     live = read.file.live if read is not None else Live()
     played = Replay(recording, speed=speed, listen=listen or live.listen)
-    console.print(
+    console.say(
         f"playing {path.name} as {', '.join(played.names)}, once they are received or "
-        f"{RECEIVERS_S:g} s have passed (stop with Ctrl-C)",
-        soft_wrap=True,
+        f"{RECEIVERS_S:g} s have passed (stop with Ctrl-C)"
     )
     try:
         if not played.start(RECEIVERS_S):
             absent = ", ".join(played.without_receiver)
-            console.print(f"begun; nobody receives {absent}", soft_wrap=True)
+            console.say(f"begun; nobody receives {absent}")
         while not played.ended:
             time.sleep(SHOWN_S)
     except KeyboardInterrupt:

@@ -1,0 +1,213 @@
+"""Export on the command line: models, tables, BIDS, and compensated C3D files."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from pipeline.cli.options import (
+    RESULT,
+    require_folder,
+    require_no_options,
+    takes_trial_request,
+)
+from pipeline.run.request import TrialRequest
+
+if TYPE_CHECKING:
+    from pipeline.cli.terminal import PlainConsole
+    from pipeline.export.compensated_c3d import Frame, Written
+    from pipeline.run.request import TrialRequest
+
+
+@takes_trial_request
+def export(
+    request: TrialRequest,
+    osim: Annotated[Path | None, typer.Option(help="Write the body for OpenSim 4.")] = None,
+    urdf: Annotated[
+        Path | None, typer.Option(help="Write the body for Pinocchio, MuJoCo, ROS.")
+    ] = None,
+    tables: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the trial's .mot, .sto and .trc tables, and angles as .csv."),
+    ] = None,
+    ankle_zero: Annotated[
+        Literal["right_angle", "in_line"],
+        typer.Option(help="Zero of the ankle angle: right_angle, or in_line as in the HBM."),
+    ] = "right_angle",
+    bids: Annotated[
+        Path | None, typer.Option(help="BIDS data set to add the recording to.")
+    ] = None,
+    subject: Annotated[str, typer.Option(help="BIDS label of the subject.")] = "01",
+    task: Annotated[str, typer.Option(help="BIDS label of the task.")] = "walk",
+    c3d: Annotated[
+        bool,
+        typer.Option("--c3d", help="Write the C3D file again with compensated plates, to --out."),
+    ] = False,
+    frame: Annotated[
+        Literal["plate", "lab"] | None,
+        typer.Option(
+            help="Of --c3d on a moving platform: corners in its mean pose (plate), or wrenches "
+            "in the lab frame (lab); default: only the plates' samples change."
+        ),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for the files of --c3d.")] = None,
+) -> int:
+    """Write the body as OpenSim or URDF model, results as OpenSim tables, a trial as BIDS or C3D.
+
+    TRIAL may be a result, RESULTS/trials/*.parquet: it is exported as it is, not processed again.
+    With --c3d, TRIAL may be a study's folder: the recordings of all its trials are written.
+    """
+    from hbm.notes import warnings_first
+    from pipeline.cli.terminal import PlainConsole
+    from pipeline.export.bids import write_bids
+    from pipeline.export.models import write_osim, write_urdf
+    from pipeline.export.tables import write_tables
+    from pipeline.run.one_trial import process_request, read_requested
+    from pipeline.run.store import read_trial
+
+    models = osim or urdf or tables
+    if not (models or bids or c3d):
+        raise ValueError(
+            "nothing to export; name --osim FILE, --urdf FILE, --tables DIR, --bids DIR or "
+            "--c3d --out DIR"
+        )
+    folder = _folder_of_c3d(c3d, out, frame)
+    if folder and request.trial.is_dir():
+        require_no_options(request, "a study, whose files state everything")
+        if models or bids:
+            raise ValueError("of a whole study only --c3d is exported; leave the others out")
+        return export_study(request.trial, folder, frame)
+    processed = request.trial.suffix == RESULT
+    if processed:
+        require_no_options(request, "a result that has been processed already")
+    if processed and (bids or c3d):
+        raise ValueError(
+            f"{request.trial.name} is a result; {'BIDS' if bids else 'C3D'} holds what was "
+            "recorded: give the recording instead"
+        )
+    console, written = PlainConsole(), []
+    if folder:
+        written.append(export_trial(request, folder, frame))
+    if bids:
+        written += write_bids(read_requested(request), bids, subject, task)
+    if models:
+        result = read_trial(request.trial) if processed else process_request(request).result
+        for path, write in ((osim, write_osim), (urdf, write_urdf)):
+            if path:
+                write(result.body, path)
+                written.append(path)
+        if tables:
+            written += write_tables(result, tables, request.trial.stem, ankle_zero)
+            plates = "measured" if result.compensated is None else "compensated"
+            console.print(f"forces and loads are from the {plates} plate forces")
+        console.say_notes(warnings_first(result.notes))
+    console.say("written: " + ", ".join(map(str, written)))
+    return 0
+
+
+def _folder_of_c3d(c3d: bool, out: Path | None, frame: str | None) -> Path | None:
+    """Give the folder for C3D files; None where none are wanted."""
+    if not c3d:
+        if out or frame:
+            raise ValueError(f"{'--out' if out else '--frame'} goes with --c3d")
+        return None
+    if out is None:
+        raise ValueError("--c3d needs a folder for its files: name --out DIR")
+    require_folder(out)
+    return out
+
+
+def export_trial(request: "TrialRequest", out: Path, frame: "Frame | None") -> Path:
+    """Write a trial's C3D file again with compensated plates, and say what has checked it.
+
+    Parameters
+    ----------
+    request
+        The trial, with a calibration of treadmill or plates.
+    out
+        Folder for the file, which keeps its name.
+    frame
+        As for `pipeline.export.compensated_c3d.write_compensated`.
+
+    Returns
+    -------
+    Path
+        The file.
+    """
+    from pipeline.cli.terminal import PlainConsole
+    from pipeline.export.compensated_c3d import Calibrations, require_c3d, write_compensated
+    from pipeline.run.one_trial import read_requested, requested_laboratory
+
+    if request.calibration is None and request.plate_calibration is None:
+        raise ValueError(
+            "--c3d compensates the plates: name the --calibration of the treadmill, or the "
+            "--plate-calibration"
+        )
+    require_c3d(request.trial)
+    calibrations = Calibrations(requested_laboratory(request), request.calibration)
+    written = write_compensated(
+        read_requested(request),
+        calibrations,
+        out / request.trial.name,
+        frame=frame,
+        plate_delay_s=request.plate_delay,
+    )
+    console = PlainConsole()
+    _print_notes(written, console)
+    console.say(f"{written.path}: {_checked_by(written)}")
+    return written.path
+
+
+def export_study(folder: Path, out: Path, frame: "Frame | None") -> int:
+    """Write all recordings of a study's trials again with compensated plates.
+
+    Parameters
+    ----------
+    folder
+        The study.
+    out
+        Folder for the files, which keep their names relative to the study.
+    frame
+        As for `export_trial`.
+
+    Returns
+    -------
+    int
+        0; 1 where some of them failed and the others are written.
+    """
+    from pipeline.cli.terminal import PlainConsole, StepProgress, counted
+    from pipeline.config.study import read_study
+    from pipeline.export.compensated_c3d import recordings_of, write_compensated_study
+
+    console, study = PlainConsole(), read_study(folder)
+    total, failed = len(recordings_of(study)), 0
+    with StepProgress(console, "compensating", "recordings") as progress:
+        for done, (name, written) in enumerate(write_compensated_study(study, out, frame), 1):
+            if isinstance(written, str):
+                failed += 1
+                line = f"FAILED {name}: {written.removeprefix(f'{name}: ')}"
+            else:
+                _print_notes(written, console, f"{name}: ")
+                line = f"{name}: {_checked_by(written)}"
+            progress.show(line, done, total, always=True)
+    console.say(
+        f"{counted(total - failed, 'recording')} with compensated plates in {out}, {failed} failed"
+    )
+    return 1 if failed else 0
+
+
+def _checked_by(written: "Written") -> str:
+    """Say which readers found that only the plates differ from the original."""
+    second = written.verification
+    said = f" and {second.reader}" if not second.refusal else ""
+    why = f"; {second.reader}: {second.refusal}" if second.refusal else ""
+    return f"only the plates differ from the original, as read by this program{said}{why}"
+
+
+def _print_notes(written: "Written", console: "PlainConsole", name: str = "") -> None:
+    from hbm.notes import warnings_first
+    from pipeline.cli.terminal import note_line
+
+    for note in warnings_first(written.notes):
+        if note.level == "warning" or not name:
+            console.print(name, note_line(note), sep="", soft_wrap=True)

@@ -1,1 +1,0 @@
-"""The same numbers while the subject walks, on the command line."""

@@ -1,0 +1,356 @@
+"""One live session: what is new is shown and said as it comes, and summed up at its end."""
+
+import signal
+import sys
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from hbm.spelling import listed
+from pipeline.cli.options import require_folder
+from pipeline.cli.stopping import SIGNAL_EXIT, Terminated, stoppable, terminable, uninterrupted
+from pipeline.cli.terminal import PlainConsole, note_line
+from pipeline.io.recording import Plate
+from pipeline.live.cycles import LiveCycle
+from pipeline.live.frames.chain import LiveChain, LiveFrame
+from pipeline.live.monitor import Monitor, in_words
+from pipeline.live.outlet import result_columns, result_outlet
+from pipeline.live.preparation import PlacedPlates, PoseFinder, Preparation, PreparedBody
+from pipeline.live.recording import RESULTS, STREAMS, Recorder, described_streams, require_new
+from pipeline.live.session import RECEIVE_S, Session
+from pipeline.live.sources.lsl import LslSource
+from pipeline.live.sources.qualisys import QualisysSource
+from pipeline.live.stream import Source
+from pipeline.trial.result import PlateSurface
+from pipeline.viewer.live import ShownFrame
+
+if TYPE_CHECKING:
+    from pipeline.viewer.live import LiveView, Screen
+
+TOLD_S: Final = 3.0
+"""Between lines that say why there is no body yet."""
+SEARCH_S: Final = 60.0
+"""How long streams are searched for."""
+MISSING_S: Final = 5.0
+"""After it, it is said which streams are missing."""
+ABSENT: Final = (
+    "start what sends them, or state other names in [live] of study.toml; where they come from "
+    "another computer, state the address of this one: --listen"
+)
+
+
+def run_session(
+    prepared: Preparation,
+    console: PlainConsole,
+    out: Path | None,
+    pose: bool,
+    shown: bool,
+    web: bool,
+    qualisys: str | None,
+    listen: str,
+    duration_s: float | None,
+) -> int:
+    """Receive, compute, record, send and show until it is stopped.
+
+    Parameters
+    ----------
+    prepared
+        What is stated of the session.
+    console
+        For all that is said.
+    out
+        New folder for the recording; by default live/ and the time.
+    pose
+        Whether the subject shows the calibration pose now.
+    shown, web
+        Whether the body is shown in a window, or to a browser.
+    qualisys
+        Address of Qualisys Track Manager; else streams are those of LSL.
+    listen
+        Address of this computer at which they are searched for.
+    duration_s
+        It ends after so long; by default it is stopped.
+
+    Returns
+    -------
+    int
+        Exit code: 0; 1 where no frame came, the recording is not whole or the source failed; 143
+        where it was terminated.
+
+    Raises
+    ------
+    ValueError, OSError
+        As what is received, prepared and recorded raises them. One line.
+    """
+    folder = out or Path("live") / time.strftime("%Y-%m-%d_%H-%M-%S")
+    require_folder(folder)
+    require_new(folder)
+    body = None if pose else prepared.body()
+    with ExitStack() as ending, terminable(), ExitStack() as stack:
+        with stoppable(lambda: "nothing was received, and nothing is recorded"):
+            source = _source(prepared, qualisys, listen, console)
+        stack.callback(source.close)
+        names = ", ".join(f"{s.name} ({s.rate_hz:g} Hz)" for s in source.streams)
+        console.say(f"receiving {names}")
+        placed = prepared.placed(source.plates)
+        if body is None:
+            body = _shown(prepared, placed, source, console)
+        console.say_notes((*prepared.notes, *placed.notes, *body.notes))
+        plates, laboratory, settings = placed.plates, prepared.laboratory, prepared.settings
+        chain = LiveChain(body.body, laboratory, settings, placed.live, source.streams, plates)
+        described = described_streams(source.streams, placed.live, plates)
+        recorder = Recorder(folder, described, result_columns())
+        stack.callback(recorder.close)
+        outlet = None
+        if qualisys is None:
+            outlet = result_outlet(
+                chain.stream.rate_hz,
+                filter_delay_s=chain.filter_delay_s,
+                resampling_delay_s=chain.wait_s,
+                listen=listen,
+            )
+            stack.callback(outlet.close)
+        session = Session(source, chain, recorder, outlet)
+        view = _view(chain, plates, "browser" if web else "window") if shown or web else None
+        if view is not None:
+            stack.callback(view.close)
+        monitor = Monitor(chain, plates)
+        console.say(
+            f"recording to {folder}; values are {1000 * chain.filter_delay_s:.0f} ms late by the "
+            f"filter and {1000 * chain.wait_s:.0f} ms by resampling (stop with Ctrl-C)"
+        )
+        terminated = follow(session, monitor, recorder, view, console, duration_s, ending)
+        stack.close()
+        for text in summary(chain, monitor, session, recorder, folder):
+            console.say(text)
+    if terminated:
+        return SIGNAL_EXIT + signal.SIGTERM
+    failed = session.fault is not None or recorder.fault is not None or not chain.counts.received
+    return int(failed)
+
+
+def _source(
+    prepared: Preparation, qualisys: str | None, listen: str, console: PlainConsole
+) -> Source:
+    if qualisys is not None:
+        console.say(f"connecting to Qualisys Track Manager at {qualisys}")
+        return QualisysSource(qualisys, stated=prepared.stated)
+    markers, analog = prepared.streams
+    console.say(f"searching at {listen} for {', '.join((markers, *analog))}")
+    try:
+        return LslSource(
+            markers,
+            analog,
+            stated=prepared.stated,
+            listen=listen,
+            timeout_s=SEARCH_S,
+            searching=missing_teller(console),
+        )
+    except ConnectionError as absent:
+        absent.add_note(ABSENT)
+        raise
+
+
+def missing_teller(console: PlainConsole) -> Callable[[Sequence[str], Sequence[str]], None]:
+    """Give what says which streams are missing, after a few seconds and when that changes."""
+    began_s, told = time.monotonic(), ""
+
+    def tell(absent: Sequence[str], there: Sequence[str]) -> None:
+        nonlocal told
+        missing = f"missing: {listed(absent)}; there: {listed(sorted(there))}"
+        if missing != told and time.monotonic() - began_s > MISSING_S:
+            told = missing
+            console.say(f"{missing}; searching for {SEARCH_S:g} s (stop with Ctrl-C)")
+
+    return tell
+
+
+def _shown(
+    prepared: Preparation, placed: PlacedPlates, source: Source, console: PlainConsole
+) -> PreparedBody:
+    """Wait until the subject shows the calibration pose, and build the body from it."""
+    console.say("stand still on the plates, arms out to the sides (stop with Ctrl-C)")
+    finder, told = PoseFinder(placed.live, source.streams, placed.plates), ""
+    told_s = time.monotonic()
+    while True:
+        for samples in source.receive(RECEIVE_S):
+            pose = finder.add(samples)
+            if pose is None:
+                continue
+            try:
+                return prepared.body(pose)
+            except ValueError as error:
+                finder.why_not = str(error)
+        if finder.why_not != told and time.monotonic() - told_s > TOLD_S:
+            told, told_s = finder.why_not, time.monotonic()
+            console.say(f"no body yet: {told}")
+
+
+def _view(chain: LiveChain, plates: Sequence[Plate], screen: "Screen") -> "LiveView":
+    """Open the viewer."""
+    from pipeline.viewer.live import LiveView
+
+    return LiveView(
+        chain.body,
+        [PlateSurface(plate.number, plate.center, plate.corners) for plate in plates],
+        chain.stream.labels,
+        chain.ground.variants,
+        screen=screen,
+        contact_threshold_n=chain.settings.contact_threshold_n,
+    )
+
+
+SHOWN_S: Final = 0.02
+"""Between looks at what is new."""
+STATUS_S: Final = 0.5
+SWITCH_S: Final = 5e-4
+"""After which another thread gets its turn: Python's own 5 ms would make frames late."""
+
+
+def follow(
+    session: Session,
+    monitor: Monitor,
+    recorder: Recorder,
+    view: "LiveView | None",
+    console: PlainConsole,
+    duration_s: float | None,
+    ending: ExitStack,
+) -> bool:
+    """Show what is new until it is stopped, by Ctrl-C, after a time, or by a fault.
+
+    From then on until ``ending`` is closed nothing interrupts. Gives whether it was terminated.
+    """
+    terminated = False
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(SWITCH_S)
+    began = shown_s = time.monotonic()
+    told, address, recorded = 0, "", True
+    session.start()
+    try:
+        with console.status("waiting for frames") as line:
+            while session.runs and (duration_s is None or time.monotonic() - began < duration_s):
+                time.sleep(SHOWN_S)
+                fault = take_new(session, monitor, view)
+                if view is not None and (fault := fault or view.fault or ""):
+                    console.say(f"nothing is shown any more: {fault}; all else goes on")
+                    view = None
+                if recorded and recorder.fault is not None:
+                    recorded = False
+                    console.say(f"{recorder.fault}; all else goes on")
+                monitor.look_for_silence()
+                told = _tell(monitor, told, console)
+                if time.monotonic() - shown_s < STATUS_S:
+                    continue
+                shown_s = time.monotonic()
+                line.update(monitor.status())
+                if view is not None:
+                    view.show_status(monitor.page())
+                    if view.address and not address:
+                        address = view.address
+                        console.say(f"open {address} in a browser on this machine")
+    except KeyboardInterrupt as request:
+        terminated = isinstance(request, Terminated)
+    finally:
+        ending.enter_context(uninterrupted())
+        session.stop()
+        sys.setswitchinterval(before)
+    take_new(session, monitor)
+    _tell(monitor, told, console)
+    return terminated
+
+
+def take_new(session: Session, monitor: Monitor, view: "LiveView | None" = None) -> str:
+    """Bring what is new in a session to its monitor and its view; give why it cannot be shown."""
+    fault = ""
+    while session.samples:
+        monitor.samples(session.samples.popleft())
+    while session.frames:
+        frame, latency_s = session.frames.popleft()
+        cycles = monitor.frame(frame, latency_s)
+        if view is not None and not fault:
+            try:
+                _show(view, frame, cycles)
+            except (ValueError, OSError) as error:
+                fault = str(error)
+    return fault
+
+
+def _show(view: "LiveView", frame: LiveFrame, cycles: Sequence[LiveCycle]) -> None:
+    """Show a frame and the gait cycles that it ends."""
+    view.show(
+        ShownFrame(
+            frame.time,
+            frame.q,
+            frame.markers,
+            frame.residual,
+            frame.by_foot,
+            frame.platform,
+            frame.quality.counts,
+        )
+    )
+    for cycle in cycles:
+        view.show_cycle(cycle.side, cycle.curve)
+
+
+def _tell(monitor: Monitor, told: int, console: PlainConsole) -> int:
+    """Print the notes that are new; give how many there are now."""
+    for timed in list(monitor.notes)[len(monitor.notes) - (monitor.noted - told) :]:
+        console.say(note_line(timed.note))
+    return monitor.noted
+
+
+def summary(
+    chain: LiveChain,
+    monitor: Monitor,
+    session: Session,
+    recorder: Recorder,
+    folder: Path,
+) -> list[str]:
+    """Say what was received, what came of it, and where it is, line by line."""
+    counts = chain.counts
+    why = ", ".join(f"{count} {words(name)}" for name, count in monitor.reasons.most_common())
+    lines = [
+        f"{counts.received} frames received: {counts.solved} count, {counts.marked} do not"
+        f"{f' ({why})' if why else ''}",
+        f"{counts.late} frames late, {counts.doubled} samples doubled, {counts.out_of_order} out "
+        "of order",
+        *(f"{n} samples of stream {name} never arrived" for name, n in monitor.losses.lost.items()),
+    ]
+    for variant, rms in monitor.condition.rms.items():
+        limits = monitor.limits[variant]
+        lines.append(
+            f"residuals {variant}, {monitor.condition.cycles} gait cycles of both feet: "
+            f"RMS {in_words(rms)}; "
+            f"peaks {limits.force_n:.0f} N (published limit {limits.max_force_n:.0f} N) and "
+            f"{limits.moment_nm:.0f} N·m ({limits.max_moment_nm:.0f} N·m)"
+        )
+    if beside := monitor.condition.not_carried:
+        lines.append(f"{beside} gait cycles left out: the plates did not carry the subject in them")
+    if counts.received and not monitor.condition.cycles:
+        lines.append("no gait cycle counts, so that no residuals are summed up")
+    if not counts.received:
+        lines.append(f"stream {chain.stream.name} has sent no frame: does its program measure?")
+    else:
+        lines.append(
+            f"from arrival to results: median {monitor.latency_ms(50):.2f} ms, 99 % within "
+            f"{monitor.latency_ms(99):.2f} ms"
+        )
+    if session.fault is not None:
+        lines.append(f"ended by itself: {session.fault}")
+    if recorder.fault is not None:
+        lines.append(f"{recorder.fault}; {recorder.lost} entries are missing")
+    lines.append(f"recorded: {folder / STREAMS} (any command reads it), {folder / RESULTS}")
+    return lines
+
+
+def words(reason: str) -> str:
+    """Put a reason why frames do not count into words.
+
+    Examples
+    --------
+    >>> words("FORCES_UNKNOWN")
+    'forces unknown'
+    """
+    return reason.lower().replace("_", " ")
