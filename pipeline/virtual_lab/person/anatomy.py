@@ -295,7 +295,8 @@ def locate(at: Landmarks, shown: frozenset[str], sex: Sex, navel: float) -> Anat
 
 def _combinations(at: Landmarks) -> tuple[dict[str, Array], dict[str, Array]]:
     """Give points midway between markers, and the joints' axes, which point to the left."""
-    points, axes = {name: (at[a] + at[b]) / 2 for name, (a, b) in MIDDLES.items()}, {}
+    points = {name: (at[a] + at[b]) / 2 for name, (a, b) in MIDDLES.items()}
+    axes: dict[str, Array] = {}
     for side, medial in SIDES.items():
         for joint, (first, second, inward) in JOINTS.items():
             one, other = (at[side[0].upper() + marker] for marker in (first, second))

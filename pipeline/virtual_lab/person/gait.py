@@ -194,11 +194,15 @@ def _table() -> tuple[Array, dict[str, tuple[bool, Array]]]:
     """
     path = Path(__file__).with_name("gait.csv")
     rows = pd.read_csv(path, comment="#")
-    slopes, rows["at"] = np.unique(rows["slope_deg"], return_inverse=True)
-    found = {}
+    slopes, at = np.unique(rows["slope_deg"].to_numpy(float), return_inverse=True)
+    rows = rows.assign(at=at)
+    count = int(rows["harmonic"].max()) + 1
+    found: dict[str, tuple[bool, Array]] = {}
     for name, own in rows.groupby("coordinate", sort=False):
-        values = np.zeros((len(slopes), rows["harmonic"].max() + 1, 2))
-        values[own["at"], own["harmonic"]] = own[["cosine", "sine"]]
+        values = np.zeros((len(slopes), count, 2))
+        values[own["at"].to_numpy(), own["harmonic"].to_numpy()] = own[
+            ["cosine", "sine"]
+        ].to_numpy()
         found[str(name)] = bool((own["about"] == "standing").all()), values
     return slopes, found
 
