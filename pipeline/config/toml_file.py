@@ -1,7 +1,7 @@
 """TOML files that a person wrote: read, checked, and what is wrong said as how to correct it."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -19,6 +19,8 @@ MAX_FILE_NAME: Final = 100
 MAX_TYPED: Final = 1e9
 """In any unit; beyond it a number is no quantity in another unit."""
 Model = TypeVar("Model", bound=BaseModel)
+Option = str | float | bool | None | Path | Sequence[str] | Mapping[str, str | tuple[str, str, str]]
+"""Value of an option of the command line."""
 UNIT_NAMES: Final = {"_kg": "kilograms", "_m": "metres", "_s": "seconds"}
 SMALLER_UNITS: Final = {
     "_kg": {1000: "grams"},
@@ -80,7 +82,7 @@ def describe_faults(error: ValidationError, kind: type[BaseModel]) -> list[str]:
     return [_line(fault, kind) for fault in error.errors()]
 
 
-def check_options(kind: type[Model], options: Mapping[str, object]) -> Model:
+def check_options(kind: type[Model], options: Mapping[str, Option]) -> Model:
     """Check what was typed as options of the command line: ``--cutoff-hz`` is ``cutoff_hz``.
 
     A ValueError names every option at fault, and why.

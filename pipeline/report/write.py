@@ -16,7 +16,7 @@ from pipeline.config.schema import COVARIATES
 from pipeline.config.study import Study, read_study
 from pipeline.figures.style import save_figure
 from pipeline.io.write import whole_file, write_csv, write_text
-from pipeline.report.blocks import TEMPLATES, Table, picture
+from pipeline.report.blocks import TEMPLATES, Check, Table, picture
 from pipeline.report.effects import residual_tests
 from pipeline.report.figures import example_subject, study_figures
 from pipeline.report.methods import bibtex, methods
@@ -30,6 +30,7 @@ from pipeline.statistics.comparison import statistics
 from pipeline.statistics.design import Design, unstated_design
 from pipeline.statistics.table_3 import table_3, table_3_markdown
 from pipeline.statistics.verdict import verdicts
+from pipeline.trial.result import TrialResult
 
 UNSTATED: Final = {
     "marker_set": "recognised from the files",
@@ -90,7 +91,12 @@ def write_report(
     """
     study = read_study(study_folder, recordings=False) if study_folder is not None else None
     announce("collecting the trials")
-    results = collect(folder, trial_quality)
+    quality: dict[tuple[str, str], dict[str, tuple[Check, ...]]] = {}
+
+    def rate(trial: TrialResult) -> None:
+        quality[trial.subject.id, trial.condition] = trial_quality(trial)
+
+    results = collect(folder, rate)
     states = trial_states(results, read_failures(folder), study)
     results = select_trials(results, {(s.subject, s.condition) for s in states if s.in_tables})
     write_csv(results.residuals, folder / "residuals.csv")
@@ -156,7 +162,7 @@ def write_report(
         has_reference=design.reference in set(results.cycles["condition"]),
         trials=trials,
         states=states,
-        quality=quality_table({" ".join(key): results.derived[key] for key in keys}),
+        quality=quality_table({" ".join(key): quality[key] for key in keys}),
         limits=LIMITS,
         explained=bool(explained or failed or stale),
         causes=[causes(" ".join(key), explained[key]) for key in keys if key in explained],

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import pandas as pd
@@ -37,8 +37,6 @@ class Results:
         subject, sex, height_m, mass_kg, age_years; stature and mass are means over the trials.
     trials
         (subject, condition) -> the trial without its frames.
-    derived
-        The same key -> what `collect` was asked to derive from the trial with its frames.
     """
 
     folder: Path
@@ -47,17 +45,16 @@ class Results:
     by_cycle: pd.DataFrame
     subjects: pd.DataFrame
     trials: dict[tuple[str, str], TrialResult]
-    derived: dict[tuple[str, str], Any]
 
 
-def collect(folder: Path, derive: Callable[[TrialResult], Any] = lambda trial: None) -> Results:
+def collect(folder: Path, visit: Callable[[TrialResult], None] = lambda trial: None) -> Results:
     """Gather the trials in a results folder.
 
     Parameters
     ----------
     folder
         Results folder; trials are in ``trials/``.
-    derive
+    visit
         Called with each trial while its frames are in memory, which are too many for a whole study.
 
     Returns
@@ -73,15 +70,15 @@ def collect(folder: Path, derive: Callable[[TrialResult], Any] = lambda trial: N
     paths = sorted((folder / "trials").glob("*.parquet"))
     if not paths:
         raise ValueError(f"{folder}: no results of trials here; run 'hbm run STUDY --out {folder}'")
-    trials, derived, tables = {}, {}, []
+    trials, tables = {}, []
     for path in paths:
         trial = read_trial(path)
-        key = trial.subject.id, trial.condition
-        trials[key], derived[key] = without_frames(trial), derive(trial)
+        visit(trial)
+        trials[trial.subject.id, trial.condition] = without_frames(trial)
         name = trial.condition
         tables.append((residual_table(trial, name), _curves(trial), cycles_of(trial, name)))
     residuals, cycles, by_cycle = map(_joined, zip(*tables, strict=True))
-    return Results(folder, residuals, cycles, by_cycle, _subjects(trials), trials, derived)
+    return Results(folder, residuals, cycles, by_cycle, _subjects(trials), trials)
 
 
 def _joined(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
