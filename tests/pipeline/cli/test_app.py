@@ -20,7 +20,7 @@ from pipeline.io.recording import Plate
 from pipeline.io.write import write_text
 from pipeline.run import one_trial
 from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
-from pipeline.virtual_lab.protocol.walking_study import folder_setting, study_files, study_texts
+from pipeline.virtual_lab.protocol.walking_study import study_files, study_texts
 from tests.synthetic import synthetic_t_pose
 
 HEAVY = (
@@ -357,33 +357,6 @@ def test_nothing_is_simulated_into_a_study_of_recorded_people(tmp_path, capsys):
     assert "its study is not a simulated one" in line
     assert "name a new folder" in line
     assert sorted(tmp_path.iterdir()) == before
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "expected"),
-    [
-        ('sex = "male"', 'sex = "female"', "sex is 'female', that of the simulated subject is"),
-        ("height_m = 1.85", "height_m = 1.58", "height_m is 1.58, that of the simulated"),
-        ('id = "sub01"', 'id = "P01"', "id is 'P01', that of the simulated"),
-        ('id = "sub01"', "id = ", "sub01.toml: not valid TOML"),
-    ],
-)
-def test_of_other_subjects_than_those_of_the_study_nothing_is_simulated(
-    simulated, capsys, old, new, expected
-):
-    subject = simulated / "sub01.toml"
-    subject.write_text(subject.read_text("utf-8").replace(old, new), encoding="utf-8")
-    line = refused(capsys, "simulate", simulated)
-    assert "sub01.toml" in line
-    assert expected in line
-    assert not list(simulated.glob("*.c3d"))
-
-
-def test_a_subject_of_whom_less_is_stated_is_still_the_same(simulated):
-    subject = simulated / "sub01.toml"
-    less = re.sub(r"(?m)^(height_m|age_years) = .*\n", "", subject.read_text(encoding="utf-8"))
-    subject.write_text(less.replace('"male"', '"unspecified"'), encoding="utf-8")
-    assert folder_setting(simulated) == Setting(protocol=Protocol(subjects=3))
 
 
 @pytest.mark.parametrize(

@@ -65,15 +65,6 @@ def test_the_command_says_what_it_wrote_and_checks_itself(wide):
     assert wide.lines[-1].startswith(f"written to {wide.folder}: walk_0_explained.json")
 
 
-def test_draws_stand_beside_the_delta_method(walker, tmp_path):
-    lines = explained(walker, tmp_path, 80, "--draws", "20").lines
-    assert any(line.startswith("SD, delta method") for line in lines)
-    assert any(line.startswith("SD, Monte Carlo") for line in lines)
-    stored = json.loads((tmp_path / "walk_0_explained.json").read_text())["budget"]["drawn"]
-    assert stored["draws"] == 20
-    assert stored["low"]["Fx"] < stored["mean"]["Fx"] < stored["high"]["Fx"]
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -84,8 +75,6 @@ def test_draws_stand_beside_the_delta_method(walker, tmp_path):
         ([".", "--mass-kg", "70"], "leave out --mass-kg"),
         ([".", "--out", "elsewhere"], "leave out --out"),
         (["."], "no results of trials here"),
-        ([".", "--draws", "200"], "--draws is for one trial"),
-        (["walk.c3d", "--draws", "5"], "--draws 5: too few for an interval; at least 20"),
     ],
 )
 def test_what_cannot_be_explained_gives_one_line(

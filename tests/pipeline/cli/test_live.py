@@ -231,7 +231,7 @@ def test_streams_that_are_not_there_are_named(walk, tmp_path, capsys, monkeypatc
 def test_what_is_missing_is_said_after_a_while_and_again_when_it_changes(monkeypatch):
     said, now = [], [0.0]
     monkeypatch.setattr("time.monotonic", lambda: now[0])
-    console = SimpleNamespace(print=lambda line, soft_wrap: said.append(line))
+    console = SimpleNamespace(say=said.append)
     tell = missing_teller(console)
     both, plates = (["Markers", "Plates"], []), (["Plates"], ["Markers"])
     for now[0], names in ((4.9, both), (5.1, both), (6.0, both), (7.0, plates), (8.0, plates)):

@@ -51,7 +51,7 @@ def folder(walker, tmp_path_factory):
 def test_trc_and_dflow_files_give_the_same_residuals(folder):
     study = read_study(folder)
     found = check_study(study)
-    assert found.faults == ()
+    assert found.faults == []
     assert any("Belt.Speed" in str(remark) for remark in found.remarks)
     trc, dflow = (process_trial(study, "sub01", name) for name in ("trc", "dflow"))
     assert {k: len(v) for k, v in trc.cycles.items()} == {

@@ -310,12 +310,8 @@ def test_standing_is_compared_with_no_gait_cycles(tmp_path, quick):
     write_standing(tmp_path, 3, "sway")
     write_standing(tmp_path, 1, "quiet")
     write_standing(tmp_path, 2, "shoes")
-    write_trial(
-        fake_trial(1, "shoes", cycles=2),
-        "shoes",
-        "key",
-        tmp_path / "trials" / "sub01_shoes.parquet",
-    )
+    shoes = replace(fake_trial(1, "shoes", cycles=2), condition="shoes", key="key")
+    write_trial(shoes, tmp_path / "trials" / "sub01_shoes.parquet")
     text = Page(write_report(tmp_path)).text
     assert "sub03 sway: counts 1.00 to 3.00 s of the recording and no gait cycles" in text
     assert "sub01 quiet: counts" not in text

@@ -32,7 +32,7 @@ def edit(path):
 @pytest.mark.parametrize(
     "name",
     [
-        "pipeline/report/page.py",
+        "pipeline/report/write.py",
         "pipeline/figures/style.py",
         "pipeline/viewer/scene.py",
         "pipeline/export/models.py",

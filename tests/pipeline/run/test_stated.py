@@ -121,13 +121,13 @@ def test_one_trial_states_the_same_as_options(plain, disguised):
 
 def test_check_reads_a_study_as_a_run_does(disguised):
     found = check_study(read_study(disguised))
-    assert found.faults == ()
+    assert found.faults == []
     assert "rename_without_label" not in {remark.note.code for remark in found.remarks}
 
 
 def test_a_second_reader_needs_no_statement(disguised):
     for path in study_recordings(read_study(disguised)):
-        assert read_twice(path).faults == ()
+        assert read_twice(path).faults == []
 
 
 @pytest.mark.parametrize(
