@@ -112,23 +112,23 @@ def recordings(folder: Path) -> list[Format]:
     write_xdf(folder / "walk.xdf", recorded(walk))
     known = walk_in(folder)
     trials = {
-        "C3D": ("walk.c3d", lambda path: replace(known, trial=path)),
+        "C3D": ("walk.c3d", lambda path: known.model_copy(update=dict(trial=path))),
         "TRC": (
             "walk.trc",
-            lambda path: replace(known, trial=path, forces=folder / "walk.mot"),
+            lambda path: known.model_copy(update=dict(trial=path, forces=folder / "walk.mot")),
         ),
         "MOT": (
             "walk.mot",
-            lambda path: replace(known, trial=folder / "walk.trc", forces=path),
+            lambda path: known.model_copy(update=dict(trial=folder / "walk.trc", forces=path)),
         ),
-        "D-Flow": ("walk.txt", lambda path: replace(known, trial=path)),
+        "D-Flow": ("walk.txt", lambda path: known.model_copy(update=dict(trial=path))),
         "D-Flow record": (
             "record.txt",
-            lambda path: replace(known, trial=folder / "walk.txt", record=path),
+            lambda path: known.model_copy(update=dict(trial=folder / "walk.txt", record=path)),
         ),
-        "MOX": ("walk.mox", lambda path: replace(known, trial=path)),
-        "Nexus": ("walk.csv", lambda path: replace(known, trial=path)),
-        "XDF": ("walk.xdf", lambda path: replace(known, trial=path)),
+        "MOX": ("walk.mox", lambda path: known.model_copy(update=dict(trial=path))),
+        "Nexus": ("walk.csv", lambda path: known.model_copy(update=dict(trial=path))),
+        "XDF": ("walk.xdf", lambda path: known.model_copy(update=dict(trial=path))),
     }
     formats = []
     for name, (file, request) in trials.items():
