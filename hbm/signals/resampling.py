@@ -5,9 +5,9 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import make_interp_spline
 from scipy.signal import firwin, kaiserord, oaconvolve
 
+from hbm.signals.cubic_spline import MAX_ROUNDING_STEPS, cubic_spline
 from hbm.signals.samples import (
     blocks_without_gaps,
     extended,
@@ -32,8 +32,6 @@ MIN_DECIMATION: Final = 0.99
 MIN_SPLINE_SAMPLES: Final = 4
 """Of a cubic spline."""
 
-MAX_ROUNDING_STEPS: Final = 1e-9
-"""From a sample's time, in steps, up to which a time is that sample's: rounding of seconds."""
 
 ROUNDING_STEPS: Final = 1e-6
 """Time beyond the ends of a block, in samples, that is treated as rounding error."""
@@ -115,7 +113,7 @@ def interpolate(time: ArrayLike, values: ArrayLike, at: ArrayLike) -> Array:
         first, last = time[rows][[0, -1]]
         inside = (wanted >= first - rounding) & (wanted <= last + rounding)
         place = inside if isinstance(sharing, slice) else np.ix_(inside, sharing)
-        result[place] = _cubic_spline(time[rows], columns[rows, sharing], wanted[inside])
+        result[place] = cubic_spline(time[rows], columns[rows, sharing], wanted[inside])
     return result.reshape(*at.shape, *values.shape[1:])
 
 
@@ -139,14 +137,6 @@ def resample_in_real_time(time: Array, values: Array, new_time: Array) -> Array:
     resampling = Convolution.between(mean_rate_hz(time), mean_rate_hz(new_time))
     found = resampling.evaluate(time, values.reshape(len(time), -1), new_time)
     return found.reshape(len(new_time), *values.shape[1:])
-
-
-def _cubic_spline(time: Array, samples: Array, at: Array) -> Array:
-    """Evaluate the not-a-knot cubic spline through (N, K) samples; at them, the samples."""
-    nearest = np.clip(np.rint((at - time[0]) * mean_rate_hz(time)).astype(int), 0, len(time) - 1)
-    if np.abs(time[nearest] - at).max(initial=0) * mean_rate_hz(time) <= MAX_ROUNDING_STEPS:
-        return np.asarray(samples[nearest])
-    return np.asarray(make_interp_spline(time, samples)(at))
 
 
 def _samples_wanted(time: Array, wanted: Array) -> slice:
