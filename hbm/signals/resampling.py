@@ -32,7 +32,6 @@ MIN_DECIMATION: Final = 0.99
 MIN_SPLINE_SAMPLES: Final = 4
 """Of a cubic spline."""
 
-
 ROUNDING_STEPS: Final = 1e-6
 """Time beyond the ends of a block, in samples, that is treated as rounding error."""
 

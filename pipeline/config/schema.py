@@ -110,8 +110,8 @@ class RecordingRules(InputModel):
     units: LengthUnit | None = Field(default=None, examples=["mm"])
     """Unit of the markers, e.g. mm; default: the files'."""
     plate_units: PlateUnitsText | None = Field(default=None, examples=["N,Nmm"])
-    """Units of the plates' forces and moments, and as a third of centres of pressure, e.g. N,Nmm;
-    default: the files'."""
+    """Units of the plates' forces, moments and, where given, centres of pressure, e.g. N,Nmm or
+    N,Nmm,mm; default: the files'."""
     label_prefix: Text | None = Field(default=None, examples=["S01"])
     """Label prefix of the subject, or its number, where several carry the same labels."""
     marker_stream: Text | None = Field(default=None, examples=["Cameras"])
