@@ -84,7 +84,6 @@ def print_explanation(explanation: "Explanation", console: "PlainConsole") -> No
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
-    from hbm.notes import warnings_first
     from pipeline.budgets.words import CAPTION, budget_table
     from pipeline.cli.terminal import fits, print_table
 
@@ -116,7 +115,7 @@ def print_explanation(explanation: "Explanation", console: "PlainConsole") -> No
         print_table(narrow, console)
     for line in explanation.lines():
         console.print(line)
-    console.say_notes(warnings_first(explanation.budget.notes))
+    console.say_notes(explanation.budget.notes)
 
 
 def _explain_results(request: TrialRequest, out: Path | None, jobs: int) -> int:

@@ -57,7 +57,6 @@ def export(
     TRIAL may be a result, RESULTS/trials/*.parquet: it is exported as it is, not processed again.
     With --c3d, TRIAL may be a study's folder: the recordings of all its trials are written.
     """
-    from hbm.notes import warnings_first
     from pipeline.cli.terminal import PlainConsole
     from pipeline.export.bids import write_bids
     from pipeline.export.models import write_osim, write_urdf
@@ -100,7 +99,7 @@ def export(
             written += write_tables(result, tables, request.trial.stem, ankle_zero)
             plates = "measured" if result.compensated is None else "compensated"
             console.print(f"forces and loads are from the {plates} plate forces")
-        console.say_notes(warnings_first(result.notes))
+        console.say_notes(result.notes)
     console.say("written: " + ", ".join(map(str, written)))
     return 0
 
@@ -205,9 +204,10 @@ def _checked_by(written: "Written") -> str:
 
 
 def _print_notes(written: "Written", console: "PlainConsole", name: str = "") -> None:
-    from hbm.notes import warnings_first
+    from hbm.notes import warnings_of
     from pipeline.cli.terminal import note_line
 
-    for note in warnings_first(written.notes):
-        if note.level == "warning" or not name:
-            console.print(name, note_line(note), sep="", soft_wrap=True)
+    if not name:
+        console.say_notes(written.notes)
+    for note in warnings_of(written.notes) if name else ():
+        console.print(name, note_line(note), sep="", soft_wrap=True)

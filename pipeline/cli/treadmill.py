@@ -63,7 +63,6 @@ def fit(
     """Fit a calibration to a recording of the empty, moving treadmill."""
     from compensation import to_json
     from compensation.inertia.sensors import describe_sensors
-    from hbm.notes import warnings_first
     from pipeline.cli.terminal import PlainConsole, print_table
     from pipeline.config.plate_correction import read_plate_correction
     from pipeline.config.schema import RecordingRules
@@ -153,7 +152,7 @@ def fit(
         *plates_timed_apart(empty, treadmill, calibration.sensors, plates),
         *belt_speed_notes(mean_belt_speed(fastest_belt(empty, treadmill)), calibration),
     ]
-    console.say_notes(warnings_first(notes))
+    console.say_notes(notes)
     if calibration.notes:
         advice = "calibration not fit for trials: mend what the warnings name, then fit it again"
     else:

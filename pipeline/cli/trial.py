@@ -63,7 +63,6 @@ def print_result(result: "TrialResult", console: "PlainConsole") -> None:
     """
     from rich.table import Table
 
-    from hbm.notes import warnings_first
     from pipeline.cli.terminal import counted, print_table
     from pipeline.trial.residuals import marker_table, residual_table, rows_of, threshold_table
 
@@ -98,7 +97,7 @@ def print_result(result: "TrialResult", console: "PlainConsole") -> None:
             f"({_plates(threshold.compensated)})"
         )
     console.print(_marker_errors(marker_table(result)))
-    console.say_notes(warnings_first(result.notes))
+    console.say_notes(result.notes)
 
 
 def _marker_errors(table: "pd.DataFrame") -> str:
