@@ -312,7 +312,6 @@ def plates(
         if fault.significant:
             console.say(f"- {describe(fault)}")
     for verdict in verdicts:
-        console.say_notes(verdict.notes)
         console.say(verdict.sentence)
     advice = use_of_calibration(verdicts, out)
     if advice is not None:
