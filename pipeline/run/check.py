@@ -351,7 +351,7 @@ def _check_markers(body: Body, preview: Preview, found: Findings) -> None:
     shown = {i for segment in used for i in support(LAST_Q[segment])}
     locked = tuple(c for i, c in enumerate(COORDINATES) if i not in shown)
     if locked:
-        found.remark(name, "coordinates_locked", coordinates=locked)
+        found.remark(name, "coordinates_held", coordinates=locked)
     gaps = {m: share for m in present if (share := preview.missing.get(m, 0.0)) > 0}
     if gaps:
         found.remark(name, "markers_with_gaps", count=len(gaps))
