@@ -344,9 +344,10 @@ def locate_leg(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, si
     medial = hip - at[s + "GTRO"] if s + "GTRO" in at else sign * pelvis_left
     corner = alignment_corner(at, s, hip)
     if corner is not None:
-        at = {s + "LEK": corner, **{name: p for name, p in at.items() if name != s + "MEK"}}
-        anatomy.markers[s + "LEK"] = at[s + "LEK"]
-        medial = at[s + "LEK"] - at[s + "KAX"]
+        if s + "LEK" not in at:
+            anatomy.markers[s + "LEK"] = corner
+        at = {name: p for name, p in at.items() if name != s + "MEK"} | {s + "LEK": corner}
+        medial = corner - at[s + "KAX"]
     known = s + "LEK" in at and s + "LM" in at
     shank = distance(at[s + "LEK"], at[s + "LM"]) if known else None
 

@@ -130,7 +130,7 @@ def _of_kinematics(trials: Sequence[TrialResult]) -> dict[str, object]:
         "filters": sorted({(each.filter, f"{each.cutoff_hz:g}") for each in settings}),
         "sexes": sorted({trial.subject.sex for trial in trials}),
         "overridden": sorted(f"{name}: {join_names(parts)}" for name, parts in own.items()),
-        "rules": [
+        "landmark_rules": [
             rule for values in _noted(trials, "landmarks_substituted") for rule in values["rules"]
         ],
         "held": sorted(

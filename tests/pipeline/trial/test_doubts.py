@@ -13,7 +13,7 @@ from tests.hbm.motions import exchanged, relabelled, without
 from tests.pipeline.trial.test_event_check import other_side, shifted
 
 PERSON = Subject(id="sub01", sex="male")
-CLUSTER = ("LLEK", "RLEK"), ("LMEK", "RMEK"), HEELS
+CLUSTER = ("LLEK", "RLEK"), ("LMEK", "RMEK"), ("LLTHI", "RLTHI")
 HEELS = ("LHEE", "RHEE")
 
 
