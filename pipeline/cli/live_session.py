@@ -8,6 +8,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from hbm.model import Body
+from hbm.notes import Note
 from hbm.spelling import listed
 from pipeline.cli.options import require_folder
 from pipeline.cli.stopping import SIGNAL_EXIT, Terminated, stoppable, terminable, uninterrupted
@@ -15,9 +17,9 @@ from pipeline.cli.terminal import PlainConsole, note_line
 from pipeline.io.recording import Plate
 from pipeline.live.cycles import LiveCycle
 from pipeline.live.frames.chain import LiveChain, LiveFrame
-from pipeline.live.monitor import Monitor, in_words
+from pipeline.live.monitor import Monitor, in_words, peaks_in_words
 from pipeline.live.outlet import result_columns, result_outlet
-from pipeline.live.preparation import PlacedPlates, PoseFinder, Preparation, PreparedBody
+from pipeline.live.preparation import PlacedPlates, PoseFinder, Preparation, place_plates
 from pipeline.live.recording import RESULTS, STREAMS, Recorder, described_streams, require_new
 from pipeline.live.session import RECEIVE_S, Session
 from pipeline.live.sources.lsl import LslSource
@@ -94,12 +96,13 @@ def run_session(
         stack.callback(source.close)
         names = ", ".join(f"{s.name} ({s.rate_hz:g} Hz)" for s in source.streams)
         console.say(f"receiving {names}")
-        placed = prepared.placed(source.plates)
+        placed = place_plates(source.plates, prepared.static, prepared.live)
         if body is None:
             body = _shown(prepared, placed, source, console)
-        console.say_notes((*prepared.notes, *placed.notes, *body.notes))
+        subject, notes = body
+        console.say_notes((*prepared.notes, *placed.notes, *notes))
         plates, laboratory, settings = placed.plates, prepared.laboratory, prepared.settings
-        chain = LiveChain(body.body, laboratory, settings, placed.live, source.streams, plates)
+        chain = LiveChain(subject, laboratory, settings, placed.live, source.streams, plates)
         described = described_streams(source.streams, placed.live, plates)
         recorder = Recorder(folder, described, result_columns())
         stack.callback(recorder.close)
@@ -116,7 +119,7 @@ def run_session(
         view = _view(chain, plates, "browser" if web else "window") if shown or web else None
         if view is not None:
             stack.callback(view.close)
-        monitor = Monitor(chain, plates)
+        monitor = Monitor(chain, plates, lambda note: console.say(note_line(note)))
         console.say(
             f"recording to {folder}; values are {1000 * chain.filter_delay_s:.0f} ms late by the "
             f"filter and {1000 * chain.wait_s:.0f} ms by resampling (stop with Ctrl-C)"
@@ -127,7 +130,7 @@ def run_session(
             console.say(text)
     if terminated:
         return SIGNAL_EXIT + signal.SIGTERM
-    failed = session.fault is not None or recorder.fault is not None or not chain.counts.received
+    failed = session.fault is not None or recorder.fault is not None or not chain.received
     return int(failed)
 
 
@@ -169,7 +172,7 @@ def missing_teller(console: PlainConsole) -> Callable[[Sequence[str], Sequence[s
 
 def _shown(
     prepared: Preparation, placed: PlacedPlates, source: Source, console: PlainConsole
-) -> PreparedBody:
+) -> tuple[Body, tuple[Note, ...]]:
     """Wait until the subject shows the calibration pose, and build the body from it."""
     console.say("stand still on the plates, arms out to the sides (stop with Ctrl-C)")
     finder, told = PoseFinder(placed.live, source.streams, placed.plates), ""
@@ -226,7 +229,7 @@ def follow(
     before = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_S)
     began = shown_s = time.monotonic()
-    told, address, recorded = 0, "", True
+    address, recorded = "", True
     session.start()
     try:
         with console.status("waiting for frames") as line:
@@ -240,7 +243,6 @@ def follow(
                     recorded = False
                     console.say(f"{recorder.fault}; all else goes on")
                 monitor.look_for_silence()
-                told = _tell(monitor, told, console)
                 if time.monotonic() - shown_s < STATUS_S:
                     continue
                 shown_s = time.monotonic()
@@ -257,7 +259,6 @@ def follow(
         session.stop()
         sys.setswitchinterval(before)
     take_new(session, monitor)
-    _tell(monitor, told, console)
     return terminated
 
 
@@ -294,13 +295,6 @@ def _show(view: "LiveView", frame: LiveFrame, cycles: Sequence[LiveCycle]) -> No
         view.show_cycle(cycle.side, cycle.curve)
 
 
-def _tell(monitor: Monitor, told: int, console: PlainConsole) -> int:
-    """Print the notes that are new; give how many there are now."""
-    for timed in list(monitor.notes)[len(monitor.notes) - (monitor.noted - told) :]:
-        console.say(note_line(timed.note))
-    return monitor.noted
-
-
 def summary(
     chain: LiveChain,
     monitor: Monitor,
@@ -309,28 +303,23 @@ def summary(
     folder: Path,
 ) -> list[str]:
     """Say what was received, what came of it, and where it is, line by line."""
-    counts = chain.counts
     why = ", ".join(f"{count} {words(name)}" for name, count in monitor.reasons.most_common())
     lines = [
-        f"{counts.received} frames received: {counts.solved} count, {counts.marked} do not"
+        f"{chain.received} frames received: {chain.solved} count, {chain.marked} do not"
         f"{f' ({why})' if why else ''}",
-        f"{counts.late} frames late, {counts.doubled} samples doubled, {counts.out_of_order} out "
-        "of order",
+        f"{chain.late} frames late, {chain.left_out} samples doubled or out of order",
         *(f"{n} samples of stream {name} never arrived" for name, n in monitor.losses.lost.items()),
     ]
     for variant, rms in monitor.condition.rms.items():
-        limits = monitor.limits[variant]
         lines.append(
             f"residuals {variant}, {monitor.condition.cycles} gait cycles of both feet: "
-            f"RMS {in_words(rms)}; "
-            f"peaks {limits.force_n:.0f} N (published limit {limits.max_force_n:.0f} N) and "
-            f"{limits.moment_nm:.0f} N·m ({limits.max_moment_nm:.0f} N·m)"
+            f"RMS {in_words(rms)}; {peaks_in_words(monitor.limits[variant])}"
         )
     if beside := monitor.condition.not_carried:
         lines.append(f"{beside} gait cycles left out: the plates did not carry the subject in them")
-    if counts.received and not monitor.condition.cycles:
+    if chain.received and not monitor.condition.cycles:
         lines.append("no gait cycle counts, so that no residuals are summed up")
-    if not counts.received:
+    if not chain.received:
         lines.append(f"stream {chain.stream.name} has sent no frame: does its program measure?")
     else:
         lines.append(
