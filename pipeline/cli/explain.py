@@ -72,7 +72,6 @@ def print_explanation(explanation: "Explanation", console: PlainConsole) -> None
     """Print what a trial's residuals are made of: a row of shares per cause, and lines."""
     from rich.table import Table
 
-    from hbm.notes import warnings_first
     from pipeline.budgets.words import CAPTION, budget_table
 
     title, axes, causes = budget_table(explanation.budget)
@@ -85,7 +84,7 @@ def print_explanation(explanation: "Explanation", console: PlainConsole) -> None
     print_table(table, console)
     for line in explanation.lines():
         console.print(line)
-    console.say_notes(warnings_first(explanation.budget.notes))
+    console.say_notes(explanation.budget.notes)
 
 
 def _explain_results(request: TrialRequest, out: Path | None, jobs: int) -> int:

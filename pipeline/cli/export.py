@@ -104,7 +104,6 @@ def _export_models(
     console: PlainConsole,
 ) -> list[Path]:
     """Write the body of a trial, processed or to be processed, and its tables."""
-    from hbm.notes import warnings_first
     from pipeline.export.models import write_osim, write_urdf
     from pipeline.export.tables import write_tables
     from pipeline.run.one_trial import process_request
@@ -121,7 +120,7 @@ def _export_models(
         written += write_tables(result, tables, request.trial.stem, ankle_zero)
         plates = "measured" if result.compensated is None else "compensated"
         console.print(f"forces and loads are from the {plates} plate forces")
-    console.say_notes(warnings_first(result.notes))
+    console.say_notes(result.notes)
     return written
 
 
@@ -129,7 +128,6 @@ def _export_trial(
     request: TrialRequest, out: Path, frame: "Frame | None", console: PlainConsole
 ) -> Path:
     """Write a trial's C3D file again with compensated plates, and say what has checked it."""
-    from hbm.notes import warnings_first
     from pipeline.export.compensated_c3d import Calibrations, require_c3d, write_compensated
     from pipeline.run.one_trial import read_requested, requested_laboratory
 
@@ -146,7 +144,7 @@ def _export_trial(
         frame=frame,
         plate_delay_s=request.plate_delay,
     )
-    console.say_notes(warnings_first(written.notes))
+    console.say_notes(written.notes)
     console.say(f"{written.path}: {_checked_by(written)}")
     return written.path
 

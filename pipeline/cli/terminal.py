@@ -10,7 +10,7 @@ from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
-from hbm.notes import Note
+from hbm.notes import Note, provenance, warnings_of
 from hbm.spelling import printable
 
 MIN_COLUMNS: Final = 40
@@ -32,9 +32,14 @@ class PlainConsole(Console):
         self.print(*parts, soft_wrap=True)
 
     def say_notes(self, notes: Iterable[Note]) -> None:
-        """Print notes, each in one line with its code."""
-        for note in notes:
+        """Print warnings, each in one line with its code, and provenance as a table."""
+        notes = tuple(notes)
+        for note in warnings_of(notes):
             self.say(note_line(note))
+        rows = provenance(notes)
+        width = max((len(item) for item, _ in rows), default=0)
+        for item, sentence in rows:
+            self.say(Text.assemble((f"{item:{width}}  ", "dim"), sentence))
 
     def render(
         self, renderable: RenderableType, options: ConsoleOptions | None = None
@@ -84,10 +89,10 @@ def announcer(console: Console) -> Callable[[str], None]:
 
 
 def note_line(note: Note) -> Text:
-    """Lay a note out with its code, under which ``docs/notes.md`` explains it."""
-    warns = note.level == "warning"
-    text = (f"- {'warning: ' * warns}{note} ", "bold" if warns else "")
-    return Text.assemble(text, (f"[{note.code}]", "dim"))
+    """Lay out a warning with its code, which ``docs/notes.md`` explains, else item and sentence."""
+    if note.item:
+        return Text(f"- {note.item}: {note}")
+    return Text.assemble((f"- warning: {note} ", "bold"), (f"[{note.code}]", "dim"))
 
 
 def counted(number: int, noun: str) -> str:

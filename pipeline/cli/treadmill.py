@@ -67,7 +67,6 @@ def fit(
     """Fit a calibration to a recording of the empty, moving treadmill."""
     from compensation import to_json
     from compensation.inertia.sensors import describe_sensors
-    from hbm.notes import warnings_first
     from pipeline.config.plate_correction import read_plate_correction
     from pipeline.io.write import write_text
     from pipeline.run.job import file_digest
@@ -139,7 +138,7 @@ def fit(
         *of_empty.plates_timed_apart(empty, treadmill, calibration.sensors, plates),
         *belt_speed_notes(belts_mps, calibration),
     ]
-    console.say_notes(warnings_first(notes))
+    console.say_notes(notes)
     if calibration.notes:
         advice = "calibration not fit for trials: mend what the warnings name, then fit it again"
     else:

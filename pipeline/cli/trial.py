@@ -47,7 +47,6 @@ def residuals(request: TrialRequest, out: Out = Path("results")) -> None:
 
 def print_result(result: "TrialResult", console: PlainConsole) -> None:
     """Print a trial's residuals, thresholds, marker errors and notes."""
-    from hbm.notes import warnings_first
     from pipeline.trial.residuals import marker_table, residual_table, rows_of, threshold_table
 
     rows = rows_of(residual_table(result, result.source.stem))
@@ -81,7 +80,7 @@ def print_result(result: "TrialResult", console: PlainConsole) -> None:
             f"({_plates(threshold.compensated)})"
         )
     console.print(_marker_errors(marker_table(result)))
-    console.say_notes(warnings_first(result.notes))
+    console.say_notes(result.notes)
 
 
 def _marker_errors(table: "pd.DataFrame") -> str:
