@@ -11,9 +11,8 @@ import numpy as np
 from compensation import (
     Setup,
     belt_acceleration,
-    cutoff_of_spline,
     low_pass,
-    spline_smoothing,
+    spline_cutoff,
 )
 from hbm.signals.filtering import Method
 from hbm.spatial import Array, rotate_wrench
@@ -245,7 +244,7 @@ def _spline_cutoff(speed: Array) -> float:
     """
     if np.ptp(speed) == 0:  # constant and without noise: nothing to smooth
         return RATE_HZ / 2
-    return min(cutoff_of_spline(spline_smoothing(speed, RATE_HZ), 1 / RATE_HZ), RATE_HZ / 2)
+    return min(spline_cutoff(speed, RATE_HZ), RATE_HZ / 2)
 
 
 def factors(name: str) -> dict[str, str | float]:

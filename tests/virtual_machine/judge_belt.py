@@ -16,13 +16,14 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from compensation.belts import belt_acceleration, fit_belt, fit_roller
+from compensation.belts import belt_acceleration, fit_belt
 from compensation.protocol import ADVISED_BELT_SIGNAL, belt_signals, validation_signals
 from compensation.signals import Signal, resample_signal
 from hbm.signals.filtering import low_pass
 from hbm.spatial import Array
 from pipeline.virtual_lab.machine.belts import BeltDrive, run_belt, scattered_drive
 from tests.virtual_machine.belt_recording import COMMAND_SD_MPS2, simulate_recording
+from tests.virtual_machine.roller import fit_roller
 
 RATE_HZ: Final = 1000.0
 MODEL_HZ: Final = 100.0

@@ -264,7 +264,7 @@ def plate_marker_delay(pose: PlatformPose, felt: Array, rate_hz: float) -> Delay
         return None
     if not late.standard_error < MAX_ERROR_S:
         return None
-    return Delay(-late.seconds, late.standard_error, late.explained)
+    return Delay(-late.seconds, late.standard_error)
 
 
 def plates_note(late: Delay | None, stated_s: float | None = None) -> tuple[Note, ...]:
