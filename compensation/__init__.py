@@ -31,15 +31,11 @@ from compensation.inertia.sensors import Sensor, check_trial, find_sensors, sens
 from compensation.plate_calibration import PlateCalibration, PlateCalibrations
 from compensation.platform import (
     PlatformPose,
-    PoseFit,
     center_of_pressure,
     check_pose,
     commanded_pose,
     fit_pose,
-    free_moment,
     interpolate_pose,
-    mean_pose,
-    moment_error_of_pivot,
     neutral_markers,
     pose_delay,
     specific_force,

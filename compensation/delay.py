@@ -140,8 +140,8 @@ def estimate_delay(
         raise ValueError(f"the best agreement lies beyond {longest_s} s; seek longer delays")
 
     model = _LateChannels([x], y, reach)
-    (late,), ((variance,),) = without_step(model.gauss_newton, np.array([-float(lag)]), reach)
-    return Delay(-float(late / rate), float(np.sqrt(variance)) / rate)
+    late, covariance = without_step(model.gauss_newton, np.array([-float(lag)]), reach)
+    return Delay(-float(late[0] / rate), float(np.sqrt(covariance[0, 0])) / rate)
 
 
 def decimated(signal: Array, rate: float) -> tuple[Array, float]:
@@ -299,14 +299,15 @@ def sensor_delays(
     model = _LateChannels(
         np.split(x, count, axis=1), decimated(w, rate_hz)[0], round(longest_s * rate)
     )
-    delays, one = np.full(count, alike.seconds * rate), np.eye(count)
+    delays: Array = np.full(count, alike.seconds * rate)
     for _ in range(SEARCHES):
-        for k in range(count):
-            delays = min((delays + step * one[k] for step in SOUGHT_S * rate), key=model.misfit)
+        for own in np.eye(count):
+            tried: list[Array] = [delays + step * own for step in SOUGHT_S * rate]
+            delays = min(tried, key=model.misfit)
     delays, covariance = without_step(model.gauss_newton, delays)
     errors = np.hypot(np.sqrt(np.diag(covariance)) / rate, MODEL_ERROR_S)
     if not np.all(errors < MAX_SEPARATE_ERROR_S):
-        return (alike,) * count
+        return tuple(alike for _ in range(count))
     return tuple(
         Delay(float(late / rate), float(error)) for late, error in zip(delays, errors, strict=True)
     )

@@ -111,7 +111,7 @@ def left_over(model: InertiaModel) -> tuple[LeftOver, ...]:
 OF_CALIBRATION: Final = (
     "calibration_loaded",
     "calibration_leaves_much",
-    "calibration_not_judged",
+    "calibration_of_earlier_version",
 )
 """Codes of notes on a calibration that hold for everything that uses it."""
 

@@ -87,7 +87,7 @@ def fit(
     )
     from pipeline.trial.ground.corrected_plates import with_corrected_plates
     from pipeline.trial.ground.platform import recording_delays
-    from pipeline.trial.ground.uncertainty import belt_speed_notes
+    from pipeline.trial.ground.uncertainty import uncertainty_limits
 
     console = PlainConsole()
     if out.is_dir():
@@ -151,7 +151,7 @@ def fit(
         *describe_sensors(calibration.sensors),
         *timing,
         *plates_timed_apart(empty, treadmill, calibration.sensors, plates),
-        *belt_speed_notes(mean_belt_speed(fastest_belt(empty, treadmill)), calibration),
+        *uncertainty_limits(mean_belt_speed(fastest_belt(empty, treadmill)), calibration),
     ]
     console.say_notes(warnings_first(notes))
     if calibration.notes:

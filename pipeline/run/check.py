@@ -33,7 +33,7 @@ from pipeline.trial.ground.laboratory import (
     require_uncompensated,
 )
 from pipeline.trial.ground.platform import platform_pose
-from pipeline.trial.ground.uncertainty import belt_speed_notes
+from pipeline.trial.ground.uncertainty import uncertainty_limits
 from pipeline.trial.quality import settling_s
 from pipeline.trial.study_files import labels_in_none, read_study_file, read_study_plates
 from pipeline.trial.subject import body_mass, differing_masses, subject_body
@@ -396,7 +396,7 @@ def _check_ground(
             found.attempt(name, lambda: plate_models(recording, laboratory))
             of_belts = found.attempt(
                 name,
-                lambda: belt_speed_notes(
+                lambda: uncertainty_limits(
                     mean_belt_speed(fastest_belt(recording, treadmill)), calibration
                 ),
             )

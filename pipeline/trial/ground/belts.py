@@ -50,37 +50,18 @@ def belt_axes(plate: Plate) -> Array:
 def belt_wrenches(
     recording: Recording, models: Sequence[BeltModel], belt: Belt, times: Sequence[Array]
 ) -> list[Array]:
-    """Give what accelerating belts add to each plate of a trial.
+    """Give what accelerating belts add to each plate of a trial, in its own axes, (T, 6) [N, N·m].
 
-    Parameters
-    ----------
-    recording
-        The trial.
-    models
-        One per plate.
-    belt
-        As stated.
-    times
-        Per plate when, on the plates' clock, (T,) [s].
-
-    Returns
-    -------
-    list of Array
-        Per plate its wrench in the plate's own axes, (T, 6) [N, N·m]; NaN outside the recording.
-
-    Raises
-    ------
-    ValueError
-        If there are other plates than models, or a channel is missing.
+    There is one model per plate; times are per plate on the plates' clock, (T,) [s]. NaN outside
+    the recording. A ValueError where there are other plates than models, or a channel is missing.
     """
     _require_as_many(recording, models)
-    wrenches = []
-    for model, time, (plate, (model_time, acceleration)) in zip(
-        models, times, belt_accelerations(recording, belt), strict=True
-    ):
-        moment = interpolate(model_time, model.predict(acceleration), time)
-        wrenches.append(np.hstack([np.zeros((len(time), 3)), moment[:, None] * belt_side(plate)]))
-    return wrenches
+    every = belt_accelerations(recording, belt)
+    moments = [
+        interpolate(model_time, model.predict(acceleration), time)
+        for model, time, (_, (model_time, acceleration)) in zip(models, times, every, strict=True)
+    ]
+    return _about_sides(recording, moments)
 
 
 def belt_wrenches_in_real_time(
@@ -96,7 +77,11 @@ def belt_wrenches_in_real_time(
     channels = [name for name, _ in zip(cycle(belt.speed_channels), recording.plates, strict=False)]
     speeds = np.column_stack([belt_speed(recording, name) for name in channels])
     belts = RealtimeBelts.of(models, rate_hz, float(recording.markers.time[0]))
-    moments = belts.moments(clock, speeds, times)
+    return _about_sides(recording, belts.moments(clock, speeds, times))
+
+
+def _about_sides(recording: Recording, moments: Sequence[Array]) -> list[Array]:
+    """Give moments about the sides of the plates' belts, (T,) each, as wrenches, (T, 6)."""
     return [
         np.hstack([np.zeros((len(moment), 3)), moment[:, None] * belt_side(plate)])
         for moment, plate in zip(moments, recording.plates, strict=True)
@@ -139,43 +124,21 @@ class RealtimeBelts:
         return to_step_s + self.advance / MODEL_RATE_HZ + between.reach_s + between.step_s
 
     def accelerations(self, time: Array, speeds: Array, steps: Array) -> Array:
-        """Give the belts' accelerations at steps of the models.
+        """Give the belts' accelerations at steps of the models, (G, P) [m/s²]; NaN where unknown.
 
-        Parameters
-        ----------
-        time
-            Sample times, (N,) [s].
-        speeds
-            One column per plate, (N, P) [m/s].
-        steps
-            Numbers of the steps from that of the first frame, (G,).
-
-        Returns
-        -------
-        Array
-            (G, P) [m/s²]: central differences over one sample, as of
-            `compensation.belt_acceleration`; NaN where unknown.
+        From speeds (N, P) [m/s], one column per plate, at times (N,); steps (G,) are numbered from
+        that of the first frame. Central differences over one sample, as of
+        `compensation.belt_acceleration`.
         """
         at, half_s = self.first_s + steps / MODEL_RATE_HZ, self.resampling.step_s
         later, earlier = (self.resampling.evaluate(time, speeds, at + s) for s in (half_s, -half_s))
         return np.asarray((later - earlier) / (2 * half_s))
 
     def moments(self, time: Array, speeds: Array, at: Sequence[Array]) -> list[Array]:
-        """Give the moments of a whole trial.
+        """Give the moments of a whole trial at instants of each plate, (T,) [N·m] each.
 
-        Parameters
-        ----------
-        time
-            Sample times, (N,) [s].
-        speeds
-            One column per plate, (N, P) [m/s].
-        at
-            Per plate the wanted instants, (T,) [s].
-
-        Returns
-        -------
-        list of Array
-            Per plate, (T,) [N·m]; NaN where unknown. A model begins at constant speed.
+        From speeds (N, P) [m/s], one column per plate, at times (N,). NaN where unknown. A model
+        begins at constant speed.
         """
         first, last = ((t - self.first_s) * MODEL_RATE_HZ for t in (time[0], time[-1]))
         steps = np.arange(np.ceil(first), np.floor(last) + 1)

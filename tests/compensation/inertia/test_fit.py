@@ -250,7 +250,7 @@ def test_a_walking_person_in_the_calibration_trial_is_detected(laboratory):
     notes = notes_of(trial)
     assert [note.code for note in notes] == ["calibration_loaded", "calibration_leaves_much"]
     mean = np.linalg.norm(trial.wrench[:, :3].mean(axis=0))
-    assert notes[0].values["force_n"] == pytest.approx(mean)
+    assert notes[0].values["force_n"] == {"plate 1": pytest.approx(mean)}
 
 
 def test_a_person_standing_still_in_the_calibration_trial_is_detected(laboratory):

@@ -207,7 +207,7 @@ def test_a_calibration_that_does_not_know_its_belts_says_so_when_it_is_fitted_an
         capsys.readouterr().out.split()
     )
     codes = [remark.note.code for remark in check_study(read_study(moving_study)).remarks]
-    assert "uncertainty_calibration_belts_unknown" in codes
+    assert "uncertainty_limited" in codes
 
 
 def poor(recording):

@@ -85,7 +85,7 @@ def test_a_check_says_what_is_corrected_and_what_is_not(study):
     write_correction(study / "plates.json", recording, (1,), delays=(0.004,))
     found = check_study(read_study(study))
     codes = [remark.note.code for remark in found.remarks if remark.place == "sub01_pitch.c3d"]
-    assert {"plates_corrected", "plate_delays_calibrated", "plates_not_corrected"} <= set(codes)
+    assert {"plates_corrected", "plates_not_corrected"} <= set(codes)
     assert not found.faults
 
 
