@@ -187,7 +187,7 @@ def test_allowing_for_noise_that_is_not_there_changes_nothing(laboratory):
     )
 
 
-@pytest.mark.parametrize("noise", [-0.1, np.nan, 5.0, [0.1, 0.1], [0.1, 0, 0.1, 0.1, 0.1, 0.1]])
+@pytest.mark.parametrize("noise", [-0.1, np.nan, 5.0, [0.1, 0, 0.1, 0.1, 0.1, 0.1]])
 def test_a_noise_that_is_no_size_gets_one_clear_error(good, noise):
     with pytest.raises(ValueError, match="sensor_noise must be"):
         fit_inertia(*good, sensor_noise=noise)
