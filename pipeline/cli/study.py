@@ -157,7 +157,6 @@ def report(
     """Write tables, statistics, figures and report.html from the results of hbm run."""
     from rich.text import Text
 
-    from pipeline.budgets.study import stale_sentence
     from pipeline.cli.terminal import PlainConsole
     from pipeline.report.write import write_report
     from pipeline.run.store import recorded_study_folder
@@ -172,8 +171,6 @@ def report(
         )
     if plan:
         console.say((page.parent / "plan.md").read_text(encoding="utf-8"))
-    if stale := stale_sentence(folder, str(folder)):
-        console.say(stale)
     console.say(f"report: {page}")
 
 
