@@ -134,9 +134,9 @@ def test_commands_and_options_in_the_readme_exist():
     for line in shown:
         words = line.split()
         command = typer.main.get_command(app)
-        while hasattr(command, "commands"):
-            assert words[0] in command.commands, line
-            command = command.commands[words.pop(0)]
+        while hasattr(command, "stated"):
+            assert words[0] in command.stated, line
+            command = command.get_command(None, words.pop(0))
         known = {option for parameter in command.params for option in parameter.opts}
         assert {word for word in words if word.startswith("--")} <= known, line
 

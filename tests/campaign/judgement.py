@@ -11,7 +11,7 @@ import numpy as np
 
 from hbm.notes import Note
 from hbm.spatial import Array
-from pipeline.cli.app import app, main
+from pipeline.cli import app
 from pipeline.io.recording import Recording
 from pipeline.trial.residuals import cycle_residuals
 from pipeline.trial.result import TrialResult
@@ -43,7 +43,7 @@ def commanded(*arguments: object) -> Ended:
     """Call the command line in this process."""
     out, err = StringIO(), StringIO()
     with redirect_stdout(out), redirect_stderr(err):
-        code = main([str(argument) for argument in arguments])
+        code = app.main([str(argument) for argument in arguments])
     return Ended(code, out.getvalue(), err.getvalue())
 
 
@@ -68,11 +68,12 @@ def attempted(act: Callable[[], Outcome], names: Iterable[str]) -> Outcome:
         except Exception as error:
             outcomes.append(fault_of(error))
 
-    app.command("attempt", hidden=True)(attempt)
+    commands = app.app
+    app.app = lambda **_: attempt()
     try:
         ended = commanded("attempt")
     finally:
-        app.registered_commands.pop()
+        app.app = commands
     return outcomes[0] if outcomes else refusal(ended, names)
 
 
