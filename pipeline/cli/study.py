@@ -137,7 +137,6 @@ def report(
     plan: Annotated[bool, Option("--plan", help="Print plan.md: how many subjects.")] = False,
 ) -> None:
     """Write tables, statistics, figures and report.html from the results of hbm run."""
-    from pipeline.budgets.study import stale_sentence
     from pipeline.report.write import write_report
     from pipeline.run.store import recorded_study_folder
 
@@ -151,8 +150,6 @@ def report(
         )
     if plan:
         console.say((page.parent / "plan.md").read_text(encoding="utf-8"))
-    if stale := stale_sentence(folder, str(folder)):
-        console.say(stale)
     console.say(f"report: {page}")
 
 
