@@ -312,7 +312,7 @@ def _check_markers(body: Body, preview: Preview, name: str, found: Findings) -> 
     shown = {i for segment in used for i in support(LAST_Q[segment])}
     locked = tuple(c for i, c in enumerate(COORDINATES) if i not in shown)
     if locked:
-        found.remark(name, Note.of("coordinates_locked", coordinates=locked))
+        found.remark(name, Note.of("coordinates_held", coordinates=locked))
     missing = {m: preview.missing.get(m, 0.0) for m in present}
     often = [f"{m} {100 * s:.0f} %" for m, s in missing.items() if s > MAX_MISSING_SHARE]
     if often:
