@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import pandas as pd
 
+from compensation.inertia.fit import LAGS_S
 from pipeline.config.study import Study
 from pipeline.figures.residuals import mean_part
 from pipeline.report.blocks import TEMPLATES
@@ -146,25 +147,22 @@ def _of_kinematics(trials: Sequence[TrialResult]) -> dict[str, object]:
 
 def _of_forces(trials: Sequence[TrialResult], study: Study | None) -> dict[str, object]:
     """Describe the plates, their way into the lab, and the compensation."""
-    corrected = [
-        *_noted(trials, "plates_corrected"),
-        *_noted(trials, "plate_delays_calibrated"),
-    ]
-    dynamic = [values["lags_ms"] for values in _noted(trials, "compensated_dynamically")]
+    corrected = _noted(trials, "plates_corrected")
+    models = {values["model"] for values in _noted(trials, "plates_compensated")}
     treadmill = study.file.treadmill if study else None
     return {
         "treadmill": treadmill,
         "plate_files": [values["calibration"] for values in corrected],
         "plate_delays": [
-            f"{1000 * delay_s:.1f} ms (plate {plate})"
+            f"{1000 * delay_s:.1f} ms ({plate})"
             for values in corrected
-            if isinstance(by_plate := values.get("delays_s"), Mapping)
-            for plate, delay_s in by_plate.items()
+            for plate, delay_s in values["delays_s"].items()
+            if delay_s
         ],
         "delays_ms": sorted({f"{1000 * (t.settings.plate_delay_s or 0.0):g}" for t in trials}),
         "thresholds_n": [f"{trial.settings.contact_threshold_n:g}" for trial in trials],
         "compensated": any("compensated" in trial.variants for trial in trials),
-        "lags_ms": next((lags for lags in dynamic if isinstance(lags, tuple)), ()),
+        "lags_ms": [f"{1000 * lag_s:g}" for lag_s in LAGS_S] if "dynamic" in models else [],
         "doubts": dict.fromkeys(note.text for trial in trials for note in trial.of_calibration),
     }
 
