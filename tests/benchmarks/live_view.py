@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import psutil
 
-from pipeline.viewer.live import LiveView
+from pipeline.viewer.live import LiveScene, LiveView
 from tests.pipeline.viewer_frames import shown_frames
 from tests.pipeline.viewer_trial import viewer_trial
 
@@ -23,9 +23,8 @@ def main(seconds: float, rate_hz: float) -> None:
     trial = viewer_trial(FRAMES)
     frames = shown_frames(trial)
     start = time.perf_counter()
-    view = LiveView(
-        trial.body, trial.plates, trial.markers.names, list(trial.ground), screen="none"
-    )
+    names, variants = trial.markers.names, list(trial.ground)
+    view = LiveView(LiveScene(trial.body, trial.plates, names, variants, "none"))
     try:
         view.wait(MAX_START_S)
         print(f"start: {time.perf_counter() - start:.1f} s {view.fault or ''}")

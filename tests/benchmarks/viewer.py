@@ -9,7 +9,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from pipeline.viewer.trial import write_cycles, write_recording
+from pipeline.viewer.trial import write_recording
 from tests.pipeline.viewer_trial import viewer_trial
 
 FRAMES = 72000
@@ -26,9 +26,6 @@ def main(frames: int) -> None:
             wall, cpu = time.perf_counter() - start, time.process_time() - spent
             cost = f"{wall:.2f} s (CPU {cpu:.2f} s), {path.stat().st_size / 1e6:.1f} MB"
             print(f"{frames} frames, scene at {view_hz:g} Hz: {cost}")
-        start = time.perf_counter()
-        write_cycles(result, Path(folder) / "cycles.rrd")
-        print(f"mean gait cycle: {time.perf_counter() - start:.2f} s")
     memory_after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     print(f"peak memory {memory_after / 1e6:.2f} GB; before writing {memory_before / 1e6:.2f} GB")
 
