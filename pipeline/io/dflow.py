@@ -2,27 +2,25 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from hbm.notes import Note
 from hbm.spatial import Array
-from hbm.spelling import listed, short
+from hbm.spelling import short
 from pipeline.io.columns import (
-    SI_UNITS,
+    FileMarkers,
     PlateColumns,
     file_markers,
-    lab_axes,
     left_out,
-    plates_about_origin,
-    plates_in_si,
+    recording_of,
 )
 from pipeline.io.input_file import naming
+from pipeline.io.labels import require_unique
 from pipeline.io.recording import Analog, Metadata, Recording
 from pipeline.io.stated import Stated, as_stated
 from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows
@@ -54,6 +52,9 @@ UNITS: Final = {".Anlg": "V", ".Ang": "deg", ".Mom": "N·m", ".Pow": "W"}
 PLATE: Final = re.compile(r"FP(\d+)\.For[XYZ]")
 MARKER: Final = re.compile(r"(.+)\.Pos[XYZ]")
 
+Events = dict[str, tuple[float, ...]]
+"""Letter -> times [s]."""
+
 
 @dataclass(frozen=True, slots=True)
 class Record:
@@ -70,43 +71,26 @@ class Record:
     events
         Letter -> times [s], in the middle between the rows around the event.
     notes
-        On how the file ends: ``last_line_unended``, and ``record_unended`` where the counts of
-        events are missing that D-Flow writes last.
+        ``cut_short`` where the file ends within a line, or the counts of events are missing that
+        D-Flow writes last.
     """
 
     time: Array
     names: tuple[str, ...]
     values: Array
-    events: dict[str, tuple[float, ...]]
-    notes: tuple[Note, ...] = ()
+    events: Events
+    notes: list[Note]
 
 
 def read_record(path: str | Path) -> Record:
-    """Read a file of D-Flow's record module.
-
-    Parameters
-    ----------
-    path
-        The file (.txt).
-
-    Returns
-    -------
-    Record
-        Signals and events.
-
-    Raises
-    ------
-    ValueError
-        The file is damaged, its times do not increase, or it holds fewer events than it counts.
-    OSError
-        The file cannot be opened.
-    """
+    """Read a file of D-Flow's record module; a ValueError where it is damaged."""
     path = Path(path)
     with naming(path):
-        return _record(lines_of(path), ending_notes(path))
+        return _record(path)
 
 
-def _record(lines: Iterator[str], notes: tuple[Note, ...]) -> Record:
+def _record(path: Path) -> Record:
+    lines = lines_of(path)
     names = names_in(next(lines, "").rstrip(), "\t")
     if names[0] != "Time":
         raise ValueError(f"not a D-Flow record file: its first column is {short(names[0])!r}")
@@ -121,18 +105,17 @@ def _record(lines: Iterator[str], notes: tuple[Note, ...]) -> Record:
         elif line.strip() and not line.lstrip().startswith("#"):
             rows.append((number, line))
     values = parse_rows(rows, "\t", names)
-    if len(values) < 2:
-        raise ValueError(f"it holds {len(values)} rows, expected at least 2")
     time = values[:, 0]
-    if not (np.diff(time) >= 0).all():
-        raise ValueError("its times do not increase")
+    if len(values) < 2 or not (np.diff(time) >= 0).all():
+        raise ValueError(f"its {len(values)} rows are not two or more with increasing times")
     counts = Counter(name for name, _ in marks)
     for name, stated in totals.items():
         if counts[name] != stated:
             raise ValueError(f"it counts {stated} events {name} but holds {counts[name]}")
-    if uncounted := sorted(set(counts) - set(totals)):
-        notes = (*notes, Note.of("record_unended", events=uncounted))
-    events: dict[str, tuple[float, ...]] = {}
+    notes = ending_notes(path)
+    if set(counts) - set(totals):
+        notes.append(Note.of("cut_short", file=path.name, sign="its events are not counted"))
+    events: Events = {}
     for name, row in marks:
         around = time[max(row - 1, 0) : row + 1]
         events[name] = (*events.get(name, ()), float(around.mean()))
@@ -141,7 +124,7 @@ def _record(lines: Iterator[str], notes: tuple[Note, ...]) -> Record:
 
 def on_clock(
     record: Record, name: str, stamps: Array, time: Array, analog: Analog | None
-) -> tuple[Analog, dict[str, tuple[float, ...]], list[Note]]:
+) -> tuple[Analog, Events, list[Note]]:
     """Bring a record onto the cameras' clock.
 
     Parameters
@@ -162,10 +145,9 @@ def on_clock(
     analog
         All channels; NaN outside the record.
     events
-        Letter -> times [s] on the recording's clock.
+        On the recording's clock.
     notes
-        ``record_interpolated``; ``record_short`` where the record covers less than nine tenths of
-        the frames.
+        ``record_short`` where the record covers less than nine tenths of the frames.
 
     Raises
     ------
@@ -187,22 +169,17 @@ def on_clock(
             f"markers' {start:.2f}–{start + rate * time[-1]:.2f} s; is it of the same trial?"
         )
     known = analog or Analog(time, (), (), np.empty((len(time), 0)))
-    if twice := sorted({*known.names} & {*record.names}):
-        raise ValueError(f"signals named like the mocap file's: {listed(twice)}")
+    names = known.names + record.names
+    require_unique(names, "signals named like the mocap file's")
     signals = [np.interp(time, clock, values, np.nan, np.nan) for values in record.values.T]
-    both = Analog(
-        time,
-        known.names + record.names,
-        known.units + ("",) * len(record.names),
-        np.column_stack([known.values, *signals]),
-    )
+    units = known.units + ("",) * len(record.names)
+    both = Analog(time, names, units, np.column_stack([known.values, *signals]))
     events = {
         letter: tuple((at - start) / float(rate) for at in times)
         for letter, times in record.events.items()
     }
-    counted = [f"{letter} ×{len(times)}" for letter, times in events.items()] or ["none"]
-    notes = [Note.of("record_interpolated", signals=len(record.names), file=name, events=counted)]
     covered = np.clip(clock[[0, -1]], time[0], time[-1])
+    notes = []
     if np.ptp(covered) < MIN_COVERED * np.ptp(time):
         notes.append(Note.of("record_short", file=name, first_s=covered[0], last_s=covered[1]))
     return both, events, notes
@@ -214,20 +191,16 @@ class _Table:
 
     columns: Mapping[str, int]
     values: Array
-    stamps: Array
     first_frame: int
     rate_hz: float
-    notes: tuple[Note, ...]
+    notes: list[Note]
 
     def vectors(self, stems: Iterable[str]) -> Array:
         """Give the three columns of each of several quantities, (T, stems, 3)."""
-        wanted = [(stem, f"{stem}{axis}") for stem in stems for axis in "XYZ"]
-        for stem, name in wanted:
-            if name not in self.columns:
-                raise ValueError(
-                    f"column {short(name)} is absent, but others of {short(stem)} are there"
-                )
-        columns = [self.columns[name] for _, name in wanted]
+        wanted = [f"{stem}{axis}" for stem in stems for axis in "XYZ"]
+        if absent := [name for name in wanted if name not in self.columns]:
+            raise ValueError(f"column {short(absent[0])} is absent, but others of it are there")
+        columns = [self.columns[name] for name in wanted]
         return np.take(self.values, columns, axis=1).reshape(len(self.values), -1, 3)
 
 
@@ -276,85 +249,98 @@ def read_dflow(
 
 
 def _read(path: Path, stated: Stated, record: Path | None) -> Recording:
+    markers, plates, time, stamps, attributes = _columns(path, stated)
+    events: Events = {}
+    if record:
+        signals = read_record(record)
+        with naming(record):
+            analog = attributes["analog"]
+            attributes["analog"], events, notes = on_clock(
+                signals, record.name, stamps, time, analog
+            )
+        attributes["notes"] += [*signals.notes, *notes]
+    metadata = Metadata(subject=markers.subject, software="D-Flow", dflow_events=events)
+    return recording_of(
+        path,
+        stated,
+        markers,
+        time,
+        plates,
+        axes=AXES,
+        program="D-Flow",
+        metadata=metadata,
+        **attributes,
+    )
+
+
+def _columns(
+    path: Path, stated: Stated
+) -> tuple[FileMarkers, list[PlateColumns | Note], Array, Array, dict[str, Any]]:
+    """Give markers, plates, the frames' times and time stamps, (T,) [s], and the rest."""
     table = _table(path)
     found = dict.fromkeys(m[1] for name in table.columns if (m := MARKER.fullmatch(name)))
     stems = [stem for stem in found if stem.lower() not in SEGMENTS]
     if not stems:
         raise ValueError("no markers: no column such as LASIS.PosX")
-    markers = file_markers(stems, "m", partial(_positions, table, stems), stated, _gaps)
-    numbers = dict.fromkeys(int(m[1]) for name in table.columns if (m := PLATE.fullmatch(name)))
     time = np.arange(len(table.values)) / table.rate_hz
-    columns, plate_notes = plates_in_si(_plates(table, numbers, time), stated)
-    to_lab, axes_notes = lab_axes(markers, [p.force for p in columns], stated, AXES, "D-Flow")
-    plates, moment_notes = plates_about_origin(columns, to_lab)
+    unseen = 0
+
+    def positions(kept: Iterable[int]) -> Array:
+        nonlocal unseen
+        position = table.vectors(f"{stems[k]}.Pos" for k in kept)
+        unseen = _remove_unseen(position)
+        return position
+
+    markers = file_markers(stems, "m", positions, stated)
+    numbers = dict.fromkeys(int(m[1]) for name in table.columns if (m := PLATE.fullmatch(name)))
     used = {f"{stem}.Pos{axis}" for stem in stems for axis in "XYZ"}
     used |= {f"FP{k}.{q}{axis}" for k in numbers for q in ("For", "Mom", "Cop") for axis in "XYZ"}
-    analog = _analog(table, used, time)
-    first_frame, stamps, table_notes = table.first_frame, table.stamps, table.notes
-    del table  # as large as all that is read from it
-    notes = [*axes_notes, *table_notes, *markers.notes]
-    events: Mapping[str, tuple[float, ...]] = {}
-    if record:
-        signals = read_record(record)
-        with naming(record):
-            analog, events, clock_notes = on_clock(signals, record.name, stamps, time, analog)
-        notes += [*signals.notes, *clock_notes]
-    return Recording(
-        source=path,
-        markers=markers.in_lab(time, to_lab),
-        plates=plates,
-        analog=analog,
-        first_frame=first_frame,
-        metadata=Metadata(subject=markers.subject, software="D-Flow", dflow_events=events),
-        stated=stated,
-        notes=(*notes, *plate_notes, *moment_notes),
-    )
+    attributes = {
+        "analog": _analog(table, used, time),
+        "first_frame": table.first_frame,
+        "notes": [*table.notes, *[Note.of("markers_unseen", samples=unseen)] * (unseen > 0)],
+    }
+    stamps = table.values[:, table.columns["TimeStamp"]].copy()
+    return markers, [_plate(table, k, time) for k in numbers], time, stamps, attributes
 
 
 def _table(path: Path) -> _Table:
     lines = lines_of(path)
     names = names_in(next(lines, "").rstrip(), "\t")
-    for column in ("TimeStamp", "FrameNumber"):
-        if column not in names:
-            raise ValueError(f"not a D-Flow mocap file: its first line has no column {column}")
-    if twice := sorted(name for name, count in Counter(names).items() if count > 1):
-        raise ValueError(f"several columns have the same name: {listed(twice)}")
+    if not {"TimeStamp", "FrameNumber"} <= {*names}:
+        raise ValueError("not a D-Flow mocap file: no column TimeStamp or no column FrameNumber")
+    require_unique(names, "several columns have the same name")
     values = parse_rows(((k, ln) for k, ln in enumerate(lines, start=2) if ln.strip()), "\t", names)
     columns = {name: k for k, name in enumerate(names)}
-    frames, stamps = (values[:, columns[name]] for name in ("FrameNumber", "TimeStamp"))
-    if len(frames) < 2:
-        raise ValueError(f"it holds {len(frames)} frames, expected at least 2")
     if empty := np.count_nonzero(np.isnan(values).any(axis=1)):
         raise ValueError(f"{empty} rows have empty fields; D-Flow writes a number in every field")
-    steps = np.diff(frames)
+    frames = values[:, columns["FrameNumber"]]
+    steps = np.diff(frames, prepend=frames[:1] - 1)
     if (frames % 1).any() or (steps < 0).any():
         raise ValueError("FrameNumber does not count upward; is this one recording?")
-    new = np.concatenate([[True], steps > 0])
-    frames, stamps = frames[new], stamps[new]
-    index = (frames - frames[0]).astype(int)
-    total = index[-1] + 1
-    if len(frames) < 2 or total > MAX_DROPPED_RATIO * len(frames):
+    new = steps > 0
+    index = (frames[new] - frames[:1]).astype(int)
+    total = index[-1] + 1 if len(index) else 0
+    if len(index) < 2 or total > MAX_DROPPED_RATIO * len(index):
         raise ValueError(
-            f"FrameNumber spans {total} frames, but the file holds {len(frames)} of them"
+            f"FrameNumber spans {total} frames, but the file holds {len(index)} of them, expected "
+            "at least 2 and half of all"
         )
-    if total > len(frames) or not new.all():
+    first_frame = int(frames[0])
+    stamps = values[new, columns["TimeStamp"]]
+    if total > len(index) or not new.all():
         held, values = values[new], np.full((total, values.shape[1]), np.nan)
         values[index] = held
-    rate, clock = _rate(index, stamps)
-    notes = [*ending_notes(path), clock]
-    if total > len(frames):
-        notes.append(Note.of("frames_dropped", dropped=total - len(frames), frames=total))
-    return _Table(
-        columns=columns,
-        values=values,
-        stamps=values[:, columns["TimeStamp"]].copy(),
-        first_frame=int(frames[0]),
-        rate_hz=rate,
-        notes=tuple(notes),
-    )
+    rate_hz = _rate_hz(index, stamps)
+    scatter_s = np.ptp(stamps - index / rate_hz)
+    notes = ending_notes(path)
+    notes.append(Note.of("sample_clock", of="frames", rate_hz=rate_hz, scatter_s=scatter_s))
+    if dropped := total - len(index):
+        notes.append(Note.of("samples_dropped", of="frames", dropped=dropped, samples=total))
+    return _Table(columns, values, first_frame, rate_hz, notes)
 
 
-def _rate(index: Array, stamps: Array) -> tuple[float, Note]:
+def _rate_hz(index: Array, stamps: Array) -> float:
     """Give the cameras' rate: the slope of the time stamps, or the customary rate next to it."""
     offset = index - index.mean()
     slope = float(offset @ stamps / (offset @ offset))
@@ -363,41 +349,26 @@ def _rate(index: Array, stamps: Array) -> tuple[float, Note]:
             f"its time stamps advance {slope:.3g} s per frame, expected seconds of a camera system"
         )
     nearest = float(CUSTOMARY_RATES_HZ[np.argmin(np.abs(CUSTOMARY_RATES_HZ * slope - 1))])
-    rate = nearest if abs(nearest * slope - 1) < MAX_RATE_DIFFERENCE else 1 / slope
-    scatter_s = float(np.ptp(stamps - index / rate))
-    return rate, Note.of("frame_clock", rate_hz=rate, scatter_s=scatter_s)
+    return nearest if abs(nearest * slope - 1) < MAX_RATE_DIFFERENCE else 1 / slope
 
 
-def _positions(table: _Table, stems: Sequence[str], kept: Iterable[int]) -> Array:
-    return table.vectors(f"{stems[k]}.Pos" for k in kept)
+def _remove_unseen(position: Array) -> int:
+    """Make markers that are at zero or held in place NaN, (T, M, 3), and count the samples."""
+    unseen = np.asarray(~position.any(axis=-1))
+    for k in range(position.shape[1]):  # one by one: a file may be as large as the memory allows
+        unseen[1:, k] |= (position[1:, k] == position[:-1, k]).all(axis=-1)
+    position[unseen] = np.nan
+    return int(np.count_nonzero(unseen))
 
 
-def _gaps(position: Array, names: Sequence[str]) -> list[Note]:
-    """Make markers that no camera saw NaN, in place, and note how many."""
-    zero = (position == 0).all(axis=-1)
-    held = np.zeros_like(zero)
-    for k in range(len(names)):  # one by one: a file may be as large as the memory allows
-        held[1:, k] = (position[1:, k] == position[:-1, k]).all(axis=-1) & ~zero[1:, k]
-    notes = []
-    for unseen, code in ((zero, "markers_written_as_zero"), (held, "markers_held")):
-        if unseen.any():
-            position[unseen] = np.nan
-            markers = [names[k] for k in np.flatnonzero(unseen.any(axis=0)).tolist()]
-            notes.append(Note.of(code, samples=np.count_nonzero(unseen), markers=markers))
-    return notes
-
-
-def _plates(table: _Table, numbers: Iterable[int], time: Array) -> Iterator[PlateColumns | Note]:
-    """Give the columns of each plate, or why it is left out."""
-    for number in numbers:
-        needed = [f"FP{number}.{quantity}{axis}" for quantity in ("For", "Mom") for axis in "XYZ"]
-        if absent := [column for column in needed if column not in table.columns]:
-            yield left_out(f"plate {number}", f"column {absent[0]} is absent")
-            continue
-        vectors = [f"FP{number}.{quantity}" for quantity in ("For", "Mom", "Cop")]
-        vectors = vectors[: 3 if f"FP{number}.CopX" in table.columns else 2]
-        values = (table.vectors([name])[:, 0] for name in vectors)
-        yield PlateColumns(number, f"plate {number}", time, SI_UNITS, *values)
+def _plate(table: _Table, number: int, time: Array) -> PlateColumns | Note:
+    """Give the columns of a plate, or why it is left out."""
+    needed = [f"FP{number}.{quantity}{axis}" for quantity in ("For", "Mom") for axis in "XYZ"]
+    if absent := [column for column in needed if column not in table.columns]:
+        return left_out(f"plate {number}", f"column {absent[0]} is absent")
+    quantities = ("For", "Mom", "Cop")[: 3 if f"FP{number}.CopX" in table.columns else 2]
+    vectors = (table.vectors([f"FP{number}.{quantity}"])[:, 0] for quantity in quantities)
+    return PlateColumns(number, f"plate {number}", time, *vectors)
 
 
 def _analog(table: _Table, used: set[str], time: Array) -> Analog | None:

@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -13,15 +13,7 @@ import numpy as np
 from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import printable, short
-from pipeline.io.columns import (
-    SI_UNITS,
-    PlateColumns,
-    file_markers,
-    lab_axes,
-    left_out,
-    plates_about_origin,
-    plates_in_si,
-)
+from pipeline.io.columns import PlateColumns, file_markers, left_out, recording_of
 from pipeline.io.input_file import naming, open_file
 from pipeline.io.recording import Analog, Metadata, Recording
 from pipeline.io.stated import Stated, as_stated
@@ -88,30 +80,27 @@ def _read(path: Path, stated: Stated) -> Recording:
     if not stems:
         raise ValueError("no markers: no channel such as LASIS.PosX")
     parts = {f"{m['a'] or m['b']} {m['axis']}": channels[k] for k, m in marked.items()}
-    rate = 0.0
-
-    def positions(kept: list[int]) -> Array:
-        nonlocal rate
-        rate, vectors = _vectors(parts, [stems[k] for k in kept])
-        return vectors
-
-    markers = file_markers(stems, "m", positions, stated)
-    columns, plate_notes = plates_in_si(_plates(channels, on_plates), stated)
-    to_lab, axes_notes = lab_axes(markers, [plate.force for plate in columns], stated)
-    plates, moment_notes = plates_about_origin(columns, to_lab)
+    rate, position = _vectors(parts, stems)
+    markers = file_markers(stems, "m", lambda kept: position[:, kept], stated)
+    parts = {
+        f"{int(m['number'] or 1)} {m['what'].lower()} {m['axis'].upper()}": channels[k]
+        for k, m in on_plates.items()
+    }
+    numbers = dict.fromkeys(int(m["number"] or 1) for m in on_plates.values())
+    plates = [_plate(number, parts) for number in numbers]
     rest = {k: channel for k, channel in channels.items() if k not in {*marked, *on_plates}}
-    frames = len(markers.position)
-    analog, analog_notes = _analog(rest, (rate, frames))
+    analog, notes = _analog(rest, (rate, len(position)))
     if plates:
-        moment_notes.append(Note.of("force_sign_unconfirmed"))
-    return Recording(
-        source=path,
-        markers=markers.in_lab(np.arange(frames) / rate, to_lab),
-        plates=plates,
+        notes.append(Note.of("force_sign_unconfirmed"))
+    return recording_of(
+        path,
+        stated,
+        markers,
+        np.arange(len(position)) / rate,
+        plates,
+        notes=notes,
         analog=analog,
         metadata=replace(header, subject=header.subject or markers.subject),
-        stated=stated,
-        notes=(*axes_notes, *markers.notes, *plate_notes, *moment_notes, *analog_notes),
     )
 
 
@@ -171,26 +160,16 @@ def _vectors(parts: Mapping[str, Channel], stems: Sequence[str]) -> tuple[float,
     return rate, stacked.reshape(count, len(stems), 3)
 
 
-def _plates(
-    channels: Mapping[str, Channel], on_plates: Mapping[str, re.Match[str]]
-) -> Iterator[PlateColumns | Note]:
-    """Give the channels of each plate, or why it is left out."""
-    parts = {
-        f"{int(m['number'] or 1)} {m['what'].lower()} {m['axis'].upper()}": channels[k]
-        for k, m in on_plates.items()
-    }
-    for number in dict.fromkeys(int(m["number"] or 1) for m in on_plates.values()):
-        stems = [f"{number} for", f"{number} mom"]
-        stems += [f"{number} cop"] * (f"{number} cop X" in parts)
-        needed = [f"{stem} {axis}" for stem in stems for axis in "XYZ"]
-        if absent := [name for name in needed if name not in parts]:
-            yield left_out(f"plate {number}", f"there is no channel for {absent[0]}")
-        else:
-            rate, vectors = _vectors(parts, stems)
-            time = np.arange(len(vectors)) / rate
-            yield PlateColumns(
-                number, f"plate {number}", time, SI_UNITS, *vectors.transpose(1, 0, 2)
-            )
+def _plate(number: int, parts: Mapping[str, Channel]) -> PlateColumns | Note:
+    """Give the channels of a plate, or why it is left out."""
+    stems = [f"{number} for", f"{number} mom"]
+    stems += [f"{number} cop"] * (f"{number} cop X" in parts)
+    needed = [f"{stem} {axis}" for stem in stems for axis in "XYZ"]
+    if absent := [name for name in needed if name not in parts]:
+        return left_out(f"plate {number}", f"there is no channel for {absent[0]}")
+    rate, vectors = _vectors(parts, stems)
+    time = np.arange(len(vectors)) / rate
+    return PlateColumns(number, f"plate {number}", time, *vectors.transpose(1, 0, 2))
 
 
 def _analog(
@@ -205,5 +184,5 @@ def _analog(
     kept = tuple(name for name in channels if clocks[name] == clock)
     left = [name for name in channels if clocks[name] != clock]
     values = np.column_stack([channels[name][1] for name in kept])
-    notes = [Note.of("channels_left_out", channels=left)] if left else []
+    notes = [Note.of("parts_left_out", parts=left)] if left else []
     return Analog(np.arange(count) / rate, kept, ("",) * len(kept), values), notes

@@ -1,8 +1,9 @@
 """Read or preview a recording of any format, recognised by its content and not by its name."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -25,6 +26,15 @@ from pipeline.io.xdf.read import read_xdf
 
 C3D_KEY: Final = 0x50
 """Second byte of every C3D file."""
+READERS: Final = {
+    "C3D": read_c3d,
+    "TRC": read_trc,
+    "D-Flow": read_dflow,
+    "MOX": read_mox,
+    "Nexus": read_nexus,
+    "XDF": read_xdf,
+}
+"""What reads each format; a trial of TRC and MOT and a D-Flow record are told beside it."""
 HEAD_BYTES: Final = 65536
 """Read to recognise a format: the longest first line of D-Flow is shorter."""
 MOX_ROOT_CHARACTERS: Final = 4096
@@ -116,53 +126,40 @@ def read_as_stated(
 ) -> Recording:
     """Read a trial of any known format; as `read_recording`, with what is stated in one place.
 
-    Where its axes cannot be inferred, those of a static recording of the same laboratory hold.
+    Where its axes cannot be inferred, those of a static recording of the same laboratory, in the
+    same format, hold.
     """
-    try:
-        return _read(Path(path), stated, forces, record=record)
-    except ValueError as error:
-        axes, note = _axes_of_static(static, stated, error)
-    recording = _read(Path(path), replace(stated, axes=axes), forces, record=record)
-    others = (each for each in recording.notes if each.code != "axes_stated")
-    return replace(recording, notes=(note, *others))
-
-
-def _axes_of_static(static: Path | None, stated: Stated, error: ValueError) -> tuple[str, Note]:
-    """Give the axes of a static recording; raise the error where there is none, or of another."""
-    if static is None or not isinstance(error.__cause__, AxesUnknownError):
-        raise error
-    notes = (note for note in _read(static, stated).notes if note.code == "axes_inferred")
-    axes = next((note.values["axes"] for note in notes), None)
-    if not isinstance(axes, tuple):
-        raise error
-    return ",".join(axes), Note.of("axes_of_static", file=static.name, axes=axes)
-
-
-def _read(
-    path: Path,
-    stated: Stated,
-    forces: str | Path | None = None,
-    *,
-    record: str | Path | None = None,
-) -> Recording:
-    """Read a trial of any known format."""
+    path = Path(path)
     kind = file_format(path)
     if forces is not None and kind != "TRC":
         raise ValueError(f"{path.name}: a file of forces goes with a TRC file, this is {kind}")
     if record is not None and kind != "D-Flow":
         raise ValueError(f"{path.name}: a record file goes with a D-Flow file, this is {kind}")
-    if kind == "D-Flow":
-        return read_dflow(path, stated, record=record)
-    if kind == "TRC" and forces is not None:
-        return read_opensim_trial(path, forces, stated)
-    readers = {
-        "C3D": read_c3d,
-        "TRC": read_trc,
-        "MOX": read_mox,
-        "Nexus": read_nexus,
-        "XDF": read_xdf,
-    }
-    return readers[kind](path, stated)
+    read: Callable[[Path, Stated], Recording] = READERS[kind]
+    if record is not None:
+        read = partial(read_dflow, record=record)
+    if forces is not None:
+        read = partial(_read_trial, forces=forces)
+    try:
+        return read(path, stated)
+    except ValueError as error:
+        unknown = isinstance(error.__cause__, AxesUnknownError)
+        if static is None or not unknown or file_format(static) != kind:
+            raise
+    axes = _axes_of(READERS[kind](static, stated))
+    recording = read(path, replace(stated, axes=",".join(axes)))
+    evidence = f"as in the static recording {static.name}; this recording does not show them itself"
+    others = (note for note in recording.notes if note.code != "axes")
+    return replace(recording, notes=(Note.of("axes", axes=axes, evidence=evidence), *others))
+
+
+def _axes_of(recording: Recording) -> tuple[str, ...]:
+    axes = next(note.values["axes"] for note in recording.notes if note.code == "axes")
+    return axes if isinstance(axes, tuple) else ()
+
+
+def _read_trial(path: Path, stated: Stated, forces: str | Path) -> Recording:
+    return read_opensim_trial(path, forces, stated)
 
 
 def preview_recording(
@@ -231,15 +228,13 @@ def _format(head: bytes) -> str:
         return "D-Flow"
     if is_nexus(lines):
         return "Nexus"
-    raise ValueError(_why_not_read(lines, first))
-
-
-def _why_not_read(lines: list[str], first: list[str]) -> str:
     if any(line.strip().lower() == "endheader" for line in lines):
-        return "a MOT or STO table, which has no markers; give it beside a TRC file"
+        raise ValueError("a MOT or STO table, which has no markers; give it beside a TRC file")
     if first[0] == "Time":
-        return "a D-Flow record file, which has no markers; give it beside a D-Flow mocap file"
-    return (
+        raise ValueError(
+            "a D-Flow record file, which has no markers; give it beside a D-Flow mocap file"
+        )
+    raise ValueError(
         "not a C3D file, nor TRC, D-Flow mocap text, Motek .mox, Vicon Nexus ASCII export or XDF, "
         "which are the formats that are read"
     )

@@ -112,18 +112,12 @@ def dflow_plates(
 ) -> Iterator[PlateColumns | Note]:
     """Find the plates whose channels are named as D-Flow names them, such as FP1.ForX.
 
-    Parameters
-    ----------
-    channels
-        Of a stream.
-    time, values
-        Its samples, (N,) [s] and (N, K).
-    described
-        Plates that the stream describes, which are not looked for.
+    ``values`` are the samples of a stream, (N, K), at times, (N,) [s]; plates that are described
+    are not looked for.
     """
+    matches = ((k, DFLOW_PLATE.fullmatch(channel.label)) for k, channel in enumerate(channels))
     numbered: dict[int, dict[str, int]] = {}
-    for k, channel in enumerate(channels):
-        match = DFLOW_PLATE.fullmatch(channel.label)
+    for k, match in matches:
         if match and int(match[1]) not in described:
             numbered.setdefault(int(match[1]), {})[match[2] + match[3]] = k
     for number, of_plate in numbered.items():
@@ -133,10 +127,9 @@ def dflow_plates(
         if absent := [f"FP{number}.{q}X … Z" for q in ("For", "Mom") if q not in columns]:
             yield left_out(name, f"there are not all channels {listed(absent)}")
             continue
-        vectors = [values[:, found] for found in columns.values()]
-        units = [channels[found[0]].unit for found in columns.values()]
-        force, moment, pressure = [*units, "m"][:3]
-        yield PlateColumns(number, name, time, (force, moment, pressure), *vectors)
+        vectors = (values[:, found] for found in columns.values())
+        force, moment, pressure = [*(channels[of[0]].unit for of in columns.values()), "m"][:3]
+        yield PlateColumns(number, name, time, *vectors, units=(force, moment, pressure))
 
 
 def _place(described: Element) -> tuple[Array, Array, Array]:
