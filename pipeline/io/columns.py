@@ -1,6 +1,6 @@
 """Markers and plates as columns of a file: in SI units, in lab axes, about the lab's origin."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
@@ -10,7 +10,7 @@ import numpy as np
 from hbm.markers import Markers
 from hbm.notes import Note
 from hbm.spatial import Array, frozen, rotate_wrench
-from hbm.spelling import listed
+from hbm.spelling import listed, short
 from pipeline.io.axes import mean_force, parse_axes, settle_axes
 from pipeline.io.labels import marker_columns
 from pipeline.io.recording import Plate, Recording
@@ -26,6 +26,8 @@ EQUAL_MISFIT_RATIO: Final = 1.05
 """A simpler point that fits 5 % worse than the best one is as good."""
 MAX_MISFIT_M: Final = 0.01
 """Moments of one plate agree with its centres of pressure within millimetres."""
+SI_UNITS: Final = ("N", "Nm", "m")
+"""Of plates in formats that state none."""
 UNCHECKED: Final = "about the origin of the file's axes, unchecked"
 FREE: Final = "at the force's point (free torque)"
 """Where moments are."""
@@ -89,7 +91,7 @@ class PlateColumns:
     pressure
         Centre of pressure from the file's origin; None if absent.
     units
-        Of force, moment and pressure; by default what formats have that state none.
+        Of force, moment and pressure.
     """
 
     number: int
@@ -98,7 +100,7 @@ class PlateColumns:
     force: Array
     moment: Array
     pressure: Array | None = None
-    units: tuple[str, str, str] = field(kw_only=True, default=("N", "Nm", "m"))
+    units: tuple[str, str, str] = field(kw_only=True, default=SI_UNITS)
 
     def in_si(self, stated: Stated) -> "PlateColumns":
         """Give the same in SI units."""
@@ -110,6 +112,33 @@ class PlateColumns:
             moment=self.moment * stated.plate_unit("moment", moment),
             pressure=None if centre is None else centre * stated.plate_unit("pressure", pressure),
         )
+
+
+def vectors(columns: Mapping[str, Array], stems: Iterable[str], axes: str = "XYZ") -> Array:
+    """Stack the columns of several vectors, (N, stems, 3); a ValueError where one is absent."""
+    wanted = [f"{stem}{axis}" for stem in stems for axis in axes]
+    if absent := [name for name in wanted if name not in columns]:
+        raise ValueError(f"{short(absent[0])} is absent, but others of it are there")
+    stacked = np.stack([columns[name] for name in wanted], axis=1)
+    return stacked.reshape(len(stacked), -1, 3)
+
+
+def plate_of(
+    number: int,
+    name: str,
+    time: Array,
+    columns: Mapping[str, Array],
+    stems: Sequence[str],
+    *,
+    axes: str = "XYZ",
+    units: tuple[str, str, str] = SI_UNITS,
+) -> PlateColumns | Note:
+    """Give a plate from the columns of force, moment and, if given, pressure; or why it lacks."""
+    try:
+        found = vectors(columns, stems, axes)
+    except ValueError as error:
+        return left_out(name, str(error))
+    return PlateColumns(number, name, time, *found.transpose(1, 0, 2), units=units)
 
 
 def left_out(plate: str, reason: str) -> Note:

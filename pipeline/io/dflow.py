@@ -1,32 +1,21 @@
 """Text files of Motek D-Flow's mocap module, with or without one of its record module."""
 
 import re
-from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import short
-from pipeline.io.columns import (
-    FileMarkers,
-    PlateColumns,
-    file_markers,
-    left_out,
-    recording_of,
-)
+from pipeline.io.columns import file_markers, plate_of, recording_of, vectors
 from pipeline.io.input_file import naming
 from pipeline.io.labels import require_unique
 from pipeline.io.recording import Analog, Metadata, Recording
 from pipeline.io.stated import Stated, as_stated
 from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows
-
-EVENT: Final = re.compile(r"#\s*EVENT\s+(\S+)\s*-\s*COUNT\s+(\d+)", re.IGNORECASE)
-TOTAL: Final = re.compile(r"#\s*EVENT\s+(\S+)\s+occur+ed\s+(\d+)\s+times?", re.IGNORECASE)
 
 MIN_COVERED: Final = 0.9
 """Share of the frames' time: both modules are started and stopped by hand, some frames apart."""
@@ -52,85 +41,41 @@ UNITS: Final = {".Anlg": "V", ".Ang": "deg", ".Mom": "N·m", ".Pow": "W"}
 PLATE: Final = re.compile(r"FP(\d+)\.For[XYZ]")
 MARKER: Final = re.compile(r"(.+)\.Pos[XYZ]")
 
-Events = dict[str, tuple[float, ...]]
-"""Letter -> times [s]."""
+Signals = tuple[Array, list[str], Array]
+"""Times on D-Flow's clock, (N,) [s], names, and values as the file has them, (N, K)."""
 
 
-@dataclass(frozen=True, slots=True)
-class Record:
-    """What a record file holds, on D-Flow's clock.
+def read_record(path: Path) -> tuple[Signals, list[Note]]:
+    """Read a file of D-Flow's record module without its events, and note how it ends.
 
-    Attributes
-    ----------
-    time
-        Times of the rows, (N,) [s].
-    names
-        Signals, without the time.
-    values
-        (N, K), as the file has them.
-    events
-        Letter -> times [s], in the middle between the rows around the event.
-    notes
-        ``cut_short`` where the file ends within a line, or the counts of events are missing that
-        D-Flow writes last.
+    A ValueError where it is damaged.
     """
-
-    time: Array
-    names: tuple[str, ...]
-    values: Array
-    events: Events
-    notes: list[Note]
-
-
-def read_record(path: str | Path) -> Record:
-    """Read a file of D-Flow's record module; a ValueError where it is damaged."""
-    path = Path(path)
     with naming(path):
-        return _record(path)
-
-
-def _record(path: Path) -> Record:
-    lines = lines_of(path)
-    names = names_in(next(lines, "").rstrip(), "\t")
-    if names[0] != "Time":
-        raise ValueError(f"not a D-Flow record file: its first column is {short(names[0])!r}")
-    rows: list[tuple[int, str]] = []
-    marks: list[tuple[str, int]] = []
-    totals: dict[str, int] = {}
-    for number, line in enumerate(lines, start=2):
-        if event := EVENT.match(line.strip()):
-            marks.append((event[1], len(rows)))
-        elif total := TOTAL.match(line.strip()):
-            totals[total[1]] = int(total[2])
-        elif line.strip() and not line.lstrip().startswith("#"):
-            rows.append((number, line))
-    values = parse_rows(rows, "\t", names)
-    time = values[:, 0]
-    if len(values) < 2 or not (np.diff(time) >= 0).all():
-        raise ValueError(f"its {len(values)} rows are not two or more with increasing times")
-    counts = Counter(name for name, _ in marks)
-    for name, stated in totals.items():
-        if counts[name] != stated:
-            raise ValueError(f"it counts {stated} events {name} but holds {counts[name]}")
-    notes = ending_notes(path)
-    if set(counts) - set(totals):
-        notes.append(Note.of("cut_short", file=path.name, sign="its events are not counted"))
-    events: Events = {}
-    for name, row in marks:
-        around = time[max(row - 1, 0) : row + 1]
-        events[name] = (*events.get(name, ()), float(around.mean()))
-    return Record(time, tuple(names[1:]), values[:, 1:], events, notes)
+        lines = lines_of(path)
+        names = names_in(next(lines, "").rstrip(), "\t")
+        if names[0] != "Time":
+            raise ValueError(f"not a D-Flow record file: its first column is {short(names[0])!r}")
+        rows = enumerate(lines, start=2)
+        values = parse_rows(
+            ((k, line) for k, line in rows if line.strip() and not line.lstrip().startswith("#")),
+            "\t",
+            names,
+        )
+        time = values[:, 0]
+        if len(time) < 2 or not (np.diff(time) >= 0).all():
+            raise ValueError(f"its {len(time)} rows are not two or more with increasing times")
+        return (time, names[1:], values[:, 1:]), ending_notes(path)
 
 
 def on_clock(
-    record: Record, name: str, stamps: Array, time: Array, analog: Analog | None
-) -> tuple[Analog, Events, list[Note]]:
+    signals: Signals, name: str, stamps: Array, time: Array, analog: Analog | None
+) -> tuple[Analog, list[Note]]:
     """Bring a record onto the cameras' clock.
 
     Parameters
     ----------
-    record
-        The record.
+    signals
+        Of the record.
     name
         Its file's name, for the note.
     stamps
@@ -144,8 +89,6 @@ def on_clock(
     -------
     analog
         All channels; NaN outside the record.
-    events
-        On the recording's clock.
     notes
         ``record_short`` where the record covers less than nine tenths of the frames.
 
@@ -159,49 +102,26 @@ def on_clock(
     Time stamps scatter and bunch up when D-Flow lags, so the clocks are related by a straight line
     through all of them, not frame by frame.
     """
+    of_record, names, values = signals
     seen = np.isfinite(stamps)
     rate, start = np.polyfit(time[seen] - time[seen].mean(), stamps[seen], 1)
     start = float(np.median(stamps[seen] - rate * time[seen]))
-    clock = (record.time - start) / rate
+    clock = (of_record - start) / rate
     if clock[-1] < time[0] or clock[0] > time[-1]:
         raise ValueError(
-            f"its times {record.time[0]:.2f}–{record.time[-1]:.2f} s do not overlap the "
+            f"its times {of_record[0]:.2f}–{of_record[-1]:.2f} s do not overlap the "
             f"markers' {start:.2f}–{start + rate * time[-1]:.2f} s; is it of the same trial?"
         )
     known = analog or Analog(time, (), (), np.empty((len(time), 0)))
-    names = known.names + record.names
+    names = [*known.names, *names]
     require_unique(names, "signals named like the mocap file's")
-    signals = [np.interp(time, clock, values, np.nan, np.nan) for values in record.values.T]
-    units = known.units + ("",) * len(record.names)
-    both = Analog(time, names, units, np.column_stack([known.values, *signals]))
-    events = {
-        letter: tuple((at - start) / float(rate) for at in times)
-        for letter, times in record.events.items()
-    }
+    at_frames = [np.interp(time, clock, signal, np.nan, np.nan) for signal in values.T]
+    units = known.units + ("",) * len(at_frames)
+    both = Analog(time, tuple(names), units, np.column_stack([known.values, *at_frames]))
     covered = np.clip(clock[[0, -1]], time[0], time[-1])
-    notes = []
-    if np.ptp(covered) < MIN_COVERED * np.ptp(time):
-        notes.append(Note.of("record_short", file=name, first_s=covered[0], last_s=covered[1]))
-    return both, events, notes
-
-
-@dataclass(frozen=True, slots=True)
-class _Table:
-    """One mocap file on the cameras' clock: dropped frames are rows of NaN."""
-
-    columns: Mapping[str, int]
-    values: Array
-    first_frame: int
-    rate_hz: float
-    notes: list[Note]
-
-    def vectors(self, stems: Iterable[str]) -> Array:
-        """Give the three columns of each of several quantities, (T, stems, 3)."""
-        wanted = [f"{stem}{axis}" for stem in stems for axis in "XYZ"]
-        if absent := [name for name in wanted if name not in self.columns]:
-            raise ValueError(f"column {short(absent[0])} is absent, but others of it are there")
-        columns = [self.columns[name] for name in wanted]
-        return np.take(self.values, columns, axis=1).reshape(len(self.values), -1, 3)
+    if np.ptp(covered) >= MIN_COVERED * np.ptp(time):
+        return both, []
+    return both, [Note.of("record_short", file=name, first_s=covered[0], last_s=covered[1])]
 
 
 def read_dflow(
@@ -218,7 +138,7 @@ def read_dflow(
         D-Flow's, "right,up,back", units m, N and N·m.
     record
         A record file of the same session: its signals become analog channels on the cameras'
-        clock, its events ``metadata.dflow_events``.
+        clock.
 
     Returns
     -------
@@ -249,17 +169,38 @@ def read_dflow(
 
 
 def _read(path: Path, stated: Stated, record: Path | None) -> Recording:
-    markers, plates, time, stamps, attributes = _columns(path, stated)
-    events: Events = {}
+    columns, first_frame, rate_hz, notes = _columns(path)
+    found = dict.fromkeys(m[1] for name in columns if (m := MARKER.fullmatch(name)))
+    stems = [stem for stem in found if stem.lower() not in SEGMENTS]
+    if not stems:
+        raise ValueError("no markers: no column such as LASIS.PosX")
+    stamps = columns["TimeStamp"]
+    time = np.arange(len(stamps)) / rate_hz
+    unseen = 0
+
+    def positions(kept: Iterable[int]) -> Array:
+        nonlocal unseen
+        position = vectors(columns, (f"{stems[k]}.Pos" for k in kept))
+        unseen = _remove_unseen(position)
+        return position
+
+    markers = file_markers(stems, "m", positions, stated)
+    if unseen:
+        notes.append(Note.of("markers_unseen", samples=unseen))
+    numbers = dict.fromkeys(int(m[1]) for name in columns if (m := PLATE.fullmatch(name)))
+    plates = []
+    used = {f"{stem}.Pos{axis}" for stem in stems for axis in "XYZ"}
+    for number in numbers:
+        parts = ["For", "Mom", "Cop"][: 3 if f"FP{number}.CopX" in columns else 2]
+        quantities = [f"FP{number}.{part}" for part in parts]
+        plates.append(plate_of(number, f"plate {number}", time, columns, quantities))
+        used |= {f"{quantity}{axis}" for quantity in quantities for axis in "XYZ"}
+    analog = _analog(columns, used, time)
     if record:
-        signals = read_record(record)
+        signals, more = read_record(record)
         with naming(record):
-            analog = attributes["analog"]
-            attributes["analog"], events, notes = on_clock(
-                signals, record.name, stamps, time, analog
-            )
-        attributes["notes"] += [*signals.notes, *notes]
-    metadata = Metadata(subject=markers.subject, software="D-Flow", dflow_events=events)
+            analog, clock_notes = on_clock(signals, record.name, stamps, time, analog)
+        notes += [*more, *clock_notes]
     return recording_of(
         path,
         stated,
@@ -268,53 +209,25 @@ def _read(path: Path, stated: Stated, record: Path | None) -> Recording:
         plates,
         axes=AXES,
         program="D-Flow",
-        metadata=metadata,
-        **attributes,
+        notes=notes,
+        analog=analog,
+        first_frame=first_frame,
+        metadata=Metadata(subject=markers.subject, software="D-Flow"),
     )
 
 
-def _columns(
-    path: Path, stated: Stated
-) -> tuple[FileMarkers, list[PlateColumns | Note], Array, Array, dict[str, Any]]:
-    """Give markers, plates, the frames' times and time stamps, (T,) [s], and the rest."""
-    table = _table(path)
-    found = dict.fromkeys(m[1] for name in table.columns if (m := MARKER.fullmatch(name)))
-    stems = [stem for stem in found if stem.lower() not in SEGMENTS]
-    if not stems:
-        raise ValueError("no markers: no column such as LASIS.PosX")
-    time = np.arange(len(table.values)) / table.rate_hz
-    unseen = 0
-
-    def positions(kept: Iterable[int]) -> Array:
-        nonlocal unseen
-        position = table.vectors(f"{stems[k]}.Pos" for k in kept)
-        unseen = _remove_unseen(position)
-        return position
-
-    markers = file_markers(stems, "m", positions, stated)
-    numbers = dict.fromkeys(int(m[1]) for name in table.columns if (m := PLATE.fullmatch(name)))
-    used = {f"{stem}.Pos{axis}" for stem in stems for axis in "XYZ"}
-    used |= {f"FP{k}.{q}{axis}" for k in numbers for q in ("For", "Mom", "Cop") for axis in "XYZ"}
-    attributes = {
-        "analog": _analog(table, used, time),
-        "first_frame": table.first_frame,
-        "notes": [*table.notes, *[Note.of("markers_unseen", samples=unseen)] * (unseen > 0)],
-    }
-    stamps = table.values[:, table.columns["TimeStamp"]].copy()
-    return markers, [_plate(table, k, time) for k in numbers], time, stamps, attributes
-
-
-def _table(path: Path) -> _Table:
+def _columns(path: Path) -> tuple[dict[str, Array], int, float, list[Note]]:
+    """Give columns at all frames, of which dropped ones are NaN, first frame, and rate [Hz]."""
     lines = lines_of(path)
     names = names_in(next(lines, "").rstrip(), "\t")
     if not {"TimeStamp", "FrameNumber"} <= {*names}:
         raise ValueError("not a D-Flow mocap file: no column TimeStamp or no column FrameNumber")
     require_unique(names, "several columns have the same name")
-    values = parse_rows(((k, ln) for k, ln in enumerate(lines, start=2) if ln.strip()), "\t", names)
-    columns = {name: k for k, name in enumerate(names)}
+    rows = ((k, line) for k, line in enumerate(lines, start=2) if line.strip())
+    values = parse_rows(rows, "\t", names)
     if empty := np.count_nonzero(np.isnan(values).any(axis=1)):
         raise ValueError(f"{empty} rows have empty fields; D-Flow writes a number in every field")
-    frames = values[:, columns["FrameNumber"]]
+    frames = values[:, names.index("FrameNumber")]
     steps = np.diff(frames, prepend=frames[:1] - 1)
     if (frames % 1).any() or (steps < 0).any():
         raise ValueError("FrameNumber does not count upward; is this one recording?")
@@ -326,8 +239,8 @@ def _table(path: Path) -> _Table:
             f"FrameNumber spans {total} frames, but the file holds {len(index)} of them, expected "
             "at least 2 and half of all"
         )
+    stamps = values[new, names.index("TimeStamp")]
     first_frame = int(frames[0])
-    stamps = values[new, columns["TimeStamp"]]
     if total > len(index) or not new.all():
         held, values = values[new], np.full((total, values.shape[1]), np.nan)
         values[index] = held
@@ -337,7 +250,7 @@ def _table(path: Path) -> _Table:
     notes.append(Note.of("sample_clock", of="frames", rate_hz=rate_hz, scatter_s=scatter_s))
     if dropped := total - len(index):
         notes.append(Note.of("samples_dropped", of="frames", dropped=dropped, samples=total))
-    return _Table(columns, values, first_frame, rate_hz, notes)
+    return dict(zip(names, values.T, strict=True)), first_frame, rate_hz, notes
 
 
 def _rate_hz(index: Array, stamps: Array) -> float:
@@ -361,22 +274,12 @@ def _remove_unseen(position: Array) -> int:
     return int(np.count_nonzero(unseen))
 
 
-def _plate(table: _Table, number: int, time: Array) -> PlateColumns | Note:
-    """Give the columns of a plate, or why it is left out."""
-    needed = [f"FP{number}.{quantity}{axis}" for quantity in ("For", "Mom") for axis in "XYZ"]
-    if absent := [column for column in needed if column not in table.columns]:
-        return left_out(f"plate {number}", f"column {absent[0]} is absent")
-    quantities = ("For", "Mom", "Cop")[: 3 if f"FP{number}.CopX" in table.columns else 2]
-    vectors = (table.vectors([f"FP{number}.{quantity}"])[:, 0] for quantity in quantities)
-    return PlateColumns(number, f"plate {number}", time, *vectors)
-
-
-def _analog(table: _Table, used: set[str], time: Array) -> Analog | None:
+def _analog(columns: Mapping[str, Array], used: set[str], time: Array) -> Analog | None:
     """Give all other columns as channels; where the body model failed, all of its are zero."""
-    names = [n for n in table.columns if n not in used and n not in ("TimeStamp", "FrameNumber")]
+    names = [n for n in columns if n not in used and n not in ("TimeStamp", "FrameNumber")]
     if not names:
         return None
-    values = table.values[:, [table.columns[name] for name in names]]
+    values = np.column_stack([columns[name] for name in names])
     modelled = np.array([name.endswith((".Ang", ".Mom", ".Pow")) for name in names])
     if np.count_nonzero(modelled) > 1:
         failed = (values[:, modelled] == 0).all(axis=1)

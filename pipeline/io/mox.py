@@ -2,8 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree
@@ -13,7 +12,7 @@ import numpy as np
 from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import printable, short
-from pipeline.io.columns import PlateColumns, file_markers, left_out, recording_of
+from pipeline.io.columns import file_markers, plate_of, recording_of, vectors
 from pipeline.io.input_file import naming, open_file
 from pipeline.io.recording import Analog, Metadata, Recording
 from pipeline.io.stated import Stated, as_stated
@@ -74,20 +73,25 @@ def read_mox(path: str | Path, stated: Stated | str | None = None) -> Recording:
 
 def _read(path: Path, stated: Stated) -> Recording:
     with open_file(path) as file:
-        header, channels = _channels(file.read())
+        subject, channels = _channels(file.read())
     marked, on_plates = ({k: m for k in channels if (m := p.fullmatch(k))} for p in (MARKER, PLATE))
     stems = list(dict.fromkeys(m["a"] or m["b"] for m in marked.values()))
     if not stems:
         raise ValueError("no markers: no channel such as LASIS.PosX")
     parts = {f"{m['a'] or m['b']} {m['axis']}": channels[k] for k, m in marked.items()}
-    rate, position = _vectors(parts, stems)
+    rate, columns = _on_one_clock(parts)
+    position = vectors(columns, (f"{stem} " for stem in stems))
     markers = file_markers(stems, "m", lambda kept: position[:, kept], stated)
-    parts = {
-        f"{int(m['number'] or 1)} {m['what'].lower()} {m['axis'].upper()}": channels[k]
-        for k, m in on_plates.items()
-    }
-    numbers = dict.fromkeys(int(m["number"] or 1) for m in on_plates.values())
-    plates = [_plate(number, parts) for number in numbers]
+    of_plates: dict[int, dict[str, Channel]] = {}
+    for k, m in on_plates.items():
+        quantity = f"{m['what'].lower()} {m['axis'].upper()}"
+        of_plates.setdefault(int(m["number"] or 1), {})[quantity] = channels[k]
+    plates = []
+    for number, parts in of_plates.items():
+        its_rate, columns = _on_one_clock(parts)
+        time = np.arange(len(next(iter(columns.values())))) / its_rate
+        quantities = ["for ", "mom ", "cop "][: 3 if "cop X" in parts else 2]
+        plates.append(plate_of(number, f"plate {number}", time, columns, quantities))
     rest = {k: channel for k, channel in channels.items() if k not in {*marked, *on_plates}}
     analog, notes = _analog(rest, (rate, len(position)))
     if plates:
@@ -100,12 +104,12 @@ def _read(path: Path, stated: Stated) -> Recording:
         plates,
         notes=notes,
         analog=analog,
-        metadata=replace(header, subject=header.subject or markers.subject),
+        metadata=Metadata(subject=subject or markers.subject),
     )
 
 
-def _channels(content: bytes) -> tuple[Metadata, dict[str, Channel]]:
-    """Give what the header says, and each channel's rate [Hz] and samples."""
+def _channels(content: bytes) -> tuple[str, dict[str, Channel]]:
+    """Give the subject's name and the channels."""
     decoded(content)
     try:
         root = ElementTree.fromstring(content)
@@ -115,9 +119,9 @@ def _channels(content: bytes) -> tuple[Metadata, dict[str, Channel]]:
         element.tag = element.tag.rpartition("}")[2]
     if root.tag != ROOT:
         raise ValueError(f"not a .mox file: its root is {short(root.tag)!r}, expected {ROOT!r}")
-    subject, date, comments, count = (
+    subject, count = (
         printable(root.findtext(f"viewer_header/{tag}", "").strip())
-        for tag in ("patient_id", "trial_date", "comments", "nr_of_samples")
+        for tag in ("patient_id", "nr_of_samples")
     )
     channels: dict[str, Channel] = {}
     for element in root.iterfind("viewer_data/viewer_channel"):
@@ -140,36 +144,20 @@ def _channels(content: bytes) -> tuple[Metadata, dict[str, Channel]]:
         raise ValueError("it holds no channels (viewer_data/viewer_channel)")
     if count and all(str(len(samples)) != count for _, samples in channels.values()):
         raise ValueError(f"its header says nr_of_samples {count}, but no channel holds as many")
-    return Metadata(subject=subject, date=date, comments=comments), channels
+    return subject, channels
 
 
-def _vectors(parts: Mapping[str, Channel], stems: Sequence[str]) -> tuple[float, Array]:
-    """Stack channels "stem X", "stem Y", "stem Z" of one clock: rate and (samples, stems, 3)."""
-    names = [f"{stem} {axis}" for stem in stems for axis in "XYZ"]
-    if absent := [name for name in names if name not in parts]:
-        raise ValueError(f"there is no channel for {short(absent[0])}")
-    if len(clocks := {(parts[name][0], len(parts[name][1])) for name in names}) > 1:
+def _on_one_clock(parts: Mapping[str, Channel]) -> tuple[float, dict[str, Array]]:
+    """Give rate [Hz] and samples of channels that belong together."""
+    if len(clocks := {(rate, len(samples)) for rate, samples in parts.values()}) > 1:
         raise ValueError(
-            f"the channels of {short(stems[0])} and the like differ in rate or number of samples; "
-            "the file is truncated or mixed"
+            f"{short(next(iter(parts)))!r} and the like differ in rate or number of samples; the "
+            "file is truncated or mixed"
         )
     ((rate, count),) = clocks
     if count < 2:
-        raise ValueError(f"{short(names[0])!r} holds {count} samples, expected at least 2")
-    stacked = np.stack([parts[name][1] for name in names], axis=1)
-    return rate, stacked.reshape(count, len(stems), 3)
-
-
-def _plate(number: int, parts: Mapping[str, Channel]) -> PlateColumns | Note:
-    """Give the channels of a plate, or why it is left out."""
-    stems = [f"{number} for", f"{number} mom"]
-    stems += [f"{number} cop"] * (f"{number} cop X" in parts)
-    needed = [f"{stem} {axis}" for stem in stems for axis in "XYZ"]
-    if absent := [name for name in needed if name not in parts]:
-        return left_out(f"plate {number}", f"there is no channel for {absent[0]}")
-    rate, vectors = _vectors(parts, stems)
-    time = np.arange(len(vectors)) / rate
-    return PlateColumns(number, f"plate {number}", time, *vectors.transpose(1, 0, 2))
+        raise ValueError(f"{short(next(iter(parts)))!r} holds {count} samples, expected at least 2")
+    return rate, {name: samples for name, (_, samples) in parts.items()}
 
 
 def _analog(

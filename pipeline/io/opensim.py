@@ -15,7 +15,7 @@ from pipeline.io.columns import (
     FileMarkers,
     PlateColumns,
     file_markers,
-    left_out,
+    plate_of,
     recording_of,
     wrench_of_torque,
 )
@@ -331,24 +331,20 @@ def _forces(table: Table, time: Array) -> Iterator[PlateColumns | Note]:
     stems = dict.fromkeys((match["stem"], match["letter"]) for match in found)
     if not stems:
         raise ValueError(f"no forces such as ground_force_vx; columns: {listed(table.names)}")
+    columns = {name: table.column(name) for name in table.names}
     for k, (stem, letter) in enumerate(stems, start=1):
         name = short(stem)
         torques = dict.fromkeys(
             stem.replace("force", word) + before for word, before in TORQUE_COLUMNS
         )
-        there = [torque for torque in torques if f"{torque}x" in table.names]
-        stated = f"{stem}_{letter}", (there or [*torques])[0], f"{stem}_p"
-        needed = [f"{part}{axis}" for part in stated for axis in "xyz"]
-        if absent := [column for column in needed if column not in table.names]:
-            yield left_out(name, f"column {short(absent[0])} is absent")
-            continue
+        there = [torque for torque in torques if f"{torque}x" in columns]
         if len(there) > 1:
             raise ValueError(
                 f"the torques of {name} are there twice, as {short(there[0])}x and "
                 f"{short(there[1])}x; remove those that are not free torques"
             )
-        force, torque, point = (
-            np.column_stack([table.column(f"{part}{axis}") for axis in "xyz"]) for part in stated
-        )
-        point[~force.any(axis=1)] = 0  # it has no meaning there
-        yield PlateColumns(k, f"plate {k} ({name})", time, force, torque, point)
+        quantities = [f"{stem}_{letter}", (there or [*torques])[0], f"{stem}_p"]
+        plate = plate_of(k, f"plate {k} ({name})", time, columns, quantities, axes="xyz")
+        if isinstance(plate, PlateColumns) and plate.pressure is not None:
+            plate.pressure[~plate.force.any(axis=1)] = 0  # it has no meaning there
+        yield plate

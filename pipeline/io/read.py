@@ -1,6 +1,6 @@
 """Read or preview a recording of any format, recognised by its content and not by its name."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -9,7 +9,6 @@ from typing import Final
 
 import numpy as np
 
-from hbm.markers import MarkerSet
 from hbm.notes import Note
 from pipeline.io.axes import AxesUnknownError
 from pipeline.io.c3d.read import preview_c3d, read_c3d
@@ -19,7 +18,7 @@ from pipeline.io.mox import ROOT, read_mox
 from pipeline.io.nexus import is_nexus, read_nexus
 from pipeline.io.opensim import read_opensim_trial, read_trc
 from pipeline.io.recording import Preview, Recording
-from pipeline.io.stated import Stated
+from pipeline.io.stated import Stated, as_stated
 from pipeline.io.text_table import EMPTY, decoded
 from pipeline.io.xdf.chunks import MAGIC
 from pipeline.io.xdf.read import read_xdf
@@ -43,16 +42,11 @@ MOX_ROOT_CHARACTERS: Final = 4096
 
 def read_recording(
     path: str | Path,
-    axes: str | None = None,
+    stated: Stated | str | None = None,
     forces: str | Path | None = None,
     *,
     record: str | Path | None = None,
-    rename: Mapping[str, str] | None = None,
-    label_prefix: str | None = None,
-    marker_stream: str | None = None,
-    units: str | None = None,
-    plate_units: str | None = None,
-    marker_set: MarkerSet | None = None,
+    static: Path | None = None,
 ) -> Recording:
     """Read a trial of any known format.
 
@@ -60,28 +54,16 @@ def read_recording(
     ----------
     path
         C3D, TRC, D-Flow mocap, Motek .mox, Vicon Nexus ASCII or XDF file, under whatever name.
-    axes
-        Lab directions of the file's axes, such as ``"left,back,up"``; by default inferred, or as
-        the format defines them.
+    stated
+        What is stated about it: axes, units, labels. A text states the axes alone, such as
+        ``"left,back,up"``; by default they are inferred, or as the format defines them.
     forces
         MOT file with the ground reaction forces of a TRC file.
     record
         File of D-Flow's record module that goes with a D-Flow mocap file.
-    rename
-        Label in the file, without the prefix of a subject -> label wanted. A label that is not
-        there is a note.
-    label_prefix
-        Prefix of the subject wanted, or its number, where several carry the same labels.
-    marker_stream
-        Name of the stream that holds the markers, where several of an XDF file do.
-    units
-        Unit of the markers' positions, such as ``"mm"``; by default the file's.
-    plate_units
-        Units of the plates' forces and moments, such as ``"N,Nmm"``, and of their centres of
-        pressure as a third one; by default the file's.
-    marker_set
-        The set that the markers are of: its landmarks show the axes. By default recognised from
-        the labels.
+    static
+        A static recording of the same laboratory, in the same format: its axes hold where those of
+        the trial cannot be inferred.
 
     Returns
     -------
@@ -104,32 +86,7 @@ def read_recording(
     >>> pipeline.read_recording("walk.c3d").markers.position.shape
     (800, 46, 3)
     """
-    stated = Stated(
-        axes=axes,
-        rename=rename or {},
-        label_prefix=label_prefix,
-        marker_stream=marker_stream,
-        units=units,
-        plate_units=plate_units,
-        marker_set=marker_set,
-    )
-    return read_as_stated(path, stated, forces, record=record)
-
-
-def read_as_stated(
-    path: str | Path,
-    stated: Stated,
-    forces: str | Path | None = None,
-    *,
-    record: str | Path | None = None,
-    static: Path | None = None,
-) -> Recording:
-    """Read a trial of any known format; as `read_recording`, with what is stated in one place.
-
-    Where its axes cannot be inferred, those of a static recording of the same laboratory, in the
-    same format, hold.
-    """
-    path = Path(path)
+    path, stated = Path(path), as_stated(stated)
     kind = file_format(path)
     if forces is not None and kind != "TRC":
         raise ValueError(f"{path.name}: a file of forces goes with a TRC file, this is {kind}")
@@ -172,12 +129,12 @@ def preview_recording(
 ) -> Preview:
     """Preview a recording of any format, a C3D file without reading all of it.
 
-    Parameters and errors are those of `read_as_stated`.
+    Parameters and errors are those of `read_recording`.
     """
     if file_format(path) == "C3D" and forces is None and record is None:
         with suppress(ValueError):  # a static may tell the axes
             return preview_c3d(path, stated)
-    recording = read_as_stated(path, stated, forces, record=record, static=static)
+    recording = read_recording(path, stated, forces, record=record, static=static)
     share = np.isnan(recording.markers.position[..., 0]).mean(axis=0)
     missing = {m: float(s) for m, s in zip(recording.markers.names, share, strict=True)}
     return Preview(recording, len(recording.markers.time), missing)

@@ -18,7 +18,7 @@ from pipeline.config.live import Live
 from pipeline.config.schema import Settings, SubjectFile, Treadmill
 from pipeline.config.study import Study, read_study
 from pipeline.config.toml_file import read_segments
-from pipeline.io.read import read_as_stated
+from pipeline.io.read import read_recording
 from pipeline.io.recording import Plate, Recording
 from pipeline.io.stated import Stated
 from pipeline.live.replay import ANALOG, MARKERS, PLATES
@@ -325,7 +325,7 @@ class Preparation:
             self.settings,
             mass.mass_kg,
             marker_set=study.marker_set if study else None,
-            hip_trial=read_as_stated(study.path(hip_trial), self.stated)
+            hip_trial=read_recording(study.path(hip_trial), self.stated)
             if study and hip_trial
             else None,
             segments=read_segments(study.path(segments)) if study and segments else None,
@@ -367,7 +367,7 @@ def prepare(
                 "by which markers or channels the platform is brought to the lab; state --study "
                 "FOLDER"
             )
-        recording = read_as_stated(static, Stated()) if static else None
+        recording = read_recording(static, Stated()) if static else None
         person, still = SubjectFile(id="subject", trials={}), Laboratory(Treadmill())
         return Preparation(None, person, Settings(), Live(), still, recording)
     read = read_study(study.parent if study.is_file() else study, recordings=False)
@@ -377,7 +377,7 @@ def prepare(
         fitted = read_calibration(calibration, read.file.treadmill, read.stated, laboratory.plates)
         laboratory = replace(laboratory, calibration=fitted)
     path = static or (read.path(person.static) if person.static else None)
-    recording = read_as_stated(path, read.stated) if path else None
+    recording = read_recording(path, read.stated) if path else None
     return Preparation(read, person, read.file.settings, read.file.live, laboratory, recording)
 
 
