@@ -118,7 +118,7 @@ def vectors(columns: Mapping[str, Array], stems: Iterable[str], axes: str = "XYZ
     """Stack the columns of several vectors, (N, stems, 3); a ValueError where one is absent."""
     wanted = [f"{stem}{axis}" for stem in stems for axis in axes]
     if absent := [name for name in wanted if name not in columns]:
-        raise ValueError(f"{short(absent[0])} is absent, but others of it are there")
+        raise ValueError(f"{short(absent[0])} is absent, but others that belong to it are there")
     stacked = np.stack([columns[name] for name in wanted], axis=1)
     return stacked.reshape(len(stacked), -1, 3)
 

@@ -201,6 +201,8 @@ def _read(path: Path, stated: Stated, record: Path | None) -> Recording:
         with naming(record):
             analog, clock_notes = on_clock(signals, record.name, stamps, time, analog)
         notes += [*more, *clock_notes]
+    del stamps
+    columns.clear()  # as large as all that is read from it
     return recording_of(
         path,
         stated,

@@ -331,7 +331,7 @@ def _forces(table: Table, time: Array) -> Iterator[PlateColumns | Note]:
     stems = dict.fromkeys((match["stem"], match["letter"]) for match in found)
     if not stems:
         raise ValueError(f"no forces such as ground_force_vx; columns: {listed(table.names)}")
-    columns = {name: table.column(name) for name in table.names}
+    columns = dict(reversed([*zip(table.names, table.values.T, strict=True)]))  # the first of each
     for k, (stem, letter) in enumerate(stems, start=1):
         name = short(stem)
         torques = dict.fromkeys(

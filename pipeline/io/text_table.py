@@ -18,7 +18,7 @@ from pipeline.io.input_file import open_file
 DECIMAL_COMMA: Final = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
 UTF16_MARKS: Final = {b"\xff\xfe": "utf-16-le", b"\xfe\xff": "utf-16-be"}
 FIELD_END: Final = re.compile(r"[\t,;]| +")
-BATCH_LINES: Final = 2000
+BATCH_LINES: Final = 500
 """Lines that are parsed together: memory for a file of any length is that of its numbers."""
 TAIL_BYTES: Final = 1 << 20
 """Read of a file's end, to compare its last line with those above it."""

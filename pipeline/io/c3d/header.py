@@ -99,6 +99,8 @@ def settle_counts(
     data section decides between the numbers that 16 bits may stand for. A file may be longer than
     its frames, if all its counts agree.
     """
+    if not header.bytes:
+        raise ValueError("the file holds neither points nor analog channels")
     rates = [parameters.number(group, "RATE", 0.0) for group in ("ANALOG", "POINT")]
     per_channel = rates[0] / rates[1] if min(rates) > 0 else header.per_channel
     per_channel = int(per_channel) if per_channel % 1 == 0 else header.per_channel
@@ -117,7 +119,7 @@ def settle_counts(
     corrections = []
     if len({frame.bytes for frame, _ in fitting}) == 1:
         frame, frames = fitting[0]
-    elif stated == header and header.bytes:
+    elif stated == header:
         held = max(path.stat().st_size - start, 0) // header.bytes
         frame, frames = header, _frames_of_longer(held, counts)
         corrections.append(correction("frames by the file's size", held, frames))

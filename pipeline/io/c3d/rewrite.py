@@ -117,9 +117,10 @@ class _PlateSamples:
                     f"force plate {plate.number}, channel {self.names[chosen[channel]]}, at "
                     f"{(start + sample) / self.rate_hz:.4f} s: {reason}"
                 )
-        encoded = after.astype(self._word_type)
         if real:
             encoded = np.frombuffer(float_bytes(after, order), "<u4").reshape(stored.shape)
+        else:
+            encoded = after.astype(self._word_type)
         return np.where(change == 0, stored, encoded)
 
     @property

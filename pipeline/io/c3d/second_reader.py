@@ -206,8 +206,8 @@ def _differences(
     frame, channels = header.frame, header.frame.channels
     contradictory = bool(header.corrections or samples.corrections)
     points, analog = second["points"], second["analog"]
-    counts: list[tuple[str, int, int]] = [("points", points.shape[1], frame.points)]
-    counts += [("frames", len(points), header.frames)] * (frame.points > 0)
+    counts = [("frames", len(points), header.frames)] * (frame.points > 0)
+    counts += [("points", points.shape[1], frame.points)]
     counts += [("analog channels", analog.shape[1], channels)]
     counts += [("samples", len(analog), len(samples.analog))] * (channels > 0)
     for name, read, held in counts:
@@ -263,6 +263,8 @@ def _different_samples(
     header: Header,
 ) -> list[str]:
     """Name each marker, (T, M, 3), or channel, (N, M), that differs: first frame, both values."""
+    if not first.shape[1]:
+        return []
     apart = np.abs(first - second)
     same = apart <= np.maximum(ROUNDING * np.abs(first), SMALLEST)
     different = ~(same | (first == second) | (np.isnan(first) & np.isnan(second)))
