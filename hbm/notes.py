@@ -1,6 +1,7 @@
-"""Notes: what was found while processing, each with a code, a level and a sentence.
+"""Notes: what was found while processing, each with a code and a sentence.
 
-The sentences are in one catalogue, ``notes.toml``; ``docs/notes.md`` explains every code.
+Warnings are for a person to act on, and ``docs/notes.md`` says how; all others are provenance:
+how a result was made, a row of a table. The sentences are in one catalogue, ``notes.toml``.
 """
 
 import tomllib
@@ -11,15 +12,12 @@ from importlib.resources import files
 from math import isnan
 from numbers import Integral, Real
 from string import Formatter
-from types import MappingProxyType
-from typing import Any, Final, Literal, SupportsFloat, get_args
+from typing import Any, Final, Literal, SupportsFloat
 
 from hbm.spelling import printable
 
-Level = Literal["warning", "info"]
+Level = Literal["warning", "provenance"]
 NoteValue = str | int | float | tuple[str, ...] | Mapping[str, float]
-
-LEVELS: Final[tuple[Level, ...]] = get_args(Level)
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +27,7 @@ class Note:
     Attributes
     ----------
     code
-        Its kind, as in the catalogue and in ``docs/notes.md``.
+        Its kind, as in the catalogue and, of warnings, in ``docs/notes.md``.
     values
         Name -> number, text, names, or numbers by name; exactly those of the code's sentence, in
         the unit that the name ends in.
@@ -53,11 +51,13 @@ of pelvis, knees and ankles
     values: Mapping[str, NoteValue]
 
     def __post_init__(self) -> None:
-        kind = _kind(self.code)
-        if set(self.values) != kind.fields:
-            wanted, given = (", ".join(sorted(v)) or "none" for v in (kind.fields, self.values))
+        if self.code not in catalogue():
+            raise ValueError(f"no note has the code {self.code!r}; hbm/notes.toml lists them")
+        parsed = Formatter().parse(catalogue()[self.code]["text"])
+        fields = {name for _, name, _, _ in parsed if name is not None}
+        if set(self.values) != fields:
+            wanted, given = (", ".join(sorted(v)) or "none" for v in (fields, self.values))
             raise ValueError(f"note {self.code!r}: its values are {wanted}, got {given}")
-        object.__setattr__(self, "values", MappingProxyType(dict(self.values)))
         try:
             _ = self.text
         except (TypeError, ValueError) as error:
@@ -68,9 +68,6 @@ of pelvis, knees and ankles
 
     def __str__(self) -> str:
         return self.text
-
-    def __reduce__(self) -> tuple[type["Note"], tuple[str, dict[str, NoteValue]]]:
-        return Note, (self.code, dict(self.values))
 
     @classmethod
     def of(
@@ -83,71 +80,54 @@ of pelvis, knees and ankles
         return cls(code, {name: _plain(value) for name, value in values.items()})
 
     @property
+    def item(self) -> str:
+        """Give the row of provenance that it belongs to; empty for a warning."""
+        return catalogue()[self.code].get("item", "")
+
+    @property
     def level(self) -> Level:
-        """Give "warning" for what a person has to look at, "info" for what is good to know."""
-        return _kind(self.code).level
+        """Give "warning" for what a person has to act on, "provenance" for all others."""
+        return "provenance" if self.item else "warning"
 
     @property
     def text(self) -> str:
         """Give its sentence."""
-        return _SENTENCE.vformat(_kind(self.code).text, (), self.values)
+        return _SENTENCE.vformat(catalogue()[self.code]["text"], (), self.values)
 
     def to_dict(self) -> dict[str, str | dict[str, NoteValue]]:
-        """Give code, level, text and values, ready for JSON."""
-        values: dict[str, NoteValue] = {
-            name: dict(value) if isinstance(value, Mapping) else value
-            for name, value in self.values.items()
-        }
-        return {"code": self.code, "level": self.level, "text": self.text, "values": values}
+        """Give code, level, item, text and values, ready for JSON."""
+        shown: dict[str, str] = {name: getattr(self, name) for name in ("level", "item", "text")}
+        return {"code": self.code, **shown, "values": dict(self.values)}
 
     @classmethod
     def from_dict(cls, plain: object) -> "Note":
-        """Make the note that `to_dict` wrote; level and text are the catalogue's of today.
+        """Make the note that `to_dict` wrote; level, item and text are the catalogue's of today.
 
         A ValueError where that is no note, or of a code or with values that are unknown today.
         """
         if not isinstance(plain, Mapping) or not isinstance(plain.get("values"), Mapping):
             raise ValueError(f"a note is an object with code and values, got {plain!r}")
-        values = {str(name): _plain(value) for name, value in plain["values"].items()}
-        return cls(str(plain.get("code")), values)
+        return cls.of(str(plain.get("code")), **plain["values"])
 
 
-def warnings_first(notes: Iterable[Note]) -> tuple[Note, ...]:
-    """Give notes with the warnings first, otherwise in the same order."""
-    return tuple(sorted(notes, key=lambda note: LEVELS.index(note.level)))
+def warnings_of(notes: Iterable[Note]) -> tuple[Note, ...]:
+    """Give the notes that a person has to act on."""
+    return tuple(note for note in notes if note.level == "warning")
 
 
-def note_codes() -> tuple[str, ...]:
-    """Give all codes of the catalogue."""
-    return tuple(_catalogue())
-
-
-@dataclass(frozen=True, slots=True)
-class _Kind:
-    """What the catalogue states for a code."""
-
-    level: Level
-    text: str
-    fields: frozenset[str]
-
-
-def _kind(code: str) -> _Kind:
-    try:
-        return _catalogue()[code]
-    except KeyError:
-        raise ValueError(f"no note has the code {code!r}; hbm/notes.toml lists them") from None
+def provenance(notes: Iterable[Note]) -> tuple[tuple[str, str], ...]:
+    """Give the rows of provenance: an item and its sentences."""
+    rows: dict[str, dict[str, None]] = {}
+    for note in notes:
+        if note.item:
+            rows.setdefault(note.item, {})[note.text] = None
+    return tuple((item, "; ".join(sentences)) for item, sentences in rows.items())
 
 
 @cache
-def _catalogue() -> Mapping[str, _Kind]:
-    table = tomllib.loads(files("hbm").joinpath("notes.toml").read_text(encoding="utf-8"))
-    kinds = {}
-    for code, entry in table.items():
-        if set(entry) != {"level", "text"} or entry["level"] not in LEVELS:
-            raise ValueError(f"notes.toml: {code} needs a text and a level of {LEVELS}")
-        names = (name for _, name, _, _ in Formatter().parse(entry["text"]) if name is not None)
-        kinds[code] = _Kind(entry["level"], entry["text"], frozenset(names))
-    return kinds
+def catalogue() -> Mapping[str, Mapping[str, str]]:
+    """Give code -> "text" and, unless it is a warning, "item"."""
+    return tomllib.loads(files("hbm").joinpath("notes.toml").read_text(encoding="utf-8"))
 
 
 def _plain(value: object) -> NoteValue:

@@ -1,5 +1,8 @@
 """The command line, ``hbm``."""
 
-from pipeline.cli.app import main
 
-__all__ = ["main"]
+def main() -> int:
+    """Run the command line; processes that a command starts import this module and no more."""
+    from pipeline.cli.app import main as run
+
+    return run()

@@ -2,7 +2,7 @@
 
 import sys
 
-from pipeline.cli.app import main
-
 if __name__ == "__main__":
+    from pipeline.cli.app import main
+
     sys.exit(main())

@@ -1,63 +1,102 @@
 """The command line, ``hbm``: arguments in, messages out, no science.
 
-A command imports what it needs when it runs, so that ``--help`` answers at once.
+A command is imported when it is called or its own help is asked for, so that ``hbm --help`` answers
+at once; what it needs to run is imported when it runs.
 """
 
 import atexit
 import gc
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import typer
+from typer.core import TyperGroup
 from typer.exceptions import TyperException
 
-from pipeline.cli import doctor, explain, export, live, simulate, study, treadmill, trial
-from pipeline.cli.options import USAGE
+from hbm.spelling import did_you_mean, short
 from pipeline.cli.output import accept_any_letter, drop_output, print_error
 from pipeline.cli.stopping import Stopped
 
+USAGE: Final = 2
+"""Exit code for wrong usage or input."""
 INTERRUPTED: Final = 130
-MAX_REASON: Final = 200
-"""Characters of Python's own message about a fault."""
 UNREAD: Final = 141
 """As in a shell: ended by the signal of a pipe that nobody reads (128 + 13)."""
+MAX_REASON: Final = 200
+"""Characters of Python's own message about a fault."""
+GROUP: Final = "calibration"
+COMMANDS: Final = {
+    "residuals": ("trial", "Process one trial: residuals as tables and figure."),
+    "export": ("export", "Write models for OpenSim or as URDF, tables, BIDS or C3D."),
+    "demo": ("simulate", "Simulate a study and run experiment 3 on it."),
+    "init": ("study", "Write a commented study.toml and a subject file."),
+    "check": ("study", "List all problems of a study before anything is computed."),
+    "run": ("study", "Process a study; finished trials are skipped."),
+    "explain": ("explain", "Say what residuals are made of and what to mend."),
+    "report": ("study", "Write tables, statistics, figures and report.html."),
+    "view": ("study", "Open a trial in the Rerun viewer."),
+    "plates": ("treadmill", "Check force plates against known weights (experiment 1)."),
+    "simulate": ("simulate", "Simulate experiment 3: recordings, true values."),
+    "live": ("live", "Compute residuals while the subject walks."),
+    "doctor": ("doctor", "Print versions, and how kernels and engines run here."),
+    GROUP: ("", "Calibrate a moving treadmill, rank calibrations (experiment 2)."),
+}
+CALIBRATION: Final = {
+    "fit": ("treadmill", "Fit a calibration to a recording of the empty treadmill."),
+    "check": ("treadmill", "Check a calibration with a recording of another day."),
+    "signals": ("treadmill", "Write calibration and validation signals."),
+    "rank": ("treadmill", "Rank calibration trials by what they leave of validation trials."),
+}
+"""Command -> its module, and what the help of its group says of it."""
+
+
+class Group(TyperGroup):
+    """All commands; each is imported when it is asked for, none for the help of the group."""
+
+    stated: Mapping[str, tuple[str, str]] = COMMANDS
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Give the names of the commands."""
+        return list(self.stated)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Import a command; one that does not exist ends with the nearest one."""
+        if cmd_name not in self.stated:
+            ctx.fail(f"no command {short(cmd_name)!r}{did_you_mean(cmd_name, self.stated)}")
+        module, sentence = self.stated[cmd_name]
+        if not module:
+            return CalibrationGroup(name=cmd_name, help=sentence, rich_markup_mode=None)
+        one = typer.Typer(add_completion=False, rich_markup_mode=None)
+        one.command(cmd_name)(getattr(import_module(f"pipeline.cli.{module}"), cmd_name))
+        return typer.main.get_command(one)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """List the commands with a sentence on each."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, sentence) for name, (_, sentence) in self.stated.items()])
+
+
+class CalibrationGroup(Group):
+    """The commands of ``hbm calibration``."""
+
+    stated = CALIBRATION
+
 
 app = typer.Typer(
-    help="Pelvis residuals of a full-body gait model on instrumented treadmills that move.",
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
+    cls=Group, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None
 )
-calibration = typer.Typer(rich_markup_mode=None)
 
 
 @app.callback()
 def common(
     debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
 ) -> None:
-    """Take the options that every command has."""
+    """Pelvis residuals of a full-body gait model on instrumented treadmills that move."""
     del debug  # taken from the arguments by main
-
-
-@calibration.callback(invoke_without_command=True)
-def show_help(context: typer.Context) -> None:
-    """Calibrate a moving treadmill: what its empty plates measure."""
-    if context.invoked_subcommand is None:
-        typer.echo(context.get_help())
-
-
-for command in (
-    *(trial.residuals, export.export, simulate.demo, study.init, study.check, study.run),
-    *(explain.explain, study.report, study.view, treadmill.plates, simulate.simulate),
-    *(live.live, doctor.doctor),
-):
-    app.command()(command)
-for command in (treadmill.fit, treadmill.check, treadmill.signals, treadmill.rank):
-    calibration.command()(command)
-app.add_typer(calibration, name="calibration")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -81,8 +120,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     atexit.register(gc.freeze)  # to look for garbage among all that is imported takes 0.3 s
     given = list(sys.argv[1:] if arguments is None else arguments)
     typed = [argument for argument in given if argument != "--debug"]
+    if typed in ([], [GROUP]):
+        typed.append("--help")
     try:
-        code = int(app(args=typed or ["--help"], prog_name="hbm", standalone_mode=False) or 0)
+        code = int(app(args=typed, prog_name="hbm", standalone_mode=False) or 0)
         if sys.stdout is not None:
             sys.stdout.flush()
     except BrokenPipeError:

@@ -1,7 +1,7 @@
 """What residuals are made of, on the command line: of one trial, or of a study's results."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,14 +12,12 @@ from pipeline.cli.options import (
     require_no_options,
     takes_trial_request,
 )
+from pipeline.cli.stopping import stoppable
+from pipeline.cli.terminal import PlainConsole, StepProgress, announcer, counted, print_table
 from pipeline.run.request import TrialRequest
-
-CAUSE_COLUMNS: Final = 20
-"""Of a narrow terminal, for the names of causes; six residuals share the other 60 of 80."""
 
 if TYPE_CHECKING:
     from pipeline.budgets.explanation import Explanation
-    from pipeline.cli.terminal import PlainConsole
 
 
 @takes_trial_request
@@ -43,7 +41,6 @@ def explain(
 def _explain_trial(request: TrialRequest, out: Path) -> int:
     from pipeline.budgets.explanation import BANDS_SUFFIX as BANDS
     from pipeline.budgets.explanation import SUFFIX, explain, write_bands, write_explanation
-    from pipeline.cli.terminal import PlainConsole, announcer
     from pipeline.figures.explained import bands_figure, budget_figure
     from pipeline.figures.style import save_figure
     from pipeline.run.one_trial import process_request
@@ -71,58 +68,27 @@ def _explain_trial(request: TrialRequest, out: Path) -> int:
     return 0
 
 
-def print_explanation(explanation: "Explanation", console: "PlainConsole") -> None:
-    """Print what a trial's residuals are made of: a table of shares, and lines.
-
-    Parameters
-    ----------
-    explanation
-        Of the trial.
-    console
-        Where; in a narrow one, residuals are columns and causes are rows.
-    """
-    from rich.box import SIMPLE_HEAD
+def print_explanation(explanation: "Explanation", console: PlainConsole) -> None:
+    """Print what a trial's residuals are made of: a row of shares per cause, and lines."""
     from rich.table import Table
 
-    from hbm.notes import warnings_first
     from pipeline.budgets.words import CAPTION, budget_table
-    from pipeline.cli.terminal import fits, print_table
 
-    title, axes, columns = budget_table(explanation.budget)
-    wide, narrow = (
-        Table(
-            title=title,
-            caption=CAPTION,
-            box=box,
-            padding=(0, 1, 0, 0),
-            title_justify="left",
-            caption_justify="left",
-        )
-        for box in (SIMPLE_HEAD, None)
-    )
-    wide.add_column("")
-    for head, _ in columns:
-        wide.add_column(head.replace(": ", "\n").replace(", or ", ",\nor "), justify="right")
-    for row in zip(axes, *(cells for _, cells in columns), strict=True):
-        wide.add_row(*row)
-    if fits(wide, console):
-        console.print(wide)
-    else:
-        narrow.add_column("", width=CAUSE_COLUMNS)
-        for axis in axes:
-            narrow.add_column(axis.replace(", ", "\n"), justify="right", no_wrap=True)
-        for head, cells in columns:
-            narrow.add_row(head, *cells)
-        print_table(narrow, console)
+    title, axes, causes = budget_table(explanation.budget)
+    table = Table(title=title, caption=CAPTION, box=None, padding=(0, 1, 0, 0))
+    table.add_column("", max_width=20)  # six residuals share the other 60 of 80 columns
+    for axis in axes:
+        table.add_column(axis.replace(", ", "\n"), justify="right", no_wrap=True)
+    for head, cells in causes:
+        table.add_row(head, *cells)
+    print_table(table, console)
     for line in explanation.lines():
         console.print(line)
-    console.say_notes(warnings_first(explanation.budget.notes))
+    console.say_notes(explanation.budget.notes)
 
 
 def _explain_results(request: TrialRequest, out: Path | None, jobs: int) -> int:
     from pipeline.budgets.study import explain_planned, plan_explanations, study_of, up_to_date
-    from pipeline.cli.stopping import stoppable
-    from pipeline.cli.terminal import PlainConsole, StepProgress, announcer, counted
     from pipeline.run.processes import keep_freed_memory
 
     folder = request.trial

@@ -11,12 +11,11 @@ from pipeline.cli.options import (
     require_no_options,
     takes_trial_request,
 )
+from pipeline.cli.terminal import PlainConsole, StepProgress, counted
 from pipeline.run.request import TrialRequest
 
 if TYPE_CHECKING:
-    from pipeline.cli.terminal import PlainConsole
     from pipeline.export.compensated_c3d import Frame, Written
-    from pipeline.run.request import TrialRequest
 
 
 @takes_trial_request
@@ -57,26 +56,23 @@ def export(
     TRIAL may be a result, RESULTS/trials/*.parquet: it is exported as it is, not processed again.
     With --c3d, TRIAL may be a study's folder: the recordings of all its trials are written.
     """
-    from hbm.notes import warnings_first
-    from pipeline.cli.terminal import PlainConsole
-    from pipeline.export.bids import write_bids
-    from pipeline.export.models import write_osim, write_urdf
-    from pipeline.export.tables import write_tables
-    from pipeline.run.one_trial import process_request, read_requested
-    from pipeline.run.store import read_trial
-
     models = osim or urdf or tables
     if not (models or bids or c3d):
         raise ValueError(
             "nothing to export; name --osim FILE, --urdf FILE, --tables DIR, --bids DIR or "
             "--c3d --out DIR"
         )
-    folder = _folder_of_c3d(c3d, out, frame)
-    if folder and request.trial.is_dir():
-        require_no_options(request, "a study, whose files state everything")
-        if models or bids:
-            raise ValueError("of a whole study only --c3d is exported; leave the others out")
-        return export_study(request.trial, folder, frame)
+    if not c3d and (out or frame):
+        raise ValueError(f"{'--out' if out else '--frame'} goes with --c3d")
+    if c3d:
+        if out is None:
+            raise ValueError("--c3d needs a folder for its files: name --out DIR")
+        require_folder(out)
+        if request.trial.is_dir():
+            require_no_options(request, "a study, whose files state everything")
+            if models or bids:
+                raise ValueError("of a whole study only --c3d is exported; leave the others out")
+            return _export_study(request.trial, out, frame)
     processed = request.trial.suffix == RESULT
     if processed:
         require_no_options(request, "a result that has been processed already")
@@ -85,56 +81,53 @@ def export(
             f"{request.trial.name} is a result; {'BIDS' if bids else 'C3D'} holds what was "
             "recorded: give the recording instead"
         )
-    console, written = PlainConsole(), []
-    if folder:
-        written.append(export_trial(request, folder, frame))
+    console, written = PlainConsole(), list[Path]()
+    if c3d and out:
+        written.append(_export_trial(request, out, frame, console))
     if bids:
+        from pipeline.export.bids import write_bids
+        from pipeline.run.one_trial import read_requested
+
         written += write_bids(read_requested(request), bids, subject, task)
     if models:
-        result = read_trial(request.trial) if processed else process_request(request).result
-        for path, write in ((osim, write_osim), (urdf, write_urdf)):
-            if path:
-                write(result.body, path)
-                written.append(path)
-        if tables:
-            written += write_tables(result, tables, request.trial.stem, ankle_zero)
-            plates = "measured" if result.compensated is None else "compensated"
-            console.print(f"forces and loads are from the {plates} plate forces")
-        console.say_notes(warnings_first(result.notes))
+        written += _export_models(request, osim, urdf, tables, ankle_zero, console)
     console.say("written: " + ", ".join(map(str, written)))
     return 0
 
 
-def _folder_of_c3d(c3d: bool, out: Path | None, frame: str | None) -> Path | None:
-    """Give the folder for C3D files; None where none are wanted."""
-    if not c3d:
-        if out or frame:
-            raise ValueError(f"{'--out' if out else '--frame'} goes with --c3d")
-        return None
-    if out is None:
-        raise ValueError("--c3d needs a folder for its files: name --out DIR")
-    require_folder(out)
-    return out
+def _export_models(
+    request: TrialRequest,
+    osim: Path | None,
+    urdf: Path | None,
+    tables: Path | None,
+    ankle_zero: Literal["right_angle", "in_line"],
+    console: PlainConsole,
+) -> list[Path]:
+    """Write the body of a trial, processed or to be processed, and its tables."""
+    from pipeline.export.models import write_osim, write_urdf
+    from pipeline.export.tables import write_tables
+    from pipeline.run.one_trial import process_request
+    from pipeline.run.store import read_trial
+
+    processed = request.trial.suffix == RESULT
+    result = read_trial(request.trial) if processed else process_request(request).result
+    written = [path for path in (osim, urdf) if path]
+    if osim:
+        write_osim(result.body, osim)
+    if urdf:
+        write_urdf(result.body, urdf)
+    if tables:
+        written += write_tables(result, tables, request.trial.stem, ankle_zero)
+        plates = "measured" if result.compensated is None else "compensated"
+        console.print(f"forces and loads are from the {plates} plate forces")
+    console.say_notes(result.notes)
+    return written
 
 
-def export_trial(request: "TrialRequest", out: Path, frame: "Frame | None") -> Path:
-    """Write a trial's C3D file again with compensated plates, and say what has checked it.
-
-    Parameters
-    ----------
-    request
-        The trial, with a calibration of treadmill or plates.
-    out
-        Folder for the file, which keeps its name.
-    frame
-        As for `pipeline.export.compensated_c3d.write_compensated`.
-
-    Returns
-    -------
-    Path
-        The file.
-    """
-    from pipeline.cli.terminal import PlainConsole
+def _export_trial(
+    request: TrialRequest, out: Path, frame: "Frame | None", console: PlainConsole
+) -> Path:
+    """Write a trial's C3D file again with compensated plates, and say what has checked it."""
     from pipeline.export.compensated_c3d import Calibrations, require_c3d, write_compensated
     from pipeline.run.one_trial import read_requested, requested_laboratory
 
@@ -144,38 +137,21 @@ def export_trial(request: "TrialRequest", out: Path, frame: "Frame | None") -> P
             "--plate-calibration"
         )
     require_c3d(request.trial)
-    calibrations = Calibrations(requested_laboratory(request), request.calibration)
     written = write_compensated(
         read_requested(request),
-        calibrations,
+        Calibrations(requested_laboratory(request), request.calibration),
         out / request.trial.name,
         frame=frame,
         plate_delay_s=request.plate_delay,
     )
-    console = PlainConsole()
-    _print_notes(written, console)
+    console.say_notes(written.notes)
     console.say(f"{written.path}: {_checked_by(written)}")
     return written.path
 
 
-def export_study(folder: Path, out: Path, frame: "Frame | None") -> int:
-    """Write all recordings of a study's trials again with compensated plates.
-
-    Parameters
-    ----------
-    folder
-        The study.
-    out
-        Folder for the files, which keep their names relative to the study.
-    frame
-        As for `export_trial`.
-
-    Returns
-    -------
-    int
-        0; 1 where some of them failed and the others are written.
-    """
-    from pipeline.cli.terminal import PlainConsole, StepProgress, counted
+def _export_study(folder: Path, out: Path, frame: "Frame | None") -> int:
+    """Write all recordings of a study's trials again; exit code 1 where some of them failed."""
+    from pipeline.cli.terminal import note_line
     from pipeline.config.study import read_study
     from pipeline.export.compensated_c3d import recordings_of, write_compensated_study
 
@@ -187,7 +163,9 @@ def export_study(folder: Path, out: Path, frame: "Frame | None") -> int:
                 failed += 1
                 line = f"FAILED {name}: {written.removeprefix(f'{name}: ')}"
             else:
-                _print_notes(written, console, f"{name}: ")
+                for note in written.notes:
+                    if note.level == "warning":
+                        console.say(f"{name}: ", note_line(note))
                 line = f"{name}: {_checked_by(written)}"
             progress.show(line, done, total, always=True)
     console.say(
@@ -202,12 +180,3 @@ def _checked_by(written: "Written") -> str:
     said = f" and {second.reader}" if not second.refusal else ""
     why = f"; {second.reader}: {second.refusal}" if second.refusal else ""
     return f"only the plates differ from the original, as read by this program{said}{why}"
-
-
-def _print_notes(written: "Written", console: "PlainConsole", name: str = "") -> None:
-    from hbm.notes import warnings_first
-    from pipeline.cli.terminal import note_line
-
-    for note in warnings_first(written.notes):
-        if note.level == "warning" or not name:
-            console.print(name, note_line(note), sep="", soft_wrap=True)

@@ -2,12 +2,11 @@
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import Annotated, Final
 
 import typer
 
-if TYPE_CHECKING:
-    from pipeline.cli.terminal import PlainConsole
+from pipeline.cli.terminal import PlainConsole
 
 SHOWN_S: Final = 0.02
 """Between looks whether a replay has ended."""
@@ -59,8 +58,6 @@ def live(
     Everything is recorded; Ctrl-C ends with a summary. With --replay, play a recording as streams
     for another 'hbm live' to receive.
     """
-    from pipeline.cli.terminal import PlainConsole
-
     console = PlainConsole()
     if replay is not None:
         return _replay(replay, forces, record, speed, listen, study, console)
@@ -81,7 +78,7 @@ def _replay(
     speed: float,
     listen: str | None,
     study: Path | None,
-    console: "PlainConsole",
+    console: PlainConsole,
 ) -> int:
     from pipeline.config.live import Live
     from pipeline.config.study import read_study

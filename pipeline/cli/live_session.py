@@ -3,21 +3,21 @@
 import signal
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from hbm.model import Body
+from hbm.notes import Note
 from hbm.spelling import listed
 from pipeline.cli.options import require_folder
 from pipeline.cli.stopping import SIGNAL_EXIT, Terminated, stoppable, terminable, uninterrupted
-from pipeline.cli.terminal import PlainConsole, note_line
-from pipeline.io.recording import Plate
-from pipeline.live.cycles import LiveCycle
-from pipeline.live.frames.chain import LiveChain, LiveFrame
-from pipeline.live.monitor import Monitor, in_words
+from pipeline.cli.terminal import PlainConsole
+from pipeline.live.frames.chain import LiveChain
+from pipeline.live.monitor import Monitor, in_words, peaks_in_words
 from pipeline.live.outlet import result_columns, result_outlet
-from pipeline.live.preparation import PlacedPlates, PoseFinder, Preparation, PreparedBody
+from pipeline.live.preparation import PlacedPlates, PoseFinder, Preparation, place_plates
 from pipeline.live.recording import RESULTS, STREAMS, Recorder, described_streams, require_new
 from pipeline.live.session import RECEIVE_S, Session
 from pipeline.live.sources.lsl import LslSource
@@ -27,7 +27,7 @@ from pipeline.trial.result import PlateSurface
 from pipeline.viewer.live import ShownFrame
 
 if TYPE_CHECKING:
-    from pipeline.viewer.live import LiveView, Screen
+    from pipeline.viewer.live import LiveView
 
 TOLD_S: Final = 3.0
 """Between lines that say why there is no body yet."""
@@ -94,12 +94,13 @@ def run_session(
         stack.callback(source.close)
         names = ", ".join(f"{s.name} ({s.rate_hz:g} Hz)" for s in source.streams)
         console.say(f"receiving {names}")
-        placed = prepared.placed(source.plates)
+        placed = place_plates(source.plates, prepared.static, prepared.live)
         if body is None:
             body = _shown(prepared, placed, source, console)
-        console.say_notes((*prepared.notes, *placed.notes, *body.notes))
+        subject, notes = body
+        console.say_notes((*prepared.notes, *placed.notes, *notes))
         plates, laboratory, settings = placed.plates, prepared.laboratory, prepared.settings
-        chain = LiveChain(body.body, laboratory, settings, placed.live, source.streams, plates)
+        chain = LiveChain(subject, laboratory, settings, placed.live, source.streams, plates)
         described = described_streams(source.streams, placed.live, plates)
         recorder = Recorder(folder, described, result_columns())
         stack.callback(recorder.close)
@@ -113,10 +114,20 @@ def run_session(
             )
             stack.callback(outlet.close)
         session = Session(source, chain, recorder, outlet)
-        view = _view(chain, plates, "browser" if web else "window") if shown or web else None
-        if view is not None:
+        view = None
+        if shown or web:
+            from pipeline.viewer.live import LiveView
+
+            view = LiveView(
+                chain.body,
+                [PlateSurface(plate.number, plate.center, plate.corners) for plate in plates],
+                chain.stream.labels,
+                chain.ground.variants,
+                screen="browser" if web else "window",
+                contact_threshold_n=settings.contact_threshold_n,
+            )
             stack.callback(view.close)
-        monitor = Monitor(chain, plates)
+        monitor = Monitor(chain, plates, lambda note: console.say_notes((note,)))
         console.say(
             f"recording to {folder}; values are {1000 * chain.filter_delay_s:.0f} ms late by the "
             f"filter and {1000 * chain.wait_s:.0f} ms by resampling (stop with Ctrl-C)"
@@ -127,7 +138,7 @@ def run_session(
             console.say(text)
     if terminated:
         return SIGNAL_EXIT + signal.SIGTERM
-    failed = session.fault is not None or recorder.fault is not None or not chain.counts.received
+    failed = session.fault is not None or recorder.fault is not None or not chain.received
     return int(failed)
 
 
@@ -169,7 +180,7 @@ def missing_teller(console: PlainConsole) -> Callable[[Sequence[str], Sequence[s
 
 def _shown(
     prepared: Preparation, placed: PlacedPlates, source: Source, console: PlainConsole
-) -> PreparedBody:
+) -> tuple[Body, tuple[Note, ...]]:
     """Wait until the subject shows the calibration pose, and build the body from it."""
     console.say("stand still on the plates, arms out to the sides (stop with Ctrl-C)")
     finder, told = PoseFinder(placed.live, source.streams, placed.plates), ""
@@ -186,20 +197,6 @@ def _shown(
         if finder.why_not != told and time.monotonic() - told_s > TOLD_S:
             told, told_s = finder.why_not, time.monotonic()
             console.say(f"no body yet: {told}")
-
-
-def _view(chain: LiveChain, plates: Sequence[Plate], screen: "Screen") -> "LiveView":
-    """Open the viewer."""
-    from pipeline.viewer.live import LiveView
-
-    return LiveView(
-        chain.body,
-        [PlateSurface(plate.number, plate.center, plate.corners) for plate in plates],
-        chain.stream.labels,
-        chain.ground.variants,
-        screen=screen,
-        contact_threshold_n=chain.settings.contact_threshold_n,
-    )
 
 
 SHOWN_S: Final = 0.02
@@ -226,7 +223,7 @@ def follow(
     before = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_S)
     began = shown_s = time.monotonic()
-    told, address, recorded = 0, "", True
+    address, recorded = "", True
     session.start()
     try:
         with console.status("waiting for frames") as line:
@@ -240,7 +237,6 @@ def follow(
                     recorded = False
                     console.say(f"{recorder.fault}; all else goes on")
                 monitor.look_for_silence()
-                told = _tell(monitor, told, console)
                 if time.monotonic() - shown_s < STATUS_S:
                     continue
                 shown_s = time.monotonic()
@@ -257,7 +253,6 @@ def follow(
         session.stop()
         sys.setswitchinterval(before)
     take_new(session, monitor)
-    _tell(monitor, told, console)
     return terminated
 
 
@@ -271,34 +266,22 @@ def take_new(session: Session, monitor: Monitor, view: "LiveView | None" = None)
         cycles = monitor.frame(frame, latency_s)
         if view is not None and not fault:
             try:
-                _show(view, frame, cycles)
+                view.show(
+                    ShownFrame(
+                        frame.time,
+                        frame.q,
+                        frame.markers,
+                        frame.residual,
+                        frame.by_foot,
+                        frame.platform,
+                        frame.quality.counts,
+                    )
+                )
+                for cycle in cycles:
+                    view.show_cycle(cycle.side, cycle.curve)
             except (ValueError, OSError) as error:
                 fault = str(error)
     return fault
-
-
-def _show(view: "LiveView", frame: LiveFrame, cycles: Sequence[LiveCycle]) -> None:
-    """Show a frame and the gait cycles that it ends."""
-    view.show(
-        ShownFrame(
-            frame.time,
-            frame.q,
-            frame.markers,
-            frame.residual,
-            frame.by_foot,
-            frame.platform,
-            frame.quality.counts,
-        )
-    )
-    for cycle in cycles:
-        view.show_cycle(cycle.side, cycle.curve)
-
-
-def _tell(monitor: Monitor, told: int, console: PlainConsole) -> int:
-    """Print the notes that are new; give how many there are now."""
-    for timed in list(monitor.notes)[len(monitor.notes) - (monitor.noted - told) :]:
-        console.say(note_line(timed.note))
-    return monitor.noted
 
 
 def summary(
@@ -307,50 +290,38 @@ def summary(
     session: Session,
     recorder: Recorder,
     folder: Path,
-) -> list[str]:
+) -> Iterator[str]:
     """Say what was received, what came of it, and where it is, line by line."""
-    counts = chain.counts
-    why = ", ".join(f"{count} {words(name)}" for name, count in monitor.reasons.most_common())
-    lines = [
-        f"{counts.received} frames received: {counts.solved} count, {counts.marked} do not"
-        f"{f' ({why})' if why else ''}",
-        f"{counts.late} frames late, {counts.doubled} samples doubled, {counts.out_of_order} out "
-        "of order",
-        *(f"{n} samples of stream {name} never arrived" for name, n in monitor.losses.lost.items()),
-    ]
-    for variant, rms in monitor.condition.rms.items():
-        limits = monitor.limits[variant]
-        lines.append(
-            f"residuals {variant}, {monitor.condition.cycles} gait cycles of both feet: "
-            f"RMS {in_words(rms)}; "
-            f"peaks {limits.force_n:.0f} N (published limit {limits.max_force_n:.0f} N) and "
-            f"{limits.moment_nm:.0f} N·m ({limits.max_moment_nm:.0f} N·m)"
+    condition = monitor.condition
+    why = ", ".join(
+        f"{count} {name.lower().replace('_', ' ')}" for name, count in monitor.reasons.most_common()
+    )
+    yield (
+        f"{chain.received} frames received: {chain.solved} count, {chain.marked} do not"
+        f"{f' ({why})' if why else ''}; {chain.late} were late, {chain.left_out} samples doubled "
+        "or out of order"
+    )
+    for name, lost in monitor.losses.lost.items():
+        yield f"{lost} samples of stream {name} never arrived"
+    for variant, rms in condition.rms.items():
+        yield (
+            f"residuals {variant}, {condition.cycles} gait cycles of both feet: RMS "
+            f"{in_words(rms)}; {peaks_in_words(monitor.limits[variant])}"
         )
-    if beside := monitor.condition.not_carried:
-        lines.append(f"{beside} gait cycles left out: the plates did not carry the subject in them")
-    if counts.received and not monitor.condition.cycles:
-        lines.append("no gait cycle counts, so that no residuals are summed up")
-    if not counts.received:
-        lines.append(f"stream {chain.stream.name} has sent no frame: does its program measure?")
+    if condition.not_carried:
+        beside = condition.not_carried
+        yield f"{beside} gait cycles left out: the plates did not carry the subject in them"
+    if not chain.received:
+        yield f"stream {chain.stream.name} has sent no frame: does its program measure?"
     else:
-        lines.append(
+        if not condition.cycles:
+            yield "no gait cycle counts, so that no residuals are summed up"
+        yield (
             f"from arrival to results: median {monitor.latency_ms(50):.2f} ms, 99 % within "
             f"{monitor.latency_ms(99):.2f} ms"
         )
     if session.fault is not None:
-        lines.append(f"ended by itself: {session.fault}")
+        yield f"ended by itself: {session.fault}"
     if recorder.fault is not None:
-        lines.append(f"{recorder.fault}; {recorder.lost} entries are missing")
-    lines.append(f"recorded: {folder / STREAMS} (any command reads it), {folder / RESULTS}")
-    return lines
-
-
-def words(reason: str) -> str:
-    """Put a reason why frames do not count into words.
-
-    Examples
-    --------
-    >>> words("FORCES_UNKNOWN")
-    'forces unknown'
-    """
-    return reason.lower().replace("_", " ")
+        yield f"{recorder.fault}; {recorder.lost} entries are missing"
+    yield f"recorded: {folder / STREAMS} (any command reads it), {folder / RESULTS}"

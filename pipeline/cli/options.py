@@ -11,13 +11,10 @@ from typing import Annotated, Any, get_origin
 import typer
 from pydantic.fields import FieldInfo
 
-from pipeline.config.input_model import InputModel
+from pipeline.config.input_model import InputModel, bounds_of
 from pipeline.config.schema import RecordingRules
 from pipeline.config.toml_file import check_options
 from pipeline.run.request import NO_OPTIONS, TrialRequest
-
-USAGE = 2
-"""Exit code for wrong usage or input."""
 
 RESULT = ".parquet"
 """Suffix of the file of a processed trial."""
@@ -30,13 +27,16 @@ Simulate = Annotated[
 ]
 
 
-def _help(field: FieldInfo) -> str:
-    return " ".join((field.description or "").split())
+def _help(kind: type[InputModel], name: str) -> str:
+    """Give the description of a setting, and the numbers that it may have."""
+    text = " ".join((kind.model_fields[name].description or "").split())
+    bounds = bounds_of(kind, name)
+    return f"{text} [{bounds}]" if bounds else text
 
 
 def described(kind: type[InputModel], name: str, *names: str) -> Any:
     """Give the option of a setting, with its description."""
-    return typer.Option(*names, help=_help(kind.model_fields[name]))
+    return typer.Option(*names, help=_help(kind, name))
 
 
 Axes = Annotated[str | None, described(RecordingRules, "axes")]
@@ -78,7 +78,7 @@ def takes_trial_request(command: Callable[..., int | None]) -> Callable[..., int
 
 def _parameter(name: str, field: FieldInfo) -> Parameter:
     """Give a field of a request for typer: an argument if it is required, else an option."""
-    help_text, annotation = _help(field), str(field.annotation)
+    help_text, annotation = _help(TrialRequest, name), str(field.annotation)
     kind: Any = Path if "Path" in annotation else float if "float" in annotation else str
     if get_origin(field.annotation) in (tuple, dict):
         kind = list[str]  # an option that may be repeated

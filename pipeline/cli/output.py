@@ -1,10 +1,8 @@
 """Standard output and error as they are: of any encoding, narrow, closed, or no longer read."""
 
-import codecs
 import io
 import os
 import sys
-import unicodedata
 from typing import Final
 
 from hbm.spelling import both_ends, printable
@@ -13,28 +11,12 @@ MAX_LINE: Final = 290
 """Characters of an error, some lines of a terminal: names and texts out of files may have any
 length."""
 
-STAND_INS: Final = {
-    "·": "*",
-    "×": "x",
-    "±": "+/-",
-    "°": " deg",
-    "µ": "u",
-    "–": "-",
-    "—": "-",
-    "−": "-",
-    "→": "->",
-    "≤": "<=",
-    "≥": ">=",
-}
-"""What a letter is written as where the encoding of the output lacks it."""
-
 
 def accept_any_letter() -> None:
-    """Write letters that the encoding of the output lacks, such as ASCII's, in other letters."""
-    codecs.register_error("stand-in", _stand_in)
+    """Write a question mark for a letter that the encoding of the output lacks, such as ASCII."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # None where it is closed
-            stream.reconfigure(errors="stand-in")
+            stream.reconfigure(errors="replace")
 
 
 def print_error(line: str) -> None:
@@ -49,14 +31,3 @@ def drop_output() -> None:
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, sys.stdout.fileno())
     os.close(nowhere)
-
-
-def _stand_in(error: UnicodeError) -> tuple[str, int]:
-    if not isinstance(error, UnicodeEncodeError):
-        raise error
-    return "".join(map(_other_letters, error.object[error.start : error.end])), error.end
-
-
-def _other_letters(letter: str) -> str:
-    bare = unicodedata.normalize("NFKD", letter).encode("ascii", "ignore").decode()
-    return STAND_INS.get(letter) or bare or "?"

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline.cli.options import Jobs, Out
+from pipeline.cli.stopping import stoppable
 from pipeline.cli.study import print_study_residuals, report, run, view
+from pipeline.cli.terminal import PlainConsole, StepProgress, announcer, counted
 
 if TYPE_CHECKING:
-    from pipeline.cli.terminal import PlainConsole
     from pipeline.virtual_lab.protocol.walking_protocol import Setting
 
 
@@ -37,7 +38,12 @@ def simulate(
     Of a simulated study that is in the folder already, only what is missing is written.
     """
     from pipeline.virtual_lab.protocol.walking_protocol import Setting, find_setting
-    from pipeline.virtual_lab.protocol.walking_study import folder_setting, require_setting
+    from pipeline.virtual_lab.protocol.walking_study import (
+        folder_setting,
+        missing_files,
+        require_setting,
+        study_files,
+    )
 
     there = folder_setting(folder)
     chosen = find_setting(setting) if setting is not None else there or Setting()
@@ -48,45 +54,24 @@ def simulate(
         chosen = chosen.model_copy(update={"protocol": protocol})
     if there is not None:
         require_setting(folder, there, chosen)
-    _complete_study(folder, chosen, jobs)
-
-
-def _complete_study(folder: Path, setting: "Setting", jobs: int) -> None:
-    """Write what is missing of a study; print what was written and what was there."""
-    from pipeline.cli.terminal import PlainConsole, counted
-    from pipeline.virtual_lab.protocol.walking_study import missing_files, study_files
-
-    console, start = PlainConsole(), time.monotonic()
-    missing, every = missing_files(folder, setting), study_files(setting)
-    _simulate_study(folder, setting, jobs, console, keep=True)
+    start, missing = time.monotonic(), missing_files(folder, chosen)
+    _simulate_study(folder, chosen, jobs, PlainConsole(), keep=True)
     recordings = sum(name.endswith(".c3d") for name in missing)
-    console.say(
+    PlainConsole().say(
         f"{counted(recordings, 'recording')} and {counted(len(missing) - recordings, 'other file')}"
         f" written to {folder} in {time.monotonic() - start:.0f} s, "
-        f"{len(every) - len(missing)} were there already; next: hbm run {folder}"
+        f"{len(study_files(chosen)) - len(missing)} were there already; next: hbm run {folder}"
     )
 
 
 def _simulate_study(
-    folder: Path, setting: "Setting", jobs: int, console: "PlainConsole", *, keep: bool = False
+    folder: Path, setting: "Setting", jobs: int, console: PlainConsole, *, keep: bool = False
 ) -> None:
     from hbm.kernels.native import kernels
-    from pipeline.cli.stopping import stoppable
-    from pipeline.cli.terminal import StepProgress, announcer
-    from pipeline.virtual_lab.protocol.walking_study import (
-        missing_files,
-        simulate_study,
-        study_files,
-    )
+    from pipeline.virtual_lab.protocol.walking_study import simulate_study
 
-    def state() -> str:
-        if not keep:
-            return "the study is not complete; the same command begins again"
-        every = len(study_files(setting))
-        there = every - len(missing_files(folder, setting))
-        return f"written and kept are {there} of {every} files; the same command goes on"
-
-    with stoppable(state):
+    goes_on = "goes on" if keep else "begins again"
+    with stoppable(lambda: f"the study is not complete; the same command {goes_on}"):
         kernels(announcer(console))
         with StepProgress(console, "simulating", "recordings") as progress:
             simulate_study(folder, setting, progress.show, jobs, keep=keep)
@@ -100,7 +85,6 @@ def demo(
     out: Out = Path("demo"),
 ) -> int:
     """Simulate a study in the virtual laboratory and run experiment 3 on it."""
-    from pipeline.cli.terminal import PlainConsole
     from pipeline.virtual_lab.protocol.walking_protocol import DEMO, Setting
 
     console, start = PlainConsole(), time.monotonic()
@@ -113,8 +97,8 @@ def demo(
         f"pitches; their recordings are in {study} ({time.monotonic() - start:.0f} s)"
     )
     code = run(study, jobs=jobs, out=results)
-    print_study_residuals(results)
     report(results)
+    print_study_residuals(results)
     view(results, "sub01", "sway", save=results / "viewer" / "sub01_sway.rrd")
     console.say(
         f"open {results / 'report.html'} in a browser; 'hbm view {results}' shows where the "

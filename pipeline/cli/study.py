@@ -1,13 +1,23 @@
 """A study on the command line: init, check, run, and its results: report, view."""
 
-import math
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.text import Text
 
-from pipeline.cli.options import RESULT, USAGE, Jobs, Out, ResultsFolder, StudyFolder
+from pipeline.cli.options import RESULT, Jobs, Out, ResultsFolder, StudyFolder
+from pipeline.cli.stopping import stoppable
+from pipeline.cli.terminal import (
+    PlainConsole,
+    StepProgress,
+    announcer,
+    counted,
+    new_table,
+    note_line,
+    print_table,
+)
 
 if TYPE_CHECKING:
     from hbm.notes import Note
@@ -15,7 +25,6 @@ if TYPE_CHECKING:
 
 def init(folder: Annotated[Path, typer.Argument(help="Folder for the new study.")]) -> None:
     """Write a commented study.toml and a subject file to start from."""
-    from pipeline.cli.terminal import PlainConsole
     from pipeline.config.templates import write_template
 
     study, subject = write_template(folder)
@@ -32,36 +41,37 @@ def check(
     ] = False,
 ) -> int:
     """Read every TOML and every recording of a study, list all problems, compute nothing."""
-    from pipeline.cli.terminal import PlainConsole, StepProgress, counted, note_line
     from pipeline.config.comparison import study_design
     from pipeline.config.study import read_study
-    from pipeline.run.check import check_study
+    from pipeline.run.check import check_study, read_twice, study_recordings
     from pipeline.statistics.design import in_words
 
     console, loaded = PlainConsole(), read_study(study)
-    findings = check_study(loaded)
+    found, recordings = check_study(loaded), study_recordings(loaded)
+    agree = 0
     if second_reader:
-        from pipeline.run.second_reader import read_study_twice
-
         with StepProgress(console, "reading twice", "files") as progress:
-            findings.add(read_study_twice(loaded, progress.show))
-    for place in dict.fromkeys(remark.place for remark in findings.remarks):
+            for done, path in enumerate(recordings, 1):
+                agree += read_twice(path, found)
+                progress.show(path.name, done, len(recordings))
+    for place in dict.fromkeys(remark.place for remark in found.remarks):
         console.say(place)
-        for remark in findings.remarks:
-            if remark.place == place:
-                console.say(note_line(remark.note))
-    for fault in findings.faults:
+        for said in (remark.said for remark in found.remarks if remark.place == place):
+            console.say(f"- {said}" if isinstance(said, str) else note_line(said))
+    for fault in found.faults:
         console.say(f"FAULT {fault}")
-    if not findings.faults:
+    if second_reader:
+        console.say(f"both readers read the same in {agree} of {len(recordings)} files")
+    if not found.faults:
         stated = "" if loaded.file.comparison else "no [comparison] is stated: "
         console.say(f"{stated}{in_words(study_design(loaded.file))}")
     trials = sum(t.exclude is None for s in loaded.subjects.values() for t in s.trials.values())
     console.say(
         f"{counted(len(loaded.subjects), 'subject')}, {counted(trials, 'trial')}, "
-        f"{counted(len(findings.faults), 'fault')}"
-        + ("" if findings.faults else f"; next: hbm run {study}")
+        f"{counted(len(found.faults), 'fault')}"
+        + ("" if found.faults else f"; next: hbm run {study}")
     )
-    return USAGE if findings.faults else 0
+    return 2 if found.faults else 0
 
 
 def run(
@@ -79,8 +89,6 @@ def run(
     ] = False,
 ) -> int:
     """Process a study; finished trials are skipped, failed ones listed with reasons."""
-    from pipeline.cli.stopping import stoppable
-    from pipeline.cli.terminal import PlainConsole, StepProgress, announcer, counted
     from pipeline.config.study import read_study
     from pipeline.config.toml_file import StudyFaults
     from pipeline.run.processes import keep_freed_memory
@@ -102,8 +110,6 @@ def run(
         console.say_notes(read_study_laboratory(loaded).notes)
     counts = {"done": 0, "kept": 0, "failed": 0}
     of_calibration: dict[Note, None] = {}
-    size = {job.target: max(job.size, 1) for job in planned}  # before a file may go
-    size_done, to_do = 0, sum(size.values())
     outcomes = run_planned(
         loaded, planned, out, jobs=jobs, scheduler=scheduler, announce=announcer(console)
     )
@@ -114,21 +120,12 @@ def run(
         return f"done and kept are {done} of {trials}; the same command goes on"
 
     with stoppable(kept), StepProgress(console, "processing", "trials") as progress:
-        for finished, outcome in enumerate(outcomes, 1):
+        for outcome in outcomes:
             counts[outcome.state] += 1
             of_calibration |= dict.fromkeys(outcome.of_calibration)
-            if outcome.state == "kept":
-                to_do -= size[outcome.job.target]
-            else:
-                size_done += size[outcome.job.target]
-            progress.show(
-                str(outcome),
-                finished,
-                len(planned),
-                size_done=size_done,
-                size=to_do,
-                always=outcome.failure is not None,
-            )
+            failed = outcome.failure is not None
+            done, to_do = counts["done"] + counts["failed"], len(planned) - counts["kept"]
+            progress.show(str(outcome), done, to_do, always=failed)
     console.say_notes(of_calibration)
     console.say(
         f"{counted(counts['done'], 'trial')} processed, {counts['kept']} were there already, "
@@ -155,10 +152,6 @@ def report(
     ] = False,
 ) -> None:
     """Write tables, statistics, figures and report.html from the results of hbm run."""
-    from rich.text import Text
-
-    from pipeline.budgets.study import stale_sentence
-    from pipeline.cli.terminal import PlainConsole
     from pipeline.report.write import write_report
     from pipeline.run.store import recorded_study_folder
 
@@ -172,8 +165,6 @@ def report(
         )
     if plan:
         console.say((page.parent / "plan.md").read_text(encoding="utf-8"))
-    if stale := stale_sentence(folder, str(folder)):
-        console.say(stale)
     console.say(f"report: {page}")
 
 
@@ -187,10 +178,7 @@ def view(
     ] = None,
 ) -> None:
     """Open a trial in the Rerun viewer: markers, body, plates, forces, residuals over time."""
-    from rich.text import Text
-
     from pipeline.budgets.study import bands_of
-    from pipeline.cli.terminal import PlainConsole
     from pipeline.io.write import write_text
     from pipeline.run.program import program_digest
     from pipeline.run.store import read_trial
@@ -199,31 +187,29 @@ def view(
 
     console = PlainConsole()
     result = results if results.suffix == RESULT else _result_of(results, subject, condition)
+    summary = read_trial(result, frames=False)
+    bands = bands_of(result, summary)
     if save is not None:
         with console.status(Text(f"preparing {result.stem}")):
             save.parent.mkdir(parents=True, exist_ok=True)
-            trial = read_trial(result)
-            write_recording(trial, save, bands=bands_of(result, trial))
+            write_recording(read_trial(result), save, bands=bands)
         console.say(f"recording: {save}")
         return
     folder = result.parent.parent if result.parent.name == "trials" else result.parent
     stem = folder / "viewer" / result.stem
     recording, cycles, shown = (Path(f"{stem}{end}") for end in (".rrd", "_cycles.rrd", ".key"))
-    summary = read_trial(result, frames=False)
-    key, bands = summary.key, bands_of(result, summary)
-    known = "" if bands is None else " with bands"
-    made = f"{key} {program_digest()}{known}"  # a key does not cover the viewer
-    fresh = (
-        recording.is_file() and cycles.is_file() and shown.is_file() and shown.read_text() == made
+    made = (
+        f"{summary.key} {program_digest()} {bands is not None}"  # a key does not cover the viewer
     )
-    if not (key and fresh):
+    there = recording.is_file() and cycles.is_file() and shown.is_file()
+    if not (summary.key and there and shown.read_text() == made):
         with console.status(Text(f"preparing {result.stem}")):
             stem.parent.mkdir(parents=True, exist_ok=True)
             stored = read_trial(result)
             write_recording(stored, recording, bands=bands)
             write_cycles(stored, cycles)
         write_text(made, shown)
-    show([recording, cycles], web=web, announce=lambda line: console.say(line))
+    show([recording, cycles], web=web, announce=console.say)
 
 
 def _result_of(folder: Path, subject: str | None, condition: str | None) -> Path:
@@ -244,47 +230,25 @@ def _result_of(folder: Path, subject: str | None, condition: str | None) -> Path
 
 
 def print_study_residuals(folder: Path) -> None:
-    """Print a study's residual table: RMS, mean ± SD over subjects.
+    """Print the residuals of a study's report: RMS, mean ± SD over subjects."""
+    import pandas as pd
 
-    Parameters
-    ----------
-    folder
-        Results folder.
-    """
-    from rich import box
-    from rich.table import Table
-
-    from pipeline.cli.terminal import PlainConsole, print_table
     from pipeline.report.tables import windows_sentence
-    from pipeline.run.load import collect
-    from pipeline.statistics.design import unstated_design
 
-    residuals = collect(folder).residuals
-    residuals = residuals[residuals["headline"].astype(bool)]
-    table = Table(
-        title="Pelvis residuals, RMS, mean ± SD over subjects",
-        caption="x forward, y right, z up; IC: with inertia compensation\n"
-        f"{windows_sentence(residuals)}",
-        box=box.SIMPLE_HEAD,
-        padding=(0, 0),
+    residuals = pd.read_csv(folder / "residuals.csv")
+    residuals = residuals[residuals["headline"]]
+    table = new_table(
+        "Pelvis residuals, RMS, mean ± SD over subjects; IC: with inertia compensation",
+        ("axis", "condition"),
+        "no IC",
+        "IC",
+        caption=f"x forward, y right, z up. {windows_sentence(residuals)}",
     )
-    found = set(residuals[["condition", "compensated"]].itertuples(index=False, name=None))
-    order = unstated_design({name for name, _ in found}, compensated=True).in_order
-    columns = [(name, ic) for name in order(residuals["condition"]) for ic in (False, True)]
-    columns = [column for column in columns if column in found]
-    table.add_column("axis")
-    for condition, compensated in columns:
-        plates = "IC" if compensated else "no IC"
-        table.add_column(f"{condition}\n{plates}", justify="right", no_wrap=True)
-    cells = residuals.groupby(["axis", "condition", "compensated"])["rms"]
-    mean, sd = cells.mean(), cells.std(ddof=1)
-    for axis, unit in residuals[["axis", "unit"]].drop_duplicates().itertuples(index=False):
-        keys = [(axis, *column) for column in columns]
-        table.add_row(f"{axis}, {unit}", *(_cell(mean.get(k), sd.get(k)) for k in keys))
+    for (axis, unit), of_axis in residuals.groupby(["axis", "unit"]):
+        for condition, rows in of_axis.groupby("condition"):
+            of_plates = [rows.loc[rows["compensated"] == known, "rms"] for known in (False, True)]
+            cells = [
+                f"{own.mean():.1f} ± {own.std():.1f}" if len(own) else "–" for own in of_plates
+            ]
+            table.add_row(f"{axis}, {unit}", str(condition), *cells)
     print_table(table, PlainConsole())
-
-
-def _cell(mean: float | None, sd: float | None) -> str:
-    if mean is None:
-        return "–"
-    return f"{mean:.1f}" if sd is None or math.isnan(sd) else f"{mean:.1f} ± {sd:.1f}"

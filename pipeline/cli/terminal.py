@@ -1,7 +1,7 @@
 """What commands print with: a console, tables, and the progress of long work."""
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final
 
 from rich.console import Console, ConsoleOptions, RenderableType
@@ -10,7 +10,7 @@ from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
-from hbm.notes import Note
+from hbm.notes import Note, provenance, warnings_of
 from hbm.spelling import printable
 
 MIN_COLUMNS: Final = 40
@@ -32,9 +32,14 @@ class PlainConsole(Console):
         self.print(*parts, soft_wrap=True)
 
     def say_notes(self, notes: Iterable[Note]) -> None:
-        """Print notes, each in one line with its code."""
-        for note in notes:
+        """Print warnings, each in one line with its code, and provenance as a table."""
+        notes = tuple(notes)
+        for note in warnings_of(notes):
             self.say(note_line(note))
+        rows = provenance(notes)
+        width = max((len(item) for item, _ in rows), default=0)
+        for item, sentence in rows:
+            self.say(Text.assemble((f"{item:{width}}  ", "dim"), sentence))
 
     def render(
         self, renderable: RenderableType, options: ConsoleOptions | None = None
@@ -54,25 +59,28 @@ class PlainConsole(Console):
 
 def print_table(table: Table, console: Console) -> None:
     """Print a table, or a line for each of its rows where the terminal is too narrow for it."""
-    if fits(table, console):
+    wide = console.options.update(max_width=WIDE)
+    if console.measure(table, options=wide).maximum <= console.width:
         console.print(table)
         return
-    if table.title:
-        console.print(table.title)
+    console.print(table.title or "")
     headers = [str(column.header).replace("\n", " ") for column in table.columns]
     names = sum(column.justify == "left" for column in table.columns[:2])
     for row in zip(*(map(str, column.cells) for column in table.columns), strict=True):
         cells = [f"{header} {cell}" for header, cell in zip(headers, row, strict=True)]
         text = ", ".join(cells[names:]).replace(",  ", " ")
         console.print(f"{' '.join(row[:names])}: {text}")
-    if table.caption:
-        console.print(table.caption)
+    console.print(table.caption or "")
 
 
-def fits(table: Table, console: Console) -> bool:
-    """Whether the terminal is wide enough for a table."""
-    wide = console.options.update(max_width=WIDE)
-    return console.measure(table, options=wide).maximum <= console.width
+def new_table(title: str, names: Sequence[str], *numbers: str, caption: str | None = None) -> Table:
+    """Give a table without rows: columns of names to the left, then those of numbers."""
+    table = Table(title=title, caption=caption)
+    for name in names:
+        table.add_column(name)
+    for name in numbers:
+        table.add_column(name, justify="right")
+    return table
 
 
 def announcer(console: Console) -> Callable[[str], None]:
@@ -81,10 +89,10 @@ def announcer(console: Console) -> Callable[[str], None]:
 
 
 def note_line(note: Note) -> Text:
-    """Lay a note out with its code, under which ``docs/notes.md`` explains it."""
-    warns = note.level == "warning"
-    text = (f"- {'warning: ' * warns}{note} ", "bold" if warns else "")
-    return Text.assemble(text, (f"[{note.code}]", "dim"))
+    """Lay out a warning with its code, which ``docs/notes.md`` explains, else item and sentence."""
+    if note.item:
+        return Text(f"- {note.item}: {note}")
+    return Text.assemble((f"- warning: {note} ", "bold"), (f"[{note.code}]", "dim"))
 
 
 def counted(number: int, noun: str) -> str:
@@ -93,17 +101,7 @@ def counted(number: int, noun: str) -> str:
 
 
 class StepProgress(Progress):
-    """Progress of long work: a bar with the time left in a terminal, a line per step elsewhere.
-
-    Parameters
-    ----------
-    console
-        Where to print.
-    work
-        What is done, such as "simulating".
-    unit
-        What the steps are, such as "recordings".
-    """
+    """Progress of long work: a bar with the time left in a terminal, a line per step elsewhere."""
 
     def __init__(self, console: Console, work: str, unit: str) -> None:
         super().__init__(
@@ -119,33 +117,11 @@ class StepProgress(Progress):
         self.task = self.add_task(work, total=None)
         self.advance(self.task, 0)  # the time left is estimated from here on
 
-    def show(
-        self,
-        line: str,
-        done: int,
-        steps: int,
-        *,
-        size_done: float | None = None,
-        size: float | None = None,
-        always: bool = False,
-    ) -> None:
-        """Show that a step is done.
-
-        Parameters
-        ----------
-        line
-            What was done, such as "sub01_sway.c3d".
-        done, steps
-            How many steps are done, and how many there are.
-        size_done, size
-            The same in what the time is proportional to, where steps differ; default: the steps.
-        always
-            Whether to print the line in a terminal too, such as a failure.
-        """
+    def show(self, line: str, done: int, steps: int, *, always: bool = False) -> None:
+        """Say that a step is done; with ``always`` in a terminal too, such as a failure."""
         task, count = self.tasks[0], f"{done} of {steps} {self.unit}"
-        task.total = steps if size is None else size
-        completed = done if size_done is None else size_done
-        self.update(self.task, completed=completed, description=f"{self.work}: {count}")
+        task.total = steps  # to update it would begin the estimate of the time left anew
+        self.update(self.task, completed=done, description=f"{self.work}: {count}")
         if self.console.is_interactive:
             if always:
                 self.console.print(line, soft_wrap=True)

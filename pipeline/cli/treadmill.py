@@ -20,12 +20,16 @@ from pipeline.cli.options import (
     Units,
     described,
 )
-from pipeline.config.schema import Platform, Treadmill
+from pipeline.cli.terminal import PlainConsole, StepProgress, announcer, new_table, print_table
+from pipeline.config.schema import Platform, RecordingRules, Treadmill
+from pipeline.config.toml_file import check_options
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from compensation import Calibration
+    from hbm.notes import Note
+    from pipeline.io.recording import Recording
     from pipeline.trial.ground.calibration_check import CalibrationCheck
 
 
@@ -63,28 +67,11 @@ def fit(
     """Fit a calibration to a recording of the empty, moving treadmill."""
     from compensation import to_json
     from compensation.inertia.sensors import describe_sensors
-    from hbm.notes import warnings_first
-    from pipeline.cli.terminal import PlainConsole, print_table
     from pipeline.config.plate_correction import read_plate_correction
-    from pipeline.config.schema import RecordingRules
-    from pipeline.config.toml_file import check_options
-    from pipeline.io.units import acceleration_in_mps2
     from pipeline.io.write import write_text
     from pipeline.run.job import file_digest
-    from pipeline.trial.ground.accelerometers import (
-        fastest_belt,
-        find_accelerometers,
-        mean_belt_speed,
-        stated_accelerometers,
-    )
-    from pipeline.trial.ground.calibration_recording import (
-        BESIDE,
-        MODEL,
-        WEIGHT,
-        fit_calibration,
-        plates_timed_apart,
-        read_empty,
-    )
+    from pipeline.trial.ground import accelerometers
+    from pipeline.trial.ground import calibration_recording as of_empty
     from pipeline.trial.ground.corrected_plates import with_corrected_plates
     from pipeline.trial.ground.platform import recording_delays
     from pipeline.trial.ground.uncertainty import belt_speed_notes
@@ -92,13 +79,20 @@ def fit(
     console = PlainConsole()
     if out.is_dir():
         raise ValueError(f"--out {out}: is a folder; name the file to write, such as lab.json")
+    commands = Platform(sway_channel=sway_channel, pitch_channel=pitch_channel)
+    markers = tuple(filter(None, map(str.strip, platform_markers.split(","))))
+    if commands.channels and not markers:
+        raise ValueError("--sway-channel and --pitch-channel need --platform-markers")
     rules = {"axes": axes, "units": units, "plate_units": plate_units}
-    plates = read_plate_correction(plate_calibration) if plate_calibration else None
     stated = check_options(RecordingRules, rules).stated()
-    empty = read_empty(recording, stated, any_forward=plates is None)
-    sensors = stated_accelerometers(accelerometer or ()) or find_accelerometers(empty)
-    if accelerometer_unit is not None:
-        acceleration_in_mps2(accelerometer_unit)
+    plates = read_plate_correction(plate_calibration) if plate_calibration else None
+
+    def read(path: Path) -> "Recording":
+        return of_empty.read_empty(path, stated, any_forward=plates is None)
+
+    empty = read(recording)
+    sensors = accelerometers.stated_accelerometers(accelerometer or ())
+    sensors = sensors or accelerometers.find_accelerometers(empty)
     treadmill = check_options(
         Treadmill,
         {
@@ -108,20 +102,13 @@ def fit(
             "inertia_model": inertia_model,
         },
     )
-    commands = Platform(sway_channel=sway_channel, pitch_channel=pitch_channel)
-    markers = tuple(filter(None, map(str.strip, platform_markers.split(","))))
-    if commands.channels and not markers:
-        raise ValueError("--sway-channel and --pitch-channel need --platform-markers")
-    with_markers = treadmill.model_copy(update={"platform": Platform(markers=markers)})
+    timing: tuple[Note, ...] = ()
     try:
-        fitted_too, compared = (
-            [read_empty(path, stated, any_forward=plates is None) for path in paths or ()]
-            for paths in (beside, check)
-        )
-        calibration = fit_calibration(empty, treadmill, plates, fitted_too, compared)
-        timing = (
-            recording_delays(empty, with_markers, calibration.sensors, commands) if markers else ()
-        )
+        fitted_too, compared = ([*map(read, paths or ())] for paths in (beside, check))
+        calibration = of_empty.fit_calibration(empty, treadmill, plates, fitted_too, compared)
+        if markers:
+            moved = treadmill.model_copy(update={"platform": Platform(markers=markers)})
+            timing = recording_delays(empty, moved, calibration.sensors, commands)
     except ValueError as error:
         text = str(error)
         if "unknown acceleration unit" in text:
@@ -137,23 +124,21 @@ def fit(
         "accelerometer_unit": accelerometer_unit or "",
     }
     write_text(to_json(replace(calibration, provenance=provenance)), out)
-    setup = next(iter(calibration.plates.values())).setup
-    method = setup.filter_method if setup is not None else ""
-    console.print(f"accelerometers: {', '.join(sensors)}; low-pass {cutoff_hz:g} Hz, {method}")
-    if BESIDE in provenance:
-        console.say(f"fitted too: {provenance[BESIDE]}; {provenance[WEIGHT]}")
-    console.say(provenance[MODEL])
-    print_table(_sensor_table(calibration), console)
+    console.say(f"accelerometers: {', '.join(sensors)}; low-pass {cutoff_hz:g} Hz")
+    if of_empty.BESIDE in provenance:
+        console.say(f"fitted too: {provenance[of_empty.BESIDE]}; {provenance[of_empty.WEIGHT]}")
+    console.say(provenance[of_empty.MODEL])
     print_table(_fit_table(calibration), console)
+    belts_mps = accelerometers.mean_belt_speed(accelerometers.fastest_belt(empty, treadmill))
     notes = [
         *calibration.notes,
         *with_corrected_plates(empty, plates).notes[len(empty.notes) :],
         *describe_sensors(calibration.sensors),
         *timing,
-        *plates_timed_apart(empty, treadmill, calibration.sensors, plates),
-        *belt_speed_notes(mean_belt_speed(fastest_belt(empty, treadmill)), calibration),
+        *of_empty.plates_timed_apart(empty, treadmill, calibration.sensors, plates),
+        *belt_speed_notes(belts_mps, calibration),
     ]
-    console.say_notes(warnings_first(notes))
+    console.say_notes(notes)
     if calibration.notes:
         advice = "calibration not fit for trials: mend what the warnings name, then fit it again"
     else:
@@ -166,51 +151,18 @@ def fit(
 
 def _fit_table(calibration: "Calibration") -> "Table":
     """Lay out how well a calibration explains its own recording."""
-    from rich.table import Table
-
-    table = Table(title="The empty plates, before and after compensation (calibration recording)")
-    for name in ("plate", "component", "RMS", "after", "< 6 Hz", "limit", "R²", "verdict"):
-        left = name in ("plate", "component", "verdict")
-        table.add_column(name, justify="left" if left else "right")
-    for name, model in calibration.in_use.items():
+    table = new_table(
+        "The empty plates, before and after compensation (calibration recording)",
+        ("plate", "component", "verdict"),
+        *("RMS", "after", "< 6 Hz", "limit", "R²"),
+        caption="limit: raises the residuals of a walking adult of 75 kg by 5 %; R² is low where a "
+        "component hardly moved, without harm",
+    )
+    for name in calibration.in_use:
         for row in calibration.verdict[name]:
-            table.add_row(
-                name,
-                row.component,
-                f"{row.excited:.1f} {row.unit}",
-                f"{row.after:.2f} {row.unit}",
-                f"{row.left:.2f} {row.unit}",
-                f"{row.limit:.1f} {row.unit}",
-                f"{row.r_squared:.4f}",
-                row.verdict,
-            )
-        table.caption = (
-            f"rank {model.rank} of {len(model.gain)}, condition "
-            f"{model.condition:.0f}; limit: raises the residuals of a walking adult of 75 kg by "
-            "5 %; R² is low where a component hardly moved, without harm"
-        )
-    return table
-
-
-def _sensor_table(calibration: "Calibration") -> "Table":
-    """Lay out what a calibration found of its accelerometers, with 95 % intervals."""
-    from rich.table import Table
-
-    table = Table(title="The accelerometers (95 % intervals)")
-    for name in ("accelerometer", "later than plates", "noise", "corrected"):
-        table.add_column(
-            name, justify="left" if name in ("accelerometer", "corrected") else "right"
-        )
-    for sensor in calibration.sensors:
-        error, noise = sensor.delay_error_s, sensor.noise_mps2
-        table.add_row(
-            sensor.name,
-            f"{1000 * sensor.delay_s:.2f} ± {1960 * error:.2f} ms"
-            if error is not None
-            else "unknown",
-            "unknown" if noise is None else f"{noise:.4f} m/s²",
-            "delay" if sensor.correction_s else "nothing",
-        )
+            numbers = (row.excited, row.after, row.left, row.limit)
+            cells = (f"{number:.2f} {row.unit}" for number in numbers)
+            table.add_row(name, row.component, row.verdict, *cells, f"{row.r_squared:.4f}")
     return table
 
 
@@ -235,7 +187,6 @@ def signals(
     from compensation import MachineLimits
     from compensation.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
     from pipeline.calibration_ranking.signal_files import KINDS, protocol_signals, write_signals
-    from pipeline.cli.terminal import PlainConsole
 
     if kind not in (*KINDS, "all"):
         raise ValueError(f"--kind must be one of {', '.join(KINDS)} or all, got {kind!r}")
@@ -263,7 +214,7 @@ def signals(
     lacking = [
         advised
         for name, advised in to_begin_with.items()
-        if name in drawn and advised not in {s.name for s in drawn[name][0]}
+        if name in drawn and advised not in {signal.name for signal in drawn[name][0]}
     ]
     if lacking:
         console.say(
@@ -273,9 +224,8 @@ def signals(
         return 1
     console.say(
         "columns: sway to the left, pitch (positive lowers the front), speed of both belts; next: "
-        f"record one with the treadmill empty, {ADVISED_PLATFORM_SIGNAL} for pitch and sway or "
-        f"{ADVISED_BELT_SIGNAL} for the belts, and fit it (hbm calibration fit), or several and "
-        "rank them (hbm calibration rank)"
+        f"record {ADVISED_PLATFORM_SIGNAL} (pitch and sway) or {ADVISED_BELT_SIGNAL} (belts) with "
+        "the treadmill empty, and fit it (hbm calibration fit)"
     )
     return 0
 
@@ -304,7 +254,6 @@ def rank(
     """Rank calibration trials by how well they compensate the validation trials."""
     from pipeline.calibration_ranking.report import write_results
     from pipeline.calibration_ranking.trials import RankingSettings, read_trials
-    from pipeline.cli.terminal import PlainConsole, StepProgress
     from pipeline.virtual_lab.protocol.ranking_study import TRIALS, simulate_ranking
 
     console = PlainConsole()
@@ -341,7 +290,6 @@ def plates(
 
     Where a plate can be corrected, its calibration is written too.
     """
-    from pipeline.cli.terminal import PlainConsole, announcer
     from pipeline.config.plate_study import read_plates_study
     from pipeline.plate_accuracy.accuracy import check_plates
     from pipeline.plate_accuracy.report import use_of_calibration, write_report
@@ -363,7 +311,6 @@ def plates(
         if fault.significant:
             console.say(f"- {describe(fault)}")
     for verdict in verdicts:
-        console.say_notes(verdict.notes)
         console.say(verdict.sentence)
     advice = use_of_calibration(verdicts, out)
     if advice is not None:
@@ -381,10 +328,7 @@ def check(
     plate_calibration: PlateCorrectionFile = None,
 ) -> int:
     """Check a calibration with an empty recording of another day; exit code 1 if not valid."""
-    from pipeline.cli.terminal import PlainConsole, print_table
     from pipeline.config.plate_correction import read_plate_correction
-    from pipeline.config.schema import RecordingRules
-    from pipeline.config.toml_file import check_options
     from pipeline.trial.ground.accelerometers import stated_accelerometers
     from pipeline.trial.ground.calibration_check import check_recording
     from pipeline.trial.ground.calibration_recording import read_empty
@@ -406,14 +350,14 @@ def check(
 
 def _table(found: "CalibrationCheck", recording: str) -> "Table":
     """Lay out what the calibration and a new fit leave, and how far the zeros moved."""
-    from rich.table import Table
-
     from compensation.inertia.quality import UNITS
     from hbm.spatial import WRENCH_COMPONENTS
 
-    table = Table(title=f"{recording}, compensated by the calibration (below 6 Hz)")
-    for name in ("plate", "component", "RMS left", "by a new fit", "zero changed by"):
-        table.add_column(name, justify="left" if name in ("plate", "component") else "right")
+    table = new_table(
+        f"{recording}, compensated by the calibration (below 6 Hz)",
+        ("plate", "component"),
+        *("RMS left", "by a new fit", "zero changed by"),
+    )
     for plate, one in found.plates.items():
         for k, component in enumerate(WRENCH_COMPONENTS):
             numbers = one.left[k], one.left_by_new_fit[k], one.zero_change[k]

@@ -4,25 +4,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.cli.options import (
-    RESULT,
-    Out,
-    require_folder,
-    takes_trial_request,
-)
+from pipeline.cli.options import RESULT, Out, require_folder, takes_trial_request
+from pipeline.cli.terminal import PlainConsole, announcer, counted, new_table, print_table
 from pipeline.run.request import TrialRequest
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from pipeline.cli.terminal import PlainConsole
     from pipeline.trial.result import TrialResult
 
 
 @takes_trial_request
 def residuals(request: TrialRequest, out: Out = Path("results")) -> None:
     """Process one trial: print its pelvis residuals, write table, frames and figure."""
-    from pipeline.cli.terminal import PlainConsole, announcer
     from pipeline.figures.residuals import residual_figure
     from pipeline.figures.style import save_figure
     from pipeline.io.write import write_csv
@@ -51,20 +45,8 @@ def residuals(request: TrialRequest, out: Out = Path("results")) -> None:
         raise ValueError(f"{request.trial.name}: there are no residuals: {reason}")
 
 
-def print_result(result: "TrialResult", console: "PlainConsole") -> None:
-    """Print a trial's residuals, thresholds, marker errors and notes.
-
-    Parameters
-    ----------
-    result
-        The trial.
-    console
-        Where.
-    """
-    from rich.table import Table
-
-    from hbm.notes import warnings_first
-    from pipeline.cli.terminal import counted, print_table
+def print_result(result: "TrialResult", console: PlainConsole) -> None:
+    """Print a trial's residuals, thresholds, marker errors and notes."""
     from pipeline.trial.residuals import marker_table, residual_table, rows_of, threshold_table
 
     rows = rows_of(residual_table(result, result.source.stem))
@@ -76,14 +58,14 @@ def print_result(result: "TrialResult", console: "PlainConsole") -> None:
         counts = f"{used} of {counted(result.found_cycles, 'gait cycle')} of {feet}"
     if rows and rows[0].valid_share < 1:
         counts += f", {100 * rows[0].valid_share:.0f} % of their frames"
-    table = Table(
-        title=f"Pelvis residuals, {result.source.name}, {counts} "
+    table = new_table(
+        f"Pelvis residuals, {result.source.name}, {counts} "
         f"({result.settings.filter} {result.settings.cutoff_hz:g} Hz)",
+        ("plates", "axis"),
+        *("RMS", "mean", "SD", "peak", "", "RMS %"),
         caption="x forward, y right, z up; moments about mid-hip; % of body weight, or of body "
         "weight × stature",
     )
-    for name in ("plates", "axis", "RMS", "mean", "SD", "peak", "", "RMS %"):
-        table.add_column(name, justify="left" if name in ("plates", "axis", "") else "right")
     for row in rows:
         numbers = [f"{value:.1f}" for value in (row.rms, row.mean, row.sd, row.peak)]
         percent = f"{row.rms_percent:.2f}"
@@ -98,7 +80,7 @@ def print_result(result: "TrialResult", console: "PlainConsole") -> None:
             f"({_plates(threshold.compensated)})"
         )
     console.print(_marker_errors(marker_table(result)))
-    console.say_notes(warnings_first(result.notes))
+    console.say_notes(result.notes)
 
 
 def _marker_errors(table: "pd.DataFrame") -> str:

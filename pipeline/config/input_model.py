@@ -43,6 +43,14 @@ class InputModel(BaseModel):
     )
 
 
+def bounds_of(kind: type[InputModel], name: str) -> str:
+    """Give the numbers that a setting may have, such as "0.1 to 50"; empty for other settings."""
+    field = kind.model_json_schema()["properties"][name]
+    stated = field["anyOf"][0] if "anyOf" in field else field
+    least = stated.get("minimum", stated.get("exclusiveMinimum"))
+    return "" if least is None else f"{least:g} to {stated['maximum']:g}"
+
+
 def _file_name(name: str) -> str:
     if name.partition(".")[0].lower() in RESERVED:
         raise ValueError(f"{name!r} is the name of a device on Windows; choose another")

@@ -12,6 +12,7 @@ from typing import Any, Final
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from pipeline.config.input_model import bounds_of
 from pipeline.config.schema import Settings, StudyFile, SubjectFile
 from pipeline.config.toml_file import models_in
 from pipeline.io.write import whole_file
@@ -140,9 +141,7 @@ def settings_table() -> str:
     lines = ["| key | default | allowed | meaning |", "|---|---|---|---|"]
     for name, field in Settings.model_json_schema()["properties"].items():
         stated = field["anyOf"][0] if "anyOf" in field else field
-        words = ", ".join(stated.get("enum", ()))
-        least = stated.get("minimum", stated.get("exclusiveMinimum"))
-        allowed = words if least is None else f"{least:g} to {stated['maximum']:g}"
+        allowed = ", ".join(stated.get("enum", ())) or bounds_of(Settings, name)
         meaning = " ".join(field["description"].split())
         default = "" if field["default"] is None else f"`{json.dumps(field['default'])}`"
         lines.append(f"| `{name}` | {default} | {allowed} | {meaning} |")

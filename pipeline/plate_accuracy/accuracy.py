@@ -1,7 +1,7 @@
 """Experiment 1: errors of force plates under known weights, and how they depend on conditions."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -18,13 +18,11 @@ from compensation import (
 )
 from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.config.plate_study import BeltSide, PlatesStudy
-from pipeline.io.write import markdown
 from pipeline.plate_accuracy.faults import FaultEstimate, estimate_faults
 from pipeline.plate_accuracy.response import PlateResponse, fit_response
 from pipeline.plate_accuracy.trials import (
     LOADED_SHARE,
     UNALIGNED,
-    HammerTrace,
     WeightTrial,
     align,
     read_hammer_delay,
@@ -38,33 +36,11 @@ MIN_TRIALS_PER_COEFFICIENT: Final = 3
 """Of an analysis of variance."""
 MIN_BLOCKS: Final = 5
 """Recordings in which thirds of the belt can be compared."""
-LAB_NOTE: Final = "Lab axes: x forward, y left, z up."
-TEST_COLUMNS: Final = (
+TEST_COLUMNS: Final = [
     *("quantity", "exponent", "shapiro_w", "shapiro_p", "effect", "df", "df_error", "f", "p"),
     "partial_eta_squared",
-)
-PAIR_COLUMNS: Final = ("quantity", "factor", "first", "second", "p_bonferroni")
-
-
-@dataclass(frozen=True, slots=True)
-class ConditionEffects:
-    """Analyses of variance of the orthogonal errors.
-
-    Attributes
-    ----------
-    tests
-        One row per quantity and effect: quantity, exponent (Box–Cox λ), shapiro_w and shapiro_p
-        (Shapiro–Wilk test of the model's residuals), effect, df, df_error, f, p,
-        partial_eta_squared. The effect "zone" is the third of the belt, antero-posterior.
-    pairs
-        Pairs of levels, Bonferroni-corrected: quantity, factor, first, second, p_bonferroni.
-    remarks
-        What was not tested.
-    """
-
-    tests: pd.DataFrame
-    pairs: pd.DataFrame
-    remarks: tuple[str, ...] = ()
+]
+PAIR_COLUMNS: Final = ["quantity", "factor", "first", "second", "p_bonferroni"]
 
 
 def reported_errors(errors: pd.DataFrame) -> pd.DataFrame:
@@ -72,18 +48,24 @@ def reported_errors(errors: pd.DataFrame) -> pd.DataFrame:
     return errors[errors["supports"] == errors["supports"].any()]
 
 
-def condition_effects(errors: pd.DataFrame) -> ConditionEffects:
+def condition_effects(errors: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame, list[str]]:
     """Test what the orthogonal errors depend on, in the recordings with supports if there are any.
 
     Parameters
     ----------
     errors
-        As in `pipeline.plate_accuracy.accuracy.PlateAccuracy`.
+        As `trial_errors` gives them.
 
     Returns
     -------
-    ConditionEffects
-        Empty, with a remark, where there are too few recordings.
+    tests
+        One row per quantity and effect: quantity, exponent (Box–Cox λ), shapiro_w and shapiro_p
+        (Shapiro–Wilk test of the model's residuals), effect, df, df_error, f, p,
+        partial_eta_squared. The effect "zone" is the third of the belt, antero-posterior.
+    pairs
+        Pairs of levels, Bonferroni-corrected: quantity, factor, first, second, p_bonferroni.
+    remarks
+        What was not tested, and why.
 
     Notes
     -----
@@ -96,25 +78,21 @@ def condition_effects(errors: pd.DataFrame) -> ConditionEffects:
     leaves belt and profile in the error, and does not state whether the transformed data were
     normal.
     """
-    supported, factors = reported_errors(errors), list(FACTORS)
+    supported = reported_errors(errors)
     whole, thirds = (supported[(supported["zone"] == "all") == entire] for entire in (True, False))
-    varied = [factor for factor in factors if whole[factor].nunique() > 1]
+    thirds = thirds[thirds.groupby("file")["zone"].transform("nunique") > 1]
+    varied = [factor for factor in FACTORS if whole[factor].nunique() > 1]
     coefficients = 1 + sum(whole[factor].nunique() - 1 for factor in varied)
+    needed = MIN_TRIALS_PER_COEFFICIENT * coefficients if varied else np.inf
     tests, pairs, remarks = [], [], []
-    for label, data, used, tested in (
-        ("whole recordings", whole, varied, varied),
-        ("thirds of the belt", thirds, ["file", "zone"], ["zone"]),
+    for label, data, least, used, tested in (
+        ("whole recordings", whole, needed, varied, varied),
+        ("thirds of the belt", thirds, MIN_BLOCKS, ["file", "zone"], ["zone"]),
     ):
-        analysed = False
+        if data["file"].nunique() < least:
+            remarks.append(f"{label}: not tested, too few recordings, or nothing varies")
+            continue
         for quantity, part in data.groupby("quantity", sort=False):
-            if data is thirds:
-                part = part[part.groupby("file")["zone"].transform("nunique") > 1]
-                enough = part["file"].nunique() >= MIN_BLOCKS
-            else:
-                enough = bool(used) and len(part) >= MIN_TRIALS_PER_COEFFICIENT * coefficients
-            if not enough:
-                continue
-            analysed = True
             try:
                 table, compared = _analyse(str(quantity), part, used, tested)
             except ValueError as error:
@@ -122,17 +100,10 @@ def condition_effects(errors: pd.DataFrame) -> ConditionEffects:
                 continue
             tests.append(table)
             pairs.append(compared)
-        if not analysed:
-            remarks.append(f"{label}: not tested, too few recordings, or nothing varies")
-    return ConditionEffects(
-        _joined(tests, TEST_COLUMNS), _joined(pairs, PAIR_COLUMNS), tuple(remarks)
-    )
-
-
-def _joined(tables: list[pd.DataFrame], columns: Sequence[str]) -> pd.DataFrame:
-    if not tables:
-        return pd.DataFrame(columns=list(columns))
-    return pd.concat(tables, ignore_index=True)[list(columns)]
+    if not tests:
+        return pd.DataFrame(columns=TEST_COLUMNS), pd.DataFrame(columns=PAIR_COLUMNS), remarks
+    all_pairs = pd.concat(pairs, ignore_index=True)[PAIR_COLUMNS]
+    return pd.concat(tests, ignore_index=True)[TEST_COLUMNS], all_pairs, remarks
 
 
 def _analyse(
@@ -160,22 +131,6 @@ def _analyse(
     return tests, pd.concat(pairs)
 
 
-def effects_section(effects: ConditionEffects) -> list[str]:
-    """Give the paragraphs of the page on the effects of the conditions."""
-    lines = ["## Effects of the conditions"]
-    if len(effects.tests):
-        lines += [
-            f"{LAB_NOTE} Orthogonal errors after a Box–Cox transform (exponent), analysis of "
-            "variance of type III, main effects. The thirds of the belt (zone: antero-posterior "
-            "position) are compared within recordings; all others between recordings. shapiro_p "
-            "is the Shapiro–Wilk test of the residuals. Pairs of levels, Bonferroni-corrected, are "
-            "in pairs.csv.",
-            markdown(effects.tests, 3),
-        ]
-    remarks = "\n".join(f"- {remark}" for remark in effects.remarks)
-    return [*lines, remarks] if remarks else lines
-
-
 QUANTITIES: Final = ("COPx", "COPy", *WRENCH_COMPONENTS)
 ZONES: Final = ("back", "middle", "front")
 """Thirds of the belt."""
@@ -194,69 +149,36 @@ class PlateAccuracy:
     ----------
     study
         As stated.
-    trials
-        The recordings of weights.
-    errors
-        One row per recording, zone ("all", back, middle, front third of the belt) and quantity:
-        the conditions, RMSE by difference and orthogonal RMSE [m, N, N·m]. Lab axes.
+    trials, trials_in_use
+        The recordings of weights: all, and of every plate those with supports, or all where none
+        has supports.
     places
         Belt -> centres of pressure and markers of a weight at rest, (n, 2) [m] each.
-    alignments, delays, hammer_traces, linearities, responses
+    alignments, delays, linearities, responses
         Belt -> result, where there are recordings for it.
     faults
         Single faults with their uncertainty.
-    effects
-        Of the conditions on the errors.
     """
 
     study: PlatesStudy
     trials: tuple[WeightTrial, ...]
-    errors: pd.DataFrame
+    trials_in_use: tuple[WeightTrial, ...]
     places: dict[BeltSide, tuple[Array, Array]]
     alignments: dict[BeltSide, PlateAlignment]
     delays: dict[BeltSide, Delay]
-    hammer_traces: dict[BeltSide, HammerTrace]
     linearities: dict[BeltSide, Linearity]
     responses: dict[BeltSide, PlateResponse]
     faults: tuple[FaultEstimate, ...]
-    effects: ConditionEffects
-
-    @property
-    def trials_in_use(self) -> tuple[WeightTrial, ...]:
-        """Of every plate, the recordings with supports, or all where none has supports."""
-        return _in_use(self.trials)
 
 
 def check_plates(study: PlatesStudy) -> PlateAccuracy:
-    """Compare plates with known weights.
-
-    Parameters
-    ----------
-    study
-        The study.
-
-    Returns
-    -------
-    PlateAccuracy
-        All results.
-
-    Raises
-    ------
-    ValueError
-        If a recording cannot be used; the message names it.
+    """Compare plates with known weights; an error names the recording that cannot be used.
 
     Notes
     -----
     Source: van de Loosdrecht (2018), II.A and D.1–D.2: static calibration after Goldberg et al.
     (2009), RMSE by difference and by total least squares, linearity, delay by impacts of a hammer.
     """
-    found = examine_plates(study)
-    errors = trial_errors(found.trials)
-    return replace(found, errors=errors, effects=condition_effects(errors))
-
-
-def examine_plates(study: PlatesStudy) -> PlateAccuracy:
-    """Compare plates with known weights, without errors per recording and their statistics."""
     file = study.file
     belts: list[BeltSide] = [b for b in ("left", "right") if any(w.belt == b for w in file.weights)]
     found = {belt: static_places(study, belt) for belt in belts}
@@ -266,43 +188,44 @@ def examine_plates(study: PlatesStudy) -> PlateAccuracy:
         read_weight(study, weight, alignments.get(weight.belt, UNALIGNED))
         for weight in file.weights
     )
-    struck = {impacts.belt: read_hammer_delay(study, impacts) for impacts in file.hammer}
-    delays = {belt: delay for belt, (delay, _) in struck.items()}
-    linearities = {belt: _linearity(_in_use(trials), belt, file.full_scale_n) for belt in belts}
-    fitted = {
-        belt: fit_response(
-            [trial for trial in _in_use(trials) if trial.weight.belt == belt],
-            alignments.get(belt, UNALIGNED),
-            file.full_scale_n,
-            height_stated=file.height_stated,
-        )
-        for belt in belts
-    }
-    responses = {belt: one for belt, one in fitted.items() if one is not None}
+    delays = {impacts.belt: read_hammer_delay(study, impacts) for impacts in file.hammer}
+    return compare(study, trials, places, alignments, delays)
+
+
+def compare(
+    study: PlatesStudy,
+    trials: tuple[WeightTrial, ...],
+    places: dict[BeltSide, tuple[Array, Array]],
+    alignments: dict[BeltSide, PlateAlignment],
+    delays: dict[BeltSide, Delay],
+) -> PlateAccuracy:
+    """Compare plates with known weights, given what was read of all recordings."""
+    file, height = study.file, study.file.height_stated
+    supported = {trial.weight.belt for trial in trials if trial.weight.supports}
+    in_use = tuple(t for t in trials if t.weight.supports == (t.weight.belt in supported))
+    linearities, responses = {}, {}
+    for belt in dict.fromkeys(trial.weight.belt for trial in trials):
+        own = [trial for trial in in_use if trial.weight.belt == belt]
+        known, measured = mean_loads(own, belt)
+        masses = {trial.weight.mass_kg for trial in own}
+        if len(masses) >= MIN_MASSES and len(known) >= MIN_LOADS:
+            linearities[belt] = linearity(known, measured, file.full_scale_n)
+        alignment = alignments.get(belt, UNALIGNED)
+        response = fit_response(own, alignment, file.full_scale_n, height_stated=height)
+        if response is not None:
+            responses[belt] = response
+    faults = estimate_faults(trials, responses, alignments, delays, height_stated=height)
     return PlateAccuracy(
-        study=study,
-        trials=trials,
-        errors=pd.DataFrame(),
-        places=places,
-        alignments=alignments,
-        delays=delays,
-        hammer_traces={belt: trace for belt, (_, trace) in struck.items()},
-        linearities={belt: one for belt, one in linearities.items() if one is not None},
-        responses=responses,
-        faults=estimate_faults(
-            trials, responses, alignments, delays, height_stated=file.height_stated
-        ),
-        effects=ConditionEffects(pd.DataFrame(), pd.DataFrame()),
+        study, trials, in_use, places, alignments, delays, linearities, responses, faults
     )
 
 
-def _in_use(trials: tuple[WeightTrial, ...]) -> tuple[WeightTrial, ...]:
-    supported = {trial.weight.belt for trial in trials if trial.weight.supports}
-    return tuple(t for t in trials if t.weight.supports == (t.weight.belt in supported))
-
-
 def trial_errors(trials: Sequence[WeightTrial]) -> pd.DataFrame:
-    """Give the errors of every recording, as `PlateAccuracy.errors` describes."""
+    """Give one row per recording, zone ("all" or a third of the belt) and quantity.
+
+    Columns: the stated conditions, and RMSE by difference and orthogonal RMSE [m, N, N·m]. Lab
+    axes.
+    """
     rows = []
     for trial in trials:
         stated = trial.weight.model_dump()
@@ -335,13 +258,3 @@ def mean_loads(trials: Sequence[WeightTrial], belt: BeltSide) -> tuple[Array, Ar
     known = np.array([t.truth[t.used, 2].mean() for t in chosen])
     measured = np.array([t.measured[t.used, 2].mean() for t in chosen])
     return known, measured
-
-
-def _linearity(
-    trials: Sequence[WeightTrial], belt: BeltSide, full_scale: float
-) -> Linearity | None:
-    known, measured = mean_loads(trials, belt)
-    masses = {t.weight.mass_kg for t in trials if t.weight.belt == belt}
-    if len(masses) < MIN_MASSES or len(known) < MIN_LOADS:
-        return None
-    return linearity(known, measured, full_scale)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Final
 
 import numpy as np
@@ -41,42 +42,24 @@ EDGE_S: Final = 0.5
 """At either end of a recording, where filters are inaccurate."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Residual:
-    """Of a recording: times, the centre of pressure minus its regression on motion, and motion."""
-
-    time: Array
-    value: Array
-    motion: Array
-
-
-def find_vibration(trials: Sequence[WeightTrial]) -> tuple[Array, Array] | None:
+def find_vibration(trials: Sequence[WeightTrial]) -> tuple[float, float, float] | None:
     """Find the strongest line in the centre of pressure along the belt, if there is one.
 
-    Parameters
-    ----------
-    trials
-        Recordings on one plate, equal in their supports.
+    Of recordings on one plate, equal in their supports: its amplitude [m], the standard error of
+    that over recordings, and the frequency [Hz]. None where no line from 0.5 to 15 Hz exceeds its
+    surroundings significantly (1 % over all frequencies), with fewer than two recordings, or where
+    a true load is at times so small that it has no centre of pressure (the marker's noise exceeds
+    a weight's acceleration).
 
-    Returns
-    -------
-    tuple or None
-        Amplitude [m] and frequency [Hz], and their standard errors over recordings. None where no
-        line from 0.5 to 15 Hz exceeds its surroundings significantly (1 % over all frequencies),
-        with fewer than two recordings, or where a true load is at times so small that it has no
-        centre of pressure (the marker's noise exceeds a weight's acceleration).
-
-    Notes
-    -----
     The regression on the marker's position, speed and acceleration is subtracted first: gains and
     delays are no vibration. The spectra of all recordings are averaged; the median of the
     frequencies around is the noise. The line must be at one frequency in all recordings.
     """
     if len(trials) < 2:
         return None
-    residuals = [_residual(trial) for trial in trials]
+    paths = [_beyond_motion(trial) for trial in trials]
     hz = np.arange(MIN_HZ, MAX_HZ, STEP_HZ)
-    power = np.mean([_power(r.time, r.value, hz) for r in residuals], axis=0)
+    power = np.mean([_power(time, value, hz) for time, value, _ in paths], axis=0)
     if not np.isfinite(power).all():
         return None
     floor = np.array(
@@ -86,16 +69,21 @@ def find_vibration(trials: Sequence[WeightTrial]) -> tuple[Array, Array] | None:
     chance = stats.chi2.isf(LINE_ALPHA / len(hz), freedom) / stats.chi2.median(freedom)
     peak = int(np.argmax(power / floor))
     near = np.arange(hz[peak] - NEAR_HZ, hz[peak] + NEAR_HZ, FINE_STEP_HZ)
-    own = np.array([near[np.argmax(_power(r.time, r.value, near))] for r in residuals])
+    own = np.array([near[np.argmax(_power(time, value, near))] for time, value, _ in paths])
     if power[peak] < chance * floor[peak] or own.std(ddof=1) > MAX_SPREAD_HZ:
         return None
     middle = float(np.mean(own))
-    amplitudes = np.array([_amplitude(residual, middle) for residual in residuals])
-    each = np.column_stack([amplitudes, own])
-    return each.mean(axis=0), each.std(axis=0, ddof=1) / np.sqrt(len(trials))
+    amplitudes = []
+    for time, value, motion in paths:
+        angle = 2 * np.pi * middle * time
+        waves = np.column_stack([np.cos(angle), np.sin(angle), motion])
+        amplitudes.append(np.hypot(*np.linalg.lstsq(waves, value)[0][:2]))
+    error = np.std(amplitudes, ddof=1) / np.sqrt(len(trials))
+    return float(np.mean(amplitudes)), float(error), middle
 
 
-def _residual(trial: WeightTrial) -> _Residual:
+def _beyond_motion(trial: WeightTrial) -> tuple[Array, Array, Array]:
+    """Give times, the centre of pressure minus its regression on the motion, and the motion."""
     inside = (trial.time > trial.time[0] + EDGE_S) & (trial.time < trial.time[-1] - EDGE_S)
     load = LOADED_SHARE * float(np.median(trial.truth[:, 2]))
     measured, true = (center_of_pressure(w, load)[:, 0] for w in (trial.measured, trial.truth))
@@ -104,15 +92,7 @@ def _residual(trial: WeightTrial) -> _Residual:
     motion = np.column_stack([np.ones(len(x)), trial.time, x, v, np.gradient(v, trial.time)])
     motion = motion[inside]
     value = (measured - true)[inside]
-    value -= motion @ np.linalg.lstsq(motion, value)[0]
-    return _Residual(trial.time[inside], np.asarray(value), motion)
-
-
-def _amplitude(residual: _Residual, hz: float) -> float:
-    """Amplitude of a sine, fitted together with the motion."""
-    angle = 2 * np.pi * hz * residual.time
-    waves = np.column_stack([np.cos(angle), np.sin(angle), residual.motion])
-    return float(np.hypot(*np.linalg.lstsq(waves, residual.value)[0][:2]))
+    return trial.time[inside], value - motion @ np.linalg.lstsq(motion, value)[0], motion
 
 
 def _power(time: Array, signal: Array, hz: Array) -> Array:
@@ -151,8 +131,8 @@ class FaultEstimate:
         Of the standard error.
     significant
         True if it differs from zero at 5 %, all faults of all plates tested together (Bonferroni).
-    frequency_hz, frequency_error_hz
-        Of a vibration, and its standard error; else NaN.
+    frequency_hz
+        Of a vibration; else NaN.
     """
 
     belt: BeltSide
@@ -163,7 +143,6 @@ class FaultEstimate:
     degrees_of_freedom: float
     significant: bool = False
     frequency_hz: float = np.nan
-    frequency_error_hz: float = np.nan
 
     @property
     def uncertainty(self) -> float:
@@ -179,54 +158,44 @@ def estimate_faults(
     *,
     height_stated: bool,
 ) -> tuple[FaultEstimate, ...]:
-    """Estimate all faults of all plates.
+    """Estimate all faults of all plates, tested together at 5 % (Bonferroni).
 
-    Parameters
-    ----------
-    trials
-        Recordings of known weights.
-    responses, alignments, delays
-        Belt -> result.
-    height_stated
-        Whether the height of the weights is known; without, the moment about the lateral axis that
-        the force along the belt causes is not listed.
-
-    Returns
-    -------
-    tuple[FaultEstimate, ...]
-        Tested together at 5 % (Bonferroni); a vibration is listed only where there is one.
+    A vibration is listed only where there is one, and the moment about the lateral axis that the
+    force along the belt causes only where the height of the weights is known.
     """
     singles: list[FaultEstimate] = []
     for belt, alignment in alignments.items():
-        singles += _alignment_faults(belt, alignment)
+        errors = alignment.standard_error
+        singles += [
+            FaultEstimate(belt, name, float(value), float(error), unit, np.inf)
+            for name, value, error, unit in (
+                ("angle", np.degrees(alignment.angle), np.degrees(errors[0]), "°"),
+                ("offset along", alignment.offset[0], errors[1], "m"),
+                ("offset across", alignment.offset[1], errors[2], "m"),
+            )
+        ]
     for belt, delay in delays.items():
         known = (delay.seconds, delay.standard_error, "s", delay.degrees_of_freedom)
         singles.append(FaultEstimate(belt, "delay", *known))
     centers = {trial.weight.belt: trial.center for trial in trials}
+    left_out = LEFT_OUT if height_stated else LEFT_OUT | {OF_HEIGHT}
     for belt, response in responses.items():
         unsure = np.zeros((6, 6))
         if belt in alignments:
             unsure = _errors_of_alignment(response, alignments[belt], centers[belt])
-        left_out = LEFT_OUT if height_stated else LEFT_OUT | {OF_HEIGHT}
-        singles += _matrix_faults(belt, response, unsure, left_out)
-        singles += _other_faults(belt, response)
-    vibrations = [
-        estimate
-        for belt in centers
-        for supports in (True, False)
-        if (estimate := _vibration_fault(belt, trials, supports)) is not None
-    ]
-    return (*(_tested(estimate, len(singles)) for estimate in singles), *vibrations)
-
-
-def _alignment_faults(belt: BeltSide, alignment: PlateAlignment) -> list[FaultEstimate]:
-    values = (np.degrees(alignment.angle), *alignment.offset)
-    errors = alignment.standard_error * [np.degrees(1.0), 1.0, 1.0]
-    names = (("angle", "°"), ("offset along", "m"), ("offset across", "m"))
-    return [
-        FaultEstimate(belt, name, float(value), float(error), unit, np.inf)
-        for (name, unit), value, error in zip(names, values, errors, strict=True)
-    ]
+        singles += _response_faults(belt, response, unsure, left_out)
+    found = []
+    for fault in singles:
+        critical = stats.t.isf(ALPHA / 2 / len(singles), fault.degrees_of_freedom)
+        beyond = abs(fault.value) > critical * fault.standard_error
+        found.append(replace(fault, significant=bool(beyond)))
+    for belt, (supports, words) in product(centers, ((True, "with"), (False, "without"))):
+        alike = [t for t in trials if (t.weight.belt, t.weight.supports) == (belt, supports)]
+        line = find_vibration(alike)
+        if line is not None:
+            name, freedom = f"vibration {words} supports", len(alike) - 1
+            found.append(FaultEstimate(belt, name, *line[:2], "m", freedom, True, line[2]))
+    return tuple(found)
 
 
 def _errors_of_alignment(
@@ -243,66 +212,31 @@ def _errors_of_alignment(
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
-def _matrix_faults(
+def _response_faults(
     belt: BeltSide, response: PlateResponse, unsure: Array, left_out: Set[tuple[int, int]]
 ) -> list[FaultEstimate]:
     value = response.aligned[0] - np.eye(6)
     error = np.hypot(standard_error(response.aligned), unsure)
-    return [
-        FaultEstimate(
-            belt,
-            _gain_or_crosstalk(c, true),
-            float(value[c, true]),
-            float(error[c, true]),
-            _unit(c, true),
-            response.degrees_of_freedom,
-        )
+    faults = [
+        (_gain_or_crosstalk(c, true), value[c, true], error[c, true], _unit(c, true))
         for c in range(len(WRENCH_COMPONENTS))
         for true in response.examined
         if (c, true) not in left_out
     ]
-
-
-def _other_faults(belt: BeltSide, response: PlateResponse) -> list[FaultEstimate]:
-    entries = [
+    replicates = [
         (f"zero of {name}", response.zero[:, c], "N·m" if c > FZ else "N")
         for c, name in enumerate(WRENCH_COMPONENTS)
     ]
-    entries.append(("drift", response.drift[:, FZ], "N/s"))
+    replicates.append(("drift", response.drift[:, FZ], "N/s"))
     if np.isfinite(response.curvature[0, FZ]):
-        entries.append(("curvature", response.curvature[:, FZ], "N"))
-    entries.append(("delay in motion", response.delay_s, "s"))
+        replicates.append(("curvature", response.curvature[:, FZ], "N"))
+    replicates.append(("delay in motion", response.delay_s, "s"))
+    faults += [(name, each[0], standard_error(each), unit) for name, each, unit in replicates]
+    freedom = response.degrees_of_freedom
     return [
-        FaultEstimate(
-            belt,
-            fault,
-            float(values[0]),
-            float(standard_error(values)),
-            unit,
-            response.degrees_of_freedom,
-        )
-        for fault, values, unit in entries
+        FaultEstimate(belt, name, float(value), float(error), unit, freedom)
+        for name, value, error, unit in faults
     ]
-
-
-def _vibration_fault(
-    belt: BeltSide, trials: Sequence[WeightTrial], supports: bool
-) -> FaultEstimate | None:
-    alike = [t for t in trials if (t.weight.belt, t.weight.supports) == (belt, supports)]
-    vibration = find_vibration(alike)
-    if vibration is None:
-        return None
-    (amplitude_m, hz), (amplitude_error_m, hz_error) = (part.tolist() for part in vibration)
-    name = f"vibration {'with' if supports else 'without'} supports"
-    known = (amplitude_m, amplitude_error_m, "m", len(alike) - 1, True, hz, hz_error)
-    return FaultEstimate(belt, name, *known)
-
-
-def _tested(estimate: FaultEstimate, tests: int) -> FaultEstimate:
-    critical = stats.t.isf(ALPHA / 2 / tests, estimate.degrees_of_freedom)
-    return replace(
-        estimate, significant=bool(abs(estimate.value) > critical * estimate.standard_error)
-    )
 
 
 def _gain_or_crosstalk(measured: int, true: int) -> str:

@@ -6,41 +6,44 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Final
 
-import numpy as np
 import pandas as pd
 
 from compensation import PlateCalibrations
 from compensation.plate_calibration import to_json
 from hbm.spatial import GRAVITY_MPS2
-from pipeline.config.plate_study import FILE, PlatesStudy
+from pipeline.config.plate_study import FILE
 from pipeline.figures.style import save_figure
 from pipeline.io.write import markdown, write_csv, write_text
 from pipeline.plate_accuracy.accuracy import (
-    LAB_NOTE,
     PlateAccuracy,
-    effects_section,
+    condition_effects,
     reported_errors,
+    trial_errors,
 )
 from pipeline.plate_accuracy.figures import (
     error_figure,
     hammer_figure,
-    hammer_trace_figure,
     linearity_figure,
     static_figure,
     vibration_figure,
-)
-from pipeline.plate_accuracy.judgement import (
-    DELAY_METHODS,
-    DISPLAY_UNITS,
-    Judged,
-    chosen_delay,
-    rounded,
 )
 from pipeline.plate_accuracy.trials import THESIS_FILTER
 from pipeline.plate_accuracy.verdict import PlateVerdict, describe, judge
 from pipeline.run.job import file_digest
 
 CALIBRATION: Final = "plate_calibration.json"
+COLUMNS: Final = {
+    "COPx (mm)": ("COPy", 1000.0),
+    "COPy (mm)": (None, 1.0),
+    "COPz (mm)": ("COPx", 1000.0),
+    "Fx (N)": ("Fy", 1.0),
+    "Fy (N)": ("Fz", 1.0),
+    "Fz (N)": ("Fx", 1.0),
+    "Mx (Nm)": ("My", 1.0),
+    "My (Nm)": ("Mz", 1.0),
+    "Mz (Nm)": ("Mx", 1.0),
+}
+"""The thesis' columns (x right, y up, z back) -> quantity in lab axes (x forward, y left, z up)."""
 TOTAL_NOTE: Final = (
     "Total errors: root mean square over the loads of one foot in walking (vertical force 0.75 to "
     "1.2, forward ± 0.25, lateral ± 0.05 body weights; centre of pressure up to 0.4 m along and "
@@ -52,45 +55,124 @@ TOTAL_NOTE: Final = (
     "of the stated masses, of the marker's place above a weight's centre and of center_height_m "
     "are not in the intervals."
 )
+TABLE_NOTE: Final = (
+    "Root mean square errors. Axes of the thesis: x to the right, y up, z back. "
+    "Orthogonal errors (TLLS) with supports, where nothing else is stated and there are such "
+    "recordings."
+)
+EFFECTS_NOTE: Final = (
+    "Orthogonal errors after a Box–Cox transform (exponent), analysis of variance of type III, "
+    "main effects. The thirds of the belt (zone: antero-posterior position) are compared within "
+    "recordings; all others between recordings. shapiro_p is the Shapiro–Wilk test of the "
+    "residuals. Pairs of levels, Bonferroni-corrected, are in pairs.csv."
+)
 
 
-def verdict_sections(found: PlateAccuracy, verdicts: Sequence[PlateVerdict]) -> list[str]:
-    """Give, per plate, every error beside its limit, what to correct and what is not known."""
-    lines = []
+def write_report(found: PlateAccuracy, out: Path) -> tuple[PlateVerdict, ...]:
+    """Write tables, figures, ``verdict.md``, and ``plate_calibration.json`` where one is needed.
+
+    Parameters
+    ----------
+    found
+        The results.
+    out
+        Folder to write to.
+
+    Returns
+    -------
+    tuple[PlateVerdict, ...]
+        Whether each plate is fit for inverse dynamics.
+    """
+    errors, verdicts = trial_errors(found.trials), judge(found)
+    tests, pairs, remarks = condition_effects(errors)
+    faults = pd.DataFrame(found.faults).drop(columns="degrees_of_freedom", errors="ignore")
+    thesis = table_1(errors)
+    write_csv(thesis, out / "table_1.csv")
+    write_csv(errors, out / "errors.csv")
+    write_csv(faults, out / "faults.csv")
+    write_csv(judged_table(verdicts), out / "judged.csv")
+    if len(tests):
+        write_csv(tests, out / "anova.csv")
+        write_csv(pairs, out / "pairs.csv")
+    figures = {
+        "error_by_place_and_speed": error_figure(errors, "zone", "speed_mps"),
+        "error_by_position": error_figure(errors, "position_m", "belt"),
+        "linearity": linearity_figure(found.trials),
+        "vibration": vibration_figure(found.trials),
+        "static": static_figure(found.places, found.alignments),
+        "delay": hammer_figure(found.delays),
+    }
+    for name, figure in figures.items():
+        if figure is not None:
+            save_figure(figure, out / "figures" / f"{name}.png")
+    masses = [trial.weight.mass_kg for trial in found.trials]
+    page = [f"# {found.study.file.name}", "Lab axes: x forward, y left, z up."]
     for verdict in verdicts:
-        lines += [
-            f"## {verdict.belt} plate: {verdict.verdict}",
-            markdown(
-                pd.DataFrame([_judged_row(one) for one in (*verdict.judged, *verdict.corrected)])
-            ),
-        ]
-        if verdict.notes:
-            lines.append(_listed([f"{note.level}: {note} [{note.code}]" for note in verdict.notes]))
-        if verdict.corrections:
-            lines.append("To correct:\n\n" + _listed(verdict.corrections))
-        elif verdict.calibration is not None:
-            lines.append(
-                f"{CALIBRATION} holds a correction of this plate, which is not known to be enough."
-            )
-        elif verdict.corrected:
-            lines.append(
-                "No calibration of this plate is written: with it, a total error would be beyond "
-                "its limit and larger than without it."
-            )
-        lines.append("Not examined:\n\n" + _listed((*verdict.to_record, *verdict.remarks)))
-    if any(verdict.corrections for verdict in verdicts):
+        page += _section(verdict)
+    page += [
+        TOTAL_NOTE.format(
+            mass=found.study.file.body_mass_kg,
+            lightest=min(masses),
+            heaviest=max(masses),
+            largest=GRAVITY_MPS2 * max(masses),
+        ),
+        "## Faults that differ significantly from zero",
+        _listed([describe(fault) for fault in found.faults if fault.significant]) or "None.",
+        "## Table I",
+        f"{TABLE_NOTE} Marker and plate were low-passed at {found.study.file.cutoff_hz:g} Hz, "
+        "forward and backward, with half the amplitude left at that frequency as in the thesis "
+        f"({THESIS_FILTER}).",
+        _listed(_alignment_and_linearity(found)),
+        markdown(thesis, 1),
+        "## Effects of the conditions",
+        EFFECTS_NOTE if len(tests) else "",
+        markdown(tests, 3) if len(tests) else "",
+        _listed(remarks),
+    ]
+    write_text("\n\n".join(part for part in page if part) + "\n", out / "verdict.md")
+    _write_calibration(found, verdicts, out)
+    return verdicts
+
+
+def _section(verdict: PlateVerdict) -> list[str]:
+    """Give every error of a plate beside its limit, what to correct and what is not known."""
+    errors = [f"{one.status}: {one.sentence}" for one in (*verdict.judged, *verdict.corrected)]
+    lines = [f"## {verdict.belt} plate", f"**{verdict.sentence}**", _listed(errors)]
+    if verdict.corrections:
         lines.append(
             f"The calibration is in {CALIBRATION}; study.toml names it:\n\n"
             f'```toml\n[plates]\ncalibration = "{CALIBRATION}"\n```'
         )
-    masses = [trial.weight.mass_kg for trial in found.trials]
-    note = TOTAL_NOTE.format(
-        mass=found.study.file.body_mass_kg,
-        lightest=min(masses),
-        heaviest=max(masses),
-        largest=GRAVITY_MPS2 * max(masses),
-    )
-    return [*lines, note]
+    elif verdict.calibration is not None:
+        lines.append(
+            f"{CALIBRATION} holds a correction of this plate, which is not known to be enough."
+        )
+    elif verdict.corrected:
+        lines.append(
+            "No calibration of this plate is written: with it, a total error would be beyond "
+            "its limit and larger than without it."
+        )
+    lines.append("Not examined:\n\n" + _listed((*verdict.to_record, *verdict.remarks)))
+    return lines
+
+
+def _alignment_and_linearity(found: PlateAccuracy) -> list[str]:
+    lines = [
+        f"{belt}: aligned on static places, {1000 * a.rms_before:.2f} mm RMS before, "
+        f"{1000 * a.rms_after:.2f} mm after"
+        for belt, a in found.alignments.items()
+    ]
+    lines += [
+        f"{belt}: slope of measured over known load {x.slope:.5f} ± {x.slope_uncertainty:.5f}; "
+        f"non-linearity {x.nonlinearity:.2f} N, {x.percent_of_full_scale:.2f} % of full scale; "
+        f"R² {x.r_squared_first:.5f}, of second order {x.r_squared_second:.5f}"
+        for belt, x in found.linearities.items()
+    ]
+    return lines
+
+
+def _listed(items: Sequence[str]) -> str:
+    return "\n".join(f"- {item}" for item in items)
 
 
 def judged_table(verdicts: Sequence[PlateVerdict]) -> pd.DataFrame:
@@ -104,14 +186,14 @@ def judged_table(verdicts: Sequence[PlateVerdict]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def write_calibration(study: PlatesStudy, verdicts: Sequence[PlateVerdict], out: Path) -> None:
+def _write_calibration(found: PlateAccuracy, verdicts: Sequence[PlateVerdict], out: Path) -> None:
     """Write ``plate_calibration.json`` with the plates that need one, if any does."""
     plates = tuple(one.calibration for one in verdicts if one.calibration is not None)
     if not plates:
         return
     provenance = {
-        "study": study.file.name,
-        "sha256": file_digest(study.folder / FILE),
+        "study": found.study.file.name,
+        "sha256": file_digest(found.study.folder / FILE),
         "made": datetime.now(UTC).isoformat(timespec="seconds"),
         "program": f"hbm-residuals {version('hbm-residuals')}",
     }
@@ -128,47 +210,13 @@ def use_of_calibration(verdicts: Sequence[PlateVerdict], out: Path) -> str | Non
     )
 
 
-def _judged_row(one: Judged) -> dict[str, str]:
-    scale, unit = DISPLAY_UNITS.get(one.unit, (1.0, one.unit))
-    width = scale * (one.high - one.low) / 2
-    size, low, high = (rounded(scale * x, width) for x in (one.size, one.low, one.high))
-    known = np.isfinite(one.size)
-    return {
-        "error": one.name,
-        "size": size if known else "–",
-        "95 % interval": f"{low} to {high}" if known else "–",
-        "limit": f"{scale * one.limit:g}",
-        "unit": unit,
-        "status": one.status,
-    }
-
-
-COLUMNS: Final = {
-    "COPx (mm)": ("COPy", 1000.0),
-    "COPy (mm)": (None, 1.0),
-    "COPz (mm)": ("COPx", 1000.0),
-    "Fx (N)": ("Fy", 1.0),
-    "Fy (N)": ("Fz", 1.0),
-    "Fz (N)": ("Fx", 1.0),
-    "Mx (Nm)": ("My", 1.0),
-    "My (Nm)": ("Mz", 1.0),
-    "Mz (Nm)": ("Mx", 1.0),
-}
-"""The thesis' columns (x right, y up, z back) -> quantity in lab axes (x forward, y left, z up)."""
-TABLE_NOTE: Final = (
-    "Root mean square errors. Axes of the thesis: x to the right, y up, z back. "
-    "Orthogonal errors (TLLS) with supports, where nothing else is stated and there are such "
-    "recordings."
-)
-
-
 def table_1(errors: pd.DataFrame) -> pd.DataFrame:
     """Lay out errors like the thesis' Table I.
 
     Parameters
     ----------
     errors
-        As in `pipeline.plate_accuracy.accuracy.PlateAccuracy`.
+        As `trial_errors` gives them.
 
     Returns
     -------
@@ -198,116 +246,6 @@ def table_1(errors: pd.DataFrame) -> pd.DataFrame:
             for level, group in part.groupby(factor, sort=factor != "zone")
         ]
     return pd.DataFrame(rows)
-
-
-def write_report(found: PlateAccuracy, out: Path) -> tuple[PlateVerdict, ...]:
-    """Write tables, figures, ``verdict.md``, and ``plate_calibration.json`` where one is needed.
-
-    Parameters
-    ----------
-    found
-        The results.
-    out
-        Folder to write to.
-
-    Returns
-    -------
-    tuple[PlateVerdict, ...]
-        Whether each plate is fit for inverse dynamics.
-    """
-    table = table_1(found.errors)
-    write_csv(table, out / "table_1.csv")
-    write_csv(found.errors, out / "errors.csv")
-    write_csv(_fault_table(found), out / "faults.csv")
-    write_text(f"{TABLE_NOTE}\n\n{markdown(table, 1)}\n", out / "table_1.md")
-    if len(found.effects.tests):
-        write_csv(found.effects.tests, out / "anova.csv")
-        write_csv(found.effects.pairs, out / "pairs.csv")
-    figures = {
-        "error_by_place_and_speed": error_figure(found.errors, "zone", "speed_mps"),
-        "error_by_position": error_figure(found.errors, "position_m", "belt"),
-        "linearity": linearity_figure(found.trials),
-        "vibration": vibration_figure(found.trials),
-        "static": static_figure(found.places, found.alignments),
-        "delay": hammer_figure(found.delays),
-        "hammer_trace": hammer_trace_figure(found.hammer_traces),
-    }
-    for name, figure in figures.items():
-        if figure is not None:
-            save_figure(figure, out / "figures" / f"{name}.png")
-    verdicts = judge(found)
-    write_csv(judged_table(verdicts), out / "judged.csv")
-    write_text(_page(found, verdicts), out / "verdict.md")
-    write_calibration(found.study, verdicts, out)
-    return verdicts
-
-
-def _fault_table(found: PlateAccuracy) -> pd.DataFrame:
-    columns = ["belt", "fault", "value", "standard_error", "unit", "significant", "frequency_hz"]
-    rows = [[getattr(fault, column) for column in columns] for fault in found.faults]
-    return pd.DataFrame(rows, columns=columns)
-
-
-def _page(found: PlateAccuracy, verdicts: Sequence[PlateVerdict]) -> str:
-    lines = [f"# {found.study.file.name}"]
-    lines += [f"**{verdict.sentence}**" for verdict in verdicts]
-    lines += verdict_sections(found, verdicts)
-    significant = [describe(fault) for fault in found.faults if fault.significant]
-    lines += [
-        "## Faults that differ significantly from zero",
-        LAB_NOTE,
-        _listed(significant) or "None.",
-        "## Measured",
-        _listed(_measurements(found)),
-        f"Marker and plate were low-passed at {found.study.file.cutoff_hz:g} Hz, forward and "
-        "backward, with half the amplitude left at that frequency as in the thesis "
-        f"({THESIS_FILTER}).",
-        "## Table I",
-        TABLE_NOTE,
-        markdown(table_1(found.errors), 1),
-    ]
-    lines += effects_section(found.effects)
-    return "\n\n".join(lines) + "\n"
-
-
-def _measurements(found: PlateAccuracy) -> list[str]:
-    """State alignment, linearity, delay and noise of every plate."""
-    lines = [
-        f"{belt}: aligned on static places, {1000 * a.rms_before:.2f} mm RMS before, "
-        f"{1000 * a.rms_after:.2f} mm after"
-        for belt, a in found.alignments.items()
-    ]
-    lines += [
-        f"{belt}: slope of measured over known load {x.slope:.5f} ± {x.slope_uncertainty:.5f}; "
-        f"non-linearity {x.nonlinearity:.2f} N, {x.percent_of_full_scale:.2f} % of full scale; "
-        f"R² {x.r_squared_first:.5f}, of second order {x.r_squared_second:.5f}"
-        for belt, x in found.linearities.items()
-    ]
-    lines += [
-        f"{describe(fault)}, plate later than cameras "
-        f"({len(found.delays[fault.belt].differences)} impacts)"
-        for fault in found.faults
-        if fault.fault == "delay"
-    ]
-    belts = sorted({t.weight.belt for t in found.trials})
-    late = {belt: chosen_delay([f for f in found.faults if f.belt == belt]) for belt in belts}
-    lines += [
-        f"{belt}: the delay {DELAY_METHODS[one.method]}, {1000 * one.delay.seconds:.2f} ± "
-        f"{1000 * one.delay.uncertainty:.2f} ms, is the one that is judged and corrected"
-        for belt, one in late.items()
-        if one is not None
-    ]
-    for belt in belts:
-        noise = np.mean([t.noise for t in found.trials if t.weight.belt == belt], axis=0)
-        forces, moments = (", ".join(f"{x:.2f}" for x in part) for part in (noise[:3], noise[3:]))
-        lines.append(
-            f"{belt}: noise above {found.study.file.cutoff_hz:g} Hz {forces} N and {moments} N·m"
-        )
-    return lines
-
-
-def _listed(items: Sequence[str]) -> str:
-    return "\n".join(f"- {item}" for item in items)
 
 
 def _row(condition: str, part: pd.DataFrame, way: str) -> dict[str, str | float]:

@@ -7,12 +7,10 @@ import numpy as np
 
 from compensation import (
     Delay,
-    HammerImpact,
     PlateAlignment,
     center_of_pressure,
     fit_plate_alignment,
     hammer_delay,
-    hammer_impacts,
     wrench_of_weight,
 )
 from hbm.signals.filtering import LowPassMethod, low_pass
@@ -28,9 +26,6 @@ from pipeline.config.plate_study import (
 )
 from pipeline.io.read import read_recording
 from pipeline.io.recording import Plate
-
-AROUND_S: Final = 0.06
-"""Of the instant of an impact, either way: what its paths are fitted to."""
 
 
 def read_with_marker(
@@ -89,52 +84,14 @@ def read_with_marker(
     return plate, recording.markers.time[rows], marker[rows]
 
 
-@dataclass(frozen=True, slots=True)
-class HammerTrace:
-    """One impact of a recording and what is around it.
-
-    Attributes
-    ----------
-    impact
-        The one whose delay is nearest the mean.
-    time, height
-        Of the marker, (N,) [s], (N,) [m].
-    force_time, force
-        Of the plate, vertical, (P,) [s], (P,) [N].
-    """
-
-    impact: HammerImpact
-    time: Array
-    height: Array
-    force_time: Array
-    force: Array
-
-
-def read_hammer_delay(study: PlatesStudy, impacts: HammerRecording) -> tuple[Delay, HammerTrace]:
-    """Estimate the delay of a plate from a recording of impacts, and cut one of these out.
-
-    Raises
-    ------
-    ValueError
-        As `read_with_marker` and `compensation.hammer_delay`; it names the file.
-    """
-    time, height, force_time, force = recorded = read_hammer(study, impacts)
-    try:
-        delay, found = hammer_delay(*recorded), hammer_impacts(*recorded)
-    except ValueError as error:
-        raise ValueError(f"{impacts.file}: {error}") from error
-    typical = min(found, key=lambda impact: abs(impact.delay_s - delay.seconds))
-    near, near_force = (np.abs(t - typical.marker_s) <= AROUND_S for t in (time, force_time))
-    return delay, HammerTrace(
-        typical, time[near], height[near], force_time[near_force], force[near_force]
-    )
-
-
-def read_hammer(study: PlatesStudy, impacts: HammerRecording) -> tuple[Array, Array, Array, Array]:
-    """Give marker times, marker height, plate times and unfiltered vertical force of impacts."""
+def read_hammer_delay(study: PlatesStudy, impacts: HammerRecording) -> Delay:
+    """Estimate the delay of a plate from a recording of impacts; an error names the file."""
     label = study.file.hammer_marker
     plate, time, marker = read_with_marker(study, impacts.file, impacts.belt, label)
-    return time, marker[:, 2], plate.time, plate.wrench[:, 2]
+    try:
+        return hammer_delay(time, marker[:, 2], plate.time, plate.wrench[:, 2])
+    except ValueError as error:
+        raise ValueError(f"{impacts.file}: {error}") from error
 
 
 def _at_surface(plate: Plate, surface: Surface) -> Plate:
@@ -209,8 +166,6 @@ class WeightTrial:
         along the belt like the vertical one that the marker seems to show, and its moment.
     used
         Samples that are compared, (T,): the middle half of the belt at constant speed, else all.
-    noise
-        Standard deviation of the plate above the cut-off, (6,) [N, N·m].
     belt_ends
         Ends of the belt along x [m].
     center
@@ -229,7 +184,6 @@ class WeightTrial:
     slow_truth: Array
     slow_noise: Array
     used: Mask
-    noise: Array
     belt_ends: tuple[float, float]
     center: Array
     constant: Mask
@@ -287,6 +241,7 @@ def read_weight(
     if np.count_nonzero(used) < MIN_USED_S * RATE_HZ:
         raise ValueError(f"{weight.file}: the weight was hardly in the middle half of the belt")
     slow_truth = true_wrench(slow_place)
+    own_axes = plate.wrench_in_plate[seen]
     weight_n = weight.mass_kg * GRAVITY_MPS2
     slow_clean = _without_noise(slow_truth, slow_place[every], weight_n, file.center_height_m)
     return WeightTrial(
@@ -300,10 +255,9 @@ def read_weight(
         slow_truth=shift_wrench(slow_clean, plate.center),
         slow_noise=np.std(slow_truth[used, 2]) * np.array([1, 0, 0, 0, file.center_height_m, 0]),
         used=used,
-        noise=np.std(raw - filtered, axis=0),
         belt_ends=(rear, front),
         center=plate.center,
-        constant=_constant(plate.wrench_in_plate[seen]),
+        constant=np.ptp(own_axes, axis=0) <= ROUNDING * np.abs(own_axes).max(),
     )
 
 
@@ -372,11 +326,6 @@ def align(plate_points: Array, camera_points: Array) -> PlateAlignment:
         ]
     )
     return replace(alignment, covariance=off.T @ off * (count - 1) / count)
-
-
-def _constant(wrench: Array) -> Mask:
-    """Find components that never change; the largest load bounds what rounding makes of them."""
-    return np.asarray(np.ptp(wrench, axis=0) <= ROUNDING * np.abs(wrench).max())
 
 
 def _without_noise(wrench: Array, marker: Array, weight_n: float, height_m: float) -> Array:

@@ -1,90 +1,41 @@
 """The verdict of experiment 1: whether each plate is accurate enough, and what to correct."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
+from scipy import stats
 
-from compensation import PlateCalibration
-from hbm.notes import Note
+from compensation import Delay, PlateCalibration, agreed_delay
+from compensation.hammer import AgreedDelay
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS
-from pipeline.config.plate_study import BeltSide
+from pipeline.config.plate_study import AccuracyLimits, BeltSide
 from pipeline.plate_accuracy.accuracy import PlateAccuracy
 from pipeline.plate_accuracy.faults import FaultEstimate
-from pipeline.plate_accuracy.judgement import (
-    DISPLAY_UNITS,
-    TOTAL,
-    Judged,
-    delay_notes,
-    either,
-    judge_faults,
-    judge_linearity,
-    judge_noise,
-    judge_totals,
-    judge_unexamined,
-    plate_calibration,
-    rounded,
-)
 from pipeline.plate_accuracy.response import (
     EXCITED,
     MIN_MASSES,
     MY,
     QUANTITIES,
+    PlateResponse,
     quantities_of,
     stance_loads,
+    standard_error,
+    total_errors,
 )
 
-GAIN: Final = "gain of "
-"""With which the names begin of faults that a common misstatement of all masses causes alike."""
-
-
-def shared_gain(faults: Sequence[FaultEstimate], most: float) -> float:
-    """Find the part of all gains that one misstatement of all masses would explain.
-
-    Parameters
-    ----------
-    faults
-        Of all plates on which the same masses were recorded.
-    most
-        By which share all masses may be misstated at most.
-
-    Returns
-    -------
-    float
-        The mean gain less 1, weighted by precision, but not beyond the 95 % interval of any gain:
-        where a plate or a component is right, or gains differ in sign, next to nothing is shared.
-    """
-    gains = [fault for fault in faults if fault.fault.startswith(GAIN)]
-    if not gains:
-        return 0.0
-    value, half = np.array([(one.value, one.uncertainty) for one in gains]).T
-    half = np.maximum(half, np.finfo(float).eps)
-    mean = float(np.average(value, weights=half**-2))
-    side = np.sign(mean)
-    return float(side * max(min(side * mean, np.min(side * value + half), most), 0.0))
-
-
-def with_heavier_masses(found: PlateAccuracy, share: float) -> PlateAccuracy:
-    """Give the gains, responses and linearities as if all masses were heavier by a share."""
-    real = 1 + share
-    responses = {}
-    for belt, response in found.responses.items():
-        matrix = response.matrix.copy()
-        matrix[:, :, response.examined] /= real
-        responses[belt] = replace(response, matrix=matrix, curvature=response.curvature / real**2)
-    return replace(
-        found,
-        responses=responses,
-        linearities={b: replace(x, slope=x.slope / real) for b, x in found.linearities.items()},
-        faults=tuple(
-            replace(one, value=(1 + one.value) / real - 1) if one.fault.startswith(GAIN) else one
-            for one in found.faults
-        ),
-    )
-
-
 Answer = Literal["fit", "fit after correction", "not fit", "cannot be told"]
+Status = Literal["within", "beyond", "unclear", "not examined"]
+TOTAL: Final = "total error"
+GAIN: Final = "gain of "
+"""With which names begin: of total errors, and of what misstated masses cause alike."""
+DELAYS: Final = {"motion": "delay in motion", "hammer": "delay"}
+"""Method -> the fault that it estimates."""
+DISPLAY_UNITS: Final = {"m": (1000.0, "mm"), "s": (1000.0, "ms"), "1": (100.0, "%")}
+"""Unit of an estimate -> factor and unit in which people read it."""
+MAX_DECIMALS: Final = 6
 MAX_FAULTS: Final = 3
 MAX_TOTALS: Final = 2
 """In the sentence of a verdict; verdict.md lists all."""
@@ -96,47 +47,56 @@ PARTS: Final = {"F": "{} force", "COP": "{} centre of pressure", "M": "moment ab
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
-    """Whether a plate is fit, and for what: nothing is fit that was not examined.
+class Judged:
+    """The size of an error with its 95 % confidence interval, beside its limit.
 
     Attributes
     ----------
-    answer
-        Of what was examined.
-    unexamined
-        Quantities, of `stance.QUANTITIES`, that depend on what no recording examined.
+    name
+        "total error of Fz", "gain of Fz", "total error of Fz after correction", ….
+    size, low, high
+        Absolute value of the estimate, and its interval; NaN where there is none.
+    limit
+        Up to which it is accepted.
+    unit
+        Of all four.
+    correctable
+        Whether the plate's calibration takes it away.
+    examined
+        False if it also depends on the response to a component that nothing excited.
     """
 
-    answer: Answer
-    unexamined: tuple[str, ...]
+    name: str
+    size: float
+    low: float
+    high: float
+    limit: float
+    unit: str
+    correctable: bool
+    examined: bool = True
 
-    def __str__(self) -> str:
-        scope = "inverse dynamics"
-        if self.unexamined:
-            scope = _in_words(tuple(q for q in QUANTITIES if q not in self.unexamined)) or scope
-        words = {
-            "fit": f"fit for {scope}",
-            "fit after correction": (
-                f"not fit for inverse dynamics as it is; fit after correction for {scope}"
-            ),
-            "not fit": "not fit for inverse dynamics",
-            "cannot be told": f"whether it is fit for {scope} cannot be told",
-        }[self.answer]
-        return f"{words}; not examined: {_in_words(self.unexamined)}" if self.unexamined else words
+    @property
+    def status(self) -> Status:
+        """Within its limit, beyond it, unclear where the interval holds it, or not examined."""
+        if self.low > self.limit:
+            return "beyond"
+        if not self.examined:
+            return "not examined"
+        return "within" if self.high <= self.limit else "unclear"
 
-
-def _in_words(quantities: tuple[str, ...]) -> str:
-    parts = []
-    for letters, words in PARTS.items():
-        axes = [AXES[name[-1]] for name in quantities if name[:-1] == letters]
-        if axes:
-            parts.append(words.format(" and ".join(axes).replace(" and ", ", ", len(axes) - 2)))
-    return ", ".join(parts)
+    @property
+    def sentence(self) -> str:
+        """The estimate, its interval and its limit."""
+        scale, unit = DISPLAY_UNITS.get(self.unit, (1.0, self.unit))
+        width = scale * (self.high - self.low) / 2
+        size, low, high = (rounded(scale * x, width) for x in (self.size, self.low, self.high))
+        limit = f"{scale * self.limit:g} {unit}"
+        return f"{self.name} {size} {unit} ({low} to {high}; limit {limit})"
 
 
 @dataclass(frozen=True, slots=True)
 class PlateVerdict:
-    """Whether a plate is fit for inverse dynamics.
+    """Whether a plate is fit for inverse dynamics; nothing is fit that was not examined.
 
     Attributes
     ----------
@@ -150,8 +110,8 @@ class PlateVerdict:
         What is missing for a verdict.
     remarks
         What else was not examined.
-    notes
-        Contradictions between methods.
+    contradiction
+        Of the delays by two methods, as a sentence; else empty.
     calibration
         The correction of the plate; None where nothing is to be corrected, and where none is
         known that leaves no total error both beyond its limit and larger than without it.
@@ -173,7 +133,7 @@ class PlateVerdict:
     corrected: tuple[Judged, ...]
     to_record: tuple[str, ...]
     remarks: tuple[str, ...]
-    notes: tuple[Note, ...]
+    contradiction: str
     calibration: PlateCalibration | None
     with_supports: bool
     largest_n: float
@@ -182,12 +142,8 @@ class PlateVerdict:
     shared: float
 
     @property
-    def verdict(self) -> Verdict:
-        """The verdict: by what is beyond its limit first, then by what is not known."""
-        return Verdict(self._answer, self.unexamined)
-
-    @property
-    def _answer(self) -> Answer:
+    def answer(self) -> Answer:
+        """By what is beyond its limit first, then by what is not known."""
         statuses = {one.status for one in self.judged}
         if self.constant:
             return "not fit"
@@ -199,21 +155,34 @@ class PlateVerdict:
         return "cannot be told" if unknown else "fit"
 
     @property
+    def words(self) -> str:
+        """The answer, for what it holds, and what was not examined."""
+        scope = "inverse dynamics"
+        if self.unexamined:
+            scope = _in_words(tuple(q for q in QUANTITIES if q not in self.unexamined)) or scope
+        words = {
+            "fit": f"fit for {scope}",
+            "fit after correction": (
+                f"not fit for inverse dynamics as it is; fit after correction for {scope}"
+            ),
+            "not fit": "not fit for inverse dynamics",
+            "cannot be told": f"whether it is fit for {scope} cannot be told",
+        }[self.answer]
+        return f"{words}; not examined: {_in_words(self.unexamined)}" if self.unexamined else words
+
+    @property
     def _left(self) -> tuple[Judged, ...]:
         """What a correction leaves."""
-        return (*(one for one in self.judged if one.remedy == "none"), *self.corrected)
+        return (*(one for one in self.judged if not one.correctable), *self.corrected)
 
     @property
     def reasons(self) -> tuple[Judged, ...]:
         """What the verdict is for: single faults, then total errors, the largest first."""
-        if self._answer == "cannot be told":
-            found = [one for one in self.judged if one.status == "unclear"]
-        else:
-            found = [one for one in self.judged if one.status == "beyond"]
+        wanted = "unclear" if self.answer == "cannot be told" else "beyond"
+        found = [one for one in self.judged if one.status == wanted]
         left = [one for one in self._left if one.status == "beyond"]
-        if self._answer == "not fit" and left:
-            by_themselves = self.calibration is not None or any(one in left for one in found)
-            found = left if by_themselves else [*found, *left]
+        if self.answer == "not fit" and left:
+            found = left if self.calibration is not None else list(dict.fromkeys([*found, *left]))
         return tuple(
             sorted(found, key=lambda one: (one.name.startswith(TOTAL), -one.size / one.limit))
         )
@@ -221,46 +190,40 @@ class PlateVerdict:
     @property
     def corrections(self) -> tuple[str, ...]:
         """What to do about what can be corrected; nothing makes a plate fit that is not."""
-        lines = []
-        if self.calibration is not None and self._answer != "not fit":
-            lines.append("apply the plate's calibration (plate_calibration.json)")
-            if self.calibration.offset.any():
-                lines.append(
-                    "zero the plate before every recording: the calibration subtracts the zero "
-                    "that these recordings had"
-                )
-        return tuple(lines)
+        if self.calibration is None or self.answer == "not fit":
+            return ()
+        apply = "apply the plate's calibration (plate_calibration.json)"
+        if not self.calibration.offset.any():
+            return (apply,)
+        zero = "zero the plate before every recording: the calibration subtracts the zero that"
+        return apply, f"{zero} these recordings had"
 
     @property
     def sentence(self) -> str:
-        """The verdict in one sentence."""
+        """The verdict, and whether its methods contradict each other."""
+        return self._verdict() + self.contradiction
+
+    def _verdict(self) -> str:
         used = " with supports" if self.with_supports else ""
-        start, reasons = f"{self.belt} plate{used}: {self.verdict}.", self._listed_reasons()
+        start, reasons = f"{self.belt} plate{used}: {self.words}.", self._listed_reasons()
         unknown = f"Loads above the largest recorded one ({self.largest_n:.0f} N) are extrapolated."
-        if self._answer == "fit":
-            return f"{start} {unknown}"
         missing = "; ".join([*self.to_record, *self._advice()])
-        if self._answer == "fit after correction":
+        if self.answer == "fit":
+            return f"{start} {unknown}"
+        if self.answer == "fit after correction":
             needed = "; ".join(self.corrections)
             return f"{start} To correct: {needed}. Found: {reasons}. {unknown}"
-        if self._answer == "not fit":
-            rest = (
-                "" if self._final else f" Whether a correction is enough cannot be told: {missing}."
-            )
-            return f"{start} Found: {reasons}.{rest}"
-        known = f" Undecided: {reasons}." if reasons else ""
-        return f"{start} To do: {missing}.{known}"
-
-    @property
-    def _final(self) -> bool:
-        """True if no recording can show that a correction of the plate is enough."""
-        beyond = any(one.status == "beyond" for one in self._left)
+        if self.answer == "cannot be told":
+            return f"{start} To do: {missing}." + (f" Undecided: {reasons}." if reasons else "")
+        beyond = self.constant or any(one.status == "beyond" for one in self._left)
         examined = any(one.name.startswith(TOTAL) for one in self.judged)
-        by_calibration = self.corrected or self.shared
-        return bool(self.constant) or beyond or (examined and not by_calibration)
+        if beyond or (examined and not self.corrected and not self.shared):
+            return f"{start} Found: {reasons}."
+        return (
+            f"{start} Found: {reasons}. Whether a correction is enough cannot be told: {missing}."
+        )
 
     def _listed_reasons(self) -> str:
-        """List the largest of the single faults and of the total errors."""
         totals = [one for one in self.reasons if one.name.startswith(TOTAL)]
         singles = [one for one in self.reasons if one not in totals]
         listed = [
@@ -284,10 +247,8 @@ class PlateVerdict:
                 f"{size} too {high}, or all masses as much {heavier} than stated"
             ]
         unclear = [one for one in (*self.judged, *self.corrected) if one.status == "unclear"]
-        near = min(unclear, key=lambda one: abs(one.size / one.limit - 1), default=None)
-        return (
-            [] if near is None else [f"record more weights on this plate: {near.name} is unclear"]
-        )
+        unclear.sort(key=lambda one: abs(one.size / one.limit - 1))
+        return [f"record more weights on this plate: {one.name} is unclear" for one in unclear[:1]]
 
 
 def judge(found: PlateAccuracy) -> tuple[PlateVerdict, ...]:
@@ -312,28 +273,37 @@ def judge(found: PlateAccuracy) -> tuple[PlateVerdict, ...]:
 def _judge_plate(found: PlateAccuracy, belt: BeltSide) -> PlateVerdict:
     own = [trial for trial in found.trials if trial.weight.belt == belt]
     in_use = [trial for trial in found.trials_in_use if trial.weight.belt == belt]
+    faults, response = _faults(found, belt), found.responses.get(belt)
     shared = _shared_gain(found, belt)
-    heavier = with_heavier_masses(found, shared)
-    stated, otherwise = _judged(found, belt), _judged(heavier, belt)
-    judged = either(stated, otherwise)
-    if any(one.status != other.status for one, other in zip(stated, otherwise, strict=True)):
-        corrected, calibration = list[Judged](), None
-    else:
+    heavier, faults_if_heavier = _with_heavier_masses(response, faults, shared)
+    stated = _judged(found, belt, response, faults)
+    otherwise = _judged(found, belt, heavier, faults_if_heavier)
+    judged, corrected, calibration = _either(stated, otherwise), list[Judged](), None
+    if all(one.status == other.status for one, other in zip(stated, otherwise, strict=True)):
         shared = 0.0
-        corrected, calibration = _correction(found, heavier, belt, judged)
+        if any(o.correctable and o.status in ("beyond", "unclear") for o in judged):
+            corrected, calibration = _correction(found, belt, response, heavier)
+    unexamined = _unexamined(found, belt)
+    remarks = [f"{_in_words(unexamined)}: no weight on a belt exerts a lateral force"]
+    if belt not in found.alignments:
+        remarks.append(
+            "rotation and offset alone: no static recordings (they are in the total errors)"
+        )
+    if belt not in found.delays:
+        remarks.append("delay by a hammer: no recordings of impacts")
     constant = np.all([trial.constant for trial in own], axis=0)
     return PlateVerdict(
         belt,
         tuple(judged),
         tuple(corrected),
         _to_record(found, belt),
-        _remarks(found, belt),
-        delay_notes(_faults(found, belt)),
+        tuple(remarks),
+        contradiction(faults),
         calibration,
         with_supports=len({trial.weight.supports for trial in own}) > 1,
         largest_n=GRAVITY_MPS2 * max(trial.weight.mass_kg for trial in in_use),
         constant=tuple(name for name, one in zip(WRENCH_COMPONENTS, constant, strict=True) if one),
-        unexamined=_unexamined(found, belt),
+        unexamined=unexamined,
         shared=shared,
     )
 
@@ -343,18 +313,45 @@ def _faults(found: PlateAccuracy, belt: BeltSide) -> list[FaultEstimate]:
 
 
 def _shared_gain(found: PlateAccuracy, belt: BeltSide) -> float:
-    """Give the part that all gains share of the plates on which a plate's masses were recorded."""
+    """Find the part of all gains that one misstatement of all masses would explain.
+
+    Of all plates on which the same masses were recorded: the mean gain less 1, weighted by
+    precision, but not beyond the 95 % interval of any gain: where a plate or a component is right,
+    or gains differ in sign, next to nothing is shared.
+    """
     masses: dict[BeltSide, set[float]] = {}
     for trial in found.trials_in_use:
         masses.setdefault(trial.weight.belt, set()).add(trial.weight.mass_kg)
-    faults = [fault for fault in found.faults if masses[fault.belt] & masses[belt]]
-    uncertainty = found.study.file.mass_uncertainty_percent
-    return shared_gain(faults, np.inf if uncertainty is None else uncertainty / 100)
+    alike = [fault for fault in found.faults if masses[fault.belt] & masses[belt]]
+    gains = [(one.value, one.uncertainty) for one in alike if one.fault.startswith(GAIN)]
+    if not gains:
+        return 0.0
+    stated = found.study.file.mass_uncertainty_percent
+    most = np.inf if stated is None else stated / 100
+    value, half = np.array(gains).T
+    half = np.maximum(half, np.finfo(float).eps)
+    mean = float(np.average(value, weights=half**-2))
+    side = np.sign(mean)
+    return float(side * max(min(side * mean, np.min(side * value + half), most), 0.0))
+
+
+def _with_heavier_masses(
+    response: PlateResponse | None, faults: Sequence[FaultEstimate], share: float
+) -> tuple[PlateResponse | None, list[FaultEstimate]]:
+    """Give the response and the gains as if all masses were heavier by a share."""
+    real = 1 + share
+    if response is not None:
+        matrix = response.matrix.copy()
+        matrix[:, :, response.examined] /= real
+        response = replace(response, matrix=matrix, curvature=response.curvature / real**2)
+    return response, [
+        replace(one, value=(1 + one.value) / real - 1) if one.fault.startswith(GAIN) else one
+        for one in faults
+    ]
 
 
 def _not_excited(found: PlateAccuracy, belt: BeltSide) -> list[int]:
-    response = found.responses.get(belt)
-    examined = response.examined if response is not None else ()
+    examined = found.responses[belt].examined if belt in found.responses else ()
     return [c for c in range(len(WRENCH_COMPONENTS)) if c not in examined]
 
 
@@ -364,52 +361,186 @@ def _unexamined(found: PlateAccuracy, belt: BeltSide) -> tuple[str, ...]:
     return quantities_of([*_not_excited(found, belt), *height])
 
 
-def _judged(found: PlateAccuracy, belt: BeltSide) -> list[Judged]:
+def _judged(
+    found: PlateAccuracy,
+    belt: BeltSide,
+    response: PlateResponse | None,
+    faults: Sequence[FaultEstimate],
+) -> list[Judged]:
     """Judge total errors, single faults, linearity and noise of a plate, and list its gaps."""
-    file = found.study.file
+    file, limits = found.study.file, found.study.file.limits
     supported = any(t.weight.supports for t in found.trials if t.weight.belt == belt)
-    judged = judge_faults(_faults(found, belt), file.limits, file.full_scale_n, supported)
-    judged += judge_unexamined(_not_excited(found, belt), file.limits)
+    late = chosen_delay(faults)
+    used = None if late is None else DELAYS[late.method]
+    judged = _totals(found, belt, response)
+    for fault in faults:
+        name = fault.fault
+        vibration = name.startswith("vibration")
+        if name in DELAYS.values() and name != used:
+            continue
+        if vibration and name.endswith("with supports") != supported:
+            continue
+        limit = _limit(fault, limits, file.full_scale_n)
+        correctable = not vibration and name not in ("drift", "curvature")
+        judged.append(_judge(name, fault.value, fault.uncertainty, limit, fault.unit, correctable))
+    limit, unknown = limits.gain_percent / 100, (np.nan, np.nan, np.nan)
+    for c in _not_excited(found, belt):
+        name = f"{GAIN}{WRENCH_COMPONENTS[c]}"
+        judged.append(Judged(name, *unknown, limit, "1", correctable=False, examined=False))
     if belt in found.linearities:
-        judged += judge_linearity(found.linearities[belt], file.limits, file.full_scale_n)
-    if belt in found.responses:
-        judged += judge_noise(found.responses[belt], file.limits)
-    return [*_totals(found, belt), *judged]
+        line, chance = found.linearities[belt], np.array([0.025, 0.975])
+        freedom = line.degrees_of_freedom
+        low, high = line.nonlinearity * np.sqrt(freedom / stats.chi2.isf(chance, freedom))
+        limit = limits.nonlinearity_percent / 100 * file.full_scale_n
+        size = (line.nonlinearity, float(low), float(high))
+        judged.append(Judged("non-linearity", *size, limit, "N", correctable=False))
+    if response is not None:
+        for name, unit, limit, chosen in (
+            ("forces", "N", limits.noise_n, slice(0, 3)),
+            ("moments", "N·m", limits.noise_nm, slice(3, 6)),
+        ):
+            sizes = np.sqrt(np.maximum(response.scatter[:, 0, chosen].mean(axis=1), 0))
+            half = response.quantile * float(standard_error(sizes))
+            judged.append(_judge(f"noise of {name}", sizes[0], half, limit, unit, False))
+    return judged
+
+
+def _judge(
+    name: str, value: float, half: float, limit: float, unit: str, correctable: bool
+) -> Judged:
+    """Place the absolute value of an estimate ± half of its interval beside its limit."""
+    size = abs(float(value))
+    half = half if np.isfinite(half) else np.inf
+    return Judged(name, size, max(size - half, 0.0), size + half, limit, unit, correctable)
+
+
+def _limit(fault: FaultEstimate, limits: AccuracyLimits, full_scale_n: float) -> float:
+    name = fault.fault
+    single = {
+        "angle": limits.angle_deg,
+        "drift": limits.drift_n_per_s,
+        "curvature": limits.curvature_percent / 100 * full_scale_n,
+    }
+    if name in single:
+        return single[name]
+    by_beginning = {
+        "offset": limits.offset_m,
+        "delay": limits.delay_s,
+        "gain": limits.gain_percent / 100,
+        "zero": limits.zero_nm if fault.unit == "N·m" else limits.zero_n,
+        "vibration": limits.vibration_m,
+    }
+    return by_beginning.get(name.split()[0], limits.cross_talk_percent / 100)
 
 
 def _totals(
-    found: PlateAccuracy, belt: BeltSide, calibration: PlateCalibration | None = None
+    found: PlateAccuracy,
+    belt: BeltSide,
+    response: PlateResponse | None,
+    calibration: PlateCalibration | None = None,
 ) -> list[Judged]:
     """Judge the total errors of a plate, if its recordings show all that they depend on."""
-    file, response = found.study.file, found.responses.get(belt)
     if response is None or not response.complete:
         return []
-    loads = stance_loads(file.body_mass_kg)
-    return judge_totals(response, loads, file.limits, _unexamined(found, belt), calibration)
+    limits, unexamined = found.study.file.limits, _unexamined(found, belt)
+    units = {"F": ("N", limits.force_n), "C": ("m", limits.cop_m), "M": ("N·m", limits.moment_nm)}
+    loads = stance_loads(found.study.file.body_mass_kg)
+    sizes = np.transpose(total_errors(response, loads, calibration)).tolist()
+    suffix = "" if calibration is None else " after correction"
+    judged = []
+    for quantity, values in zip(QUANTITIES, sizes, strict=True):
+        unit, limit = units[quantity[0]]
+        size, low, high = values
+        name, examined = f"{TOTAL} of {quantity}{suffix}", quantity not in unexamined
+        judged.append(Judged(name, size, low, high, limit, unit, calibration is None, examined))
+    return judged
+
+
+def _either(stated: Sequence[Judged], otherwise: Sequence[Judged]) -> list[Judged]:
+    """Widen the intervals of errors to those that they would have otherwise."""
+    return [
+        replace(one, low=min(one.low, other.low), high=max(one.high, other.high))
+        for one, other in zip(stated, otherwise, strict=True)
+    ]
 
 
 def _correction(
-    found: PlateAccuracy, heavier: PlateAccuracy, belt: BeltSide, judged: Sequence[Judged]
+    found: PlateAccuracy,
+    belt: BeltSide,
+    response: PlateResponse | None,
+    heavier: PlateResponse | None,
 ) -> tuple[list[Judged], PlateCalibration | None]:
     """Give what a calibration leaves, and the calibration where it makes nothing worse.
 
     The part of all gains that heavier masses would explain is not corrected.
     """
-    needed = any(o.remedy == "calibration" and o.status in ("beyond", "unclear") for o in judged)
-    totals = _totals(found, belt)
-    if not needed or not totals:
-        return [], None
-    center = next(trial.center for trial in found.trials if trial.weight.belt == belt)
-    number, response = found.study.file.plate_numbers[belt], heavier.responses[belt]
-    calibration = plate_calibration(number, center, response, _faults(found, belt))
+    totals = _totals(found, belt, response)
+    calibration = _calibration(found, belt, heavier) if totals and heavier is not None else None
     if calibration is None:
         return [], None
-    corrected = either(*(_totals(one, belt, calibration) for one in (found, heavier)))
+    corrected = _either(*(_totals(found, belt, one, calibration) for one in (response, heavier)))
     worse = any(
         after.size > max(after.limit, before.size)
         for before, after in zip(totals, corrected, strict=True)
     )
     return corrected, None if worse else calibration
+
+
+def _calibration(
+    found: PlateAccuracy, belt: BeltSide, response: PlateResponse
+) -> PlateCalibration | None:
+    """Give the correction of a plate: the inverse of its response, with the jackknife's error.
+
+    A zero or a delay is corrected where it differs significantly from none. A lateral force, which
+    no weight exerts, is only turned and shifted with the plate. What grows with the squared load,
+    time or at random is left. None where no calibration turns what the plate reports into the true
+    wrench: a channel is dead, or the axes are wrong.
+    """
+    faults = _faults(found, belt)
+    significant = {fault.fault for fault in faults if fault.significant}
+    corrected = [f"zero of {name}" in significant for name in WRENCH_COMPONENTS]
+    late, delay_s = chosen_delay(faults), 0.0
+    if late is not None and DELAYS[late.method] in significant:
+        delay_s = late.delay.seconds
+    try:
+        inverse = np.asarray(np.linalg.inv(response.matrix), float)
+        return PlateCalibration(
+            found.study.file.plate_numbers[belt],
+            inverse[0],
+            np.where(corrected, response.zero[0], 0.0),
+            standard_error(inverse),
+            next(trial.center for trial in found.trials if trial.weight.belt == belt),
+            tuple(WRENCH_COMPONENTS[c] for c in response.examined),
+            delay_s,
+        )
+    except ValueError:  # singular, or nothing that a plate can be
+        return None
+
+
+def chosen_delay(faults: Sequence[FaultEstimate]) -> AgreedDelay | None:
+    """Choose between the delays of a plate by a hammer and in motion."""
+    delays = {
+        one.fault: Delay(one.value, one.standard_error, degrees_of_freedom=one.degrees_of_freedom)
+        for one in faults
+        if one.fault in DELAYS.values()
+    }
+    return agreed_delay(delays.get("delay"), delays.get("delay in motion"))
+
+
+def contradiction(faults: Sequence[FaultEstimate]) -> str:
+    """Say that the delays of a plate by a hammer and in motion contradict each other, if so."""
+    late, named = chosen_delay(faults), {fault.fault: fault for fault in faults}
+    if late is None or not late.disagree:
+        return ""
+    hammer, motion = (
+        f"{1000 * named[fault].value:.2f} ± {1000 * named[fault].uncertainty:.2f} ms"
+        for fault in ("delay", "delay in motion")
+    )
+    return (
+        f" The delay by the hammer, {hammer}, contradicts that in motion, {motion}; the one "
+        f"{'in motion' if late.method == 'motion' else 'by the hammer'} is used: check that hits "
+        "were short and hard, and the hammer's marker fixed."
+    )
 
 
 def _to_record(found: PlateAccuracy, belt: BeltSide) -> tuple[str, ...]:
@@ -433,28 +564,28 @@ def _to_record(found: PlateAccuracy, belt: BeltSide) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _remarks(found: PlateAccuracy, belt: BeltSide) -> tuple[str, ...]:
-    lines = [f"{_in_words(_unexamined(found, belt))}: no weight on a belt exerts a lateral force"]
-    if belt not in found.alignments:
-        lines.append(
-            "rotation and offset alone: no static recordings (they are in the total errors)"
-        )
-    if belt not in found.delays:
-        lines.append("delay by a hammer: no recordings of impacts")
-    return tuple(lines)
+def _in_words(quantities: tuple[str, ...]) -> str:
+    parts = []
+    for letters, words in PARTS.items():
+        axes = [AXES[name[-1]] for name in quantities if name[:-1] == letters]
+        if axes:
+            parts.append(words.format(" and ".join(axes).replace(" and ", ", ", len(axes) - 2)))
+    return ", ".join(parts)
 
 
 def describe(fault: FaultEstimate) -> str:
     """State an estimate with its 95 % uncertainty."""
     scale, unit = DISPLAY_UNITS.get(fault.unit, (1.0, fault.unit))
     error = scale * fault.uncertainty
-    value = scale * fault.value
-    if np.isfinite(error):
-        text = (
-            f"{fault.belt}: {fault.fault} {rounded(value, error)} ± {rounded(error, error)} {unit}"
-        )
-    else:
-        text = f"{fault.belt}: {fault.fault} {value:.3f} {unit}, of unknown uncertainty"
+    value = rounded(scale * fault.value, error)
+    text = f"{fault.belt}: {fault.fault} {value} ± {rounded(error, error)} {unit}"
     if np.isfinite(fault.frequency_hz):
         text += f" at {fault.frequency_hz:.2f} Hz in the centre of pressure along the belt"
     return text
+
+
+def rounded(value: float, uncertainty: float) -> str:
+    """Write a number with two digits of its uncertainty, at most six decimals."""
+    if not 0 < uncertainty < np.inf:
+        return f"{value:.3g}"
+    return f"{value:.{min(max(1 - math.floor(math.log10(uncertainty)), 0), MAX_DECIMALS)}f}"

@@ -8,6 +8,7 @@ from typing import Final
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from hbm.notes import provenance, warnings_of
 from pipeline.statistics.verdict import join_names
 
 MEDIA_TYPES: Final = {".svg": "image/svg+xml", ".png": "image/png"}
@@ -60,3 +61,4 @@ def words(keys: Iterable[str], known: Mapping[str, str]) -> list[str]:
 
 
 TEMPLATES.filters |= {"names": join_names, "each": each, "words": words}
+TEMPLATES.filters |= {"warnings": warnings_of, "provenance": provenance}

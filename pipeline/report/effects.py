@@ -1,18 +1,17 @@
 """The tests of every residual on the page of a report: tables, and each effect in words."""
 
 from collections.abc import Iterator
-from dataclasses import fields
 from math import isnan
-from typing import Final
+from typing import Any, Final
 
 import pandas as pd
 
 from pipeline.report.blocks import Table, Text
-from pipeline.statistics.comparison import ALL_CELLS, MIXED_ANOVA, RM_ANOVA, Row
+from pipeline.statistics.comparison import ALL_CELLS, MIXED_ANOVA, RM_ANOVA
 from pipeline.statistics.design import ALPHA, COMPENSATION, Design
 from pipeline.statistics.table_3 import format_p, number
 from pipeline.statistics.verdict import join_names
-from pipeline.trial.residuals import AXES, DIRECTIONS
+from pipeline.trial.residuals import AXES, DIRECTIONS, rows_of
 
 ANOVA_HEADS: Final = (
     *("Effect", "F", "df", "ε GG", "p", "p corrected", "partial η² [95 % CI]"),
@@ -60,11 +59,9 @@ def _computed(tests: pd.DataFrame, test: str) -> pd.DataFrame:
     return tests[(tests["test"] == test) & tests["p_corrected"].notna()]
 
 
-def _by(tests: pd.DataFrame, key: str) -> dict[str, Row]:
+def _by(tests: pd.DataFrame, key: str) -> dict[str, Any]:
     """Give rows by their test or effect."""
-    names = [field.name for field in fields(Row)]
-    records = tests[names].itertuples(index=False)
-    return {getattr(record, key): Row(*record) for record in records}
+    return {getattr(row, key): row for row in rows_of(tests)}
 
 
 def _anova_names(tests: pd.DataFrame) -> list[str]:
@@ -84,7 +81,7 @@ def _anova_tables(tests: pd.DataFrame) -> Iterator[Table]:
             yield Table(f"{test}, n = {n}", ANOVA_HEADS, rows, "numbers tests")
 
 
-def _anova_row(row: Row, sphericity: Row | None) -> tuple[str, ...]:
+def _anova_row(row: Any, sphericity: Any) -> tuple[str, ...]:
     """Show one effect."""
     several = row.df1 > 1 and row.epsilon < 1
     w_and_p = ("–", "–")
@@ -152,7 +149,7 @@ def _pair_table(tests: pd.DataFrame, design: Design) -> Iterator[Table]:
         yield Table(f"Planned pairs{how}{alone}", PAIR_HEADS, tuple(rows), "numbers tests")
 
 
-def _with_interval(row: Row, form: str) -> str:
+def _with_interval(row: Any, form: str) -> str:
     """Write an effect size with its interval."""
     value = number(row.effect_size, form)
     if isnan(row.ci_low):

@@ -9,8 +9,8 @@ import pandas as pd
 
 from hbm.engines.engine import title
 from hbm.spelling import did_you_mean, listed, short
-from pipeline.budgets.explanation import study_covariances, what_is_missing
-from pipeline.budgets.study import explanations, stale_sentence, unexplained
+from pipeline.budgets.explanation import study_covariances
+from pipeline.budgets.study import explanations
 from pipeline.config.comparison import groups, study_design
 from pipeline.config.schema import COVARIATES
 from pipeline.config.study import Study, read_study
@@ -108,10 +108,9 @@ def write_report(
     design = _design(results.residuals, study, covariates)
     results = replace(results, residuals=design.comparable(results.residuals))
     tests = statistics(results.residuals, _all_subjects(results.subjects, study), design)
-    explained = explanations(folder, results.trials)
+    explained, failed, stale = explanations(folder, results.trials)
     compared = results.residuals[results.residuals["condition"].isin(design.conditions)]
-    measurement = study_covariances(explained, compared)
-    missing = what_is_missing(explained, compared)
+    measurement, missing = study_covariances(explained, compared)
     table = table_3(results.residuals, tests, design, measurement)
     windows = windows_sentence(results.residuals)
     write_csv(tests, folder / "statistics.csv")
@@ -138,7 +137,6 @@ def write_report(
     order = design.in_order(condition for _, condition in results.trials)
     keys = sorted(results.trials, key=lambda key: (key[0], order.index(key[1])))
     trials = {" ".join(key): results.trials[key] for key in keys}
-    failed, stale = unexplained(folder), stale_sentence(folder)
     paragraphs = methods(results, tests, design, study)
     tables, inputs = _sources(source)
     of_study = {} if study is None else groups(study.file, study.subjects)
@@ -250,8 +248,8 @@ def _sources(source: Provenance) -> tuple[list[Table], Table | None]:
     tables.append(Table("Inverse dynamics of the trials", heads, engines))
     tables.append(pairs("The report was made with", package, source.report))
     program = {
-        "Source code, SHA-256": source.program.sha256,
-        "Git commit": source.program.git_commit or "not in a repository",
+        "Source code, SHA-256": source.program["sha256"],
+        "Git commit": source.program["git_commit"],
     }
     tables.append(pairs("The program", ("Program", "Identity"), program, "hashes"))
     if source.inputs is None:

@@ -9,7 +9,7 @@ import rerun as rr
 
 from compensation.platform import PlatformPose
 from hbm.markers import Markers
-from hbm.notes import warnings_first
+from hbm.notes import provenance, warnings_of
 from hbm.poses import segment_frames
 from hbm.spatial import Array
 from pipeline.explain.budget import Bands
@@ -243,8 +243,10 @@ def trial_summary(result: TrialResult) -> str:
             ]
             lines.append(f"| {' | '.join(cells)} |")
     else:
-        lines.append("No frame counts, so there is no table of residuals; the notes say why.")
-    lines += ["", "## Notes"]
-    for note in warnings_first(result.notes):
-        lines.append(f"- {'**warning:** ' * (note.level == 'warning')}{note} `{note.code}`")
+        lines.append("No frame counts, so there is no table of residuals; the warnings say why.")
+    lines += ["", "## Warnings"]
+    lines += [f"- {note} `{note.code}`" for note in warnings_of(result.notes)]
+    lines += ["", "## Provenance", "| item | |", "|---|---|"]
+    for item, sentence in provenance(result.notes):
+        lines.append(f"| {item} | {sentence.replace('|', '/')} |")
     return "\n".join(lines)

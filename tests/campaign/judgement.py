@@ -11,7 +11,7 @@ import numpy as np
 
 from hbm.notes import Note
 from hbm.spatial import Array
-from pipeline.cli.app import app, main
+from pipeline.cli import app
 from pipeline.io.recording import Recording
 from pipeline.trial.residuals import cycle_residuals
 from pipeline.trial.result import TrialResult
@@ -43,7 +43,7 @@ def commanded(*arguments: object) -> Ended:
     """Call the command line in this process."""
     out, err = StringIO(), StringIO()
     with redirect_stdout(out), redirect_stderr(err):
-        code = main([str(argument) for argument in arguments])
+        code = app.main([str(argument) for argument in arguments])
     return Ended(code, out.getvalue(), err.getvalue())
 
 
@@ -68,11 +68,12 @@ def attempted(act: Callable[[], Outcome], names: Iterable[str]) -> Outcome:
         except Exception as error:
             outcomes.append(fault_of(error))
 
-    app.command("attempt", hidden=True)(attempt)
+    commands = app.app
+    app.app = lambda **_: attempt()
     try:
         ended = commanded("attempt")
     finally:
-        app.registered_commands.pop()
+        app.app = commands
     return outcomes[0] if outcomes else refusal(ended, names)
 
 
@@ -119,11 +120,8 @@ def values_changed(found: Recording, known: Recording, *, gaps: bool = False) ->
     return sum(_differing(one, other, gaps) for one, other in both)
 
 
-def otherwise_equal(found: Recording, known: Recording, *, gaps: bool = False) -> bool:
-    """Say whether all else is equal: names, clock, plates, events, the subject's measures.
-
-    With ``gaps``, D-Flow's events may be missing.
-    """
+def otherwise_equal(found: Recording, known: Recording) -> bool:
+    """Say whether all else is equal: names, clock, plates, events, the subject's measures."""
     pairs = [(found.markers.time, known.markers.time)]
     pairs += [(f.time, k.time) for f, k in zip(found.plates, known.plates, strict=False)]
     return (
@@ -136,7 +134,6 @@ def otherwise_equal(found: Recording, known: Recording, *, gaps: bool = False) -
             for name in ("rotation", "center", "corners")
         )
         and _stated(found) == _stated(known)
-        and (gaps or found.metadata.dflow_events == known.metadata.dflow_events)
     )
 
 

@@ -22,15 +22,15 @@ def test_a_turn_takes_the_axes_of_its_static_recording(folder, turn, static):
     with pytest.raises(ValueError, match="axes cannot be inferred"):
         read_recording(path, Stated())
     recording = read_recording(path, Stated(), static=pose)
-    (note,) = [note for note in recording.notes if note.code.startswith("axes_")]
-    assert note.code == "axes_of_static"
-    (inferred,) = [n for n in read_recording(pose, Stated()).notes if n.code == "axes_inferred"]
-    assert note.values["axes"] == inferred.values["axes"] == ("left", "back", "up")
+    (note,) = [note for note in recording.notes if note.code == "axes"]
+    assert note.values["axes"] == ("left", "back", "up")
+    assert note.values["evidence"].startswith(f"as in the static recording {pose.name}")
 
 
 def test_a_walk_that_shows_its_axes_does_not_take_those_of_the_static_recording(folder):
     walk = read_recording(folder / "HC030A05.c3d", Stated(), static=folder / "HC030A01.c3d")
-    assert "axes_inferred" in [note.code for note in walk.notes]
+    (note,) = [note for note in walk.notes if note.code == "axes"]
+    assert "static" not in note.values["evidence"]
 
 
 def test_a_study_of_turns_is_checked_and_processed(folder, tmp_path):

@@ -12,10 +12,9 @@ import numpy as np
 from hbm.signals.filtering import low_pass
 from hbm.spatial import Array
 from pipeline.config.plate_study import AccuracyLimits, read_plates_study
-from pipeline.plate_accuracy.accuracy import examine_plates
-from pipeline.plate_accuracy.judgement import TOTAL
+from pipeline.plate_accuracy.accuracy import check_plates
 from pipeline.plate_accuracy.response import QUANTITIES, stance_loads
-from pipeline.plate_accuracy.verdict import Answer, judge
+from pipeline.plate_accuracy.verdict import TOTAL, Answer, judge
 from pipeline.virtual_lab.machine.instruments import ANALOG_HZ, PLATE_CENTERS_M
 from pipeline.virtual_lab.protocol.known_weights import (
     FULL_SCALE_N,
@@ -242,7 +241,7 @@ def carry_out(case: Case) -> list[PlateOutcome]:
     seed = case.seed + 1000 * number + 100_000 * round(100 * case.share) + 10**8 * case.standard
     with tempfile.TemporaryDirectory(prefix="plates") as folder:
         simulate_plates(Path(folder), errors, seed=seed, **(STANDARD if case.standard else DESIGN))
-        found = examine_plates(read_plates_study(folder))
+        found = check_plates(read_plates_study(folder))
     outcomes = []
     for verdict in judge(found):
         own = [one for one in found.faults if one.belt == verdict.belt]
@@ -263,7 +262,7 @@ def carry_out(case: Case) -> list[PlateOutcome]:
                 invented=tuple(sorted(significant - set(wanted) - _same(fault))),
                 sized=(sum(within), len(within)),
                 totals=(above, below, len(totals)),
-                verdict=verdict.verdict.answer,
+                verdict=verdict.answer,
                 truth=true_verdict(fault, size, verdict.belt),
             )
         )

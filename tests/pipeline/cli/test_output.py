@@ -7,35 +7,22 @@ import sys
 import numpy as np
 import pytest
 
-from pipeline.cli.output import MAX_LINE, STAND_INS, print_error
+from pipeline.cli.output import MAX_LINE, print_error
 from pipeline.io.c3d.write import write_c3d
 from tests.pipeline.cli.test_app import plate
 from tests.synthetic import synthetic_t_pose
 
 ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 ENVIRONMENTS = {
-    "plain": {},
     "ASCII by the locale": ASCII,
-    "ASCII as stated": {"PYTHONIOENCODING": "ascii"},
-    "Latin letters": {"PYTHONIOENCODING": "latin-1"},
-    "Chinese letters": {"PYTHONIOENCODING": "gbk"},
-    "optimised": {"PYTHONOPTIMIZE": "2"},
-    "a dumb terminal": {"TERM": "dumb"},
-    "no terminal": {"TERM": ""},
-    "no colours": {"NO_COLOR": "1"},
-    "colours": {"FORCE_COLOR": "1"},
-    "40 columns": {"COLUMNS": "40"},
+    "Chinese letters": {"PYTHONIOENCODING": "gbk", "PATH": ""},
+    "optimised": {"PYTHONOPTIMIZE": "2", "TERM": "dumb"},
+    "colours": {"FORCE_COLOR": "1", "COLUMNS": "1000000"},
     "no columns": {"COLUMNS": "0", "LINES": "0"},
-    "one column": {"COLUMNS": "1"},
     "no number of columns": {"COLUMNS": "many", "LINES": "-1"},
-    "a million columns": {"COLUMNS": "1000000"},
-    "no home": {"HOME": None, "XDG_CACHE_HOME": None},
     "a home that cannot be written": {"HOME": "/proc", "MPLCONFIGDIR": None},
-    "a home that is not there": {"HOME": "/nowhere"},
-    "no search path": {"PATH": ""},
-    "another time zone": {"TZ": "Pacific/Kiritimati"},
 }
-STAYS_QUICK = ("plain", "ASCII by the locale", "no columns")
+STAYS_QUICK = ("ASCII by the locale",)
 PROGRAM = """
 import sys
 from pipeline.cli.app import main
@@ -109,7 +96,7 @@ def test_every_command_works_in_every_environment(name, trial, study, tmp_path):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="closes a descriptor before the program starts")
-@pytest.mark.parametrize("closed", [[1], [2], [0, 1, 2]])
+@pytest.mark.parametrize("closed", [[1], [0, 1, 2]])
 def test_without_standard_output_the_files_are_written(trial, tmp_path, closed):
     def close():
         for descriptor in closed:
@@ -146,17 +133,6 @@ def test_a_full_disk_under_the_output_is_one_line():
         done = started(HBM, "--help", stdout=full)
     assert done.returncode == 2
     assert done.stderr == b"hbm: error: no space left on device\n"
-
-
-def test_letters_that_the_output_lacks_are_written_in_letters_that_it_has():
-    program = (
-        "from pipeline.cli.output import accept_any_letter as accept; accept(); "
-        f"print({'5 N·m, 3 µs, −2 ± 1 m/s², 90°, × – — → ≤ ≥, é, 名'!a})"
-    )
-    done = started(("-c", program), changed=ASCII, stdout=subprocess.PIPE)
-    expected = b"5 N*m, 3 us, -2 +/- 1 m/s2, 90 deg, x - - -> <= >=, e, ?"
-    assert done.stdout.strip() == expected, done.stderr
-    assert all(text.isascii() for text in STAND_INS.values())
 
 
 def test_an_error_of_any_length_is_one_short_line(capsys):

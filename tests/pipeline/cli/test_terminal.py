@@ -38,26 +38,6 @@ def test_without_a_terminal_each_step_is_a_line_with_the_time_left(clock):
     ]
 
 
-def test_the_time_left_goes_by_the_size_of_the_steps(clock):
-    screen = console(clock, terminal=False)
-    with StepProgress(screen, "processing", "trials") as progress:
-        clock[0] = 10.0
-        progress.show("a long trial", 1, 3, size_done=80, size=100)
-    assert screen.file.getvalue() == "a long trial; 1 of 3 trials, 0:00:03 left\n"
-
-
-def test_steps_that_need_no_work_do_not_count_for_the_time_left(clock):
-    screen = console(clock, terminal=False)
-    with StepProgress(screen, "processing", "trials") as progress:
-        progress.show("kept", 1, 3, size_done=0, size=200)
-        clock[0] = 10.0
-        progress.show("done", 2, 3, size_done=100, size=200)
-    assert screen.file.getvalue().splitlines() == [
-        "kept; 1 of 3 trials",
-        "done; 2 of 3 trials, 0:00:10 left",
-    ]
-
-
 def test_in_a_terminal_a_bar_shows_the_count_and_only_failures_stay(clock):
     screen = console(clock, terminal=True)
     with StepProgress(screen, "simulating", "recordings") as progress:
@@ -120,14 +100,6 @@ def test_brackets_neither_style_nor_fail(monkeypatch, print_it):
     assert MARKUP in printed(monkeypatch, print_it, COLUMNS="300")
 
 
-def test_a_bar_shows_brackets_as_they_are(clock):
-    screen = console(clock, terminal=True)
-    with StepProgress(screen, MARKUP, MARKUP) as progress:
-        progress.show("one", 1, 2)
-        progress.refresh()
-    assert "[/]" in screen.file.getvalue()
-
-
 ROW = ("measured", "Fx", "1234567.8 ± 1234.5", "N·m", "-87654.3")
 
 
@@ -147,8 +119,3 @@ def test_in_a_wide_terminal_a_table_is_a_table(monkeypatch):
     made = table(*ROW)
     text = printed(monkeypatch, lambda screen: print_table(made, screen), COLUMNS="80")
     assert any(all(cell in line for cell in ROW) for line in text.splitlines())
-
-
-def test_a_terminal_without_columns_gets_all_of_the_text(monkeypatch):
-    text = printed(monkeypatch, lambda screen: screen.print("all of it"), COLUMNS="0")
-    assert text == "all of it\n"

@@ -1,34 +1,15 @@
 """From a recording of the empty treadmill to compensated residuals, on the command line alone."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
-import typer
 
-from compensation import MachineLimits
-from pipeline.calibration_ranking.trials import RankingSettings
-from pipeline.cli.app import app, main
-from pipeline.config.schema import Treadmill
+from pipeline.cli.app import main
 from pipeline.config.study import read_study
 from pipeline.io.c3d.read import read_c3d
 from tests.pipeline import lab
-
-COMMANDS = typer.main.get_command(app).commands["calibration"].commands
-
-
-@pytest.mark.parametrize(
-    ("command", "defaults"),
-    [
-        ("fit", {"cutoff_hz": Treadmill().cutoff_hz}),
-        ("signals", asdict(MachineLimits())),
-        ("rank", asdict(RankingSettings())),
-    ],
-)
-def test_options_have_the_defaults_of_what_they_state(command, defaults):
-    options = {parameter.name: parameter.default for parameter in COMMANDS[command].params}
-    assert {name: options[name] for name in defaults} == defaults
 
 
 @pytest.fixture(scope="module")

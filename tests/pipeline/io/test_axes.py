@@ -115,7 +115,7 @@ def test_stated_axes_that_confuse_forward_and_sideways_are_warned_of(subject):
         assert (note.code, note.level) == ("subject_faces_sideways", "warning")
         assert note.values["direction"] == facing
     (note,) = settle_axes("forward,left,up", subject.position, subject.names)[1]
-    assert note.level == "info"
+    assert note.level == "provenance"
 
 
 TABLE = """

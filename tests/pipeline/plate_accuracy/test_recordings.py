@@ -20,14 +20,9 @@ from pipeline.plate_accuracy.trials import (
 )
 from pipeline.virtual_lab.protocol.known_weights import PlateErrors, simulate_plates
 from tests.pipeline.other_formats import write_dflow
+from tests.pipeline.plate_accuracy.conftest import DESIGN
 
-FEW = {
-    "speeds": (0.7, 1.0),
-    "weights": (13.44, 22.56, 45.08),
-    "positions": (0.15, 0.35),
-    "belts": ("left",),
-    "supports": (True,),
-}
+FEW = DESIGN | {"speeds": (1.0,), "belts": ("left",)}
 ERRORS = PlateErrors(cross_talk={(2, 2): 0.03}, delay_s=0.006)
 LEFT_BELT = "\n[surface.left]\nx_m = [-0.9, 0.9]\ny_m = [0.0, 0.5]\n"
 
@@ -153,14 +148,3 @@ def test_a_hammer_at_the_rate_of_the_cameras_is_refused_with_what_to_do(in_c3d, 
     study = read_plates_study(folder)
     with pytest.raises(ValueError, match=r"hammer_left\.txt: a force at 100 Hz misses impacts"):
         read_hammer_delay(study, study.file.hammer[0])
-
-
-def test_one_command_checks_a_study_in_text(in_text, tmp_path, capsys):
-    out = tmp_path / "out"
-    assert main(["plates", str(in_text), "--out", str(out)]) == 0
-    assert "left plate: " in capsys.readouterr().out
-    assert (out / "figures" / "vibration.png").is_file()
-    assert not (out / "figures" / "hammer_trace.png").exists()
-    page = (out / "verdict.md").read_text(encoding="utf-8")
-    for effect in ("profile", "speed_mps", "position_m", "mass_kg", "zone"):
-        assert f"| {effect} " in page

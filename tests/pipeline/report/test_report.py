@@ -167,8 +167,8 @@ def test_every_trial_shows_its_quality(page):
     assert "4.0 ± 1.0 ms" in page.text
 
 
-def test_notes_are_shown_with_their_codes_warnings_first(page):
-    warnings, _, information = page.text.partition("What was inferred, locked or filled")
+def test_warnings_are_shown_with_their_codes_and_then_provenance(page):
+    warnings, _, information = page.text.partition("Provenance, trial by trial")
     assert "Warnings, trial by trial" in warnings
     assert re.search(r"the legs differ by 41 mm .* legs_differ", warnings)
     assert "body mass 70.0 kg by the plates, standing still from 0.50 to 1.50 s" in information

@@ -224,9 +224,8 @@ def test_summary_holds_residuals_thresholds_and_notes(stored, trial):
     assert f" | {rms[True, 'Fy']:.1f} N | " in text
     assert "Hicks" in text
     assert "**fails**" in text
-    notes = text.partition("## Notes\n")[2].splitlines()
-    assert notes[0].startswith("- **warning:** plate 2 is constant")
-    assert notes[1] == "- body mass 70.0 kg as stated `mass_stated`"
+    assert "## Warnings\n- plate 2 is constant" in text
+    assert "| Body mass | body mass 70.0 kg as stated |" in text
 
 
 def test_one_recording_and_its_layout_are_in_the_file_and_verify_passes(written):
