@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Option
 
 from pipeline.cli.options import (
     RESULT,
@@ -23,9 +23,7 @@ if TYPE_CHECKING:
 @takes_trial_request
 def explain(
     request: TrialRequest,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder for the output of one trial; default: results.")
-    ] = None,
+    out: Annotated[Path | None, Option(help="For one trial; default: results.")] = None,
     jobs: Jobs = 1,
 ) -> int:
     """Say what the pelvis residuals of a trial are made of, how sure that is, and what to mend.

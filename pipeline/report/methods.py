@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import pandas as pd
 
+from compensation.inertia.fit import LAGS_S
 from pipeline.config.study import Study
 from pipeline.figures.residuals import mean_part
 from pipeline.report.blocks import TEMPLATES
@@ -71,6 +72,7 @@ def methods(
         engines=engines_of([trial.engine for trial in trials]),
         treadmill=study.file.treadmill if study else None,
         compensated=any("compensated" in trial.variants for trial in trials),
+        lags_s=LAGS_S,
         doubts=dict.fromkeys(note.text for trial in trials for note in trial.of_calibration),
         tested=list(tested),
         judged=judged_conditions(design),

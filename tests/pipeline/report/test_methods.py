@@ -75,7 +75,13 @@ def test_the_methods_describe_the_study(usual):
             "Landmarks without markers were replaced: XIPH (by mean proportions).",
         ),
         (
-            with_note("compensated_dynamically", lags_ms=("10", "20", "40")),
+            with_note(
+                "plates_compensated",
+                model="dynamic",
+                accelerometers=("rear",),
+                low_pass="",
+                delay_s={"rear": 0.0},
+            ),
             "accelerometer signals and their second differences over 10, 20 and 40 ms",
         ),
         (
