@@ -217,7 +217,7 @@ def test_real_belts_lose_82_percent_of_their_pitch_moment(shared_data):
 
 
 def test_the_protocol_has_28_and_24_calibration_and_6_validation_trials():
-    planned = [trial.folder for trial in ranking_study.planned_trials(0)]
+    planned = [folder for folder, *_ in ranking_study.planned_trials(0)]
     counts = {name: planned.count(name) for name in planned}
     assert counts == {
         "calibration": 28,
