@@ -68,7 +68,7 @@ def fit(
     from pipeline.trial.ground import calibration_recording as of_empty
     from pipeline.trial.ground.corrected_plates import with_corrected_plates
     from pipeline.trial.ground.platform import recording_delays
-    from pipeline.trial.ground.uncertainty import belt_speed_notes
+    from pipeline.trial.ground.uncertainty import uncertainty_limits
 
     console = PlainConsole()
     if out.is_dir():
@@ -130,7 +130,7 @@ def fit(
         *describe_sensors(calibration.sensors),
         *timing,
         *of_empty.plates_timed_apart(empty, treadmill, calibration.sensors, plates),
-        *belt_speed_notes(belts_mps, calibration),
+        *uncertainty_limits(belts_mps, calibration),
     ]
     console.say_notes(notes)
     if calibration.notes:

@@ -13,8 +13,8 @@ from compensation import (
     Linearity,
     PlateAlignment,
     center_of_pressure,
-    fit_line_orthogonal,
     linearity,
+    orthogonal_rmse,
 )
 from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.config.plate_study import BeltSide, PlatesStudy
@@ -233,7 +233,7 @@ def trial_errors(trials: Sequence[WeightTrial]) -> pd.DataFrame:
                 m, t = measured[inside, k], truth[inside, k]
                 error = {
                     "difference": float(np.sqrt(np.mean((m - t) ** 2))),
-                    "orthogonal": fit_line_orthogonal(m, t).rmse,
+                    "orthogonal": orthogonal_rmse(m, t),
                 }
                 rows.append({**stated, "zone": name, "quantity": quantity, **error})
     return pd.DataFrame(rows)
