@@ -29,6 +29,7 @@ from pipeline.live.replay import ANALOG, MARKERS, PLATES
 from pipeline.live.stream import Samples, StatedPlate, StreamDescription
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import Laboratory, read_calibration
+from pipeline.trial.ground.platform import LEVEL
 from pipeline.trial.study_files import read_study_laboratory
 from pipeline.trial.subject import (
     MAX_STILL_EXTENT_M,
@@ -227,7 +228,7 @@ class Preparation:
         return (
             *calibration.notes,
             *notes,
-            *([Note.of("platform_taken_as_level")] if level else []),
+            *([Note.of("platform_pose", source=LEVEL)] if level else []),
         )
 
     @property

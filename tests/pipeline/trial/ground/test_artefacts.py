@@ -64,10 +64,8 @@ def test_the_treadmill_without_people_is_empty_without_its_artefact(laboratory):
         assert np.std(left) < 0.02 * np.std(plate.wrench_in_plate)
 
 
-def test_a_delay_leaves_an_end_that_is_held_and_noted(pitching, laboratory):
-    artefacts, notes = plate_artefacts(pitching, delayed(laboratory, 0.04))
-    (note,) = notes
-    assert note.text.startswith("the prediction is not known for 40 ms at the beginning or end")
+def test_a_delay_leaves_an_end_that_is_held(pitching, laboratory):
+    artefacts, _ = plate_artefacts(pitching, delayed(laboratory, 0.04))
     for artefact in artefacts:
         np.testing.assert_array_equal(artefact[-40:], np.tile(artefact[-41], (40, 1)))
     without, _ = plate_artefacts(pitching, laboratory)
