@@ -96,7 +96,7 @@ def test_a_compensated_recording_is_no_calibration(tmp_path, laboratory, monkeyp
     empty = lab.on_platform(lab.without_people(5.0), lab.shaken(5.0))
     path = lab.save(empty, tmp_path / "empty.c3d")
     monkeypatch.setattr(
-        "pipeline.trial.ground.calibration_recording.read_as_stated",
+        "pipeline.trial.ground.calibration_recording.read_recording",
         lambda *_: replace(empty, compensation=DONE),
     )
     with pytest.raises(ValueError, match=r"empty\.c3d: its plates are compensated, by hbm-residua"):
