@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -14,7 +14,6 @@ from joblib import delayed
 
 from hbm.engines.engine import choose_engine
 from hbm.kernels.native import kernels
-from hbm.notes import Note
 from pipeline.config.study import Study
 from pipeline.io.write import remove_leftovers, require_writable
 from pipeline.run.cluster import on_cluster
@@ -32,13 +31,12 @@ from pipeline.run.job import (
 )
 from pipeline.run.processes import in_processes, starting_processes
 from pipeline.run.store import record_study_folder
-from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.study_files import read_study_laboratory
 
 HASHED_AT_ONCE: Final = 2
 """Files; more are not read any faster."""
 Announce = Callable[[str], None]
-"""Called with a sentence when something takes long or cannot be written."""
+"""Called with a sentence when something takes long."""
 
 
 def run_study(
@@ -69,7 +67,7 @@ def run_study(
     overwrite
         Whether results that were made with other settings or files are replaced.
     announce
-        Called with a sentence when something takes long or cannot be written.
+        Called with a sentence when something takes long.
 
     Returns
     -------
@@ -172,34 +170,20 @@ def run_planned(
     remove_leftovers(out / "trials")
     record_study_folder(out, study.folder)
     kernels(announce)
-    of_calibration: dict[Note, None] = {}
+    trials = [
+        f"{subject} {condition}"
+        for subject, person in study.subjects.items()
+        for condition, trial in person.trials.items()
+        if trial.exclude is None
+    ]
     try:
         for outcome in run_jobs(planned, workers=jobs, scheduler=scheduler):
-            with _unwritable_announced(announce):
+            with suppress(OSError):  # of a full disk the outcome tells too
                 record_failure(outcome.job.target, outcome.job.name, outcome.failure)
-            of_calibration |= dict.fromkeys(outcome.of_calibration)
             yield outcome
     finally:
-        with _unwritable_announced(announce):
-            record_study_folder(out, study.folder, of_calibration)
-            collect_failures(
-                out,
-                [
-                    f"{subject} {condition}"
-                    for subject, person in study.subjects.items()
-                    for condition, trial in person.trials.items()
-                    if trial.exclude is None
-                ],
-            )
-
-
-@contextmanager
-def _unwritable_announced(announce: Announce) -> Iterator[None]:
-    """Announce what could not be written, and go on."""
-    try:
-        yield
-    except OSError as error:
-        announce(f"{error.filename or 'results'}: {error.strerror}")
+        with suppress(OSError):
+            collect_failures(out, trials)
 
 
 def run_jobs(
@@ -218,19 +202,11 @@ def run_jobs(
         yield from on_cluster(todo, scheduler)
     elif todo:
         workers, laboratory = min(workers, len(todo)), None
-        # calibrated for all of them while processes start; one that dies there is missed later
+        # calibrated for all of them while processes start; what fails here fails again with a trial
         prepare = partial(prepare_processing, known_digests)
-        with suppress(BrokenProcessPool), starting_processes(workers, prepare):
-            laboratory = _laboratory(todo[0].study)
+        with suppress(Exception), starting_processes(workers, prepare):
+            laboratory = read_study_laboratory(todo[0].study)
         yield from work_on(todo, partial(process_job, laboratory=laboratory), workers)
-
-
-def _laboratory(study: Study) -> Laboratory | None:
-    """Read a study's laboratory; None where every trial will fail for the same reason."""
-    try:
-        return read_study_laboratory(study)
-    except Exception:
-        return None
 
 
 def work_on(
@@ -260,14 +236,8 @@ def work_on(
             yield outcome
     except BrokenProcessPool:
         for job in left.values():
-            yield _in_own_process(job, work)
-
-
-def _in_own_process(job: Job, work: Callable[[Job], Outcome]) -> Outcome:
-    try:
-        outcome: Outcome
-        # with one worker, it would be done in this process
-        (outcome,) = in_processes([delayed(work)(job)], 2)
-    except BrokenProcessPool:
-        return Outcome(job, "failed", WORKER_DIED)
-    return outcome
+            try:
+                # with one worker, it would be done in this process
+                yield from in_processes([delayed(work)(job)], 2)
+            except BrokenProcessPool:
+                yield Outcome(job, "failed", WORKER_DIED)

@@ -42,7 +42,7 @@ OTHER_MASS: Final = 0.08
 MIN_OTHER: Final = 2
 """Lengths that differ, and the mass: one length may be that of a marker that was moved."""
 EXPLAINED: Final = {
-    *("marker_distances_changed", "segment_error_large", "marker_error_large"),
+    *("marker_distances_changed", "marker_error_large"),
     *("joint_angles_impossible", "mass_differs"),
 }
 """What a pose of another person causes."""
@@ -242,10 +242,10 @@ def check_motion(body: Body, motion: Motion, markers: Markers) -> tuple[Note, ..
     Returns
     -------
     tuple of Note
-        ``coordinates_locked``, ``coordinates_uncertain``, ``mass_not_shown``,
+        ``coordinates_held``, ``mass_not_shown``,
         ``limb_interpolated`` or ``limb_unknown``, ``coordinates_interpolated``,
         ``marker_samples_missing``,
-        ``pelvis_unseen``, ``frames_unsolved``, ``segment_error_large``, ``marker_error_large`` and
+        ``pelvis_unseen``, ``frames_unsolved``, ``marker_error_large`` and
         ``joint_angles_impossible``, where there are any. Samples are missing where a marker has a
         gap in a frame that was solved.
     """

@@ -63,18 +63,6 @@ def test_a_correction_that_changes_nothing_leaves_every_bit(angle, shift):
     np.testing.assert_array_equal(corrected, LOADS)
 
 
-def test_gaps_stay_gaps_and_their_neighbours_what_they_are():
-    measured = LOADS.copy()
-    measured[7] = np.nan
-    corrected = plate().correct(measured)
-    assert np.isnan(corrected[7]).all()
-    assert np.isfinite(np.delete(corrected, 7, axis=0)).all()
-
-
-def test_components_that_no_weight_excited_are_named():
-    assert plate().unexamined == ("Fy",)
-
-
 def test_every_number_survives_the_round_trip():
     written = PlateCalibrations((plate(), plate(2, delay_s=None)), {"study": "Größe"})
     read = from_json(to_json(written))
@@ -88,17 +76,12 @@ def test_every_number_survives_the_round_trip():
     ("changes", "message"),
     [
         ({"plate": 0}, "numbered from 1 to 99, got 0"),
-        ({"matrix": np.eye(5)}, r"plate 1: matrix must have shape \(6, 6\), got \(5, 5\)"),
-        ({"offset": np.zeros(3)}, r"offset must have shape \(6,\)"),
-        ({"matrix": np.full((6, 6), np.nan)}, "matrix holds values that are not numbers"),
+        ({"matrix": np.eye(5)}, r"plate 1: matrix must be numbers of shape \(6, 6\)"),
+        ({"matrix": np.full((6, 6), np.nan)}, "matrix must be numbers"),
         ({"matrix": 1000 * np.eye(6)}, "matrix holds 1e.03, expected 100 at most"),
-        ({"offset": np.full(6, 1e7)}, "offset holds 1e.07, expected 100000 at most"),
         ({"center": [0, 250, 0]}, "center holds 250, expected 20 at most"),
-        ({"standard_error": -np.eye(6)}, "standard_error is negative"),
-        ({"matrix": np.ones((6, 6))}, "singular"),
         ({"matrix": np.diag([1, 1, 0, 1, 1, 1])}, "singular"),
-        ({"examined": ("Fz", "Fw")}, "different ones of Fx, .*, got Fz, Fw"),
-        ({"examined": ("Fz", "Fz")}, "different ones of"),
+        ({"examined": ("Fz", "Fw")}, "must be of Fx, .*, got Fz, Fw"),
         ({"delay_s": 4.0}, "delay_s must be within ±0.5 s, got 4.0"),
         ({"delay_s": np.nan}, "delay_s must be within"),
     ],
@@ -111,11 +94,6 @@ def test_a_correction_that_cannot_be_one_is_refused(changes, message):
 def test_two_corrections_of_one_plate_are_refused():
     with pytest.raises(ValueError, match="plate 1 is there more than once"):
         PlateCalibrations((plate(), plate()))
-
-
-def test_a_file_without_plates_is_refused():
-    with pytest.raises(ValueError, match="corrects no plate"):
-        PlateCalibrations(())
 
 
 def spoilt(**changes):
@@ -138,36 +116,23 @@ HUGE = 10**400
     [
         (spoilt()[:100], "is not JSON"),
         ("[" * 100_000, "is not JSON"),
-        ("1" * 10_000, "is not JSON"),
         ("[1, 2]", "not a plate calibration: its format should be"),
         (with_document(format="hbm-residuals inertia calibration"), "its format should be"),
         (with_document(version=2), "has version 2, this program reads version 1"),
-        (with_document(version=[1]), r"has version \[1\]"),
-        (with_document(plates={}), "plates must be a list"),
-        (with_document(plates=[]), "corrects no plate"),
-        (with_document(plates=[3]), "a plate needs .*, got 3"),
-        (with_document(provenance=["a"]), "provenance must be a table"),
-        (with_document(provenance={"a": 1}), "provenance: 'a' must be text, got 1"),
-        (spoilt(gain=1), "a plate needs .*, got .*gain"),
-        (spoilt(plate=True), "a plate's number must be a whole number, got True"),
-        (spoilt(plate="1"), "must be a whole number, got '1'"),
+        (with_document(plates={}), "corrects no plate"),
+        (with_document(plates=[3]), "damaged"),
+        (with_document(provenance=["a"]), "damaged"),
+        (spoilt(gain=1), "damaged: .*gain"),
+        (spoilt(plate="1"), "numbered from 1 to 99, got '1'"),
         (spoilt(plate=HUGE), "numbered from 1 to 99"),
-        (spoilt(examined="Fz"), "examined must be a list, got 'Fz'"),
-        (spoilt(examined=[["Fz"]]), "examined must be a list"),
-        (spoilt(offset=["1"] * 6), "offset: expected numbers .* got '1'"),
-        (spoilt(offset=[True] * 6), "offset: expected numbers"),
-        (spoilt(offset=[None] * 6), "offset: expected numbers"),
-        (spoilt(offset=[HUGE] * 6), "offset holds values that are not numbers"),
-        (spoilt(offset=json.loads(NESTED)), "offset: expected numbers"),
-        (spoilt(matrix=[[1.0] * 6] * 5), r"matrix must have shape \(6, 6\), got \(5, 6\)"),
-        (spoilt(matrix=[[1.0] * 6] * 5 + [[1.0]]), "matrix: expected numbers in a table"),
-        (spoilt(matrix=[[1.0] * 6] * 10_000), "matrix: expected numbers in a table"),
-        (spoilt(matrix=[]), "matrix: expected numbers in a table"),
-        (spoilt(matrix=[[float("nan")] * 6] * 6), "matrix holds values that are not numbers"),
-        (spoilt(matrix=[[float("inf")] * 6] * 6), "matrix holds values that are not numbers"),
-        (spoilt(matrix=[[1e308] * 6] * 6), "matrix holds 1e.308"),
-        (spoilt(delay_s="4 ms"), "delay_s: expected numbers"),
-        (spoilt(delay_s=HUGE), "delay_s must be within"),
+        (spoilt(examined=[["Fz"]]), "damaged"),
+        (spoilt(offset=["a"] * 6), "damaged"),
+        (spoilt(offset=[None] * 6), "offset must be numbers"),
+        (spoilt(offset=[HUGE] * 6), "damaged"),
+        (spoilt(offset=json.loads(NESTED)), "damaged|offset must be numbers"),
+        (spoilt(matrix=[[1.0] * 6] * 5 + [[1.0]]), "damaged"),
+        (spoilt(matrix=[[float("inf")] * 6] * 6), "matrix must be numbers"),
+        (spoilt(delay_s="4 ms"), "damaged"),
     ],
 )
 def test_a_damaged_file_gets_one_line(text, message):

@@ -1,28 +1,24 @@
 """Calibration of the belts: what their acceleration adds to plates."""
 
 from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from compensation import BeltModel, fit_belt, from_json, low_pass, to_json
+from compensation import BeltModel, fit_belt, low_pass, to_json
+from compensation.inertia.quality import OF_CALIBRATION
+from compensation.inertia.sensors import FAULTS
 from hbm.notes import Note
 from hbm.signals.resampling import interpolate
-from pipeline.config.plate_correction import PlateCorrection
-from pipeline.config.schema import Belt, Treadmill
-from pipeline.io.input_file import last_written, naming
+from pipeline.config.schema import Belt
+from pipeline.io.input_file import naming
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated
-from pipeline.trial.ground.belts import (
-    belt_accelerations,
-    belt_side,
-)
-from pipeline.trial.ground.calibration_check import FAULTS
+from pipeline.trial.ground.belts import belt_accelerations, belt_side
 from pipeline.trial.ground.calibration_recording import FILTER, read_empty
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
-from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.ground.laboratory import Laboratory, once_in_a_process
 from pipeline.trial.ground.wrenches import plate_artefacts
 
 FILTER_EDGE_S: Final = 0.5
@@ -32,28 +28,11 @@ FILTER_EDGE_S: Final = 0.5
 def belts_alone(recording: Recording, laboratory: Laboratory) -> tuple[Recording, tuple[Note, ...]]:
     """Correct the plates of a belt calibration as those of trials are, but for the belts.
 
-    Parameters
-    ----------
-    recording
-        Belts accelerating at random, nobody on them, the platform at rest.
-    laboratory
-        With the calibration of its platform, if trials are compensated by it.
-
-    Returns
-    -------
-    recording
-        Its plates corrected and, with a calibration of the platform, without what the
-        accelerometers explain: accelerating belts shake the platform too, and of a trial that is
-        subtracted before the belts' part is.
-    notes
-        ``belts_without_accelerometers`` where the recording lacks their channels, so that what the
-        belts shake is still in its plates; ``belts_recording_doubtful`` where its accelerations
-        are.
-
-    Raises
-    ------
-    ValueError
-        As `with_corrected_plates` and `plate_artefacts`; or an accelerometer is faulty.
+    Belts accelerate at random, nobody is on them, and the platform is at rest. What the
+    accelerometers explain is subtracted: accelerating belts shake the platform too, and of a trial
+    that is subtracted before the belts' part is. A note says where the recording lacks their
+    channels, so that what the belts shake is still in its plates, or where its accelerations are
+    doubtful. A ValueError where an accelerometer is faulty, and as of `plate_artefacts`.
     """
     recording = with_corrected_plates(recording, laboratory.plates)
     if laboratory.calibration is None:
@@ -68,8 +47,7 @@ def belts_alone(recording: Recording, laboratory: Laboratory) -> tuple[Recording
         artefacts, found = plate_artefacts(recording, replace(laboratory, belts=()))
     if faults := [note.text for note in found if note.code in FAULTS]:
         raise ValueError(f"{file}: the belts' calibration needs its accelerometers: {faults[0]}")
-    of_readings = (note for note in found if note.level == "warning" and "plate" not in note.values)
-    doubts = tuple(note.text for note in of_readings)  # those of a plate are of its calibration
+    doubts = tuple(note.text for note in found if note.code not in OF_CALIBRATION)
     plates = tuple(
         replace(plate, wrench_in_plate=plate.wrench_in_plate - artefact)
         for plate, artefact in zip(recording.plates, artefacts, strict=True)
@@ -79,24 +57,10 @@ def belts_alone(recording: Recording, laboratory: Laboratory) -> tuple[Recording
 
 
 def fit_belts(recording: Recording, belt: Belt) -> tuple[BeltModel, ...]:
-    """Fit what accelerating belts add to their empty plates.
+    """Fit what accelerating belts add to their empty plates: one model per plate, at 100 Hz.
 
-    Parameters
-    ----------
-    recording
-        Belts accelerating at random, nobody on them, the platform at rest.
-    belt
-        As stated.
-
-    Returns
-    -------
-    tuple[BeltModel, ...]
-        One model per plate, at 100 Hz.
-
-    Raises
-    ------
-    ValueError
-        If a channel is missing or the fit is not possible.
+    Belts accelerate at random, nobody is on them, and the platform is at rest. A ValueError where a
+    channel is missing or the fit is not possible.
     """
     if not recording.plates:
         raise ValueError(
@@ -122,53 +86,23 @@ def read_belts(
 ) -> tuple[tuple[BeltModel, ...], tuple[Note, ...]]:
     """Fit the belt models to a recording of the empty treadmill; once in a process.
 
-    Parameters
-    ----------
-    path
-        The recording.
-    laboratory
-        With the belts as stated, the correction of the plates, and the calibration of the platform
-        by which trials are compensated.
-    stated
-        As for `read_empty`.
-
-    Returns
-    -------
-    models
-        One per plate; none where no belts are stated.
-    notes
-        As of `belts_alone`.
-
-    Raises
-    ------
-    ValueError, OSError
-        If the file cannot be read or used.
+    The laboratory has the belts as stated, the correction of the plates, and the calibration of the
+    platform by which trials are compensated. No models where no belts are stated; notes are those
+    of `belts_alone`.
     """
-    calibration = laboratory.calibration
-    return _fitted(
-        path,
-        last_written(path),
-        to_json(calibration) if calibration is not None else None,
-        laboratory.treadmill.model_dump_json(exclude={"platform"}),
+    belt, plates, calibration = (
+        laboratory.treadmill.belt,
         laboratory.plates,
-        stated,
+        laboratory.calibration,
     )
-
-
-@lru_cache(maxsize=2)
-def _fitted(
-    path: Path,
-    version: tuple[int, int],
-    calibration: str | None,
-    treadmill: str,
-    plates: PlateCorrection | None,
-    stated: Stated,
-) -> tuple[tuple[BeltModel, ...], tuple[Note, ...]]:
-    del version  # part of the key: a file written anew is fitted anew
-    as_stated = Treadmill.model_validate_json(treadmill)
-    if as_stated.belt is None:
+    if belt is None:
         return (), ()
-    known = from_json(calibration) if calibration is not None else None
-    recording = read_empty(path, stated, any_forward=plates is None)
-    alone, notes = belts_alone(recording, Laboratory(as_stated, known, plates=plates))
-    return fit_belts(alone, as_stated.belt), notes
+
+    def fitted() -> tuple[tuple[BeltModel, ...], tuple[Note, ...]]:
+        recording = read_empty(path, stated, any_forward=plates is None)
+        alone, notes = belts_alone(recording, laboratory)
+        return fit_belts(alone, belt), notes
+
+    known = None if calibration is None else to_json(calibration)
+    treadmill = laboratory.treadmill
+    return once_in_a_process(fitted, "belts", (path,), treadmill, known, plates, stated)

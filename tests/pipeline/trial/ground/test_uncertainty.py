@@ -125,8 +125,7 @@ def test_the_sum_of_all_plates_is_as_uncertain_as_stated():
                 ground.uncertainty(ORIGIN),
             )
             squares[joint].append(rms_by_stated(trial, total, stated.residual) ** 2)
-            codes = [note.code for note in notes]
-            assert ("plates_taken_as_independent" in codes) is not joint
+            assert ("go together" in " ".join(note.text for note in notes)) is not joint
     np.testing.assert_allclose(np.sqrt(np.mean(squares[True], axis=0)), 1, atol=0.12)
     assert np.sqrt(np.mean(squares[False], axis=0))[:3].min() > 1.2
 
@@ -159,14 +158,3 @@ def test_trials_keep_the_uncertainty_of_every_frame_and_its_rms(processed):
     np.testing.assert_allclose(rows[True], expected, rtol=0.3)
     (note,) = [note for note in processed.notes if note.code == "compensation_uncertainty"]
     assert f"{expected[0]:.2f}"[:2] in note.text
-
-
-def test_residuals_are_more_uncertain_about_the_pelvis_than_one_plate_about_its_own_centre(
-    processed,
-):
-    """Force noise of both plates times a lever of a metre."""
-    spread = processed.uncertainty
-    one = np.nanmean(spread.plates[0], axis=0)
-    pelvis = np.nanmean(spread.residual, axis=0)
-    assert (pelvis[:3] >= one[:3]).all()
-    assert pelvis[4] > 0.9 * one[0]
