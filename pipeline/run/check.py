@@ -284,7 +284,7 @@ def _check_window(
     every, least = np.ones(len(time), bool), settings.min_valid_share
     found.attempt(
         name,
-        lambda: counted_span(rule.wanted, {}, time, settling, counts=every, min_valid_share=least),
+        lambda: counted_span(rule.wanted, {}, time, settling, every, least),
     )
     if rule.wanted not in (None, "cycle"):
         return

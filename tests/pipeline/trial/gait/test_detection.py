@@ -152,9 +152,7 @@ def test_who_stands_has_no_events_and_the_note_says_why(sources):
     still = FootMotion(motion.time, pelvis, feet, feet + 0.15)
     events, _, note = detection.detect_events(replace(sources[0], motion=still), None)
     assert events == ()
-    assert note.text == (
-        "no gait events: no foot swings forward and back against the pelvis, as in walking"
-    )
+    assert "no foot swings forward and back against the pelvis, as in walking" in note.text
 
 
 @pytest.mark.parametrize("seconds", [0.4, 0.6, 0.8])
@@ -166,8 +164,7 @@ def test_a_walk_shorter_than_a_stride_has_no_events_and_the_note_says_how_long_i
     short = FootMotion(*(getattr(motion, name)[part] for name in motion.__slots__))
     events, _, note = detection.detect_events(replace(sources[0], motion=short, contacts=()), None)
     assert events == ()
-    assert f"seen for {seconds:.2f} s, less than a stride" in note.text
-    assert "record two strikes of a foot" in note.text
+    assert f"in the {seconds:.2f} s in which both are seen; record two strikes" in note.text
 
 
 def test_plates_that_carry_nobody_alone_leave_the_motion_and_the_note_says_so(sources):
