@@ -15,7 +15,7 @@ from pipeline.trial.gait.cycles import cut_cycles
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality, free_of, settled_frames, settling_s
-from pipeline.trial.residuals import counted, residual_table, threshold_table
+from pipeline.trial.residuals import counted, residual_table
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
 from tests.pipeline import lab
 from tests.pipeline.settling import LIMIT, cycle_change
@@ -63,12 +63,6 @@ def test_cropping_a_compensated_trial_changes_no_cycle(moving_study, condition):
         difference = result.compensated.residual - whole.compensated.residual[: last + 1]
         assert np.abs(difference[result.counts]).max() < 1
         assert np.abs(difference[-1]).max() > 20
-
-
-def test_cropping_a_trial_at_heel_strikes_changes_no_verdict(walker, whole):
-    passed = list(threshold_table(whole)["passed"])
-    for _, part in lab.cropped_at_strikes(walker, whole.events, count=2):
-        assert list(threshold_table(again(part, whole, walker))["passed"]) == passed
 
 
 def test_no_stored_frame_that_counts_has_an_unsettled_filter(walker, whole, tmp_path):

@@ -258,27 +258,6 @@ def test_on_a_plate_for_both_feet_a_statement_is_of_the_step_around_its_time():
     )
 
 
-def test_two_statements_about_one_contact_that_contradict_each_other_are_refused():
-    feet, load = walking()
-    points = pressures(feet)
-    plates = [wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT)]
-    contact = next(c for c in share(plates, feet).contacts if c.plate == 1 and c.start > 0)
-    stated = [
-        PlateContact(plate=1, time_s=(contact.start + later) / RATE_HZ, foot=foot)
-        for later, foot in ((10, "left"), (30, "right"))
-    ]
-    with pytest.raises(ValueError, match="carries the left foot at"):
-        share(plates, feet, stated=stated)
-
-
-def test_a_contact_that_is_stated_beyond_the_recording_is_refused():
-    feet, load = walking()
-    points = pressures(feet)
-    plates = [wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT)]
-    with pytest.raises(ValueError, match=r"contacts: 99 s is not in the recording, which lasts"):
-        share(plates, feet, stated=[PlateContact(plate=1, time_s=99.0, foot="left")])
-
-
 def test_a_contact_that_is_stated_where_there_is_none_is_refused():
     feet, load = walking()
     points = pressures(feet)

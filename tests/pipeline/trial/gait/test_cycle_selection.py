@@ -152,9 +152,3 @@ def test_onsets_are_found_in_the_platforms_motion_too(noise_m):
     late = found - onsets
     assert (late > 0).all()
     assert (late < 0.1).all()
-
-
-def test_no_foot_is_said_to_count_where_neither_has_a_cycle():
-    """A note on the left foot would be about nothing."""
-    none = {side: np.empty((0, 2)) for side in ("left", "right")}
-    assert select_cycles(none, Condition(), NONE)[1] == ()

@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hbm.markers import Markers, marker_sets, read_marker_set
-from hbm.notes import Note
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.recording import Event
 from pipeline.trial.gait.cycles import gait_cycles, normalise
@@ -102,14 +101,6 @@ def test_no_events_are_found_in_a_gap_and_all_others_are():
     assert all(a.only_in_first == 0 and a.sd_ms < 3 for a in compare_events(holed, whole))
 
 
-def test_a_landmark_without_a_marker_is_named_with_its_alternatives():
-    markers = walker()
-    kept = [k for k, name in enumerate(markers.names) if name != "RMT2"]
-    names = tuple(markers.names[k] for k in kept)
-    with pytest.raises(ValueError, match=r"'hbm2' shows the landmark RMT2 or RTOE or RMT5 in"):
-        zeni(Markers(time, names, markers.position[:, kept]))
-
-
 def test_labels_do_not_matter_where_the_marker_set_names_their_landmarks():
     """The same trajectories under labels of one's own, which a marker table maps."""
     table = """
@@ -174,14 +165,6 @@ def test_agreement_of_shifted_events_is_their_shift():
         assert agreement.matched == sum(mine)
         alone = (agreement.label, agreement.side) == ("foot_off", "right")
         assert (agreement.only_in_first, agreement.only_in_second) == (alone, 0)
-
-
-def test_agreement_with_nothing_is_not_a_number():
-    strike = Event(1.0, "foot_strike", "left")
-    for others in ([], [Event(1.3, "foot_strike", "left")]):
-        agreement = compare_events([strike], others)[0]
-        assert (agreement.matched, agreement.only_in_first) == (0, 1)
-        assert np.isnan(agreement.mean_ms)
 
 
 def regular_events(strikes=10):
@@ -249,16 +232,6 @@ def test_gaps_and_the_end_of_the_recording_stay_not_a_number():
     assert np.isfinite(normalised[0, :49]).all()
     assert np.isnan(normalised[1, 51:]).all()
     assert normalise(time, wave, np.zeros((0, 2))).shape == (0, 101)
-
-
-def test_events_come_from_the_file_and_only_without_them_from_markers():
-    of_file = tuple(regular_events())
-    events, note = gait_events(of_file, walker(), SETS["hbm2"])
-    assert events == of_file
-    assert note == Note.of("events_of_file", left=10, right=10)
-    events, note = gait_events((), walker(), SETS["hbm2"])
-    assert events == zeni(walker())
-    assert note.code == "events_from_markers"
 
 
 def test_without_events_in_the_file_or_by_the_markers_there_are_none_and_a_note_says_why():
