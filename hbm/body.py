@@ -13,19 +13,12 @@ from hbm.calibration_pose.anatomy import (
     HipRule,
     LimbMeasures,
     Measures,
-    elbow_notes,
+    straight_elbows,
 )
-from hbm.calibration_pose.frame_selection import select_frames
+from hbm.calibration_pose.frame_selection import MAX_STILL_SPEED_MPS, select_frames
 from hbm.calibration_pose.landmarks import locate_anatomy, stand_trunk
 from hbm.calibration_pose.shape import average, shape_of
-from hbm.coordinates import (
-    COORDINATES,
-    LAST_Q,
-    MOVING,
-    SEGMENTS,
-    SIDES,
-    support,
-)
+from hbm.coordinates import COORDINATES, LAST_Q, MOVING, SEGMENTS, SIDES, support
 from hbm.ik.problem import undetermined
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers, MarkerSet, marker_sets, recognise_marker_set
@@ -36,7 +29,7 @@ from hbm.plausibility.motion import mass_not_shown
 from hbm.poses import segment_frames
 from hbm.segments import Inertia, Proportions, Sex, proportions, segment_inertia
 from hbm.spatial import Array, Indices, distance
-from hbm.spelling import differing_case
+from hbm.spelling import differing_case, listed
 
 __all__ = ["Body", "build_body"]
 
@@ -53,9 +46,6 @@ LEGS_PER_STATURE: Final = 0.245 + 0.246
 """Thigh and shank, as shares of stature (Drillis and Contini 1966, as in Winter 2009, Fig. 4.1)."""
 
 LEGS: Final = tuple(f"{side}_{s}" for side in SIDES for s in ("thigh", "shank", "foot", "toes"))
-
-MAX_LABELS_LISTED: Final = 8
-"""In an error message."""
 
 MIN_MASS_KG, MAX_MASS_KG = 10, 400
 """From a toddler to beyond the load of instrumented treadmills; grams and pounds of light people
@@ -131,10 +121,8 @@ def build_body(
     >>> body = hbm.build_body(static, mass=74.6, sex="male")
     >>> body.marker_set.name
     'hbm2'
-    >>> for note in body.notes:
-    ...     print(note)
-    calibration pose from 0.05 to 0.99 s, standing still (mean of 95 instants)
-    stature estimated from the length of the legs: 1.71 m
+    >>> print(body)
+    74.6 kg, 1.71 m, male; markers: 46 of Human Body Model 2, full body, 46 markers
     """
     if not MIN_MASS_KG <= mass <= MAX_MASS_KG:
         hint = "; that looks like grams, give kilograms" if mass > 1000 else ""
@@ -149,10 +137,10 @@ def build_body(
     measures = Measures(sex, hip, limbs or {}, marker_offset_m)
     table = proportions(sex)
 
-    present = _present(chosen, static_markers)
+    present = chosen.present(static_markers.names)
     segment, landmark = chosen.segment | present.segment, present.landmark
     used = list(present.segment)
-    frames, still, pose_note = select_frames(static_markers, used, window_s)
+    frames, speed = select_frames(static_markers, used, window_s)
     calibration = _take(static_markers, used, frames)
     poses = [dict(zip(used, p, strict=True)) for p in calibration.position]
     poses = [{name: p for name, p in at.items() if not np.isnan(p[0])} for at in poses]
@@ -160,39 +148,44 @@ def build_body(
         locate_anatomy({mark: at[n] for mark, n in landmark.items() if n in at}, measures)
         for at in poses
     ]
-    for at, anatomy in zip(poses, anatomies, strict=True):
-        at |= {chosen.landmark[mark]: position for mark, position in anatomy.markers.items()}
-    notes = [pose_note, *dict.fromkeys(note for a in anatomies for note in a.notes)]
-    notes += elbow_notes(anatomies, set(landmark))
-    if marker_set is None and chosen.name not in marker_sets():
-        notes.append(Note.of("marker_sets_mixed", title=chosen.title))
     by_legs_m = float(np.mean([_stature(a) for a in anatomies]))
     if not MIN_STATURE_M <= by_legs_m <= MAX_STATURE_M:
         raise ImplausibleLegs(
             f"the markers show the legs of a person of {by_legs_m:.2f} m, expected "
             f"{MIN_STATURE_M} to {MAX_STATURE_M} m: their unit is wrong"
         )
-    if height_m is None:
-        height_m = by_legs_m
-        notes.append(Note.of("stature_estimated", height_m=height_m))
-    if overrides:
-        notes.append(Note.of("inertia_overridden", segments=tuple(overrides)))
+    stature_m = by_legs_m if height_m is None else height_m
     unlocated = _unlocated_segments(anatomies[0])
-    for anatomy in anatomies:
+    rules: dict[str, str] = {}
+    shapes = []
+    for at, anatomy in zip(poses, anatomies, strict=True):
+        rules |= anatomy.rules
+        at |= {chosen.landmark[mark]: position for mark, position in anatomy.markers.items()}
         if "thorax" not in anatomy.frames:
-            stand_trunk(anatomy, height_m, sex)
-    shape = average(
-        [
-            shape_of(anatomy, table, height_m, at, segment)
-            for anatomy, at in zip(anatomies, poses, strict=True)
-        ]
-    )
+            stand_trunk(anatomy, stature_m, sex)
+        shapes.append(shape_of(anatomy, table, stature_m, at, segment))
+    shape = average(shapes)
     markers = tuple(n for n in shape.markers if segment[n] not in unlocated)
     segments = tuple(segment[name] for name in markers)
+    still = speed < MAX_STILL_SPEED_MPS
+    pose = Note.of(
+        "calibration_pose",
+        start_s=calibration.time[0],
+        stop_s=calibration.time[-1],
+        instants=len(frames),
+        posture="standing still" if still else f"moving at {speed:.2f} m/s",
+        height_m=stature_m,
+        source="by the length of the legs" if height_m is None else "as stated",
+    )
+    notes = [pose, *dict.fromkeys(n for a in anatomies for n in a.notes)]
+    notes += straight_elbows(anatomies)
+    if rules:
+        of_rules = tuple(f"{missing} ({rule})" for missing, rule in rules.items())
+        notes.append(Note.of("landmarks_substituted", rules=of_rules))
     body = Body(
         mass=float(mass),
         sex=sex,
-        height_m=float(height_m),
+        height_m=float(stature_m),
         marker_set=chosen,
         markers=markers,
         marker_segment=segments,
@@ -212,28 +205,23 @@ def build_body(
 
 
 def _marker_set(marker_set: str | MarkerSet | None, markers: Markers) -> MarkerSet:
+    """Give the marker set that is stated or recognised; refuse one of which no label is there."""
     if marker_set is None:
         return recognise_marker_set(markers.names)
     if isinstance(marker_set, MarkerSet):
-        return marker_set
-    if marker_set not in marker_sets():
+        chosen = marker_set
+    elif marker_set in marker_sets():
+        chosen = marker_sets()[marker_set]
+    else:
         raise ValueError(f"no marker set {marker_set!r}; known: {', '.join(marker_sets())}")
-    return marker_sets()[marker_set]
-
-
-def _present(chosen: MarkerSet, markers: Markers) -> MarkerSet:
-    """Give the markers of a set that a recording has; refuse a set that does not fit it at all."""
-    present = chosen.present(markers.names)
-    if not present.markers:
-        count = len(markers.names)
-        listed = ", ".join(markers.names[:MAX_LABELS_LISTED]) + ", …" * (count > MAX_LABELS_LISTED)
-        known = [label for marker in chosen.markers for label in marker.labels]
+    known = [label for marker in chosen.markers for label in marker.labels]
+    if set(known).isdisjoint(markers.names):
         raise ValueError(
             f"none of the {len(known)} labels of marker set {chosen.name!r} is in the recording, "
-            f"which has {listed or 'no markers'}{differing_case(markers.names, known)}; correct "
+            f"which has {listed(markers.names)}{differing_case(markers.names, known)}; correct "
             "the set's labels, or choose another set"
         )
-    return present
+    return chosen
 
 
 def _take(markers: Markers, names: list[str], frames: Indices) -> Markers:
@@ -295,9 +283,8 @@ def _with_fitted_tracking_markers(body: Body, calibration: Markers, landmarks: s
             "lab axes"
         )
     rotation, origin = segment_frames(body, motion.q[motion.converged])
-    tracking = [
-        k for k, n in enumerate(body.markers) if n in calibration.names and n not in landmarks
-    ]
+    tracked = set(calibration.names) - landmarks
+    tracking = [k for k, name in enumerate(body.markers) if name in tracked]
     own = [MOVING.index(body.marker_segment[k]) for k in tracking]
     names = [body.markers[k] for k in tracking]
     measured = _take(calibration, names, np.flatnonzero(motion.converged)).position

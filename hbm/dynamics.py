@@ -262,16 +262,16 @@ def _forces(
     for first in range(0, frames, FRAMES_AT_ONCE):
         block = slice(first, first + FRAMES_AT_ONCE)
         q, v, a = (np.asarray(x[block]) for x in state)
-        free = engine.free_dynamics(body, q, v, a, segments, jobs)
+        tau, needed, jacobians = engine.free_dynamics(body, q, v, a, segments, jobs)
         for wrenches, force in zip(variants, forces, strict=True):
-            force[block, :N_Q] = free.tau
-            external = np.zeros_like(free.wrench)
+            force[block, :N_Q] = tau
+            external = np.zeros_like(needed)
             for segment, wrench in wrenches.items():
                 acting = np.asarray(wrench, float)[block]
                 external += acting
                 chain = np.array(support(LAST_Q[segment]))
-                force[block, chain] -= np.einsum("tci,ti->tc", free.jacobians[segment], acting)
-            force[block, N_Q:] = free.wrench - shift_wrench(external, q[:, :3])
+                force[block, chain] -= np.einsum("tci,ti->tc", jacobians[segment], acting)
+            force[block, N_Q:] = needed - shift_wrench(external, q[:, :3])
     return forces
 
 

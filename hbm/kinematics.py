@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from hbm.ik.problem import Problem
-from hbm.ik.tracking import Tracker
+from hbm.ik.tracking import solve_trial
 from hbm.markers import Markers
 from hbm.model import Body
 from hbm.motion import Motion
@@ -73,4 +73,4 @@ def solve_ik(
         if not (weight >= 0 and np.isfinite(weight)):
             raise ValueError(f"the weight of {name} must be 0 or more, got {weight:g}")
     problem = Problem(body, markers, weights or {}, tolerance=tolerance, jobs=jobs)
-    return Tracker(problem).motion()
+    return solve_trial(problem)

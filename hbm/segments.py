@@ -8,7 +8,7 @@ import csv
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -16,14 +16,18 @@ from hbm.spatial import Array, read_only, skew
 
 Sex = Literal["male", "female", "unspecified"]
 SEXES: Final[tuple[Sex, ...]] = ("male", "female", "unspecified")
-SAMPLE_STATURE_M: Final = {"male": 1.741, "female": 1.735}
+SAMPLE_STATURE_M: Final[dict[str, float]] = {"male": 1.741, "female": 1.735}
 """Mean of de Leva's samples."""
 
+COLUMNS: Final = (
+    *("mass_pct", "cm_pct"),
+    *("k_sagittal_pct", "k_transverse_pct", "k_longitudinal_pct"),
+    "length_mm",
+)
 PAIRED: Final = ("upper_arm", "forearm", "hand", "thigh", "shank", "foot")
 
 
-@dataclass(frozen=True, slots=True)
-class Proportions:
+class Proportions(NamedTuple):
     """One segment's row of the table.
 
     Attributes
@@ -41,28 +45,21 @@ class Proportions:
 
     mass: float
     center: float
-    gyration: tuple[float, float, float]
+    gyration: Array
     length: float
 
 
 @cache
-def _table(sex: Literal["male", "female"]) -> dict[str, Proportions]:
+def _table(sex: str) -> dict[str, Array]:
+    """Give mass, centre, three radii of gyration and length of each segment, (6,)."""
     text = files("hbm").joinpath("de_leva_1996.csv").read_text(encoding="utf-8")
     rows = csv.DictReader(line for line in text.splitlines() if not line.startswith("#"))
     raw = {row["segment"]: row for row in rows if row["sex"] == sex}
     total = sum(float(row["mass_pct"]) * (2 if s in PAIRED else 1) for s, row in raw.items())
+    units = np.array([total, *4 * [100.0], 1000.0])
+    stature = np.array([*5 * [1.0], SAMPLE_STATURE_M[sex]])
     return {
-        s: Proportions(
-            mass=float(row["mass_pct"]) / total,
-            center=float(row["cm_pct"]) / 100,
-            gyration=(
-                float(row["k_sagittal_pct"]) / 100,
-                float(row["k_transverse_pct"]) / 100,
-                float(row["k_longitudinal_pct"]) / 100,
-            ),
-            length=float(row["length_mm"]) / 1000 / SAMPLE_STATURE_M[sex],
-        )
-        for s, row in raw.items()
+        s: np.array([row[c] for c in COLUMNS], float) / units / stature for s, row in raw.items()
     }
 
 
@@ -92,22 +89,14 @@ def proportions(sex: Sex) -> dict[str, Proportions]:
     lengths are distances along a segment's longitudinal axis: landmarks of head and trunk, such as
     CERV (the spine of C7) and XYPH (the lower end of the sternum), are projected on it.
     """
-    if sex == "unspecified":
-        men, women = _table("male"), _table("female")
-        return {s: _mean(men[s], women[s]) for s in men}
     if sex not in SEXES:
         raise ValueError(f"sex must be one of {', '.join(SEXES)}, got {sex!r}")
-    return _table(sex)
-
-
-def _mean(a: Proportions, b: Proportions) -> Proportions:
-    x, y = a.gyration, b.gyration
-    return Proportions(
-        mass=(a.mass + b.mass) / 2,
-        center=(a.center + b.center) / 2,
-        gyration=((x[0] + y[0]) / 2, (x[1] + y[1]) / 2, (x[2] + y[2]) / 2),
-        length=(a.length + b.length) / 2,
-    )
+    if sex == "unspecified":
+        men, women = _table("male"), _table("female")
+        rows = {s: (men[s] + women[s]) / 2 for s in men}
+    else:
+        rows = _table(sex)
+    return {s: Proportions(row[0], row[1], row[2:5], row[5]) for s, row in rows.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,16 +118,10 @@ class Inertia:
     tensor: Array
 
     def __post_init__(self) -> None:
-        center, tensor = read_only(self.center), read_only(self.tensor)
         if not self.mass >= 0:
             raise ValueError(f"a mass must not be negative, got {self.mass:g} kg")
-        if center.shape != (3,) or tensor.shape != (3, 3):
-            raise ValueError(
-                f"centre and inertia must have shapes (3,) and (3, 3), "
-                f"got {center.shape} and {tensor.shape}"
-            )
-        object.__setattr__(self, "center", center)
-        object.__setattr__(self, "tensor", tensor)
+        for name in ("center", "tensor"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
 
     def __add__(self, other: "Inertia") -> "Inertia":
         """Join two parts rigidly, given in the same frame (parallel-axis theorem)."""
@@ -191,7 +174,7 @@ def segment_inertia(
     x = np.cross(lateral, z)
     x /= np.linalg.norm(x)
     axes = np.column_stack([x, np.cross(z, x), z])
-    moments = part.mass * mass * (np.array(part.gyration) * length) ** 2
+    moments = part.mass * mass * (part.gyration * length) ** 2
     return Inertia(
         part.mass * mass, proximal + part.center * along, axes @ np.diag(moments) @ axes.T
     )

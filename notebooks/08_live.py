@@ -94,8 +94,8 @@ spoilt = replace(
     ),
 )
 spoilt_frames, spoilt_monitor = follow(spoilt)
-for timed in spoilt_monitor.notes:
-    print(f"{timed.time:5.1f} s: {timed.note}")
+for time, note in spoilt_monitor.notes:
+    print(f"{time:5.1f} s: {note}")
 
 # %% [markdown]
 # ## The picture

@@ -1,11 +1,9 @@
 """All programs of the benchmarks solve the same problem and agree; nothing is timed."""
 
 import json
-import sys
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from hbm.engines.engine import ENGINES
@@ -140,26 +138,6 @@ def test_errors_of_events_count_what_is_late_missed_and_invented():
     assert row["mean_ms"] == pytest.approx(5)
     assert row["sd_ms"] == pytest.approx(0, abs=1e-6)
     assert off["found"] == off["missed"] == 0
-
-
-def test_the_table_of_events_has_one_row_per_method_and_event(tmp_path):
-    true = [Event(10 + 1.1 * k, "foot_strike", "left") for k in range(10)]
-    trials = [(condition, {"ours": true}, true) for condition in ("baseline", "pitch")]
-    events.write_table(events.tabulate(trials), tmp_path / "table.csv")
-    table = pd.read_csv(tmp_path / "table.csv")
-    assert list(table["event"]) == ["foot strike", "foot off"]
-    assert list(table["baseline, ms"]) == ["+0 ± 0", "none"]
-    assert list(table["pitch, missed + invented"]) == ["0 + 0", "0 + 0"]
-
-
-def test_without_gaitkit_its_events_are_left_out_and_the_reason_is_given(monkeypatch, tmp_path):
-    program = tmp_path / "gaitkit.py"
-    program.write_text("raise ImportError('none here')", encoding="utf-8")
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    monkeypatch.setenv(events.PEER_PYTHON, sys.executable)
-    found, reason = events.gaitkit_events([tmp_path / "walk.c3d"])
-    assert found == {}
-    assert "left out: ImportError: none here" in reason
 
 
 def test_a_study_is_compared_with_the_former_version_pair_by_pair(capsys, tmp_path):

@@ -8,7 +8,6 @@ from pipeline.calibration_ranking.ranking import Ranking
 from tests.campaign.calibration_signals import (
     logarithms,
     orders_found_again,
-    places,
     ratios,
     winners_found_again,
 )
@@ -61,10 +60,3 @@ def test_winners_are_found_again_where_they_win_some_resamples():
         ranking((1, 0, 2, 3), wins=(1.0, 0.0, 0.0, 0.0)),
     ]
     assert winners_found_again(both) == 0.5  # the first allows the other's winner, not vice versa
-
-
-def test_places_are_means_over_laboratories():
-    both = [ranking((0, 1, 2, 3)), ranking((2, 1, 0, 3))]
-    assert places(both)["random_60s_0mps"] == 2
-    assert places(both)["all_60s_0mps"] == 2
-    assert places(both)["all_60s_3mps"] == 4

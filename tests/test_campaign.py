@@ -28,7 +28,6 @@ from tests.campaign.judgement import (
 )
 from tests.campaign.mutations import BINARY, RARE_TEXT, TEXT, flip_bit, truncate
 from tests.campaign.outcome import Attack, Outcome
-from tests.campaign.report import table
 from tests.campaign.worker import carry_out
 from tests.pipeline.lab import walk
 from tests.pipeline.other_formats import excerpt
@@ -92,12 +91,6 @@ def test_the_campaign_ends_with_1_where_an_attempt_is_not_survived(monkeypatch, 
     assert campaign.main() == code
     printed = capsys.readouterr().out
     assert ("planted/here/0: traceback: TypeError at test_campaign.py" in printed) == bool(code)
-
-
-def test_a_campaign_without_attempts_has_not_passed(monkeypatch):
-    monkeypatch.setattr(campaign, "attacks", lambda *_: iter([]))
-    monkeypatch.setattr(sys, "argv", ["campaign", "--only", "nothing"])
-    assert campaign.main() == 1
 
 
 @pytest.mark.parametrize(
@@ -170,14 +163,3 @@ def test_equal_seeds_damage_a_file_equally(mutation):
     assert first == second
     damaged = [mutation(random.Random(seed), content).content != content for seed in range(10)]
     assert any(damaged)
-
-
-def test_the_table_counts_every_attempt_once():
-    done = [
-        (Attack("bit flip", "C3D", k, end), Outcome(kind))
-        for k, kind in enumerate(("fine", "refused", "refused", "silent"))
-    ]
-    head, _, row, total = table(done)
-    assert head == "| campaign | of | attempts | fine | noted | one datum | refused | silent |"
-    assert row == "| bit flip | C3D | 4 | 1 | 0 | 0 | 2 | 1 |"
-    assert total == "| all | | 4 | 1 | 0 | 0 | 2 | 1 |"

@@ -12,8 +12,8 @@ from pipeline.explain.budget import Budget, EstimatedCause, GroupShare
 from tests.campaign.explain import trial as campaign_trial
 from tests.campaign.explain.faults import KINDS, Seeded
 from tests.campaign.explain.plate_faults import PlateFault
-from tests.campaign.explain.rows import SHARES, SIZES, Tables, size_rows
-from tests.campaign.explain.summary import absent, kind_of, overall, ranks
+from tests.campaign.explain.rows import SHARES, Tables
+from tests.campaign.explain.summary import absent, overall, ranks
 from tests.campaign.explain.trial import Outcome, Plan, carried_out, planned, wrong_prior
 from tests.campaign.explain.virtual_trial import VirtualLaboratory
 
@@ -90,16 +90,6 @@ def test_a_wrong_prior_is_right_again_afterwards() -> None:
     assert known["delay"] is before
 
 
-def test_trials_that_were_not_completed_are_repeated(tmp_path: Path) -> None:
-    tables, done = Tables(tmp_path), outcome(budget({"zero": np.full(6, 0.9)}))
-    tables.add(done)
-    cut_off = size_rows(replace(done, plan=replace(PLAN, number=2)))
-    cut_off.to_csv(tmp_path / SIZES, mode="a", header=False, index=False)
-    assert set(tables.read(SIZES).trial) == {"7.1", "7.2"}
-    assert tables.done() == {"7.1"}
-    assert set(tables.read(SIZES).trial) == {"7.1"}
-
-
 def test_intervals_that_are_too_narrow_do_not_hold() -> None:
     z = np.random.default_rng(0).standard_normal(4000)
     sizes = pd.DataFrame(
@@ -139,9 +129,3 @@ def test_an_absent_group_that_is_claimed_is_counted(tmp_path: Path) -> None:
     claimed, surely = absent(tables.read(SHARES), "as usual")
     assert "50.0 % of 2: delay" in claimed
     assert "0.0 % of 2: delay" in surely
-
-
-def test_causes_are_counted_by_kind() -> None:
-    assert kind_of("plate 2: gain of Mx") == "gain of M"
-    assert kind_of("left hip: centre along z") == "hip: centre"
-    assert kind_of("plates are late") == "plates are late"

@@ -1,7 +1,5 @@
 """A short campaign of intervals, a longer one, and that the long one can fail."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -14,8 +12,6 @@ from tests.campaign.inertia_intervals import (
     chosen,
     covered,
     laboratory,
-    page,
-    standard_error,
     unmet,
 )
 
@@ -76,32 +72,9 @@ def cells_that_hold(share):
     ]
 
 
-def test_a_campaign_that_does_what_is_demanded_misses_nothing():
-    good = cells_that_hold(0.95)
-    assert unmet(good) == []
-    assert "All of it is met." in page(good, [1, 2])
-    assert standard_error(good, 2) == 0
-
-
 @pytest.mark.parametrize("share", [0.92, 0.98])
 def test_intervals_that_hold_too_seldom_or_too_often_miss_the_goal_of_all(share):
     assert unmet(cells_that_hold(share)) == [
         f"{sensors} accelerometers, {WITH_PEOPLE}: {100 * share:.1f} % of all"
         for sensors in SENSORS
     ]
-
-
-def test_one_component_of_one_trial_that_holds_too_often_misses_its_goal():
-    good = cells_that_hold(0.95)
-    wide = good[0].covered.copy()
-    wide[2] = 1.0
-    spoiled = [
-        replace(cell, covered=wide)
-        if (cell.sensors, cell.trial, cell.cutoff_hz) == (2, "sway", 6.0)
-        else cell
-        for cell in good
-    ]
-    assert unmet(spoiled) == [f"2 accelerometers, {WITH_PEOPLE}, sway, 6 Hz, Fz: 100.0 %"]
-    assert f"Not met: 2 accelerometers, {WITH_PEOPLE}, sway, 6 Hz, Fz: 100.0 %" in page(
-        spoiled, [1, 2]
-    )

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pipeline.virtual_lab.protocol.ranking_study import BYSTANDERS
-from tests.campaign.inertia_models.cases import ARRANGEMENTS, BEST, MACHINES, Judged, judge
-from tests.campaign.inertia_models.page import grouped, page, pooled, table, unmet, worst_share
+from tests.campaign.inertia_models.cases import BEST, MACHINES, Judged, judge
+from tests.campaign.inertia_models.page import grouped, table, unmet
 
 LEFT = np.array([[3.0, 0, 4, 0, 0.6, 0.8], [0.3, 0, 0.4, 0, 0.06, 0.08]])
 
@@ -30,13 +30,6 @@ def test_the_table_holds_norms_of_both_models(found):
     assert "0.5, 0.10 → 0.1, 0.01" in table(found, 1)[-1]
 
 
-def test_what_is_left_is_pooled_over_laboratories(found):
-    double = replace(found[0], dynamic=2 * found[0].dynamic)
-    expected = 0.1 * LEFT[0] * np.sqrt((1 + 4) / 2)
-    np.testing.assert_allclose(pooled([found[0], double], "dynamic", 0), expected)
-    assert worst_share([found[0], double]) == pytest.approx(0.2)
-
-
 def test_demands_are_on_the_model_that_is_taken_and_beyond_a_rigid_machine(found):
     assert unmet(found) == []
     worse = [replace(found[0], dynamic=1.2 * LEFT), *found[1:]]
@@ -45,14 +38,6 @@ def test_demands_are_on_the_model_that_is_taken_and_beyond_a_rigid_machine(found
     assert unmet(not_taken) == []
     rigid = [replace(one, static=0.1 * LEFT) if one.machine == "rigid" else one for one in worse]
     assert unmet(rigid)[1].startswith("default machine, sway: components up to 3.38 N")
-
-
-def test_the_page_names_its_command_and_what_is_not_met(found):
-    text = page(found, {name: found[:4] for name in ARRANGEMENTS}, "python -m x")
-    assert "`python -m x`: 2 laboratories" in text
-    assert "All of it is met" in text
-    worse = [replace(one, dynamic=1.2 * LEFT) for one in found]
-    assert "Not met: " in page(worse, {}, "python -m x")
 
 
 @pytest.mark.slow

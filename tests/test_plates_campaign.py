@@ -4,17 +4,12 @@ import numpy as np
 import pytest
 
 from hbm.spatial import GRAVITY_MPS2
-from pipeline.config.plate_study import AccuracyLimits
 from pipeline.plate_accuracy.response import QUANTITIES
 from pipeline.virtual_lab.protocol.known_weights import SUPPORTED_VIBRATION, PlateErrors
-from tests.campaign.plates import page
 from tests.campaign.plates.cases import (
     FAULTS,
-    SIZES,
     Case,
-    PlateOutcome,
     carry_out,
-    cases,
     true_totals,
     true_verdict,
 )
@@ -71,25 +66,3 @@ def test_a_fault_within_its_limit_may_still_be_too_much_for_a_person():
         "fit after correction"
     )
     assert true_verdict(FAULT["delay"], 0.9 * FAULT["delay"].limit, "left") == "fit"
-
-
-def test_the_tables_stand_below_what_people_wrote(tmp_path, monkeypatch):
-    path = tmp_path / "plates.md"
-    path.write_text("# Plates\n\nText.\n\n## Campaign\n\nof yesterday\n", encoding="utf-8")
-    monkeypatch.setattr(page, "PAGE", path)
-    done = [
-        PlateOutcome(case, True, (), (1, 1), (8, 8, 8), "fit", "not fit") for case in cases([0])
-    ]
-    perfect = [PlateOutcome(Case("none", 0.0, 0), False, (), (0, 0), (8, 8, 8), "fit", "fit")]
-    page.write_page(done, perfect, 3.0, workers=1)
-    text = path.read_text(encoding="utf-8")
-    assert text.startswith("# Plates\n\nText.\n\n## Campaign\n\n`python -m")
-    assert "yesterday" not in text
-    count = len(FAULTS) * len(SIZES)
-    assert f"0 of {count} right" in text
-    assert f"Of plates that are not fit as they are, {count} of {count} were called fit" in text
-
-
-def test_the_page_states_every_limit():
-    text = page.PAGE.read_text(encoding="utf-8")
-    assert [name for name in AccuracyLimits.model_fields if f"`{name}`" not in text] == []

@@ -95,24 +95,18 @@ class Anatomy:
         trunk or head without markers; ``upright`` is how a trunk without markers stands.
     markers
         Landmarks that a device shows in place of their markers, (3,) [m].
+    rules
+        Missing landmark -> the rule that replaced it.
     notes
-        Rules that replaced missing landmarks.
+        What is wrong with the markers.
     """
 
     points: dict[str, Array] = field(default_factory=dict)
     axes: dict[str, Array] = field(default_factory=dict)
     frames: dict[str, Array] = field(default_factory=dict)
     markers: dict[str, Array] = field(default_factory=dict)
+    rules: dict[str, str] = field(default_factory=dict)
     notes: list[Note] = field(default_factory=list)
-
-    def substitute(self, missing: str, rule: str) -> None:
-        """Note the rule that replaced a missing landmark."""
-        self.notes.append(substituted(missing, rule))
-
-
-def substituted(missing: str, rule: str) -> Note:
-    """Say by which rule a missing landmark was replaced."""
-    return Note.of("landmark_substituted", missing=missing, rule=rule)
 
 
 def need(landmarks: Mapping[str, Array], *names: str, purpose: str, instead: str) -> list[Array]:
@@ -144,13 +138,14 @@ def locate_hinge(
     """
     lateral, other = names
     sign = MEDIAL_SIGN[joint.split("_", maxsplit=1)[0]]
+    purpose = f"the {joint}"
     if other in landmarks or half_width is None:
-        outer, inner = need(landmarks, *names, purpose=f"the {joint}", instead=instead)
+        outer, inner = need(landmarks, *names, purpose=purpose, instead=instead)
         center = (outer + inner) / 2
     else:
-        (outer,) = need(landmarks, lateral, purpose=f"the {joint}", instead=other)
+        (outer,) = need(landmarks, lateral, purpose=purpose, instead=other)
         center = chord(outer, proximal, medial, half_width, joint)
-        anatomy.substitute(other, f"{joint} half the joint's width medial to {lateral}")
+        anatomy.rules[other] = f"{joint} half the joint's width medial to {lateral}"
     anatomy.points[joint] = center
     anatomy.axes[joint] = sign * unit(center - outer)
 
@@ -158,32 +153,9 @@ def locate_hinge(
 def chord(marker: Array, proximal: Array, medial: Array, offset: float, joint: str) -> Array:
     """Give a joint's centre: at a given distance from a marker, at a right angle to the bone.
 
-    Parameters
-    ----------
-    marker
-        Beside the joint, (3,) [m].
-    proximal
-        The bone's other end, (3,) [m].
-    medial
-        Direction from the marker towards the joint; its part along the bone does not count, (3,).
-    offset
-        Distance of the centre from the marker [m].
-    joint
-        Its name, for the error.
-
-    Returns
-    -------
-    Array
-        (3,) [m].
-
-    Raises
-    ------
-    ValueError
-        If the offset is longer than the bone.
-
-    Notes
-    -----
-    Kadaba et al. 1990 (J Orthop Res 8:383), Davis et al. 1991 (Hum Mov Sci 10:575).
+    ``proximal`` is the bone's other end, ``medial`` the direction from the marker towards the
+    joint, of which the part along the bone does not count. A ValueError where the offset is longer
+    than the bone. Kadaba et al. 1990 (J Orthop Res 8:383), Davis et al. 1991 (Hum Mov Sci 10:575).
     """
     up = unit(proximal - marker)
     share = offset / distance(proximal, marker)
@@ -216,17 +188,15 @@ def locate_arm(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, si
     its markers; for the ends of a wrist bar, half the wrist's width away from the bar, where it was
     measured. Knuckle: half the hand's thickness below its marker, where that was measured.
     """
-    s, limb = SIDES[side], measures.limb(side)
-    ulnar, radial = (
-        next((at[s + name] for name in names if s + name in at), None)
-        for names in (("LW", "WRB"), ("MW", "WRA"))
-    )
+    s, limb, sign = SIDES[side], measures.limb(side), MEDIAL_SIGN[side]
+    ulnar, radial = at.get(s + "LW", at.get(s + "WRB")), at.get(s + "MW", at.get(s + "WRA"))
     ends = [end for end in (ulnar, radial) if end is not None]
-    if not {s + "SHO", s + "LEE"} <= set(at) or not ends:
+    missing = [name for name in (s + "SHO", s + "LEE") if name not in at]
+    missing += [] if ends else [f"{s}LW or {s}MW"]
+    if missing:
         if ends or any(s + name in at for name in ("LEE", "MEE", "FIN")):
-            missing = [n for n in (s + "SHO", s + "LEE") if n not in at]
-            missing += [] if ends else [f"{s}LW or {s}MW"]
-            anatomy.notes.append(Note.of("arm_not_located", side=side, missing=tuple(missing)))
+            rule = f"the {side} arm stays in neutral, its markers beyond the shoulder are not used"
+            anatomy.rules[" and ".join(missing)] = rule
         return
     shoulder = _shoulder(anatomy, at, measures, side)
     wrist, lateral = np.mean(ends, axis=0), at[s + "LEE"]
@@ -247,12 +217,15 @@ def locate_arm(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, si
         elbow = elbow_with(wrist)
     anatomy.points |= {f"{side}_{j}": p for j, p in (("shoulder", shoulder), ("wrist", wrist))}
     anatomy.points[f"{side}_elbow"] = elbow
-    anatomy.axes[f"{side}_elbow"] = MEDIAL_SIGN[side] * unit(elbow - lateral)
+    anatomy.axes[f"{side}_elbow"] = sign * unit(elbow - lateral)
+    if s + "MEE" not in at:
+        rule = f"{side} elbow axis across the plane of shoulder, elbow and wrist"
+        anatomy.rules[s + "MEE"] = rule
     if thumb is not None:
-        anatomy.axes[f"{side}_wrist"] = -MEDIAL_SIGN[side] * unit(thumb)
+        anatomy.axes[f"{side}_wrist"] = -sign * unit(thumb)
     else:
         anatomy.axes[f"{side}_wrist"] = anatomy.axes[f"{side}_elbow"]
-        anatomy.substitute(f"a {side} wrist marker", "its axis is taken as the elbow's")
+        anatomy.rules[f"a {side} wrist marker"] = "its axis is taken as the elbow's"
     if s + "FIN" in at:
         knuckle, half = at[s + "FIN"], measures.to_center(limb.hand_thickness_m)
         if half is not None and thumb is not None:
@@ -269,22 +242,6 @@ def elbow_center(
     The elbow's axis leads from the marker to the centre and is perpendicular to the plane of
     shoulder, elbow and wrist. Of the two planes through shoulder and wrist that are half the
     elbow's width from the marker, it is the one in which the elbow is flexed, not hyperextended.
-
-    Parameters
-    ----------
-    shoulder, wrist
-        Joint centres, (3,) [m].
-    lateral
-        Marker on the lateral epicondyle, (3,) [m].
-    half_width
-        Distance of the centre from the marker [m].
-    side
-        "right" or "left".
-
-    Returns
-    -------
-    Array
-        (3,) [m].
 
     Notes
     -----
@@ -309,22 +266,15 @@ def elbow_center(
     return np.asarray(lateral + half_width * (np.sqrt(1 - share**2) * across - share * outward))
 
 
-def elbow_notes(anatomies: list[Anatomy], landmarks: set[str]) -> list[Note]:
-    """Say how the axes of elbows without medial marker were found in the frames of the pose."""
+def straight_elbows(anatomies: list[Anatomy]) -> list[Note]:
+    """Name elbows without medial marker that are almost straight, on average over the frames."""
     notes = []
     for side, s in SIDES.items():
-        if s + "MEE" not in landmarks and f"{side}_elbow" in anatomies[0].points:
+        if s + "MEE" in anatomies[0].rules:
             flexion = float(np.mean([_flexion(anatomy, side) for anatomy in anatomies]))
             if flexion < STRAIGHT_ELBOW_RAD:
-                flexion_deg, marker = np.degrees(flexion), s + "MEE"
-                notes.append(
-                    Note.of(
-                        "elbow_axis_uncertain", side=side, marker=marker, flexion_deg=flexion_deg
-                    )
-                )
-            else:
-                rule = f"{side} elbow axis across the plane of shoulder, elbow and wrist"
-                notes.append(substituted(s + "MEE", rule))
+                found = {"marker": s + "MEE", "flexion_deg": np.degrees(flexion)}
+                notes.append(Note.of("elbow_axis_uncertain", side=side, **found))
     return notes
 
 
@@ -391,10 +341,13 @@ def locate_leg(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, si
     s = SIDES[side]
     sign, limb = MEDIAL_SIGN[side], measures.limb(side)
     hip, pelvis_left = anatomy.points[f"{side}_hip"], anatomy.frames["pelvis"][:, 1]
-    device = alignment_corner(at, s, hip)
-    if device is not None and s + "LEK" not in at:
-        at = {**at, s + "LEK": device}
-        anatomy.markers[s + "LEK"] = device
+    medial = hip - at[s + "GTRO"] if s + "GTRO" in at else sign * pelvis_left
+    corner = alignment_corner(at, s, hip)
+    if corner is not None:
+        if s + "LEK" not in at:
+            anatomy.markers[s + "LEK"] = corner
+        at = {name: p for name, p in at.items() if name != s + "MEK"} | {s + "LEK": corner}
+        medial = corner - at[s + "KAX"]
     known = s + "LEK" in at and s + "LM" in at
     shank = distance(at[s + "LEK"], at[s + "LM"]) if known else None
 
@@ -402,22 +355,16 @@ def locate_leg(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, si
         by_shank = None if shank is None else HALF_WIDTH_PER_SHANK[joint] * shank
         return by_shank if width_m is None else measures.to_center(width_m)
 
-    knee = half_width("knee", limb.knee_width_m)
-    if device is not None and knee is not None:
-        center = chord(device, hip, device - at[s + "KAX"], knee, f"{side}_knee")
-        anatomy.points[f"{side}_knee"] = center
-        anatomy.axes[f"{side}_knee"] = sign * unit(center - device)
-    else:
-        locate_hinge(
-            anatomy,
-            at,
-            f"{side}_knee",
-            (s + "LEK", s + "MEK"),
-            proximal=hip,
-            medial=hip - at[s + "GTRO"] if s + "GTRO" in at else sign * pelvis_left,
-            half_width=knee,
-            instead=f"{s}LEK with knee_width_m",
-        )
+    locate_hinge(
+        anatomy,
+        at,
+        f"{side}_knee",
+        (s + "LEK", s + "MEK"),
+        proximal=hip,
+        medial=medial,
+        half_width=half_width("knee", limb.knee_width_m),
+        instead=f"{s}LEK with knee_width_m",
+    )
     knee_axis = anatomy.axes[f"{side}_knee"]
     locate_hinge(
         anatomy,
@@ -443,21 +390,7 @@ def alignment_corner(at: Mapping[str, Array], letter: str, hip: Array) -> Array 
 
     Its three rods are equally long and at right angles; of the two corners that fit their ends, the
     one nearer to hip and lateral malleolus is meant. In Plug-in-Gait it is the knee marker of the
-    calibration pose.
-
-    Parameters
-    ----------
-    at
-        Landmark -> position, (3,) [m].
-    letter
-        "L" or "R".
-    hip
-        Hip centre, (3,) [m].
-
-    Returns
-    -------
-    Array or None
-        (3,) [m]; None without the device or the malleolus.
+    calibration pose. None without the device or the malleolus.
     """
     names = [letter + name for name in ("KAX", "KD1", "KD2", "LM")]
     if not set(names) <= set(at):

@@ -6,7 +6,6 @@ from typing import Final
 import numpy as np
 
 from hbm.markers import Markers
-from hbm.notes import Note
 from hbm.spatial import Array, Indices
 
 MAX_STILL_SPEED_MPS: Final = 0.05
@@ -26,7 +25,7 @@ MAX_FRAMES: Final = 100
 
 def select_frames(
     markers: Markers, used: list[str], window_s: tuple[float, float] | None
-) -> tuple[Indices, bool, Note]:
+) -> tuple[Indices, float]:
     """Select the frames that the body is built from.
 
     Parameters
@@ -44,10 +43,8 @@ def select_frames(
     -------
     frames
         At most 100, evenly spread, in which all markers that are ever visible are visible, (F,).
-    still
-        Whether the subject stood still.
-    note
-        The window, and whether the subject stood still in it.
+    speed
+        Mean speed of the markers in them [m/s].
 
     Raises
     ------
@@ -55,8 +52,14 @@ def select_frames(
         If the window holds no frame, or no frame shows all markers at once.
     """
     time = markers.time
+    first_s, last_s = window_s or (-np.inf, np.inf)
+    window = np.flatnonzero((time >= first_s) & (time < last_s))
+    if not len(window):
+        raise ValueError(
+            f"the calibration window {first_s:g}–{last_s:g} s holds no frame; the recording runs "
+            f"from {time[0]:g} to {time[-1]:g} s"
+        )
     paths = [markers.position[:, markers.names.index(name)] for name in used]
-    window = _inside(time, window_s)
     seen = np.stack([~np.isnan(path[window, 0]) for path in paths]).T
     complete = window[seen[:, seen.any(axis=0)].all(axis=1)]
     if not len(complete):
@@ -69,30 +72,8 @@ def select_frames(
     if window_s is None:
         complete = _stillest(complete, speed, time)
     spread = np.unique(np.linspace(0, len(complete) - 1, MAX_FRAMES).round().astype(int))
-    frames = complete[spread]
     known = speed[complete][~np.isnan(speed[complete])]
-    mean_speed = float(np.mean(known)) if len(known) else 0.0
-    still = mean_speed < MAX_STILL_SPEED_MPS
-    note = Note.of(
-        "calibration_pose",
-        start_s=time[frames[0]],
-        stop_s=time[frames[-1]],
-        instants=len(frames),
-        posture="standing still" if still else f"moving at {mean_speed:.2f} m/s",
-    )
-    return frames, still, note
-
-
-def _inside(time: Array, window_s: tuple[float, float] | None) -> Indices:
-    if window_s is None:
-        return np.arange(len(time))
-    inside = np.flatnonzero((time >= window_s[0]) & (time < window_s[1]))
-    if not len(inside):
-        raise ValueError(
-            f"the calibration window {window_s[0]:g}–{window_s[1]:g} s holds no frame; the "
-            f"recording runs from {time[0]:g} to {time[-1]:g} s"
-        )
-    return np.asarray(inside)
+    return complete[spread], float(np.mean(known)) if len(known) else 0.0
 
 
 def _speed(paths: Sequence[Array], time: Array) -> Array:

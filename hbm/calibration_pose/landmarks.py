@@ -11,7 +11,7 @@ with SUPR-XYPH, the upper trunk's is 122.6 mm below the cervicale; and the trunk
 trunk within 0.1 mm.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Final
 
 import numpy as np
@@ -24,10 +24,8 @@ from hbm.calibration_pose.anatomy import (
     locate_arm,
     locate_leg,
     need,
-    substituted,
 )
 from hbm.coordinates import SIDES, UP
-from hbm.notes import Note
 from hbm.segments import SAMPLE_STATURE_M, Sex
 from hbm.spatial import Array, axes_from, cross, distance, perpendicular, unit
 
@@ -92,8 +90,8 @@ def locate_pelvis(anatomy: Anatomy, landmarks: Mapping[str, Array], measures: Me
     `LUMBAR_PER_PELVIS_WIDTH`. The leg length that the hips depend on is that of the markers or,
     without a medial malleolus, the measured one.
     """
-    R, origin, back, notes = pelvis_frame(landmarks)
-    anatomy.notes += notes
+    R, origin, back, rules = pelvis_frame(landmarks)
+    anatomy.rules |= rules
     anatomy.frames["pelvis"] = R
     anatomy.points |= {"mid_asis": origin, "mid_psis": back}
     spines = _iliac_spines(landmarks)[0]
@@ -104,34 +102,22 @@ def locate_pelvis(anatomy: Anatomy, landmarks: Mapping[str, Array], measures: Me
             leg = measures.limb(side).leg_length_m or leg
         anatomy.points[f"{side}_hip"] = origin + R @ hip_center(side, width, depth, leg, measures)
         if leg is None and measures.hip == "harrington":
-            anatomy.substitute(
-                f"the {side} leg length", "hip centre by Harrington's single measures"
-            )
+            rule = "hip centre by Harrington's single measures"
+            anatomy.rules[f"the {side} leg length"] = rule
     anatomy.points["pelvis"] = (anatomy.points["right_hip"] + anatomy.points["left_hip"]) / 2
     forward, up = LUMBAR_PER_PELVIS_WIDTH[measures.sex]
     anatomy.points["lumbar"] = origin + R @ (width * np.array([forward, 0.0, up]))
 
 
-def pelvis_frame(landmarks: Mapping[str, Array]) -> tuple[Array, Array, Array, list[Note]]:
-    """Give the pelvis frame.
+def pelvis_frame(
+    landmarks: Mapping[str, Array],
+) -> tuple[Array, Array, Array, dict[str, str]]:
+    """Give the pelvis frame from ASIS and PSIS.
 
-    Parameters
-    ----------
-    landmarks
-        Landmark -> position, (3,) [m].
-
-    Returns
-    -------
-    tuple
-        Orientation (columns: forward, left, up), (3, 3); mid-ASIS and mid-PSIS, (3,) [m]; rules
-        that replaced missing landmarks.
-
-    Raises
-    ------
-    ValueError
-        If ASIS or PSIS are missing that no rule can replace.
+    Orientation (columns: forward, left, up), (3, 3); mid-ASIS and mid-PSIS, (3,) [m]; missing
+    landmark -> rule that replaced it.
     """
-    at, notes = _iliac_spines(landmarks)
+    at, rules = _iliac_spines(landmarks)
     left, right = need(
         at, "LASIS", "RASIS", purpose="the pelvis", instead="one ASIS with both PSIS"
     )
@@ -139,15 +125,15 @@ def pelvis_frame(landmarks: Mapping[str, Array]) -> tuple[Array, Array, Array, l
         back = (at["LPSIS"] + at["RPSIS"]) / 2
     else:
         (back,) = need(at, "SACR", purpose="the pelvis", instead="LPSIS with RPSIS")
-        notes.append(substituted("PSIS", "the sacrum marker stands in for their midpoint"))
+        rules["PSIS"] = "the sacrum marker stands in for their midpoint"
     origin, across = (left + right) / 2, left - right
-    return axes_from(across, cross(origin - back, across), exact="left"), origin, back, notes
+    return axes_from(across, cross(origin - back, across), exact="left"), origin, back, rules
 
 
-def _iliac_spines(landmarks: Mapping[str, Array]) -> tuple[dict[str, Array], list[Note]]:
+def _iliac_spines(landmarks: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, str]]:
     """Give the landmarks, a single missing iliac spine as the mirror image of its opposite."""
     at = dict(landmarks)
-    notes: list[Note] = []
+    rules = {}
     for a, b in (("ASIS", "PSIS"), ("PSIS", "ASIS")):
         if "L" + b in landmarks and "R" + b in landmarks:
             for side, other in ("LR", "RL"):
@@ -156,8 +142,8 @@ def _iliac_spines(landmarks: Mapping[str, Array]) -> tuple[dict[str, Array], lis
                     middle = (at["L" + b] + at["R" + b]) / 2
                     point = at[other + a]
                     at[side + a] = point - 2 * ((point - middle) @ normal) * normal
-                    notes.append(substituted(side + a, f"the mirror image of {other + a}"))
-    return at, notes
+                    rules[side + a] = f"the mirror image of {other + a}"
+    return at, rules
 
 
 def hip_center(
@@ -165,26 +151,9 @@ def hip_center(
 ) -> Array:
     """Give a hip centre in the pelvis frame.
 
-    Parameters
-    ----------
-    side
-        "right" or "left".
-    width, depth
-        Distance between the ASIS; from mid-ASIS to mid-PSIS [m].
-    leg
-        Leg length from ASIS to medial malleolus [m]; None where unknown.
-    measures
-        The rule, the sex and the marker offset.
-
-    Returns
-    -------
-    Array
-        From mid-ASIS: forward, left, up, (3,) [m].
-
-    Raises
-    ------
-    ValueError
-        If the rule is unknown, or a functional centre is missing.
+    From mid-ASIS: forward, left, up, (3,) [m]. It depends on the distances between the ASIS
+    (``width``) and from mid-ASIS to mid-PSIS (``depth``), and on the leg length from ASIS to medial
+    malleolus, None where unknown [m].
 
     Notes
     -----
@@ -231,7 +200,7 @@ def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) 
     """
     low = "T10" in at and "XIPH" in at
     bottom = (at["T10"] + at["XIPH"]) / 2 if low else anatomy.points["lumbar"]
-    notes = [] if low else [substituted("T10 or XIPH", "trunk axis from the lumbar joint")]
+    rules = {} if low else {"T10 or XIPH": "trunk axis from the lumbar joint"}
     if "C7" in at and "JN" in at:
         top, forward = (at["C7"] + at["JN"]) / 2, at["JN"] - at["C7"]
         R = axes_from(cross(top - bottom, forward), top - bottom, exact="up")
@@ -239,16 +208,17 @@ def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) 
     elif "LSHO" in at and "RSHO" in at:
         top = neck = (at["LSHO"] + at["RSHO"]) / 2
         R = axes_from(at["LSHO"] - at["RSHO"], top - bottom, exact="up")
-        notes.append(substituted("C7 or JN", "trunk axis to the middle of the acromions"))
+        rules["C7 or JN"] = "trunk axis to the middle of the acromions"
     elif low and "JN" in at:
         root = anatomy.points["lumbar"]
         up = unit(bottom - root)
         top = neck = root + ((at["JN"] - root) @ up) * up
         R = axes_from(cross(up, at["XIPH"] - at["T10"]), up, exact="up")
-        notes.append(substituted("C7", "trunk axis from the lumbar joint to the level of JN"))
+        rules["C7"] = "trunk axis from the lumbar joint to the level of JN"
     else:
         if not TRUNK_LANDMARKS.isdisjoint(at):
-            anatomy.notes.append(Note.of("trunk_not_located"))
+            needed = "C7 or T2 with JN, both acromions, or T10 or T8 with XIPH and JN"
+            anatomy.rules[needed] = "trunk, head and arms stay in neutral, without their markers"
         return
     pelvis = anatomy.frames["pelvis"]
     if R[:, 0] @ pelvis[:, 0] < 0 or R[:, 2] @ pelvis[:, 2] < 0:
@@ -258,7 +228,7 @@ def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) 
         )
     anatomy.frames["thorax"] = R
     anatomy.points |= {"trunk_top": top, "neck": neck}
-    anatomy.notes += notes
+    anatomy.rules |= rules
 
 
 def _neck(forward: Array, up: Array, measures: Measures) -> Array:
@@ -292,35 +262,22 @@ def locate_head(anatomy: Anatomy, at: Mapping[str, Array]) -> None:
 
 
 HEIGHT_MM: Final[dict[str, dict[str, float]]] = {
-    "male": {"cervicale": 603.3, "notch": 531.9, "shoulders": 515.5, "xiphoid": 361.2},
-    "female": {"cervicale": 614.8, "notch": 529.3, "shoulders": 497.9, "xiphoid": 386.8},
+    "male": {"cervicale": 603.3, "notch": 531.9, "mid_shoulders": 515.5, "xiphoid": 361.2},
+    "female": {"cervicale": 614.8, "notch": 529.3, "mid_shoulders": 497.9, "xiphoid": 386.8},
 }
 """Mean heights above mid-hip (de Leva 1996, Table 4: lengths CERV-MIDH, SUPR-MIDH, MIDS-MIDH, and
 XYPH-OMPH with OMPH-MIDH)."""
 
 
-def height_per_cervicale(sex: Sex) -> dict[str, float]:
-    """Give the heights of levels above mid-hip, as shares of the cervicale's.
-
-    Parameters
-    ----------
-    sex
-        "male", "female", or "unspecified" for the mean of both.
-
-    Returns
-    -------
-    dict[str, float]
-        By level: cervicale, notch, shoulders (joint centres), xiphoid.
-    """
-    columns = [HEIGHT_MM[s] for s in _columns(sex)]
-    return {
-        level: float(np.mean([column[level] / column["cervicale"] for column in columns]))
-        for level in HEIGHT_MM["male"]
-    }
+def mean_height(level: str, sex: Sex, per: Callable[[str], float]) -> float:
+    """Give de Leva's height of a level above mid-hip as a share of another length [mm]."""
+    columns = ("male", "female") if sex == "unspecified" else (sex,)
+    return float(np.mean([HEIGHT_MM[column][level] / per(column) for column in columns]))
 
 
-def _columns(sex: Sex) -> tuple[str, ...]:
-    return tuple(HEIGHT_MM) if sex == "unspecified" else (sex,)
+def height_per_cervicale(level: str, sex: Sex) -> float:
+    """Give the height of a level above mid-hip, as a share of the cervicale's."""
+    return mean_height(level, sex, lambda column: HEIGHT_MM[column]["cervicale"])
 
 
 def with_spine(anatomy: Anatomy, at: Mapping[str, Array], sex: Sex) -> dict[str, Array]:
@@ -329,30 +286,16 @@ def with_spine(anatomy: Anatomy, at: Mapping[str, Array], sex: Sex) -> dict[str,
     T8 stands in for T10 as it is: both show the lower rib cage. T2 is raised to the level of C7,
     along the line from the lumbar joint to the midpoint of T2 and jugular notch, by the heights of
     cervicale and notch (`height_per_cervicale`).
-
-    Parameters
-    ----------
-    anatomy
-        With the hips and the lumbar joint.
-    at
-        Landmark -> position, (3,) [m].
-    sex
-        Column of de Leva's table.
-
-    Returns
-    -------
-    dict[str, Array]
-        Landmark -> position, (3,) [m].
     """
     found = dict(at)
     if "T8" in at and "T10" not in at:
         found["T10"] = at["T8"]
-        anatomy.substitute("T10", "T8 stands in for it")
+        anatomy.rules["T10"] = "T8 stands in for it"
     if {"T2", "JN"} <= set(at) and "C7" not in at:
         up = unit((at["T2"] + at["JN"]) / 2 - anatomy.points["lumbar"])
         notch, second = ((at[name] - anatomy.points["pelvis"]) @ up for name in ("JN", "T2"))
-        found["C7"] = at["T2"] + (notch / height_per_cervicale(sex)["notch"] - second) * up
-        anatomy.substitute("C7", "T2 stands in for it")
+        found["C7"] = at["T2"] + (notch / height_per_cervicale("notch", sex) - second) * up
+        anatomy.rules["C7"] = "T2 stands in for it"
     return found
 
 
@@ -364,20 +307,6 @@ def locate_trunk_levels(anatomy: Anatomy, at: Mapping[str, Array], sex: Sex) -> 
     XIPH, the xiphoid's follows from the cervicale's, as that of the shoulders always does
     (`height_per_cervicale`).
 
-    Parameters
-    ----------
-    anatomy
-        With the hips and the trunk's axis.
-    at
-        Landmark -> position, (3,) [m].
-    sex
-        Column of de Leva's table.
-
-    Raises
-    ------
-    ValueError
-        If the xiphoid is not between the hips and the cervicale.
-
     Deviations from the original
     ----------------------------
     Where the Human Body Model ends the parts of the trunk is not known. docs/trunk_ends.md compares
@@ -386,29 +315,27 @@ def locate_trunk_levels(anatomy: Anatomy, at: Mapping[str, Array], sex: Sex) -> 
     up = anatomy.frames["thorax"][:, 2]
     top, hips = anatomy.points["trunk_top"], anatomy.points["pelvis"]
     hips_on_axis = top + ((hips - top) @ up) * up
-    share = height_per_cervicale(sex)
 
     def height(point: Array) -> float:
         return float((point - hips) @ up)
 
-    def infer(level: str, missing: str, shown: str, value: float) -> float:
-        anatomy.notes.append(
-            Note.of("trunk_level_from_proportions", level=level, missing=missing, shown=shown)
-        )
-        return value
+    def share(level: str) -> float:
+        return height_per_cervicale(level, sex)
 
     if "C7" in at:
         cervicale = height(at["C7"])
     elif "JN" in at:
-        cervicale = infer("cervicale", "C7", "JN", height(at["JN"]) / share["notch"])
+        cervicale = height(at["JN"]) / share("notch")
+        anatomy.rules["C7 (cervicale)"] = "its level on the trunk's axis follows from JN"
     else:
         drop = SHOULDER_DROP_PER_WIDTH * distance(at["LSHO"], at["RSHO"])
-        shoulders = height((at["LSHO"] + at["RSHO"]) / 2) - drop
-        cervicale = infer("cervicale", "C7", "the acromions", shoulders / share["shoulders"])
+        cervicale = (height((at["LSHO"] + at["RSHO"]) / 2) - drop) / share("mid_shoulders")
+        anatomy.rules["C7 (cervicale)"] = "its level on the trunk's axis follows from the acromions"
     if "XIPH" in at:
         xiphoid = height(at["XIPH"])
     else:
-        xiphoid = infer("xiphoid", "XIPH", "the cervicale", share["xiphoid"] * cervicale)
+        xiphoid = share("xiphoid") * cervicale
+        anatomy.rules["XIPH"] = "its level on the trunk's axis follows from the cervicale"
     if not 0 < xiphoid < cervicale:
         raise ValueError(
             f"along the trunk, the xiphoid lies {1000 * xiphoid:.0f} mm and the cervicale "
@@ -416,7 +343,7 @@ def locate_trunk_levels(anatomy: Anatomy, at: Mapping[str, Array], sex: Sex) -> 
         )
     for name, value in (
         ("cervicale", cervicale),
-        ("mid_shoulders", share["shoulders"] * cervicale),
+        ("mid_shoulders", share("mid_shoulders") * cervicale),
         ("xiphoid", xiphoid),
     ):
         anatomy.points[name] = hips_on_axis + value * up
@@ -428,15 +355,6 @@ def stand_trunk(anatomy: Anatomy, height_m: float, sex: Sex) -> None:
     Its coordinates stay at zero, so that its frame is the pelvis' one; but in the calibration pose
     it stands vertically above the middle of the hips, however the iliac spines lie.
 
-    Parameters
-    ----------
-    anatomy
-        With the pelvis and the lumbar joint.
-    height_m
-        Stature [m].
-    sex
-        Column of de Leva's table.
-
     Notes
     -----
     In two recordings of people who stand or walk, the upper trunk's centre was 7 mm behind to 2 mm
@@ -444,10 +362,8 @@ def stand_trunk(anatomy: Anatomy, height_m: float, sex: Sex) -> None:
     """
     pelvis, hips = anatomy.frames["pelvis"], anatomy.points["pelvis"]
     upright = axes_from(pelvis[:, 1], np.array(UP), exact="up")
-    columns = [(HEIGHT_MM[s], SAMPLE_STATURE_M[s]) for s in _columns(sex)]
-    for level in ("cervicale", "shoulders", "xiphoid"):
-        share = np.mean([heights[level] / 1000 / stature for heights, stature in columns])
-        name = "mid_shoulders" if level == "shoulders" else level
-        anatomy.points[name] = hips + share * height_m * upright[:, 2]
+    for level in ("cervicale", "mid_shoulders", "xiphoid"):
+        share = mean_height(level, sex, lambda column: 1000 * SAMPLE_STATURE_M[column])
+        anatomy.points[level] = hips + share * height_m * upright[:, 2]
     anatomy.points["neck"] = anatomy.points["cervicale"]
     anatomy.frames |= {"thorax": pelvis, "upright": upright}

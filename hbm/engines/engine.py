@@ -23,26 +23,14 @@ ENGINES: Final[tuple[EngineName, ...]] = get_args(EngineName)
 """Both engines, the default first."""
 
 
-@dataclass(frozen=True, slots=True)
-class FreeDynamics:
-    """What a motion needs where nothing but gravity acts on the body.
+FreeDynamics = tuple[Array, Array, Mapping[str, Array]]
+"""What a motion needs where nothing but gravity acts on the body.
 
-    Attributes
-    ----------
-    tau
-        Generalized forces of the 46 coordinates, (T, 46) [N and N·m].
-    wrench
-        Wrench needed at the pelvis, (T, 6) [N, N·m]: lab axes, about mid-hip.
-    jacobians
-        Segment -> motion of the segment per unit rate of each of the C coordinates that carry it,
-        (T, C, 6): velocity of the point at the lab origin, angular velocity, lab axes; coordinates
-        in the order of `hbm.coordinates.support`. The product with a wrench on the segment about
-        the lab origin is the wrench's generalized forces.
-    """
-
-    tau: Array
-    wrench: Array
-    jacobians: Mapping[str, Array]
+Generalized forces of the 46 coordinates, (T, 46) [N and N·m]; the wrench needed at the pelvis,
+(T, 6), lab axes, about mid-hip; segment -> its motion per unit rate of each of the C coordinates
+that carry it, in the order of `hbm.coordinates.support`, (T, C, 6): velocity of the point at the
+lab origin, angular velocity, lab axes. The product with a wrench on the segment about the lab
+origin is the wrench's generalized forces."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,11 +65,6 @@ class EngineUsed:
     difference
         Largest difference in them, as a share of the frame's largest force or moment; 0 where
         nothing was checked.
-
-    Examples
-    --------
-    >>> print(EngineUsed("pinocchio", "4.1.0", "kernels", "casadi 3.8.2", 16, 2e-13))
-    Pinocchio 4.1.0
     """
 
     name: EngineName
@@ -97,15 +80,12 @@ class EngineUsed:
     @property
     def note(self) -> Note:
         """What a trial's result says about it."""
-        if self.other is None:
-            return Note.of("engine_unchecked", engine=str(self))
-        return Note.of(
-            "engine_checked",
-            engine=str(self),
-            other=title(self.other, self.other_version),
-            frames=self.frames,
-            difference=self.difference,
-        )
+        check = "not checked by a second engine: there is none, or no frame to check"
+        if self.other is not None:
+            other = title(self.other, self.other_version)
+            share = f"{self.difference:.0e} of the largest force and moment"
+            check = f"checked by {other} in {self.frames} frames, which agrees to {share}"
+        return Note.of("engine", engine=str(self), check=check)
 
 
 def title(name: EngineName, version: str) -> str:
@@ -116,25 +96,8 @@ def title(name: EngineName, version: str) -> str:
 def choose_engine(stated: EngineName | None = None) -> Engine:
     """Give the engine to run.
 
-    Parameters
-    ----------
-    stated
-        Which; None for Pinocchio where it can be imported, else the kernels.
-
-    Returns
-    -------
-    Engine
-        Ready to run.
-
-    Raises
-    ------
-    ValueError
-        If there is no such engine, or it cannot be imported.
-
-    Examples
-    --------
-    >>> choose_engine("kernels").name
-    'kernels'
+    By default Pinocchio where it can be imported, else the kernels; a ValueError where there is no
+    such engine, or it cannot be imported.
     """
     if stated is not None and stated not in ENGINES:
         raise ValueError(f"engine must be one of {', '.join(ENGINES)}, got {stated!r}")
@@ -171,7 +134,7 @@ def _pinocchio() -> Engine | None:
         from hbm.engines.pinocchio import free_dynamics
     except ImportError:
         return None
-    return Engine("pinocchio", pinocchio.__version__, lambda *of: FreeDynamics(*free_dynamics(*of)))
+    return Engine("pinocchio", pinocchio.__version__, free_dynamics)
 
 
 @cache
@@ -186,7 +149,7 @@ def _kernels() -> Engine:
         )
         motion = motion.reshape(-1, N_Q, 6)
         jacobians = {s: motion[:, np.array(support(LAST_Q[s]))] for s in segments}
-        return FreeDynamics(tau, shift_wrench(wrench, q[:, :3]), jacobians)
+        return tau, shift_wrench(wrench, q[:, :3]), jacobians
 
     return Engine("kernels", f"casadi {version('casadi')}", free_dynamics)
 
@@ -214,24 +177,9 @@ def require_agreement(
 ) -> float:
     """Compare the forces that two engines found for the same frames.
 
-    Parameters
-    ----------
-    one, other
-        46 generalized forces, then the residual, (F, 52) [N and N·m] each.
-    engines
-        What to call the one and the other.
-    frames, time
-        Numbers and times of the frames in the motion, (F,).
-
-    Returns
-    -------
-    float
-        The largest difference, as a share of the frame's largest force or moment.
-
-    Raises
-    ------
-    ValueError
-        If it exceeds `MAX_DIFFERENCE`.
+    Forces and residual, (F, 52) [N and N·m] each, by two engines, in frames of these numbers and
+    times, (F,). Gives the largest difference, as a share of the frame's largest force or moment; a
+    ValueError where it exceeds `MAX_DIFFERENCE`.
     """
     share = np.empty_like(one)
     for own in (IS_FORCE, ~IS_FORCE):

@@ -29,7 +29,7 @@ CACHED_BODIES: Final = 8
 def free_dynamics(
     body: Body, q: Array, v: Array, a: Array, segments: Collection[str], jobs: int
 ) -> tuple[Array, Array, dict[str, Array]]:
-    """Find what `hbm.engines.engine.FreeDynamics` holds; undefined frames are NaN."""
+    """Find `hbm.engines.engine.FreeDynamics`; undefined frames are NaN."""
     state = np.zeros((3, len(q), N_Q + N_STILL))
     for x, given in zip(state, (q, v, a), strict=True):
         x[:, :YAW], x[:, YAW + N_STILL :] = given[:, :YAW], given[:, YAW:]

@@ -79,7 +79,7 @@ def nearest_equivalent(q: Array, before: Array) -> Array:
     result = q.copy()
     for i in BALL_JOINTS:
         joint, last = slice(i, i + 3), before[i : i + 3]
-        sets = np.array([q[joint], _other_set(q[joint])])
+        sets = np.array([q[joint], other_set(q[joint])])
         apart = np.square(_within_half_turn(sets - last)).sum(axis=1)
         result[joint] = sets[int(apart.argmin())]
     turns = list(ROTATIONS)
@@ -92,8 +92,8 @@ def nearest_equivalent(q: Array, before: Array) -> Array:
 def _continuous_joint(angles: Array) -> Array:
     """Give a joint's three angles, (F, 3), in the set that is nearer to the frame before."""
     first = _within_half_turn(angles)
-    first = np.where(np.abs(first[:, 1:2]) > np.pi / 2, _other_set(first), first)
-    second = _other_set(first)
+    first = np.where(np.abs(first[:, 1:2]) > np.pi / 2, other_set(first), first)
+    second = other_set(first)
     same, other = (
         np.square(_within_half_turn(x[1:] - first[:-1])).sum(axis=1) for x in (first, second)
     )
@@ -101,7 +101,7 @@ def _continuous_joint(angles: Array) -> Array:
     return np.where((crossings % 2 == 1)[:, None], second, first)
 
 
-def _other_set(angles: Array) -> Array:
+def other_set(angles: Array) -> Array:
     """Give the other three angles of the same rotation, (F, 3)."""
     return np.asarray(_within_half_turn(angles * [1, -1, 1] + np.pi))
 

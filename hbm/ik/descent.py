@@ -9,9 +9,9 @@ far, so that it slows the directions that markers hardly show and no others.
 """
 
 import ctypes
-from collections.abc import Callable, Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final
+from typing import ClassVar, Final
 
 import numpy as np
 
@@ -143,6 +143,8 @@ class Solved:
 
     Attributes
     ----------
+    row
+        Numbers of the frames in the trial, (F,).
     q
         Coordinates, (F, 46) [m and rad].
     converged
@@ -155,6 +157,7 @@ class Solved:
         Distance of each marker from the model, (F, K) [m]; NaN where it was missing.
     """
 
+    row: Indices
     q: Array
     converged: Mask
     gradient: Array
@@ -162,9 +165,11 @@ class Solved:
     error: Array
 
     @classmethod
-    def empty(cls, frames: int, markers: int) -> "Solved":
+    def empty(cls, row: Indices, markers: int) -> "Solved":
         """Allocate arrays for the optima of some frames."""
+        frames = len(row)
         return cls(
+            row,
             np.empty((frames, N_Q)),
             np.zeros(frames, bool),
             np.full(frames, np.nan),
@@ -227,11 +232,19 @@ def solve_frames(
     """
     ready = kernels()
     rows = np.ascontiguousarray(rows, np.int64)
-    start, prior, reference = (np.ascontiguousarray(x, float) for x in (start, prior, reference))
-    terms = (start, np.broadcast_to(prior, start.shape), np.broadcast_to(reference, start.shape))
-    if ready.solve_frames is not None:
-        return _compiled(ready.solve_frames, attachment, rows, *terms, tolerance, jobs)
-    solved = Solved.empty(len(rows), len(attachment.segment))
+    solved = Solved.empty(rows, len(attachment.segment))
+    terms = [
+        np.broadcast_to(np.ascontiguousarray(x, float), start.shape)
+        for x in (start, prior, reference)
+    ]
+    native = ready.solve_frames
+    if native is not None:
+
+        def solve_block(first: int, last: int) -> None:
+            native(ctypes.byref(_structure(attachment, solved, terms, tolerance, first, last)))
+
+        in_threads(solve_block, len(rows), jobs)
+        return solved
     for first in range(0, len(rows), FRAMES_AT_ONCE):
         block = slice(first, first + FRAMES_AT_ONCE)
         begin, pull, target = (x[block] for x in terms)
@@ -240,75 +253,58 @@ def solve_frames(
     return solved
 
 
+def _limits() -> dict[str, float]:
+    """Give the constants of the iteration by their names in ``descent.c``."""
+    return {
+        "damping": DAMPING,
+        "max_step": MAX_STEP,
+        "near_optimum": NEAR_OPTIMUM,
+        "relative_rise": MAX_RELATIVE_RISE,
+        "absolute_rise": MAX_ABSOLUTE_RISE,
+        "damping_factor": DAMPING_FACTOR,
+        "damping_divisor": DAMPING_DIVISOR,
+        "negligible_damping": NEGLIGIBLE_DAMPING,
+        "negligible_gain": NEGLIGIBLE_GAIN,
+        "saddle": -MAX_SADDLE_CURVATURE,
+    }
+
+
+COUNTS: Final = (
+    *("frames", "markers", "measured", "prior_stride", "reference_stride"),
+    *("max_iterations", "slow"),
+)
+ARRAYS: Final = (
+    *("row", "column", "segment", "local", "weight", "geometry", "position"),
+    *("start", "prior", "reference", "q", "pivots", "error", "gradient", "converged"),
+)
+
+
 class DescentProblem(ctypes.Structure):
     """The structure ``problem`` of ``descent.c``, field by field."""
 
     _fields_: ClassVar = [
-        *((name, ctypes.c_longlong) for name in ("frames", "markers", "measured")),
-        *((name, ctypes.c_longlong) for name in ("prior_stride", "reference_stride")),
-        *((name, ctypes.c_longlong) for name in ("max_iterations", "slow")),
-        *((name, ctypes.c_double) for name in ("tolerance", "damping", "max_step")),
-        *((name, ctypes.c_double) for name in ("near_optimum", "relative_rise", "absolute_rise")),
-        *((name, ctypes.c_double) for name in ("damping_factor", "damping_divisor")),
-        *((name, ctypes.c_double) for name in ("negligible_damping", "negligible_gain")),
-        ("saddle", ctypes.c_double),
-        *((name, ctypes.c_void_p) for name in ("row", "column", "segment", "local", "weight")),
-        *((name, ctypes.c_void_p) for name in ("geometry", "position", "start", "prior")),
-        *((name, ctypes.c_void_p) for name in ("reference", "q", "pivots", "error", "gradient")),
-        ("converged", ctypes.c_void_p),
+        *((name, ctypes.c_longlong) for name in COUNTS),
+        *((name, ctypes.c_double) for name in ("tolerance", *_limits())),
+        *((name, ctypes.c_void_p) for name in ARRAYS),
     ]
 
 
-def _compiled(
-    call: Callable[..., None],
+def _structure(
     attachment: MarkerAttachment,
-    rows: Indices,
-    start: Array,
-    prior: Array,
-    reference: Array,
-    tolerance: float,
-    jobs: int,
-) -> Solved:
-    """Hand blocks of frames to the compiled descent."""
-    solved = Solved.empty(len(rows), len(attachment.segment))
-    per_frame: dict[str, Any] = {
-        "row": rows,
-        "start": start,
-        "prior": prior,
-        "reference": reference,
-    }
-    per_frame |= {name: getattr(solved, name) for name in Solved.__slots__}
-
-    def solve_block(first: int, last: int) -> None:
-        call(ctypes.byref(descent_problem(attachment, per_frame, tolerance, first, last)))
-
-    in_threads(solve_block, len(rows), jobs)
-    return solved
-
-
-def descent_problem(
-    attachment: MarkerAttachment,
-    per_frame: Mapping[str, Any],
+    solved: Solved,
+    terms: Sequence[Array],
     tolerance: float,
     first: int,
     last: int,
 ) -> DescentProblem:
     """Give a block of frames to ``descent.c``; the arrays must live as long as it.
 
-    Parameters
-    ----------
-    attachment
-        Markers on the skeleton.
-    per_frame
-        ``row``, ``start``, ``prior``, ``reference`` and the fields of `Solved`, (F, …).
-    tolerance
-        Largest last step [rad or m].
-    first, last
-        First frame of the block, and the one after its last.
+    ``terms`` are start, prior and reference, (F, 46) each.
     """
-    fixed = {name: getattr(attachment, name).ctypes.data for name in MarkerAttachment.__slots__}
-    pointers = {name: x.ctypes.data + first * x.strides[0] for name, x in per_frame.items()}
-    prior, reference = per_frame["prior"], per_frame["reference"]
+    fixed = {name: getattr(attachment, name) for name in MarkerAttachment.__slots__}
+    per_frame = dict(zip(("start", "prior", "reference"), terms, strict=True))
+    per_frame |= {name: getattr(solved, name) for name in Solved.__slots__}
+    _, prior, reference = terms
     return DescentProblem(
         frames=last - first,
         markers=len(attachment.segment),
@@ -318,18 +314,9 @@ def descent_problem(
         max_iterations=MAX_ITERATIONS,
         slow=SLOW,
         tolerance=tolerance,
-        damping=DAMPING,
-        max_step=MAX_STEP,
-        near_optimum=NEAR_OPTIMUM,
-        relative_rise=MAX_RELATIVE_RISE,
-        absolute_rise=MAX_ABSOLUTE_RISE,
-        damping_factor=DAMPING_FACTOR,
-        damping_divisor=DAMPING_DIVISOR,
-        negligible_damping=NEGLIGIBLE_DAMPING,
-        negligible_gain=NEGLIGIBLE_GAIN,
-        saddle=-MAX_SADDLE_CURVATURE,
-        **fixed,
-        **pointers,
+        **_limits(),
+        **{name: x.ctypes.data for name, x in fixed.items()},
+        **{name: x.ctypes.data + first * x.strides[0] for name, x in per_frame.items()},
     )
 
 
@@ -396,7 +383,7 @@ def _interpreted(
         finished[good] = still
         active = active[~finished[active]]
     error = attachment.errors(ready, measured, q, jobs)
-    return Solved(q + origin, converged, gradient, pivots, error)
+    return Solved(rows, q + origin, converged, gradient, pivots, error)
 
 
 class OneFrame:
@@ -407,12 +394,11 @@ class OneFrame:
 
     def __init__(self, attachment: MarkerAttachment, prior: Array, tolerance: float) -> None:
         self.attachment, self.tolerance = attachment, tolerance
-        self.start, self.prior, self.reference = np.empty((1, N_Q)), prior[None], np.zeros((1, N_Q))
-        self.solved = Solved.empty(1, len(attachment.segment))
-        per_frame = {name: getattr(self, name) for name in ("start", "prior", "reference")}
-        per_frame |= {name: getattr(self.solved, name) for name in Solved.__slots__}
+        self.start = np.empty((1, N_Q))
+        self.terms = self.start, prior[None], np.zeros((1, N_Q))
+        self.solved = Solved.empty(ROW, len(attachment.segment))
         self.native = kernels().solve_frames
-        self.structure = descent_problem(attachment, {"row": ROW, **per_frame}, tolerance, 0, 1)
+        self.structure = _structure(attachment, self.solved, self.terms, tolerance, 0, 1)
         self.address = ctypes.byref(self.structure)
 
     def solve(self, start: Array) -> Solved:
@@ -421,5 +407,4 @@ class OneFrame:
         if self.native is not None:
             self.native(self.address)
             return self.solved
-        terms = self.start, self.prior, self.reference
-        return solve_frames(self.attachment, ROW, *terms, tolerance=self.tolerance)
+        return solve_frames(self.attachment, ROW, *self.terms, tolerance=self.tolerance)

@@ -10,27 +10,27 @@ shown values.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 
 from hbm.coordinates import N_Q
 from hbm.ik.continuity import MIN_JUMP_RAD, continuous, nearest_equivalent
-from hbm.ik.descent import OneFrame, Solved
+from hbm.ik.descent import ROW, OneFrame, Solved
 from hbm.ik.problem import Problem
 from hbm.ik.tracking import (
     MAX_DISTANCE_FROM_START,
-    MAX_UNRELATED_PIVOT,
-    MIN_PIVOT_SHARE,
     TRIES,
-    Tracker,
+    depended_on,
+    doubtful,
+    leave_limbs_out,
+    look_for_lower,
     lowest_of_tries,
+    observed_by,
+    try_start,
 )
 from hbm.markers import Markers
 from hbm.model import Body
 from hbm.spatial import Array, Mask
-
-ROW: Final = np.zeros(1, int)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,73 +81,48 @@ class FrameTracker:
         Names of the markers that it solves from, (K,).
     columns
         Their columns among the labels, (K,).
-
-    Raises
-    ------
-    ValueError
-        If none of the body's markers is among the labels.
     """
 
     def __init__(self, body: Body, labels: Sequence[str]) -> None:
-        nowhere = np.full((1, len(labels), 3), np.nan)
-        markers = Markers(np.zeros(1), tuple(labels), nowhere)
-        problem = Problem(body, markers)
-        self.position = nowhere.copy()
+        self.position = np.full((1, len(labels), 3), np.nan)
+        problem = Problem(body, Markers(np.zeros(1), tuple(labels), self.position))
         problem.attachment = replace(problem.attachment, position=self.position)
         problem.hold(np.ones(len(problem.names), bool))
-        self.problem, self.tracker = problem, Tracker(problem)
+        self.problem, self.markers, self.columns = problem, problem.names, problem.attachment.column
         self.descent = OneFrame(problem.attachment, problem.prior, problem.tolerance)
-        self.markers, self.columns = problem.names, problem.attachment.column
-        self.carriers, self.free = self.tracker.carriers, ~problem.locked
-        self.least = self.tracker.least_pivots()
+        self.carriers, self.free = problem.carriers, ~problem.locked
         self.q: Array | None = None
         self.tracked = np.zeros(N_Q, bool)
-        self.shown = np.zeros(N_Q)
-        self.usual_pivots = np.zeros(N_Q)
+        self.shown, self.usual_pivots = np.zeros((2, N_Q))
         self.seen = np.zeros(len(self.markers), bool)
-        self.complete = False
         self.tries_left = 0
         self.begun = False
 
     def solve(self, position: Array) -> FrameSolution:
-        """Solve a frame that follows the last one kept, and keep nothing.
-
-        Parameters
-        ----------
-        position
-            Measured markers in the lab, (M, 3) [m]; NaN where missing.
-        """
+        """Solve a frame that follows the last one kept, from markers (M, 3), and keep nothing."""
         self.position[0] = position
-        if not self.complete:
+        if not self.seen.all():
             self._hold_what_was_never_seen()
         found, looked = self._first() if self.q is None else self._next(self.q)
-        observed, unsolved = self._observed(found), np.zeros(N_Q, bool)
+        observed, left_out = self._observed(found), np.zeros((1, N_Q), bool)
         if not found.converged[0]:
-            unsolved = self.tracker.leave_limbs_out(found)[0]
-            observed = self._observed(found) & ~unsolved
+            left_out = leave_limbs_out(self.problem, found)
+            observed = self._observed(found) & ~left_out[0]
         solved = bool(observed[self.carriers].all())
         if solved and not observed[self.free].all():
-            self._hold(found, observed, unsolved)
+            self._hold(found, ~observed & self.free, left_out)
         solved = solved and bool(found.converged[0])
-        q = found.q[0].copy()
+        q, error = found.q[0].copy(), found.error[0].copy()
         if not solved:
-            q[:] = np.nan
+            q[:] = error[:] = np.nan
         elif self.q is None:
             q = continuous(q[None])[0]
         elif np.abs(q - self.q).max() > MIN_JUMP_RAD:
             q = nearest_equivalent(q, self.q)
-        error = found.error[0].copy() if solved else np.full(len(self.markers), np.nan)
         if looked:
             observed &= self.carriers
-        return FrameSolution(
-            q,
-            error,
-            solved,
-            observed & solved,
-            float(found.gradient[0]),
-            found.pivots[0].copy(),
-            looked,
-        )
+        gradient, pivots = float(found.gradient[0]), found.pivots[0].copy()
+        return FrameSolution(q, error, solved, observed & solved, gradient, pivots, looked)
 
     def keep(self, solution: FrameSolution) -> None:
         """Take a solution as the one that the next frame follows."""
@@ -166,8 +141,8 @@ class FrameTracker:
     def _first(self) -> tuple[Solved, bool]:
         """Solve a frame before which none was solved."""
         found = self.problem.newton(ROW, self.problem.rigid_fit(ROW))
-        if not self.begun and self.tracker.doubtful(found)[0]:
-            self.tracker.look_for_lower(found, ROW)
+        if not self.begun and doubtful(self.problem, found)[0]:
+            look_for_lower(self.problem, found, ROW)
         return found, False
 
     def _next(self, q: Array) -> tuple[Solved, bool]:
@@ -175,15 +150,14 @@ class FrameTracker:
 
         Gives also whether a lower optimum is likely and is looked for.
         """
+        problem = self.problem
         found, looked = self.descent.solve(q), self.tries_left > 0
         if self._start_is_no_good(found, q):
-            start = self.problem.rigid_fit(ROW)
-            lower = self.tracker.try_start(found, ROW, start)[0]
-            looked |= bool(lower and self.tracker.doubtful(found)[0])
+            lower = try_start(problem, found, ROW, problem.rigid_fit(ROW))[0]
+            looked |= bool(lower and doubtful(problem, found)[0])
         if looked and np.isfinite(found.q[0]).all():
             number = (TRIES - self.tries_left) % TRIES
-            tries = slice(number, number + 1)
-            found.overwrite(ROW, lowest_of_tries(self.problem, ROW, found, tries))
+            found.overwrite(ROW, lowest_of_tries(problem, found, slice(number, number + 1)))
         return found, looked
 
     def _start_is_no_good(self, found: Solved, q: Array) -> bool:
@@ -192,32 +166,22 @@ class FrameTracker:
         if self.tracked[self.free].all():
             return False
         returned = self._observed(found) & ~self.tracked
-        return bool(returned.any() and self.tracker.doubtful(found)[0])
+        return bool(returned.any() and doubtful(self.problem, found)[0])
 
     def _observed(self, found: Solved) -> Mask:
-        """Which coordinates the visible markers determine, (46,), as `Tracker.observed`.
-
-        What is usual is what it was when no marker was missing last.
-        """
-        from_markers = found.pivots[0] - self.problem.prior
-        observed: Mask = np.asarray(from_markers > self.least)
-        if np.isnan(found.error[0, self.seen]).any():
-            observed &= from_markers > MIN_PIVOT_SHARE * self.usual_pivots
-        return observed
+        """Which coordinates the markers determine, (46,); as is usual since none was missing."""
+        observed = observed_by(self.problem, found, self.usual_pivots, self.seen)
+        return np.asarray(observed[0])
 
     def _hold_what_was_never_seen(self) -> None:
         """Hold near neutral what the markers that were seen until now do not determine."""
         seen = self.seen | np.isfinite(self.position[0, self.columns, 0])
         if (seen != self.problem.seen).any():
             self.problem.hold(seen)
-            self.least = self.tracker.least_pivots()
-        self.complete = bool(self.seen.all())
 
-    def _hold(self, found: Solved, observed: Mask, unsolved: Mask) -> None:
+    def _hold(self, found: Solved, lost: Mask, left_out: Mask) -> None:
         """Hold coordinates that markers do not show, and solve the others again if need be."""
-        lost = ~observed & self.free
-        related = (found.pivots[0] - self.problem.prior > MAX_UNRELATED_PIVOT) & ~unsolved
-        related |= not found.converged[0]
+        related = depended_on(self.problem, found, left_out)[0]
         found.q[0, lost] = self.shown[lost]
         if (lost & related).any():
-            found.overwrite(slice(0, 1), self.problem.newton(ROW, found.q, (lost[None], found.q)))
+            found.overwrite(ROW, self.problem.newton(ROW, found.q, (lost[None], found.q)))

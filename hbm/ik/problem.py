@@ -14,9 +14,9 @@ from typing import Final
 
 import numpy as np
 
-from hbm.coordinates import FIXED_TO, MOVING, N_Q, SEGMENTS, TREE
+from hbm.coordinates import CARRIERS, FIXED_TO, MOVING, N_Q, SEGMENTS, TREE
 from hbm.ik.descent import MarkerAttachment, Solved, solve_frames
-from hbm.ik.start import starting_pose
+from hbm.ik.start import Start
 from hbm.markers import Markers
 from hbm.model import Body
 from hbm.poses import marker_positions, segment_frames
@@ -49,6 +49,10 @@ FLAT_SD: Final = np.pi
 MIN_SLOPE_M: Final = 1e-3
 """Of markers along a coordinate [m/rad, or 1]: those nearer to its axis do not show it."""
 
+MIN_PIVOT: Final = 1e-6
+"""Curvature, per unit of weight, from which on a coordinate counts as observed [m²/rad² or 1]: that
+of a marker 1 mm from the axis."""
+
 MAX_PLACE_SD_M: Final = 0.05
 """Of a segment's centre of mass, from which on markers do not show where it is."""
 
@@ -67,18 +71,23 @@ def _posture_precision() -> Array:
 
 
 POSTURE_PRECISION: Final = _posture_precision()
+ROTATES: Final[Mask] = np.array([not c.translates for c in TREE])
+OF_CARRIERS: Final[Mask] = np.array([c.segment in CARRIERS for c in TREE])
+"""Which coordinates are angles, and which are those of pelvis and trunk, (46,)."""
 
 
-def marker_slopes(body: Body, q: Array) -> Array:
-    """Give by how much each coordinate of a pose, (46,), moves each marker, (46, K, 3)."""
-    moved = marker_positions(body, _steps(q))
-    return np.asarray((moved[:N_Q] - moved[N_Q:]) / (2 * STEP))
+NEAR_NEUTRAL: Final = np.concatenate([STEP * np.eye(N_Q), -STEP * np.eye(N_Q)])
+"""The neutral pose with each coordinate a little more and, below, a little less, (92, 46)."""
 
 
 @lru_cache(maxsize=CACHED_BODIES)
 def neutral_slopes(body: Body) -> Array:
-    """Give the same in the neutral pose."""
-    return marker_slopes(body, np.zeros(N_Q))
+    """Give by how much each coordinate moves each marker in the neutral pose, (46, K, 3)."""
+    return _slopes(marker_positions(body, NEAR_NEUTRAL))
+
+
+def _slopes(moved: Array) -> Array:
+    return np.asarray((moved[:N_Q] - moved[N_Q:]) / (2 * STEP))
 
 
 def covariance(slope: Array, weight: Array) -> Array:
@@ -94,12 +103,6 @@ def covariance(slope: Array, weight: Array) -> Array:
     return np.asarray(np.linalg.inv(total))
 
 
-def shown(slope: Array, weight: Array) -> Mask:
-    """Whether any marker depends on each coordinate, (46,)."""
-    moves = np.linalg.norm(slope[:, weight > 0], axis=2)
-    return np.asarray(moves.max(axis=1, initial=0) > MIN_SLOPE_M)
-
-
 def undetermined(body: Body, markers: Sequence[str]) -> tuple[Mask, tuple[str, ...]]:
     """Find what some markers of a body, by their labels, do not determine in its neutral pose.
 
@@ -108,21 +111,14 @@ def undetermined(body: Body, markers: Sequence[str]) -> tuple[Mask, tuple[str, .
     """
     weight = np.array([float(name in markers) for name in body.markers])
     spread = covariance(neutral_slopes(body), weight)
-    rotation, origin = segment_frames(body, _steps(np.zeros(N_Q)))
+    rotation, origin = segment_frames(body, NEAR_NEUTRAL)
     unplaced = []
     for s in SEGMENTS:
         own = MOVING.index(FIXED_TO.get(s, s))
-        centre = rotation[:, own] @ body.segments[s].center + origin[:, own]
-        slope = (centre[:N_Q] - centre[N_Q:]) / (2 * STEP)
+        slope = _slopes(rotation[:, own] @ body.segments[s].center + origin[:, own])
         if np.trace(slope.T @ spread @ slope) > MAX_PLACE_SD_M**2:
             unplaced.append(s)
     return np.diag(spread) * POSTURE_PRECISION > 1, tuple(unplaced)
-
-
-def _steps(q: Array) -> Array:
-    """Give a pose with each coordinate a little more and, below, a little less, (92, 46)."""
-    step = STEP * np.eye(N_Q)
-    return np.concatenate([q + step, q - step])
 
 
 LOCK: Final = 1e9
@@ -162,7 +158,6 @@ class Problem:
             markers.position,
             np.array([markers.names.index(name) for name in self.names]),
         )
-        self.rotates = np.array([not c.translates for c in TREE])
         self.slope = neutral_slopes(body)[:, known]
         self.prior = np.empty(N_Q)
         position = markers.position[:, self.attachment.column, 0]
@@ -174,21 +169,31 @@ class Problem:
         The prior sets in where markers leave a coordinate as uncertain as posture does, and has all
         its weight where they leave it twice the variance: small changes of a body have small
         effects. Coordinates that no marker shows at all count as locked: there the prior is alone.
+        A frame is lost without the ``carriers``: the coordinates of the pelvis, and of a trunk with
+        markers.
         """
         self.seen, weight = seen, self.attachment.weight * seen
         usual = np.median(weight[weight > 0]) if weight.any() else 1.0
         variance = np.diag(covariance(self.slope, weight / usual))
         doubt = variance * POSTURE_PRECISION - 1
-        self.locked = (POSTURE_PRECISION > 0) & ~shown(self.slope, weight)
-        self.undetermined = (doubt > 0) | self.locked
+        moves = np.linalg.norm(self.slope[:, weight > 0], axis=2).max(axis=1, initial=0)
+        self.locked = (POSTURE_PRECISION > 0) & (moves <= MIN_SLOPE_M)
+        undetermined = (doubt > 0) | self.locked
         posture = usual * MARKER_SD_M**2 * POSTURE_PRECISION * np.minimum(doubt, 1)
-        self.prior[:] = np.where(self.undetermined, posture, 0.0)
+        self.prior[:] = np.where(undetermined, posture, 0.0)
+        self.carriers = OF_CARRIERS & ~self.locked
+        self.least_pivots = np.full(N_Q, MIN_PIVOT * self.attachment.weight.max())
+        self.least_pivots[undetermined] = -np.inf
+        self.least_pivots[self.locked] = np.inf
+
+    def markers_on(self, segments: Collection[str]) -> Indices:
+        """Give the numbers of the markers on some segments."""
+        return np.flatnonzero([s in segments for s in self.segment])
 
     def without(self, segments: Collection[str]) -> "Problem":
         """Give the problem with the markers of some segments without weight."""
-        other = copy(self)
-        own = np.array([s in segments for s in self.segment])
-        weight = np.where(own, 0.0, self.attachment.weight)
+        other, weight = copy(self), self.attachment.weight.copy()
+        weight[self.markers_on(segments)] = 0.0
         other.attachment = replace(self.attachment, weight=weight)
         other.prior = np.empty(N_Q)
         other.hold(self.seen)
@@ -196,18 +201,14 @@ class Problem:
 
     def rigid_fit(self, rows: Indices) -> Array:
         """Give starting points that depend on the frame itself alone, (F, 46)."""
-        start = np.empty((len(rows), N_Q))
+        start, weight_of = np.empty((len(rows), N_Q)), self.attachment.weight
         for first in range(0, len(rows), FRAMES_AT_ONCE):
             block = slice(first, first + FRAMES_AT_ONCE)
             measured = self.attachment.measured(rows[block])
             seen = np.isfinite(measured[..., 0])
-            start[block] = starting_pose(
-                np.where(seen[..., None], measured, 0.0),
-                seen * self.attachment.weight,
-                self.attachment.local,
-                self.segment,
-                self.body.joints,
-            )
+            position, weight = np.where(seen[..., None], measured, 0.0), seen * weight_of
+            own = Start(position, weight, self.attachment.local, self.segment, self.body.joints)
+            start[block] = own.coordinates()
         return start
 
     def cost(self, solved: Solved) -> Array:

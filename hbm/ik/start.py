@@ -5,7 +5,6 @@ by the nearest rotation where the joint has three axes, by the best angle of eac
 one or two. From such a start Newton's method finds a pose; from zeros it converges to wrong minima.
 """
 
-from collections.abc import Iterable
 from functools import cache
 from typing import Final
 
@@ -221,18 +220,9 @@ ROOT_SEGMENTS: Final = (
 )
 """Segments whose markers, with the joints held neutral, show the pelvis: the first that suffice."""
 
-Poses = dict[str, tuple[Array, Array]]
-"""Segment -> its rotation, (F, 3, 3), and origin, (F, 3) [m]."""
 
-
-def starting_pose(
-    position: Array,
-    weight: Array,
-    local: Array,
-    segment: tuple[str, ...],
-    joints: tuple[Joint, ...],
-) -> Array:
-    """Estimate the coordinates of many frames at once.
+class Start:
+    """The measured markers of some frames, and the body that is aligned with them.
 
     Parameters
     ----------
@@ -246,18 +236,7 @@ def starting_pose(
         Segment of each marker, (K,).
     joints
         The body's skeleton.
-
-    Returns
-    -------
-    Array
-        Coordinates, (T, 46). Coordinates without markers are zero. Frames with fewer than three
-        markers are NaN.
     """
-    return _Start(position, weight, local, segment, joints).coordinates()
-
-
-class _Start:
-    """The measured markers of some frames, and the body that is aligned with them."""
 
     def __init__(
         self,
@@ -279,10 +258,31 @@ class _Start:
         self.terms = rotation_terms(self.axis)
 
     def coordinates(self) -> Array:
+        """Align the segments with their markers, from trunk to tip: coordinates, (T, 46).
+
+        Those without markers are zero. Frames with fewer than three markers are NaN.
+        """
         R, o, solved = self.pelvis()
         q = np.zeros((len(self.position), N_Q))
         q[:, :3], q[:, 3:6] = o, three_angles(R, 3)
-        self.align(q, {"pelvis": (R, o)}, MOVING[1:])
+        poses = {"pelvis": (R, o)}
+        for s in MOVING[1:]:
+            R, o = poses[PARENT[s]]
+            o = o + R @ self.offsets[s]
+            own, to_parent = self.columns[s], np.swapaxes(R, 1, 2)
+            w, from_joint = self.weight[:, own], self.position[:, own] - o[:, None]
+            coordinates = slice(FIRST_Q[s], LAST_Q[s] + 1)
+            if self.rotations[s] and len(own):
+                covariance = to_parent @ _cross_covariance(w, from_joint, self.local[own])
+                angles, rotation = self.rotate(s, covariance + NEUTRAL_COVARIANCE)
+                q[:, coordinates] = angles
+                R = R @ rotation
+            elif len(own):
+                mean = (to_parent @ _mean(w, from_joint)[..., None])[..., 0]
+                translation = mean - _mean(w, self.local[own])
+                q[:, coordinates] = translation @ self.axis[coordinates].T
+                o = o + (R @ translation[..., None])[..., 0]
+            poses[s] = R, o
         q[~solved] = np.nan
         return q
 
@@ -309,37 +309,6 @@ class _Start:
             o[todo] = center - (R[todo] @ model_center[..., None])[..., 0]
             solved |= todo
         return R, o, solved
-
-    def align(self, q: Array, poses: Poses, segments: Iterable[str]) -> None:
-        """Align segments with their markers, from trunk to tip.
-
-        Parameters
-        ----------
-        q
-            Coordinates, (F, 46); those of the segments are overwritten.
-        poses
-            Of what carries the segments; theirs are added.
-        segments
-            Each after its parent.
-        """
-        for s in segments:
-            R, o = poses[PARENT[s]]
-            o = o + R @ self.offsets[s]
-            own, to_parent = self.columns[s], np.swapaxes(R, 1, 2)
-            w, from_joint = self.weight[:, own], self.position[:, own] - o[:, None]
-            coordinates = slice(FIRST_Q[s], LAST_Q[s] + 1)
-            q[:, coordinates] = 0
-            if self.rotations[s] and len(own):
-                covariance = to_parent @ _cross_covariance(w, from_joint, self.local[own])
-                angles, rotation = self.rotate(s, covariance + NEUTRAL_COVARIANCE)
-                q[:, coordinates] = angles
-                R = R @ rotation
-            elif len(own):
-                mean = (to_parent @ _mean(w, from_joint)[..., None])[..., 0]
-                translation = mean - _mean(w, self.local[own])
-                q[:, coordinates] = translation @ self.axis[coordinates].T
-                o = o + (R @ translation[..., None])[..., 0]
-            poses[s] = R, o
 
     def rotate(self, s: str, covariance: Array) -> tuple[Array, Array]:
         """Align a segment about its joint: angles, (F, n), and their rotation, (F, 3, 3)."""

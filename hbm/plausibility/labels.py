@@ -1,17 +1,18 @@
 """Checks of a trial's markers before inverse kinematics: positions, labels, sides, distances."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import combinations
 from typing import Final
 
 import numpy as np
 
 from hbm.coordinates import MOVING, PARENT
-from hbm.markers import Markers, MarkerSet
+from hbm.markers import Markers
 from hbm.model import Body
 from hbm.notes import Note
 from hbm.signals.samples import stretches
 from hbm.spatial import Array, Mask, distance
+from hbm.spelling import listed
 
 MIN_FROZEN_S: Final = 0.05
 """All markers at once repeat a position exactly by chance in a frame or two, where a file rounds
@@ -102,19 +103,12 @@ def repeated_positions(body: Body, markers: Markers) -> tuple[Note, ...]:
         ``markers_constant``, those that do so alone, for 0.5 s and more, while another marker of
         the segment, or of the segment before it, moves by more than 1 cm.
     """
-    frozen = frozen_frames(markers, body.markers)
+    frozen_s = markers.time[frozen_frames(markers, body.markers)]
     constant_s = _constant_times(body, markers)
     notes = []
-    if frozen.any():
-        first, last = np.flatnonzero(frozen)[[0, -1]]
-        notes.append(
-            Note.of(
-                "markers_frozen",
-                frames=np.count_nonzero(frozen),
-                first_s=markers.time[first],
-                last_s=markers.time[last],
-            )
-        )
+    if len(frozen_s):
+        ends = {"first_s": frozen_s[0], "last_s": frozen_s[-1]}
+        notes.append(Note.of("markers_frozen", frames=len(frozen_s), **ends))
     if constant_s:
         notes.append(Note.of("markers_constant", constant_s=constant_s))
     return tuple(notes)
@@ -123,11 +117,7 @@ def repeated_positions(body: Body, markers: Markers) -> tuple[Note, ...]:
 def _constant_times(body: Body, markers: Markers) -> dict[str, float]:
     """Give for how long markers alone did not move, while their segments did [s]."""
     segment_of = body.segment_of
-    at = {
-        name: markers.position[:, markers.names.index(name)]
-        for name in body.markers
-        if name in markers.names
-    }
+    at = {name: _of(markers, name) for name in body.markers if name in markers.names}
     constant_s: dict[str, float] = {}
     for name, position in at.items():
         segment = segment_of[name]
@@ -169,8 +159,6 @@ markers as close together."""
 MIN_FORWARD_M: Final = 0.05
 """Horizontal distance from sacrum to front of the pelvis; less when lying, and the way forward is
 unknown then."""
-MAX_PAIRS_NAMED: Final = 6
-"""Pairs of exchanged markers in a note; a whole side has about twenty."""
 
 
 def sides_exchanged(body: Body, markers: Markers, recording: str) -> tuple[Note, ...]:
@@ -192,12 +180,13 @@ def sides_exchanged(body: Body, markers: Markers, recording: str) -> tuple[Note,
 
     Notes
     -----
-    A pair is exchanged if the left marker is more than 4 cm to the right of the right one (median
-    over the recording). The way to the left follows from the vertical and from sacrum and front of
-    the pelvis, whose middles do not depend on the sides' labels.
+    The markers of a landmark on both sides are exchanged if the left one is more than 4 cm to the
+    right of the right one (median over the recording). The way to the left follows from the
+    vertical and from sacrum and front of the pelvis, whose middles do not depend on the sides'
+    labels.
 
-    Pairs that are closer together and those of forearms and hands, which people cross, are not
-    judged: `changed_distances` finds them by their distances to other markers.
+    Other pairs, those that are closer together and those of forearms and hands, which people cross,
+    are not judged: `changed_distances` finds them by their distances to other markers.
 
     Examples
     --------
@@ -208,73 +197,37 @@ def sides_exchanged(body: Body, markers: Markers, recording: str) -> tuple[Note,
     >>> names = tuple(knees.get(name, name) for name in static.names)
     >>> trial = hbm.Markers(static.time, names, static.position)
     >>> for note in sides_exchanged(body, trial, "walk.c3d"):
-    ...     print(note.values["pairs"], *note.values["named"])
-    1 LLEK/RLEK
+    ...     print(note.values["pairs"])
+    LLEK/RLEK
     """
     exchanged = []
-    to_the_left = _to_the_left(markers, body.marker_set)
-    for left, right in counterparts(body.marker_set).items():
-        if not {left, right} <= set(markers.names):
-            continue
-        if body.marker_set.segment[left].endswith(CROSSING_SEGMENTS):
-            continue
-        between = _of(markers, left) - _of(markers, right)
-        sideways = _median(np.sum(between * to_the_left, axis=-1))
-        if sideways < -MIN_SEPARATION_M:
-            exchanged.append(f"{left}/{right}")
+    landmark, segment = body.marker_set.landmark, body.marker_set.segment
+    to_the_left = _to_the_left(markers, landmark)
+    for name, left in landmark.items():
+        right = landmark.get(f"R{name[1:]}", "")
+        paired = name.startswith("L") and {left, right} <= set(markers.names)
+        if paired and not segment[left].endswith(CROSSING_SEGMENTS):
+            between = _of(markers, left) - _of(markers, right)
+            if _median(np.sum(between * to_the_left, axis=-1)) < -MIN_SEPARATION_M:
+                exchanged.append(f"{left}/{right}")
     if not exchanged:
         return ()
-    return (
-        Note.of(
-            "sides_exchanged",
-            recording=recording,
-            pairs=len(exchanged),
-            named=first_named(exchanged),
-        ),
-    )
-
-
-def counterparts(marker_set: MarkerSet) -> dict[str, str]:
-    """Give the pairs of a marker set: label of a left marker -> that of its right counterpart.
-
-    Two markers are a pair if they mark the same landmark of both sides, or if they belong to the
-    same segment, or to that of the other side, and their labels differ by one L and R.
-    """
-    landmark, segment = marker_set.landmark, marker_set.segment
-    pairs = {
-        landmark[name]: landmark[f"R{name[1:]}"]
-        for name in landmark
-        if name.startswith("L") and f"R{name[1:]}" in landmark
-    }
-    for name in segment:
-        mirrored = segment[name].replace("left_", "right_")
-        for k, letter in enumerate(name):
-            opposite = f"{name[:k]}{ {'L': 'R', 'l': 'r'}.get(letter, letter) }{name[k + 1 :]}"
-            if opposite != name and segment.get(opposite) == mirrored:
-                pairs.setdefault(name, opposite)
-    return pairs
-
-
-def first_named(pairs: Sequence[str]) -> tuple[str, ...]:
-    """Give the first few of exchanged pairs, and an ellipsis where there are more."""
-    more = len(pairs) > MAX_PAIRS_NAMED
-    return (*pairs[:MAX_PAIRS_NAMED], *(["…"] if more else []))
+    return (Note.of("sides_exchanged", recording=recording, pairs=listed(exchanged)),)
 
 
 def _of(markers: Markers, name: str) -> Array:
     return np.asarray(markers.position[:, markers.names.index(name)])
 
 
-def _to_the_left(markers: Markers, marker_set: MarkerSet) -> Array:
+def _to_the_left(markers: Markers, landmark: Mapping[str, str]) -> Array:
     """Give the horizontal direction to the subject's left, (T, 3); NaN where it is unknown."""
-    ends = []
-    for choices in ((("LASIS", "RASIS"),), (("LPSIS", "RPSIS"), ("SACR",))):
-        labels = [[marker_set.landmark.get(name, "") for name in choice] for choice in choices]
-        present = [labels for labels in labels if set(labels) <= set(markers.names)]
-        if not present:
-            return np.full((len(markers.time), 3), np.nan)
-        own = [markers.names.index(label) for label in present[0]]
-        ends.append(markers.position[:, own].mean(axis=1))
+    front = [landmark.get(name, "") for name in ("LASIS", "RASIS")]
+    back = [landmark.get(name, "") for name in ("LPSIS", "RPSIS")]
+    if not set(back) <= set(markers.names):
+        back = [landmark.get("SACR", "")]
+    if not {*front, *back} <= set(markers.names):
+        return np.full((len(markers.time), 3), np.nan)
+    ends = [np.mean([_of(markers, name) for name in names], axis=0) for names in (front, back)]
     forward = (ends[0] - ends[1]) * [1.0, 1.0, 0.0]
     length = np.linalg.norm(forward, axis=1, keepdims=True)
     forward = np.where(length > MIN_FORWARD_M, forward, np.nan) / length
@@ -325,7 +278,7 @@ def labels_exchanged(markers: Markers, names: Iterable[str]) -> tuple[Note, ...]
     >>> position[30:60, heels] = position[30:60, heels[::-1]]
     >>> trial = hbm.Markers(static.time, static.names, position)
     >>> for note in labels_exchanged(trial, static.names):
-    ...     print(*note.values["named"], note.values["first_s"], note.values["last_s"])
+    ...     print(note.values["pairs"], note.values["first_s"], note.values["last_s"])
     LHEE/RHEE 0.3 0.6
     """
     names = [name for name in names if name in markers.names]
@@ -352,31 +305,19 @@ def labels_exchanged(markers: Markers, names: Iterable[str]) -> tuple[Note, ...]
                 found.setdefault(pair, []).append(float(markers.time[frame]))
     if not found:
         return ()
-    times = [time for each in found.values() for time in each]
-    return (
-        Note.of(
-            "labels_exchanged",
-            pairs=len(found),
-            named=first_named(list(found)),
-            first_s=min(times),
-            last_s=max(times),
-        ),
-    )
+    times = {"first_s": min(map(min, found.values())), "last_s": max(map(max, found.values()))}
+    return (Note.of("labels_exchanged", pairs=listed(found), **times),)
 
 
 def _extrapolated(time: Array, path: Array) -> Array:
     """Give where a marker (T, 3) would be by its last two positions; NaN where unknown."""
     expected = np.full(path.shape, np.nan)
     frames = np.flatnonzero(np.isfinite(path[:, 0]))
-    share, seen = _steps_alike(time[frames]), path[frames]
+    at, seen = time[frames], path[frames]
+    steps = np.diff(at)
+    share = np.where(at[2:] - at[:-2] > MAX_GAP_S, np.nan, steps[1:] / steps[:-1])
     expected[frames[2:]] = seen[1:-1] + share[:, None] * (seen[1:-1] - seen[:-2])
     return expected
-
-
-def _steps_alike(at: Array) -> Array:
-    """Give each time step by the one before it, (N - 2,); NaN where both together are too long."""
-    steps = np.diff(at)
-    return np.where(at[2:] - at[:-2] > MAX_GAP_S, np.nan, steps[1:] / steps[:-1])
 
 
 MAX_DISTANCE_CHANGE_M: Final = 0.03
@@ -418,27 +359,18 @@ def changed_distances(body: Body, markers: Markers) -> tuple[Note, ...]:
     notes = []
     on_body = dict(zip(body.markers, body.marker_position, strict=True))
     for s in MOVING:
-        own = [
-            name
-            for name, segment in body.segment_of.items()
-            if segment == s and name in markers.names
-        ]
+        own = [name for name, segment in body.segment_of.items() if segment == s]
         changes = {
             f"{a}–{b}": median_distance(markers, a, b) - distance(on_body[a], on_body[b])
             for a, b in combinations(own, 2)
         }
         large = [pair for pair, change in changes.items() if abs(change) > MAX_DISTANCE_CHANGE_M]
         large.sort(key=lambda pair: -abs(changes[pair]))
+        largest_m = {pair: changes[pair] for pair in large[:MAX_DISTANCES_NAMED]}
         if large:
-            notes.append(
-                Note.of(
-                    "marker_distances_changed",
-                    segment=s,
-                    pairs=len(large),
-                    limit_m=MAX_DISTANCE_CHANGE_M,
-                    largest_m={pair: changes[pair] for pair in large[:MAX_DISTANCES_NAMED]},
-                )
-            )
+            limit_m = MAX_DISTANCE_CHANGE_M
+            code = "marker_distances_changed"
+            notes.append(Note.of(code, segment=s, limit_m=limit_m, largest_m=largest_m))
     return tuple(notes)
 
 

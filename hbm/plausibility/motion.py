@@ -1,13 +1,12 @@
 """Checks of a body and of a motion: legs, joint angles, marker errors, what markers do not show."""
 
-from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
 
-from hbm.coordinates import COORDINATES, INDEX, N_Q, SIDES, TREE
-from hbm.ik.continuity import BALL_JOINTS
-from hbm.ik.problem import POSTURE_PRECISION, undetermined
+from hbm.coordinates import COORDINATES, INDEX, N_Q
+from hbm.ik.continuity import BALL_JOINTS, other_set
+from hbm.ik.problem import undetermined
 from hbm.model import Body
 from hbm.motion import Motion
 from hbm.notes import Note
@@ -38,22 +37,19 @@ def implausible(body: Body) -> tuple[Note, ...]:
     >>> hbm.implausible(body)
     ()
     """
-    legs = {side: _leg_length(body, side) for side in SIDES}
-    difference = abs(legs["left"] - legs["right"])
-    if difference <= MAX_LEG_DIFFERENCE_M:
-        return ()
-    return (
-        Note.of("legs_differ", difference_m=difference, left_m=legs["left"], right_m=legs["right"]),
+    left_m, right_m = (
+        sum(float(np.linalg.norm(body.offsets[f"{side}_{s}"])) for s in ("shank", "foot"))
+        for side in ("left", "right")
     )
-
-
-def _leg_length(body: Body, side: str) -> float:
-    return sum(float(np.linalg.norm(body.offsets[f"{side}_{s}"])) for s in ("shank", "foot"))
+    difference_m = abs(left_m - right_m)
+    if difference_m <= MAX_LEG_DIFFERENCE_M:
+        return ()
+    lengths = {"left_m": left_m, "right_m": right_m}
+    return (Note.of("legs_differ", difference_m=difference_m, **lengths),)
 
 
 MIN_SHARE_NOTED: Final = 0.02
 """Share of the body's mass: both hands are 1.2 %, whose own motion hardly matters."""
-ROTATES: Final = np.array([not c.translates for c in TREE])
 
 
 def undetermined_notes(body: Body, motion: Motion) -> tuple[Note, ...]:
@@ -69,9 +65,9 @@ def undetermined_notes(body: Body, motion: Motion) -> tuple[Note, ...]:
     Returns
     -------
     tuple of Note
-        ``coordinates_locked``: those that no marker shows. ``coordinates_uncertain``: those that
-        markers show, but more weakly than posture does. ``mass_not_shown``: the segments that
-        therefore may be elsewhere, unless the body says so already.
+        ``coordinates_held``: those that markers show more weakly than posture does, or not at all.
+        ``mass_not_shown``: the segments that therefore may be elsewhere, unless the body says so
+        already.
 
     Examples
     --------
@@ -79,20 +75,13 @@ def undetermined_notes(body: Body, motion: Motion) -> tuple[Note, ...]:
 
     >>> import hbm
     >>> [note.code for note in undetermined_notes(body, hbm.solve_ik(body, static))]
-    ['coordinates_locked']
+    ['coordinates_held']
     """
     if not motion.converged.any():
         return ()
     held, segments = undetermined(body, seen_markers(motion))
-    observed = motion.observed.any(axis=0)
-    locked = tuple(np.array(COORDINATES)[held & ~observed].tolist())
-    weak = {
-        COORDINATES[i]: np.degrees(POSTURE_PRECISION[i] ** -0.5)
-        for i in np.flatnonzero(held & observed & ROTATES)
-    }
-    notes = [Note.of("coordinates_locked", coordinates=locked)] if locked else []
-    if weak:
-        notes.append(Note.of("coordinates_uncertain", deviation_deg=weak))
+    names = tuple(np.array(COORDINATES)[held].tolist())
+    notes = [Note.of("coordinates_held", coordinates=names)] if names else []
     return (*notes, *(n for n in mass_not_shown(body, segments) if n not in body.notes))
 
 
@@ -180,7 +169,7 @@ def impossible_angles(body: Body, motion: Motion) -> tuple[Note, ...]:
         beyond &= ~undetermined(body, seen_markers(motion))[0]
     if not beyond.any():
         return ()
-    excess = np.where(beyond, _excess(angle), 0)
+    excess = np.where(beyond, _excess(angle), 0.0)
     frame, most = excess.argmax(axis=0), excess.max(axis=0)
     worst = [i for i in np.argsort(-most)[:MAX_NAMED] if most[i] > 0]
     extreme_deg = {COORDINATES[i]: np.degrees(angle[frame[i], i]) for i in worst}
@@ -189,42 +178,39 @@ def impossible_angles(body: Body, motion: Motion) -> tuple[Note, ...]:
 
 
 def _limits() -> tuple[Array, Array]:
-    """Give the lowest and highest value of every coordinate, (46,) each; infinite where none."""
-    low, high = np.full(N_Q, -np.inf), np.full(N_Q, np.inf)
-    for name, i in INDEX.items():
-        joint = name if name in RANGE_DEG else name.removeprefix(name[0])
-        if joint in RANGE_DEG and (joint == name or name[0] in SIDES.values()):
-            low[i], high[i] = np.radians(RANGE_DEG[joint])
+    """Give the lowest and highest value of every coordinate, (46,) each; a turn where none."""
+    low, high = np.full((2, N_Q), [[-np.pi], [np.pi]])
+    for name, ends in RANGE_DEG.items():
+        for coordinate in (name, f"R{name}", f"L{name}"):
+            if coordinate in INDEX:
+                low[INDEX[coordinate]], high[INDEX[coordinate]] = np.radians(ends)
     return low, high
 
 
 LOW, HIGH = _limits()
-LIMITED: Final = np.isfinite(LOW)
-LIMITED_BALL_JOINTS: Final = tuple(i for i in BALL_JOINTS if LIMITED[i])
 
 
-def _excess(angle: Array, of: slice = slice(None)) -> Array:
-    """Give how far coordinates, by default all 46, are beyond their ranges [rad]; 0 within."""
-    return np.maximum(0, np.maximum(LOW[of] - angle, angle - HIGH[of]))
+def _excess(angle: Array) -> Array:
+    """Give how far coordinates, (F, 46), are beyond their ranges [rad]; 0 within."""
+    return np.maximum(0, np.maximum(LOW - angle, angle - HIGH))
 
 
 def _nearest_to_ranges(q: Array) -> Array:
     """Give equivalent coordinates, (F, 46), that are as little beyond their ranges as can be."""
     best = _within_a_turn(q)
-    for i in LIMITED_BALL_JOINTS:
-        joint = slice(i, i + 3)
-        other = _within_a_turn(best[:, joint] * [1, -1, 1] + np.pi, joint)
-        nearer = _excess(other, joint).sum(axis=1) < _excess(best[:, joint], joint).sum(axis=1)
-        best[nearer, joint] = other[nearer]
+    for i in BALL_JOINTS:
+        other = best.copy()
+        other[:, i : i + 3] = other_set(best[:, i : i + 3])
+        other = _within_a_turn(other)
+        nearer = _excess(other).sum(axis=1) < _excess(best).sum(axis=1)
+        best[nearer] = other[nearer]
     return best
 
 
-def _within_a_turn(q: Array, of: slice = slice(None)) -> Array:
+def _within_a_turn(q: Array) -> Array:
     """Add the full turns that bring angles within half a turn of the middle of their range."""
-    angle, limited = q.copy(), LIMITED[of]
-    middle = (LOW[of][limited] + HIGH[of][limited]) / 2
-    angle[:, limited] = (q[:, limited] - middle + np.pi) % (2 * np.pi) - np.pi + middle
-    return angle
+    middle = (LOW + HIGH) / 2
+    return np.asarray((q - middle + np.pi) % (2 * np.pi) - np.pi + middle)
 
 
 MAX_SEGMENT_ERROR_M: Final = 0.02
@@ -236,7 +222,7 @@ marker. Skin and simplified joints leave 5 to 15 mm in walking."""
 MIN_MARKERS_OF_SEGMENT: Final = 2
 """A segment with a single marker is judged by the limit of a marker."""
 
-MAX_ERRORS_NAMED: Final = 6
+MAX_ERRORS_NAMED: Final = 8
 """Segments or markers in a note: one wrong label moves a whole limb."""
 
 
@@ -253,8 +239,8 @@ def large_marker_errors(body: Body, motion: Motion) -> tuple[Note, ...]:
     Returns
     -------
     tuple of Note
-        ``segment_error_large`` where the RMS error over a segment's markers exceeds 20 mm,
-        ``marker_error_large`` where that of a marker exceeds 40 mm; the largest first.
+        ``marker_error_large`` where the RMS error over a segment's markers exceeds 20 mm, or that
+        of a marker 40 mm; the largest first.
 
     Examples
     --------
@@ -265,34 +251,26 @@ def large_marker_errors(body: Body, motion: Motion) -> tuple[Note, ...]:
     >>> names = tuple(heels.get(name, name) for name in static.names)
     >>> trial = hbm.Markers(static.time, names, static.position)
     >>> for note in large_marker_errors(body, hbm.solve_ik(body, trial)):
-    ...     print(note.code, *list(note.values["farthest_m"])[:2])
-    segment_error_large left_foot right_foot
-    marker_error_large LHEE RHEE
+    ...     print(*list(note.values["farthest_m"])[:4])
+    LHEE RHEE left_foot right_foot
     """
     segment_of = body.segment_of
-    of_marker: dict[str, Array] = {}
-    of_segment: dict[str, list[Array]] = {}
-    for name, error in zip(motion.markers, motion.marker_error.T, strict=True):
-        known = error[np.isfinite(error)]
-        if len(known):
-            of_marker[name] = known
-            of_segment.setdefault(segment_of[name], []).append(known)
-    joined = {
-        segment: np.concatenate(errors)
-        for segment, errors in of_segment.items()
-        if len(errors) >= MIN_MARKERS_OF_SEGMENT
+    of_segment: dict[str, list[int]] = {}
+    limits_m = {}
+    seen = np.flatnonzero(np.isfinite(motion.marker_error).any(axis=0))
+    for k in seen.tolist():
+        of_segment.setdefault(segment_of[motion.markers[k]], []).append(k)
+        limits_m[motion.markers[k]] = [k], MAX_MARKER_ERROR_M
+    for segment, own in of_segment.items():
+        if len(own) >= MIN_MARKERS_OF_SEGMENT:
+            limits_m[segment] = own, MAX_SEGMENT_ERROR_M
+    rms_m = {
+        name: float(np.sqrt(np.nanmean(motion.marker_error[:, own] ** 2)))
+        for name, (own, _) in limits_m.items()
     }
-    return (
-        *_above(joined, MAX_SEGMENT_ERROR_M, "segment_error_large"),
-        *_above(of_marker, MAX_MARKER_ERROR_M, "marker_error_large"),
-    )
-
-
-def _above(error_m: Mapping[str, Array], limit_m: float, code: str) -> tuple[Note, ...]:
-    """Note those whose RMS error exceeds the limit, the largest first."""
-    rms_m = {name: float(np.sqrt(np.mean(error**2))) for name, error in error_m.items()}
-    large = sorted((name for name in rms_m if rms_m[name] > limit_m), key=lambda name: -rms_m[name])
+    large = [name for name, (_, limit_m) in limits_m.items() if rms_m[name] > limit_m]
     if not large:
         return ()
-    farthest_m = {name: rms_m[name] for name in large[:MAX_ERRORS_NAMED]}
-    return (Note.of(code, limit_m=limit_m, count=len(large), farthest_m=farthest_m),)
+    farthest = sorted(large, key=lambda name: -rms_m[name])[:MAX_ERRORS_NAMED]
+    farthest_m = {name: rms_m[name] for name in farthest}
+    return (Note.of("marker_error_large", farthest_m=farthest_m),)

@@ -65,38 +65,23 @@ def solve_without_outliers(
     """
     solved, motion = markers, solve_ik(body, markers, jobs=jobs)
     outliers = np.zeros(motion.marker_error.shape, bool)
+    parts = markers_of_parts(body, motion.markers)
     for _ in range(MAX_ROUNDS):
-        more = outlying_samples(body, motion)
+        error = motion.marker_error
+        if np.fmax.reduce(error, axis=None, initial=0) <= MIN_EXCESS_M:
+            break
+        seen = np.isfinite(error).any(axis=0)
+        usual_m = np.nanmedian(np.where(seen, error, 0.0), axis=0)
+        more = farthest_outliers(error - 2 * usual_m, parts)
         if not more.any():
             break
-        outliers = _with_lost_limbs(body, motion, outliers | more)
+        outliers = _with_lost_limbs(parts[1:], motion.time, outliers | more)
         columns = [markers.names.index(name) for name in motion.markers]
         position = markers.position.copy()
         position[:, columns] = np.where(outliers[..., None], np.nan, position[:, columns])
         solved = Markers(markers.time, markers.names, position)
         motion = solve_ik(body, solved, jobs=jobs)
     return solved, motion, outlier_notes(markers, solved)
-
-
-def outlying_samples(body: Body, motion: Motion) -> Mask:
-    """Find the position farthest off on each limb or the trunk in each frame, if it is an outlier.
-
-    Parameters
-    ----------
-    body
-        The subject.
-    motion
-        The motion as the inverse kinematics gave it.
-
-    Returns
-    -------
-    Mask
-        (T, K): its distance from the model is more than 0.1 m above twice the marker's median.
-    """
-    if np.fmax.reduce(motion.marker_error, axis=None, initial=0) <= MIN_EXCESS_M:
-        return np.zeros(motion.marker_error.shape, bool)
-    excess_m = motion.marker_error - 2 * _median(motion.marker_error)
-    return farthest_outliers(excess_m, markers_of_parts(body, motion.markers))
 
 
 def markers_of_parts(body: Body, names: Sequence[str]) -> list[Indices]:
@@ -145,26 +130,17 @@ def limb_is_lost(outliers: Mask) -> Mask:
     return np.asarray((count >= MIN_LOST) & (share >= MIN_LOST_SHARE))
 
 
-def _with_lost_limbs(body: Body, motion: Motion, outliers: Mask) -> Mask:
+def _with_lost_limbs(limbs: Sequence[Indices], time: Array, outliers: Mask) -> Mask:
     """Add the other markers of limbs of which several are outliers, (T, K)."""
     result = outliers.copy()
-    _, *limbs = markers_of_parts(body, motion.markers)
     for own in limbs:
         if len(own):
             lost = limb_is_lost(outliers[:, own])
             for start, stop in stretches(~lost):
                 inside = start > 0 and stop < len(lost)
-                if inside and motion.time[stop] - motion.time[start - 1] <= MAX_BETWEEN_S:
+                if inside and time[stop] - time[start - 1] <= MAX_BETWEEN_S:
                     lost[start:stop] = True
             result[np.ix_(lost, own)] = True
-    return result
-
-
-def _median(error: Array) -> Array:
-    """Give the median of each column, (T, K) to (K,); 0 for one without values."""
-    seen = np.isfinite(error).any(axis=0)
-    result = np.zeros(error.shape[1])
-    result[seen] = np.nanmedian(error[:, seen], axis=0)
     return result
 
 
@@ -176,14 +152,8 @@ def outlier_notes(before: Markers, after: Markers) -> tuple[Note, ...]:
     count, times = gone.sum(axis=0), before.time[gone.any(axis=1)]
     most = np.argsort(-count, kind="stable")[:MAX_NAMED]
     of_marker = {before.names[k]: int(count[k]) for k in most if count[k]}
-    note = Note.of(
-        "marker_outliers",
-        samples=int(count.sum()),
-        first_s=times[0],
-        last_s=times[-1],
-        of_marker=of_marker,
-    )
-    return (note,)
+    ends = {"first_s": times[0], "last_s": times[-1]}
+    return (Note.of("marker_outliers", samples=count.sum(), of_marker=of_marker, **ends),)
 
 
 USUAL_ERROR_M: Final = 0.02
@@ -326,7 +296,7 @@ def beyond_reach(position: Array) -> Mask:
     [False, False, False, True]
     """
     extent = np.fmax.reduce(position) - np.fmin.reduce(position)
-    if not (extent > MAX_REACH_M).any():
+    if not (extent > MAX_REACH_M).any():  # which is faster
         return np.zeros(len(position), bool)
     return np.asarray((np.abs(position - np.nanmedian(position, axis=0)) > MAX_REACH_M).any(axis=1))
 
@@ -381,25 +351,24 @@ def track_motion(body: Body, markers: Markers) -> tuple[Markers, Motion, tuple[N
         ``marker_outliers`` with how many positions of which markers were left out, if any.
     """
     tracker = MarkerTracker(body, markers.names)
-    frames, position = len(markers.time), markers.position.copy()
-    solutions, frozen = [], np.zeros(frames, bool)
+    measured, cleaned = markers.position.copy(), markers.position.copy()
+    solutions = []
     for k, time in enumerate(markers.time):
         solutions.append(tracker.step(float(time), markers.position[k]))
-        position[k, tracker.columns[tracker.left_out]] = np.nan
-        frozen[k] = tracker.frozen
-    unfrozen = np.where(frozen[:, None, None], np.nan, markers.position)
-    cleaned = Markers(markers.time, markers.names, np.where(np.isnan(unfrozen), np.nan, position))
-    not_yet = np.full((frames, N_Q), np.nan)
+        cleaned[k, tracker.columns[tracker.left_out]] = np.nan
+        if tracker.frozen:
+            measured[k] = cleaned[k] = np.nan
+    unknown = np.full((len(solutions), N_Q), np.nan)
     motion = Motion(
         markers.time,
         np.array([s.q for s in solutions]),
-        not_yet,
-        not_yet,
+        unknown,
+        unknown,
         tracker.markers,
         np.array([s.marker_error for s in solutions]),
         np.array([s.converged for s in solutions]),
         np.array([s.observed for s in solutions]),
         np.array([s.gradient for s in solutions]),
     )
-    before = Markers(markers.time, markers.names, unfrozen)
-    return cleaned, motion, outlier_notes(before, cleaned)
+    before, after = (Markers(markers.time, markers.names, x) for x in (measured, cleaned))
+    return after, motion, outlier_notes(before, after)

@@ -11,7 +11,7 @@ from scipy.stats import friedmanchisquare, rankdata
 
 from compensation import BeltModel, InertiaModel, fit_belt, fit_inertia
 from hbm.spatial import WRENCH_COMPONENTS, Array
-from pipeline.calibration_ranking.trials import RATE_HZ, BeltTrial, PlatformTrial, factors
+from pipeline.calibration_ranking.trials import RATE_HZ, BeltTrial, PlatformTrial
 
 BLOCK_S: Final = 5.0
 """Of validation trials: longer than their errors are correlated."""
@@ -248,10 +248,6 @@ RANDOM_SHIFTS: Final = 199
 """Of the readings in time; the smallest p is 1 in 200."""
 MIN_SHIFT_S: Final = 1.0
 """Of these shifts, beyond the lags and the ringing."""
-ACCELERATING_SHARE: Final = 0.5
-"""Of the largest acceleration, above which a belt counts as accelerating."""
-RINGING_S: Final = 0.5
-"""For which the frame vibrates after that."""
 
 
 def rank_belts(
@@ -333,29 +329,9 @@ def taken_away(
     return pd.DataFrame(rows, columns=["validation", "person", "rms_raw", "rms_after", "reduction"])
 
 
-@dataclass(frozen=True, slots=True)
-class Interaction:
-    """Response of the accelerometers to an accelerating belt.
-
-    Attributes
-    ----------
-    table
-        One row per channel: channel, rms [m/s²] about its mean, rms_of_belt [m/s²] of the part
-        that follows the belt's acceleration, its share of the variance [1], p; rms_ratio, the RMS
-        while the belt accelerates and half a second after, by that of the rest [1], and
-        p_rms_ratio.
-    artefact
-        RMS of the wrench that a pitch and sway model wrongly predicts from that part, (6,)
-        [N, N·m]; NaN without a model.
-    """
-
-    table: pd.DataFrame
-    artefact: Array
-
-
 def belt_interaction(
     trial: BeltTrial, model: InertiaModel | None = None, *, seed: int = 0
-) -> Interaction:
+) -> tuple[pd.DataFrame, Array]:
     """Find the belt's acceleration in the accelerometers (van de Loosdrecht 2018, D.3.2).
 
     Parameters
@@ -369,65 +345,38 @@ def belt_interaction(
 
     Returns
     -------
-    Interaction
-        Each channel regressed on the belt's acceleration at lags of up to 0.1 s, and the ratio of
-        its RMS, which does not depend on the phase: a roller vibrates at its own angle. The
-        p-values are the shares of random circular shifts in time that give as much.
+    table
+        Each channel regressed on the belt's acceleration at lags of up to 0.1 s: channel, rms
+        [m/s²] about its mean, rms_of_belt [m/s²] of the part that follows, its share of the
+        variance [1], and p, the share of random circular shifts in time that give as much; share
+        and p are NaN for a dead channel.
+    artefact
+        RMS of the wrench that the model wrongly predicts from that part, (6,) [N, N·m]; NaN
+        without a model.
     """
     lagged = np.column_stack([np.roll(trial.acceleration, lag) for lag in LAGS])
     basis = np.linalg.qr(lagged - lagged.mean(axis=0))[0]
     readings = trial.readings - trial.readings.mean(axis=0)
-    explained = basis @ (basis.T @ readings)
-    share, rms_ratio = _share(basis, readings), _rms_ratio(trial.acceleration, readings)
+    explained, total = basis @ (basis.T @ readings), np.sum(readings**2, axis=0)
+    size = np.sum(explained**2, axis=0)
     least = round(MIN_SHIFT_S * RATE_HZ)
     shifts = np.random.default_rng(seed).integers(least, len(readings) - least, RANDOM_SHIFTS)
-    shifted = [np.roll(readings, by, axis=0) for by in shifts]
-    random_share = np.array([_share(basis, r) for r in shifted])
-    random_ratio = np.array([_rms_ratio(trial.acceleration, r) for r in shifted])
+    at_random = [np.sum((basis.T @ np.roll(readings, by, axis=0)) ** 2, axis=0) for by in shifts]
+    as_much = np.sum(np.array(at_random) >= size, axis=0)
+    alive = total > 0
     table = pd.DataFrame(
         {
             "channel": list(trial.channels),
             "rms": readings.std(axis=0),
-            "rms_of_belt": np.sqrt(np.mean(explained**2, axis=0)),
-            "share": share,
-            "p": _p_value(share, random_share),
-            "rms_ratio": rms_ratio,
-            "p_rms_ratio": _p_value(rms_ratio, random_ratio),
+            "rms_of_belt": np.sqrt(size / len(readings)),
+            "share": np.where(alive, size / np.where(alive, total, 1.0), np.nan),
+            "p": np.where(alive, (1 + as_much) / (1 + RANDOM_SHIFTS), np.nan),
         }
     )
     artefact = np.full(6, np.nan)
     if model is not None:
         artefact = np.sqrt(np.mean((explained @ model.gain[:-1]) ** 2, axis=0))
-    return Interaction(table, artefact)
-
-
-def _share(basis: Array, readings: Array) -> Array:
-    """Give the share of the readings' variance that lies in the span of a basis, (k,)."""
-    inside = np.sum((basis.T @ readings) ** 2, axis=0)
-    return _ratio(inside, np.sum(readings**2, axis=0))
-
-
-def _rms_ratio(acceleration: Array, readings: Array) -> Array:
-    """Give the RMS while a belt accelerates and the frame rings by that of the rest, (k,)."""
-    accelerating = np.abs(acceleration) > ACCELERATING_SHARE * np.max(np.abs(acceleration))
-    ringing = np.ones(1 + round(RINGING_S * RATE_HZ))
-    shaken = np.convolve(accelerating, ringing)[: len(accelerating)] > 0
-    if shaken.all():
-        return np.full(readings.shape[1], np.nan)
-    then, otherwise = (np.mean(readings[rows] ** 2, axis=0) for rows in (shaken, ~shaken))
-    return np.sqrt(_ratio(then, otherwise))
-
-
-def _ratio(part: Array, whole: Array) -> Array:
-    """Divide; NaN where the divisor is 0, as of a dead channel."""
-    ratio = np.full(len(whole), np.nan)
-    return np.asarray(np.divide(part, whole, out=ratio, where=whole > 0))
-
-
-def _p_value(found: Array, at_random: Array) -> Array:
-    """Give the share of random shifts that give as much, (k,); NaN where `found` is."""
-    p = (1 + np.sum(at_random >= found, axis=0)) / (1 + RANDOM_SHIFTS)
-    return np.where(np.isfinite(found), p, np.nan)
+    return table, artefact
 
 
 def _about_mean(signal: Array) -> Array:
@@ -467,33 +416,6 @@ def thesis_choice(table: pd.DataFrame) -> str:
     places += table["firsts"].rank(method="min", ascending=False)
     foremost = table[places == places.min()].sort_values("mean_rank")
     return str(foremost["trial"].iloc[0])
-
-
-def count_best(best: pd.DataFrame) -> pd.DataFrame:
-    """Count how often each kind, belt speed and duration is among the best trials (F.2.3, F.2.4).
-
-    Parameters
-    ----------
-    best
-        Names of trials in any layout, as `best_trials` gives them.
-
-    Returns
-    -------
-    pandas.DataFrame
-        factor, level, columns (in which a trial of that level is the best), most first; empty where
-        names state no levels.
-    """
-    stated = [factors(str(name)) for name in best.to_numpy().ravel()]
-    if not all(stated):
-        return pd.DataFrame()
-    levels = [
-        (factor, f"{level:g}" if isinstance(level, float) else level)
-        for one in stated
-        for factor, level in one.items()
-    ]
-    counts = pd.DataFrame(levels, columns=["factor", "level"]).value_counts()
-    table = counts.rename("columns").reset_index()
-    return table.sort_values(["factor", "columns"], ascending=[True, False], ignore_index=True)
 
 
 def excess(ranking: Ranking[Model], name: str) -> pd.Series:

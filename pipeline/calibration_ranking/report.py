@@ -11,13 +11,13 @@ from matplotlib.figure import Figure
 
 from compensation import BeltModel, InertiaModel
 from compensation.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
-from hbm.spatial import WRENCH_COMPONENTS, Array
+from hbm.spatial import WRENCH_COMPONENTS
 from pipeline.calibration_ranking.ranking import (
+    SMALLEST_DIFFERENCE,
     Model,
     Ranking,
     belt_interaction,
     best_trials,
-    count_best,
     rank_belts,
     rank_platform,
     taken_away,
@@ -34,12 +34,8 @@ from pipeline.calibration_ranking.verdict import (
     best_levels,
     calibration_effects,
     interaction_sentence,
-    level_sentences,
-    person_sentence,
-    ratio_to_random,
     ratios_to_random,
     recommendation,
-    square_sway_effect,
 )
 from pipeline.figures.style import COLOURS, STYLE, save_figure
 from pipeline.io.write import markdown, write_csv, write_text
@@ -102,14 +98,12 @@ def write_results(trials: Trials, seed: int, out: Path) -> list[str]:
         page += _platform_section(ranking, trials.validation, out)
     if trials.belt_calibration:
         of_belts = rank_belts(trials.belt_calibration, trials.belt_validation, seed=seed)
-        interaction = belt_interaction(trials.belt_validation[0], model, seed=seed)
         advice.append(recommendation(of_belts, "the belts", ADVISED_BELT_SIGNAL))
         page += ["## Belts", advice[-1], *_belt_section(of_belts, trials, out)]
-        write_csv(interaction.table, out / "interaction.csv")
-        figure = interaction_figure(trials.belt_validation[0])
-        save_figure(figure, out / "figures" / "interaction.png")
-        page += ["## Do the belts vibrate the accelerometers?", interaction_sentence(interaction)]
-        page.append(markdown(interaction.table, 4))
+        table, artefact = belt_interaction(trials.belt_validation[0], model, seed=seed)
+        write_csv(table, out / "interaction.csv")
+        page += ["## Do the belts vibrate the accelerometers?"]
+        page += [interaction_sentence(table, artefact), markdown(table, 4)]
     write_text("\n\n".join(page) + "\n", out / "ranking.md")
     return advice
 
@@ -118,16 +112,9 @@ def _platform_section(
     ranking: Ranking[InertiaModel], validation: Sequence[PlatformTrial], out: Path
 ) -> list[str]:
     best, winners_scores = best_trials(ranking).reset_index(), table_2(ranking)
-    table = _with_choices(ranking)
-    write_csv(table, out / "ranking.csv")
     write_csv(ranking.scores, out / "scores.csv")
     write_csv(best, out / "best_trials.csv")
     write_csv(winners_scores, out / "table_2.csv")
-    note = (
-        f"Calibration trial: {ranking.winner}. Directions: x forward, y left, z up, about the "
-        "centre of the plate; the thesis' names beside them (x right, y up, z back)."
-    )
-    write_text(f"{note}\n\n{markdown(winners_scores, 1)}\n", out / "table_2.md")
     for trial in validation:
         figure = compensation_figure(trial, ranking.models[ranking.winner], ranking.winner)
         save_figure(figure, out / "figures" / f"{trial.name}.png")
@@ -139,63 +126,50 @@ def _platform_section(
         f"({setup.filter_method}, as 'hbm calibration fit' does).",
         f"Agreement of the columns: Kendall's W = {w:.2f} (p = {p:.2g}; 1 means the same order "
         "in all).",
-        markdown(table),
+        _choices(ranking, out / "ranking.csv"),
+        f"What {ranking.winner} leaves (as Table II). Directions: x forward, y left, z up, about "
+        "the centre of the plate; the thesis' names beside them (x right, y up, z back).",
+        markdown(winners_scores, 1),
         "Best trial of every column (as Fig. F.7):",
         markdown(best),
-        *_best_counts(best_trials(ranking), out),
-        *_effects_section(ranking.scores, out),
+        *_effects(ranking.scores, out, ""),
     ]
 
 
-def _with_choices(ranking: Ranking[Model]) -> pd.DataFrame:
-    """Give the table of a ranking with what each rule chooses."""
+def _choices(ranking: Ranking[Model], path: Path) -> str:
+    """Write the table of a ranking with what each rule chooses, and give it for the page."""
     rules = {ranking.winner: ["mean rank"]}
     rules.setdefault(thesis_choice(ranking.table), []).append("thesis' rule")
     first_by = [" and ".join(rules.get(name, [])) for name in ranking.table["trial"]]
-    return ranking.table.assign(first_by=first_by)
+    table = ranking.table.assign(first_by=first_by)
+    write_csv(table, path)
+    return markdown(table)
 
 
-def _best_counts(best: pd.DataFrame, out: Path) -> list[str]:
-    counts = count_best(best)
-    if counts.empty:
-        return []
-    write_csv(counts, out / "best_counts.csv")
-    return ["How often each kind, speed and duration is the best (as in F.2.4):", markdown(counts)]
-
-
-def _effects_section(scores: pd.DataFrame, out: Path) -> list[str]:
+def _effects(scores: pd.DataFrame, out: Path, prefix: str) -> list[str]:
+    """Write what speed, duration and kind of a calibration trial do, and give it for the page."""
     tests, pairs = calibration_effects(scores)
     if tests.empty:
         return [
             "Effects of kind, duration and speed are not tested: the trials' names do not state "
             "them, or the trials are too few."
         ]
-    write_csv(tests, out / "effects.csv")
-    write_csv(pairs, out / "effect_pairs.csv")
-    f1 = best_levels(pairs)
-    in_thesis = ", ".join(f"{ours} is {theirs}" for ours, theirs in THESIS_NAMES.items())
-    write_csv(f1, out / "table_f1.csv")
-    return [
+    best, kinds = best_levels(pairs), ratios_to_random(pairs)
+    write_csv(tests, out / f"{prefix}effects.csv")
+    write_csv(pairs, out / f"{prefix}effect_pairs.csv")
+    write_csv(best, out / f"{prefix}table_f1.csv")
+    section = [
         "Effects on the remaining RMS (type III, main effects; Bonferroni between levels in "
-        "effect_pairs.csv):",
+        f"{prefix}effect_pairs.csv):",
         markdown(tests, 3),
-        "Best speed [m/s] and duration [s] of each component (as Table F.1; in the thesis' frame, "
-        f"{in_thesis}):",
-        markdown(f1),
-        *level_sentences(pairs),
-        *_kinds_section(pairs),
+        "Best speed [m/s] and duration [s] of each component (as Table F.1, in lab directions); "
+        f'"any" where the difference is below {SMALLEST_DIFFERENCE:g} N or N·m:',
+        markdown(best),
     ]
-
-
-def _kinds_section(pairs: pd.DataFrame) -> list[str]:
-    kinds = ratios_to_random(pairs)
-    if kinds.empty:
-        return []
-    return [
-        "Remaining RMS of each kind, by that of plain random motion (all: geometric mean):",
-        markdown(kinds),
-        square_sway_effect(ratio_to_random(pairs, "square_sway")),
-    ]
+    if len(kinds):
+        text = "Remaining RMS of each kind, by that of plain random motion (all: geometric mean):"
+        section += [text, markdown(kinds)]
+    return section
 
 
 def _belt_section(ranking: Ranking[BeltModel], found: Trials, out: Path) -> list[str]:
@@ -208,8 +182,6 @@ def _belt_section(ranking: Ranking[BeltModel], found: Trials, out: Path) -> list
         columns=["trial", "r_squared", "rms_raw", "rms_compensated", "rms_reduction_percent"],
     )
     person = taken_away(ranking.models[ranking.winner], found.belt_validation, found.belt_person)
-    table = _with_choices(ranking)
-    write_csv(table, out / "belt_ranking.csv")
     write_csv(person, out / "belt_person.csv")
     write_csv(ranking.scores, out / "belt_scores.csv")
     write_csv(fitted, out / "belt_models.csv")
@@ -217,23 +189,18 @@ def _belt_section(ranking: Ranking[BeltModel], found: Trials, out: Path) -> list
         figure = belt_figure(trial, ranking.models[ranking.winner], ranking.winner)
         save_figure(figure, out / "figures" / f"{trial.name}.png")
     cutoffs = ", ".join(f"{t.spline_cutoff_hz:.0f} Hz in {t.name}" for t in trials)
-    section = [
+    return [
         f"Smoothing splines through the belt's speed have their cut-off at {cutoffs} "
         f"({RATE_HZ / 2:g} Hz: nothing is smoothed); --belt-cutoff-hz sets that of the low-pass "
         f"({BELT_FILTER}, as in D-Flow).",
-        markdown(table),
-        markdown(ranking.scores, 3),
-        person_sentence(person),
+        _choices(ranking, out / "belt_ranking.csv"),
+        "What the first takes away of the pitch moment, with nobody on a belt and with a person on "
+        "the other one (7 % in the thesis), who moves the platform; only accelerometers show that:",
         markdown(person),
         "Each model on its own calibration trial:",
         markdown(fitted, 3),
+        *_effects(ranking.scores, out, "belt_"),
     ]
-    tests, pairs = calibration_effects(ranking.scores)
-    if tests.empty:
-        return section
-    write_csv(tests, out / "belt_effects.csv")
-    write_csv(pairs, out / "belt_effect_pairs.csv")
-    return [*section, markdown(tests, 3), *level_sentences(pairs)]
 
 
 LINES: Final = {
@@ -243,10 +210,8 @@ LINES: Final = {
 }
 LINE_WIDTHS_PT: Final = (1.6, 0.7, 0.7)
 """So that the prediction does not hide the measurement."""
-MIN_SHOWN_S: Final = 5.0
-MAX_SHOWN_S: Final = 30.0
-PERIODS_SHOWN: Final = 10.0
-"""Of a platform's motion, within those bounds."""
+MOTION_SHOWN_S: Final = 30.0
+"""Of a platform trial, around its largest force: a period of pitch."""
 PULSES_SHOWN_S: Final = 12.0
 """Of a belt trial: two pulses or three, one every 5 s."""
 
@@ -262,7 +227,10 @@ def compensation_figure(trial: PlatformTrial, model: InertiaModel, name: str) ->
         Of the calibration trial called ``name``.
     """
     predicted = model.predict(trial.accelerations)
-    shown = _largest_motion(trial.wrench)
+    size = np.linalg.norm(trial.wrench[:, :3] - trial.wrench[:, :3].mean(axis=0), axis=1)
+    count = min(round(MOTION_SHOWN_S * RATE_HZ), len(size))
+    start = int(np.clip(np.argmax(size) - count // 2, 0, len(size) - count))
+    shown = slice(start, start + count)
     time = np.arange(len(predicted))[shown] / RATE_HZ
     series = (trial.wrench, predicted, trial.wrench - predicted)
     with mpl.rc_context(STYLE):
@@ -313,29 +281,6 @@ def belt_figure(trial: BeltTrial, model: BeltModel, name: str) -> Figure:
     return figure
 
 
-def interaction_figure(trial: BeltTrial) -> Figure:
-    """Draw the accelerometers while the belt accelerates (Fig. F.2)."""
-    middle = len(trial.acceleration) // 2
-    shown = slice(middle, middle + round(PULSES_SHOWN_S * RATE_HZ))
-    time = np.arange(len(trial.acceleration))[shown] / RATE_HZ
-    names = trial.channels
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9, 7), layout="constrained")
-        panels = figure.subplots(len(names) + 1, 1, sharex=True)
-        panels[0].plot(time, trial.acceleration[shown], color="black", lw=0.8)
-        panels[0].set_ylabel("belt")
-        for panel, channel, name in zip(panels[1:], trial.readings.T, names, strict=True):
-            panel.plot(
-                time, (channel - channel.mean())[shown], color=COLOURS["compensated"], lw=0.6
-            )
-            panel.set_ylabel(name)
-        panels[-1].set_xlabel("time (s)")
-        figure.suptitle(
-            f"{trial.name}: belt and accelerometers about their means (m/s²)", fontsize=10
-        )
-    return figure
-
-
 def rank_figure(ranking: Ranking[Model]) -> Figure:
     """Draw the mean ranks with their bootstrap intervals, best above."""
     table = ranking.table.iloc[::-1]
@@ -354,16 +299,3 @@ def rank_figure(ranking: Ranking[Model]) -> Figure:
         panel.set_ylim(-0.7, len(table) - 0.3)
         panel.legend(frameon=False, loc="upper right")
     return figure
-
-
-def _largest_motion(wrench: Array) -> slice:
-    """Give the samples around the largest force: some periods of the motion, 5 to 30 s."""
-    size = np.linalg.norm(wrench[:, :3] - wrench[:, :3].mean(axis=0), axis=1)
-    power = np.abs(np.fft.rfft(wrench - wrench.mean(axis=0), axis=0)) ** 2
-    hz = np.fft.rfftfreq(len(wrench), 1 / RATE_HZ)
-    middle = float(hz @ power.sum(axis=1)) / float(power.sum())
-    count = min(
-        round(np.clip(PERIODS_SHOWN / middle, MIN_SHOWN_S, MAX_SHOWN_S) * RATE_HZ), len(wrench)
-    )
-    start = int(np.clip(np.argmax(size) - count // 2, 0, len(wrench) - count))
-    return slice(start, start + count)

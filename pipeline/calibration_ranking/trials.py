@@ -1,8 +1,8 @@
 """The recordings of experiment 2: their files, and the signals that are compared."""
 
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
@@ -135,11 +135,11 @@ class BeltTrial:
 class Trials:
     """All recordings of the experiment, by sub-folder."""
 
-    calibration: tuple[PlatformTrial, ...]
-    validation: tuple[PlatformTrial, ...]
-    belt_calibration: tuple[BeltTrial, ...]
-    belt_validation: tuple[BeltTrial, ...]
-    belt_person: tuple[BeltTrial, ...]
+    calibration: list[PlatformTrial] = field(default_factory=list)
+    validation: list[PlatformTrial] = field(default_factory=list)
+    belt_calibration: list[BeltTrial] = field(default_factory=list)
+    belt_validation: list[BeltTrial] = field(default_factory=list)
+    belt_person: list[BeltTrial] = field(default_factory=list)
 
 
 def read_trials(
@@ -164,88 +164,74 @@ def read_trials(
         If there is nothing to rank, or a recording cannot be used.
     """
     files = {name: sorted((folder / name).glob("*.[cC]3[dD]")) for name in FOLDERS}
-    pairs = (FOLDERS[:2], FOLDERS[2:4])
-    if not any(all(files[name] for name in pair) for pair in pairs):
+    for first, second in (FOLDERS[:2], FOLDERS[2:4]):
+        if bool(files[first]) != bool(files[second]):
+            have, lack = (first, second) if files[first] else (second, first)
+            raise ValueError(f"{folder / have} has recordings, but {folder / lack} has none")
+    if not files["calibration"] and not files["belt_calibration"]:
         raise ValueError(
             f"{folder}: nothing to rank; put C3D files into its sub-folders calibration and "
             "validation (pitch and sway), or belt_calibration and belt_validation"
         )
-    for first, second in pairs:
-        if bool(files[first]) != bool(files[second]):
-            have, lack = (first, second) if files[first] else (second, first)
-            raise ValueError(f"{folder / have} has recordings, but {folder / lack} has none")
     stated = Stated(axes=settings.axes, units=settings.units, plate_units=settings.plate_units)
+    trials, total = Trials(), sum(map(len, files.values()))
     named = [(name, path) for name, paths in files.items() for path in paths]
-    platform: dict[str, list[PlatformTrial]] = {name: [] for name in FOLDERS[:2]}
-    belts: dict[str, list[BeltTrial]] = {name: [] for name in FOLDERS[2:]}
     for done, (name, path) in enumerate(named, start=1):
         recording = read_empty(path, stated)
-        if name in platform:
-            platform[name].append(platform_trial(recording, settings))
-        else:
-            belts[name].append(belt_trial(recording, settings))
+        one = (platform_trial if name in FOLDERS[:2] else belt_trial)(recording, settings)
+        getattr(trials, name).append(one)
         if progress is not None:
-            progress(path.name, done, len(named))
-    return Trials(
-        tuple(platform["calibration"]),
-        tuple(platform["validation"]),
-        *(tuple(trials) for trials in belts.values()),
-    )
+            progress(path.name, done, total)
+    return trials
 
 
 def platform_trial(recording: Recording, settings: RankingSettings) -> PlatformTrial:
-    """Filter plate and accelerometers of a recording equally and decimate them.
-
-    Raises
-    ------
-    ValueError
-        If the plate or the accelerometers are missing, or the rate is not a multiple of 100 Hz.
-    """
-    name = recording.source.stem
-    sensors = stated_accelerometers(settings.accelerometer or ()) or find_accelerometers(recording)
-    time, readings = accelerations(recording, Treadmill(accelerometers=sensors))
-    rate, step = _rate(time, name)
+    """Filter plate and accelerometers of a recording equally and decimate them."""
+    sensors, readings, rate, inside = _readings(recording, settings)
     wrench = _wrench(recording, settings.plate)
-    inside = _inside(len(time), rate, step)
     setup = Setup(tuple(sensors), RATE_HZ, settings.cutoff_hz, filter_method=PLATFORM_FILTER)
     return PlatformTrial(
-        name, setup.low_pass(readings, rate)[inside], setup.low_pass(wrench, rate)[inside], setup
+        recording.source.stem,
+        setup.low_pass(readings, rate)[inside],
+        setup.low_pass(wrench, rate)[inside],
+        setup,
     )
 
 
 def belt_trial(recording: Recording, settings: RankingSettings) -> BeltTrial:
-    """Filter pitch moment, belt speed and accelerometers equally and decimate them.
-
-    Raises
-    ------
-    ValueError
-        If plate, accelerometers or belt speed are missing, or the rate is not a multiple of 100 Hz.
-    """
-    name = recording.source.stem
-    sensors = stated_accelerometers(settings.accelerometer or ()) or find_accelerometers(recording)
-    time, readings = accelerations(recording, Treadmill(accelerometers=sensors))
-    rate, step = _rate(time, name)
+    """Filter pitch moment, belt speed and accelerometers equally and decimate them."""
+    sensors, readings, rate, inside = _readings(recording, settings)
     cutoff = settings.belt_cutoff_hz
-    inside = _inside(len(time), rate, step)
     speed = belt_speed(recording, settings.belt_channel)
+    spline_hz = RATE_HZ / 2
+    if np.ptp(speed[inside]) > 0:  # else constant and without noise: nothing to smooth
+        smoothing = spline_smoothing(speed[inside], RATE_HZ)
+        spline_hz = min(cutoff_of_spline(smoothing, 1 / RATE_HZ), spline_hz)
     return BeltTrial(
-        name,
+        recording.source.stem,
         belt_acceleration(speed, rate, cutoff, BELT_FILTER)[inside],
         low_pass(_wrench(recording, settings.plate)[:, 4], rate, cutoff, BELT_FILTER)[inside],
         low_pass(readings, rate, cutoff, BELT_FILTER)[inside],
         tuple(channel for three in sensors.values() for channel in three),
-        _spline_cutoff(speed[inside]),
+        spline_hz,
     )
 
 
-def _spline_cutoff(speed: Array) -> float:
-    """Give the cut-off [Hz] of the smoothing spline through a belt's speed at 100 Hz.
-
-    After van de Loosdrecht (2018), eq. D.8.
-    """
-    if np.ptp(speed) == 0:  # constant and without noise: nothing to smooth
-        return RATE_HZ / 2
-    return min(cutoff_of_spline(spline_smoothing(speed, RATE_HZ), 1 / RATE_HZ), RATE_HZ / 2)
+def _readings(
+    recording: Recording, settings: RankingSettings
+) -> tuple[Mapping[str, tuple[str, str, str]], Array, float, slice]:
+    """Give sensors, their readings, the rate, and the samples at 100 Hz without the edges."""
+    sensors = stated_accelerometers(settings.accelerometer or ()) or find_accelerometers(recording)
+    time, readings = accelerations(recording, Treadmill(accelerometers=sensors))
+    rate = (len(time) - 1) / float(time[-1] - time[0])
+    step = round(rate / RATE_HZ)
+    if step < 1 or abs(rate / step - RATE_HZ) > RATE_TOLERANCE_HZ:
+        raise ValueError(
+            f"{recording.source.stem}: analog rate {rate:g} Hz, expected a multiple of "
+            f"{RATE_HZ:g} Hz"
+        )
+    edge = round(EDGE_S * rate)
+    return sensors, readings, rate, slice(edge, len(time) - edge, step)
 
 
 def factors(name: str) -> dict[str, str | float]:
@@ -266,17 +252,3 @@ def _wrench(recording: Recording, number: int) -> Array:
             return rotate_wrench(plate.wrench_in_plate, belt_axes(plate).T)
     present = ", ".join(str(plate.number) for plate in recording.plates) or "none"
     raise ValueError(f"{recording.source.name}: no plate {number}; plates there: {present}")
-
-
-def _rate(time: Array, name: str) -> tuple[float, int]:
-    rate = (len(time) - 1) / float(time[-1] - time[0])
-    step = round(rate / RATE_HZ)
-    if step < 1 or abs(rate / step - RATE_HZ) > RATE_TOLERANCE_HZ:
-        raise ValueError(f"{name}: analog rate {rate:g} Hz, expected a multiple of {RATE_HZ:g} Hz")
-    return rate, step
-
-
-def _inside(count: int, rate: float, step: int) -> slice:
-    """Give the samples at 100 Hz, without the edges."""
-    edge = round(EDGE_S * rate)
-    return slice(edge, count - edge, step)

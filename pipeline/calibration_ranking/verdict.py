@@ -5,10 +5,11 @@ from typing import Final
 
 import numpy as np
 import pandas as pd
+from scipy.stats import gmean
 
+from hbm.spatial import Array
 from pipeline.calibration_ranking.ranking import (
     SMALLEST_DIFFERENCE,
-    Interaction,
     Model,
     Ranking,
     as_good,
@@ -105,50 +106,25 @@ def best_levels(pairs: pd.DataFrame) -> pd.DataFrame:
     return wide[list(dict.fromkeys(two["component"]))].reset_index()
 
 
-def ratio_to_random(pairs: pd.DataFrame, kind: str) -> pd.DataFrame:
-    """Give per component the RMS left by one kind of trial, by that left by random motion.
-
-    Returns
-    -------
-    pandas.DataFrame
-        component, ratio, ratio_low, ratio_high, difference, difference_low, difference_high
-        [N, N·m], p_bonferroni, verdict; below 1 the kind is better.
-    """
-    kinds = pairs[pairs["factor"] == "kind"]
-    if kinds.empty:
-        return kinds
-    direct = kinds[kinds["first"].str.endswith(kind) & kinds["second"].str.endswith(REFERENCE)]
-    reverse = kinds[kinds["second"].str.endswith(kind) & kinds["first"].str.endswith(REFERENCE)]
-    inverse = reverse.assign(
-        ratio=1 / reverse["ratio"],
-        ratio_low=1 / reverse["ratio_high"],
-        ratio_high=1 / reverse["ratio_low"],
-        difference=-reverse["difference"],
-        difference_low=-reverse["difference_high"],
-        difference_high=-reverse["difference_low"],
-        verdict=reverse["verdict"].replace({"less": "more", "more": "less"}),
-    )
-    columns = [
-        *("component", "ratio", "ratio_low", "ratio_high"),
-        *("difference", "difference_low", "difference_high", "p_bonferroni", "verdict"),
-    ]
-    return pd.concat([direct, inverse])[columns].reset_index(drop=True)
-
-
 def ratios_to_random(pairs: pd.DataFrame) -> pd.DataFrame:
     """Give per kind of trial the RMS that it leaves, by that left by random motion, least first.
 
     Returns
     -------
     pandas.DataFrame
-        kind, one column per component, and their geometric mean "all".
+        kind, one column per component, and their geometric mean "all"; empty without such trials.
     """
     kinds = pairs[pairs["factor"] == "kind"]
-    rows = []
-    for kind in sorted({*kinds["first"], *kinds["second"]} - {REFERENCE}):
-        ratios = ratio_to_random(pairs, kind).set_index("component")["ratio"]
-        rows.append({"kind": kind, **ratios.to_dict(), "all": float(np.exp(np.log(ratios).mean()))})
-    return pd.DataFrame(rows).sort_values("all") if rows else pd.DataFrame()
+    sides = [
+        kinds[["component", side, f"rms_{side}"]].set_axis(["component", "kind", "rms"], axis=1)
+        for side in ("first", "second")
+    ]
+    left = pd.concat(sides).drop_duplicates(["component", "kind"])
+    wide = left.pivot(index="kind", columns="component", values="rms")
+    if REFERENCE not in wide.index:
+        return pd.DataFrame()
+    ratios = (wide / wide.loc[REFERENCE]).drop(REFERENCE)[list(dict.fromkeys(left["component"]))]
+    return ratios.assign(all=gmean(ratios, axis=1)).sort_values("all").reset_index()
 
 
 def _pair_columns(pairs: Sequence[pd.DataFrame]) -> pd.DataFrame:
@@ -180,9 +156,6 @@ def _pair_columns(pairs: Sequence[pd.DataFrame]) -> pd.DataFrame:
     return table
 
 
-QUANTITIES: Final = {"speed_mps": ("Belt speed", "m/s"), "duration_s": ("Duration", "s")}
-
-
 def recommendation(ranking: Ranking[Model], purpose: str, advised: str) -> str:
     """Recommend a calibration trial, by mean rank and by the thesis' rule, and how certain that is.
 
@@ -195,9 +168,10 @@ def recommendation(ranking: Ranking[Model], purpose: str, advised: str) -> str:
     advised
         Name of the protocol's signal that is advised for that.
     """
-    good = as_good(ranking)
+    table, top = ranking.table, ranking.table.iloc[0]
+    names, good = list(table["trial"]), as_good(ranking)
     first, *others = good
-    if len(good) == len(ranking.table):
+    if len(good) == len(names):
         use = (
             f"Any of the {len(good)} trials will do for {purpose}: none leaves "
             f"{SMALLEST_DIFFERENCE:g} N or N·m more than {first} in any column, by the bootstrap's "
@@ -205,154 +179,47 @@ def recommendation(ranking: Ranking[Model], purpose: str, advised: str) -> str:
         )
     else:
         as_well = f"; {', '.join(others)} will do as well" if others else ""
-        use = f"Use {first} for {purpose}{as_well}. {_certainty(ranking)}"
-    return f"{use} {_by_both_rules(ranking)} {_advice(ranking, advised)}"
-
-
-def _certainty(ranking: Ranking[Model]) -> str:
-    """Say how certainly the winner is the best, and how much that matters."""
-    wins = 100 * ranking.table["wins"].iloc[0]
-    others = [name for name in ranking.possibly_best if name != ranking.winner]
-    scores = ranking.scores.set_index(["trial", "validation", "component"])["rms_after"]
-    ratio = float(
-        np.exp(np.mean(np.log(scores[ranking.winner] / scores.groupby(level=[1, 2]).median())))
+        rivals = [name for name in ranking.possibly_best if name != ranking.winner]
+        certainty = (
+            f"but {', '.join(rivals)} might be as good"
+            if rivals
+            else "and no other trial is likely to be better"
+        )
+        use = (
+            f"Use {first} for {purpose}{as_well}. It is the best in {100 * top['wins']:.0f} % of "
+            f"the bootstrap's resamples, {certainty}."
+        )
+    by_rule, columns = thesis_choice(table), len(ranking.scores) // len(names)
+    rules = (
+        f"By mean rank the first is {first} (mean rank {top['mean_rank']:.1f} of {len(names)}, "
+        f"best in {top['firsts']:.0f} of {columns} columns), by the thesis' rule (foremost in the "
+        f"ranking and among the best trials of the columns) {by_rule} (place "
+        f"{names.index(by_rule) + 1})."
     )
-    certainty = (
-        f"but {', '.join(others)} might be as good"
-        if others
-        else "and no other trial is likely to be better"
-    )
-    return (
-        f"It is the best in {wins:.0f} % of the bootstrap's resamples, {certainty}; it leaves "
-        f"{ratio:.2f} times the RMS of the median trial."
-    )
-
-
-def _by_both_rules(ranking: Ranking[Model]) -> str:
-    """Say which trial is the first by mean rank, and which by the thesis' rule."""
-    table, columns = ranking.table, len(ranking.scores) // len(ranking.table)
-    place = list(table["trial"]).index(thesis_choice(table))
-    rule = table.iloc[place]
-    by_rule = (
-        "and by the thesis' rule (foremost in the ranking and among the best trials of the "
-        "columns) too"
-        if place == 0
-        else f"by the thesis' rule (foremost in the ranking and among the best trials of the "
-        f"columns) {rule['trial']} (place {place + 1}, best in {rule['firsts']:.0f})"
-    )
-    return (
-        f"By mean rank the first is {ranking.winner} (mean rank {table['mean_rank'].iloc[0]:.1f} "
-        f"of {len(table)}, best in {table['firsts'].iloc[0]:.0f} of {columns} columns), {by_rule}."
-    )
-
-
-def _advice(ranking: Ranking[Model], advised: str) -> str:
-    """Say how good the advised signal is here."""
-    names = list(ranking.table["trial"])
     if advised not in names:
-        return f"The signal that is advised for any machine, {advised}, is not among these trials."
+        return f"{use} {rules} The advised signal, {advised}, is not among these trials."
     more = excess(ranking, advised).sort_values()
     validation, component = more.index[-1]
-    largest, unit = more.iloc[-1], "N" if component.startswith("F") else "N·m"
+    unit = "N" if component.startswith("F") else "N·m"
     most = (
         "as much as the first"
-        if advised in as_good(ranking)
-        else f"at most {largest:.3g} {unit} more than the first ({component} in {validation})"
+        if advised in good
+        else f"at most {more.iloc[-1]:.3g} {unit} more than the first ({component} in {validation})"
     )
-    return (
-        f"The signal that is advised for any machine, {advised}, is in place "
-        f"{names.index(advised) + 1} and leaves {most}."
-    )
+    place = names.index(advised) + 1
+    return f"{use} {rules} The advised signal, {advised}, is in place {place} and leaves {most}."
 
 
-def person_sentence(table: pd.DataFrame) -> str:
-    """State what a belt model takes away with and without a person, given `taken_away`."""
-
-    def taken(answer: str) -> str:
-        """Give the range of the reductions, with nobody or with a person."""
-        reductions = table["reduction"][table["person"] == answer]
-        low, high = f"{reductions.min():.0f}", f"{reductions.max():.0f}"
-        return f"{low} %" if low == high else f"{low} to {high} %"
-
-    text = f"{taken('no')} of the pitch moment is taken away with nobody on a belt"
-    if not (table["person"] == "yes").any():
-        return f"{text}; there is no recording with a person (belt_person)."
-    return (
-        f"{text}, {taken('yes')} with a person on the other belt (7 % in the thesis): a person "
-        "moves the platform, which accelerometers show and the belts' acceleration does not."
-    )
-
-
-def _verdicts(rows: pd.DataFrame, less: str, more: str) -> str:
-    """Name the components of every verdict."""
-    texts = {"less": less, "more": more, "undecided": "undecided", "no difference": "no difference"}
-    return "; ".join(
-        f"{text} in {', '.join(rows['component'][rows['verdict'] == verdict])}"
-        for verdict, text in texts.items()
-        if (rows["verdict"] == verdict).any()
-    )
-
-
-def level_sentences(pairs: pd.DataFrame) -> list[str]:
-    """State per factor of two levels which of them leaves less, and in which components."""
-    sentences = []
-    for factor, (name, unit) in QUANTITIES.items():
-        rows = pairs[pairs["factor"] == factor]
-        if len(rows) != rows["component"].nunique() or rows.empty:
-            continue
-        first, second = (f"{rows[side].iloc[0]:g} {unit}" for side in ("first", "second"))
-        if (rows["verdict"] == "no difference").all():
-            sentences.append(f"{name}: {first} or {second}, any will do ({_largest(rows)}).")
-            continue
-        verdicts = _verdicts(rows, f"{first} leaves less", f"{second} leaves less")
-        sentences.append(f"{name}: {verdicts} ({_largest(rows)}).")
-    return sentences
-
-
-def square_sway_effect(ratios: pd.DataFrame) -> str:
-    """State whether square waves of sway improve a calibration, and in which components."""
-    if ratios.empty:
-        return "Square waves of sway were not compared with random motion."
-    mean = float(np.exp(np.log(ratios["ratio"]).mean()))
-    return (
-        f"Square waves of sway leave {mean:.2f} times the RMS of plain random motion: "
-        f"{_verdicts(ratios, 'less is left', 'more is left')} ({_largest(ratios)})."
-    )
-
-
-def _largest(rows: pd.DataFrame) -> str:
-    """State the largest of some differences, its interval, and the smallest that matters."""
-    row = rows.iloc[int(np.argmax(np.abs(rows["difference"])))]
-    ends = row["difference_low"], row["difference_high"]
-    low, high = ends if row["difference"] >= 0 else (-ends[1], -ends[0])
-    unit = "N" if row["component"].startswith("F") else "N·m"
-    return (
-        f"the largest difference is {abs(row['difference']):.2g} {unit} "
-        f"({low:.2g} to {high:.2g}), in {row['component']}; none below {SMALLEST_DIFFERENCE:g} "
-        "counts"
-    )
-
-
-def interaction_sentence(interaction: Interaction) -> str:
+def interaction_sentence(table: pd.DataFrame, artefact: Array) -> str:
     """State which accelerometers respond to the belts, and what that costs."""
-    table = interaction.table
-    level = ALPHA / len(table)
-    following, shaken = (table[table[p] < level] for p in ("p", "p_rms_ratio"))
+    following = table["channel"][table["p"] < ALPHA / len(table)]
+    names = ", ".join(following if len(following) else table["channel"])
+    text = f"None of {names} follows the belt's acceleration significantly."
     if len(following):
-        text = f"{', '.join(following['channel'])} follow the belt's acceleration significantly"
-    else:
-        text = (
-            f"None of {', '.join(table['channel'])} follows the belt's acceleration significantly"
-        )
-    if len(shaken):
-        ratios = ", ".join(
-            f"{row.channel} {row.rms_ratio:.1f} times" for row in shaken.itertuples()
-        )
-        text += f"; while it accelerates, and half a second after, they vibrate more ({ratios})"
-    if np.isfinite(interaction.artefact).all():
-        force, moment = interaction.artefact[:3].max(), interaction.artefact[3:].max()
+        text = f"{names} follow the belt's acceleration significantly."
+    if np.isfinite(artefact).all():
         text += (
-            f"; compensation adds up to {force:.2f} N and {moment:.2f} N·m RMS due to the part "
-            "that follows"
+            f" Compensation adds up to {artefact[:3].max():.2f} N and {artefact[3:].max():.2f} N·m "
+            "RMS due to the part that follows."
         )
-    return f"{text}."
+    return text

@@ -8,14 +8,16 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from hbm.model import Body
+from hbm.notes import Note
 from hbm.spelling import listed
 from pipeline.cli.options import require_folder
 from pipeline.cli.stopping import SIGNAL_EXIT, Terminated, stoppable, terminable, uninterrupted
 from pipeline.cli.terminal import PlainConsole
 from pipeline.live.frames.chain import LiveChain
-from pipeline.live.monitor import Monitor, in_words
+from pipeline.live.monitor import Monitor, in_words, peaks_in_words
 from pipeline.live.outlet import result_columns, result_outlet
-from pipeline.live.preparation import PlacedPlates, PoseFinder, Preparation, PreparedBody
+from pipeline.live.preparation import PlacedPlates, PoseFinder, Preparation, place_plates
 from pipeline.live.recording import RESULTS, STREAMS, Recorder, described_streams, require_new
 from pipeline.live.session import RECEIVE_S, Session
 from pipeline.live.sources.lsl import LslSource
@@ -92,12 +94,13 @@ def run_session(
         stack.callback(source.close)
         names = ", ".join(f"{s.name} ({s.rate_hz:g} Hz)" for s in source.streams)
         console.say(f"receiving {names}")
-        placed = prepared.placed(source.plates)
+        placed = place_plates(source.plates, prepared.static, prepared.live)
         if body is None:
             body = _shown(prepared, placed, source, console)
-        console.say_notes((*prepared.notes, *placed.notes, *body.notes))
+        subject, notes = body
+        console.say_notes((*prepared.notes, *placed.notes, *notes))
         plates, laboratory, settings = placed.plates, prepared.laboratory, prepared.settings
-        chain = LiveChain(body.body, laboratory, settings, placed.live, source.streams, plates)
+        chain = LiveChain(subject, laboratory, settings, placed.live, source.streams, plates)
         described = described_streams(source.streams, placed.live, plates)
         recorder = Recorder(folder, described, result_columns())
         stack.callback(recorder.close)
@@ -124,7 +127,7 @@ def run_session(
                 contact_threshold_n=settings.contact_threshold_n,
             )
             stack.callback(view.close)
-        monitor = Monitor(chain, plates)
+        monitor = Monitor(chain, plates, lambda note: console.say_notes((note,)))
         console.say(
             f"recording to {folder}; values are {1000 * chain.filter_delay_s:.0f} ms late by the "
             f"filter and {1000 * chain.wait_s:.0f} ms by resampling (stop with Ctrl-C)"
@@ -135,7 +138,7 @@ def run_session(
             console.say(text)
     if terminated:
         return SIGNAL_EXIT + signal.SIGTERM
-    failed = session.fault is not None or recorder.fault is not None or not chain.counts.received
+    failed = session.fault is not None or recorder.fault is not None or not chain.received
     return int(failed)
 
 
@@ -177,7 +180,7 @@ def missing_teller(console: PlainConsole) -> Callable[[Sequence[str], Sequence[s
 
 def _shown(
     prepared: Preparation, placed: PlacedPlates, source: Source, console: PlainConsole
-) -> PreparedBody:
+) -> tuple[Body, tuple[Note, ...]]:
     """Wait until the subject shows the calibration pose, and build the body from it."""
     console.say("stand still on the plates, arms out to the sides (stop with Ctrl-C)")
     finder, told = PoseFinder(placed.live, source.streams, placed.plates), ""
@@ -220,7 +223,7 @@ def follow(
     before = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_S)
     began = shown_s = time.monotonic()
-    told, address, recorded = 0, "", True
+    address, recorded = "", True
     session.start()
     try:
         with console.status("waiting for frames") as line:
@@ -234,7 +237,6 @@ def follow(
                     recorded = False
                     console.say(f"{recorder.fault}; all else goes on")
                 monitor.look_for_silence()
-                told = _tell(monitor, told, console)
                 if time.monotonic() - shown_s < STATUS_S:
                     continue
                 shown_s = time.monotonic()
@@ -251,7 +253,6 @@ def follow(
         session.stop()
         sys.setswitchinterval(before)
     take_new(session, monitor)
-    _tell(monitor, told, console)
     return terminated
 
 
@@ -283,13 +284,6 @@ def take_new(session: Session, monitor: Monitor, view: "LiveView | None" = None)
     return fault
 
 
-def _tell(monitor: Monitor, told: int, console: PlainConsole) -> int:
-    """Print the notes that are new; give how many there are now."""
-    new = monitor.noted - told
-    console.say_notes(timed.note for timed in list(monitor.notes)[len(monitor.notes) - new :])
-    return monitor.noted
-
-
 def summary(
     chain: LiveChain,
     monitor: Monitor,
@@ -298,29 +292,26 @@ def summary(
     folder: Path,
 ) -> Iterator[str]:
     """Say what was received, what came of it, and where it is, line by line."""
-    counts, condition = chain.counts, monitor.condition
+    condition = monitor.condition
     why = ", ".join(
         f"{count} {name.lower().replace('_', ' ')}" for name, count in monitor.reasons.most_common()
     )
     yield (
-        f"{counts.received} frames received: {counts.solved} count, {counts.marked} do not"
-        f"{f' ({why})' if why else ''}; {counts.late} were late, {counts.doubled} samples doubled, "
-        f"{counts.out_of_order} out of order"
+        f"{chain.received} frames received: {chain.solved} count, {chain.marked} do not"
+        f"{f' ({why})' if why else ''}; {chain.late} were late, {chain.left_out} samples doubled "
+        "or out of order"
     )
     for name, lost in monitor.losses.lost.items():
         yield f"{lost} samples of stream {name} never arrived"
     for variant, rms in condition.rms.items():
-        limits = monitor.limits[variant]
         yield (
             f"residuals {variant}, {condition.cycles} gait cycles of both feet: RMS "
-            f"{in_words(rms)}; peaks {limits.force_n:.0f} N (published limit "
-            f"{limits.max_force_n:.0f} N) and {limits.moment_nm:.0f} N·m "
-            f"({limits.max_moment_nm:.0f} N·m)"
+            f"{in_words(rms)}; {peaks_in_words(monitor.limits[variant])}"
         )
     if condition.not_carried:
         beside = condition.not_carried
         yield f"{beside} gait cycles left out: the plates did not carry the subject in them"
-    if not counts.received:
+    if not chain.received:
         yield f"stream {chain.stream.name} has sent no frame: does its program measure?"
     else:
         if not condition.cycles:

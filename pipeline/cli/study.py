@@ -43,33 +43,35 @@ def check(
     """Read every TOML and every recording of a study, list all problems, compute nothing."""
     from pipeline.config.comparison import study_design
     from pipeline.config.study import read_study
-    from pipeline.run.check import check_study
+    from pipeline.run.check import check_study, read_twice, study_recordings
     from pipeline.statistics.design import in_words
 
     console, loaded = PlainConsole(), read_study(study)
-    findings = check_study(loaded)
+    found, recordings = check_study(loaded), study_recordings(loaded)
+    agree = 0
     if second_reader:
-        from pipeline.run.second_reader import read_study_twice
-
         with StepProgress(console, "reading twice", "files") as progress:
-            findings.add(read_study_twice(loaded, progress.show))
-    for place in dict.fromkeys(remark.place for remark in findings.remarks):
+            for done, path in enumerate(recordings, 1):
+                agree += read_twice(path, found)
+                progress.show(path.name, done, len(recordings))
+    for place in dict.fromkeys(remark.place for remark in found.remarks):
         console.say(place)
-        for remark in findings.remarks:
-            if remark.place == place:
-                console.say(note_line(remark.note))
-    for fault in findings.faults:
+        for said in (remark.said for remark in found.remarks if remark.place == place):
+            console.say(f"- {said}" if isinstance(said, str) else note_line(said))
+    for fault in found.faults:
         console.say(f"FAULT {fault}")
-    if not findings.faults:
+    if second_reader:
+        console.say(f"both readers read the same in {agree} of {len(recordings)} files")
+    if not found.faults:
         stated = "" if loaded.file.comparison else "no [comparison] is stated: "
         console.say(f"{stated}{in_words(study_design(loaded.file))}")
     trials = sum(t.exclude is None for s in loaded.subjects.values() for t in s.trials.values())
     console.say(
         f"{counted(len(loaded.subjects), 'subject')}, {counted(trials, 'trial')}, "
-        f"{counted(len(findings.faults), 'fault')}"
-        + ("" if findings.faults else f"; next: hbm run {study}")
+        f"{counted(len(found.faults), 'fault')}"
+        + ("" if found.faults else f"; next: hbm run {study}")
     )
-    return 2 if findings.faults else 0
+    return 2 if found.faults else 0
 
 
 def run(

@@ -8,7 +8,6 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from hbm.spatial import Array
-from hbm.spelling import Table
 from pipeline.config.input_model import (
     AxesText,
     CoordinateM,
@@ -31,18 +30,6 @@ MIN_BELT_M: Final = 0.1
 """Length and width: no foot has room on less."""
 
 
-class WeightRecording(InputModel):
-    """One recording of a known weight that the belt carries forward and backward."""
-
-    file: Text
-    mass_kg: WeightKg
-    speed_mps: BeltSpeedMps
-    profile: Literal["constant", "sine", "square"]
-    position_m: CoordinateM
-    belt: BeltSide
-    supports: bool = True
-
-
 class StaticRecording(InputModel):
     """A weight placed on the plate at many points, one after the other."""
 
@@ -50,11 +37,18 @@ class StaticRecording(InputModel):
     belt: BeltSide
 
 
-class HammerRecording(InputModel):
+class HammerRecording(StaticRecording):
     """Impacts of a hammer that carries a marker."""
 
-    file: Text
-    belt: BeltSide
+
+class WeightRecording(StaticRecording):
+    """One recording of a known weight that the belt carries forward and backward."""
+
+    mass_kg: WeightKg
+    speed_mps: BeltSpeedMps
+    profile: Literal["constant", "sine", "square"]
+    position_m: CoordinateM
+    supports: bool = True
 
 
 LimitN = Annotated[float, Field(gt=0, le=1000)]
@@ -224,23 +218,9 @@ def read_plates_study(folder: str | Path) -> PlatesStudy:
     folder = folder.parent if folder.suffix == ".toml" else folder
     if not (folder / FILE).is_file():
         raise StudyFaults([f"{folder}: no {FILE} here"])
-    table = read_table(folder / FILE)
-    missing = _missing_files(folder, table)
-    try:
-        file = check_table(FILE, table, PlatesFile)
-    except StudyFaults as error:
-        raise StudyFaults([*error.faults, *missing]) from error
-    if missing:
-        raise StudyFaults(missing)
+    file = check_table(FILE, read_table(folder / FILE), PlatesFile)
+    recordings = (*file.static, *file.hammer, *file.weights)
+    faults = [fault for one in recordings for fault in missing_file(folder, FILE, one.file)]
+    if faults:
+        raise StudyFaults(faults)
     return PlatesStudy(folder, file)
-
-
-def _missing_files(folder: Path, table: Table) -> list[str]:
-    faults = []
-    for part in ("static", "hammer", "weights"):
-        entries = table.get(part, [])
-        for n, entry in enumerate(entries if isinstance(entries, list) else []):
-            name = entry.get("file") if isinstance(entry, dict) else None
-            if isinstance(name, str) and name:
-                faults += missing_file(folder, f"{FILE}: {part}.{n}.file", name)
-    return faults

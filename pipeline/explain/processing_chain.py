@@ -141,7 +141,8 @@ def needed_wrench(body: Body, motion: Filtered) -> Array:
     Lab axes about the pelvis origin.
     """
     state = motion.value, motion.velocity, motion.acceleration
-    return choose_engine("kernels").free_dynamics(body, *state, (), 1).wrench
+    _, wrench, _ = choose_engine("kernels").free_dynamics(body, *state, (), 1)
+    return wrench
 
 
 def processing_chain(

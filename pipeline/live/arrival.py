@@ -68,55 +68,49 @@ class Arrivals:
     def take(self, samples: Samples, arrived_s: float) -> Samples:
         """Take what arrived of a stream at a time of this computer [s]; give it as it counts.
 
-        Samples that are in doubt are kept until others confirm them; if none do, they have no time.
+        Samples without a time are left out. Those that are in doubt are kept until others confirm
+        them; if none do, they are left out too.
         """
-        samples = replace(samples, values=known(samples.values))
+        timed = np.isfinite(samples.time)
+        stamps, values = samples.time[timed], known(samples.values[timed])
         clock = self._clocks.get(samples.stream)
-        if clock is None or not len(samples.time):
-            return samples
+        if clock is None or not len(stamps):
+            return replace(samples, time=stamps, values=values)
         passed_s, clock.heard_s = arrived_s - clock.heard_s, arrived_s
-        time = samples.time + clock.added_s
+        time = stamps + clock.added_s
         if clock.newest_s is None:
-            first = time[np.isfinite(time)]
-            if not len(first):
-                return samples
-            clock.newest_s = float(first[0])
+            clock.newest_s = float(time[0])
         latest_s = MAX_AHEAD_S + max(clock.newest_s + passed_s, self._newest_s(samples.stream))
         usual = (time > clock.newest_s - MAX_BACK_S) & (time < latest_s)
         if usual.all() and not clock.doubtful:
             clock.newest_s = max(clock.newest_s, float(time.max()))
-            return replace(samples, time=time)
-        return self._sorted_out(samples, clock, latest_s)
+            return replace(samples, time=time, values=values)
+        return self._sorted_out(replace(samples, time=stamps, values=values), clock, latest_s)
 
     def _sorted_out(self, samples: Samples, clock: _Clock, latest_s: float) -> Samples:
         """Take samples one by one, some of which may be on another clock."""
         taken: list[tuple[float, Array]] = []
-        set_s = 0.0
+        before_s = clock.added_s
         assert clock.newest_s is not None
         for stamp, value in zip(samples.time.tolist(), samples.values, strict=True):
             time = stamp + clock.added_s
-            if not np.isfinite(time):
-                taken.append((np.nan, value))
-            elif clock.newest_s - MAX_BACK_S < time < latest_s:
-                taken += [(np.nan, each) for _, each in clock.doubtful]
+            if clock.newest_s - MAX_BACK_S < time < latest_s:
                 clock.doubtful.clear()
-                taken.append((time, value))
                 clock.newest_s = max(clock.newest_s, time)
-            else:
-                if clock.doubtful and not 0 < stamp - clock.doubtful[-1][0] < MAX_BACK_S:
-                    taken += [(np.nan, each) for _, each in clock.doubtful]
-                    clock.doubtful.clear()
-                clock.doubtful.append((stamp, value))
-                if len(clock.doubtful) >= max(MIN_CONFIRMED, CONFIRMED_S * clock.rate_hz):
-                    before_s = clock.added_s
-                    self._set(samples.stream, clock)
-                    set_s += before_s - clock.added_s
-                    taken += [(s + clock.added_s, each) for s, each in clock.doubtful]
-                    clock.newest_s = taken[-1][0]
-                    latest_s = clock.newest_s + MAX_AHEAD_S
-                    clock.doubtful.clear()
+                taken.append((time, value))
+                continue
+            if clock.doubtful and not 0 < stamp - clock.doubtful[-1][0] < MAX_BACK_S:
+                clock.doubtful.clear()
+            clock.doubtful.append((stamp, value))
+            if len(clock.doubtful) >= max(MIN_CONFIRMED, CONFIRMED_S * clock.rate_hz):
+                self._set(samples.stream, clock)
+                taken += [(s + clock.added_s, each) for s, each in clock.doubtful]
+                clock.newest_s = taken[-1][0]
+                latest_s = clock.newest_s + MAX_AHEAD_S
+                clock.doubtful.clear()
         values = np.array([value for _, value in taken]).reshape(-1, samples.values.shape[1])
-        return Samples(samples.stream, np.array([time for time, _ in taken]), values, set_s)
+        times = np.array([time for time, _ in taken])
+        return Samples(samples.stream, times, values, before_s - clock.added_s)
 
     def _set(self, stream: str, clock: _Clock) -> None:
         """Find what has to be added to the time stamps of a stream whose clock was set."""

@@ -1,8 +1,7 @@
 """What a laboratory sees of a session: residuals so far, latency, and what is wrong."""
 
 from collections import Counter, deque
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from time import monotonic
 from typing import Final
@@ -130,13 +129,13 @@ class FitWatch:
         frames.append(frame)
         if len(frames) < MIN_FRAMES or frame.time - frames[0].time < FITTED_S:
             return []
-        found = [*self._misfit(), *self._uncertain()]
+        found = list(self._found())
         frames.clear()
         before, self._noted = self._noted, {note.code for note in found}
         return [note for note in found if note.code not in before]
 
-    def _misfit(self) -> Iterator[Note]:
-        """Find large distances, and markers that were seen, and not used, in most frames."""
+    def _found(self) -> Iterator[Note]:
+        """Find large distances, markers that were seen and not used, and feet beside pressure."""
         error = np.array([frame.marker_error for frame in self._frames])
         squared_m2 = error[np.isfinite(error)] ** 2
         rms_m = float(np.sqrt(squared_m2.mean())) if len(squared_m2) else 0.0
@@ -149,8 +148,6 @@ class FitWatch:
         if rms_m > MAX_ERROR_M or len(often):
             left_out = ", ".join(self._names[k] for k in often) or "none"
             yield Note.of("live_markers_misfit", error_m=rms_m, left_out=left_out)
-
-    def _uncertain(self) -> Iterator[Note]:
         share = float(np.mean([Quality.FOOT_UNCERTAIN in each.quality for each in self._frames]))
         if share > MOST:
             yield Note.of("live_foot_uncertain", share=share)
@@ -206,7 +203,7 @@ class WeightWatch:
     Examples
     --------
     >>> watch, empty = WeightWatch(75.0), np.empty(0)
-    >>> light = LiveCycle("left", 0.0, 1.1, empty, {}, {}, {}, vertical_n=700.0)
+    >>> light = LiveCycle("left", 0.0, 1.1, True, empty, {}, {}, {}, vertical_n=700.0)
     >>> notes = [note for _ in range(20) for note in watch.add(light)]
     >>> [note.code for note in notes], round(notes[0].values["carried_kg"], 1)
     (['live_weight_differs'], 71.4)
@@ -244,9 +241,7 @@ class PlateWatch:
     platform's inertia and weight.
     """
 
-    def __init__(
-        self, number: int, mass_kg: float, up: float = 1.0, *, moves: bool = False
-    ) -> None:
+    def __init__(self, number: int, mass_kg: float, up: float = 1, *, moves: bool = False) -> None:
         self._number, self._weight_n = number, mass_kg * GRAVITY_MPS2
         self._up, self._moves = up, moves
         self._kept: list[tuple[Array, Array]] = []
@@ -298,14 +293,6 @@ SILENT_S: Final = 1.0
 """Without samples a stream has gone."""
 
 
-@dataclass(frozen=True, slots=True)
-class TimedNote:
-    """A note and when it arose on the streams' clock [s]."""
-
-    time: float
-    note: Note
-
-
 class Monitor:
     """Follows a session.
 
@@ -315,6 +302,8 @@ class Monitor:
         The session's.
     plates
         Places of the plates.
+    say
+        Called with each note as it arises.
 
     Attributes
     ----------
@@ -322,92 +311,81 @@ class Monitor:
         Residuals so far.
     cycles
         The last ten gait cycles.
-    notes, noted
-        As they arose, the newest last; how many arose in all.
+    notes
+        The newest ones as they arose, each with its time on the streams' clock [s].
     reasons
         Why frames do not count -> how many.
     losses
         Samples that never arrived.
     """
 
-    def __init__(self, chain: LiveChain, plates: Sequence[Plate]) -> None:
-        self._chain = chain
+    def __init__(
+        self,
+        chain: LiveChain,
+        plates: Sequence[Plate],
+        say: Callable[[Note], object] = lambda note: None,
+    ) -> None:
+        self._chain, self._say = chain, say
         self._gait, self._delay = GaitTracker(), DelayWatch()
         self._markers = MarkerGaps(chain.tracker.markers)
         self._columns = list(chain.tracker.columns)
         self._fit = FitWatch(chain.tracker.markers, self._columns)
         self.losses = Losses([chain.stream, *chain.analog.streams.values()])
         self._weight = WeightWatch(chain.body.mass)
-        self._plates = [
-            (
-                chain.live.channels_of(plate.number),
-                PlateWatch(
-                    plate.number,
-                    chain.body.mass,
-                    float(np.sign(plate.rotation[2, 2])),
-                    moves=chain.ground.platform is not None,
-                ),
-            )
-            for plate in plates
-        ]
+        self._plates: dict[str, list[tuple[list[int], PlateWatch]]] = {}
+        moves = chain.ground.platform is not None
+        for plate in plates:
+            up = float(np.sign(plate.rotation[2, 2]))
+            watch = PlateWatch(plate.number, chain.body.mass, up, moves=moves)
+            channels = chain.live.channels_of(plate.number)
+            for stream in chain.analog.streams.values():
+                if set(channels) <= set(stream.labels):
+                    columns = [stream.labels.index(channel) for channel in channels]
+                    self._plates.setdefault(stream.name, []).append((columns, watch))
         self._latency: deque[float] = deque(maxlen=LATENCIES)
-        self._height_m = np.nan
+        self._height_m = self._time = np.nan
         streams = (chain.stream.name, *chain.analog.used)
         self._arrived_s = dict.fromkeys(streams, monotonic())
         self._silent: set[str] = set()
         self.condition = ConditionSoFar(chain.settings.min_valid_share)
         self.cycles: deque[LiveCycle] = deque(maxlen=10)
-        self.notes: deque[TimedNote] = deque(maxlen=MAX_NOTES)
-        self.noted = 0
+        self.notes: deque[tuple[float, Note]] = deque(maxlen=MAX_NOTES)
         self.reasons: Counter[str] = Counter()
-        self.last: LiveFrame | None = None
         present = set(chain.tracker.markers)
         if absent := [name for name in chain.body.markers if name not in present]:
-            names = ", ".join(absent)
-            stream = chain.stream.name
-            self._note(np.nan, [Note.of("live_markers_absent", markers=names, stream=stream)])
+            names, of = ", ".join(absent), chain.stream.name
+            self._note(Note.of("live_markers_absent", markers=names, stream=of))
 
     def samples(self, received: Samples) -> None:
-        """Take samples as they were received; those without a time are nobody's."""
+        """Take samples as they were received."""
+        name, time, values = received.stream, received.time, received.values
+        self._time = float(time[-1])
         if received.clock_set_s:
-            note = Note.of("live_clock_set", stream=received.stream, set_s=received.clock_set_s)
-            self._note(received.time[-1], [note])
-        timed = np.isfinite(received.time)
-        if not timed.all():
-            received = replace(received, time=received.time[timed], values=received.values[timed])
-        if not len(received.time):
-            return
-        self._arrived_s[received.stream] = monotonic()
+            self._note(Note.of("live_clock_set", stream=name, set_s=received.clock_set_s))
+        self._arrived_s[name] = monotonic()
+        self._silent.discard(name)
         self.losses.add(received)
-        if received.stream in self._silent:
-            self._silent.remove(received.stream)
-            self._note(received.time[-1], [Note.of("live_stream_back", stream=received.stream)])
-        if received.stream == self._chain.stream.name:
-            position = received.values.reshape(len(received.time), -1, 3)
-            notes = self._markers.add(received.time, position[:, self._columns])
-            self._note(received.time[-1], notes)
-            return
-        stream = self._chain.analog.streams.get(received.stream)
-        for channels, watch in self._plates:
-            if stream is not None and set(channels) <= set(stream.labels):
-                columns = [stream.labels.index(channel) for channel in channels]
-                notes = watch.add(received.time, received.values[:, columns])
-                self._note(received.time[-1], notes)
+        if name == self._chain.stream.name:
+            position = values.reshape(len(time), -1, 3)
+            self._note(*self._markers.add(time, position[:, self._columns]))
+        for columns, watch in self._plates.get(name, []):
+            self._note(*watch.add(time, values[:, columns]))
 
-    def frame(self, frame: LiveFrame, latency_s: float) -> tuple[LiveCycle, ...]:
+    def frame(self, frame: LiveFrame, latency_s: float) -> list[LiveCycle]:
         """Take a frame; give the gait cycles that it ends."""
-        self.last = frame
+        self._time = frame.time
         self._latency.append(latency_s)
         self.reasons.update(reason.name or "" for reason in Quality if reason in frame.quality)
-        gait = self._gait.add(frame)
-        for stride in gait.strides:
-            self._note(frame.time, self._weight.add(stride))
-        for cycle in gait.cycles:
+        strides = self._gait.add(frame)
+        for stride in strides:
+            self._note(*self._weight.add(stride))
+        cycles = [stride for stride in strides if stride.whole]
+        for cycle in cycles:
             self.condition.add(cycle)
-            self.cycles.append(cycle)
             self._height_m = height_of_mass(self._chain.body, frame.q[None])
-        self._note(frame.time, [*self._delay.add(frame), *self._fit.add(frame)])
-        return gait.cycles
+        self.cycles.extend(cycles)
+        self._note(*self._delay.add(frame), *self._fit.add(frame))
+        return cycles
 
     def look_for_silence(self) -> None:
         """Note streams that have sent nothing for a second, or not yet."""
@@ -415,13 +393,12 @@ class Monitor:
         for stream, arrived_s in self._arrived_s.items():
             if stream not in self._silent and now - arrived_s > SILENT_S:
                 self._silent.add(stream)
-                time = self.last.time if self.last is not None else np.nan
-                self._note(time, [Note.of("live_stream_silent", stream=stream)])
+                self._note(Note.of("live_stream_silent", stream=stream))
 
     @property
     def limits(self) -> dict[str, Limits]:
         """Variant -> peaks beside their published limits; empty before the first cycle."""
-        return dict(self.condition.limits(self._height_m))
+        return self.condition.limits(self._height_m)
 
     def latency_ms(self, percent: float) -> float:
         """Give a percentile of the time from arrival to results over the last minute [ms]."""
@@ -429,50 +406,44 @@ class Monitor:
 
     def status(self) -> str:
         """Give one line: frames, gait cycles, residuals so far, latency."""
-        counts = self._chain.counts
-        parts = [f"{counts.received} frames, {counts.marked} of them do not count"]
-        if counts.late:
-            parts.append(f"{counts.late} late")
-        if self.condition.cycles:
-            best = list(self.condition.rms)[-1]
-            parts.append(f"{self.condition.cycles} gait cycles")
-            parts.append(f"RMS {in_words(self.condition.rms[best])}")
-        if self.condition.not_carried:
-            parts.append(f"{self.condition.not_carried} gait cycles beside the plates")
+        chain, condition = self._chain, self.condition
+        parts = [f"{chain.received} frames, {chain.marked} of them do not count"]
+        if chain.late:
+            parts.append(f"{chain.late} late")
+        if condition.cycles:
+            *_, best = condition.rms.values()
+            parts.append(f"{condition.cycles} gait cycles")
+            parts.append(f"RMS {in_words(best)}")
+        if condition.not_carried:
+            parts.append(f"{condition.not_carried} gait cycles beside the plates")
         parts.append(f"{self.latency_ms(50):.1f} ms (99 %: {self.latency_ms(99):.1f})")
         return " · ".join(parts)
 
     def page(self) -> str:
-        """Give counts, residuals beside their limits and the newest notes as Markdown."""
-        counts = self._chain.counts
-        lines = [
-            f"**{counts.received}** frames, {counts.marked} of them do not count, {counts.late} "
-            f"late; {self.condition.cycles} gait cycles, and {self.condition.not_carried} beside "
-            "the plates",
-            "",
-        ]
+        """Give the status, residuals beside their limits and the newest notes as Markdown."""
+        lines = [self.status(), ""]
         if self.condition.cycles:
             lines += [f"| RMS | {' | '.join(AXES)} |", "|---" * 7 + "|"]
             for variant, rms in self.condition.rms.items():
                 cells = " | ".join(f"{value:.1f}" for value in rms)
                 lines.append(f"| {variant} | {cells} |")
             lines.append("")
-            for variant, limit in self.limits.items():
-                lines.append(
-                    f"- {variant}: peaks {limit.force_n:.0f} N (limit {limit.max_force_n:.0f} N), "
-                    f"{limit.moment_nm:.0f} N·m (limit {limit.max_moment_nm:.0f} N·m)"
-                )
-        lines += [f"- {timed.note}" for timed in list(self.notes)[-SHOWN_NOTES:]]
-        lines.append(
-            f"\nfrom arrival to results {self.latency_ms(50):.1f} ms, 99 % within "
-            f"{self.latency_ms(99):.1f} ms"
-        )
+            lines += [f"- {variant}: {peaks_in_words(at)}" for variant, at in self.limits.items()]
+        lines += [f"- {note}" for _, note in list(self.notes)[-SHOWN_NOTES:]]
         return "\n".join(lines)
 
-    def _note(self, time: float, notes: Iterable[Note]) -> None:
+    def _note(self, *notes: Note) -> None:
         for note in notes:
-            self.notes.append(TimedNote(float(time), note))
-            self.noted += 1
+            self.notes.append((self._time, note))
+            self._say(note)
+
+
+def peaks_in_words(limits: Limits) -> str:
+    """Give peaks and limits in words."""
+    return (
+        f"peaks {limits.force_n:.0f} N (published limit {limits.max_force_n:.0f} N), "
+        f"{limits.moment_nm:.0f} N·m ({limits.max_moment_nm:.0f} N·m)"
+    )
 
 
 def in_words(rms: Array) -> str:

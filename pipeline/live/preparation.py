@@ -1,10 +1,10 @@
 """What has to be known before the first frame: the body, the places of plates, the streams."""
 
-from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from time import perf_counter
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -12,8 +12,8 @@ from hbm.markers import Markers
 from hbm.model import Body
 from hbm.notes import Note
 from hbm.plausibility.motion import implausible
-from hbm.spatial import GRAVITY_MPS2, Array
-from hbm.spelling import listed, short
+from hbm.spatial import GRAVITY_MPS2
+from hbm.spelling import short
 from pipeline.config.live import Live
 from pipeline.config.schema import Settings, SubjectFile, Treadmill
 from pipeline.config.study import Study, read_study
@@ -21,6 +21,10 @@ from pipeline.config.toml_file import read_segments
 from pipeline.io.read import read_as_stated
 from pipeline.io.recording import Plate, Recording
 from pipeline.io.stated import Stated
+from pipeline.live.arrival import Arrivals
+from pipeline.live.frames.chain import stated_streams
+from pipeline.live.frames.channels import AnalogStreams, SampleBuffer
+from pipeline.live.frames.ground import PLATE_UNITS
 from pipeline.live.replay import ANALOG, MARKERS, PLATES
 from pipeline.live.stream import Samples, StatedPlate, StreamDescription
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
@@ -40,24 +44,12 @@ MAX_ANGLE_DEG: Final = 0.5
 """Between its axes: half a degree turns 6 N of the body weight into a horizontal force."""
 
 
-@dataclass(frozen=True, slots=True)
-class PlacedPlates:
-    """The plates of a session.
-
-    Attributes
-    ----------
-    plates
-        Where they lie, without samples, in the order of their numbers.
-    live
-        Which streams and channels are what, with the channels that the streams state.
-    notes
-        ``live_plate_elsewhere`` for each plate that streams and static recording have at different
-        places.
-    """
+class PlacedPlates(NamedTuple):
+    """Plates without samples in the order of their numbers, their channels, and what is noted."""
 
     plates: tuple[Plate, ...]
     live: Live
-    notes: tuple[Note, ...] = ()
+    notes: tuple[Note, ...]
 
 
 def place_plates(
@@ -65,46 +57,29 @@ def place_plates(
 ) -> PlacedPlates:
     """Find out where the plates lie, and which channels are theirs.
 
-    Parameters
-    ----------
-    stated
-        As the streams describe them.
-    static
-        Recording of the calibration pose, if there is one.
-    live
-        As the study states it; what it states of channels counts more than what streams state.
-
-    Returns
-    -------
-    PlacedPlates
-        A place that a stream states counts more than that of the static recording: it is of now,
-        and of the axes in which the stream's own channels are. Where the study names other channels
-        for the plate, it does not count.
-
-    Raises
-    ------
-    ValueError
-        Neither knows a place, or several streams state one plate's.
-
-    Examples
-    --------
-    >>> time, still = np.empty(0), np.empty((0, 6))
-    >>> corners = np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]) / 4
-    >>> plate = Plate(1, time, still, np.eye(3), np.zeros(3), corners)
-    >>> channels = ("Fx1", "Fy1", "Fz1", "Mx1", "My1", "Mz1")
-    >>> found = place_plates([StatedPlate("1", channels, plate)], None, Live())
-    >>> found.plates[0].center.tolist(), found.live.channels_of(1)[2]
-    ([0.0, 0.0, 0.0], 'Fz1')
+    A place that a stream states counts more than that of the static recording: it is of now, and of
+    the axes in which the stream's own channels are; one that differs is noted. Where the study
+    names other channels for the plate, it does not count. A ValueError says that neither knows a
+    place, or that several streams state one plate's.
     """
     used = [each for each in stated if live.plates.get(each.number, each.channels) == each.channels]
-    placed = [each.number for each in used if each.place is not None]
-    if several := sorted({number for number in placed if placed.count(number) > 1}):
-        raise ValueError(f"several streams state the place of plate {listed(several)}")
+    received: dict[str, Plate] = {}
+    for each in used:
+        if each.place is None:
+            continue
+        if each.number in received:
+            raise ValueError(f"several streams state the place of plate {each.number}")
+        received[each.number] = each.place
     recorded = {str(plate.number): plate.place for plate in static.plates} if static else {}
-    received = {each.number: each.place for each in used if each.place is not None}
     places = recorded | received
     if not places:
-        raise ValueError(_unknown(stated, static))
+        why = [f"plate {short(each.number)}: {each.problem}" for each in stated if each.problem]
+        streams = "; ".join(why) or "the streams state none (desc/plates/plate)"
+        file = "no static file is stated" if static is None else f"{static.source.name} has none"
+        raise ValueError(
+            f"the places of the plates are not known: {streams}; {file}; state a recording that "
+            "has them: --static FILE, or static in the subject's file"
+        )
     channels = {each.number: each.channels for each in stated if each.channels}
     file = static.source.name if static is not None else ""
     return PlacedPlates(
@@ -130,17 +105,6 @@ def _elsewhere(
             values = {"distance_m": distance_m, "angle_deg": angle_deg}
             notes.append(Note.of("live_plate_elsewhere", plate=number, **values, file=file))
     return tuple(notes)
-
-
-def _unknown(stated: Sequence[StatedPlate], static: Recording | None) -> str:
-    """Say why no place is known, and what to do."""
-    why = [f"plate {short(each.number)}: {each.problem}" for each in stated if each.problem]
-    streams = "; ".join(why) or "the streams state none (desc/plates/plate)"
-    file = "no static file is stated" if static is None else f"{static.source.name} has none"
-    return (
-        f"the places of the plates are not known: {streams}; {file}; state a recording that has "
-        "them: --static FILE, or static in the subject's file"
-    )
 
 
 POSE_S: Final = 1.2
@@ -170,79 +134,59 @@ class PoseFinder:
     def __init__(
         self, live: Live, streams: Sequence[StreamDescription], plates: Sequence[Plate]
     ) -> None:
-        self._streams = {stream.name: stream for stream in streams}
-        self._markers = live.markers or next(s.name for s in streams if s.kind == "markers")
-        self._live, self._plates = live, plates
-        self._kept: dict[str, deque[Samples]] = {stream.name: deque() for stream in streams}
+        self._markers, analog = stated_streams(live, streams)
+        self._arrivals = Arrivals(streams)
+        frames = round(POSE_S * self._markers.rate_hz)
+        self._frames = SampleBuffer(3 * len(self._markers.labels), frames)
+        self._analog = AnalogStreams(analog)
+        self._plates = [
+            (plate, self._analog.find(live.channels_of(plate.number), PLATE_UNITS))
+            for plate in plates
+        ]
         self._looked_s = -np.inf
-        self.why_not = f"stream {self._markers} has sent too few frames"
+        self.why_not = f"stream {self._markers.name} has sent too few frames"
 
     def add(self, samples: Samples) -> Recording | None:
         """Take what arrived; give the pose's recording once the last 1.2 s show it."""
-        kept = self._kept.get(samples.stream)
-        if kept is None or not len(samples.time):
+        samples = self._arrivals.take(samples, perf_counter())
+        if samples.stream != self._markers.name:
+            self._analog.append(samples)
             return None
-        kept.append(samples)
-        while samples.time[-1] - kept[0].time[-1] > POSE_S:
-            kept.popleft()
-        if samples.stream != self._markers or samples.time[-1] - self._looked_s < EVERY_S:
+        self._frames.append(samples.time, samples.values)
+        newest_s = self._frames.newest_s
+        if len(self._frames.time) < self._frames.length or newest_s - self._looked_s < EVERY_S:
             return None
-        self._looked_s = float(samples.time[-1])
+        self._looked_s = newest_s
         return self._pose()
 
     def _pose(self) -> Recording | None:
-        time, position = self._joined(self._markers)
-        if time[-1] - time[0] < POSE_S - EVERY_S:
-            return None
-        names = self._streams[self._markers].labels
-        markers = Markers(time - time[0], names, position.reshape(len(time), len(names), 3))
-        seen = np.isfinite(markers.position).all(axis=(0, 2))
+        time = self._frames.time[-self._frames.length :]
+        names, start_s = self._markers.labels, float(time[0])
+        position = self._frames.values[-len(time) :].reshape(len(time), len(names), 3)
+        seen = np.isfinite(position).all(axis=(0, 2))
         if not seen.any():
             self.why_not = "no marker is seen all the time"
             return None
-        extent_m = median_extent(markers.position[:, seen])
+        extent_m = median_extent(position[:, seen])
         if extent_m > MAX_STILL_EXTENT_M:
             self.why_not = (
                 f"the markers moved by {1000 * extent_m:.0f} mm within {POSE_S:g} s, at most "
                 f"{1000 * MAX_STILL_EXTENT_M:.0f} mm are standing still"
             )
             return None
-        plates = [self._plate(plate, float(time[0])) for plate in self._plates]
-        standing = [plate for plate in plates if plate is not None]
+        standing = []
+        for plate, channels in self._plates:
+            at, wrench = channels.samples(start_s, float(time[-1]))
+            if not len(at):
+                self.why_not = f"plate {plate.number} has sent nothing"
+                return None
+            standing.append(replace(plate, time=at - start_s, wrench_in_plate=wrench))
         carried_n = sum(float(np.mean(plate.wrench[:, 2])) for plate in standing)
-        if len(standing) < len(plates):
-            self.why_not = "a plate has sent nothing"
-            return None
         if not carried_n >= MIN_MASS_KG * GRAVITY_MPS2:
             self.why_not = f"the plates carry {carried_n:.0f} N, which is nobody"
             return None
+        markers = Markers(time - start_s, names, position)
         return Recording(Path("calibration pose"), markers, tuple(standing))
-
-    def _plate(self, plate: Plate, start_s: float) -> Plate | None:
-        """Give a plate with what it read lately; None where it sends nothing."""
-        channels = self._live.channels_of(plate.number)
-        for stream in self._streams.values():
-            if set(channels) <= set(stream.labels) and self._kept[stream.name]:
-                time, values = self._joined(stream.name)
-                columns = [stream.labels.index(channel) for channel in channels]
-                wrench = values[:, columns]
-                return replace(plate, time=time - start_s, wrench_in_plate=wrench)
-        return None
-
-    def _joined(self, stream: str) -> tuple[Array, Array]:
-        kept = self._kept[stream]
-        time = np.concatenate([samples.time for samples in kept])
-        values = np.concatenate([samples.values for samples in kept])
-        order = np.unique(time, return_index=True)[1]
-        return time[order], values[order]
-
-
-@dataclass(frozen=True, slots=True)
-class PreparedBody:
-    """A body, and what is to be said of it."""
-
-    body: Body
-    notes: tuple[Note, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -294,43 +238,34 @@ class Preparation:
         needed = bool(treadmill.accelerometers) or treadmill.belt is not None or channels
         return stated.markers or MARKERS, stated.analog or (PLATES, *[ANALOG] * needed)
 
-    def placed(self, stated: Sequence[StatedPlate]) -> PlacedPlates:
-        """Place the plates that streams describe, as `pipeline.live.preparation.place_plates`."""
-        return place_plates(stated, self.static, self.live)
+    def body(self, pose: Recording | None = None) -> tuple[Body, tuple[Note, ...]]:
+        """Build the subject's body from a calibration pose, by default the static file.
 
-    def body(self, pose: Recording | None = None) -> PreparedBody:
-        """Build the subject's body.
-
-        Parameters
-        ----------
-        pose
-            Recording of the calibration pose; by default the static file.
-
-        Raises
-        ------
-        ValueError
-            As `pipeline.trial.subject.subject_body`; or the mass is not known.
+        Notes say what is doubtful about it. A ValueError as of `pipeline.trial.subject`.
         """
         pose = pose or self.static
         if pose is None:
             raise ValueError("no calibration pose: state --static FILE, or show it live: --pose")
         pose = with_corrected_plates(pose, self.laboratory.plates)
-        subject, study = self.person.person, self.study
-        mass = body_mass(subject, pose)
-        hip_trial = self.person.hip_trial
-        segments = self.person.segments
+        person, study = self.person, self.study
+        mass = body_mass(person.person, pose)
+        marker_set = hip_trial = segments = None
+        if study is not None:
+            marker_set = study.marker_set
+            if person.hip_trial:
+                hip_trial = read_as_stated(study.path(person.hip_trial), self.stated)
+            if person.segments:
+                segments = read_segments(study.path(person.segments))
         body = subject_body(
             pose,
-            subject,
+            person.person,
             self.settings,
             mass.mass_kg,
-            marker_set=study.marker_set if study else None,
-            hip_trial=read_as_stated(study.path(hip_trial), self.stated)
-            if study and hip_trial
-            else None,
-            segments=read_segments(study.path(segments)) if study and segments else None,
+            marker_set=marker_set,
+            hip_trial=hip_trial,
+            segments=segments,
         )
-        return PreparedBody(body, (mass.note, *body.notes, *implausible(body)))
+        return body, (mass.note, *body.notes, *implausible(body))
 
 
 def prepare(
@@ -341,22 +276,11 @@ def prepare(
 ) -> Preparation:
     """Read what is stated about a session.
 
-    Parameters
-    ----------
-    study
-        Folder of a study or its ``study.toml``.
-    subject
-        Its subject; may be left out where there is one.
-    static
-        Recording of the calibration pose; by default the subject's.
-    calibration
-        The moving treadmill's, which needs a study; by default the study's.
-
-    Raises
-    ------
-    ValueError, OSError
-        If a file cannot be read or used, it is not clear who the subject is, or a calibration is
-        stated without the study that says where the platform is.
+    The study is a folder or its ``study.toml``; the subject may be left out where there is one; the
+    static recording, of the calibration pose, is by default the subject's, and the moving
+    treadmill's calibration the study's. A ValueError or OSError says that a file cannot be read or
+    used, that it is not clear who the subject is, or that a calibration is stated without the study
+    that says where the platform is.
     """
     if study is None:
         if subject is not None:
@@ -371,7 +295,12 @@ def prepare(
         person, still = SubjectFile(id="subject", trials={}), Laboratory(Treadmill())
         return Preparation(None, person, Settings(), Live(), still, recording)
     read = read_study(study.parent if study.is_file() else study, recordings=False)
-    person = read.subject(subject) if subject else _only_subject(read)
+    if subject is None and len(read.subjects) != 1:
+        raise ValueError(
+            f"the study has {len(read.subjects)} subjects; state who walks: --subject, one of "
+            f"{', '.join(read.subjects)}"
+        )
+    person = read.subject(subject or next(iter(read.subjects)))
     laboratory = read_study_laboratory(read)
     if calibration is not None:
         fitted = read_calibration(calibration, read.file.treadmill, read.stated, laboratory.plates)
@@ -379,12 +308,3 @@ def prepare(
     path = static or (read.path(person.static) if person.static else None)
     recording = read_as_stated(path, read.stated) if path else None
     return Preparation(read, person, read.file.settings, read.file.live, laboratory, recording)
-
-
-def _only_subject(study: Study) -> SubjectFile:
-    if len(study.subjects) != 1:
-        raise ValueError(
-            f"the study has {len(study.subjects)} subjects; state who walks: --subject, one of "
-            f"{', '.join(study.subjects)}"
-        )
-    return next(iter(study.subjects.values()))

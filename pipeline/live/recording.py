@@ -30,21 +30,9 @@ def describe(
     parts: Sequence[tuple[str, str]] = (),
     plates: Sequence[Plate] = (),
 ) -> Element:
-    """Describe a stream.
+    """Give the ``desc`` of a stream: its channels, further parts, and plates that are among them.
 
-    Parameters
-    ----------
-    channels
-        What each channel holds.
-    parts
-        Further parts, such as ``("axes", "forward,left,up")``.
-    plates
-        Those whose channels are among them; their places are in the axes of the markers.
-
-    Returns
-    -------
-    Element
-        ``desc``.
+    Their places are in the axes of the markers.
 
     Examples
     --------
@@ -78,15 +66,6 @@ def stream_channels(
     """Give the channels of a stream: three per marker, or one per label.
 
     Channels of plates that are named as D-Flow names them say by that what they are.
-
-    Parameters
-    ----------
-    stream
-        What it carries.
-    live
-        Which channels are a plate's.
-    plates
-        The plates of the session.
     """
     if stream.kind == "markers":
         return tuple(
@@ -111,27 +90,21 @@ def described_streams(
     streams: Sequence[StreamDescription], live: Live, plates: Sequence[Plate]
 ) -> list[Element]:
     """Describe streams that are received, one ``info`` each, as XDF has it."""
-    return [_described(stream, live, plates) for stream in streams]
-
-
-def _described(stream: StreamDescription, live: Live, plates: Sequence[Plate]) -> Element:
-    channels = stream_channels(stream, live, plates)
-    info = Element("info")
-    for part, text in (
-        ("name", stream.name),
-        ("type", "MoCap" if stream.kind == "markers" else "Analog"),
-        ("channel_count", str(len(channels))),
-        ("nominal_srate", repr(stream.rate_hz)),
-        ("channel_format", "double64"),
-    ):
-        SubElement(info, part).text = text
-    if stream.kind == "markers":
-        info.append(describe(channels, [("axes", LAB_AXES)]))
-    else:
+    described = []
+    for stream in streams:
+        channels = stream_channels(stream, live, plates)
+        is_markers = stream.kind == "markers"
+        info = Element("info")
+        SubElement(info, "name").text = stream.name
+        SubElement(info, "type").text = "MoCap" if is_markers else "Analog"
+        SubElement(info, "channel_count").text = str(len(channels))
+        SubElement(info, "nominal_srate").text = repr(stream.rate_hz)
+        SubElement(info, "channel_format").text = "double64"
         numbers = {channel.plate for channel in channels}
         own = [plate for plate in plates if str(plate.number) in numbers]
-        info.append(describe(channels, plates=own))
-    return info
+        info.append(describe(channels, [("axes", LAB_AXES)] if is_markers else [], own))
+        described.append(info)
+    return described
 
 
 MAGIC: Final = b"XDF:"

@@ -3,15 +3,13 @@
 import threading
 import time as clock
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from hbm.spatial import Array
 from pipeline.config.live import LOOPBACK, Live
 from pipeline.io.recording import Plate, Recording
-from pipeline.io.xdf.channels import Channel
 from pipeline.live.outlet import Outlet, load_lsl
 from pipeline.live.recording import stream_channels
 from pipeline.live.stream import LAB_AXES, Samples, StatedPlate, StreamDescription
@@ -24,53 +22,44 @@ ROUNDING_S: Final = 1e-9
 """A sample at the end of a chunk belongs to the next one."""
 
 
-@dataclass(frozen=True, slots=True)
-class RecordedStream:
-    """One stream of a recording.
+class RecordedStream(NamedTuple):
+    """One stream of a recording: its samples on the recording's clock, (N,) [s] and (N, K).
 
-    Attributes
-    ----------
-    description
-        What it carries.
-    content_type
-        As XDF's meta-data name it.
-    channels
-        What each channel holds.
-    plates
-        Those of its channels.
-    time, values
-        All its samples on the recording's clock, (N,) [s] and (N, K).
+    The plates are those of its channels.
     """
 
     description: StreamDescription
-    content_type: str
-    channels: tuple[Channel, ...]
     plates: tuple[Plate, ...]
     time: Array
     values: Array
 
+    def outlet(self, name: str, listen: str = LOOPBACK) -> Outlet:
+        """Open an outlet that sends it under a name."""
+        description, is_markers = self.description, self.description.kind == "markers"
+        return Outlet(
+            name,
+            "MoCap" if is_markers else "Analog",
+            stream_channels(description, Live(), self.plates),
+            description.rate_hz,
+            parts=[("axes", LAB_AXES)] if is_markers else [],
+            plates=self.plates,
+            listen=listen,
+        )
+
 
 def recorded_streams(recording: Recording) -> tuple[RecordedStream, ...]:
-    """Give a recording as streams: markers; plates; other channels.
+    """Give a recording of any format as streams.
 
-    Parameters
-    ----------
-    recording
-        From a file of any format.
-
-    Returns
-    -------
-    tuple of RecordedStream
-        "Markers" at the cameras' rate. "Plates": Fx Fy Fz Mx My Mz of each in its own axes about
-        the centre of its surface, called FP1.Fx and so on. "Analog": the other channels. Streams
-        that the recording does not have are absent; plates of several rates are streams of their
-        own, "Plates", "Plates 2" and so on.
+    "Markers" at the cameras' rate. "Plates": Fx Fy Fz Mx My Mz of each in its own axes about the
+    centre of its surface, called FP1.Fx and so on. "Analog": the other channels. Streams that the
+    recording does not have are absent; plates of several rates are streams of their own, "Plates",
+    "Plates 2" and so on.
     """
     markers = recording.markers
     names = markers.names
     seen = StreamDescription(MARKERS, "markers", names, ("m",) * len(names), markers.rate_hz)
     positions = np.reshape(markers.position, (len(markers.time), -1))
-    streams = [_stream(seen, "MoCap", (), markers.time, positions)]
+    streams = [RecordedStream(seen, (), markers.time, positions)]
     groups: list[list[Plate]] = []
     for plate in recording.plates:
         for group in groups:
@@ -81,30 +70,15 @@ def recorded_streams(recording: Recording) -> tuple[RecordedStream, ...]:
             groups.append([plate])
     for number, group in enumerate(groups, start=1):
         name = PLATES if number == 1 else f"{PLATES} {number}"
-        streams.append(_plates(name, group))
+        labels = tuple(label for plate in group for label in Live().channels_of(plate.number))
+        units = (*("N",) * 3, *("N·m",) * 3) * len(group)
+        loads = StreamDescription(name, "analog", labels, units, group[0].rate_hz)
+        values = np.hstack([plate.wrench_in_plate for plate in group])
+        streams.append(RecordedStream(loads, tuple(group), group[0].time, values))
     if (analog := recording.analog) is not None and len(analog.time) > 1:
         read = StreamDescription(ANALOG, "analog", analog.names, analog.units, analog.rate_hz)
-        streams.append(_stream(read, "Analog", (), analog.time, analog.values))
+        streams.append(RecordedStream(read, (), analog.time, analog.values))
     return tuple(streams)
-
-
-def _plates(name: str, plates: list[Plate]) -> RecordedStream:
-    labels = tuple(label for plate in plates for label in Live().channels_of(plate.number))
-    units = (*("N",) * 3, *("N·m",) * 3) * len(plates)
-    loads = StreamDescription(name, "analog", labels, units, plates[0].rate_hz)
-    values = np.hstack([plate.wrench_in_plate for plate in plates])
-    return _stream(loads, "Force", tuple(plates), plates[0].time, values)
-
-
-def _stream(
-    description: StreamDescription,
-    content_type: str,
-    plates: tuple[Plate, ...],
-    time: Array,
-    values: Array,
-) -> RecordedStream:
-    channels = stream_channels(description, Live(), plates)
-    return RecordedStream(description, content_type, channels, plates, time, values)
 
 
 class RecordedSource:
@@ -116,6 +90,13 @@ class RecordedSource:
         The recording.
     chunk_s
         Time that each chunk spans [s].
+
+    Attributes
+    ----------
+    streams
+        What it gives: markers first.
+    plates
+        The recording's, each with its channels.
 
     Examples
     --------
@@ -133,44 +114,39 @@ class RecordedSource:
 
     def __init__(self, recording: Recording, chunk_s: float = 0.01) -> None:
         self._streams = recorded_streams(recording)
-        self._plates = tuple(
+        self.streams = tuple(stream.description for stream in self._streams)
+        self.plates = tuple(
             StatedPlate(str(plate.number), Live().channels_of(plate.number), plate.place)
             for plate in recording.plates
         )
         self._sent = [0] * len(self._streams)
         self._chunk_s = chunk_s
-        self._until = min(float(stream.time[0]) for stream in self._streams)
-
-    @property
-    def streams(self) -> tuple[StreamDescription, ...]:
-        """What it gives: markers first."""
-        return tuple(stream.description for stream in self._streams)
-
-    @property
-    def plates(self) -> tuple[StatedPlate, ...]:
-        """The recording's, each with its channels."""
-        return self._plates
+        self.first_s = self._until_s = min(float(stream.time[0]) for stream in self._streams)
 
     @property
     def ended(self) -> bool:
         """Whether all samples were given."""
-        return all(
-            sent == len(stream.time) for sent, stream in zip(self._sent, self._streams, strict=True)
-        )
+        return self._sent == [len(stream.time) for stream in self._streams]
 
     def receive(self, timeout_s: float) -> list[Samples]:
         """Give the next samples; an empty list at the end. It never waits."""
         found: list[Samples] = []
         while not found and not self.ended:
-            self._until += self._chunk_s
-            for k, stream in enumerate(self._streams):
-                start = self._sent[k]
-                stop = int(np.searchsorted(stream.time, self._until - ROUNDING_S))
-                if stop > start:
-                    part = slice(start, stop)
-                    name = stream.description.name
-                    found.append(Samples(name, stream.time[part], stream.values[part]))
-                    self._sent[k] = stop
+            self._until_s += self._chunk_s
+            found = self.until(self._until_s)
+        return found
+
+    def until(self, time_s: float) -> list[Samples]:
+        """Give the next samples before a time of the recording [s]."""
+        found = []
+        for k, stream in enumerate(self._streams):
+            start = self._sent[k]
+            stop = int(np.searchsorted(stream.time, time_s - ROUNDING_S))
+            if stop > start:
+                part = slice(start, stop)
+                name = stream.description.name
+                found.append(Samples(name, stream.time[part], stream.values[part]))
+                self._sent[k] = stop
         return found
 
     def close(self) -> None:
@@ -196,12 +172,19 @@ class Replay:
     recording
         The recording.
     speed
-        How many times faster than it was recorded. Time stamps keep the recording's own
+        How many times faster than it was recorded, at most 20. Time stamps keep the recording's own
         intervals whatever the speed.
     prefix
         Before the names of its streams, so that several replays can be told apart.
     listen
         As for `pipeline.live.outlet.load_lsl`, with its errors.
+
+    Attributes
+    ----------
+    names
+        Names of the streams that are sent: markers first.
+    start_s
+        Time of the recording's zero on the clock of Lab Streaming Layer [s]; NaN before it plays.
 
     Raises
     ------
@@ -220,33 +203,20 @@ class Replay:
         if not 0 < speed <= MAX_SPEED:
             raise ValueError(f"speed must be above 0 and at most {MAX_SPEED:g}, got {speed:g}")
         self._now: Callable[[], float] = load_lsl(listen).local_clock
-        self._streams = recorded_streams(recording)
-        self._prefix, self._speed = prefix, speed
-        self._outlets = [
-            Outlet(
-                name,
-                stream.content_type,
-                stream.channels,
-                stream.description.rate_hz,
-                parts=[("axes", LAB_AXES)] if stream.description.kind == "markers" else [],
-                plates=stream.plates,
-                listen=listen,
-            )
-            for name, stream in zip(self.names, self._streams, strict=True)
-        ]
+        self._speed, self._source = speed, RecordedSource(recording)
+        self._outlets = {
+            stream.description.name: stream.outlet(prefix + stream.description.name, listen)
+            for stream in recorded_streams(recording)
+        }
+        self.names = tuple(prefix + name for name in self._outlets)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._play, name="replay", daemon=True)
         self.start_s = float("nan")
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the streams that are sent: markers first."""
-        return tuple(self._prefix + stream.description.name for stream in self._streams)
-
-    @property
     def without_receiver(self) -> tuple[str, ...]:
         """Names of the streams that nobody receives now."""
-        each = zip(self.names, self._outlets, strict=True)
+        each = zip(self.names, self._outlets.values(), strict=True)
         return tuple(name for name, outlet in each if not outlet.has_receivers)
 
     @property
@@ -257,12 +227,8 @@ class Replay:
     def start(self, timeout_s: float = 0.0) -> bool:
         """Begin to play once every stream has a receiver, or after the timeout.
 
-        Streams that nobody has taken a second after the markers are not waited for.
-
-        Returns
-        -------
-        bool
-            Whether every stream had one.
+        Streams that nobody has taken a second after the markers are not waited for. Gives whether
+        every stream had one.
         """
         deadline = clock.monotonic() + timeout_s
         found = False
@@ -278,23 +244,16 @@ class Replay:
         self._stop.set()
         if self._thread.ident is not None:
             self._thread.join()
-        for outlet in self._outlets:
+        for outlet in self._outlets.values():
             outlet.close()
 
     def _play(self) -> None:
-        first = min(float(stream.time[0]) for stream in self._streams)
-        begun = clock.monotonic()
-        self.start_s = self._now() - first
-        sent = [0] * len(self._streams)
-        while not self._stop.is_set():
-            until = first + (clock.monotonic() - begun) * self._speed
-            for k, (stream, outlet) in enumerate(zip(self._streams, self._outlets, strict=True)):
-                stop = int(np.searchsorted(stream.time, until, "right"))
-                if stop > sent[k]:
-                    part = slice(sent[k], stop)
-                    outlet.push(stream.time[part] + self.start_s, stream.values[part])
-                    sent[k] = stop
-            if all(n == len(stream.time) for n, stream in zip(sent, self._streams, strict=True)):
+        first_s, begun = self._source.first_s, clock.monotonic()
+        self.start_s = self._now() - first_s
+        while not self._stop.wait(TICK_S):
+            until_s = first_s + (clock.monotonic() - begun) * self._speed
+            for samples in self._source.until(until_s):
+                self._outlets[samples.stream].push(samples.time + self.start_s, samples.values)
+            if self._source.ended:
                 self._stop.wait(DELIVERY_S)
                 return
-            self._stop.wait(TICK_S)

@@ -90,7 +90,7 @@ class Session:
     def _take(self, samples: Samples, arrived: float) -> None:
         samples = self._arrivals.take(samples, arrived)
         if not len(samples.time):
-            return  # all are in doubt
+            return  # none has a sure time
         for frame in self._chain.push(samples):
             self._give(frame, arrived)
         if self._recorder is not None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.metadata import version
 from importlib.resources import files
-from typing import Any, Final, cast
+from typing import Any, Final
 
 import pandas as pd
 
@@ -123,11 +123,6 @@ def _of_subjects(
 def _of_kinematics(trials: Sequence[TrialResult]) -> dict[str, object]:
     """Describe body, inverse kinematics, filters and the equations of motion."""
     settings = [trial.settings for trial in trials]
-    priors = {
-        f"{name} {sd:.0f}°"
-        for values in _noted(trials, "coordinates_uncertain")
-        for name, sd in cast(Mapping[str, float], values["deviation_deg"]).items()
-    }
     own = {t.subject.id: t.overridden_segments for t in trials if t.overridden_segments}
     return {
         "settings": settings,
@@ -135,12 +130,16 @@ def _of_kinematics(trials: Sequence[TrialResult]) -> dict[str, object]:
         "filters": sorted({(each.filter, f"{each.cutoff_hz:g}") for each in settings}),
         "sexes": sorted({trial.subject.sex for trial in trials}),
         "overridden": sorted(f"{name}: {join_names(parts)}" for name, parts in own.items()),
-        "trunk_levels": [
-            f"{values['level']} from {values['shown']}"
-            for values in _noted(trials, "trunk_level_from_proportions")
+        "landmark_rules": [
+            rule for values in _noted(trials, "landmarks_substituted") for rule in values["rules"]
         ],
-        "locked": sorted({name for trial in trials for name in trial.body.locked}),
-        "priors": sorted(priors),
+        "held": sorted(
+            {
+                name
+                for values in _noted(trials, "coordinates_held")
+                for name in values["coordinates"]
+            }
+        ),
         "engines": engines_of([trial.engine for trial in trials]),
     }
 

@@ -250,8 +250,8 @@ def _sources(source: Provenance) -> tuple[list[Table], Table | None]:
     tables.append(Table("Inverse dynamics of the trials", heads, engines))
     tables.append(pairs("The report was made with", package, source.report))
     program = {
-        "Source code, SHA-256": source.program.sha256,
-        "Git commit": source.program.git_commit or "not in a repository",
+        "Source code, SHA-256": source.program["sha256"],
+        "Git commit": source.program["git_commit"],
     }
     tables.append(pairs("The program", ("Program", "Identity"), program, "hashes"))
     if source.inputs is None:

@@ -1,7 +1,12 @@
-"""A study checked before it is processed: what a run will use, leave out or refuse."""
+"""A study checked before it is processed: what a run will use, leave out or refuse.
 
-from collections.abc import Callable, Iterable
+Every recording passes the stages of `pipeline.trial.process` that need no solved motion, on its
+beginning; what one of them refuses is collected, and the next one follows.
+"""
+
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Final, TypeVar
 
@@ -11,32 +16,28 @@ from compensation.inertia.sensors import describe_sensors
 from hbm.body import Body
 from hbm.coordinates import COORDINATES, LAST_Q, support
 from hbm.engines.engine import choose_engine
-from hbm.notes import Note, NoteValue
+from hbm.notes import Note
 from hbm.signals.filtering import low_pass
-from hbm.spelling import did_you_mean
-from pipeline.config.schema import Condition, Settings, SubjectFile, Trial
+from hbm.spelling import did_you_mean, listed
+from pipeline.config.schema import Condition, PlateContact, Settings, SubjectFile, Trial
 from pipeline.config.study import Study
 from pipeline.config.toml_file import read_segments
-from pipeline.io.read import preview_recording
+from pipeline.io.c3d.second_reader import compare_readers
+from pipeline.io.read import file_format, preview_recording
 from pipeline.io.recording import Preview, Recording
 from pipeline.trial.gait.contact import require_contacts
 from pipeline.trial.gait.cycles import found_cycles
 from pipeline.trial.gait.events import SIDES, gait_events
-from pipeline.trial.ground.accelerometers import accelerations, fastest_belt, mean_belt_speed
+from pipeline.trial.ground.accelerometers import mean_belt_speed
 from pipeline.trial.ground.belt_calibration import read_belts
 from pipeline.trial.ground.calibration_check import read_check
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
-from pipeline.trial.ground.laboratory import (
-    Laboratory,
-    plate_models,
-    read_calibration,
-    require_uncompensated,
-)
+from pipeline.trial.ground.laboratory import Laboratory, bind, read_calibration
 from pipeline.trial.ground.platform import platform_pose
 from pipeline.trial.ground.uncertainty import belt_speed_notes
 from pipeline.trial.quality import settling_s
 from pipeline.trial.study_files import labels_in_none, read_study_file, read_study_plates
-from pipeline.trial.subject import body_mass, differing_masses, subject_body
+from pipeline.trial.subject import body_mass, subject_body
 from pipeline.trial.window import NO_POSE, counted_span, cycle_shortage
 
 MIN_CYCLE_S: Final = 0.8
@@ -49,48 +50,36 @@ Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
-    """Why a trial cannot be processed: the file or trial at fault, and the reason."""
+class Finding:
+    """What is to be known of a file or trial before it is processed."""
 
     place: str
-    reason: str
+    said: Note | str
 
     def __str__(self) -> str:
-        return self.reason if self.place in self.reason else f"{self.place}: {self.reason}"
-
-
-@dataclass(frozen=True, slots=True)
-class Remark:
-    """Information on a file or trial before it is processed."""
-
-    place: str
-    note: Note
-
-    def __str__(self) -> str:
-        return f"{self.place}: {self.note}"
+        text = str(self.said)
+        return (
+            text if isinstance(self.said, str) and self.place in text else f"{self.place}: {text}"
+        )
 
 
 @dataclass(slots=True)
 class Findings:
     """What a check found, each thing once: faults stop a trial, remarks do not."""
 
-    faults: list[Fault] = field(default_factory=list)
-    remarks: list[Remark] = field(default_factory=list)
-    notes_of_files: list[tuple[Note, ...]] = field(default_factory=list)
+    faults: list[Finding] = field(default_factory=list)
+    remarks: list[Finding] = field(default_factory=list)
+    read: dict[str, tuple[Note, ...]] = field(default_factory=dict)
+    """Name of a file -> notes on reading it."""
 
-    def remark(self, place: str, code: str, **values: NoteValue) -> None:
-        """Add a note on a place."""
-        self.notes(place, [Note.of(code, **values)])
-
-    def notes(self, place: str, notes: Iterable[Note]) -> None:
+    def remark(self, place: str, *said: Note | str) -> None:
         """Add what is not yet known of a place."""
-        for remark in (Remark(place, note) for note in notes):
-            if remark not in self.remarks:
-                self.remarks.append(remark)
+        found = (Finding(place, one) for one in said)
+        self.remarks += [one for one in dict.fromkeys(found) if one not in self.remarks]
 
     def fault(self, place: str, reason: str) -> None:
         """Add what stops a trial."""
-        if (fault := Fault(place, reason)) not in self.faults:
+        if (fault := Finding(place, reason)) not in self.faults:
             self.faults.append(fault)
 
     def attempt(self, place: str, action: Callable[[], Result]) -> Result | None:
@@ -104,10 +93,10 @@ class Findings:
     def add(self, other: "Findings") -> None:
         """Add all that another check found."""
         for fault in other.faults:
-            self.fault(fault.place, fault.reason)
+            self.fault(fault.place, str(fault.said))
         for remark in other.remarks:
-            self.notes(remark.place, [remark.note])
-        self.notes_of_files += other.notes_of_files
+            self.remark(remark.place, remark.said)
+        self.read |= other.read
 
 
 def check_study(study: Study) -> Findings:
@@ -132,54 +121,45 @@ def check_study(study: Study) -> Findings:
         for condition, trial in person.trials.items():
             name = f"{subject} {condition}"
             if trial.exclude is not None:
-                found.remark(name, "trial_excluded", reason=trial.exclude)
+                found.remark(name, f"excluded: {trial.exclude}")
             elif trial.file is not None:
                 other = trial_of.setdefault(study.path(trial.file).resolve(), name)
                 if other != name:
-                    found.remark(name, "recording_used_twice", other=other)
-                found.add(_check_trial(study, condition, person, trial, laboratory))
-        without = tuple(name for name in study.file.conditions if name not in person.trials)
+                    found.remark(name, f"the same recording as {other}")
+                _check_trial(study, condition, person, trial, laboratory, found)
+        without = [name for name in study.file.conditions if name not in person.trials]
         if without:
-            found.remark(subject, "conditions_without_trial", conditions=without)
-    if absent := labels_in_none(found.notes_of_files):
-        found.remark("study.toml", "rename_without_label", labels=absent)
+            found.remark(subject, f"no trial for {listed(without)}")
+    if absent := labels_in_none(found.read.values()):
+        found.remark("study.toml", Note.of("rename_without_label", labels=absent))
     return found
 
 
 def _check_laboratory(study: Study, found: Findings) -> Laboratory:
-    """Check the calibrations; give the treadmill with those of platform and plates."""
+    """Read the calibrations, each by itself; give the treadmill with those that can be read."""
     treadmill, stated = study.file.treadmill, study.stated
     plates = found.attempt("study.toml", lambda: read_study_plates(study))
-    if not treadmill.calibration:
-        found.remark("study.toml", "calibration_not_stated")
-        laboratory = Laboratory(treadmill, plates=plates)
-        _check_belts(study, laboratory, found)
-        return laboratory
-    path, beside = study.path(treadmill.calibration), tuple(map(study.path, treadmill.beside))
-    calibration = found.attempt(
-        path.name, lambda: read_calibration(path, treadmill, stated, plates, beside)
-    )
-    if calibration is not None:
-        found.notes(path.name, (*calibration.notes, *describe_sensors(calibration.sensors)))
-        found.remark(path.name, "calibration_of_plates", plates=tuple(calibration.plates))
-    laboratory = Laboratory(treadmill, calibration, plates=plates)
-    if calibration is not None and treadmill.check:
-        other = study.path(treadmill.check)
-        day = found.attempt(other.name, lambda: read_check(other, laboratory, stated))
-        found.notes(other.name, day.notes if day is not None else ())
-    _check_belts(study, laboratory, found)
+    laboratory = Laboratory(treadmill, plates=plates)
+    if treadmill.calibration:
+        path, beside = study.path(treadmill.calibration), tuple(map(study.path, treadmill.beside))
+        calibration = found.attempt(
+            path.name, lambda: read_calibration(path, treadmill, stated, plates, beside)
+        )
+        laboratory = replace(laboratory, calibration=calibration)
+        if calibration is not None:
+            found.remark(path.name, f"compensates {listed(calibration.plates)}")
+            found.remark(path.name, *calibration.notes, *describe_sensors(calibration.sensors))
+            if treadmill.check:
+                other = study.path(treadmill.check)
+                day = found.attempt(other.name, lambda: read_check(other, laboratory, stated))
+                found.remark(other.name, *(day.notes if day is not None else ()))
+    else:
+        found.remark("study.toml", "no treadmill.calibration, so nothing will be compensated")
+    if treadmill.belt is not None:
+        belt = study.path(treadmill.belt.calibration)
+        read = found.attempt(belt.name, lambda: read_belts(belt, laboratory, stated))
+        found.remark(belt.name, *(read[1] if read is not None else ()))
     return laboratory
-
-
-def _check_belts(study: Study, laboratory: Laboratory, found: Findings) -> None:
-    """Check the calibration of the belts, if one is stated."""
-    belt = laboratory.treadmill.belt
-    if belt is None:
-        return
-    path = study.path(belt.calibration)
-    read = found.attempt(path.name, lambda: read_belts(path, laboratory, study.stated))
-    if read is not None:
-        found.notes(path.name, read[1])
 
 
 def _check_trial(
@@ -188,87 +168,160 @@ def _check_trial(
     person: SubjectFile,
     trial: Trial,
     laboratory: Laboratory,
-) -> Findings:
+    found: Findings,
+) -> None:
     """Check one trial: its beginning and, if that has a fault or contacts are stated, all of it."""
-    rule = study.file.conditions[condition]
     file, *_ = trial.files
     path = study.path(file)
-    forces, record = (study.path(name) if name else None for name in (trial.forces, trial.record))
-
-    def check(preview: Preview) -> Findings:
-        found = Findings()
-        pose: Recording | None = preview.beginning
-        static = person.static
-        if static is not None:
-            pose = found.attempt(
-                study.path(static).name,
-                lambda: with_corrected_plates(read_study_file(study, static), laboratory.plates),
-            )
-        _check_contents(preview, rule, found)
-        _check_loads(trial, preview.beginning, study.file.settings, found)
-        found.notes_of_files += [each.notes for each in (preview.beginning, pose) if each]
-        if pose is not None:
-            body = _check_body(study, person, preview, pose, found)
-            if body is not None:
-                settings = study.file.settings
-                _check_window(preview, rule, settings, laboratory, body, found)
-        _check_ground(preview.beginning, laboratory, rule, found)
-        return found
-
-    def corrected(preview: Preview) -> Preview:
-        beginning = with_corrected_plates(preview.beginning, laboratory.plates)
-        return replace(preview, beginning=beginning)
-
-    of_beginning, of_whole = Findings(), Findings()
-    preview = of_beginning.attempt(
-        path.name,
-        lambda: corrected(
-            preview_recording(
-                path,
-                study.stated,
-                forces,
-                record=record,
-                static=study.path(person.static) if person.static else None,
-            )
-        ),
+    forces, record, static = (
+        study.path(name) if name else None for name in (trial.forces, trial.record, person.static)
     )
-    if preview is not None:
-        of_beginning = check(preview)
-        if not of_beginning.faults and not trial.contacts:
-            return of_beginning
-    missing = preview.missing if preview is not None else {}
 
-    def whole() -> Preview:
-        recording = read_study_file(study, file, trial, person.static)
-        return corrected(Preview(recording, len(recording.markers.time), missing))
+    def check(read: Callable[[], Preview]) -> tuple[Findings, Preview | None]:
+        own = Findings()
+        preview = own.attempt(path.name, read)
+        if preview is not None:
+            _check_stages(study, condition, person, trial, laboratory, preview, own)
+        return own, preview
 
-    preview = of_whole.attempt(path.name, whole)
-    return of_whole if preview is None else check(preview)
+    own, preview = check(
+        lambda: preview_recording(path, study.stated, forces, record=record, static=static)
+    )
+    if own.faults or trial.contacts:
+        missing = preview.missing if preview is not None else {}
+
+        def whole() -> Preview:
+            recording = read_study_file(study, file, trial, person.static)
+            return Preview(recording, len(recording.markers.time), missing)
+
+        own, _ = check(whole)
+    found.add(own)
 
 
-def _check_contents(preview: Preview, rule: Condition, found: Findings) -> None:
-    """Note what a file holds, and whether that is enough."""
-    recording = preview.beginning
+def _check_stages(
+    study: Study,
+    condition: str,
+    person: SubjectFile,
+    trial: Trial,
+    laboratory: Laboratory,
+    preview: Preview,
+    found: Findings,
+) -> None:
+    """Let the beginning of a recording pass the stages of a trial, as far as each can go."""
+    rule, settings = study.file.conditions[condition], study.file.settings
+    name = preview.beginning.source.name
+    recording = found.attempt(
+        name, lambda: with_corrected_plates(preview.beginning, laboratory.plates)
+    )
+    if recording is None:
+        return
+    _check_contents(recording, preview, rule, found)
+    _check_loads(recording, trial, settings, found)
+    pose: Recording | None = recording
+    if (static := person.static) is not None:
+        pose = found.attempt(
+            study.path(static).name,
+            lambda: with_corrected_plates(read_study_file(study, static), laboratory.plates),
+        )
+    for each in filter(None, (recording, pose)):
+        found.read[each.source.name] = each.notes
+    if pose is not None:
+        body = _check_body(study, person, recording, pose, found)
+        if body is not None:
+            _check_markers(body, preview, name, found)
+            _check_window(recording, preview.frames, rule, settings, laboratory, body, found)
+    _check_ground(recording, laboratory, rule, settings, found)
+
+
+def _check_contents(
+    recording: Recording, preview: Preview, rule: Condition, found: Findings
+) -> None:
+    """Say what a file holds, and whether that is enough."""
     name, rate_hz = recording.source.name, recording.markers.rate_hz
     duration_s = preview.frames / rate_hz
     plates, analog = recording.plates, recording.analog
-    contents = [f"{len(recording.markers.names)} markers at {rate_hz:g} Hz"]
+    contents = [f"{duration_s:.1f} s, {len(recording.markers.names)} markers at {rate_hz:g} Hz"]
     if plates:
         contents.append(f"{len(plates)} plates at {plates[0].rate_hz:.6g} Hz")
     if analog is not None:
         channels = zip(analog.names, analog.units, strict=True)
         contents.append("channels " + " ".join(f"{c} [{unit}]" for c, unit in channels))
     contents.append(f"{len(recording.events) or 'no'} gait events")
-    found.remark(name, "recording_contents", duration_s=duration_s, contents=tuple(contents))
-    found.notes(name, recording.notes)
+    found.remark(name, ", ".join(contents), *recording.notes)
+    if rule.cycles and duration_s < rule.skip_s + rule.cycles * MIN_CYCLE_S:
+        found.remark(name, f"too short for {rule.cycles} gait cycles after {rule.skip_s:g} s")
+
+
+def _check_loads(recording: Recording, trial: Trial, settings: Settings, found: Findings) -> None:
+    """Refuse plates on which nobody ever stands, and stated contacts that are not there."""
+    name, threshold_n = recording.source.name, settings.contact_threshold_n
+    plates = {plate.number: plate for plate in recording.plates}
+    loaded = {
+        number: np.linalg.norm(plate.wrench_in_plate[:, :3], axis=1) > threshold_n
+        for number, plate in plates.items()
+    }
     if not plates:
         found.fault(name, recording.why_no_plates)
-    if rule.cycles and duration_s < rule.skip_s + rule.cycles * MIN_CYCLE_S:
-        found.remark(name, "recording_short", cycles=rule.cycles, skip_s=rule.skip_s)
+    elif not any(each.any() for each in loaded.values()):
+        found.fault(name, f"nobody is on the plates: none is loaded by more than {threshold_n:g} N")
+
+    def require(contact: PlateContact) -> None:
+        require_contacts([contact], [*plates], recording.markers.time)
+        number, time_s = contact.plate, contact.time_s
+        if not loaded[number][np.argmin(np.abs(plates[number].time - time_s))]:
+            raise ValueError(f"contacts: nobody is on plate {number} at {time_s:g} s")
+
+    for contact in trial.contacts if plates else ():
+        found.attempt(name, partial(require, contact))
+
+
+def _check_body(
+    study: Study, person: SubjectFile, recording: Recording, pose: Recording, found: Findings
+) -> Body | None:
+    """Weigh the subject and build the body."""
+    name, mass = recording.source.name, None
+    if pose.plates or person.static:
+        mass = found.attempt(name, lambda: body_mass(person.person, pose, recording))
+    if mass is not None:
+        found.remark(name, mass.note)
+    body = found.attempt(
+        name,
+        lambda: subject_body(
+            pose,
+            person.person,
+            study.file.settings,
+            mass.mass_kg if mass is not None else ASSUMED_MASS_KG,
+            marker_set=study.marker_set,
+            hip_trial=read_study_file(study, person.hip_trial) if person.hip_trial else None,
+            segments=read_segments(study.path(person.segments)) if person.segments else None,
+        ),
+    )
+    found.remark(name, *(body.notes if body is not None else ()))
+    return body
+
+
+def _check_markers(body: Body, preview: Preview, name: str, found: Findings) -> None:
+    """Say which markers are there, what they leave unknown, and which are often missing."""
+    known = body.marker_set
+    present = list(known.present(preview.beginning.markers.names).segment)
+    needed = [marker for marker in known.markers if not marker.optional]
+    absent = [m.labels[0] for m in needed if not set(m.labels) & set(present)]
+    there = f"{len(needed) - len(absent)} of the {len(needed)} markers of {known.name}"
+    found.remark(name, f"{there}; missing: {listed(absent)}" if absent else there)
+    used = {segment for marker, segment in body.segment_of.items() if marker in present}
+    shown = {i for segment in used for i in support(LAST_Q[segment])}
+    locked = tuple(c for i, c in enumerate(COORDINATES) if i not in shown)
+    if locked:
+        found.remark(name, Note.of("coordinates_held", coordinates=locked))
+    missing = {m: preview.missing.get(m, 0.0) for m in present}
+    often = [f"{m} {100 * s:.0f} %" for m, s in missing.items() if s > MAX_MISSING_SHARE]
+    if often:
+        found.remark(name, f"often missing: {', '.join(often)}")
 
 
 def _check_window(
-    preview: Preview,
+    recording: Recording,
+    frames: int,
     rule: Condition,
     settings: Settings,
     laboratory: Laboratory,
@@ -276,12 +329,11 @@ def _check_window(
     found: Findings,
 ) -> None:
     """Look for what counts in a trial: gait events, or the span that is stated."""
-    recording = preview.beginning
-    name, start_s = recording.source.name, recording.markers.time[0]
+    name = recording.source.name
     settling = settling_s(laboratory.filters(settings))
-    time = start_s + np.arange(preview.frames) / recording.markers.rate_hz
+    time = recording.markers.time[0] + np.arange(frames) / recording.markers.rate_hz
+    every, least = np.ones(frames, bool), settings.min_valid_share
     found.attempt(name, lambda: low_pass(0 * time, time, settings.cutoff_hz, settings.filter))
-    every, least = np.ones(len(time), bool), settings.min_valid_share
     found.attempt(
         name,
         lambda: counted_span(rule.wanted, {}, time, settling, every, least),
@@ -296,119 +348,64 @@ def _check_window(
         return  # these need poses, and other markers than those that stand in for them here
     counted = [event for event in events if event.time >= rule.skip_s]
     if rule.wanted == "cycle" and not found_cycles(events, SIDES):
-        reason = cycle_shortage(events, (), time, np.ones(len(time), bool))
-        found.fault(name, str(note) if unknown else reason)
+        found.fault(name, str(note) if unknown else cycle_shortage(events, (), time, every))
     elif rule.wanted == "cycle" and not found_cycles(counted, SIDES):
         found.fault(name, f"no gait cycle begins after the first {rule.skip_s:g} s, skip_s")
     elif unknown:
-        found.notes(name, (note,))
-
-
-def _check_body(
-    study: Study, person: SubjectFile, preview: Preview, pose: Recording, found: Findings
-) -> Body | None:
-    """Build the body; note its mass, its locked coordinates, and which markers have gaps."""
-    name = preview.beginning.source.name
-    mass = None
-    if pose.plates or person.static:
-        mass = found.attempt(name, lambda: body_mass(person.person, pose, preview.beginning))
-    if mass is not None:
-        found.notes(name, (mass.note, *differing_masses(mass.known_kg, None)))
-
-    def build() -> Body:
-        return subject_body(
-            pose,
-            person.person,
-            study.file.settings,
-            mass.mass_kg if mass is not None else ASSUMED_MASS_KG,
-            marker_set=study.marker_set,
-            hip_trial=read_study_file(study, person.hip_trial) if person.hip_trial else None,
-            segments=read_segments(study.path(person.segments)) if person.segments else None,
-        )
-
-    body = found.attempt(name, build)
-    if body is not None:
-        _check_markers(body, preview, found)
-        found.notes(name, body.notes)
-    return body
-
-
-def _check_markers(body: Body, preview: Preview, found: Findings) -> None:
-    name, known = preview.beginning.source.name, body.marker_set
-    present = list(known.present(preview.beginning.markers.names).segment)
-    needed = [marker for marker in known.markers if not marker.optional]
-    absent = tuple(m.labels[0] for m in needed if not set(m.labels) & set(present))
-    counts: dict[str, NoteValue] = {
-        "present": len(needed) - len(absent),
-        "count": len(needed),
-        "marker_set": known.name,
-    }
-    if absent:
-        found.remark(name, "markers_missing", **counts, missing=absent)
-    else:
-        found.remark(name, "markers_complete", **counts)
-    used = [s for m, s in body.segment_of.items() if m in present]
-    shown = {i for segment in used for i in support(LAST_Q[segment])}
-    locked = tuple(c for i, c in enumerate(COORDINATES) if i not in shown)
-    if locked:
-        found.remark(name, "coordinates_locked", coordinates=locked)
-    gaps = {m: share for m in present if (share := preview.missing.get(m, 0.0)) > 0}
-    if gaps:
-        found.remark(name, "markers_with_gaps", count=len(gaps))
-    often = {marker: share for marker, share in gaps.items() if share > MAX_MISSING_SHARE}
-    if often:
-        found.remark(name, "markers_often_missing", share=often)
-
-
-def _check_loads(trial: Trial, recording: Recording, settings: Settings, found: Findings) -> None:
-    """Refuse plates on which nobody ever stands, and stated contacts that are not there."""
-    name, plates = recording.source.name, {plate.number: plate for plate in recording.plates}
-    threshold_n = settings.contact_threshold_n
-    force = {
-        number: np.linalg.norm(plate.wrench_in_plate[:, :3], axis=1)
-        for number, plate in plates.items()
-    }
-    if plates and not any((each > threshold_n).any() for each in force.values()):
-        found.fault(name, f"nobody is on the plates: none is loaded by more than {threshold_n:g} N")
-    for contact in trial.contacts if plates else ():
-        try:
-            require_contacts([contact], [*plates], recording.markers.time)
-        except ValueError as error:
-            found.fault(name, str(error))
-            continue
-        sample = np.argmin(np.abs(plates[contact.plate].time - contact.time_s))
-        if not force[contact.plate][sample] > threshold_n:
-            found.fault(
-                name, f"contacts: nobody is on plate {contact.plate} at {contact.time_s:g} s"
-            )
+        found.remark(name, note)
 
 
 def _check_ground(
-    recording: Recording, laboratory: Laboratory, rule: Condition, found: Findings
+    recording: Recording,
+    laboratory: Laboratory,
+    rule: Condition,
+    settings: Settings,
+    found: Findings,
 ) -> None:
     """Look for everything that compensation, platform pose and perturbations need."""
     name, treadmill = recording.source.name, laboratory.treadmill
-    found.attempt(name, lambda: require_uncompensated(recording, laboratory))
-    calibration = laboratory.calibration
-    if calibration is not None and recording.plates:
-        readings = found.attempt(name, lambda: accelerations(recording, treadmill))
-        if readings is not None:
-            found.attempt(name, lambda: plate_models(recording, laboratory))
-            of_belts = found.attempt(
-                name,
-                lambda: belt_speed_notes(
-                    mean_belt_speed(fastest_belt(recording, treadmill)), calibration
-                ),
-            )
-            found.notes(name, of_belts or ())
-    time, platform = recording.markers.time, treadmill.platform
-    pose = found.attempt(name, lambda: platform_pose(recording, platform, time))
-    if pose is not None:
-        found.notes(name, pose[1])
-    known = recording.analog.names if recording.analog is not None else ()
-    belts = treadmill.belt.speed_channels if treadmill.belt is not None else ()
+    calibration, platform = laboratory.calibration, treadmill.platform
+    bound = None
+    if recording.plates:
+        bound = found.attempt(name, lambda: bind(recording, laboratory, settings.plate_delay_s))
+    if bound is not None and calibration is not None:
+        found.remark(name, *belt_speed_notes(mean_belt_speed(bound.belts), calibration))
+    pose = found.attempt(name, lambda: platform_pose(recording, platform, recording.markers.time))
+    found.remark(name, *(pose[1] if pose is not None else ()))
     if rule.part == "motion" and platform is None:
         found.fault("study.toml", NO_POSE)
+    known = recording.analog.names if recording.analog is not None else ()
+    belts = treadmill.belt.speed_channels if treadmill.belt is not None else ()
     for channel in filter(None, (*belts, rule.pulse_channel)):
         if channel not in known:
             found.fault(name, f"no analog channel {channel!r}{did_you_mean(channel, known)}")
+
+
+def study_recordings(study: Study) -> tuple[Path, ...]:
+    """Give every recording that a study uses: trials, poses, hip trials, calibrations."""
+    names: list[str | None] = [*study.file.treadmill.files.values()]
+    for person in study.subjects.values():
+        names += [person.static, person.hip_trial]
+        for trial in person.trials.values():
+            names += trial.files if trial.exclude is None else ()
+    return tuple(dict.fromkeys(study.path(name) for name in names if name))
+
+
+def read_twice(path: Path, found: Findings) -> bool:
+    """Compare our reading of a recording with ezc3d's; each disagreement is a fault.
+
+    Gives whether both readings are the same; a remark says why ezc3d does not read a file.
+    """
+    kind = found.attempt(path.name, lambda: file_format(path))
+    if kind != "C3D":
+        if kind is not None:
+            found.remark(path.name, "not a C3D file: there is no second reader for it")
+        return False
+    second = found.attempt(path.name, lambda: compare_readers(path))
+    if second is None:
+        return False
+    for line in second.disagreements:
+        found.fault(path.name, line)
+    if second.refusal and not second.disagreements:
+        found.remark(path.name, f"{second.reader} does not read it: {second.refusal}")
+    return not (second.refusal or second.disagreements)

@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
 from pipeline.io.write import write_text
 
@@ -19,22 +19,7 @@ _JSON: Final = TypeAdapter(dict[str, str])
 
 
 def record_failure(target: Path, name: str, reason: str | None) -> None:
-    """Store why a trial failed, or remove what is stored.
-
-    Parameters
-    ----------
-    target
-        File of the trial's result.
-    name
-        The trial, as "subject condition".
-    reason
-        Why it failed; None if it did not.
-
-    Raises
-    ------
-    OSError
-        If the folder cannot be written to.
-    """
+    """Store beside a result why the trial failed, or, without a reason, remove what is stored."""
     path = target.with_suffix(SUFFIX)
     if reason is None:
         path.unlink(missing_ok=True)
@@ -43,24 +28,9 @@ def record_failure(target: Path, name: str, reason: str | None) -> None:
 
 
 def collect_failures(out: Path, known: Iterable[str]) -> dict[str, str]:
-    """Write ``failures.json`` from what is stored next to the results.
+    """Write ``failures.json`` from what is stored next to the results: trial -> reason.
 
-    Parameters
-    ----------
-    out
-        Results folder.
-    known
-        Trials that the study has, as "subject condition"; failures of others are removed.
-
-    Returns
-    -------
-    dict
-        "subject condition" -> reason.
-
-    Raises
-    ------
-    OSError
-        If the folder cannot be written to.
+    Trials are "subject condition"; failures of those that the study does not have are removed.
     """
     wanted = set(known)
     failures: dict[str, str] = {}
@@ -81,25 +51,16 @@ def recorded_failures(folder: Path) -> Iterator[tuple[Path, dict[str, str]]]:
 
 
 def read_failures(folder: Path) -> dict[str, str]:
-    """Read ``failures.json``: "subject condition" -> reason; empty where there is no such file.
-
-    Raises
-    ------
-    ValueError
-        If the file is damaged.
-    """
+    """Read ``failures.json``; empty where there is none, a ValueError says that it is damaged."""
     path = folder / FAILURES
     try:
         return _reasons(path)
     except FileNotFoundError:
         return {}
     except ValueError as error:
-        raise ValueError(f"{path} is damaged ({error}); run 'hbm run' again") from error
+        raise ValueError(f"{path} is damaged; run 'hbm run' again") from error
 
 
 def _reasons(path: Path) -> dict[str, str]:
-    """Read reasons by trial; a ValueError says why a file holds anything else."""
-    try:
-        return _JSON.validate_json(path.read_bytes())
-    except ValidationError as error:
-        raise ValueError(error.errors()[0]["msg"].lower()) from error
+    """Read reasons by trial; a ValueError where a file holds anything else."""
+    return _JSON.validate_json(path.read_bytes())

@@ -187,8 +187,7 @@ def _digest(value: object) -> str:
 def replacement(job: Job) -> str:
     """Say why a stored result with residuals would be replaced by another one; empty if not.
 
-    A result of an earlier version of the program is replaced without a reason; where its key has no
-    parts, only settings and subject show whether another one is wanted.
+    A result of an earlier version of the program is replaced without a reason.
     """
     try:
         stored = read_trial(job.target, frames=False)
@@ -197,25 +196,21 @@ def replacement(job: Job) -> str:
     if not job.size or stored.shortage:
         return ""  # without its recording nothing will replace it
     before, now = (
-        dict(part.split(":", 1) for part in key.split() if ":" in part)
-        for key in (stored.key, job.key)
+        dict(part.split(":", 1) for part in key.split()) for key in (stored.key, job.key)
     )
-    if before and all(before[part] == now[part] for part in ("files", "stated")):
+    if all(before[part] == now[part] for part in ("files", "stated")):
         return ""
-    if before and before["stated"] == now["stated"]:
+    if before["stated"] == now["stated"]:
         return "its files have changed"
-    subject = job.study.subject(job.subject).person
+    person = job.study.subject(job.subject).person
+    both = (stored.settings, job.study.file.settings), (stored.subject, person)
     changed = [
-        f"{name} {old} → {getattr(new_model, name)}"
-        for old_model, new_model in (
-            (stored.settings, job.study.file.settings),
-            (stored.subject, subject),
-        )
-        for name, old in old_model
-        if name != "id" and getattr(new_model, name) != old
+        f"{name} {value} → {getattr(new, name)}"
+        for old, new in both
+        for name, value in old
+        if name != "id" and getattr(new, name) != value
     ]
-    other = "what the study states about it has changed" if before else ""
-    return ", ".join(changed) or other
+    return ", ".join(changed) or "what the study states about it has changed"
 
 
 def file_digest(path: Path) -> str:

@@ -9,12 +9,12 @@ from typing import Final, Literal, TypeVar
 from pydantic import TypeAdapter
 
 from hbm.engines.engine import EngineUsed
-from pipeline.config.schema import Comparison, Condition, Plates, Settings, Treadmill, Trial
+from pipeline.config.schema import Comparison, Condition, Plates, Settings, Treadmill
 from pipeline.config.study import Study
 from pipeline.run.job import file_digest, trial_key
 from pipeline.run.load import Results
 from pipeline.run.program import git_commit, program_digest
-from pipeline.trial.result import PACKAGES, StoredNote
+from pipeline.trial.result import PACKAGES, StoredNote, TrialResult
 
 REPORT_PACKAGES: Final = (*PACKAGES, "pingouin", "matplotlib")
 
@@ -52,14 +52,6 @@ class TrialState:
 
 
 @dataclass(frozen=True, slots=True)
-class Program:
-    """The program that made a report: SHA-256 of its sources, and their commit if known."""
-
-    sha256: str
-    git_commit: str | None
-
-
-@dataclass(frozen=True, slots=True)
 class Provenance:
     """What a study's results were made from: the content of ``study.json``.
 
@@ -77,7 +69,7 @@ class Provenance:
     report
         Python's and the packages' versions that made the report.
     program
-        The program that made the report.
+        The program that made the report: SHA-256 of its sources, and their commit.
     conditions, comparison, plates, treadmill
         As stated.
     calibration
@@ -93,7 +85,7 @@ class Provenance:
     versions: tuple[Mapping[str, str], ...]
     engines: tuple[EngineUsed, ...]
     report: Mapping[str, str]
-    program: Program
+    program: Mapping[str, str]
     conditions: Mapping[str, Condition] | None
     comparison: Comparison | None
     plates: Plates | None
@@ -129,60 +121,51 @@ def trial_states(
     list of TrialState
         In order of subject, conditions as the study has them.
     """
-    planned: dict[tuple[str, str], tuple[State, str] | None] = {}
-    if study is None:
-        names = [tuple(name.split(" ", 1)) for name in failures]
-        subjects = sorted({key[0] for key in (*results.trials, *names)})
-        conditions = dict.fromkeys(key[1] for key in (*results.trials, *names))
-        planned = {(s, c): None for s in subjects for c in conditions}
-    else:
-        for subject, person in study.subjects.items():
-            for condition in study.file.conditions:
-                planned[subject, condition] = _unplanned(person.trials.get(condition))
-        planned |= {key: None for key in results.trials if key not in planned}
-    return [_state(key, cause, results, failures, study) for key, cause in planned.items()]
-
-
-def _unplanned(trial: Trial | None) -> tuple[State, str] | None:
-    """Give state and reason of a trial that was not to be processed; None if it was."""
-    if trial is None:
-        return "missing", "not in the subject's file"
-    return None if trial.exclude is None else ("excluded", trial.exclude)
+    failed = [name.split(" ", 1) for name in failures]
+    known = dict.fromkeys([*results.trials, *((subject, name) for subject, name in failed)])
+    subjects = sorted({key[0] for key in known}) if study is None else study.subjects
+    conditions = [key[1] for key in known] if study is None else study.file.conditions
+    keys = dict.fromkeys((s, c) for s in subjects for c in conditions) | results.trials
+    return [_state(key, results.trials.get(key), failures, study) for key in keys]
 
 
 def _state(
     key: tuple[str, str],
-    cause: tuple[State, str] | None,
-    results: Results,
+    trial: TrialResult | None,
     failures: Mapping[str, str],
     study: Study | None,
 ) -> TrialState:
-    trial = results.trials.get(key)
+    """Give what became of a trial, from its result, its failure, and what was to be done."""
     identity = (trial.source.name, trial.key) if trial is not None else (None, None)
-    failure = failures.get(" ".join(key))
-    if failure is not None:
-        cause = "failed", failure
-    elif trial is not None and trial.shortage:
-        cause = "failed", trial.shortage
-    if cause is not None:
-        state, reason = cause
+
+    def left_out(state: State, reason: str) -> TrialState:
         older = ""
         if trial is not None and not trial.shortage:
             older = "; an older result is left out of the tables"
         return TrialState(*key, state, reason + older, False, *identity)
+
+    subject, condition = key
+    failure = failures.get(" ".join(key)) or (trial.shortage if trial is not None else "")
+    if failure:
+        return left_out("failed", failure)
+    in_study = study is None or (subject in study.subjects and condition in study.file.conditions)
+    if study is not None and in_study:
+        planned = study.subjects[subject].trials.get(condition)
+        if planned is None:
+            return left_out("missing", "not in the subject's file")
+        if planned.exclude is not None:
+            return left_out("excluded", planned.exclude)
     if trial is None:
-        return TrialState(*key, "missing", "no result: hbm run has not done it", False, *identity)
-    if study is not None:
-        if key[0] not in study.subjects or key[1] not in study.file.conditions:
-            reason = "no longer in the study; its result is left out of the tables"
-            return TrialState(*key, "outdated", reason, False, *identity)
-        if trial.settings != study.file.settings:
-            reason = "processed with other settings than the study states now; run it again"
-            return TrialState(*key, "outdated", reason, True, *identity)
-        if trial.key != trial_key(study, *key):
-            reason = "the program, its files or what is stated has changed since; run it again"
-            return TrialState(*key, "outdated", reason, True, *identity)
-    return TrialState(*key, "done", "", True, *identity)
+        return left_out("missing", "no result: hbm run has not done it")
+    if not in_study:
+        reason = "no longer in the study; its result is left out of the tables"
+        return TrialState(*key, "outdated", reason, False, *identity)
+    changed = ""
+    if study is not None and trial.settings != study.file.settings:
+        changed = "processed with other settings than the study states now; run it again"
+    elif study is not None and trial.key != trial_key(study, *key):
+        changed = "the program, its files or what is stated has changed since; run it again"
+    return TrialState(*key, "outdated" if changed else "done", changed, True, *identity)
 
 
 def provenance(results: Results, states: Sequence[TrialState], study: Study | None) -> Provenance:
@@ -210,7 +193,7 @@ def provenance(results: Results, states: Sequence[TrialState], study: Study | No
             "python": platform.python_version(),
             **{name: version(name) for name in REPORT_PACKAGES},
         },
-        program=Program(program_digest(), git_commit()),
+        program={"sha256": program_digest(), "git_commit": git_commit() or "not in a repository"},
         conditions=study.file.conditions if study else None,
         comparison=study.file.comparison if study else None,
         plates=study.file.plates if study else None,

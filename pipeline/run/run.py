@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -14,7 +14,6 @@ from joblib import delayed
 
 from hbm.engines.engine import choose_engine
 from hbm.kernels.native import kernels
-from hbm.notes import Note
 from pipeline.config.study import Study
 from pipeline.io.write import remove_leftovers, require_writable
 from pipeline.run.cluster import on_cluster
@@ -38,7 +37,7 @@ from pipeline.trial.study_files import read_study_laboratory
 HASHED_AT_ONCE: Final = 2
 """Files; more are not read any faster."""
 Announce = Callable[[str], None]
-"""Called with a sentence when something takes long or cannot be written."""
+"""Called with a sentence when something takes long."""
 
 
 def run_study(
@@ -69,7 +68,7 @@ def run_study(
     overwrite
         Whether results that were made with other settings or files are replaced.
     announce
-        Called with a sentence when something takes long or cannot be written.
+        Called with a sentence when something takes long.
 
     Returns
     -------
@@ -172,34 +171,20 @@ def run_planned(
     remove_leftovers(out / "trials")
     record_study_folder(out, study.folder)
     kernels(announce)
-    of_calibration: dict[Note, None] = {}
+    trials = [
+        f"{subject} {condition}"
+        for subject, person in study.subjects.items()
+        for condition, trial in person.trials.items()
+        if trial.exclude is None
+    ]
     try:
         for outcome in run_jobs(planned, workers=jobs, scheduler=scheduler):
-            with _unwritable_announced(announce):
+            with suppress(OSError):  # of a full disk the outcome tells too
                 record_failure(outcome.job.target, outcome.job.name, outcome.failure)
-            of_calibration |= dict.fromkeys(outcome.of_calibration)
             yield outcome
     finally:
-        with _unwritable_announced(announce):
-            record_study_folder(out, study.folder, of_calibration)
-            collect_failures(
-                out,
-                [
-                    f"{subject} {condition}"
-                    for subject, person in study.subjects.items()
-                    for condition, trial in person.trials.items()
-                    if trial.exclude is None
-                ],
-            )
-
-
-@contextmanager
-def _unwritable_announced(announce: Announce) -> Iterator[None]:
-    """Announce what could not be written, and go on."""
-    try:
-        yield
-    except OSError as error:
-        announce(f"{error.filename or 'results'}: {error.strerror}")
+        with suppress(OSError):
+            collect_failures(out, trials)
 
 
 def run_jobs(

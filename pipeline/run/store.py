@@ -14,12 +14,12 @@ from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, BinaryIO, Final, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, BinaryIO, Final, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 from compensation.platform import PlatformPose
 from hbm.coordinates import COORDINATES, HBM_ORDER
@@ -30,7 +30,6 @@ from hbm.motion import Motion
 from hbm.notes import Note
 from hbm.spatial import Array, Indices, Mask
 from hbm.spelling import short
-from pipeline.config.toml_file import fault_of
 from pipeline.io.input_file import open_file
 from pipeline.io.recording import Event
 from pipeline.io.write import whole_file, write_text
@@ -187,20 +186,13 @@ def _metadata(result: TrialResult) -> bytes:
 
 def _of_this_format(text: bytes) -> dict[str, Any]:
     """Read that JSON; a ValueError says that it is none, or of another format."""
-    try:
-        stored = json.loads(text)
-    except ValueError as error:
-        raise ValueError(f"not valid JSON: {error}") from error
-    except RecursionError as error:
-        raise ValueError("not valid JSON: it is nested too deeply") from error
-    found = stored.get("version") if isinstance(stored, dict) else None
-    if found != FORMAT_VERSION:
-        known = short(found) if isinstance(found, int) else "unknown"
+    stored: dict[str, Any] = json.loads(text)
+    if (found := stored["version"]) != FORMAT_VERSION:
         raise ValueError(
-            f"written by another version of hbm (format {known}; this one reads "
-            f"format {FORMAT_VERSION})"
+            f"written by another version of hbm (format {found}; this one reads format "
+            f"{FORMAT_VERSION})"
         )
-    return dict(stored)
+    return stored
 
 
 def _plain(value: Any) -> Any:
@@ -221,42 +213,27 @@ def _plain(value: Any) -> Any:
 
 
 def _typed(kind: Any, stored: Any) -> Any:
-    """Make a value of a type from what `_plain` gave; a TypeError where it is of another."""
+    """Make a value of a type from what `_plain` gave, whose bytes the checksum has confirmed."""
     origin, inner = get_origin(kind), get_args(kind)
+    if stored is None:
+        return None
     if origin in (Union, UnionType):
-        (some,) = (each for each in inner if each is not NoneType)
-        return None if stored is None else _typed(some, stored)
+        return _typed(next(each for each in inner if each is not NoneType), stored)
     if kind is Note:
         return Note.from_dict(stored)
-    if is_dataclass(kind) or origin is Mapping or origin is dict:
-        if not isinstance(stored, dict):
-            raise TypeError(f"expected names and values, got {short(stored)}")
-        if not is_dataclass(kind):
-            return {name: _typed(inner[1], value) for name, value in stored.items()}
+    if is_dataclass(kind):
         record: Any = kind
-        types = _types(record)
-        if unknown := stored.keys() - types:
-            raise TypeError(f"unknown: {', '.join(unknown)}")
-        return record(**{name: _typed(own, stored[name]) for name, own in types.items()})
+        return record(**{name: _typed(own, stored[name]) for name, own in _types(record).items()})
     if isinstance(kind, type) and issubclass(kind, BaseModel):
-        try:
-            return kind.model_validate(stored)
-        except ValidationError as error:
-            raise TypeError(fault_of(error)) from error
-    if origin is tuple or origin is np.ndarray:
-        if not isinstance(stored, list):
-            raise TypeError(f"expected several values, got {short(stored)}")
-        if origin is np.ndarray:
-            return np.array(stored, float)
+        return kind.model_validate(stored)
+    if origin is Mapping or origin is dict:
+        return {name: _typed(inner[1], value) for name, value in stored.items()}
+    if origin is np.ndarray:
+        return np.array(stored, float)
+    if origin is tuple:
         kinds = inner[:1] * len(stored) if inner[1:] == (...,) else inner
         return tuple(_typed(own, value) for own, value in zip(kinds, stored, strict=True))
-    if kind is Path:
-        return Path(stored)
-    allowed = inner if origin is Literal else ()
-    kind = type(allowed[0]) if allowed else (int, float) if kind is float else kind
-    if not isinstance(stored, kind) or (allowed and stored not in allowed):
-        raise TypeError(f"{short(stored)} is of another type")
-    return stored
+    return Path(stored) if kind is Path else stored
 
 
 @cache
@@ -406,9 +383,9 @@ class _DamagedError(Exception):
     """A file that is not as it was written, or no trial could be written so."""
 
 
-UNLIKE_A_TRIAL: Final = (
-    *(_DamagedError, pa.ArrowException),
-    *(ArithmeticError, AttributeError, IndexError, RecursionError, TypeError),
+DAMAGED: Final = (
+    *(_DamagedError, pa.ArrowException, LookupError, RecursionError),
+    *(ArithmeticError, AttributeError, TypeError),
 )
 """What is raised by content of another shape than a trial's."""
 
@@ -419,33 +396,25 @@ def _readable(path: Path) -> Iterator[None]:
     name, again = short(path.name, MAX_REASON), "'hbm run' makes it again; otherwise delete it"
     try:
         yield
-    except KeyError as error:
-        missing = short(error.args[0], MAX_REASON)
-        raise ValueError(f"{name} is damaged: no {missing}; {again}") from error
-    except (OSError, *UNLIKE_A_TRIAL) as error:
+    except (OSError, *DAMAGED) as error:
         if isinstance(error, OSError) and error.errno is not None:
             # the file cannot be opened; without a number, it cannot be decompressed
             raise OSError(error.errno, os.strerror(error.errno), str(path)) from error
-        reason = short(" ".join(str(error).split()), MAX_REASON)
+        text = f"no {error.args[0]}" if isinstance(error, KeyError) else str(error)
+        reason = short(" ".join(text.split()), MAX_REASON)
         raise ValueError(f"{name} is damaged: {reason}; {again}") from error
     except ValueError as error:
         reason = short(" ".join(str(error).split()), MAX_REASON)
         raise ValueError(f"{name}: {reason}; {again}") from error
 
 
-def record_study_folder(folder: Path, study: Path, of_calibration: Iterable[Note] = ()) -> None:
-    """Note in a results folder its study, relative to the folder, and doubts on calibrations."""
+def record_study_folder(folder: Path, study: Path) -> None:
+    """Note in a results folder where its study is, relative to the folder."""
     try:
         where = os.path.relpath(study.resolve(), folder.resolve())
     except ValueError:
         where = str(study.resolve())
-    write_text(
-        json.dumps(
-            {"study": where, "calibration": [note.to_dict() for note in of_calibration]},
-            ensure_ascii=False,
-        ),
-        folder / STUDY_POINTER,
-    )
+    write_text(json.dumps({"study": where}, ensure_ascii=False), folder / STUDY_POINTER)
 
 
 def recorded_study_folder(folder: Path) -> Path | None:

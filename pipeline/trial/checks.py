@@ -42,7 +42,7 @@ OTHER_MASS: Final = 0.08
 MIN_OTHER: Final = 2
 """Lengths that differ, and the mass: one length may be that of a marker that was moved."""
 EXPLAINED: Final = {
-    *("marker_distances_changed", "segment_error_large", "marker_error_large"),
+    *("marker_distances_changed", "marker_error_large"),
     *("joint_angles_impossible", "mass_differs"),
 }
 """What a pose of another person causes."""
@@ -242,10 +242,9 @@ def check_motion(body: Body, motion: Motion, markers: Markers) -> tuple[Note, ..
     Returns
     -------
     tuple of Note
-        ``coordinates_locked``, ``coordinates_uncertain``, ``mass_not_shown``, ``limb_unknown``,
-        ``pelvis_unseen``, ``gaps``, ``interpolated``, ``segment_error_large``,
-        ``marker_error_large`` and ``joint_angles_impossible``, where there are any. Samples are
-        missing where a marker has a gap in a frame that was solved.
+        ``coordinates_held``, ``mass_not_shown``, ``limb_unknown``, ``pelvis_unseen``, ``gaps``,
+        ``interpolated``, ``marker_error_large`` and ``joint_angles_impossible``, where there are
+        any. Samples are missing where a marker has a gap in a frame that was solved.
     """
     notes, interpolated = [*undetermined_notes(body, motion)], dict[str, int]()
     unseen = _unseen(body, motion)

@@ -15,14 +15,13 @@ import numpy as np
 import pandas as pd
 
 from pipeline.io.read import read_recording
-from pipeline.live.outlet import RESULTS, Outlet, load_lsl
+from pipeline.live.outlet import RESULTS, load_lsl
 from pipeline.live.recording import RESULTS as RESULTS_FOLDER
 from pipeline.live.replay import recorded_streams
 from tests.pipeline import lab
 
 WALK_S = 12.0
 PATIENCE_S = 30.0
-AXES = ("axes", "forward,left,up")
 ROUNDING_S = 1e-4
 
 
@@ -32,17 +31,7 @@ def send(walk, sent):
     Appends to a file the time of each frame and when it and its samples were sent, on LSL's clock.
     """
     streams = recorded_streams(read_recording(walk))
-    outlets = [
-        Outlet(
-            stream.description.name,
-            stream.content_type,
-            stream.channels,
-            stream.description.rate_hz,
-            parts=[AXES] if stream.description.kind == "markers" else [],
-            plates=stream.plates,
-        )
-        for stream in streams
-    ]
+    outlets = [stream.outlet(stream.description.name) for stream in streams]
     clock, frames = load_lsl().local_clock, streams[0].time
     with Path(sent).open("w", buffering=1) as file:
         while not all(outlet.has_receivers for outlet in outlets):

@@ -87,7 +87,7 @@ def attacked(seed: int, minutes: float) -> Tally:
     chain = LiveChain(whole.body, laboratory, REALTIME, live, source.streams, walk.plates)
     monitor = Monitor(chain, walk.plates)
     arrivals = Arrivals(source.streams)
-    start_s = 0.0
+    start_s, sent_frames, given = 0.0, 0, 0
     while tally.minutes < minutes:
         kinds = rng.choice(KINDS, size=int(rng.integers(1, 4)), replace=False).tolist()
         tally.kinds.update(kinds)
@@ -97,7 +97,9 @@ def attacked(seed: int, minutes: float) -> Tally:
                 if not len(samples.time):
                     continue
                 monitor.samples(samples)
+                sent_frames += len(samples.time) * (samples.stream == chain.stream.name)
                 for frame in chain.push(samples):
+                    given += 1
                     monitor.frame(frame, frame.computing_s)
                     tally.computing_s.append(frame.computing_s)
                     if frame.quality.counts:
@@ -110,10 +112,9 @@ def attacked(seed: int, minutes: float) -> Tally:
         tally.minutes = start_s / 60
         tally.memory_mb.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
         tally.computing_s = tally.computing_s[-100_000:]
-    chain.finish()
-    counts = chain.counts
-    tally.received, tally.solved, tally.marked = counts.received, counts.solved, counts.marked
-    tally.late, tally.unaccounted = counts.late, counts.received - counts.solved - counts.marked
+    given += len(chain.finish())
+    tally.received, tally.solved, tally.marked = chain.received, chain.solved, chain.marked
+    tally.late, tally.unaccounted = chain.late, sent_frames - chain.order.left_out - given
     return tally
 
 

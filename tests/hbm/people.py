@@ -48,9 +48,3 @@ def moved(markers, yaw, shift=(0.0, 0.0, 0.0)):
     c, s = np.cos(yaw), np.sin(yaw)
     R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     return Markers(markers.time, markers.names, markers.position @ R.T + np.array(shift))
-
-
-def rules(anatomy):
-    """Missing landmark -> the rule that replaced it."""
-    notes = [note for note in anatomy.notes if note.code == "landmark_substituted"]
-    return {note.values["missing"]: note.values["rule"] for note in notes}

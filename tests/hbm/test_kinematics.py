@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 from hbm.coordinates import COORDINATES, INDEX, LIMBS, N_Q, TREE
 from hbm.ik import descent, problem
 from hbm.ik.problem import Problem
-from hbm.ik.tracking import Tracker
+from hbm.ik.tracking import solve_trial
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers
 from hbm.poses import marker_positions
@@ -151,7 +151,7 @@ def test_a_prior_is_one_more_row_of_the_least_squares_problem(body, noisy):
     weight, i = 0.3, INDEX["RKneeFlexion"]
     with_prior = Problem(body, noisy)
     with_prior.prior[i] = weight
-    found = Tracker(with_prior).motion()
+    found = solve_trial(with_prior)
     for frame in (5, 120):
         q, _ = refined(
             body,

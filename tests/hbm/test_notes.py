@@ -19,12 +19,12 @@ def test_the_sentence_of_a_note_states_its_values_with_their_units():
     assert "the extremes being RHipFlexion -100°:" in note.text
 
 
-@pytest.mark.parametrize(("count", "words"), [(1, "1 marker distance differs"), (2, "2 marker d")])
-def test_names_and_numbers_by_name_are_joined_and_counts_are_singular_or_plural(count, words):
-    locked = Note.of("coordinates_locked", coordinates=["Neck", "Head"])
-    assert locked.text.endswith("shows them: Neck, Head")
-    changed = Note.of("marker_distances_changed", pairs=count, **CHANGED)
-    assert words in changed.text
+def test_names_and_numbers_by_name_are_joined_and_counts_are_singular_or_plural():
+    held = Note.of("coordinates_held", coordinates=["Neck", "Head"])
+    assert held.text.endswith("not at all: Neck, Head")
+    for count, words in ((1, "in 1 frame from"), (2, "in 2 frames from")):
+        assert words in Note.of("markers_frozen", frames=count, first_s=0.0, last_s=1.0).text
+    changed = Note.of("marker_distances_changed", **CHANGED)
     assert "more than 30 mm, the largest changes being a–b +35 mm, a–c -40 mm;" in changed.text
 
 
@@ -44,24 +44,24 @@ def test_a_note_that_is_not_in_the_catalogue_or_lacks_values_is_refused(code, va
 
 
 def test_a_note_comes_back_from_json_and_from_pickle():
-    note = Note.of("marker_distances_changed", pairs=1, **CHANGED)
-    names = Note.of("coordinates_locked", coordinates=("Neck",))
+    note = Note.of("marker_distances_changed", **CHANGED)
+    names = Note.of("coordinates_held", coordinates=("Neck",))
     for one in (note, names):
         assert Note.from_dict(json.loads(json.dumps(one.to_dict()))) == one
         assert pickle.loads(pickle.dumps(one)) == deepcopy(one) == one
     assert {note, deepcopy(note)} == {note}
-    for stored in (None, "legs", {"code": "landmark_substituted"}, {"values": {}}):
+    for stored in (None, "legs", {"code": "landmarks_substituted"}, {"values": {}}):
         with pytest.raises(ValueError, match="note"):
             Note.from_dict(stored)
 
 
 def test_warnings_stand_apart_from_the_rows_of_provenance():
     first, other = (
-        Note.of("landmark_substituted", missing=side, rule="a rule") for side in ("left", "right")
+        Note.of("landmarks_substituted", rules=(f"{side} (a rule)",)) for side in ("left", "right")
     )
     pose, warning = Note.of("mass_stated", mass_kg=70), Note.of("legs_differ", **LEGS)
     assert warnings_of([first, warning, pose]) == (warning,)
     assert provenance([first, pose, warning, other, first]) == (
-        ("Landmarks", "left is missing: a rule; right is missing: a rule"),
+        ("Landmarks", "missing: left (a rule); missing: right (a rule)"),
         ("Body mass", "body mass 70.0 kg as stated"),
     )

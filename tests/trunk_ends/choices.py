@@ -11,7 +11,7 @@ from hbm.calibration_pose.anatomy import Anatomy, Measures
 from hbm.calibration_pose.frame_selection import select_frames
 from hbm.calibration_pose.landmarks import height_per_cervicale, locate_anatomy
 from hbm.markers import Markers
-from hbm.segments import SAMPLE_STATURE_M, Proportions, Sex, proportions, segment_inertia
+from hbm.segments import Proportions, proportions, segment_inertia
 from hbm.spatial import Array
 
 Landmarks = Mapping[str, Array]
@@ -72,7 +72,7 @@ def midpoints(anatomy: Anatomy, at: Landmarks) -> Ends:
     if {"T10", "XIPH"} <= set(at):
         xiphoid = (at["T10"] + at["XIPH"]) / 2
     else:
-        xiphoid = hips + height_per_cervicale("unspecified")["xiphoid"] * (top - hips)
+        xiphoid = hips + height_per_cervicale("xiphoid", "unspecified") * (top - hips)
     return Ends(top, xiphoid, at.get("C7", neck), neck)
 
 
@@ -91,12 +91,10 @@ CHOICES: Final[dict[str, Callable[[Anatomy, Landmarks], Ends]]] = {
 """Title -> choice; the third is the body's own, the first was its choice in version 0.2."""
 
 NOTCH_ROW: Final = {
-    "male": Proportions(0.1596, 0.2999, (0.716, 0.454, 0.659), 0.1707 / SAMPLE_STATURE_M["male"]),
-    "female": Proportions(
-        0.1545 / 0.9999, 0.2077, (0.746, 0.502, 0.718), 0.1425 / SAMPLE_STATURE_M["female"]
-    ),
+    "male": np.array([0.1596, 0.2999, 0.716, 0.454, 0.659, 0.1707 / 1.741]),
+    "female": np.array([0.1545 / 0.9999, 0.2077, 0.746, 0.502, 0.718, 0.1425 / 1.735]),
 }
-"""De Leva's (1996, Table 4) upper trunk SUPR-XYPH."""
+"""De Leva's (1996, Table 4) upper trunk SUPR-XYPH: mass, centre, gyration, length by stature."""
 
 
 def with_ends(
@@ -128,7 +126,9 @@ def with_ends(
     sex = body.sex
     table = dict(proportions(sex))
     if choice == "SUPR-XYPH":
-        table["upper_trunk"] = _notch_row(sex)
+        columns = ("male", "female") if sex == "unspecified" else (sex,)
+        row = np.mean([NOTCH_ROW[column] for column in columns], axis=0)
+        table["upper_trunk"] = Proportions(row[0], row[1], row[2:5], row[5])
     share = table["mid_trunk"].length / (table["mid_trunk"].length + table["lower_trunk"].length)
     points: dict[str, list[Array]] = {s: [] for s in ("pelvis", "mid_trunk", "thorax", "head")}
     for at in _poses(body, calibration):
@@ -156,23 +156,10 @@ def with_ends(
     return replace(body, segments={**body.segments, **other})
 
 
-def _notch_row(sex: Sex) -> Proportions:
-    if sex != "unspecified":
-        return NOTCH_ROW[sex]
-    men, women = NOTCH_ROW["male"], NOTCH_ROW["female"]
-    x, y = men.gyration, women.gyration
-    return Proportions(
-        (men.mass + women.mass) / 2,
-        (men.center + women.center) / 2,
-        ((x[0] + y[0]) / 2, (x[1] + y[1]) / 2, (x[2] + y[2]) / 2),
-        (men.length + women.length) / 2,
-    )
-
-
 def _poses(body: Body, calibration: Markers) -> list[dict[str, Array]]:
     """Landmarks in the frames of the calibration that the body was built from."""
     used = [name for name in body.marker_set.segment if name in calibration.names]
-    frames, _, _ = select_frames(calibration, used, None)
+    frames, _ = select_frames(calibration, used, None)
     column = {name: i for i, name in enumerate(calibration.names)}
     return [
         {

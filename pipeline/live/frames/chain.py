@@ -97,28 +97,6 @@ MAX_WAITING_FRAMES: Final = 1000
 
 
 @dataclass(frozen=True, slots=True)
-class Counts:
-    """Frames and samples that a chain received.
-
-    Attributes
-    ----------
-    received, solved, marked
-        Frames: all, those that count, those that do not. Those that wait for samples are neither.
-    late
-        Marked frames whose samples did not arrive in time.
-    doubled, out_of_order
-        Samples of all streams that were left out since one as late, or later, was there already.
-    """
-
-    received: int
-    solved: int
-    marked: int
-    late: int
-    doubled: int
-    out_of_order: int
-
-
-@dataclass(frozen=True, slots=True)
 class _Pose:
     """What the markers of a frame show: all that needs no analog sample."""
 
@@ -158,6 +136,9 @@ class LiveChain:
         From a frame's time to that of the last sample that it needs [s].
     filter_delay_s
         By which the filter makes coordinates, forces and residuals late [s].
+    received, solved, marked, late
+        Frames: all, those that count, those that do not, and those of them whose samples did not
+        arrive in time. Frames that wait for samples are only received.
 
     Raises
     ------
@@ -203,7 +184,7 @@ class LiveChain:
         streams: Sequence[StreamDescription],
         plates: Sequence[Plate],
     ) -> None:
-        markers, analog = _described(live, streams)
+        markers, analog = stated_streams(live, streams)
         self.body, self.settings, self.live, self.stream = body, settings, live, markers
         self.analog = AnalogStreams(analog)
         self.ground = LiveGround(
@@ -215,7 +196,7 @@ class LiveChain:
             markers.labels,
             markers.rate_hz,
         )
-        self.wait_s = max(0.0, *self.ground.ahead_s)
+        self.wait_s = self.ground.ahead_s
         self.filter_delay_s = float(np.sqrt(2) / (2 * np.pi * settings.cutoff_hz))
         self.tracker = MarkerTracker(body, markers.labels)
         self.motion = RealtimeFilter(settings.cutoff_hz, N_Q)
@@ -234,20 +215,17 @@ class LiveChain:
         self.foot_on: list[int | None] = [None] * len(plates)
         self.waiting = deque[_Pose]()
         self.order = SampleBuffer(0, MAX_WAITING_FRAMES)
-        self.received = self.solved = self.marked = self.late = 0
+        self.solved = self.marked = self.late = 0
 
     @property
-    def counts(self) -> Counts:
-        """What was received so far."""
-        buffers = [self.order, *self.analog.used.values()]
-        return Counts(
-            self.received,
-            self.solved,
-            self.marked,
-            self.late,
-            sum(buffer.doubled for buffer in buffers),
-            sum(buffer.out_of_order for buffer in buffers),
-        )
+    def received(self) -> int:
+        """Frames that were received."""
+        return len(self.waiting) + self.solved + self.marked
+
+    @property
+    def left_out(self) -> int:
+        """Samples of all streams that came when one as late, or later, was there already."""
+        return sum(buffer.left_out for buffer in (self.order, *self.analog.used.values()))
 
     def push(self, samples: Samples) -> list[LiveFrame]:
         """Take what arrived of one stream; those that are not used are ignored.
@@ -275,7 +253,6 @@ class LiveChain:
         kept = self.order.append(samples.time, np.empty((len(values), 0)))
         for time, position in zip(samples.time[kept].tolist(), values[kept], strict=True):
             self.waiting.append(self._pose(time, position))
-        self.received = len(self.waiting) + self.solved + self.marked
 
     def _complete(self, time: float) -> bool | None:
         """Whether all samples of a frame are there; None where they may still come."""
@@ -297,7 +274,7 @@ class LiveChain:
         feet, places = self._places(solution.q)[1:], self._places(q)
         platform, above = self.ground.seen(position), None
         if platform is not None or self.ground.platform is None:  # else it waits for its commands
-            above = self._above_plates(time, places, platform)
+            above = self.support.feet(np.array([time]), places[None], _one(platform))
         return _Pose(
             time,
             position,
@@ -315,9 +292,6 @@ class LiveChain:
         """Give pelvis, ankles and balls, left before right, coordinates (46,) to (5, 3) [m]."""
         (poses,) = self.segment_poses(q)
         return np.asarray(poses.reshape(len(MOVING), 4, 3)[OF_PLACES, 3])
-
-    def _above_plates(self, time: float, places: Array, platform: Pose | None) -> Feet:
-        return self.support.feet(np.array([time]), places[None], _one(platform))
 
     def _quality_of_pose(self, time: float, solution: FrameSolution) -> Quality:
         """Say what markers do not show in a frame."""
@@ -361,12 +335,11 @@ class LiveChain:
             quality |= Quality.PLATFORM_UNKNOWN
         elif np.isnan(wrenches[-1]).any():
             quality |= Quality.FORCES_UNKNOWN
-        above = pose.above or self._above_plates(time, pose.places, platform)
+        at = _one(platform)
+        above = pose.above or self.support.feet(np.array([time]), pose.places[None], at)
         measured = by_foot[-1, :, 2].sum(keepdims=True)
         best = wrenches[-1][None]
-        if not self.support.carried(above, best, on[None], wrench[2:3], measured, _one(platform))[
-            0
-        ]:
+        if not self.support.carried(above, best, on[None], wrench[2:3], measured, at)[0]:
             quality |= Quality.NOT_CARRIED
         if uncertain:
             quality |= Quality.FOOT_UNCERTAIN
@@ -424,17 +397,16 @@ def _one(platform: Pose | None) -> Pose | None:
     return None if platform is None else (platform[0][None], platform[1][None])
 
 
-def _described(
+def stated_streams(
     live: Live, streams: Sequence[StreamDescription]
 ) -> tuple[StreamDescription, list[StreamDescription]]:
     """Give the streams that are stated, or all: that of the markers, and the analog ones."""
     received = {stream.name: stream for stream in streams}
-    of_kind = {
-        kind: [stream.name for stream in streams if stream.kind == kind]
-        for kind in ("markers", "analog")
-    }
-    markers = [live.markers] if live.markers else of_kind["markers"]
-    analog = list(live.analog or of_kind["analog"])
+    every = {"markers": list[str](), "analog": list[str]()}
+    for stream in streams:
+        every[stream.kind].append(stream.name)
+    markers = [live.markers] if live.markers else every["markers"]
+    analog = live.analog or every["analog"]
     if missing := [name for name in (*markers, *analog) if name not in received]:
         raise ValueError(
             f"[live] names the streams {', '.join(missing)}, which are not received; received: "

@@ -14,14 +14,14 @@ from pipeline.live.stream import Samples, StreamDescription
 class SampleBuffer:
     """The newest samples of one stream, at least so many, in memory that does not grow.
 
-    Samples that are left out since one that is later, or as late, was there already are counted.
+    Samples that are no later than one before them are left out and counted.
 
     Examples
     --------
     >>> buffer = SampleBuffer(columns=1, length=3)
     >>> buffer.append(np.array([0.0, 0.1, 0.1, 0.2]), np.ones((4, 1))).tolist()
     [True, True, False, True]
-    >>> buffer.newest_s, buffer.doubled
+    >>> buffer.newest_s, buffer.left_out
     (0.2, 1)
     """
 
@@ -30,7 +30,7 @@ class SampleBuffer:
         self._time, self._values = np.empty(2 * length), np.empty((2 * length, columns))
         self._stop = 0
         self.newest_s = -np.inf
-        self.out_of_order = self.doubled = 0
+        self.left_out = 0
 
     @property
     def time(self) -> Array:
@@ -44,8 +44,10 @@ class SampleBuffer:
 
     def append(self, time: Array, values: Array) -> Mask:
         """Take samples, (N,) [s] and (N, K), that follow the last one; give which do, (N,)."""
-        taken = np.ones(len(time), bool) if self._follow(time) else self._in_order(time)
+        before = np.maximum.accumulate(np.concatenate([[self.newest_s], time]))
+        taken = np.asarray(time > before[:-1])
         if not taken.all():
+            self.left_out += int(np.count_nonzero(~taken))
             time, values = time[taken], values[taken]
         time, values = time[-self.length :], values[-self.length :]
         if self._stop + len(time) > len(self._time):
@@ -60,22 +62,6 @@ class SampleBuffer:
         if len(time):
             self.newest_s = float(time[-1])
         return taken
-
-    def _follow(self, time: Array) -> bool:
-        if not len(time):
-            return True
-        ends = time[0] > self.newest_s and time[-1] < np.inf
-        return bool(ends and (len(time) == 1 or (time[1:] > time[:-1]).all()))
-
-    def _in_order(self, time: Array) -> Mask:
-        """Give which samples are later than all before them, (N,), and count the others."""
-        later = np.where(np.isfinite(time), time, -np.inf)
-        before = np.maximum.accumulate(np.concatenate([[self.newest_s], later]))
-        kept = later > before[:-1]
-        doubled = int(np.count_nonzero(time == before[:-1]))
-        self.doubled += doubled
-        self.out_of_order += int(np.count_nonzero(~kept)) - doubled
-        return np.asarray(kept)
 
 
 HISTORY_S: Final = 2.0
@@ -104,10 +90,6 @@ class AnalogStreams:
 
     def __init__(self, streams: Sequence[StreamDescription]) -> None:
         self.streams = {stream.name: stream for stream in streams}
-        self.buffers = {
-            stream.name: SampleBuffer(len(stream.labels), round(HISTORY_S * stream.rate_hz))
-            for stream in streams
-        }
         self.used: dict[str, SampleBuffer] = {}
 
     def append(self, samples: Samples) -> None:
@@ -128,16 +110,18 @@ class AnalogStreams:
         of them, that several have, or that a unit is unknown.
         """
         having = [s for s in self.streams.values() if set(labels) <= set(s.labels)]
-        if len(having) != 1:
-            labels_there = [label for stream in self.streams.values() for label in stream.labels]
-            missing = [label for label in labels if label not in labels_there]
-            names = listed(repr(short(s.name)) for s in having)
+        if len(having) > 1:
+            names = listed(repr(short(stream.name)) for stream in having)
             raise ValueError(
                 f"live channels {listed(labels)}: several streams have them ({names}); name one "
                 "of these streams in [live] analog"
-                if having
-                else f"live channels {listed(missing or labels)} are in no stream"
-                f"{'' if missing else ' together'}; channels there: {listed(labels_there)}"
+            )
+        if not having:
+            there = [label for stream in self.streams.values() for label in stream.labels]
+            missing = [label for label in labels if label not in there]
+            raise ValueError(
+                f"live channels {listed(missing or labels)} are in no stream"
+                f"{'' if missing else ' together'}; channels there: {listed(there)}"
             )
         stream = having[0]
         columns = [stream.labels.index(label) for label in labels]
@@ -146,5 +130,8 @@ class AnalogStreams:
             factor = [in_si(each) for in_si, each in zip(unit_in_si, units, strict=True)]
         except ValueError as error:
             raise ValueError(f"stream {short(stream.name)!r}: {error}") from error
-        buffer = self.used[stream.name] = self.buffers[stream.name]
+        if stream.name not in self.used:
+            length = round(HISTORY_S * stream.rate_hz)
+            self.used[stream.name] = SampleBuffer(len(stream.labels), length)
+        buffer = self.used[stream.name]
         return Channels(buffer, np.array(columns), np.array(factor), stream.rate_hz)

@@ -9,7 +9,7 @@ from compensation import BeltModel, Setup, commanded_pose, fit_pose, neutral_mar
 from compensation.platform import MAX_DISTANCE_M
 from hbm.signals.resampling import Convolution
 from hbm.spatial import Array, fit_rotation, transform_wrench
-from pipeline.config.schema import Platform, Settings
+from pipeline.config.schema import Belt, Platform, Settings
 from pipeline.io.recording import Plate
 from pipeline.io.units import (
     acceleration_in_mps2,
@@ -56,7 +56,7 @@ class MarkedPlatform:
             if len(self.first) == NEUTRAL_FRAMES:
                 self._find_neutral()
             return UNKNOWN
-        if (np.abs(own) < MAX_DISTANCE_M).all():
+        if (np.abs(own) < MAX_DISTANCE_M).all():  # what `fit_pose` does first, in a tenth of it
             center = own.mean(axis=0)
             rotation = fit_rotation((own - center).T @ self.centered)
             error = self.centered @ rotation.T + center - own
@@ -72,46 +72,46 @@ class MarkedPlatform:
         try:
             neutral = neutral_markers(np.array(self.first))
             fit_pose(neutral[None], neutral, MAX_MARKER_ERROR_M)  # refuses markers in a line
-            self.neutral = neutral
-            self.neutral_center = neutral.mean(axis=0)
-            self.centered = neutral - self.neutral_center
         except ValueError:
             del self.first[0]
+            return
+        self.neutral = neutral
+        self.neutral_center = neutral.mean(axis=0)
+        self.centered = neutral - self.neutral_center
 
 
 class CommandedPlatform:
     """The pose as commanded."""
 
     def __init__(self, platform: Platform, analog: AnalogStreams, frames_hz: float) -> None:
+        if not platform.channels:
+            raise ValueError("the platform's pose needs its markers, or its sway or pitch channel")
         self.pivot_m, self.delay_s = platform.pivot_m, platform.delay_s
-        self.commands = list[tuple[Channels, Convolution] | None]()
+        self.commands = list[tuple[int, Channels, Convolution]]()
         channels = (platform.sway_channel, length_in_m), (platform.pitch_channel, angle_in_rad)
-        for channel, unit_in_si in channels:
-            found = None
+        for k, (channel, unit_in_si) in enumerate(channels):
             if channel is not None:
-                stream = analog.find([channel], [unit_in_si])
-                found = stream, Convolution.between(stream.rate_hz, frames_hz)
-            self.commands.append(found)
-        reaches = [command[1].reach_s for command in self.commands if command is not None]
-        self.ahead_s = self.delay_s + max(reaches)
+                found = analog.find([channel], [unit_in_si])
+                how = Convolution.between(found.rate_hz, frames_hz)
+                self.commands.append((k, found, how))
+        self.ahead_s = self.delay_s + max(how.reach_s for _, _, how in self.commands)
 
     def pose(self, time: float) -> Pose:
         """Give the pose at a frame's time [s]; NaN where a command is not known."""
-        at, values = time + self.delay_s, []
-        for command in self.commands:
-            value = 0.0
-            if command is not None:
-                channels, resampling = command
-                samples = channels.samples(at - resampling.reach_s, at + resampling.reach_s)
-                value = float(resampling.evaluate(*samples, np.array([at]))[0, 0])
-            values.append(value)
-        if not np.isfinite(values).all():
-            return UNKNOWN
+        sway_and_pitch = np.zeros(2)
+        for k, channels, how in self.commands:
+            sway_and_pitch[k] = _resampled(channels, how, time + self.delay_s)[0]
         try:
-            pose = commanded_pose([values[0]], [values[1]], self.pivot_m)
+            pose = commanded_pose(sway_and_pitch[:1], sway_and_pitch[1:], self.pivot_m)
         except ValueError:
             return UNKNOWN
         return pose.rotation[0], pose.position[0]
+
+
+def _resampled(channels: Channels, how: Convolution, at: float) -> Array:
+    """Give channels at an instant [s], (K,); NaN where unknown."""
+    samples = channels.samples(at - how.reach_s, at + how.reach_s)
+    return np.asarray(how.evaluate(*samples, np.array([at]))[0])
 
 
 KEPT_STEPS = 50
@@ -119,54 +119,61 @@ KEPT_STEPS = 50
 
 
 class LiveBelts:
-    """The models of each plate's belt, step by step from the belts' speeds."""
+    """The moments of accelerating belts, whose models run as far as an instant needs."""
 
-    def __init__(self, models: Sequence[BeltModel], speeds: Channels, first_s: float) -> None:
-        self.speeds, self.belts = speeds, RealtimeBelts.of(models, speeds.rate_hz, first_s)
-        self.states = [model.at_rest for model in models]
-        self.known = [0] * len(models)
+    def __init__(
+        self,
+        models: Sequence[BeltModel],
+        belt: Belt,
+        plates: Sequence[Plate],
+        delays_s: Sequence[float],
+        analog: AnalogStreams,
+    ) -> None:
+        if len(models) != len(plates):
+            raise ValueError(
+                f"{LIVE}: {len(plates)} plates, but the belt calibration has {len(models)}"
+            )
+        count = len(belt.speed_channels)
+        names = [belt.speed_channels[k % count] for k in range(len(plates))]
+        self.speeds = analog.find(names, [speed_in_mps] * len(names))
+        self.belts = RealtimeBelts(models, self.speeds.rate_hz)
+        self.delays_s, self.ahead_s = delays_s, max(delays_s) + self.belts.ahead_s
+        self.sides = np.array([np.r_[np.zeros(3), belt_side(plate)] for plate in plates])
         self.moments = [SampleBuffer(1, KEPT_STEPS) for _ in models]
-        known = speeds.buffer.time
-        start_s = float(known[0]) if len(known) else first_s
-        self.next_step = int(np.ceil((start_s - first_s) * MODEL_RATE_HZ))
+        self.next_step: int | None = None
 
-    def moments_at(self, at: Sequence[float]) -> Array:
-        """Give the moment of each belt at an instant of its own [s], (P,) [N·m]; NaN if unknown."""
-        self._advance(max(at))
-        return np.array(
-            [
-                between_steps(moments.time, moments.values, np.array([instant]))[0, 0]
-                for moments, instant in zip(self.moments, at, strict=True)
-            ]
-        )
+    def wrenches(self, time: float) -> Array:
+        """Give what belts add to each plate at a frame's time [s], (P, 6), in the plate's axes."""
+        if self.next_step is None:
+            self.belts.first_s = time
+            known = self.speeds.buffer.time
+            start_s = float(known[0]) if len(known) else time
+            self.next_step = int(np.ceil((start_s - time) * MODEL_RATE_HZ))
+        at = [time + delay_s for delay_s in self.delays_s]
+        self._advance(self.next_step, max(at))
+        found = [
+            between_steps(moments.time, moments.values, np.array([instant]))[0]
+            for moments, instant in zip(self.moments, at, strict=True)
+        ]
+        return np.asarray(np.array(found) * self.sides)
 
-    def _advance(self, until_s: float) -> None:
+    def _advance(self, next_step: int, until_s: float) -> None:
         """Run the models as far as an instant needs."""
-        belts, ahead_s = self.belts, self.belts.ahead_s
-        last = int(np.floor((until_s + ahead_s - belts.first_s) * MODEL_RATE_HZ))
+        belts = self.belts
+        last = int(np.floor((until_s + belts.ahead_s - belts.first_s) * MODEL_RATE_HZ))
         reach_s = belts.resampling.step_s + belts.resampling.reach_s
-        newest_s = self.speeds.buffer.newest_s
-        for step in range(self.next_step, last + 1):
+        for step in range(next_step, last + 1):
             at = belts.first_s + step / MODEL_RATE_HZ
-            if at + reach_s > newest_s and at > until_s:
+            if at + reach_s > self.speeds.buffer.newest_s and at > until_s:
                 break
-            time, speeds = self.speeds.samples(at - reach_s, at + reach_s)
-            acceleration = belts.accelerations(time, speeds, np.array([float(step)]))[0]
-            self._step(step, acceleration)
+            samples = self.speeds.samples(at - reach_s, at + reach_s)
+            acceleration = belts.accelerations(*samples, np.array([float(step)]))[0]
+            for model, kept, moment in zip(
+                belts.models, self.moments, belts.step(acceleration), strict=True
+            ):
+                earlier = belts.first_s + (step - model.advance) / MODEL_RATE_HZ
+                kept.append(np.array([earlier]), np.array([[moment]]))
             self.next_step = step + 1
-
-    def _step(self, step: int, acceleration: Array) -> None:
-        for k, model in enumerate(self.belts.models):
-            moment = np.nan
-            if np.isnan(acceleration[k]):
-                self.states[k], self.known[k] = model.at_rest, 0
-            else:
-                self.known[k] += 1
-                if self.known[k] > model.advance:
-                    found, self.states[k] = model.step(float(acceleration[k]), self.states[k])
-                    moment = found
-            at = self.belts.first_s + (step - model.advance) / MODEL_RATE_HZ
-            self.moments[k].append(np.array([at]), np.array([[moment]]))
 
 
 PLATE_UNITS: Final = (*[force_in_n] * 3, *[moment_in_nm] * 3)
@@ -194,14 +201,22 @@ class LiveGround:
         frames_hz: float,
     ) -> None:
         treadmill = laboratory.treadmill
-        self.plates, self.laboratory = plates, laboratory
-        self.delays_s = plate_delays_s(plates, laboratory.plates, settings.plate_delay_s)
+        delays_s = plate_delays_s(plates, laboratory.plates, settings.plate_delay_s)
         each = [analog.find(six, PLATE_UNITS) for six in channels]
-        self.groups = _grouped(each, self.delays_s, frames_hz)
+        alike: dict[tuple[int, float], list[int]] = {}
+        for k, (found, delay_s) in enumerate(zip(each, delays_s, strict=True)):
+            alike.setdefault((id(found.buffer), delay_s), []).append(k)
+        self.groups = list[tuple[list[int], Channels, Convolution, float]]()
+        for (_, delay_s), own in alike.items():
+            names = [name for k in own for name in channels[k]]
+            found = analog.find(names, PLATE_UNITS * len(own))
+            how = Convolution.between(found.rate_hz, frames_hz)
+            self.groups.append((own, found, how, delay_s))
         corrections = [_correction(plate, laboratory) for plate in plates]
         self.corrections, self.offsets = map(np.array, zip(*corrections, strict=True))
         self.to_lab = np.array([transform_wrench(np.eye(6), p.rotation, p.center) for p in plates])
-        self.ahead_s = [delay_s + how.reach_s for _, _, how, delay_s in self.groups]
+        ahead_s = [0.0, *(delay_s + how.reach_s for _, _, how, delay_s in self.groups)]
+
         self.gains = list[tuple[Array, Array]]()
         if laboratory.calibration is not None:
             sensors, rate_hz = treadmill.accelerometers, round(each[0].rate_hz, 6)
@@ -220,18 +235,26 @@ class LiveGround:
                 frames_hz,
             )
             late = relative_delays_s(plates, laboratory.plates)
-            self.earlier_s = [d - late_s for d, late_s in zip(self.delays_s, late, strict=True)]
-            self.ahead_s.append(max(self.earlier_s) + self.accelerometers.ahead_s)
-        self.belts: LiveBelts | None = None
-        self.speeds = self._belt_speeds(analog)
-        self.platform = _platform(laboratory, analog, labels, frames_hz)
-        self.ahead_s.append(self.platform.ahead_s if self.platform is not None else 0.0)
+            self.earlier_s = [d - late_s for d, late_s in zip(delays_s, late, strict=True)]
+            ahead_s.append(max(self.earlier_s) + self.accelerometers.ahead_s)
 
-    @property
-    def variants(self) -> tuple[str, ...]:
-        """Names of what it gives, that of the wrenches nearest to the truth last."""
-        compensated = self.gains or self.speeds is not None
-        return ("measured", "compensated") if compensated else ("measured",)
+        self.belts: LiveBelts | None = None
+        if laboratory.belts and treadmill.belt is not None:
+            self.belts = LiveBelts(laboratory.belts, treadmill.belt, plates, delays_s, analog)
+            ahead_s.append(self.belts.ahead_s)
+
+        self.platform: MarkedPlatform | CommandedPlatform | None = None
+        if treadmill.platform is not None:
+            marked = bool(treadmill.platform.markers)
+            self.platform = (
+                MarkedPlatform(treadmill.platform, labels)
+                if marked
+                else CommandedPlatform(treadmill.platform, analog, frames_hz)
+            )
+            ahead_s.append(self.platform.ahead_s)
+        self.ahead_s = max(ahead_s)
+        compensated = self.gains or self.belts is not None
+        self.variants = ("measured", "compensated") if compensated else ("measured",)
 
     def seen(self, position: Array) -> Pose | None:
         """Give the platform's pose as its markers show it among a frame's, (M, 3) [m], if any."""
@@ -245,84 +268,35 @@ class LiveGround:
         The wrenches of each variant and plate are in lab axes about the lab origin, unfiltered,
         (V, P, 6) [N, N·m], NaN where unknown; the platform's pose is None where it stands still.
         """
-        variants = [self._measured(time)]
+        measured = np.empty((len(self.to_lab), 6))
+        for plates, channels, how, delay_s in self.groups:
+            measured[plates] = _resampled(channels, how, time + delay_s).reshape(-1, 6)
+        measured = (measured[:, None] @ self.corrections)[:, 0] + self.offsets
+        variants = [measured]
         if len(self.variants) > 1:
-            compensated = variants[0].copy()
+            compensated = measured.copy()
             if self.gains:
                 compensated -= self._inertia(time)
-            if self.speeds is not None:
-                compensated -= self._belts(time, self.speeds)
+            if self.belts is not None:
+                compensated -= self.belts.wrenches(time)
             variants.append(compensated)
         wrenches = (np.array(variants)[:, :, None] @ self.to_lab)[:, :, 0]
         pose = self.platform.pose(time) if isinstance(self.platform, CommandedPlatform) else seen
         return wrenches if pose is None else transform_wrench(wrenches, *pose), pose
 
-    def _measured(self, time: float) -> Array:
-        """Give each plate's own wrench, corrected, (P, 6)."""
-        found = np.empty((len(self.plates), 6))
-        for plates, channels, resampling, delay_s in self.groups:
-            at = time + delay_s
-            samples = channels.samples(at - resampling.reach_s, at + resampling.reach_s)
-            found[plates] = resampling.evaluate(*samples, np.array([at])).reshape(-1, 6)
-        return np.asarray((found[:, None] @ self.corrections)[:, 0] + self.offsets)
-
     def _inertia(self, time: float) -> Array:
         """Give what the platform's motion adds to each plate, (P, 6)."""
         sensors, felt = self.accelerometers, dict[float, Array]()
-        for earlier_s in self.earlier_s:
-            if earlier_s not in felt:
-                at = time + earlier_s
-                samples = self.readings.samples(at - sensors.behind_s, at + sensors.ahead_s)
-                felt[earlier_s] = sensors.felt(*samples, np.array([at]))[0]
+        for earlier_s in set(self.earlier_s):
+            at = time + earlier_s
+            samples = self.readings.samples(at - sensors.behind_s, at + sensors.ahead_s)
+            felt[earlier_s] = sensors.felt(*samples, np.array([at]))[0]
         return np.array(
             [
                 felt[earlier_s] @ gain + offset
                 for earlier_s, (gain, offset) in zip(self.earlier_s, self.gains, strict=True)
             ]
         )
-
-    def _belt_speeds(self, analog: AnalogStreams) -> Channels | None:
-        belt, models = self.laboratory.treadmill.belt, self.laboratory.belts
-        if not models or belt is None:
-            return None
-        if len(models) != len(self.plates):
-            raise ValueError(
-                f"{LIVE}: {len(self.plates)} plates, but the belt calibration has {len(models)}"
-            )
-        count = len(belt.speed_channels)
-        names = [belt.speed_channels[k % count] for k in range(len(self.plates))]
-        found = analog.find(names, [speed_in_mps] * len(names))
-        belts = RealtimeBelts.of(models, found.rate_hz, 0.0)
-        self.ahead_s.append(max(self.delays_s) + belts.ahead_s)
-        self.sides = np.array([np.r_[np.zeros(3), belt_side(plate)] for plate in self.plates])
-        return found
-
-    def _belts(self, time: float, speeds: Channels) -> Array:
-        """Give what accelerating belts add to each plate, (P, 6)."""
-        if self.belts is None:
-            self.belts = LiveBelts(self.laboratory.belts, speeds, time)
-        moments = self.belts.moments_at([time + delay_s for delay_s in self.delays_s])
-        return np.asarray(moments[:, None] * self.sides)
-
-
-Group = tuple[list[int], Channels, Convolution, float]
-"""Plates of one stream that are equally late: which, their channels, and how they are resampled."""
-
-
-def _grouped(each: Sequence[Channels], delays_s: Sequence[float], frames_hz: float) -> list[Group]:
-    """Put plates together that are resampled alike."""
-    together: dict[tuple[int, float], list[int]] = {}
-    for k, (channels, delay_s) in enumerate(zip(each, delays_s, strict=True)):
-        together.setdefault((id(channels.buffer), delay_s), []).append(k)
-    groups = []
-    for (_, delay_s), plates in together.items():
-        own = [each[k] for k in plates]
-        columns = np.concatenate([channels.columns for channels in own])
-        factor = np.concatenate([channels.factor for channels in own])
-        of_all = Channels(own[0].buffer, columns, factor, own[0].rate_hz)
-        how = Convolution.between(own[0].rate_hz, frames_hz)
-        groups.append((plates, of_all, how, delay_s))
-    return groups
 
 
 def _correction(plate: Plate, laboratory: Laboratory) -> tuple[Array, Array]:
@@ -332,16 +306,3 @@ def _correction(plate: Plate, laboratory: Laboratory) -> tuple[Array, Array]:
         return np.eye(6), np.zeros(6)
     offset = found.correct_in_plate(np.zeros(6), plate.rotation, plate.center)
     return found.correct_in_plate(np.eye(6), plate.rotation, plate.center) - offset, offset
-
-
-def _platform(
-    laboratory: Laboratory, analog: AnalogStreams, labels: Sequence[str], frames_hz: float
-) -> MarkedPlatform | CommandedPlatform | None:
-    platform = laboratory.treadmill.platform
-    if platform is None:
-        return None
-    if platform.markers:
-        return MarkedPlatform(platform, labels)
-    if not platform.channels:
-        raise ValueError("the platform's pose needs its markers, or its sway or pitch channel")
-    return CommandedPlatform(platform, analog, frames_hz)

@@ -3,10 +3,10 @@
 import socket
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
-from typing import Any, Final
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from scipy.stats import theilslopes
@@ -55,7 +55,6 @@ class ClockOffset:
     """
 
     def __init__(self) -> None:
-        self.resets = 0
         self.value_s = 0.0
         self._measured: deque[tuple[float, float]] = deque(maxlen=KEPT)
         self._looked = self._at = self._drift = 0.0
@@ -80,7 +79,6 @@ class ClockOffset:
                 self._doubtful_s = offset_s
                 return
             self._measured.clear()
-            self.resets += 1
         self._measured.append((now, offset_s))
         self._at, self._drift = now, 0.0
         time, offset = np.array(self._measured).T
@@ -94,8 +92,7 @@ class ClockOffset:
         return np.asarray(known + self._drift * (known - self._at))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LslDescription:
+class LslDescription(NamedTuple):
     """A stream as its sender and a person describe it.
 
     It has the channels as the sender describes them; the markers' axes, those that a person states,
@@ -108,15 +105,6 @@ class LslDescription:
     stream: StreamDescription
     plates: tuple[StatedPlate, ...]
     convert: Convert
-
-    def require_like(self, before: "LslDescription", sender: str) -> None:
-        """Refuse what numbers depend on where it is not as before."""
-        described = {
-            "description of its channels": (before.channels, self.channels),
-            "rate": (before.stream.rate_hz, self.stream.rate_hz),
-            "statement of its axes": (before.axes, self.axes),
-        }
-        require_same(sender, described, before.plates, self.plates)
 
 
 def read_description(info: Any, stated: Stated, *, is_markers: bool) -> LslDescription:
@@ -142,6 +130,17 @@ def read_description(info: Any, stated: Stated, *, is_markers: bool) -> LslDescr
         raise ValueError(f"stream {short(name)!r}: {error}") from error
 
 
+def require_like(before: LslDescription, after: LslDescription) -> None:
+    """Refuse a sender that is back where what numbers depend on is not as before."""
+    described = {
+        "description of its channels": (before.channels, after.channels),
+        "rate": (before.stream.rate_hz, after.stream.rate_hz),
+        "statement of its axes": (before.axes, after.axes),
+    }
+    sender = f"stream {short(before.stream.name)!r}"
+    require_same(sender, described, before.plates, after.plates)
+
+
 CHUNK_S: Final = 0.05
 """Time whose samples are taken from a stream at once: after a pause, no stream runs ahead."""
 MAX_SAMPLES: Final = 1024
@@ -164,48 +163,59 @@ POLL_S: Final = 0.02
 
 
 class Inlet:
-    """One stream, with memory for what arrives.
+    """One connection to a stream, with memory for what arrives.
 
     A connection that is lost stays lost: the library's own recovery takes a sender that comes back
-    for the same, whatever it sends, so that samples of other channels would arrive unnoticed.
-    `take_up` connects anew, and takes no sample before the description is known to be the same.
-    A ValueError says that a description lacks something or contradicts itself, a ConnectionError
-    that it is not sent.
+    for the same, whatever it sends, so that samples of other channels would arrive unnoticed. A
+    ValueError says that a description lacks something or contradicts itself, a ConnectionError that
+    the sender does not answer in time.
     """
 
-    def __init__(self, lsl: Any, info: Any, stated: Stated, *, is_markers: bool = False) -> None:
+    def __init__(
+        self, lsl: Any, info: Any, stated: Stated, is_markers: bool, answer_s: float = ANSWER_S
+    ) -> None:
         self._lsl = lsl
         self.name: str = info.name()
+        self.uid: str = info.uid()
+        self.stated, self.is_markers = stated, is_markers
         self._is_here: bool = info.hostname() == socket.gethostname()
+        self._answer_s = answer_s
         self.offset = ClockOffset()
-        self._uid: str = info.uid()
-        self._inlet: Any = self._connected(info)
-        try:
-            described = self._inlet.info(ANSWER_S)
-        except (lsl.util.TimeoutError, lsl.util.LostError) as error:
-            raise ConnectionError(f"stream {self.name!r} does not send its description") from error
-        self._stated, self._is_markers = stated, is_markers
-        self._described = read_description(described, stated, is_markers=is_markers)
-        self.axes, self.plates = self._described.axes, self._described.plates
-        self.description = self._described.stream
-        self._returning: Future[tuple[Any, str, float] | None] | None = None
+        self._inlet: Any = lsl.StreamInlet(info, max_buflen=BUFFER_S, recover=False)
+        self.lost = False
         self._heard_s = time.monotonic()
-        self._take(MAX_SAMPLES)
-
-    def _take(self, count: int) -> None:
-        """Take so many samples at once."""
-        self._buffer = np.empty((count, len(self._described.channels)), self._inlet.np_dtype)
-
-    def _connected(self, info: Any) -> Any:
-        return self._lsl.StreamInlet(info, max_buflen=BUFFER_S, recover=False)
+        self._refusals = lsl.util.TimeoutError, lsl.util.LostError
+        try:
+            described = self._inlet.info(answer_s)
+        except self._refusals as error:
+            raise ConnectionError(f"stream {self.name!r} does not send its description") from error
+        self.described = read_description(described, stated, is_markers=is_markers)
+        self.description = self.described.stream
+        self.measure()
 
     def open(self) -> None:
-        """Begin to receive."""
+        """Wait until the sender's clock is known, and begin to receive."""
+        deadline = time.monotonic() + self._answer_s
+        while not self.offset.known:
+            if time.monotonic() > deadline:
+                raise ConnectionError(
+                    f"stream {self.name!r}: its clock does not answer within {self._answer_s:g} s; "
+                    "are its UDP ports, 16572 to 16604, open?"
+                )
+            time.sleep(POLL_S / 4)
+            self.measure()
         try:
-            self._inlet.open_stream(ANSWER_S)
-        except (self._lsl.util.TimeoutError, self._lsl.util.LostError) as error:
+            self._inlet.open_stream(self._answer_s)
+        except self._refusals as error:
             raise ConnectionError(f"stream {self.name!r} sends nothing") from error
         self._heard_s = time.monotonic()
+        self.prepare()
+
+    def prepare(self) -> None:
+        """Prepare the memory for what is taken at once."""
+        rate_hz = self.description.rate_hz
+        count = max(1, round(CHUNK_S * rate_hz)) if rate_hz > 0 else MAX_SAMPLES
+        self._buffer = np.empty((count, len(self.described.channels)), self._inlet.np_dtype)
 
     def find_rate(self) -> None:
         """Find the sampling rate from time stamps where the sender does not state it."""
@@ -217,23 +227,18 @@ class Inlet:
             if len(stamps) > 1 and np.ptp(stamps) >= RATE_S:
                 rate_hz = find_clock(stamps, 0.0).rate_hz
                 self.description = replace(self.description, rate_hz=rate_hz)
+                self.prepare()
             elif time.monotonic() > deadline:
                 raise ConnectionError(
                     f"stream {self.name!r} states no sampling rate, and sends too little within "
                     f"{RATE_TIMEOUT_S:g} s to find it"
                 )
-        if self._inlet is not None:
-            self._take(self._chunk)
-
-    @property
-    def _chunk(self) -> int:
-        return max(1, round(CHUNK_S * self.description.rate_hz))
 
     def measure(self) -> None:
         """Compare the sender's clock with this computer's, if that is possible now."""
         try:
             offset = self._inlet.time_correction(0.0)
-        except (self._lsl.util.TimeoutError, self._lsl.util.LostError):
+        except self._refusals:
             return
         if self._is_here and abs(offset) < SAME_CLOCK_S:
             offset = 0.0
@@ -241,7 +246,7 @@ class Inlet:
 
     def pull(self, wait_s: float) -> Samples | None:
         """Give what has arrived; wait for the first sample if nothing has."""
-        if self._inlet is None:
+        if self.lost:
             time.sleep(wait_s)
             return None
         if self.offset.due(self._lsl.local_clock()):
@@ -251,94 +256,38 @@ class Inlet:
                 wait_s, len(self._buffer), self._buffer, min_samples=1, as_numpy=True
             )
         except self._lsl.util.LostError:
-            self._inlet = None
+            self.lost = True
             return None
         if not len(stamps):
             return None
         self._heard_s = time.monotonic()
-        return Samples(self.name, self.offset.local(stamps), self._described.convert(values))
+        return Samples(self.name, self.offset.local(stamps), self.described.convert(values))
 
     @property
     def away(self) -> bool:
         """Whether its connection is lost, or nothing has arrived for a second."""
-        return self._inlet is None or time.monotonic() - self._heard_s > SILENT_S
+        return self.lost or time.monotonic() - self._heard_s > SILENT_S
 
-    def take_up(self, there: Sequence[Any], workers: Executor) -> None:
-        """Connect anew while it is away, to one of the streams of its name that are there.
+    def again(self, info: Any) -> "Inlet | None":
+        """Connect to a stream that is described as this one; None if it does not answer in time.
 
-        A worker waits for answers. A ValueError says that it is back with another description.
+        A ValueError says what is described otherwise.
         """
-        if self._returning is not None:
-            if self._returning.done():
-                returning, self._returning = self._returning, None
-                self._resume(returning.result())
-            return
-        others = [info for info in there if info.uid() != self._uid]
-        if self._inlet is not None:
-            if not others or len(others) < len(there):
-                return  # the sender is there and sends nothing
-            ended, self._inlet = [self._inlet], None
-            workers.submit(ended.clear)  # to end it takes the library half a second
-        if there:
-            newest = max(others or there, key=lambda info: info.created_at())
-            self._returning = workers.submit(self._confirmed, newest)
-
-    def _confirmed(self, info: Any) -> tuple[Any, str, float] | None:
-        """Connect to a stream that is described as before.
-
-        Gives the connection, the sender's identity and its clock's offset; None if it does not
-        answer. A ValueError says what is described otherwise.
-        """
+        self.close()
         try:
-            inlet = self._connected(info)
-            self._require_same(inlet.info(RETURN_S))
-            offset = inlet.time_correction(RETURN_S)
-            inlet.open_stream(RETURN_S)
-        except RuntimeError:  # of the library, whatever is wrong
+            back = Inlet(self._lsl, info, self.stated, self.is_markers, RETURN_S)
+            require_like(self.described, back.described)
+            back.description = self.description
+            back.open()
+        except (ConnectionError, RuntimeError):  # of the library, whatever is wrong
             return None
-        return inlet, info.uid(), offset
-
-    def _require_same(self, info: Any) -> None:
-        sender = f"stream {short(self.name)!r}"
-        try:
-            described = read_description(info, self._stated, is_markers=self._is_markers)
-        except ValueError as error:
-            raise ValueError(
-                f"{sender} came back with a description that cannot be used ({error}); begin a new "
-                "session"
-            ) from error
-        described.require_like(self._described, sender)
-
-    def _resume(self, returned: tuple[Any, str, float] | None) -> None:
-        """Receive from the sender that is back, unless it is gone again."""
-        if returned is None:
-            return
-        self._inlet, self._uid, offset = returned
-        if abs(offset - self.offset.value_s) > SAME_CLOCK_S:  # its computer was started anew
-            self.offset = ClockOffset()
-            self.offset.measure(self._lsl.local_clock(), offset)
-        self._heard_s = time.monotonic()
-        self._take(self._chunk)
+        if abs(back.offset.value_s - self.offset.value_s) < SAME_CLOCK_S:
+            back.offset = self.offset  # its computer was not started anew
+        return back
 
     def close(self) -> None:
-        """Stop receiving."""
-        if self._inlet is not None:
-            self._inlet.close_stream()
-            self._inlet = None
-
-
-def await_clocks(inlets: Sequence[Inlet]) -> None:
-    """Wait until all senders' clocks are known."""
-    deadline = time.monotonic() + ANSWER_S
-    while unknown := [inlet for inlet in inlets if not inlet.offset.known]:
-        if time.monotonic() > deadline:
-            raise ConnectionError(
-                f"stream {unknown[0].name!r}: its clock does not answer within {ANSWER_S:g} s; "
-                "are its UDP ports, 16572 to 16604, open?"
-            )
-        for inlet in unknown:
-            inlet.measure()
-        time.sleep(POLL_S / 4)
+        """Stop receiving; of a sender that hangs, that takes the library half a second."""
+        self.lost, self._inlet = True, None
 
 
 WAIT_S: Final = 0.001
@@ -405,23 +354,19 @@ class LslSource:
         lsl = load_lsl(listen)
         self._resolver = lsl.ContinuousResolver(forget_after=FORGET_S)
         self._sought_s = 0.0
-        settled_s = time.monotonic() + SETTLE_S
         found = _find(self._resolver, names, timeout_s, searching)
-        try:
-            stated = stated or Stated()
-            first = Inlet(lsl, found[0], stated, is_markers=True)
-            of_all = replace(stated, axes=first.axes)
-            self._inlets = [first, *(Inlet(lsl, info, of_all) for info in found[1:])]
-            await_clocks(self._inlets)
-        finally:  # a description that is wrong may be that of another stream of the same name
-            time.sleep(max(0.0, settled_s - time.monotonic()))
-            _require_unique(_by_name(self._resolver), names)
+        stated = stated or Stated()
+        first = Inlet(lsl, found[0], stated, is_markers=True)
+        of_all = replace(stated, axes=first.described.axes)
+        self._inlets = [first, *(Inlet(lsl, info, of_all, is_markers=False) for info in found[1:])]
         for inlet in self._inlets:
             inlet.open()
         for inlet in self._inlets:
             inlet.find_rate()
         self._workers = ThreadPoolExecutor(len(self._inlets), thread_name_prefix="lsl")
-        self._fastest = max(self._inlets, key=lambda inlet: inlet.description.rate_hz)
+        self._returning: dict[int, Future[Inlet | None]] = {}
+        rates_hz = [inlet.description.rate_hz for inlet in self._inlets]
+        self._fastest = rates_hz.index(max(rates_hz))
 
     @property
     def streams(self) -> tuple[StreamDescription, ...]:
@@ -431,7 +376,7 @@ class LslSource:
     @property
     def plates(self) -> tuple[StatedPlate, ...]:
         """Plates as the streams describe them."""
-        return tuple(plate for inlet in self._inlets for plate in inlet.plates)
+        return tuple(plate for inlet in self._inlets for plate in inlet.described.plates)
 
     def receive(self, timeout_s: float) -> list[Samples]:
         """Give what has arrived; an empty list if nothing does within the timeout [s].
@@ -445,8 +390,8 @@ class LslSource:
             self._seek()
             found = [
                 samples
-                for inlet in self._inlets
-                if (samples := inlet.pull(wait if inlet is self._fastest else 0.0)) is not None
+                for k, inlet in enumerate(self._inlets)
+                if (samples := inlet.pull(wait if k == self._fastest else 0.0)) is not None
             ]
             remaining = deadline - time.monotonic()
             if found or remaining <= 0:
@@ -454,14 +399,26 @@ class LslSource:
             wait = min(WAIT_S, remaining)
 
     def _seek(self) -> None:
-        """Take up again what is away, if it is there."""
-        away = [inlet for inlet in self._inlets if inlet.away]
+        """Take up again what is away, if it is there; a worker waits for answers.
+
+        A sender that hangs is left for another one of its name, once it is not found any more.
+        """
+        away = [k for k, inlet in enumerate(self._inlets) if inlet.away]
         if not away or time.monotonic() < self._sought_s:
             return
         self._sought_s = time.monotonic() + SEEK_S
-        there = _by_name(self._resolver)
-        for inlet in away:
-            inlet.take_up(there.get(inlet.name, []), self._workers)
+        every = _by_name(self._resolver)
+        for k in away:
+            inlet = self._inlets[k]
+            there = every.get(inlet.name, [])
+            others = [info for info in there if info.uid() != inlet.uid]
+            if k in self._returning:
+                if self._returning[k].done():
+                    self._inlets[k] = self._returning.pop(k).result() or inlet
+            elif there and (inlet.lost or len(others) == len(there)):
+                inlet.lost = True
+                newest = max(others or there, key=lambda info: info.created_at())
+                self._returning[k] = self._workers.submit(inlet.again, newest)
 
     def close(self) -> None:
         """Stop receiving."""
@@ -476,36 +433,36 @@ def _find(
     timeout_s: float,
     searching: Callable[[Sequence[str], Sequence[str]], object] | None,
 ) -> list[Any]:
-    """Give the streams of these names, once all are there.
+    """Give the streams of these names, once all are there, each once.
 
     Of several of one name all but one may be those of a program that has ended just now.
     """
-    deadline = time.monotonic() + timeout_s
-    forgotten_s: float | None = None
+    begun_s = time.monotonic()
+    complete_s: float | None = None
     while True:
-        there, now = _by_name(resolver), time.monotonic()
+        there, now_s = _by_name(resolver), time.monotonic()
         absent = [name for name in names if name not in there]
-        if not absent:
-            forgotten_s = forgotten_s or now + FORGET_S
-            if now > forgotten_s or all(len(there[name]) == 1 for name in names):
-                return [there[name][0] for name in names]
-        elif now > deadline:
+        several = [name for name in names if len(there.get(name, [])) > 1]
+        if absent and now_s - begun_s > timeout_s:
             raise ConnectionError(
                 f"no stream is called {listed(map(repr, absent))} within {timeout_s:g} s; "
                 f"streams there: {listed(map(repr, map(printable, there)))}"
             )
-        elif searching is not None:
-            searching(absent, list(there))
+        if absent:
+            complete_s = None
+            if searching is not None:
+                searching(absent, list(there))
+        elif several:
+            complete_s = complete_s or now_s
+            if now_s - complete_s > FORGET_S:
+                raise ValueError(
+                    f"{len(there[several[0]])} streams are called {short(several[0])!r}; close all "
+                    "but one of the programs that send them, or give each stream a name of its own "
+                    "and state it in [live] of study.toml (markers, analog)"
+                )
+        elif now_s - begun_s > SETTLE_S:
+            return [there[name][0] for name in names]
         time.sleep(POLL_S)
-
-
-def _require_unique(there: Mapping[str, Sequence[Any]], names: Sequence[str]) -> None:
-    if several := [name for name in names if len(there.get(name, [])) > 1]:
-        raise ValueError(
-            f"{len(there[several[0]])} streams are called {short(several[0])!r}; close all but one "
-            "of the programs that send them, or give each stream a name of its own and state it "
-            "in [live] of study.toml (markers, analog)"
-        )
 
 
 def _by_name(resolver: Any) -> dict[str, list[Any]]:

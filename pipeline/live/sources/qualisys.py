@@ -6,9 +6,9 @@ The protocol is that of https://docs.qualisys.com/qtm-rt-protocol/.
 import asyncio
 import threading
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, Final
-from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -88,14 +88,14 @@ class Signals:
     origin_s: float | None = None
     misfits: list[float] = field(default_factory=list)
 
-    def time(self, number: int, count: int, frame_s: float) -> Array:
-        """Give the times of samples on the clock of the frames, (count,) [s]."""
-        rate = self.description.rate_hz
-        own = (number + np.arange(count)) / rate
+    def samples(self, first: int, values: Array, stamp_s: float, base_s: float) -> Samples:
+        """Give samples, the number of whose first is known, with those of a frame at a stamp."""
+        own_s = (first + np.arange(len(values))) / self.description.rate_hz
         if self.origin_s is None:
-            ahead = frame_s - float(own[-1])
-            self.origin_s = 0.0 if abs(ahead) < SAME_START_S else ahead
-        return np.asarray(own + self.origin_s)
+            ahead_s = stamp_s - float(own_s[-1])
+            self.origin_s = 0.0 if abs(ahead_s) < SAME_START_S else ahead_s
+        time = base_s + (own_s + self.origin_s)
+        return Samples(self.description.name, time, self.convert(values))
 
     def check_moments(self, forces: Array) -> None:
         """Refuse moments that are not about the centre of the plate's surface.
@@ -109,58 +109,58 @@ class Signals:
             return
         tilt = (moment - np.cross(point, force))[loaded, :2]
         self.misfits += list(np.linalg.norm(tilt, axis=1) / np.abs(force[loaded, 2]))
-        if len(self.misfits) >= CHECKED_SAMPLES:
-            misfit = float(np.median(self.misfits))
-            if not misfit < MAX_MISFIT_M:
-                raise ValueError(
-                    f"plate {short(self.description.name)!r}: moments and points of application "
-                    f"disagree by {1000 * misfit:.0f} mm about the centre of its surface, expected "
-                    f"less than {1000 * MAX_MISFIT_M:.0f} mm; send forces in the plate's axes"
-                )
+        misfit = float(np.median(self.misfits))
+        if len(self.misfits) >= CHECKED_SAMPLES and not misfit < MAX_MISFIT_M:
+            raise ValueError(
+                f"plate {short(self.description.name)!r}: moments and points of application "
+                f"disagree by {1000 * misfit:.0f} mm about the centre of its surface, expected "
+                f"less than {1000 * MAX_MISFIT_M:.0f} mm; send forces in the plate's axes"
+            )
 
 
-@dataclass(slots=True)
-class Frames:
-    """Turns packets to samples.
+class Packets:
+    """What the program sends by its parameters in XML, and its packets as samples.
 
-    Every packet has so many markers (``sent``); analog devices and force plates are found by their
-    numbers. To time stamps ``base_s`` is added, so that time goes on when a measurement begins
-    anew; the latest stamp is ``last_s`` [s].
+    A ValueError says that parameters are broken, name no markers or state no rate, or as
+    `pipeline.live.sources.description.describe_markers`.
     """
 
-    sent: int
-    markers: StreamDescription
-    convert: Convert
-    devices: dict[int, Signals]
-    plates: dict[int, Signals]
-    stated_plates: tuple[StatedPlate, ...] = ()
-    base_s: float = 0.0
-    last_s: float = -np.inf
-
-    @property
-    def streams(self) -> tuple[StreamDescription, ...]:
-        """Markers, then plates, then analog devices."""
-        signals = (*self.plates.values(), *self.devices.values())
-        return (self.markers, *(each.description for each in signals))
-
-    @property
-    def components(self) -> list[str]:
-        """What has to be asked for."""
-        return ["3d", *["analog"] * bool(self.devices), *["force"] * bool(self.plates)]
+    def __init__(self, written: bytes, stated: Stated) -> None:
+        try:
+            root = parse_xml(written.decode("utf-8", "replace"))
+        except ValueError as error:
+            raise ValueError(f"Qualisys Track Manager sends broken parameters: {error}") from error
+        names = [_text(label, "Name") for label in root.iterfind("The_3D/Label")]
+        if not names:
+            raise ValueError("Qualisys Track Manager has no labelled markers; apply an AIM model")
+        self.sent = len(names)
+        channels = [
+            Channel(f"{name}_{axis}", "mm", f"Position{axis}", marker=name)
+            for name in names
+            for axis in AXES
+        ]
+        rate_hz = _rate(root.find("General"), "the cameras")
+        self.markers, self._convert = describe_markers(MARKERS, channels, rate_hz, stated)
+        self._plates, self.plates = _plates(root, parse_axes(stated.axes or LAB_AXES))
+        self._devices = _devices(root)
+        signals = (*self._plates.values(), *self._devices.values())
+        self.streams = (self.markers, *(each.description for each in signals))
+        self.components = ["3d", *["analog"] * bool(self._devices), *["force"] * bool(self._plates)]
+        self._base_s, self._last_s = 0.0, -np.inf
 
     def restart(self) -> None:
         """Expect sample numbers from another start."""
-        for signals in (*self.devices.values(), *self.plates.values()):
+        for signals in (*self._devices.values(), *self._plates.values()):
             signals.origin_s = None
 
-    def samples(self, packet: Any) -> list[Samples]:
+    def samples(self, packet: Any) -> Iterator[Samples]:
         """Give the samples of one packet of the vendor's client.
 
-        A ValueError says that it has another number of markers, or that moments are about another
-        point than the centre of a plate's surface.
+        Time goes on when a measurement begins anew. A ValueError says that a packet has another
+        number of markers, or that moments are about another point than the centre of a plate's
+        surface.
         """
         stamp = packet.timestamp / 1e6
-        found: list[Samples] = []
         if (markers := packet.get_3d_markers()) is not None:
             _, positions = markers
             if len(positions) != self.sent:
@@ -168,70 +168,30 @@ class Frames:
                     f"Qualisys Track Manager sends {len(positions)} markers, but named "
                     f"{self.sent}; start anew"
                 )
-            if stamp < self.last_s - RESTART_S:
-                self.base_s += self.last_s - stamp + 1 / self.markers.rate_hz
+            if stamp < self._last_s - RESTART_S:
+                self._base_s += self._last_s - stamp + 1 / self.markers.rate_hz
                 self.restart()
-            self.last_s = stamp
-            values = self.convert(np.array(positions, float).reshape(1, -1))
-            found.append(Samples(MARKERS, np.array([self.base_s + stamp]), values))
-        for device, number, channels in _analog(packet):
-            if device in self.devices:
-                found.append(self._samples(self.devices[device], number, channels, stamp))
-        for plate, number, forces in _forces(packet):
-            if plate in self.plates:
-                self.plates[plate].check_moments(forces)
-                found.append(self._samples(self.plates[plate], number, -forces[:, :6], stamp))
-        return found
-
-    def _samples(self, signals: Signals, number: int, values: Array, stamp: float) -> Samples:
-        time = self.base_s + signals.time(number, len(values), stamp)
-        return Samples(signals.description.name, time, signals.convert(values))
-
-
-def _analog(packet: Any) -> list[tuple[int, int, Array]]:
-    """Give device, number of the first sample and samples, (N, K), of a packet."""
-    found: dict[int, tuple[int, list[Any]]] = {}
-    _, channels = packet.get_analog() or (None, [])
-    for device, number, channel in channels:
-        found.setdefault(device.id, (number.sample_number, []))[1].append(channel.samples)
-    return [(k, number, np.array(samples, float).T) for k, (number, samples) in found.items()]
+            self._last_s = stamp
+            values = self._convert(np.array(positions, float).reshape(1, -1))
+            yield Samples(MARKERS, np.array([self._base_s + stamp]), values)
+        _, channels = packet.get_analog() or (None, [])
+        of_devices: dict[int, tuple[int, list[Any]]] = {}
+        for device, number, channel in channels:
+            first = number.sample_number
+            of_devices.setdefault(device.id, (first, []))[1].append(channel.samples)
+        for number, (first, channels) in of_devices.items():
+            if device := self._devices.get(number):
+                values = np.array(channels, float).T
+                yield device.samples(first, values, stamp, self._base_s)
+        _, plates = packet.get_force() or (None, [])
+        for sent, forces in plates:
+            if forces and (plate := self._plates.get(sent.id)):
+                each = np.array(forces, float)
+                plate.check_moments(each)
+                yield plate.samples(sent.force_number, -each[:, :6], stamp, self._base_s)
 
 
-def _forces(packet: Any) -> list[tuple[int, int, Array]]:
-    """Give plate, number of the first sample, and forces, moments and points, (N, 9), of each."""
-    _, plates = packet.get_force() or (None, [])
-    return [
-        (plate.id, plate.force_number, np.array(forces, float))
-        for plate, forces in plates
-        if forces
-    ]
-
-
-def read_parameters(written: bytes, stated: Stated) -> Frames:
-    """Give what is sent, from the program's parameters in XML.
-
-    A ValueError says that they are broken, name no markers or state no rate, or as
-    `pipeline.live.sources.description.describe_markers`.
-    """
-    try:
-        root = parse_xml(written.decode("utf-8", "replace"))
-    except ValueError as error:
-        raise ValueError(f"Qualisys Track Manager sends broken parameters: {error}") from error
-    rate = _rate(root.find("General"), "the cameras")
-    names = [_text(label, "Name") for label in root.iterfind("The_3D/Label")]
-    if not names:
-        raise ValueError("Qualisys Track Manager has no labelled markers; apply an AIM model")
-    channels = [
-        Channel(f"{name}_{axis}", "mm", f"Position{axis}", marker=name)
-        for name in names
-        for axis in AXES
-    ]
-    markers, convert = describe_markers(MARKERS, channels, rate, stated)
-    plates, described = _plates(root, parse_axes(stated.axes or LAB_AXES))
-    return Frames(len(names), markers, convert, _devices(root), plates, described)
-
-
-def _devices(root: ElementTree.Element) -> dict[int, Signals]:
+def _devices(root: Element) -> dict[int, Signals]:
     found = {}
     for device in root.iterfind("Analog/Device"):
         name = _text(device, "Device_Name")
@@ -244,9 +204,7 @@ def _devices(root: ElementTree.Element) -> dict[int, Signals]:
     return found
 
 
-def _plates(
-    root: ElementTree.Element, to_lab: Array
-) -> tuple[dict[int, Signals], tuple[StatedPlate, ...]]:
+def _plates(root: Element, to_lab: Array) -> tuple[dict[int, Signals], tuple[StatedPlate, ...]]:
     """Give what plates send, and how the program describes them."""
     found, described = {}, []
     force, length = (_text(root.find("Force"), f"Unit_{of}") for of in ("Force", "Length"))
@@ -258,16 +216,17 @@ def _plates(
             for part in WRENCH_COMPONENTS
         ]
         found[number] = Signals(*describe_signals(name, channels, _rate(plate, name)))
-        labels = found[number].description.labels
+        place, problem = None, ""
         try:
             place = place_of(plate, number, length, to_lab)
-            described.append(StatedPlate(str(number), labels, place))
         except ValueError as error:
-            described.append(StatedPlate(str(number), labels, problem=str(error)))
+            problem = str(error)
+        labels = found[number].description.labels
+        described.append(StatedPlate(str(number), labels, place, problem))
     return found, tuple(described)
 
 
-def _rate(element: ElementTree.Element | None, what: str) -> float:
+def _rate(element: Element | None, what: str) -> float:
     text = _text(element, "Frequency")
     try:
         rate = float(text)
@@ -278,7 +237,7 @@ def _rate(element: ElementTree.Element | None, what: str) -> float:
     return rate
 
 
-def _text(element: ElementTree.Element | None, tag: str) -> str:
+def _text(element: Element | None, tag: str) -> str:
     return printable((element.findtext(tag) or "").strip()) if element is not None else ""
 
 
@@ -330,7 +289,7 @@ class QualisysSource:
         self._where = f"{host}:{port}"
         self._address = host, port
         self._stated, self._timeout_s = stated, timeout_s
-        self._frames: Frames | None = None
+        self._packets: Packets | None = None
         self._fault: Exception | None = None
         self._waiting: deque[Samples] = deque(maxlen=MAX_WAITING)
         self._arrived, self._ready = threading.Event(), threading.Event()
@@ -345,12 +304,12 @@ class QualisysSource:
     @property
     def streams(self) -> tuple[StreamDescription, ...]:
         """What is received: markers, then plates, then analog devices."""
-        return self._frames.streams if self._frames is not None else ()
+        return self._packets.streams if self._packets is not None else ()
 
     @property
     def plates(self) -> tuple[StatedPlate, ...]:
         """Plates as the program's settings describe them."""
-        return self._frames.stated_plates if self._frames is not None else ()
+        return self._packets.plates if self._packets is not None else ()
 
     def receive(self, timeout_s: float) -> list[Samples]:
         """Give whatever has arrived; an empty list if nothing does within the timeout [s].
@@ -393,7 +352,7 @@ class QualisysSource:
             try:
                 await self._connection()
             except (OSError, self._client.QRTCommandException):
-                if self._frames is None:
+                if self._packets is None:
                     raise ConnectionError(
                         f"no Qualisys Track Manager answers at {self._where}; is it running, and "
                         "its port for real-time output open?"
@@ -416,19 +375,19 @@ class QualisysSource:
             raise ConnectionError
         try:
             written = await connection.get_parameters(["general", "3d", "analog", "force"])
-            frames = read_parameters(written, self._stated)
-            if self._frames is None:
-                self._frames = frames
-            else:
-                sender, before = f"Qualisys Track Manager at {self._where}", self._frames
-                streams = {"description of its streams": (before.streams, frames.streams)}
-                require_same(sender, streams, before.stated_plates, frames.stated_plates)
-            self._frames.restart()
+            packets, before = Packets(written, self._stated), self._packets
+            if before is not None:
+                sender = f"Qualisys Track Manager at {self._where}"
+                streams = {"description of its streams": (before.streams, packets.streams)}
+                require_same(sender, streams, before.plates, packets.plates)
+                packets = before
+            packets.restart()
+            self._packets = packets
             self._ready.set()
             while not lost.is_set():
                 try:
                     await connection.stream_frames(
-                        components=frames.components, on_packet=self._take
+                        components=packets.components, on_packet=self._take
                     )
                     await lost.wait()
                 except (TimeoutError, self._client.QRTCommandException):
@@ -439,10 +398,10 @@ class QualisysSource:
 
     def _take(self, packet: Any) -> None:
         """Take one packet apart."""
-        if self._frames is None or self._fault is not None:
+        if self._packets is None or self._fault is not None:
             return
         try:
-            self._waiting.extend(self._frames.samples(packet))
+            self._waiting.extend(self._packets.samples(packet))
         except ValueError as fault:
             self._fault = fault
         self._arrived.set()

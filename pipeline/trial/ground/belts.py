@@ -6,7 +6,6 @@ samples.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import cycle
 from typing import Final
 
@@ -14,7 +13,6 @@ import numpy as np
 
 from compensation import BeltModel, belt_acceleration
 from hbm.signals.resampling import Convolution, interpolate
-from hbm.signals.samples import stretches
 from hbm.spatial import Array
 from pipeline.config.schema import Belt
 from pipeline.io.recording import Plate, Recording
@@ -95,7 +93,7 @@ def belt_wrenches_in_real_time(
     clock, rate_hz = recording.analog.time, recording.analog.rate_hz
     channels = [name for name, _ in zip(cycle(belt.speed_channels), recording.plates, strict=False)]
     speeds = np.column_stack([belt_speed(recording, name) for name in channels])
-    belts = RealtimeBelts.of(models, rate_hz, float(recording.markers.time[0]))
+    belts = RealtimeBelts(models, rate_hz, float(recording.markers.time[0]))
     moments = belts.moments(clock, speeds, times)
     return [
         np.hstack([np.zeros((len(moment), 3)), moment[:, None] * belt_side(plate)])
@@ -103,62 +101,50 @@ def belt_wrenches_in_real_time(
     ]
 
 
-@dataclass(frozen=True, slots=True)
 class RealtimeBelts:
-    """How the moments of accelerating belts follow from the belts' speeds.
+    """How the moments of accelerating belts follow from the belts' speeds, step by step.
 
-    Attributes
-    ----------
-    models
-        Of each plate's belt.
-    first_s
-        A time of the models' steps: that of the first frame [s].
-    resampling
-        From the speeds' clock to the models' steps.
+    The models' steps are 10 ms apart, one of them at ``first_s``, the time of the first frame. A
+    model begins at constant speed, and again after a gap.
     """
 
-    models: Sequence[BeltModel]
-    first_s: float
-    resampling: Convolution
-
-    @classmethod
-    def of(cls, models: Sequence[BeltModel], rate_hz: float, first_s: float) -> "RealtimeBelts":
-        """Give it for speeds sampled at a rate [Hz]."""
-        return cls(models, first_s, Convolution.between(rate_hz, MODEL_RATE_HZ))
-
-    @property
-    def advance(self) -> int:
-        """Steps by which the model that reads farthest ahead does so."""
-        return max(model.advance for model in self.models)
+    def __init__(self, models: Sequence[BeltModel], rate_hz: float, first_s: float = 0.0) -> None:
+        self.models, self.first_s = models, first_s
+        self.resampling = Convolution.between(rate_hz, MODEL_RATE_HZ)
+        self.states = [model.at_rest for model in models]
+        self.known = [0] * len(models)
 
     @property
     def ahead_s(self) -> float:
         """How much later than an instant the last sample is that it needs [s]."""
         to_step_s = self.resampling.step_s + self.resampling.reach_s
         between = Convolution.between(MODEL_RATE_HZ, MODEL_RATE_HZ)
-        return to_step_s + self.advance / MODEL_RATE_HZ + between.reach_s + between.step_s
+        advance = max(model.advance for model in self.models)
+        return to_step_s + advance / MODEL_RATE_HZ + between.reach_s + between.step_s
 
     def accelerations(self, time: Array, speeds: Array, steps: Array) -> Array:
-        """Give the belts' accelerations at steps of the models.
+        """Give the belts' accelerations at steps, (G,), from speeds, (N, P) [m/s]: (G, P) [m/s²].
 
-        Parameters
-        ----------
-        time
-            Sample times, (N,) [s].
-        speeds
-            One column per plate, (N, P) [m/s].
-        steps
-            Numbers of the steps from that of the first frame, (G,).
-
-        Returns
-        -------
-        Array
-            (G, P) [m/s²]: central differences over one sample, as of
-            `compensation.belt_acceleration`; NaN where unknown.
+        They are central differences over one sample, as of `compensation.belt_acceleration`; NaN
+        where unknown.
         """
         at, half_s = self.first_s + steps / MODEL_RATE_HZ, self.resampling.step_s
         later, earlier = (self.resampling.evaluate(time, speeds, at + s) for s in (half_s, -half_s))
         return np.asarray((later - earlier) / (2 * half_s))
+
+    def step(self, acceleration: Array) -> list[float]:
+        """Give each belt's moment, as many steps ago as its model reads ahead [N·m], or NaN."""
+        moments = []
+        for k, model in enumerate(self.models):
+            moment = np.nan
+            if np.isnan(acceleration[k]):
+                self.states[k], self.known[k] = model.at_rest, 0
+            else:
+                self.known[k] += 1
+                if self.known[k] > model.advance:
+                    moment, self.states[k] = model.step(float(acceleration[k]), self.states[k])
+            moments.append(moment)
+        return moments
 
     def moments(self, time: Array, speeds: Array, at: Sequence[Array]) -> list[Array]:
         """Give the moments of a whole trial.
@@ -175,19 +161,16 @@ class RealtimeBelts:
         Returns
         -------
         list of Array
-            Per plate, (T,) [N·m]; NaN where unknown. A model begins at constant speed.
+            Per plate, (T,) [N·m]; NaN where unknown.
         """
         first, last = ((t - self.first_s) * MODEL_RATE_HZ for t in (time[0], time[-1]))
         steps = np.arange(np.ceil(first), np.floor(last) + 1)
-        acceleration = self.accelerations(time, speeds, steps)
-        step_times, found = self.first_s + steps / MODEL_RATE_HZ, []
-        for model, own, instants in zip(self.models, acceleration.T, at, strict=True):
-            moment = np.full(len(own), np.nan)
-            for start, stop in stretches(np.isfinite(own)):
-                if stop - start > model.advance:
-                    predicted = model.predict(own[start:stop])
-                    moment[start : stop - model.advance] = predicted[: stop - start - model.advance]
-            found.append(between_steps(step_times, moment[:, None], instants)[:, 0])
+        accelerations = self.accelerations(time, speeds, steps)
+        moments = np.array([self.step(each) for each in accelerations])
+        found = []
+        for model, own, instants in zip(self.models, moments.T, at, strict=True):
+            step_times = self.first_s + (steps - model.advance) / MODEL_RATE_HZ
+            found.append(between_steps(step_times, own[:, None], instants)[:, 0])
         return found
 
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hbm.calibration_pose.anatomy import LimbMeasures, Measures, elbow_center, elbow_notes
+from hbm.calibration_pose.anatomy import LimbMeasures, Measures, elbow_center, straight_elbows
 from hbm.calibration_pose.landmarks import locate_anatomy
 from hbm.markers import marker_sets
 from hbm.spatial import fit_rotation, unit
@@ -115,17 +115,14 @@ def located(*missing, limbs=None, **moved_mm):
 def test_with_both_epicondyles_the_axis_is_that_of_the_markers():
     at, found = landmarks({}), located()
     np.testing.assert_allclose(found.axes["left_elbow"], unit(at["LLEE"] - at["LMEE"]))
-    assert elbow_notes([found], set(at)) == []
+    assert "LMEE" not in found.rules
 
 
-@pytest.mark.parametrize(
-    ("forward_mm", "code"), [(0, "elbow_axis_uncertain"), (200, "landmark_substituted")]
-)
-def test_a_note_says_how_bent_the_elbow_was(forward_mm, code):
+@pytest.mark.parametrize(("forward_mm", "codes"), [(0, ["elbow_axis_uncertain"]), (200, [])])
+def test_a_straight_elbow_without_medial_marker_is_a_warning(forward_mm, codes):
     wrist = {name: np.add(T_POSE_MM[name], (forward_mm, 0, 0)) for name in ("LLW", "LMW")}
     found = located("LMEE", **wrist)
-    (note,) = elbow_notes([found], {"RMEE"})
-    assert note.code == code
+    assert [note.code for note in straight_elbows([found])] == codes
 
 
 def test_without_a_medial_epicondyle_the_width_is_measured_or_a_share_of_the_forearm():

@@ -6,8 +6,7 @@ import pytest
 from hbm.calibration_pose.anatomy import LimbMeasures, Measures
 from hbm.calibration_pose.landmarks import hip_center, locate_anatomy, pelvis_frame
 from hbm.markers import marker_sets
-from hbm.notes import Note
-from tests.hbm.people import hbm1_person, rules
+from tests.hbm.people import hbm1_person
 from tests.synthetic import T_POSE_MM
 
 MEN = Measures("male")
@@ -60,15 +59,6 @@ def test_bell_s_hip_is_a_share_of_the_pelvis_width():
     np.testing.assert_allclose(found, 0.24 * np.array([-0.19, 0.36, -0.30]))
 
 
-@pytest.mark.parametrize("rule", ["harrington", "bell"])
-def test_the_marker_s_radius_moves_the_hip_back(rule):
-    thin, thick = (
-        hip_center("left", 0.24, 0.15, 0.9, Measures(hip=rule, marker_offset_m=m))
-        for m in (0, 0.009)
-    )
-    np.testing.assert_allclose(thick - thin, [-0.009, 0, 0], atol=1e-15)
-
-
 def test_the_hips_follow_from_the_subject_s_own_pelvis_and_legs():
     at = landmarks()
     R, origin, back, _ = pelvis_frame(at)
@@ -95,7 +85,7 @@ def test_a_single_missing_spine_is_the_mirror_image_of_its_opposite(name):
     """As far from the right as its opposite is from the left, and straight across."""
     found, at = located(name), landmarks()
     side, kind, other = name[0], name[1:], ("R" if name[0] == "L" else "L")
-    assert rules(found) == {name: f"the mirror image of {other + kind}"}
+    assert found.rules == {name: f"the mirror image of {other + kind}"}
     image = 2 * found.points["mid_asis" if kind == "ASIS" else "mid_psis"] - at[other + kind]
     pair = "PSIS" if kind == "ASIS" else "ASIS"
     for a, b in ((side, other), (other, side)):
@@ -108,7 +98,7 @@ def test_a_single_missing_spine_is_the_mirror_image_of_its_opposite(name):
 def test_the_sacrum_marker_replaces_both_posterior_spines():
     at = landmarks("LPSIS", "RPSIS") | {"SACR": middle("LPSIS", "RPSIS")}
     found = locate_anatomy(at, MEN)
-    assert "PSIS" in rules(found)
+    assert "PSIS" in found.rules
     np.testing.assert_allclose(found.points["left_hip"], located().points["left_hip"])
 
 
@@ -158,7 +148,7 @@ def test_without_a_medial_marker_the_centre_is_a_share_of_the_shank_away(
     proximal = found.points["right_hip" if joint == "knee" else "right_knee"]
     assert (center - at[lateral]) @ (center - proximal) == pytest.approx(0, abs=1e-12)
     assert np.linalg.norm(center - located().points[f"right_{joint}"]) < 0.02
-    assert rules(found)[missing] == f"right_{joint} half the joint's width medial to {lateral}"
+    assert found.rules[missing] == f"right_{joint} half the joint's width medial to {lateral}"
 
 
 def test_width_and_marker_radius_are_the_centre_s_distance_from_the_lateral_marker():
@@ -238,7 +228,7 @@ def test_the_trunk_axis_runs_from_lower_to_upper_ribcage():
 )
 def test_the_trunk_is_found_without_some_of_its_markers(missing, named):
     found = located(*missing)
-    assert named in rules(found)
+    assert named in found.rules
     difference = found.frames["thorax"].T @ located().frames["thorax"]
     assert np.degrees(np.arccos((np.trace(difference) - 1) / 2)) < 15
     assert np.linalg.norm(found.points["neck"] - located().points["neck"]) < 0.08
@@ -252,18 +242,11 @@ def test_shoulders_are_17_percent_of_their_distance_below_the_acromions():
     )
 
 
-def test_without_a_medial_epicondyle_the_elbow_is_medial_to_the_lateral_one():
-    found, at = located("LMEE"), landmarks()
-    wrist = middle("LLW", "LMW")
-    distance = np.linalg.norm(found.points["left_elbow"] - at["LLEE"])
-    assert distance == pytest.approx(0.155 * np.linalg.norm(at["LLEE"] - wrist))
-
-
 def test_a_wrist_with_one_marker_has_the_elbow_s_axis():
     found = located("LMW")
     np.testing.assert_allclose(found.points["left_wrist"], landmarks()["LLW"])
     np.testing.assert_allclose(found.axes["left_wrist"], found.axes["left_elbow"])
-    assert "a left wrist marker" in rules(found)
+    assert "a left wrist marker" in found.rules
 
 
 def test_an_arm_is_found_without_the_other_acromion():
@@ -281,7 +264,7 @@ def test_an_arm_without_elbow_or_wrist_is_left_out_with_a_note(missing, needed):
     found = located(*missing)
     assert "left_elbow" not in found.points
     assert "right_elbow" in found.points
-    assert Note.of("arm_not_located", side="left", missing=(needed,)) in found.notes
+    assert needed in found.rules
 
 
 @pytest.mark.parametrize("name", ["LHEAD", "RHEAD"])

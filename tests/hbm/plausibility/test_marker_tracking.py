@@ -223,10 +223,8 @@ def test_markers_that_do_not_fit_at_all_are_solved_once_a_frame(wrong, monkeypat
 def test_where_no_frame_is_solved_optima_are_searched_for_in_the_first_one_only(monkeypatch):
     markers = swinging_markers(frames=20)
     tracker, searched = FrameTracker(BODY, markers.names), []
-    look = tracker.tracker.look_for_lower
-    monkeypatch.setattr(
-        tracker.tracker, "look_for_lower", lambda *x: searched.append(1) or look(*x)
-    )
+    look = frame_tracking.look_for_lower
+    monkeypatch.setattr(frame_tracking, "look_for_lower", lambda *x: searched.append(1) or look(*x))
     tracker.keep(tracker.solve(np.full_like(markers.position[0], np.nan)))
     searched.clear()
     for position in np.random.default_rng(1).normal(0, 1, markers.position.shape):

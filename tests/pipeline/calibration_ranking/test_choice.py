@@ -13,8 +13,6 @@ from compensation.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
 from pipeline.calibration_ranking.ranking import (
     SMALLEST_DIFFERENCE,
     as_good,
-    best_trials,
-    count_best,
     ranked,
     taken_away,
     thesis_choice,
@@ -23,10 +21,7 @@ from pipeline.calibration_ranking.trials import BeltTrial
 from pipeline.calibration_ranking.verdict import (
     best_levels,
     calibration_effects,
-    level_sentences,
-    person_sentence,
     recommendation,
-    square_sway_effect,
 )
 
 COLUMNS = [(v, c) for v in ("boarding", "pitch", "running", "sway") for c in ("Fx", "My")]
@@ -50,15 +45,9 @@ def places(mean_ranks, firsts):
 
 
 def test_the_thesis_takes_the_trial_that_is_foremost_in_both_tables():
-    """First in the ranking and best in most columns, like the thesis' square waves of sway."""
+    """First in the ranking and best in most columns; else second place and most columns."""
     assert thesis_choice(places([4.5, 5.0, 9.0], [5, 2, 1])) == "trial 0"
-
-
-def test_the_two_rules_can_choose_different_trials():
-    """The lowest mean rank, never best in a column, against second place and most columns."""
-    table = places([4.5, 4.6, 5.5, 9.0], [0, 5, 2, 1])
-    assert table["trial"][table["mean_rank"].idxmin()] == "trial 0"
-    assert thesis_choice(table) == "trial 1"
+    assert thesis_choice(places([4.5, 4.6, 5.5, 9.0], [0, 5, 2, 1])) == "trial 1"
 
 
 @given(st.lists(st.tuples(st.integers(1, 28), st.integers(0, 24)), min_size=1, max_size=28))
@@ -80,7 +69,7 @@ def test_report_names_both_choices_and_the_place_of_the_advised_signal():
     text = recommendation(ranking, "pitch and sway", ADVISED_PLATFORM_SIGNAL)
     assert "By mean rank the first is steady (mean rank 2.0 of 4, best in 0 of 8 columns)" in text
     assert "by the thesis' rule (foremost in the ranking and among the best trials" in text
-    assert "of the columns) mixed (place 2, best in 5)." in text
+    assert "of the columns) mixed (place 2)." in text
     assert f"{ADVISED_PLATFORM_SIGNAL}, is in place 4" in text
     assert "at most 1.5 N·m more than the first (My in sway)" in text
 
@@ -102,28 +91,6 @@ def test_what_leaves_a_tenth_of_a_newton_more_anywhere_is_not_as_good():
     assert recommendation(ranking_of(left), "sway", "other").startswith(
         "Use a for sway; b will do as well."
     )
-
-
-def test_best_columns_are_counted_as_in_the_thesis():
-    """Fig. F.7 holds 3 m/s in 17 columns, 300 s in 16, and square waves of sway in 8."""
-    fig_f7 = [
-        *("square_pitch_300s_3mps", "constant_sway_300s_3mps", "random_60s_3mps"),
-        *("gaps_60s_3mps", "gaps_300s_3mps", "square_sway_300s_3mps"),
-        *("all_300s_3mps", "all_300s_0mps", "all_300s_3mps"),
-        *("square_sway_300s_3mps", "gaps_300s_0mps", "all_300s_0mps"),
-        *("square_pitch_300s_3mps", "square_sway_300s_3mps", "all_60s_3mps"),
-        *("square_sway_300s_3mps", "random_60s_0mps", "square_sway_300s_0mps"),
-        *("constant_sway_300s_3mps", "square_sway_60s_0mps", "all_60s_3mps"),
-        *("square_sway_300s_3mps", "all_60s_3mps", "square_sway_60s_0mps"),
-    ]
-    counts = count_best(pd.DataFrame(np.reshape(fig_f7, (4, 6)))).set_index(["factor", "level"])
-    columns = counts["columns"]
-    assert columns["speed_mps"].to_dict() == {"3": 17, "0": 7}
-    assert columns["duration_s"].to_dict() == {"300": 16, "60": 8}
-    assert columns["kind"]["square_sway"] == 8
-    assert columns["kind"]["all"] == 7
-    assert columns["kind"]["gaps"] == 3
-    assert count_best(best_trials(ranking_of({"monday": [1.0] * 8, "b": [2.0] * 8}))).empty
 
 
 def effects_of(left, noise=0.001, seed=0):
@@ -153,10 +120,6 @@ def test_a_significant_difference_of_hundredths_is_no_difference():
     speeds = pairs[pairs["factor"] == "speed_mps"]
     assert (speeds["p_bonferroni"] < 1e-9).all()
     assert (speeds["verdict"] == "no difference").all()
-    (speed, _) = level_sentences(pairs)
-    assert speed.startswith(
-        "Belt speed: 0 m/s or 3 m/s, any will do (the largest difference is 0.0"
-    )
 
 
 def test_a_large_difference_without_significance_is_undecided():
@@ -170,12 +133,10 @@ def test_a_large_difference_without_significance_is_undecided():
 
 def test_a_small_difference_with_a_wide_interval_is_undecided():
     """Scores of 5 N that scatter by half of it show nothing to 0.1 N, however small the mean."""
-    pairs = pd.concat([effects_of(lambda *_: 5.0, noise=0.5, seed=seed) for seed in range(40)])
+    pairs = pd.concat([effects_of(lambda *_: 5.0, noise=0.5, seed=seed) for seed in range(10)])
     small = pairs[pairs["difference"].abs() < SMALLEST_DIFFERENCE]
-    assert len(small) > 10
+    assert len(small) > 2
     assert set(small["verdict"]) == {"undecided"}
-    (one, *_) = level_sentences(effects_of(lambda *_: 5.0, noise=0.5))
-    assert "any will do" not in one
 
 
 def test_the_same_small_difference_without_scatter_is_no_difference():
@@ -183,7 +144,6 @@ def test_the_same_small_difference_without_scatter_is_no_difference():
     assert (pairs["verdict"] == "no difference").all()
     assert (pairs["difference_low"] > -SMALLEST_DIFFERENCE).all()
     assert (pairs["difference_high"] < SMALLEST_DIFFERENCE).all()
-    assert all("any will do" in sentence for sentence in level_sentences(pairs))
 
 
 def test_the_interval_of_a_difference_contains_it_and_agrees_with_the_ratio():
@@ -211,19 +171,6 @@ def test_a_trial_is_as_good_only_where_the_resamples_agree():
     assert "leaves as much as the first" not in text
 
 
-@pytest.mark.parametrize(
-    ("ratios", "said"),
-    [
-        ([("Fx", -0.03, "no difference")], "no difference in Fx"),
-        ([("Fx", -0.5, "less"), ("My", 0.2, "more")], "less is left in Fx; more is left in My"),
-    ],
-)
-def test_square_waves_of_sway_are_judged_per_component(ratios, said):
-    table = pd.DataFrame(ratios, columns=["component", "difference", "verdict"])
-    table = table.assign(difference_low=-1.0, difference_high=1.0)
-    assert said in square_sway_effect(table.assign(ratio=0.9))
-
-
 def belt_trial(seed, name, person):
     """A moment of 4 N·m per m/s² of the belt, and that of a person, who knows nothing of it."""
     rng = np.random.default_rng(seed)
@@ -242,6 +189,3 @@ def test_a_person_leaves_as_much_of_the_moment_as_pythagoras_says():
     assert person["rms_raw"] == pytest.approx(5, rel=0.03)
     assert person["rms_after"] == pytest.approx(3, rel=0.03)
     assert person["reduction"] == pytest.approx(40, abs=1.5)
-    assert f"{person['reduction']:.0f} % with a person" in person_sentence(table)
-    empty = table[table["person"] == "no"]
-    assert "there is no recording with a person" in person_sentence(empty)

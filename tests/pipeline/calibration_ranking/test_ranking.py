@@ -24,7 +24,6 @@ from pipeline.calibration_ranking.report import table_2
 from pipeline.calibration_ranking.trials import BeltTrial, RankingSettings, factors, platform_trial
 from pipeline.calibration_ranking.verdict import (
     calibration_effects,
-    ratio_to_random,
     ratios_to_random,
     recommendation,
 )
@@ -151,15 +150,6 @@ def test_a_trial_of_other_sensors_is_refused():
         rank_platform([one, other], [one])
 
 
-def test_names_state_kind_duration_and_speed():
-    assert factors("square_sway_300s_3mps") == {
-        "kind": "square_sway",
-        "duration_s": 300.0,
-        "speed_mps": 3.0,
-    }
-    assert factors("monday") == {}
-
-
 def test_a_speed_that_halves_the_error_is_found_and_a_duration_without_effect_is_not():
     rng = np.random.default_rng(0)
     rows = []
@@ -173,10 +163,10 @@ def test_a_speed_that_halves_the_error_is_found_and_a_duration_without_effect_is
     assert p["speed_mps"] < 1e-6 < 0.01 < p["duration_s"]
     ratio = pairs[pairs["factor"] == "speed_mps"].iloc[0]
     assert ratio["ratio_low"] < 2 < ratio["ratio_high"]
-    squares = ratio_to_random(pairs, "square_sway").iloc[0]
-    assert squares["ratio_low"] < 1 < squares["ratio_high"]
     kinds = ratios_to_random(pairs).set_index("kind")
-    assert kinds.loc["square_sway", "Fx"] == pytest.approx(squares["ratio"])
+    logs = np.log(table["rms_after"]).groupby(table["trial"].map(lambda n: factors(n)["kind"]))
+    means = np.exp(logs.mean())
+    assert kinds.loc["square_sway", "Fx"] == pytest.approx(means["square_sway"] / means["random"])
     assert len(kinds) == 6
     assert kinds["all"].is_monotonic_increasing
 
@@ -192,31 +182,13 @@ def belt_trial(seed, name, leak=0.0):
 
 
 def test_belts_that_vibrate_an_accelerometer_are_found_in_that_one_alone():
-    found = belt_interaction(belt_trial(1, "belt", leak=0.03)).table
+    found, _ = belt_interaction(belt_trial(1, "belt", leak=0.03))
     assert found["p"].iloc[0] > 0.01
     assert found["p"].iloc[1] <= 0.01
     expected = 0.03 * np.std(belt_trial(1, "belt").acceleration)
     assert found["rms_of_belt"].iloc[1] == pytest.approx(expected, rel=0.1)
-    nothing = belt_interaction(belt_trial(2, "belt")).table
+    nothing, _ = belt_interaction(belt_trial(2, "belt"))
     assert (nothing["p"] > 0.01).all()
-    assert (nothing["p_rms_ratio"] > 0.01).all()
-
-
-def test_vibration_of_any_phase_is_found_by_its_rms():
-    """Like that of an unbalanced roller, which responds to each burst at another angle."""
-    trial = belt_trial(4, "belt")
-    bursts = np.zeros(6000)
-    for start in range(300, 6000, 700):
-        bursts[start : start + 15] = 12.0
-    after = np.convolve(bursts, np.ones(40))[:6000] > 0
-    phase = np.random.default_rng(5).uniform(0, 6.3, 6000).cumsum()
-    readings = trial.readings.copy()
-    readings[:, 1] += 0.02 * after * np.sin(phase)
-    found = belt_interaction(replace(trial, acceleration=bursts, readings=readings))
-    assert (found.table["p"] > 0.01).all()
-    assert found.table["p_rms_ratio"].iloc[0] > 0.01 >= found.table["p_rms_ratio"].iloc[1]
-    expected = np.sqrt(1 + 0.5 * 2**2 * 54 / 65)  # 54 of 65 samples of a window, twice the noise
-    assert found.table["rms_ratio"].iloc[1] == pytest.approx(expected, rel=0.05)
 
 
 def test_belt_models_are_ranked_by_what_they_leave():
@@ -267,23 +239,16 @@ def test_one_command_simulates_fits_and_ranks(tmp_path, monkeypatch, capsys):
     advice = " ".join(capsys.readouterr().out.split())
     for said in ("for pitch and sway", "By mean rank the first is", "by the thesis' rule"):
         assert said in advice
-    assert f"advised for any machine, {ADVISED_PLATFORM_SIGNAL}, is not among these" in advice
+    assert f"The advised signal, {ADVISED_PLATFORM_SIGNAL}, is not among these" in advice
     assert "the 2 trials will do for the belts" in advice
-    tables = {"ranking", "scores", "best_trials", "best_counts", "table_2", "table_f1"}
-    belt_tables = {"belt_ranking", "belt_person", "interaction"}
-    assert tables | belt_tables <= {path.stem for path in out.glob("*.csv")}
-    assert {"running", "boarding", "ranks", "belt", "belt_with_person", "interaction"} == {
+    assert {"running", "boarding", "ranks", "belt", "belt_with_person"} == {
         path.stem for path in (out / "figures").glob("*.png")
     }
-    page = (out / "ranking.md").read_text(encoding="utf-8")
-    assert "Do the belts vibrate the accelerometers?" in page
     belts = pd.read_csv(out / "belt_scores.csv")
     # R² of 94 to 96 %, as of ten drives in docs/validity.md; the rest is rumble
     assert belts["reduction"].between(75, 81).all()
     f1 = pd.read_csv(out / "table_f1.csv")
-    assert list(f1.columns) == ["factor", "Fx", "Fy", "Fz", "Mx", "My", "Mz"]
     assert f1["factor"].tolist() == ["speed_mps"]  # both trials last 60 s
-    assert "| speed_mps |" in page
     person = pd.read_csv(out / "belt_person.csv").set_index("person")
     assert person.loc["yes", "reduction"] < person.loc["no", "reduction"]
 
@@ -300,16 +265,12 @@ def test_a_folder_without_recordings_gives_one_line(tmp_path, capsys):
 
 def test_signals_are_written_by_kind_and_within_the_limits(tmp_path, capsys):
     command = ["calibration", "signals", "--out", str(tmp_path), "--kind"]
-    assert main([*command, "validation"]) == 0
-    advised = capsys.readouterr().out
-    assert ADVISED_PLATFORM_SIGNAL in advised
-    assert ADVISED_BELT_SIGNAL in advised
-    assert len(list((tmp_path / "validation").glob("*.csv"))) == 6
-    few = tmp_path / "few"
-    slow = ["calibration", "signals", "--out", str(few), "--kind", "validation"]
-    assert main([*slow, "--belt-m-per-s", "1"]) == 0
-    assert "validation running: belt_m_per_s reaches 2.5" in capsys.readouterr().out
-    assert [path.name for path in few.rglob("*.csv")] == ["boarding.csv"]
+    assert main([*command, "validation", "--belt-m-per-s", "1"]) == 0
+    said = capsys.readouterr().out
+    assert "validation running: belt_m_per_s reaches 2.5" in said
+    assert ADVISED_PLATFORM_SIGNAL in said
+    assert ADVISED_BELT_SIGNAL in said
+    assert [path.name for path in tmp_path.rglob("*.csv")] == ["boarding.csv"]
     assert main([*command, "sway"]) == 2
 
 
@@ -344,8 +305,6 @@ def test_no_kind_of_signal_calibrates_much_better_or_worse_than_plain_random_mot
 
 def test_a_dead_channel_follows_nothing():
     trial = belt_trial(1, "belt")
-    readings = trial.readings.copy()
-    readings[:, 0] = 0
-    table = belt_interaction(replace(trial, readings=readings)).table
-    assert table.loc[0, ["share", "p", "rms_ratio", "p_rms_ratio"]].isna().all()
-    assert table.loc[1, ["share", "p", "rms_ratio", "p_rms_ratio"]].notna().all()
+    table, _ = belt_interaction(replace(trial, readings=trial.readings * [0, 1]))
+    assert table.loc[0, ["share", "p"]].isna().all()
+    assert table.loc[1, ["share", "p"]].notna().all()

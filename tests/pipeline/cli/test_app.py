@@ -180,7 +180,7 @@ def test_debug_shows_where_an_error_arose(folder):
 @pytest.mark.parametrize(
     ("commands", "absent"),
     [
-        ([[], ["calibration"]], (*HEAVY, "numpy", "pydantic", "rich")),
+        ([[]], (*HEAVY, "numpy", "pydantic", "rich")),
         ([[c] for c in COMMANDS], HEAVY),
     ],
 )

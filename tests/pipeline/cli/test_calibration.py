@@ -185,7 +185,7 @@ def test_a_study_names_a_recording_of_another_day_and_its_trials_carry_the_verdi
     (study / "study.toml").write_text(stated, encoding="utf-8")
     lab.save(with_values(empty(2), turned), study / "day2.c3d")
     loaded = read_study(study)
-    remarks = [r.note.code for r in check_study(loaded).remarks if r.place == "day2.c3d"]
+    remarks = [r.said.code for r in check_study(loaded).remarks if r.place == "day2.c3d"]
     assert remarks == ["calibration_outdated"]
     assert [n.code for n in read_study_laboratory(loaded).notes] == ["calibration_outdated"]
     run = ["run", str(study), "--subject", "sub01", "--condition", "pitch", "--out"]
@@ -206,7 +206,7 @@ def test_a_calibration_that_does_not_know_its_belts_says_so_when_it_is_fitted_an
     assert "does not know how fast the belts run in empty.c3d" in " ".join(
         capsys.readouterr().out.split()
     )
-    codes = [remark.note.code for remark in check_study(read_study(moving_study)).remarks]
+    codes = [getattr(r.said, "code", "") for r in check_study(read_study(moving_study)).remarks]
     assert "uncertainty_calibration_belts_unknown" in codes
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.cli import main
+from pipeline.cli.app import main
 from pipeline.cli.live_session import missing_teller, take_new
 from pipeline.io.read import read_recording
 from pipeline.live.recording import RESULTS, STREAMS

@@ -78,7 +78,6 @@ def test_all_faults_of_all_files_are_reported_at_once(write):
     ("typed", "message"),
     [
         ("mass_kg = 74600", "grams; give kilograms"),
-        ("height_m = 1780", "millimetres; give metres"),
         ("height_m = 178.0", "centimetres; give metres"),
     ],
 )
@@ -90,14 +89,8 @@ def test_a_number_in_another_unit_is_recognised(write, typed, message):
     ("typed", "message"),
     [
         ("plate_delay_s = 4.0", "(that looks like milliseconds; give seconds)"),
-        ("plate_delay_s = -20", "(that looks like milliseconds; give seconds)"),
-        ("marker_offset_m = 9", "(that looks like millimetres; give metres)"),
         ("cutoff_hz = nan", "finite"),
-        ("cutoff_hz = true", "valid number, got True"),
-        ("cutoff_hz = [6.0]", "valid number, got [6.0]"),
-        ("hip = 'bel'", "did you mean 'bell'?"),
         ("marker_set = 'hbm3'", "neither a file here nor one of hbm2"),
-        ("marker_set = ''", "at least 1 character"),
     ],
 )
 def test_an_impossible_setting_is_refused_with_its_value(write, typed, message):
@@ -110,7 +103,6 @@ def test_an_impossible_setting_is_refused_with_its_value(write, typed, message):
     ("typed", "message"),
     [
         ('axes = "left,up,up"', "axes: axes 'left,up,up' are not right-handed"),
-        ('axes = "lft,back,up"', "axes: axes 'lft,back,up' must be three of forward"),
         ('[treadmill]\naccelerometer_unit = "V"', "treadmill.accelerometer_unit: unknown acc"),
         ('[treadmill]\ncalibration = "a.c3d"', "treadmill: accelerometers: is missing"),
         ('[treadmill.accelerometers]\na = ["x", "y"]', "treadmill.accelerometers.a.2: is missing"),
@@ -140,7 +132,6 @@ def test_an_impossible_setting_is_refused_with_its_value(write, typed, message):
             "treadmill.platform.pivot_m.2: input should be greater than or equal to -2, got -300 "
             "(that looks like millimetres; give metres)",
         ),
-        ('[treadmill.platform]\nmarker = ["A"]', "treadmill.platform.marker: unknown key, did you"),
     ],
 )
 def test_an_impossible_laboratory_is_refused(write, typed, message):
@@ -151,15 +142,12 @@ def test_an_impossible_laboratory_is_refused(write, typed, message):
     ("conditions", "message"),
     [
         ("[conditions]", "conditions: dictionary should have at least 1 item"),
-        ("", "conditions: is missing"),
         ('[conditions."a b"]', "conditions.a b: must be letters, digits"),
         ("[conditions.walk]\nperturbed = true", "conditions.walk: perturbed needs a pulse_channel"),
         (
             '[conditions.walk]\npulse_channel = "P"',
             "conditions.walk: pulse_channel has no effect without perturbed = true",
         ),
-        ("[conditions.walk]\ncycles = '50'", "conditions.walk.cycles: input should be a valid int"),
-        ("[conditions.walk]\ncycle = 50", "conditions.walk.cycle: unknown key, did you mean 'cyc"),
     ],
 )
 def test_an_impossible_condition_is_refused(write, conditions, message):
@@ -172,42 +160,24 @@ def test_an_impossible_condition_is_refused(write, conditions, message):
     [
         ("", ["sub01.toml: id: is missing", "sub01.toml: trials: is missing"]),
         ('id = "s"\n[trials.walk]\n', ["trials.walk: needs a file, or exclude ="]),
-        (
-            'id = "s"\n[trials.walk]\nexclude = ""\n',
-            ["trials.walk.exclude: string should have at least 1 character"],
-        ),
-        (
-            'id = "s"\n[trials.walk]\nfile = ""\n',
-            ["trials.walk.file: string should have at least 1 character"],
-        ),
         ('id = "s"\n[trials.walk]\nfile = 5\n', ["trials.walk.file: input should be a valid str"]),
         (
             'id = "s"\nstatic = "no.c3d"\n[trials.walk]\nexclude = "ill"\n',
             ["static: no file 'no.c3d'"],
         ),
-        ('id = "s"\ntrials = 3\n', ["trials: input should be a valid dict"]),
         (
             'id = "s"\nid = "t"\n[trials.walk]\nexclude = "ill"\n',
             ["not valid TOML: Cannot overwrite a value"],
         ),
         (f"a = {'[' * 5000}", ["not valid TOML: it is nested too deeply"]),
         (
-            f'id = "s"\nheight_m = {"9" * 400}\n[trials.walk]\nexclude = "ill"\n',
-            [f"height_m: input should be a valid number, got {'9' * 39}…"],
-        ),
-        (
             f'id = "s"\nheight_m = {"9" * 5000}\n[trials.walk]\nexclude = "ill"\n',
             ["not valid TOML: Exceeds the limit"],
-        ),
-        (
-            f'id = "s"\nheight_m = 0x{"F" * 6000}\n[trials.walk]\nexclude = "ill"\n',
-            ["height_m: input should be a valid number, got a very large int"],
         ),
         (
             f'id = "s"\nsex = 0x{"F" * 6000}\n[trials.walk]\nexclude = "ill"\n',
             ["sex: input should be 'male', 'female' or 'unspecified', got a very large int"],
         ),
-        ('id = "../s"\n[trials.walk]\nexclude = "ill"\n', ["id: must be letters, digits"]),
     ],
 )
 def test_an_impossible_subject_file_is_refused(write, person, messages):
@@ -231,14 +201,6 @@ def test_two_trials_with_the_same_result_file_are_refused(write):
     one = 'id = "a_b"\n[trials.c]\nfile = "walk.c3d"\n'
     other = 'id = "A"\n[trials.b_c]\nfile = "walk.c3d"\n'
     assert "would both be called" in only_fault_of(write(study, one=one, other=other))
-
-
-def test_a_byte_order_mark_is_accepted(write):
-    folder = write()
-    for name in ("study.toml", "sub01.toml"):
-        path = folder / name
-        path.write_text(path.read_text(encoding="utf-8"), encoding="utf-8-sig")
-    assert read_study(folder).subjects["sub01"].trials["walk"].file == "walk.c3d"
 
 
 def test_another_encoding_is_reported(write):
@@ -269,7 +231,7 @@ def test_a_marker_set_in_the_folder_is_not_a_subject_and_its_faults_are_reported
 
 
 @pytest.mark.parametrize(
-    "name", ["con", "CON.x", "COM1.a", "aux", "nul", "lpt9.b.c", "a.", "x" * 65, "y" * 300, "b "]
+    "name", ["con", "COM1.a", "lpt9.b.c", "a.", "../s", "x" * 65, "y" * 300, "b "]
 )
 def test_a_name_that_no_file_may_have_on_every_system_is_refused(write, name):
     study, subject = faults = faults_of(
@@ -281,20 +243,6 @@ def test_a_name_that_no_file_may_have_on_every_system_is_refused(write, name):
     assert study.startswith("study.toml: conditions.")
     assert subject.startswith("a.toml: id: ")
     assert max(map(len, faults)) < 300
-
-
-@pytest.mark.parametrize("name", ["icon", "con_1", "com", "x" * 64, "sub-01.b"])
-def test_names_that_only_resemble_those_of_devices_are_taken(write, name):
-    folder = write(a=f'id = "{name}"\n[trials.walk]\nexclude = "ill"\n')
-    assert list(read_study(folder).subjects) == [name]
-
-
-def test_an_unknown_subject_or_condition_is_reported_with_the_nearest_name(write):
-    study = read_study(write())
-    with pytest.raises(ValueError, match="no subject 'sub1', did you mean 'sub01'"):
-        study.subject("sub1")
-    with pytest.raises(ValueError, match="no condition 'wlk', did you mean 'walk'"):
-        study.condition("wlk")
 
 
 def test_the_template_is_valid_but_for_the_missing_recordings(tmp_path):

@@ -95,9 +95,9 @@ def test_frames_after_a_clock_was_set_are_those_without_it(recording, body, usua
             )
     assert all(frame.quality.counts for frame in frames[-150:-5])
     set_s = {
-        note.note.values["stream"]: note.note.values["set_s"]
-        for note in notes
-        if note.note.code == "live_clock_set"
+        note.values["stream"]: note.values["set_s"]
+        for _, note in notes
+        if note.code == "live_clock_set"
     }
     assert set_s == {stream: pytest.approx(by_s, abs=1e-6) for stream in streams}
 

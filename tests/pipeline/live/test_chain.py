@@ -35,7 +35,7 @@ def assert_same(recording, laboratory, settings=REALTIME, start_s=0.0, body=None
     whole = process_recording(recording, PERSON, settings, laboratory=laboratory)
     chain = chain_of(whole.body, laboratory, settings, recording)
     frames = play(chain, arrivals(recording, start_s=start_s))
-    assert len(frames) == len(whole.motion.time) == chain.counts.received
+    assert len(frames) == len(whole.motion.time) == chain.received
     in_time = np.array([not frame.quality & Quality.LATE for frame in frames])
     assert np.count_nonzero(~in_time) <= round(chain.wait_s * 100) + 1
 

@@ -10,7 +10,7 @@ from pipeline.io.recording import Plate
 from pipeline.io.stated import Stated
 from pipeline.io.xdf.channels import Channel
 from pipeline.live.recording import describe
-from pipeline.live.sources.lsl import read_description
+from pipeline.live.sources.lsl import read_description, require_like
 
 MARKERS = tuple(
     Channel(f"{name}_{axis}", "mm", f"Position{axis}", marker=name)
@@ -68,7 +68,7 @@ CHANNELS, AXES, PLATES = "description of its channels", "statement of its axes",
 
 
 def same(after, before):
-    after.require_like(before, "stream 'A'")
+    require_like(before, after)
 
 
 @pytest.mark.parametrize(
@@ -82,7 +82,9 @@ def same(after, before):
     ],
 )
 def test_markers_that_are_described_otherwise_are_refused_in_one_line(after, other):
-    with pytest.raises(ValueError, match=f"^stream 'A' came back with another {other}; begin a"):
+    with pytest.raises(
+        ValueError, match=f"^stream 'Stream' came back with another {other}; begin a"
+    ):
         same(after, markers(MARKERS))
 
 

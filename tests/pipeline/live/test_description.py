@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from pipeline.config.live import Live
 from pipeline.io.xdf.channels import Channel, parse_channels
 from pipeline.io.xdf.plates import find_plates
-from pipeline.live.recording import describe, described_streams
+from pipeline.live.recording import describe, described_streams, stream_channels
 from pipeline.live.replay import RecordedSource, recorded_streams
 from pipeline.live.stream import LAB_AXES
 
@@ -34,13 +34,15 @@ def test_a_recorded_stream_is_described_as_a_replayed_one(walker):
     recorded = described_streams(RecordedSource(walker).streams, Live(), walker.plates)
     for info, stream in zip(recorded, recorded_streams(walker), strict=True):
         parts = [("axes", LAB_AXES)] if stream.description.kind == "markers" else []
-        sent = describe(stream.channels, parts, stream.plates)
+        channels = stream_channels(stream.description, Live(), stream.plates)
+        sent = describe(channels, parts, stream.plates)
         assert tostring(info.find("desc")) == tostring(sent)
         assert info.findtext("channel_count") == str(stream.values.shape[1])
 
 
 def test_places_of_plates_lose_no_digit(walker):
-    channels = [c for s in recorded_streams(walker) for c in s.channels if c.plate]
+    _, plates = recorded_streams(walker)
+    channels = stream_channels(plates.description, Live(), plates.plates)
     found, left_out = find_plates(described(describe(channels, plates=walker.plates)), channels)
     assert not left_out
     for ours, true in zip(found, walker.plates, strict=True):

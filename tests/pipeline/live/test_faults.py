@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pipeline.config.live import Live
 from pipeline.config.schema import Platform, Settings, Subject, Treadmill
 from pipeline.config.study import read_study
-from pipeline.live.arrival import known
+from pipeline.live.arrival import Arrivals
 from pipeline.live.frames.chain import LiveChain
 from pipeline.live.stream import Samples
 from pipeline.trial.process import process_recording
@@ -58,11 +58,10 @@ def values_of(frames):
 
 
 def assert_accounted(chain, frames):
-    counts = chain.counts
-    assert len(frames) == counts.received == counts.solved + counts.marked
+    assert len(frames) == chain.received == chain.solved + chain.marked
     assert [frame.number for frame in frames] == list(range(len(frames)))
-    assert counts.solved == sum(frame.quality.counts for frame in frames)
-    assert counts.late == sum(bool(frame.quality & Quality.LATE) for frame in frames)
+    assert chain.solved == sum(frame.quality.counts for frame in frames)
+    assert chain.late == sum(bool(frame.quality & Quality.LATE) for frame in frames)
 
 
 def in_time(frames):
@@ -106,7 +105,7 @@ def test_doubled_and_late_samples_are_counted_and_change_nothing(recording, new_
     np.testing.assert_array_equal(values_of(frames), values_of(expected))
     total = sum(len(samples.time) for samples in twice) // 2
     again = sum(len(samples.time) for samples in old)
-    assert chain.counts.doubled + chain.counts.out_of_order == total + again
+    assert chain.left_out == total + again
 
 
 def gone(samples, stream, start_s, stop_s):
@@ -140,7 +139,7 @@ def test_markers_that_stop_and_return_begin_anew(recording, new_chain, expected)
     chain = new_chain()
     frames = play(chain, gone(arrivals(recording), "Markers", 2.0, 2.6))
     assert_accounted(chain, frames)
-    assert chain.counts.received == len(expected) - 60
+    assert chain.received == len(expected) - 60
     (first,) = (k for k, frame in enumerate(frames) if frame.time == 2.6)
     assert not any(frame.quality.counts for frame in frames[first : first + 25])
     assert frames[first + 30].quality.counts
@@ -159,6 +158,7 @@ def test_lost_frames_cost_no_other(recording, new_chain):
 
 def test_samples_that_are_no_numbers_stop_nothing(recording, new_chain):
     chain, spoilt = new_chain(), []
+    arrived = Arrivals([stream for stream, _, _ in streams_of(recording)])
     random = np.random.default_rng(1)
     for samples in arrivals(recording):
         time, values = samples.time.copy(), samples.values.copy()
@@ -166,8 +166,8 @@ def test_samples_that_are_no_numbers_stop_nothing(recording, new_chain):
             values[:] = random.choice([np.nan, np.inf, 1e30, -1e30])
         if random.random() < 0.02:
             time[-1] = random.choice([np.nan, np.inf, -1.0])
-        spoilt.append(Samples(samples.stream, time, known(values)))
-    assert_accounted(chain, play(chain, spoilt))
+        spoilt.append(arrived.take(Samples(samples.stream, time, values), float(samples.time[-1])))
+    assert_accounted(chain, play(chain, [samples for samples in spoilt if len(samples.time)]))
 
 
 def test_memory_does_not_grow(recording, new_chain):

@@ -18,7 +18,7 @@ from tests.pipeline.live.qtm_server import QtmServer, frame, location, parameter
 
 pytest.importorskip("qtm_rt", reason="the extra live is not installed")
 
-from pipeline.live.sources.qualisys import QualisysSource, read_parameters
+from pipeline.live.sources.qualisys import Packets, QualisysSource
 
 NAMES = ("LASIS", "RASIS", "SACR")
 AXES = Stated(axes="left,back,up")
@@ -206,7 +206,7 @@ def test_parameters_that_lack_something_are_one_line(settings, message):
 def plates_of(*corners_mm):
     """What is said of plates whose corners are so in left, back, up."""
     sent = parameters(NAMES, plates=("Left", "Right"), locations=tuple(map(location, corners_mm)))
-    return read_parameters(sent.encode(), AXES).stated_plates
+    return Packets(sent.encode(), AXES).plates
 
 
 def test_places_of_plates_are_those_of_the_settings_in_lab_axes():

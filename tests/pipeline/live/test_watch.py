@@ -140,7 +140,7 @@ def weighed(result, gain):
     """What a session's strides show of the weight that the plates carry: times and notes."""
     tracker, watch, found = GaitTracker(), WeightWatch(result.body.mass), []
     for frame in frames_of(result, gain):
-        for stride in tracker.add(frame).strides:
+        for stride in tracker.add(frame):
             found += [(frame.time, note) for note in watch.add(stride)]
     return found
 
@@ -186,7 +186,7 @@ def test_strides_with_frames_that_do_not_count_are_not_weighed(result):
     tracker, watch = GaitTracker(), WeightWatch(1.2 * result.body.mass)
     for k, frame in enumerate(frames_of(result)):
         late = replace(frame, quality=Quality.LATE if k % 50 == 0 else frame.quality)
-        for stride in tracker.add(late).strides:
+        for stride in tracker.add(late):
             assert np.isnan(stride.vertical_n)
             assert watch.add(stride) == []
 

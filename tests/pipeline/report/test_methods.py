@@ -71,13 +71,8 @@ def test_the_methods_describe_the_study(usual):
     ("changed", "expected"),
     [
         (
-            with_note(
-                "trunk_level_from_proportions",
-                level="xiphoid",
-                missing="XIPH",
-                shown="the cervicale",
-            ),
-            "followed from her mean proportions (xiphoid from the cervicale)",
+            with_note("landmarks_substituted", rules=("XIPH (by mean proportions)",)),
+            "Landmarks without markers were replaced: XIPH (by mean proportions).",
         ),
         (
             with_note("compensated_dynamically", lags_ms=("10", "20", "40")),

@@ -14,7 +14,6 @@ from pipeline.config.study import read_study
 from pipeline.run.failures import read_failures
 from pipeline.run.job import trial_key
 from pipeline.run.load import collect, select_trials
-from pipeline.run.program import git_commit
 from pipeline.run.provenance import (
     engines_of,
     input_digests,
@@ -92,10 +91,6 @@ def test_an_error_of_one_line_where_no_result_is_selected(results):
         select_trials(results, set())
 
 
-def test_a_subject_with_failures_alone_is_listed_without_the_study(results):
-    assert states(results, {"sub09 sway": "no plates"})["sub09", "sway"].state == "failed"
-
-
 def test_results_of_other_settings_are_outdated(tmp_path, study):
     settings = Settings(cutoff_hz=12)
     folder = write_fake_results(tmp_path, subjects=1, cycles=2, settings=settings)
@@ -129,13 +124,9 @@ def test_results_of_a_condition_removed_from_the_study_are_outdated(tmp_path, st
     assert (found.state, found.in_tables) == ("outdated", False)
 
 
-def test_no_failures_file_means_no_failures(tmp_path):
-    assert read_failures(tmp_path) == {}
-
-
 def test_a_damaged_failures_file_gives_one_line(tmp_path):
     (tmp_path / "failures.json").write_text("{")
-    with pytest.raises(ValueError, match=r"failures\.json is damaged .*hbm run"):
+    with pytest.raises(ValueError, match=r"failures\.json is damaged; run .hbm run. again"):
         read_failures(tmp_path)
 
 
@@ -162,11 +153,6 @@ def test_each_engine_is_named_once_with_the_largest_difference():
     close, far = (EngineUsed("kernels", "1", "pinocchio", "2", 16, d) for d in (1e-15, 1e-12))
     alone = EngineUsed("kernels", "1")
     assert engines_of([close, alone, far]) == (replace(far, frames=32), alone)
-
-
-def test_the_commit_is_that_of_the_sources():
-    commit = git_commit()
-    assert commit is None or re.fullmatch(r"[0-9a-f]{40}( with changes)?", commit)
 
 
 def test_what_is_compared_makes_no_trial_outdated(tmp_path):

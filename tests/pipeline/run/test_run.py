@@ -20,7 +20,7 @@ from pipeline.run import cluster, program, run
 from pipeline.run import job as work
 from pipeline.run.job import process_job
 from pipeline.run.run import plan, run_jobs, run_study
-from pipeline.run.store import read_trial, recorded_study_folder, write_trial
+from pipeline.run.store import read_trial, recorded_study_folder
 from pipeline.trial import process
 from pipeline.trial.ground.laboratory import Laboratory
 
@@ -140,14 +140,6 @@ def test_another_program_or_library_redoes_everything(moving_study, out, monkeyp
     monkeypatch.setattr(program, "version", lambda name: other.get(name) or real(name))
     after = [job.key for job in plan(read_study(moving_study), out)]
     program.computation_digest.cache_clear()
-    assert not set(before) & set(after)
-
-
-def test_another_engine_redoes_everything(moving_study, out, monkeypatch):
-    before = [job.key for job in plan(read_study(moving_study), out)]
-    pytest.importorskip("pinocchio", reason="Pinocchio has no wheel for this system")
-    monkeypatch.setitem(sys.modules, "pinocchio", None)
-    after = [job.key for job in plan(read_study(moving_study), out)]
     assert not set(before) & set(after)
 
 
@@ -276,17 +268,6 @@ def test_a_cluster_that_disappears_is_abandoned(moving_study, tmp_path, monkeypa
     assert only(outcomes, "failed") == dict.fromkeys(TRIALS, "the cluster is gone; run it again")
 
 
-def test_without_dask_a_scheduler_is_refused_with_what_to_install(
-    moving_study, tmp_path, monkeypatch
-):
-    def absent(name):
-        raise ImportError(name)
-
-    monkeypatch.setattr(cluster, "import_module", absent)
-    with pytest.raises(ValueError, match=r"pip install 'hbm-residuals\[cluster\]'"):
-        list(run_study(read_study(moving_study), tmp_path, scheduler="tcp://nowhere:1"))
-
-
 def test_only_what_is_asked_for_is_planned(moving_study, out):
     study = read_study(moving_study)
     planned = plan(study, out, subjects=["sub02", "sub02"], conditions=["sway", "pitch"])
@@ -337,9 +318,7 @@ def test_a_failing_trial_is_listed_with_its_reason_and_stops_no_other(study, out
     assert json.loads((out / "failures.json").read_text("utf-8")) == {}
 
 
-@pytest.mark.parametrize(
-    "text", ["[]", "7", "null", '{"a": 1}', '{"study": 7}', '{"study": ["a"]}', "[" * 99_999, "\0{"]
-)
+@pytest.mark.parametrize("text", ["[]", '{"a": 1}', '{"study": 7}', "[" * 99_999, "\0{"])
 def test_notes_of_earlier_runs_in_another_shape_are_taken_as_unknown(study, out, text, capsys):
     record = out / "trials" / "sub02_sway.failed.json"
     for path in (out / "run.json", out / "failures.json", record):
@@ -367,48 +346,6 @@ def test_a_damaged_result_is_made_again_and_named_by_the_report(study, out, fini
     assert main(["run", str(study), "--out", str(out)]) == 0
     assert "1 trial processed, 5 were there already" in capsys.readouterr().out
     assert contents(out) == contents(finished)
-
-
-def test_a_trial_that_is_excluded_has_no_longer_failed(study, out):
-    forget(out, "sub01_sway")
-    (study / "sub01_sway.c3d").write_bytes(b"no trial")
-    assert main(["run", str(study), "--out", str(out)]) == 1
-    edit(study / "sub01.toml", 'file = "sub01_sway.c3d"', 'exclude = "file lost"')
-    assert main(["run", str(study), "--out", str(out)]) == 0
-    assert json.loads((out / "failures.json").read_text("utf-8")) == {}
-
-
-def test_a_run_from_python_leaves_what_the_command_leaves(study, tmp_path):
-    """Results, the reason of every failure, and where the study is: all that a report needs."""
-    (study / "sub01_sway.c3d").write_bytes(b"no trial")
-    only_one = {"subjects": ["sub01"], "conditions": ["sway", "pitch"]}
-    outcomes = list(run_study(read_study(study), tmp_path / "python", **only_one))
-    assert [str(outcome) for outcome in outcomes if outcome.failure is None] == ["done sub01 pitch"]
-    (failed,) = (outcome for outcome in outcomes if outcome.failure is not None)
-    assert str(failed) == f"FAILED sub01 sway: {failed.reason}"
-    chosen = ["--subject", "sub01", "--condition", "sway", "--condition", "pitch"]
-    assert main(["run", str(study), "--out", str(tmp_path / "command"), *chosen]) == 1
-    left = [
-        {p.relative_to(out).as_posix(): p.read_bytes() for p in out.rglob("*") if p.is_file()}
-        for out in (tmp_path / "python", tmp_path / "command")
-    ]
-    assert {"run.json", "failures.json", "trials/sub01_sway.failed.json"} < left[0].keys()
-    assert left[0] == left[1]
-
-
-def test_what_cannot_be_stored_is_announced_and_stops_nothing(study, out, monkeypatch):
-    def full(*_):
-        raise OSError(28, "No space left on device", "failures")
-
-    (study / "sub01_sway.c3d").write_bytes(b"no trial")
-    monkeypatch.setattr(run, "record_failure", full)
-    monkeypatch.setattr(run, "collect_failures", full)
-    said = []
-    outcomes = list(
-        run_study(read_study(study), out, subjects=["sub01"], overwrite=True, announce=said.append)
-    )
-    assert list(only(outcomes, "failed")) == ["sub01_sway"]
-    assert said == ["failures: No space left on device"] * 4
 
 
 def test_a_file_that_disappears_midway_fails_only_its_own_trial(study, out, finished):
@@ -457,19 +394,6 @@ def test_results_made_with_other_settings_are_kept_unless_they_are_to_be_replace
     assert all(contents(out)[name] == contents(finished)[name] for name in others)
 
 
-def test_results_of_an_earlier_version_are_kept_where_other_settings_are_stated(study, out, capsys):
-    """Their keys are one digest of everything."""
-    stored = out / "trials" / "sub01_sway.parquet"
-    write_trial(replace(read_trial(stored), condition="sway", key="0" * 64), stored)
-    command = ["run", str(study), "--subject", "sub01", "--condition", "sway", "--out", str(out)]
-    retype("study.toml", "[treadmill]", "[settings]\ncutoff_hz = 8.0\n[treadmill]")(study)
-    assert main(command) == 2
-    assert "1 of 1 trials: cutoff_hz 6.0 → 8.0" in capsys.readouterr().err
-    retype("study.toml", "cutoff_hz = 8.0", "cutoff_hz = 6.0")(study)
-    assert main(command) == 0
-    assert "1 trial processed" in capsys.readouterr().out
-
-
 def test_a_changed_recording_is_named_as_the_reason(study, out, capsys):
     rewrite("sub01_sway.c3d")(study)
     assert main(["run", str(study), "--out", str(out)]) == 2
@@ -495,12 +419,8 @@ def test_a_file_that_changes_midway_gives_no_result_under_the_old_key(study, out
     ("error", "message"),
     [
         (ValueError("no markers\nat all"), "no markers at all"),
-        (ValueError(), "ValueError:  (test_run.py, line "),
-        (IndexError("index 7 is out of bounds"), "IndexError: index 7 is out of bounds (test_run"),
         (KeyError("LASIS"), "KeyError: 'LASIS' (test_run.py, line "),
-        (AssertionError(), "AssertionError:  (test_run.py, line "),
         (MemoryError(), "MemoryError:  (test_run.py, line "),
-        (RecursionError("too deep"), "RecursionError: too deep (test_run.py, line "),
         (OSError(28, "No space left on device", "/x/y"), "/x/y: No space left on device"),
     ],
 )
@@ -589,10 +509,10 @@ def test_progress_shows_the_time_left_and_leftovers_are_removed(moving_study, ou
     os.utime(dead, (0, 0))
     assert main(["run", str(moving_study), "--out", str(out)]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[3].endswith("; 4 of 6 trials")
-    assert lines[4].split(";")[1].startswith(" 5 of 6 trials, ")
+    assert lines[3].endswith("; 0 of 2 trials")
+    assert lines[4].split(";")[1].startswith(" 1 of 2 trials, ")
     assert re.search(r"trials, \d:\d\d:\d\d left$", lines[4])
-    assert lines[5].endswith("; 6 of 6 trials")
+    assert lines[5].endswith("; 2 of 2 trials")
     assert not dead.exists()
     assert Path(json.loads((out / "run.json").read_text("utf-8"))["study"]).name == (
         moving_study.name

@@ -16,11 +16,10 @@ from pipeline.export.compensated_c3d import Calibrations, write_compensated
 from pipeline.io.c3d.header import read_header
 from pipeline.io.c3d.parameters import parameter_records, values_of
 from pipeline.io.c3d.read import read_c3d
-from pipeline.run.check import check_study
+from pipeline.run.check import Findings, check_study, read_twice, study_recordings
 from pipeline.run.job import describe_error, trial_key
 from pipeline.run.one_trial import process_request, read_requested
 from pipeline.run.request import TrialRequest
-from pipeline.run.second_reader import read_twice, study_recordings
 from pipeline.trial.process import process_trial
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
 from tests.pipeline import lab
@@ -122,12 +121,15 @@ def test_one_trial_states_the_same_as_options(plain, disguised):
 def test_check_reads_a_study_as_a_run_does(disguised):
     found = check_study(read_study(disguised))
     assert found.faults == []
-    assert "rename_without_label" not in {remark.note.code for remark in found.remarks}
+    assert "rename_without_label" not in {
+        getattr(remark.said, "code", "") for remark in found.remarks
+    }
 
 
 def test_a_second_reader_needs_no_statement(disguised):
-    for path in study_recordings(read_study(disguised)):
-        assert read_twice(path).faults == []
+    found = Findings()
+    assert all(read_twice(path, found) for path in study_recordings(read_study(disguised)))
+    assert found.faults == []
 
 
 @pytest.mark.parametrize(

@@ -197,7 +197,7 @@ def test_stature_is_as_stated_else_as_recorded_else_from_the_legs(walker):
     assert process_recording(walker, PERSON, Settings()).body.height_m == pytest.approx(1.78)
     bare = replace(walker, metadata=Metadata())
     notes = process_recording(bare, PERSON, Settings()).notes
-    assert any(note.code == "stature_estimated" for note in notes)
+    assert any(note.values.get("source") == "by the length of the legs" for note in notes)
 
 
 def test_widths_stand_in_for_medial_markers_as_stated_else_as_recorded_of_that_side(walker):
