@@ -341,8 +341,8 @@ def _nothing_counts(
         code = "gait_cycles_left_out" if found_cycles(events, SIDES) else "no_gait_cycle"
         return (Note.of(code, reason=shortage, start_s=span[0], stop_s=span[1]),)
     inside = frames_within(time, {}, span) if span else np.ones(len(time), bool)
-    frames = (
-        f"{np.count_nonzero(counts & inside)} of {np.count_nonzero(inside)} frames count; "
+    frames = f"{np.count_nonzero(counts & inside)} of {np.count_nonzero(inside)} frames count"
+    why = (
         f"{np.count_nonzero(inside & ~solved)} could not be solved (check the markers' labels), in "
         "the others the plates do not carry the subject"
     )
@@ -350,10 +350,10 @@ def _nothing_counts(
     if part is not None and some_cycles:
         reason = f'no frame of the window "{part.name}" of the gait cycles counts'
     elif span is not None:
-        reason = f"from {span[0]:.2f} to {span[1]:.2f} s {frames}"
+        reason = f"from {span[0]:.2f} to {span[1]:.2f} s {frames}: {why}"
     elif wanted is None:
         reason += (
-            f"; of the recording {frames}, less than min_valid_share; to use them, state --span "
-            'all (window = "recording") or a span'
+            f"; of the recording {frames}, less than min_valid_share: {why}; to use them, state "
+            '--span all (window = "recording") or a span'
         )
     return (Note.of("no_residuals", reason=reason),)
