@@ -342,10 +342,8 @@ def _nothing_counts(
         return (Note.of(code, reason=shortage, start_s=span[0], stop_s=span[1]),)
     inside = frames_within(time, {}, span) if span else np.ones(len(time), bool)
     frames = f"{np.count_nonzero(counts & inside)} of {np.count_nonzero(inside)} frames count"
-    why = (
-        f"{np.count_nonzero(inside & ~solved)} could not be solved (check the markers' labels), in "
-        "the others the plates do not carry the subject"
-    )
+    unsolved = np.count_nonzero(inside & ~solved)
+    why = f"{unsolved} could not be solved, in the others the plates do not carry the subject"
     reason = shortage
     if part is not None and some_cycles:
         reason = f'no frame of the window "{part.name}" of the gait cycles counts'
@@ -353,7 +351,7 @@ def _nothing_counts(
         reason = f"from {span[0]:.2f} to {span[1]:.2f} s {frames}: {why}"
     elif wanted is None:
         reason += (
-            f"; of the recording {frames}, less than min_valid_share: {why}; to use them, state "
-            '--span all (window = "recording") or a span'
+            f"; {frames}, less than min_valid_share: {why}; to use them, state --span all "
+            '(window = "recording") or a span'
         )
     return (Note.of("no_residuals", reason=reason),)

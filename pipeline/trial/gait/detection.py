@@ -359,8 +359,8 @@ def _crossing(
 
 
 NO_SWING: Final = (
-    "no foot swings forward and back against the pelvis, as in walking, in the {:.2f} s in which "
-    "both are seen; record two strikes of a foot and 0.2 s around them"
+    "no foot swings forward and back against the pelvis, as in walking, in {:.2f} s; record two "
+    "strikes of a foot"
 )
 MAX_PLATES_APART_S: Final = 0.2
 """Of a foot's motion and a plate's load that are the same event; the next one is a second away."""
