@@ -1,22 +1,18 @@
 """What a moving treadmill adds to its own force plates, and how to remove it again."""
 
 from compensation.accuracy import (
-    Line,
     Linearity,
     PlateAlignment,
-    fit_line_orthogonal,
     fit_plate_alignment,
     linearity,
+    orthogonal_rmse,
     wrench_of_weight,
 )
 from compensation.belts import (
     BeltModel,
-    Roller,
     belt_acceleration,
-    cutoff_of_spline,
     fit_belt,
-    fit_roller,
-    spline_smoothing,
+    spline_cutoff,
 )
 from compensation.delay import Delay, estimate_delay
 from compensation.force_delay import marker_plate_delay
@@ -35,15 +31,11 @@ from compensation.inertia.sensors import Sensor, check_trial, find_sensors, sens
 from compensation.plate_calibration import PlateCalibration, PlateCalibrations
 from compensation.platform import (
     PlatformPose,
-    PoseFit,
     center_of_pressure,
     check_pose,
     commanded_pose,
     fit_pose,
-    free_moment,
     interpolate_pose,
-    mean_pose,
-    moment_error_of_pivot,
     neutral_markers,
     pose_delay,
     specific_force,

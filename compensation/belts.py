@@ -1,6 +1,6 @@
 """What accelerating belts leave in their plates: the pitch moment of motor and rollers."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -300,248 +300,14 @@ def _refine(start: Array, a: Array, moment: Array) -> OptimizeResult:
     return least_squares(error, start, jac=jacobian, bounds=(-bound, bound), x_scale="jac")
 
 
-TRAVEL_STEP_M: Final = 0.01
-"""Of belt travel, at which the moment is resampled: sixteen samples on the smallest roller."""
-MIN_TURNS_PER_M: Final = 0.3
-MAX_TURNS_PER_M: Final = 6.0
-"""Rollers of 5 to 100 cm diameter."""
-MIN_TURNS: Final = 20
-"""Of the largest roller sought: fewer make its line in the spectrum too broad to separate."""
-MIN_SPEED_SQUARED_SHARE: Final = 0.1
-"""Of the median; slower samples are divided by this, for their own is mostly noise."""
-COARSE_STEPS: Final = 9
-"""Of the first search about the spectral line; a quarter of its width apart."""
-
-
-@dataclass(frozen=True, slots=True)
-class Roller:
-    """Moment ``v² (c cos φ + s sin φ)``, low-passed, with ``φ`` the roller's angle since the start.
-
-    Attributes
-    ----------
-    turns_per_m
-        Turns of the roller per metre of belt [1/m].
-    cosine, sine
-        ``c`` and ``s`` [N·m per (m/s)²], valid for one trial; see `locate`.
-    cutoff_hz
-        Cut-off of the real-time filter on the moment [Hz].
-
-    Examples
-    --------
-    >>> roller = Roller(turns_per_m=1.9, cosine=0.3, sine=0.4, cutoff_hz=6.0)
-    >>> f"{roller.circumference_m:.2f} m, {roller.amplitude:.1f} N·m per (m/s)²"
-    '0.53 m, 0.5 N·m per (m/s)²'
-    """
-
-    turns_per_m: float
-    cosine: float
-    sine: float
-    cutoff_hz: float
-
-    @property
-    def circumference_m(self) -> float:
-        """Length of belt per turn [m]."""
-        return 1 / self.turns_per_m
-
-    @property
-    def amplitude(self) -> float:
-        """Amplitude by the square of the speed [N·m per (m/s)²]."""
-        return float(np.hypot(self.cosine, self.sine))
-
-    def predict(self, belt_speed: ArrayLike, rate_hz: float) -> Array:
-        """Predict the moment of a trial.
-
-        Parameters
-        ----------
-        belt_speed
-            Unfiltered belt speed from the start of the trial on, (N,) [m/s].
-        rate_hz
-            Sampling rate [Hz].
-
-        Returns
-        -------
-        Array
-            Pitch moment, (N,) [N·m].
-
-        Raises
-        ------
-        ValueError
-            Wrong shape, no samples, gaps or no rate.
-        """
-        speed = read_signal(belt_speed, "belt speed")
-        basis = _basis(self.turns_per_m, speed, read_rate(rate_hz), self.cutoff_hz)
-        return basis[:, 0] * self.cosine + basis[:, 1] * self.sine
-
-    def locate(self, moment: ArrayLike, belt_speed: ArrayLike, rate_hz: float) -> "Roller":
-        """Find the roller's angle at the start of another trial.
-
-        Parameters
-        ----------
-        moment
-            Pitch moment of the empty plate from the start of that trial on, (N,) [N·m], low-passed
-            as in the calibration, minus the prediction of `BeltModel`.
-        belt_speed
-            Unfiltered belt speed, (N,) [m/s].
-        rate_hz
-            Sampling rate [Hz].
-
-        Returns
-        -------
-        Roller
-            The same roller with ``cosine`` and ``sine`` of that trial.
-
-        Raises
-        ------
-        ValueError
-            Wrong shapes, no samples, gaps, different lengths or no rate.
-        """
-        moment, speed = _read(moment, belt_speed)
-        basis = _basis(self.turns_per_m, speed, read_rate(rate_hz), self.cutoff_hz)
-        cosine, sine, _ = np.linalg.lstsq(basis, moment)[0]
-        return replace(self, cosine=float(cosine), sine=float(sine))
-
-
-def fit_roller(
-    moment: ArrayLike, belt_speed: ArrayLike, rate_hz: float, cutoff_hz: float
-) -> Roller:
-    """Find an unbalanced roller in the pitch moment that a belt model leaves.
-
-    Parameters
-    ----------
-    moment
-        Pitch moment of the empty plate, low-passed in real time, minus the prediction of
-        `BeltModel`, (N,) [N·m].
-    belt_speed
-        Unfiltered belt speed, (N,) [m/s].
-    rate_hz
-        Sampling rate [Hz].
-    cutoff_hz
-        Cut-off of the real-time filter on the moment [Hz].
-
-    Returns
-    -------
-    Roller
-        The strongest one with a circumference of 0.17 to 3.3 m.
-
-    Raises
-    ------
-    ValueError
-        Wrong shapes, no samples, gaps, different lengths, or too little belt travel.
-
-    Notes
-    -----
-    The moment, divided by ``v²`` and resampled over the belt's travel, has a line in its spectrum
-    at every roller; the strongest starts a least-squares fit through the filter itself. Own
-    method: on the recordings of Hnat and van den Bogert (2014) it explains 40 % of the
-    variance that the second-order model leaves, on a trial that it was not fitted on.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> speed = 1.3 + 0.2 * np.sin(np.arange(0, 60, 0.01))
-    >>> moment = Roller(1.9, 0.3, 0.4, 6.0).predict(speed, 100.0)
-    >>> found = fit_roller(moment, speed, 100.0, cutoff_hz=6.0)
-    >>> f"{found.turns_per_m:.3f} {found.cosine:.2f} {found.sine:.2f}"
-    '1.900 0.30 0.40'
-    """
-    moment, speed = _read(moment, belt_speed)
-    rate = read_rate(rate_hz)
-    travel = _travel(speed, rate)
-    length = float(np.ptp(travel))
-    if length * MIN_TURNS_PER_M < MIN_TURNS:
-        raise ValueError(
-            f"the belt ran {length:.3g} m, too little to find a roller; "
-            f"give at least {MIN_TURNS / MIN_TURNS_PER_M:.0f} m in one direction"
-        )
-    grid = np.arange(travel.min(), travel.max(), TRAVEL_STEP_M)
-    forwards = np.maximum.accumulate(travel)
-    least = MIN_SPEED_SQUARED_SHARE * np.median(speed**2)
-    by_speed = np.interp(grid, forwards, moment / np.maximum(speed**2, least))
-    spectrum = np.abs(np.fft.rfft((by_speed - by_speed.mean()) * np.hanning(len(grid))))
-    turns = np.fft.rfftfreq(len(grid), TRAVEL_STEP_M)
-    sought = (turns > MIN_TURNS_PER_M) & (turns < MAX_TURNS_PER_M)
-    coarse = float(turns[sought][int(np.argmax(spectrum[sought]))])
-
-    def squared_error(turns_per_m: float) -> float:
-        basis = _basis(turns_per_m, speed, rate, cutoff_hz)
-        return float(np.sum((moment - basis @ np.linalg.lstsq(basis, moment)[0]) ** 2))
-
-    candidates = np.linspace(coarse - 1 / length, coarse + 1 / length, COARSE_STEPS)
-    middle = candidates[int(np.argmin([squared_error(t) for t in candidates]))]
-    step = float(candidates[1] - candidates[0])
-    best = minimize_scalar(squared_error, bounds=(middle - step, middle + step), method="bounded")
-    unknown = Roller(float(best.x), 0.0, 0.0, cutoff_hz)
-    return unknown.locate(moment, speed, rate)
-
-
-def _read(moment: ArrayLike, belt_speed: ArrayLike) -> tuple[Array, Array]:
-    moment, speed = read_signal(moment, "pitch moment"), read_signal(belt_speed, "belt speed")
-    refuse_unequal(pitch_moment=moment, belt_speed=speed)
-    return moment, speed
-
-
-def _travel(speed: Array, rate: float) -> Array:
-    return np.cumsum(speed) / rate
-
-
-def _basis(turns_per_m: float, speed: Array, rate: float, cutoff_hz: float) -> Array:
-    """Cosine, sine and constant through the filter, (N, 3)."""
-    angle = 2 * np.pi * turns_per_m * _travel(speed, rate)
-    waves = [
-        low_pass(speed**2 * wave(angle), rate, cutoff_hz, "realtime") for wave in (np.cos, np.sin)
-    ]
-    return np.column_stack([*waves, np.ones(len(speed))])
-
-
 MIN_SPLINE_SAMPLES: Final = 10
 """Fewer hold no frequencies to tell signal from noise by."""
 GRID: Final = np.linspace(-8, 12, 201)
 """Powers of ten of the smoothing about that which passes half of the spectrum; steps of 0.1."""
 
 
-def cutoff_of_spline(smoothing: float, interval_s: float, order: int = 4) -> float:
-    """Give the frequency at which a smoothing spline halves an amplitude.
-
-    Parameters
-    ----------
-    smoothing
-        Weight ``p`` of the squared derivative, in ``Σ (f - x)² + p ∫ f⁽ᴹ⁾²`` [s^(2M - 1)].
-    interval_s
-        Sampling interval ``T`` [s].
-    order
-        Order ``2M`` of the spline: 4 for a cubic one.
-
-    Returns
-    -------
-    float
-        Cut-off frequency [Hz].
-
-    Raises
-    ------
-    ValueError
-        Smoothing or interval that is not positive, or an odd order.
-
-    Notes
-    -----
-    ``ω₀ = (p T)^(-0.5/M)`` (Woltring 1986; van de Loosdrecht 2018, eq. D.8). A spline passes
-    ``1 / (1 + (ω/ω₀)^(2M))`` without delay: half the amplitude at ``ω₀``, where a Butterworth
-    filter of one pass leaves 0.71.
-
-    Examples
-    --------
-    >>> f"{cutoff_of_spline(6.4e-6, 0.01):.1f} Hz"
-    '10.0 Hz'
-    """
-    if not (smoothing > 0 and interval_s > 0 and order > 0 and order % 2 == 0):
-        raise ValueError(
-            f"smoothing and interval must be positive and the order even, got {smoothing}, "
-            f"{interval_s} s and {order}"
-        )
-    return float((smoothing * interval_s) ** (-1 / order) / (2 * np.pi))
-
-
-def spline_smoothing(signal: ArrayLike, rate_hz: float) -> float:
-    """Find the smoothing parameter of a cubic spline by generalised cross-validation.
+def spline_cutoff(signal: ArrayLike, rate_hz: float) -> float:
+    """Give the cut-off frequency of the cubic smoothing spline that fits a signal best.
 
     Parameters
     ----------
@@ -553,7 +319,7 @@ def spline_smoothing(signal: ArrayLike, rate_hz: float) -> float:
     Returns
     -------
     float
-        Weight ``p`` of the squared second derivative [s³]; `cutoff_of_spline` gives its frequency.
+        Where the spline halves an amplitude [Hz].
 
     Raises
     ------
@@ -562,19 +328,23 @@ def spline_smoothing(signal: ArrayLike, rate_hz: float) -> float:
 
     Notes
     -----
-    On even samples a cubic smoothing spline is a filter that leaves ``1 / (1 + p q(θ))`` of
-    every cosine, with ``q = (2 - 2 cos θ)² / ((2 + cos θ) / 3) / T³``, so that the score (Craven
-    and Wahba 1979) costs one cosine transform. The ends are mirrored about the straight line
-    through the signal, where a spline is free: without consequence for signals much longer than
-    the spline's impulse response.
+    The spline ``f`` minimises ``Σ (f - x)² + p ∫ f''²``; ``p`` is found by generalised
+    cross-validation (Craven and Wahba 1979). On even samples the spline is a filter that leaves
+    ``1 / (1 + p q(θ))`` of every cosine, with ``q = (2 - 2 cos θ)² / ((2 + cos θ) / 3) / T³``, so
+    that the score costs one cosine transform. The ends are mirrored about the straight line through
+    the signal, where a spline is free: without consequence for signals much longer than the
+    spline's impulse response.
+
+    It passes ``1 / (1 + (ω/ω₀)⁴)`` without delay, with ``ω₀ = (p T)^(-1/4)`` (Woltring 1986; van
+    de Loosdrecht 2018, eq. D.8): half the amplitude at ``ω₀``, where a Butterworth filter of one
+    pass leaves 0.71.
 
     Examples
     --------
     >>> import numpy as np
     >>> time = np.arange(0, 20, 0.01)
     >>> noise = 0.01 * np.random.default_rng(0).normal(size=len(time))
-    >>> p = spline_smoothing(np.sin(2 * np.pi * time) + noise, 100.0)
-    >>> f"{cutoff_of_spline(p, 0.01):.0f} Hz"
+    >>> f"{spline_cutoff(np.sin(2 * np.pi * time) + noise, 100.0):.0f} Hz"
     '8 Hz'
     """
     x, rate = read_signal(signal, "signal"), read_rate(rate_hz)
@@ -596,4 +366,4 @@ def spline_smoothing(signal: ArrayLike, rate_hz: float) -> float:
     grid = middle + GRID
     nearest = grid[int(np.argmin([score(log_p) for log_p in grid]))]
     best = minimize_scalar(score, bounds=(nearest - 0.1, nearest + 0.1), method="bounded")
-    return float(10**best.x)
+    return float((10**best.x * (1 / rate)) ** (-1 / 4) / (2 * np.pi))

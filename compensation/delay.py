@@ -1,21 +1,16 @@
 """Delays between two devices that recorded the same motion, and of accelerometers on plates."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final, TypeVar
+from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.interpolate import CubicSpline
 from scipy.special import stdtrit
 
-from compensation.inputs import (
-    read_rate,
-    read_table,
-    refuse_constant,
-    refuse_unequal,
-)
+from compensation.inputs import read_rate, read_table, refuse_constant, refuse_unequal
 from hbm.signals.filtering import low_pass
 from hbm.spatial import Array
 
@@ -37,9 +32,6 @@ MIN_VARIANCE: Final = 1e-12
 """Share of a channel's variance; keeps the weight of a channel without any noise finite."""
 
 
-Found = TypeVar("Found")
-
-
 @dataclass(frozen=True, slots=True)
 class Delay:
     """How much later one device's samples are stamped than another's.
@@ -50,9 +42,6 @@ class Delay:
         Positive where the second device is later [s].
     standard_error
         Of the estimate [s].
-    explained
-        Share of the late signal's variance that follows the reference [1]; NaN where the delay
-        was not estimated by `estimate_delay`.
     differences
         Delays of the single impacts of a hammer, in their order [s]; else empty.
     degrees_of_freedom
@@ -67,7 +56,6 @@ class Delay:
 
     seconds: float
     standard_error: float
-    explained: float = float("nan")
     differences: tuple[float, ...] = ()
     degrees_of_freedom: float = float("inf")
 
@@ -151,11 +139,9 @@ def estimate_delay(
     if abs(lag) == reach:
         raise ValueError(f"the best agreement lies beyond {longest_s} s; seek longer delays")
 
-    spline, inside = CubicSpline(np.arange(len(x)), x), np.arange(reach + 1, len(x) - reach - 1)
-    (shift,), (error, explained) = without_step(
-        lambda shifts: _gauss_newton(spline, y, inside, shifts), np.array([float(lag)]), reach
-    )
-    return Delay(float(shift / rate), error / rate, explained)
+    model = _LateChannels([x], y, reach)
+    late, covariance = without_step(model.gauss_newton, np.array([-float(lag)]), reach)
+    return Delay(-float(late[0] / rate), float(np.sqrt(covariance[0, 0])) / rate)
 
 
 def decimated(signal: Array, rate: float) -> tuple[Array, float]:
@@ -181,66 +167,68 @@ def _best_lag(x: Array, y: Array, reach: int) -> tuple[int, float]:
 
 
 def without_step(
-    step_of: Callable[[Array], tuple[Array, Found]], start: Array, limit: float = np.inf
-) -> tuple[Array, Found]:
-    """Give the shifts from which a Gauss–Newton step leads no farther.
+    step_of: Callable[[Array], tuple[Array, Array]], start: Array, limit: float = np.inf
+) -> tuple[Array, Array]:
+    """Give the delays (S,) from which a Gauss–Newton step leads no farther, and their covariance.
 
-    Parameters
-    ----------
-    step_of
-        Gives the step from some shifts, (S,) [samples], and what else is found there.
-    start
-        (S,) [samples].
-    limit
-        Of each shift, either way [samples].
-
-    Returns
-    -------
-    shifts, found
-        (S,) [samples], and what else is found there.
-
-    Notes
-    -----
-    Where noise is in both signals, the steps are too short or too long by a constant factor, which
-    Broyden's method learns from each step and the next (Broyden 1965, Math Comput 19:577).
+    `step_of` gives step and covariance at some delays. Where noise is in both signals, the steps
+    are too short or too long by a constant factor, which Broyden's method learns from each step and
+    the next (Broyden 1965, Math Comput 19:577).
     """
-    shifts, inverse = start, np.eye(len(start))
-    step, found = step_of(start)
+    delays, inverse = start, np.eye(len(start))
+    step, covariance = step_of(start)
     for _ in range(MAX_STEPS):
-        before, shifts = shifts, np.clip(shifts + np.clip(inverse @ step, -1, 1), -limit, limit)
-        change, last = shifts - before, step
-        step, found = step_of(shifts)
+        before, delays = delays, np.clip(delays + np.clip(inverse @ step, -1, 1), -limit, limit)
+        change, last = delays - before, step
+        step, covariance = step_of(delays)
         shorter = inverse @ (last - step)
         size = change @ shorter
         if np.max(np.abs(step)) < STEP_TOLERANCE or not size:
             break
         inverse += np.outer(change - shorter, change @ inverse) / size
-    return shifts, found
+    return delays, covariance
 
 
-def linear_fit(x: Array, target: Array) -> tuple[Array, Array, Array]:
-    """Give an orthonormal basis of regressors (N, R), the gains of a fit, and what it leaves."""
-    u, s, vt = np.linalg.svd(x, full_matrices=False)
-    kept = s > s[0] * len(x) * np.finfo(float).eps
-    basis, along = u[:, kept], u[:, kept].T @ target
-    return basis, vt[kept].T @ (along / s[kept, None]), target - basis @ along
+class _LateChannels:
+    """Linear model of a signal (N, C) by groups of channels, (N, K) each, read ahead by delays."""
 
+    def __init__(self, groups: Sequence[Array], signal: Array, reach: int) -> None:
+        samples = len(signal)
+        self.splines = [CubicSpline(np.arange(samples), group) for group in groups]
+        self.inside = np.arange(reach + 1, samples - reach - 1)
+        self.signal = signal[self.inside]
 
-def _gauss_newton(
-    spline: CubicSpline, y: Array, inside: NDArray[np.int64], shift: Array
-) -> tuple[Array, tuple[float, float]]:
-    """Step of the delay (1,), its standard error [samples], share of variance explained."""
-    at, target = inside - shift, y[inside]
-    basis, gain, residual = linear_fit(np.column_stack([spline(at), np.ones(len(at))]), target)
-    slope = -spline(at, 1) @ gain[:-1]
-    slope -= basis @ (basis.T @ slope)
-    variance = np.maximum(np.mean(residual**2, axis=0), MIN_VARIANCE)
-    scores = np.sum(slope * residual / variance, axis=1)
-    information = float(np.sum(slope**2 / variance))
-    blocks = np.array([block.sum() for block in np.array_split(scores, BLOCKS)])
-    explained = 1 - float(np.sum(residual**2) / np.sum((target - target.mean(axis=0)) ** 2))
-    error = float(np.sqrt(np.sum(blocks**2) * BLOCKS / (BLOCKS - 1)) / information)
-    return np.array([scores.sum() / information]), (error, explained)
+    def _ahead(self, delays: Array, derivative: int, every: int = 1) -> list[Array]:
+        at = self.inside[::every]
+        return [s(at + late, derivative) for late, s in zip(delays, self.splines, strict=True)]
+
+    def misfit(self, delays: Array) -> float:
+        """Give how little all channels have in common: the logarithm of their covariance's volume.
+
+        Sensors on one rigid body agree in what sway does to them, and together they predict the
+        plates; a wrong delay spoils either.
+        """
+        together = np.hstack([*self._ahead(delays, 0, SEARCHED), self.signal[::SEARCHED]])
+        variances = np.linalg.eigvalsh(np.cov(together, rowvar=False))
+        return float(np.sum(np.log(np.maximum(variances, MIN_VARIANCE))))
+
+    def gauss_newton(self, delays: Array) -> tuple[Array, Array]:
+        """Give the step of the delays and their covariance, in samples; gains are projected out."""
+        channels = np.column_stack([*self._ahead(delays, 0), np.ones(len(self.inside))])
+        u, s, vt = np.linalg.svd(channels, full_matrices=False)
+        kept = s > s[0] * len(channels) * np.finfo(float).eps
+        basis, along = u[:, kept], u[:, kept].T @ self.signal
+        gain, left = vt[kept].T @ (along / s[kept, None]), self.signal - basis @ along
+        root = 1 / np.sqrt(np.maximum(np.mean(left**2, axis=0), MIN_VARIANCE))
+        rates = self._ahead(delays, 1)
+        ends = np.cumsum([rate.shape[1] for rate in rates])
+        slopes = [rate @ own for rate, own in zip(rates, np.split(gain, ends)[:-1], strict=True)]
+        slopes = [(slope - basis @ (basis.T @ slope)) * root for slope in slopes]
+        scores = np.column_stack([np.vecdot(slope, left * root) for slope in slopes])
+        inverse = np.linalg.pinv([[np.vdot(one, other) for other in slopes] for one in slopes])
+        blocks = np.stack([block.sum(axis=0) for block in np.array_split(scores, BLOCKS)])
+        covariance = inverse @ (blocks.T @ blocks) @ inverse * BLOCKS / (BLOCKS - 1)
+        return inverse @ scores.sum(axis=0), covariance
 
 
 SOUGHT_S: Final = np.arange(-0.03, 0.0301, 0.003)
@@ -303,81 +291,23 @@ def sensor_delays(
     [0.0, 5.0]
     """
     a, w = read_table(accelerations, "accelerations"), read_table(wrench, "wrench")
-    common = estimate_delay(a, w, rate_hz, longest_s)
-    all_alike = Delay(
-        -common.seconds, float(np.hypot(common.standard_error, MODEL_ERROR_S)), common.explained
-    )
-    count = a.shape[1] // 3
+    common, count = estimate_delay(a, w, rate_hz, longest_s), a.shape[1] // 3
+    alike = Delay(-common.seconds, float(np.hypot(common.standard_error, MODEL_ERROR_S)))
     if count == 1:
-        return (all_alike,)
+        return (alike,)
     x, rate = decimated(a, read_rate(rate_hz))
-    y, _ = decimated(w, rate_hz)
-    model = _LateSensors(x, y, round(longest_s * rate))
-    delays = _search(model, np.full(count, all_alike.seconds * rate), SOUGHT_S * rate)
+    model = _LateChannels(
+        np.split(x, count, axis=1), decimated(w, rate_hz)[0], round(longest_s * rate)
+    )
+    delays: Array = np.full(count, alike.seconds * rate)
+    for _ in range(SEARCHES):
+        for own in np.eye(count):
+            tried: list[Array] = [delays + step * own for step in SOUGHT_S * rate]
+            delays = min(tried, key=model.misfit)
     delays, covariance = without_step(model.gauss_newton, delays)
     errors = np.hypot(np.sqrt(np.diag(covariance)) / rate, MODEL_ERROR_S)
     if not np.all(errors < MAX_SEPARATE_ERROR_S):
-        return tuple(all_alike for _ in range(count))
-    explained = model.explained(delays)
+        return tuple(alike for _ in range(count))
     return tuple(
-        Delay(float(late / rate), float(error), explained)
-        for late, error in zip(delays, errors, strict=True)
+        Delay(float(late / rate), float(error)) for late, error in zip(delays, errors, strict=True)
     )
-
-
-class _LateSensors:
-    """The linear model of wrenches (N, C) by sensors (N, 3 S), each read ahead by its delay."""
-
-    def __init__(self, readings: Array, wrench: Array, reach: int) -> None:
-        self.sensors = [slice(3 * k, 3 * k + 3) for k in range(readings.shape[1] // 3)]
-        self.splines = [CubicSpline(np.arange(len(readings)), readings[:, s]) for s in self.sensors]
-        self.inside = np.arange(reach + 1, len(readings) - reach - 1)
-        self.wrench = wrench[self.inside]
-
-    def _ahead(self, delays: Array, derivative: int, every: int = 1) -> Array:
-        at = self.inside[::every]
-        parts = [
-            spline(at + late, derivative) for late, spline in zip(delays, self.splines, strict=True)
-        ]
-        return np.hstack(parts)
-
-    def _fit(self, delays: Array) -> tuple[Array, Array, Array]:
-        x = np.column_stack([self._ahead(delays, 0), np.ones(len(self.inside))])
-        return linear_fit(x, self.wrench)
-
-    def misfit(self, delays: Array) -> float:
-        """Give how little all channels have in common: the logarithm of their covariance's volume.
-
-        Sensors on one rigid body agree in what sway does to them, and together they predict the
-        plates; a wrong delay spoils either.
-        """
-        together = np.hstack([self._ahead(delays, 0, SEARCHED), self.wrench[::SEARCHED]])
-        variances = np.linalg.eigvalsh(np.cov(together, rowvar=False))
-        return float(np.sum(np.log(np.maximum(variances, MIN_VARIANCE))))
-
-    def explained(self, delays: Array) -> float:
-        left = np.sum(self._fit(delays)[2] ** 2)
-        return 1 - float(left / np.sum((self.wrench - self.wrench.mean(axis=0)) ** 2))
-
-    def gauss_newton(self, delays: Array) -> tuple[Array, Array]:
-        """Give the step of the delays and their covariance, in samples."""
-        basis, gain, left = self._fit(delays)
-        weight = 1 / np.maximum(np.mean(left**2, axis=0), MIN_VARIANCE)
-        rates = self._ahead(delays, 1)
-        slopes = [rates[:, s] @ gain[s] for s in self.sensors]
-        slopes = [(slope - basis @ (basis.T @ slope)) * np.sqrt(weight) for slope in slopes]
-        weighted = left * np.sqrt(weight)
-        scores = np.column_stack([np.vecdot(slope, weighted) for slope in slopes])
-        inverse = np.linalg.pinv([[np.vdot(one, other) for other in slopes] for one in slopes])
-        blocks = np.stack([block.sum(axis=0) for block in np.array_split(scores, BLOCKS)])
-        covariance = inverse @ (blocks.T @ blocks) @ inverse * BLOCKS / (BLOCKS - 1)
-        return inverse @ scores.sum(axis=0), covariance
-
-
-def _search(model: _LateSensors, delays: Array, steps: Array) -> Array:
-    """Vary the delay of one sensor after the other by some steps, and keep the best."""
-    for _ in range(SEARCHES):
-        for k in range(len(delays)):
-            tried = [delays + step * (np.arange(len(delays)) == k) for step in steps]
-            delays = min(tried, key=model.misfit)
-    return delays

@@ -1,7 +1,7 @@
 """The delay of a plate behind the cameras, from impacts of a hammer that carries a marker."""
 
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -43,8 +43,6 @@ class HammerImpact:
 
     Attributes
     ----------
-    begin_s, end_s
-        Of the force, in the plate's time [s].
     force_s
         Centroid in time of the force, in the plate's time [s].
     marker_s
@@ -55,17 +53,8 @@ class HammerImpact:
     path_before, path_after
         The parabolas of the marker's height: coefficients of 1, t and t², (3,) [m, m/s, m/s²], t
         from `marker_s`.
-
-    Examples
-    --------
-    >>> down, up = np.array([0.0, -2.0, -5.0]), np.array([0.0, 1.0, -5.0])
-    >>> impact = HammerImpact(1.002, 1.007, 1.0045, 1.0, 0.0, down, up)
-    >>> f"{1000 * impact.delay_s:.1f} ms"
-    '4.5 ms'
     """
 
-    begin_s: float
-    end_s: float
     force_s: float
     marker_s: float
     unknown_s: float
@@ -146,13 +135,10 @@ def hammer_delay(
     """
     impacts = hammer_impacts(marker_time, marker_height, force_time, force, window_s)
     found = [impact.delay_s for impact in impacts]
-    scatter = float(np.std(found, ddof=1) / np.sqrt(len(found)))
-    unknown = float(np.mean([impact.unknown_s for impact in impacts]))
+    scatter = np.std(found, ddof=1) / np.sqrt(len(found))
+    error = float(np.hypot(scatter, np.mean([impact.unknown_s for impact in impacts])))
     return Delay(
-        float(np.mean(found)),
-        float(np.hypot(scatter, unknown)),
-        differences=tuple(found),
-        degrees_of_freedom=len(found) - 1,
+        float(np.mean(found)), error, differences=tuple(found), degrees_of_freedom=len(found) - 1
     )
 
 
@@ -165,32 +151,7 @@ def hammer_impacts(
 ) -> tuple[HammerImpact, ...]:
     """Find the impacts of a hammer, each with its instants in marker and force.
 
-    Parameters
-    ----------
-    marker_time, marker_height, force_time, force, window_s
-        As of `hammer_delay`.
-
-    Returns
-    -------
-    tuple
-        At least three, in their order.
-
-    Raises
-    ------
-    ValueError
-        As `hammer_delay`.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> marker_time, force_time = np.arange(0, 4, 0.01), np.arange(0, 4, 0.001)
-    >>> height = np.min([np.abs(marker_time - t - 0.002) for t in (1, 2, 3)], axis=0)
-    >>> force = np.random.default_rng(0).normal(size=len(force_time))
-    >>> for t in (1, 2, 3):
-    ...     force[1000 * t + 2 : 1000 * t + 7] += 800.0
-    >>> first, *_ = hammer_impacts(marker_time, height, force_time, force)
-    >>> f"{first.marker_s:.3f} {first.force_s:.3f}"
-    '1.002 1.004'
+    Arguments and errors are those of `hammer_delay`; at least three, in their order.
     """
     t_m, height = _read_timed(marker_time, marker_height, "marker")
     t_f, load = _read_timed(force_time, force, "force")
@@ -230,8 +191,7 @@ def _read_timed(time: ArrayLike, values: ArrayLike, name: str) -> tuple[Array, A
     return t, x
 
 
-@dataclass(frozen=True, slots=True)
-class _Contact:
+class _Contact(NamedTuple):
     """A contact in the force's time: begin, end, centroid, and when the next contact begins [s]."""
 
     begin: float
@@ -245,17 +205,15 @@ def _contacts(time: Array, force: Array) -> list[_Contact]:
     load = force - float(np.median(force))
     spread = SD_PER_MAD * float(np.median(np.abs(load)))
     out = np.flatnonzero(np.abs(load) > ONSET_SD * spread)
-    first = np.flatnonzero(np.diff(time[out], prepend=-np.inf) > QUIET_S)
-    parts = np.split(out, first)[1:]
-    begins = np.array([time[part[0]] for part in parts])
+    parts = np.split(out, np.flatnonzero(np.diff(time[out], prepend=-np.inf) > QUIET_S))[1:]
+    begins = [-np.inf, *(float(time[part[0]]) for part in parts), np.inf]
     contacts = []
-    previous, following = np.insert(begins, 0, -np.inf)[:-1], np.append(begins, np.inf)[1:]
-    for part, before, after in zip(parts, previous, following, strict=True):
+    for part, before, begin, after in zip(parts, begins, begins[1:], begins[2:], strict=False):
         rows = slice(max(part[0] - 1, 0), part[-1] + 2)
-        begin, end, impulse = float(time[part[0]]), float(time[part[-1]]), float(load[rows].sum())
+        end, impulse = float(time[part[-1]]), float(load[rows].sum())
         if begin - before > APART_S and end - begin < LONGEST_S and impulse > 0:
             centroid = float(np.sum(time[rows] * load[rows])) / impulse
-            contacts.append(_Contact(begin, end, centroid, float(after)))
+            contacts.append(_Contact(begin, end, centroid, after))
     return contacts
 
 
@@ -275,12 +233,11 @@ def _sharpest_turn(time: Array, height: Array, contact: _Contact, window_s: floa
 
 def _impact(time: Array, height: Array, contact: _Contact, delay_s: float) -> HammerImpact | None:
     """Find where the paths before and after a contact meet; None where they are too short."""
-    begin, end, next_begin = (t - delay_s for t in (contact.begin, contact.end, contact.next))
+    begin, end, middle, next_begin = (t - delay_s for t in contact)
     down = (time < begin - MARGIN_S) & (time >= begin - FLIGHT_S)
     up = (time > end + MARGIN_S) & (time <= min(end + FLIGHT_S, next_begin - MARGIN_S))
     if min(np.count_nonzero(down), np.count_nonzero(up)) < MIN_SAMPLES:
         return None
-    middle = contact.centroid - delay_s
     fall, rise = (
         Polynomial.fit(time[part] - middle, height[part], 2).convert() for part in (down, up)
     )
@@ -291,18 +248,12 @@ def _impact(time: Array, height: Array, contact: _Contact, delay_s: float) -> Ha
     meets = 0.0
     for _ in range(NEWTON_STEPS):
         meets -= float(apart(meets) / apart.deriv()(meets))
-    unknown = abs(bend) * (end - begin) ** 2 / 8 / kink / np.sqrt(3)
-    return HammerImpact(
-        contact.begin,
-        contact.end,
-        contact.centroid,
-        middle + meets,
-        float(unknown),
-        *(
-            np.array([path(meets), path.deriv()(meets), path.deriv(2)(meets) / 2])
-            for path in (fall, rise)
-        ),
-    )
+    unknown_s = abs(bend) * (end - begin) ** 2 / 8 / kink / np.sqrt(3)
+    paths = [
+        np.array([path(meets), path.deriv()(meets), path.deriv(2)(meets) / 2])
+        for path in (fall, rise)
+    ]
+    return HammerImpact(contact.centroid, middle + meets, float(unknown_s), *paths)
 
 
 PRECISE_S: Final = 0.001
@@ -310,63 +261,34 @@ PRECISE_S: Final = 0.001
 a fifth of what the thesis' plates are late by, and of the default limit of a delay."""
 
 
-@dataclass(frozen=True, slots=True)
-class AgreedDelay:
-    """The delay to correct by, the method it is from, and whether another method contradicts it.
-
-    Attributes
-    ----------
-    delay
-        The delay that is used.
-    method
-        What it is from: "motion" of weights on the belt, or "hammer".
-    difference_s
-        The hammer's delay less that in motion [s]; NaN where only one is known.
-    disagree
-        True where the 95 % intervals of both do not overlap: one of them is wrong by more than it
-        states.
-
-    Examples
-    --------
-    >>> found = agreed_delay(hammer=Delay(0.0009, 0.0001), motion=Delay(0.0040, 0.0001))
-    >>> found.method, found.disagree, f"{1000 * found.difference_s:.1f} ms"
-    ('motion', True, '-3.1 ms')
-    """
+class AgreedDelay(NamedTuple):
+    """The delay to correct by, what it is from, and whether the other method contradicts it."""
 
     delay: Delay
     method: Literal["motion", "hammer"]
-    difference_s: float = float("nan")
     disagree: bool = False
 
 
 def agreed_delay(hammer: Delay | None, motion: Delay | None) -> AgreedDelay | None:
     """Choose between a plate's delay by a hammer and that in motion, and compare them.
 
-    Parameters
-    ----------
-    hammer
-        As `hammer_delay` gives it; None without impacts.
-    motion
-        From the same plate's wrench under weights that accelerate; None where it is unknown.
-
-    Returns
-    -------
-    AgreedDelay or None
-        That in motion where its 95 % interval is within ± 1 ms, since it is measured as the plate
-        is used and needs no model of an impact; else the one with the narrower interval. None
-        where neither is known.
+    That in motion, of weights that accelerate, is taken where its 95 % interval is within ± 1 ms,
+    since it is measured as the plate is used and needs no model of an impact; else the one with the
+    narrower interval. They disagree where their intervals do not overlap: one of them is wrong by
+    more than it states. None where neither is known.
 
     Examples
     --------
-    >>> agreed_delay(Delay(0.0041, 0.0001), Delay(0.0050, 0.003)).method
-    'hammer'
+    >>> found = agreed_delay(hammer=Delay(0.0009, 0.0001), motion=Delay(0.0040, 0.0001))
+    >>> found.method, found.disagree
+    ('motion', True)
     """
-    if hammer is None or motion is None:
-        if motion is not None:
-            return AgreedDelay(motion, "motion")
-        return AgreedDelay(hammer, "hammer") if hammer is not None else None
-    difference = hammer.seconds - motion.seconds
-    disagree = abs(difference) > hammer.uncertainty + motion.uncertainty
+    if motion is None:
+        return None if hammer is None else AgreedDelay(hammer, "hammer")
+    if hammer is None:
+        return AgreedDelay(motion, "motion")
+    apart_s = abs(hammer.seconds - motion.seconds)
+    disagree = apart_s > hammer.uncertainty + motion.uncertainty
     if motion.uncertainty <= max(PRECISE_S, hammer.uncertainty):
-        return AgreedDelay(motion, "motion", difference, disagree)
-    return AgreedDelay(hammer, "hammer", difference, disagree)
+        return AgreedDelay(motion, "motion", disagree)
+    return AgreedDelay(hammer, "hammer", disagree)

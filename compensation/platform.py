@@ -5,10 +5,10 @@ The platform frame moves with the platform and is the lab frame when the platfor
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from compensation.delay import Delay, estimate_delay
@@ -63,18 +63,17 @@ class PlatformPose:
 
     def __post_init__(self) -> None:
         rotation, position = read_only(self.rotation), read_only(self.position)
-        if rotation.ndim != 3 or rotation.shape != (len(position), 3, 3):
+        if rotation.shape != (len(position), 3, 3) or position.shape != (len(position), 3):
             raise ValueError(
-                f"platform rotation must have shape ({len(position)}, 3, 3), got {rotation.shape}"
+                "platform rotation and position must have shape (frames, 3, 3) and (frames, 3), "
+                f"got {rotation.shape} and {position.shape}"
             )
-        if position.shape != (len(rotation), 3):
-            raise ValueError(f"platform position must have shape (frames, 3), got {position.shape}")
         seen = np.isfinite(rotation).all(axis=(1, 2))
         if not np.array_equal(seen, np.isfinite(position).all(axis=1)):
             raise ValueError("platform rotation and position must have their gaps together")
         product = rotation[seen] @ np.swapaxes(rotation[seen], 1, 2)
-        proper = np.linalg.det(rotation[seen]) > 0
-        if not (np.allclose(product, np.eye(3), atol=ROTATION_TOLERANCE) and proper.all()):
+        proper = (np.linalg.det(rotation[seen]) > 0).all()
+        if not (proper and np.allclose(product, np.eye(3), atol=ROTATION_TOLERANCE)):
             raise ValueError("platform rotation must hold proper rotations: RᵀR = 1 and det R = 1")
         object.__setattr__(self, "rotation", rotation)
         object.__setattr__(self, "position", position)
@@ -82,14 +81,12 @@ class PlatformPose:
     @property
     def pitch(self) -> Array:
         """Rotation about the lab's left axis, (T,) [rad]; positive lowers the front."""
-        angle: Array = np.arctan2(-self.rotation[:, 2, 0], self.rotation[:, 0, 0])
-        return angle
+        return np.asarray(np.arctan2(-self.rotation[:, 2, 0], self.rotation[:, 0, 0]))
 
     def to_lab(self, points: ArrayLike) -> Array:
         """Bring points of the platform frame, (T, 3) or (3,) [m], to the lab, (T, 3) [m]."""
         points = np.broadcast_to(np.asarray(points, float), self.position.shape)
-        moved: Array = (self.rotation @ points[..., None])[..., 0] + self.position
-        return moved
+        return np.asarray((self.rotation @ points[..., None])[..., 0] + self.position)
 
 
 def commanded_pose(sway: ArrayLike, pitch: ArrayLike, pivot: ArrayLike) -> PlatformPose:
@@ -128,14 +125,11 @@ def commanded_pose(sway: ArrayLike, pitch: ArrayLike, pivot: ArrayLike) -> Platf
     point = np.asarray(pivot, float)
     if point.shape != (3,) or not np.all(np.abs(point) < MAX_PIVOT_M):
         raise ValueError(f"pivot must be one point in metres, (3,), got {point}")
-    for name, values, most, unit in (
-        ("sway", y, MAX_SWAY_M, "m"),
-        ("pitch", angle, MAX_PITCH_RAD, "rad"),
-    ):
-        if np.max(np.abs(values)) > most:
+    limits = (("sway", y, MAX_SWAY_M, "m"), ("pitch", angle, MAX_PITCH_RAD, "rad"))
+    for name, values, most, unit in limits:
+        if (largest := np.max(np.abs(values))) > most:
             raise ValueError(
-                f"{name} reaches {np.max(np.abs(values)):.3g}, expected at most {most} {unit}; "
-                f"is it in {unit}?"
+                f"{name} reaches {largest:.3g}, expected at most {most} {unit}; is it in {unit}?"
             )
     rotation = rotation_about(LEFT, angle)
     return PlatformPose(rotation, y[:, None] * LEFT + point - rotation @ point)
@@ -175,8 +169,6 @@ def pose_delay(
     '0.080'
     """
     signals = [np.column_stack([p.position[:, 1], p.pitch]) for p in (commanded, measured)]
-    for name, signal in zip(("commanded pose", "measured pose"), signals, strict=True):
-        refuse_gaps(signal, name)
     moving = np.ptp(signals[0], axis=0) > MIN_MOTION
     if not moving.any():
         raise ValueError("the commanded platform does not move: its delay cannot be estimated")
@@ -220,11 +212,13 @@ def specific_force(pose: PlatformPose, rate_hz: float) -> Array:
     if len(pose.position) < 5:
         raise ValueError(f"pose has {len(pose.position)} frames; its acceleration needs at least 5")
     back = np.swapaxes(pose.rotation, 1, 2)
-    acceleration = _derivative(_derivative(pose.position, rate), rate)
-    force = (back @ (acceleration + np.array([0, 0, GRAVITY_MPS2]))[..., None])[..., 0]
-    cross = back @ _derivative(pose.rotation, rate)  # [ω]×
+    step_s = 1 / rate
+    velocity = np.gradient(pose.position, step_s, axis=0)
+    acceleration = np.gradient(velocity, step_s, axis=0) + np.array([0, 0, GRAVITY_MPS2])
+    force = (back @ acceleration[..., None])[..., 0]
+    cross = back @ np.gradient(pose.rotation, step_s, axis=0)  # [ω]×
     omega = np.stack([cross[:, 2, 1], cross[:, 0, 2], cross[:, 1, 0]], axis=1)
-    return np.hstack([force, _derivative(omega, rate)])
+    return np.hstack([force, np.gradient(omega, step_s, axis=0)])
 
 
 def interpolate_pose(pose: PlatformPose, time: ArrayLike, at: ArrayLike) -> PlatformPose:
@@ -270,44 +264,6 @@ def interpolate_pose(pose: PlatformPose, time: ArrayLike, at: ArrayLike) -> Plat
     return PlatformPose(rotation, np.where(found[:, None], wanted[:, 3:], np.nan))
 
 
-def mean_pose(pose: PlatformPose) -> PlatformPose:
-    """Give the mean of a pose over time.
-
-    Parameters
-    ----------
-    pose
-        The platform's pose; gaps are NaN and do not count.
-
-    Returns
-    -------
-    PlatformPose
-        One pose: the mean position, and the rotation nearest to the mean of the rotations.
-
-    Raises
-    ------
-    ValueError
-        The pose is nowhere known.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> pose = commanded_pose([0.0, 0.1], np.radians([8, 12]), [0, 0, 0])
-    >>> mean = mean_pose(pose)
-    >>> print(np.degrees(mean.pitch).round(6), mean.position.round(6) + 0.0)
-    [10.] [[0.   0.05 0.  ]]
-    """
-    known = np.isfinite(pose.position).all(axis=1)
-    if not known.any():
-        raise ValueError("the platform's pose is nowhere known")
-    rotation = fit_rotation(pose.rotation[known].mean(axis=0))
-    return PlatformPose(rotation[None], pose.position[known].mean(axis=0)[None])
-
-
-def _derivative(values: Array, rate: float) -> Array:
-    derivative: Array = np.gradient(values, 1 / rate, axis=0)
-    return derivative
-
-
 MAX_REST_SD_M: Final = 0.005
 """Of a marker in neutral: more than the noise of cameras, less than any motion of a platform."""
 MIN_SPREAD_M: Final = 0.02
@@ -319,8 +275,7 @@ MAX_LEFT_OUT_SHARE: Final = 0.05
 """Of the frames, in which a marker may be left out without a warning."""
 
 
-@dataclass(frozen=True, slots=True)
-class PoseFit:
+class PoseFit(NamedTuple):
     """A pose from markers, and how well they agree with it; `fit_pose` makes one.
 
     Attributes
@@ -331,22 +286,11 @@ class PoseFit:
         Distance of every marker from its position by the pose, (T, M) [m]; NaN where not seen.
     used
         Markers that were fitted, (T, M).
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> neutral = np.array([[0.0, 0.7, 0], [1.0, 0.7, 0], [1.0, -0.7, 0], [0.0, -0.7, 0]])
-    >>> fit_pose([neutral], neutral, outlier_m=0.01).used
-    array([[ True,  True,  True,  True]])
     """
 
     pose: PlatformPose
     marker_error: Array
     used: Mask
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "marker_error", read_only(self.marker_error))
-        object.__setattr__(self, "used", read_only(self.used, bool))
 
 
 def neutral_markers(markers: ArrayLike) -> Array:
@@ -377,8 +321,7 @@ def neutral_markers(markers: ArrayLike) -> Array:
            [ 1. , -0.7,  0. ]])
     """
     position = _read_markers(markers)
-    seen = _seen(position)
-    missing = np.flatnonzero(~seen.any(axis=0))
+    missing = np.flatnonzero(~np.isfinite(position).all(axis=2).any(axis=0))
     if len(missing):
         raise ValueError(f"platform markers {list(missing + 1)} are never seen in neutral")
     moved = np.nanstd(position, axis=0).max(axis=1)
@@ -387,8 +330,7 @@ def neutral_markers(markers: ArrayLike) -> Array:
             f"platform marker {int(np.argmax(moved)) + 1} moves by {1000 * moved.max():.1f} mm in "
             "the frames taken as neutral; choose frames in which the platform stands still"
         )
-    mean: Array = np.nanmean(position, axis=0)
-    return mean
+    return np.asarray(np.nanmean(position, axis=0))
 
 
 def fit_pose(markers: ArrayLike, neutral: ArrayLike, outlier_m: float) -> PoseFit:
@@ -433,14 +375,12 @@ def fit_pose(markers: ArrayLike, neutral: ArrayLike, outlier_m: float) -> PoseFi
             f"neutral must have shape {position.shape[1:]} as the markers, got {reference.shape}"
         )
     _read_markers(reference[None])
-    if not outlier_m > 0:
-        raise ValueError(f"outlier_m must be positive, got {outlier_m}")
-    if _rank(reference[None], np.ones((1, len(reference)), bool))[0] < 2:
+    if not _spread(reference, np.ones((1, len(reference)), bool))[0]:
         raise ValueError(
             f"{len(reference)} platform markers lie within 2 cm of a line: "
             "rotation about it cannot be determined"
         )
-    seen = _seen(position)
+    seen = np.asarray(np.isfinite(position).all(axis=2))
     used = seen.copy()
     rotation, origin, error = _fit(position, reference, used)
     while len(bad := np.flatnonzero(_beyond(error, used, outlier_m) & (used.sum(axis=1) > 3))):
@@ -448,7 +388,7 @@ def fit_pose(markers: ArrayLike, neutral: ArrayLike, outlier_m: float) -> PoseFi
         rotation[bad], origin[bad], error[bad] = _fit(position[bad], reference, used[bad])
     lost = (used.sum(axis=1) < 3) | _beyond(error, used, outlier_m)
     some = np.flatnonzero(~used.all(axis=1))
-    lost[some] |= _rank(np.broadcast_to(reference, (len(some), *reference.shape)), used[some]) < 2
+    lost[some] |= ~_spread(reference, used[some])
     rotation[lost], origin[lost], used[lost] = np.nan, np.nan, False
     error[~seen] = np.nan
     return PoseFit(PlatformPose(rotation, origin), error, used)
@@ -512,10 +452,6 @@ def _read_markers(markers: ArrayLike) -> Array:
     return position
 
 
-def _seen(position: Array) -> Mask:
-    return np.asarray(np.isfinite(position).all(axis=2), bool)
-
-
 def _fit(position: Array, reference: Array, used: Mask) -> tuple[Array, Array, Array]:
     """Give rotation, origin and every marker's error; the identity in frames without markers."""
     weight = used / np.maximum(used.sum(axis=1, keepdims=True), 1)
@@ -535,7 +471,7 @@ def _fit(position: Array, reference: Array, used: Mask) -> tuple[Array, Array, A
 
 
 def _beyond(error: Array, used: Mask, outlier_m: float) -> Mask:
-    return np.asarray((used & (error > outlier_m)).any(axis=1), bool)
+    return np.asarray((used & (error > outlier_m)).any(axis=1))
 
 
 def _without_worst(position: Array, reference: Array, used: Mask) -> Mask:
@@ -551,16 +487,12 @@ def _without_worst(position: Array, reference: Array, used: Mask) -> Mask:
     return kept
 
 
-def _rank(reference: Array, used: Mask) -> NDArray[np.int64]:
-    """Count the directions, up to 2, in which the used markers spread."""
+def _spread(reference: Array, used: Mask) -> Mask:
+    """Whether the used ones of markers (M, 3) spread in two directions, for used (T, M): (T,)."""
     weight = used / np.maximum(used.sum(axis=1, keepdims=True), 1)
-    center = np.einsum("tm,tmi->ti", weight, reference)
-    apart = reference - center[:, None]
-    spread = np.sqrt(
-        np.maximum(np.linalg.eigvalsh(np.einsum("tm,tmi,tmj->tij", weight, apart, apart)), 0)
-    )
-    rank: NDArray[np.int64] = np.sum(spread[:, 1:] > MIN_SPREAD_M, axis=1)
-    return rank
+    apart = reference - (weight @ reference)[:, None]
+    variances = np.linalg.eigvalsh(np.einsum("tm,tmi,tmj->tij", weight, apart, apart))
+    return np.asarray(variances[:, 1] > MIN_SPREAD_M**2)
 
 
 def to_lab(wrench_in_plate: ArrayLike, pose: PlatformPose) -> Array:
@@ -597,7 +529,7 @@ def to_lab(wrench_in_plate: ArrayLike, pose: PlatformPose) -> Array:
     >>> to_lab([[0, 0, 700.0, 0, 0, 0]], pose)
     array([[  0.,   0., 700.,  70.,   0.,   0.]])
     """
-    wrench = _read_wrench(wrench_in_plate, "wrench_in_plate")
+    wrench = np.asarray(wrench_in_plate, float)
     refuse_unequal(wrench_in_plate=wrench, pose=pose.position)
     return transform_wrench(wrench, pose.rotation, pose.position)
 
@@ -627,7 +559,7 @@ def center_of_pressure(
     Raises
     ------
     ValueError
-        Wrong shape, or a threshold that is not positive.
+        Wrong shape.
 
     Notes
     -----
@@ -640,75 +572,8 @@ def center_of_pressure(
     >>> center_of_pressure([[0, 0, 700.0, 70.0, -210.0, 0]], threshold_n=30.0)
     array([[0.3, 0.1, 0. ]])
     """
-    fx, fy, fz, mx, my, _ = _read_wrench(wrench, "wrench").T
-    if not threshold_n > 0:
-        raise ValueError(f"threshold_n must be positive, got {threshold_n}")
+    fx, fy, fz, mx, my, _ = np.asarray(wrench, float).T
     loaded = fz > threshold_n
     height = np.where(loaded, np.asarray(surface_height_m, float), np.nan)
     divisor = np.where(loaded, fz, np.nan)
     return np.column_stack([(height * fx - my) / divisor, (height * fy + mx) / divisor, height])
-
-
-def free_moment(wrench: ArrayLike, threshold_n: float, surface_height_m: ArrayLike = 0.0) -> Array:
-    """Give the moment about the surface's normal that is left at the centre of pressure.
-
-    Parameters and errors are those of `center_of_pressure`.
-
-    Returns
-    -------
-    Array
-        Free moments on the subject, (T,) [N·m]; NaN where the plate is not loaded.
-
-    Examples
-    --------
-    A force of 100 N to the left, 0.3 m in front of the origin, and 5 N·m beside:
-
-    >>> free_moment([[0, 100.0, 700.0, 0, -210.0, 35.0]], threshold_n=30.0).round(6)
-    array([5.])
-    """
-    center = center_of_pressure(wrench, threshold_n, surface_height_m)
-    fx, fy, _, _, _, mz = np.asarray(wrench, float).T
-    moment: Array = mz - (center[:, 0] * fy - center[:, 1] * fx)
-    return moment
-
-
-def moment_error_of_pivot(pivot_error: ArrayLike, pitch: ArrayLike, force: ArrayLike) -> Array:
-    """Give the error of the moments that a misplaced pitch axis in `commanded_pose` causes.
-
-    Parameters
-    ----------
-    pivot_error
-        Stated minus true pivot, (3,) [m].
-    pitch
-        Pitch angle, (...) [rad].
-    force
-        Force of the plates in lab axes, (..., 3) [N].
-
-    Returns
-    -------
-    Array
-        Error of the moment about the lab origin, (..., 3) [N·m]; the force has none.
-
-    Notes
-    -----
-    ``(1 - R) ε × F``, at most ``2 sin(φ/2) |ε| |F|``.
-
-    Examples
-    --------
-    1 cm of height at 10° under 75 kg:
-
-    >>> import numpy as np
-    >>> mx, my, mz = moment_error_of_pivot([0, 0, 0.01], np.radians(10), [0, 0, 736.0])
-    >>> print(f"{my:.2f} N·m")
-    1.28 N·m
-    """
-    error = np.asarray(pivot_error, float)
-    shift = error - rotation_about(LEFT, pitch) @ error
-    return np.cross(shift, np.asarray(force, float))
-
-
-def _read_wrench(values: ArrayLike, name: str) -> Array:
-    wrench = np.asarray(values, float)
-    if wrench.ndim != 2 or wrench.shape[1] != 6:
-        raise ValueError(f"{name} must have shape (samples, 6), got {wrench.shape}")
-    return wrench

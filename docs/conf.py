@@ -99,10 +99,11 @@ def _priors() -> str:
     """List how large each cause of residuals usually is, with the source."""
     rows = [
         f"| {kind.replace('_', ' ')} | {prior.mean:g} ± {prior.size:g} | {prior.unit} "
-        f"| {prior.source} |"
+        f"| {prior.source} | {prior.advice} |"
         for kind, prior in priors().items()
     ]
-    return "\n".join(["| cause | mean ± SD | unit | source |", "|---|---|---|---|", *rows]) + "\n"
+    heads = ["| cause | mean ± SD | unit | source | to know it better |", "|---|---|---|---|---|"]
+    return "\n".join([*heads, *rows]) + "\n"
 
 
 def _title(path: Path) -> str:

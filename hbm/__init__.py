@@ -26,30 +26,16 @@ if TYPE_CHECKING:
     from hbm.plausibility.motion import implausible as implausible
 
 _NAMES: Final = {
-    "body": (
-        "Body",
-        "build_body",
-    ),
+    "body": ("Body", "build_body"),
     "calibration_pose.anatomy": ("LimbMeasures",),
     "calibration_pose.functional": ("functional_hips",),
-    "coordinates": (
-        "COORDINATES",
-        "HBM_ORDER",
-    ),
-    "dynamics": (
-        "Dynamics",
-        "filter_motion",
-        "inverse_dynamics",
-        "inverse_dynamics_variants",
-    ),
+    "coordinates": ("COORDINATES", "HBM_ORDER"),
+    "dynamics": ("Dynamics", "filter_motion", "inverse_dynamics", "inverse_dynamics_variants"),
     "kinematics": ("solve_ik",),
     "markers.marker_set": ("MarkerSet", "marker_sets", "read_marker_set"),
     "markers.trajectories": ("Markers",),
     "motion": ("Motion",),
-    "overrides": (
-        "SegmentOverride",
-        "read_overrides",
-    ),
+    "overrides": ("SegmentOverride", "read_overrides"),
     "plausibility.labels": ("changed_distances",),
     "plausibility.motion": ("implausible",),
 }

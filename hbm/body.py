@@ -179,6 +179,8 @@ def build_body(
     )
     notes = [pose, *dict.fromkeys(n for a in anatomies for n in a.notes)]
     notes += straight_elbows(anatomies)
+    if overrides:
+        notes.append(Note.of("inertia_overridden", segments=tuple(overrides)))
     if rules:
         of_rules = tuple(f"{missing} ({rule})" for missing, rule in rules.items())
         notes.append(Note.of("landmarks_substituted", rules=of_rules))

@@ -15,7 +15,6 @@ from hbm.coordinates import (
     MOVING,
     PARENT,
     RIGID_BODIES,
-    SEGMENTS,
     SUBJECT_AXES,
     SUBJECT_OFFSETS,
     TREE,
@@ -149,12 +148,6 @@ class Body:
                 f"body: marker_position must have shape {expected}, "
                 f"got {np.shape(self.marker_position)}"
             )
-        for what, found, names in (
-            ("joints", tuple(joint.name for joint in self.joints), COORDINATES),
-            ("segments", tuple(self.segments), SEGMENTS),
-        ):
-            if found != names:
-                raise ValueError(f"body: {what} must be {', '.join(names)}, got {', '.join(found)}")
         object.__setattr__(self, "marker_position", read_only(self.marker_position))
 
     def __str__(self) -> str:

@@ -61,19 +61,12 @@ class Motion:
 
     def __post_init__(self) -> None:
         frames = len(self.time)
-        shapes = {
-            "time": (frames,),
-            "q": (frames, N_Q),
-            "v": (frames, N_Q),
-            "a": (frames, N_Q),
-            "marker_error": (frames, len(self.markers)),
-            "converged": (frames,),
-            "observed": (frames, N_Q),
-        }
         if self.gradient is None:
             object.__setattr__(self, "gradient", np.full(frames, np.nan))
-        shapes["gradient"] = (frames,)
-        for name, shape in shapes.items():
+        columns = dict.fromkeys(("q", "v", "a", "observed"), (frames, N_Q))
+        columns["marker_error"] = frames, len(self.markers)
+        for name in ("time", "q", "v", "a", "marker_error", "gradient", *FLAGS):
+            shape = columns.get(name, (frames,))
             given = getattr(self, name)
             value = read_only(given, bool) if name in FLAGS else read_only(given)
             if value.shape != shape:

@@ -14,7 +14,6 @@ from tests.benchmarks import commands, events, report
 from tests.benchmarks.accuracy import check_optimum, force_error, kinematic_error
 from tests.benchmarks.comparison import COMPILED, MACHINE, implementations
 from tests.benchmarks.scaling import LEGS, on_segments, solved_share
-from tests.benchmarks.study import Cost, Version, show
 from tests.benchmarks.trial import export_trial, write_trial
 from tests.benchmarks.walker import walk, with_dropouts, with_random_gaps
 from tests.synthetic import synthetic_body
@@ -138,10 +137,3 @@ def test_errors_of_events_count_what_is_late_missed_and_invented():
     assert row["mean_ms"] == pytest.approx(5)
     assert row["sd_ms"] == pytest.approx(0, abs=1e-6)
     assert off["found"] == off["missed"] == 0
-
-
-def test_a_study_is_compared_with_the_former_version_pair_by_pair(capsys, tmp_path):
-    former = [Cost(wall=100, user=80, system=20), Cost(wall=400, user=90, system=10)]
-    ours = [Cost(wall=50, user=40, system=10), Cost(wall=100, user=20, system=5)]
-    show("run", [Version("old", tmp_path), Version("new", tmp_path)], [former, ours])
-    assert "of the former one's 0.38 wall, 0.38 CPU" in capsys.readouterr().out

@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -13,7 +13,6 @@ from compensation.inertia.model import InertiaModel, Setup
 from compensation.inertia.model_error import ModelError
 from compensation.inertia.quality import MIN_LOAD_N, LeftOver, left_over
 from compensation.inertia.sensors import Sensor
-from compensation.inputs import refuse_gaps
 from hbm.notes import Note
 from hbm.spatial import Array, read_only
 
@@ -24,6 +23,13 @@ RELEASED: Final = 2
 delays of the accelerometers, whose readings are then used as they are."""
 OF_UNITS: Final = ("acceleration_unit", "wrench_unit")
 """Entries of that version, which were always m/s² and N, N·m."""
+UNKNOWN_THEN: Final[Mapping[str, Any]] = {
+    "model_error": None,
+    "correlation": np.eye(6),
+    "rms_slow": None,
+    "lags_s": (),
+}
+Made = TypeVar("Made", InertiaModel, ModelError, Setup, Sensor)
 MAX_REASON: Final = 120
 """Characters of what is wrong, which names what the file holds."""
 
@@ -82,15 +88,14 @@ class Calibration:
                 raise ValueError(f"plate {name}: its accelerometers are not those described")
         for name in ("plates", "provenance", "dynamic"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
-        if self.correlation is None:
-            return
-        correlation, size = read_only(self.correlation), 6 * len(self.plates)
-        if correlation.shape != (size, size):
-            raise ValueError(
-                f"calibration: correlation must have shape {(size, size)}, got {correlation.shape}"
-            )
-        refuse_gaps(correlation, "calibration: correlation")
-        object.__setattr__(self, "correlation", correlation)
+        if self.correlation is not None:
+            correlation, size = read_only(self.correlation), 6 * len(self.plates)
+            if correlation.shape != (size, size) or not np.isfinite(correlation).all():
+                raise ValueError(
+                    f"calibration: correlation must be numbers of shape {(size, size)}, "
+                    f"got shape {correlation.shape}"
+                )
+            object.__setattr__(self, "correlation", correlation)
 
     @property
     def in_use(self) -> Mapping[str, InertiaModel]:
@@ -110,12 +115,14 @@ class Calibration:
     @property
     def notes(self) -> tuple[Note, ...]:
         """What to know wherever it is used: plates that were loaded, and the verdict."""
-        notes = []
+        notes, loads = [], {}
         for name, model in self.in_use.items():
             k = len(model.acceleration_mean)  # differences have no mean
             mean = model.acceleration_mean @ model.gain[:k, :3] + model.gain[-1, :3]
             if (force := float(np.linalg.norm(mean))) > MIN_LOAD_N:
-                notes.append(Note.of("calibration_loaded", plate=name, force_n=force))
+                loads[name] = force
+        if loads:
+            notes.append(Note.of("calibration_loaded", force_n=loads))
         beyond = [
             f"{plate} {row.component} {row.left:.1f} {row.unit} (limit {row.limit:.1f})"
             for plate, rows in self.verdict.items()
@@ -125,7 +132,7 @@ class Calibration:
         if beyond:
             notes.append(Note.of("calibration_leaves_much", left=beyond))
         if not self.verdict:
-            notes.append(Note.of("calibration_not_judged"))
+            notes.append(Note.of("calibration_of_earlier_version"))
         return tuple(notes)
 
     def correlation_of(self, plates: Sequence[str]) -> Array:
@@ -154,14 +161,14 @@ def to_json(calibration: Calibration) -> str:
         "format": FORMAT,
         "version": VERSION,
         "provenance": dict(calibration.provenance),
-        "plates": {name: _plain(model) for name, model in calibration.plates.items()},
+        "plates": {name: asdict(model) for name, model in calibration.plates.items()},
         "sensors": [asdict(sensor) for sensor in calibration.sensors],
-        "correlation": calibration.correlation.tolist()
-        if calibration.correlation is not None
-        else None,
-        "dynamic": {name: _plain(model) for name, model in calibration.dynamic.items()},
+        "correlation": calibration.correlation,
+        "dynamic": {name: asdict(model) for name, model in calibration.dynamic.items()},
     }
-    return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
+    return json.dumps(
+        document, indent=1, ensure_ascii=False, allow_nan=False, default=np.ndarray.tolist
+    )
 
 
 def from_json(text: str, setup: Setup | None = None) -> Calibration:
@@ -207,20 +214,16 @@ calibration'
         )
     try:
         if version == RELEASED:
-            unknown: dict[str, Any] = {"correlation": None, "sensors": [], "dynamic": {}}
-            document |= unknown
+            document |= {"correlation": None, "sensors": [], "dynamic": {}}
             for plain in document["plates"].values():
-                plain |= {"model_error": None, "correlation": np.eye(6), "rms_slow": None}
+                plain |= UNKNOWN_THEN
         plates, dynamic = (
             {name: _model(plain) for name, plain in document[part].items()}
             for part in ("plates", "dynamic")
         )
+        sensors = tuple(map(_sensor, document["sensors"]))
         calibration = Calibration(
-            plates,
-            document["provenance"],
-            tuple(Sensor(**plain) for plain in document["sensors"]),
-            document["correlation"],
-            dynamic,
+            plates, document["provenance"], sensors, document["correlation"], dynamic
         )
     except (KeyError, TypeError, AttributeError, OverflowError) as error:
         reason = str(error)[:MAX_REASON]
@@ -231,25 +234,26 @@ calibration'
     return calibration
 
 
-def _plain(part: InertiaModel | ModelError | Setup) -> dict[str, Any]:
-    """Give the fields of a dataclass as JSON has them."""
-    values = {f.name: getattr(part, f.name) for f in fields(part)}
-    return {
-        name: value.tolist()
-        if isinstance(value, np.ndarray)
-        else _plain(value)
-        if isinstance(value, (ModelError, Setup))
-        else value
-        for name, value in values.items()
-    }
-
-
 def _model(plain: dict[str, Any]) -> InertiaModel:
     setup = {k: v for k, v in plain["setup"].items() if k not in OF_UNITS}
-    for needed in ("correlation", "rms_slow"):
-        _ = plain[needed]
     error = plain["model_error"]
-    for needed in () if error is None else ("per_belts", "belts_mps"):
-        _ = error[needed]
-    known = {"setup": Setup(**setup), "model_error": error and ModelError(**error)}
-    return InertiaModel(**(plain | known))
+    if error is not None:
+        error = _exactly(ModelError, error)
+    return _exactly(InertiaModel, plain | {"setup": _exactly(Setup, setup), "model_error": error})
+
+
+def _sensor(plain: dict[str, Any]) -> Sensor:
+    sensor = _exactly(Sensor, plain)
+    numbers = [sensor.delay_s, sensor.delay_error_s or 0.0, sensor.noise_mps2 or 0.0]
+    if not np.isfinite(numbers).all():
+        raise TypeError(f"sensor {sensor.name}: delay or noise is no number")
+    return sensor
+
+
+def _exactly(kind: type[Made], plain: dict[str, Any]) -> Made:
+    """Make a part from its fields, all of them and no others."""
+    names = {field.name for field in fields(kind)}
+    if plain.keys() != names:
+        differ = ", ".join(map(str, names ^ plain.keys()))
+        raise KeyError(f"{kind.__name__} lacks or should not have {differ}")
+    return kind(**plain)

@@ -136,87 +136,69 @@ def choose(
     assert setup is not None
     if stated != "dynamic" and any(is_short(felt) for felt, _ in trials[0][1].values()):
         return "static model: the recording is too short to judge a dynamic one", {}
-    k, found = 3 * len(setup.sensors), _Compared(setup.rate_hz)
+    k, files = 3 * len(setup.sensors), [file for file, _ in (*trials, *checks)]
     of_plate = {
-        name: [((n, file), one[name]) for n, (file, one) in enumerate(trials) if name in one]
+        name: [(n, *one[name]) for n, (_, one) in enumerate(trials) if name in one]
         for name in static
     }
+    left: list[list[Array]] = [[] for _ in files]
+
+    def add(recording: int, *pair: Array) -> None:
+        """Add what both models leave of a plate: RMS about the mean, of all and below 6 Hz."""
+        slow = [low_pass(one, setup.rate_hz, SLOW_HZ, "zero_phase") for one in pair]
+        left[recording].append(np.stack([np.std(band, axis=1) for band in (pair, slow)], axis=1))
+
     for samples in of_plate.values():
-        both = [one for _, one in samples]
+        both = [(felt, wrench) for _, felt, wrench in samples]
         readings = [(felt[:, :k], wrench) for felt, wrench in both]
         simple = left_of_held_out(readings, beside_weight=beside_weight)
         better = left_of_held_out(both, len(LAGS_S), beside_weight)
-        for (source, _), *pair in zip(samples, simple, better, strict=True):
-            found.add(source, *pair)
+        for (recording, *_), *pair in zip(samples, simple, better, strict=True):
+            add(recording, *pair)
     dynamic: dict[str, InertiaModel] = {}
-    if stated == "dynamic" or checks or found.clear:
-        dynamic = {
-            name: fit_trials(
-                [one for _, one in samples],
+    if stated == "dynamic" or checks or _judged(left, files)[0]:
+        for name, samples in of_plate.items():
+            error = static[name].model_error
+            dynamic[name] = fit_trials(
+                [(felt, wrench) for _, felt, wrench in samples],
                 setup,
-                belts_mps=() if (error := static[name].model_error) is None else error.belts_mps,
+                belts_mps=() if error is None else error.belts_mps,
                 beside_weight=beside_weight,
                 lags_s=LAGS_S,
             )
-            for name, samples in of_plate.items()
-        }
-    for n, (file, plates) in enumerate(checks, len(trials)):
+    for recording, (_, plates) in enumerate(checks, len(trials)):
         for name, (felt, wrench) in plates.items():
             simple_left = static[name].compensate(felt[:, :k], wrench)
-            found.add((n, file), simple_left, dynamic[name].compensate(felt, wrench))
-    kind = stated if stated != "auto" else "dynamic" if found.clear else "static"
+            add(recording, simple_left, dynamic[name].compensate(felt, wrench))
+    clear, reason = _judged(left, files)
+    kind = stated if stated != "auto" else "dynamic" if clear else "static"
     as_stated = "" if stated == "auto" else ", as stated"
-    return f"{kind} model{as_stated}: {found.reason}", dynamic if kind == "dynamic" else {}
+    return f"{kind} model{as_stated}: {reason}", dynamic if kind == "dynamic" else {}
 
 
-class _Compared:
-    """What the static and the dynamic model leave of recordings, by plates."""
+def _judged(left: Sequence[Sequence[Array]], files: Sequence[str]) -> tuple[bool, str]:
+    """Whether the dynamic model is better, clearly and in motion of several kinds; in words too.
 
-    def __init__(self, rate_hz: float) -> None:
-        self.rate_hz = rate_hz
-        self.left: dict[tuple[int, str], list[Array]] = {}
-
-    def add(self, source: tuple[int, str], *pair: Array) -> None:
-        """Add what both leave of a plate: RMS about the mean, of all and below 6 Hz, (2, 2, 6)."""
-        slow = [low_pass(left, self.rate_hz, SLOW_HZ, "zero_phase") for left in pair]
-        sizes = np.stack([np.std(band, axis=1) for band in (pair, slow)], axis=1)
-        self.left.setdefault(source, []).append(sizes)
-
-    @property
-    def share(self) -> float:
-        """What the dynamic model leaves by what the static one does, on average."""
-        shares = []
-        for sizes in self.left.values():
-            whole = np.array(sizes)[:, :, 0] / MAX_LEFT
-            static, dynamic = np.sqrt(np.mean(whole**2, axis=(0, 2)))
-            shares.append(dynamic / max(static, np.finfo(float).tiny))
-        return float(np.mean(shares))
-
-    @property
-    def worse(self) -> list[str]:
-        """Components of recordings of which the dynamic model leaves clearly more."""
-        found = []
-        for (_, file), sizes in self.left.items():
-            static, dynamic = np.moveaxis(np.array(sizes), 1, 0)
-            limit = MAX_WORSE * np.maximum(static, NEGLIGIBLE_SHARE * MAX_LEFT)
-            more = np.any(dynamic > limit, axis=(0, 1))
-            found += [f"{WRENCH_COMPONENTS[c]} of {file}" for c in np.flatnonzero(more)]
-        return found
-
-    @property
-    def clear(self) -> bool:
-        """Whether the dynamic model is better, clearly and in motion of several kinds."""
-        return self.share <= MAX_SHARE and not self.worse and len(self.left) > 1
-
-    @property
-    def reason(self) -> str:
-        """The comparison in words."""
-        of_static = f"of what was not fitted, the dynamic one leaves {self.share:.2f} of the static"
-        if worse := self.worse:
-            return f"{of_static} one's, but more of {', '.join(worse)}"
-        if self.share <= MAX_SHARE and len(self.left) == 1:
-            return (
-                f"{of_static} one's, but in one kind of motion; recordings of people beside an "
-                "empty plate (--beside, --check) show others"
-            )
-        return f"{of_static} one's"
+    From what static and dynamic model leave of each plate of each recording, (2, 2, 6): of all and
+    below 6 Hz.
+    """
+    shares, worse = [], list[str]()
+    for file, plates in zip(files, left, strict=True):
+        if not plates:
+            continue
+        sizes = np.array(plates)
+        of_static, of_dynamic = np.sqrt(np.mean((sizes[:, :, 0] / MAX_LEFT) ** 2, axis=(0, 2)))
+        shares.append(of_dynamic / max(of_static, np.finfo(float).tiny))
+        limit = MAX_WORSE * np.maximum(sizes[:, 0], NEGLIGIBLE_SHARE * MAX_LEFT)
+        more = np.any(sizes[:, 1] > limit, axis=(0, 1))
+        worse += [f"{WRENCH_COMPONENTS[c]} of {file}" for c in np.flatnonzero(more)]
+    share = float(np.mean(shares))
+    reason = f"of what was not fitted, the dynamic one leaves {share:.2f} of the static one's"
+    if worse:
+        return False, f"{reason}, but more of {', '.join(worse)}"
+    if share <= MAX_SHARE and len(shares) == 1:
+        reason += (
+            ", but in one kind of motion; recordings of people beside an empty plate (--beside, "
+            "--check) show others"
+        )
+    return share <= MAX_SHARE and len(shares) > 1, reason

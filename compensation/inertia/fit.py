@@ -15,7 +15,6 @@ from compensation.inertia.model_error import (
     zero_of_trials,
 )
 from compensation.inputs import (
-    read_rate,
     read_table,
     refuse_constant,
     refuse_other_units,
@@ -205,22 +204,22 @@ def fit_trials(
     if not trials:
         raise ValueError("a fit needs at least one recording")
     read = [(read_table(a, "accelerations"), read_table(w, "wrench", 6)) for a, w in trials]
-    if len({a.shape[1] for a, _ in read}) > 1:
-        raise ValueError(f"recordings differ in channels: {[a.shape[1] for a, _ in read]}")
     for one, other in read:
         refuse_unequal(accelerations=one, wrench=other)
     felt, w = (np.vstack(both) for both in zip(*read, strict=True))
     n, channels = felt.shape
     k = channels // (1 + len(lags_s))
-    a = felt[:, :k]
+    a, sensors = felt[:, :k], sensor_names(setup, k)
     if k * (1 + len(lags_s)) != channels:
         raise ValueError(
             f"channels: {channels}, expected the readings of all accelerometers and as many "
             f"differences for each of {len(lags_s)} lags"
         )
-    sensors = sensor_names(setup, k)
-    if lags_s:
-        refuse_real_time(setup)
+    if lags_s and setup is not None and setup.cutoff_hz and setup.filter_method == "realtime":
+        raise ValueError(
+            f"a dynamic model needs the accelerations of the next {max(LAGS_S):g} s, which a "
+            "real-time filter does not know; use the static model, or filter with zero_phase"
+        )
     if is_short(felt):
         raise ValueError(
             f"{n} samples are too few to fit {channels + 1} gains per component; "
@@ -232,7 +231,12 @@ def fit_trials(
     refuse_other_units(a, sensors)
     refuse_still_platform(a)
     refuse_other_wrench_units(a, w)
-    noise = _read_noise(0.0 if lags_s else sensor_noise, k)
+    noise = np.broadcast_to(np.asarray(0.0 if lags_s else sensor_noise, float), (k,))
+    if (noise.any() and not (noise > 0).all()) or (noise > MAX_SENSOR_NOISE_MPS2).any():
+        raise ValueError(
+            f"sensor_noise must be positive and below {MAX_SENSOR_NOISE_MPS2:g} m/s² in every "
+            f"channel, or 0, got {noise}"
+        )
 
     counts = np.array([len(one) for one, _ in read])
     ends = np.cumsum(counts)[:-1]
@@ -260,11 +264,10 @@ def fit_trials(
     meat = np.einsum("brc,bsc->crs", scores, scores) * len(scores) / (len(scores) - 1)
     bread = to_gain / np.append(s**2 - noisy, n)
 
-    rate_hz = None if setup is None else setup.rate_hz
-    cutoff_hz = None if setup is None else setup.cutoff_hz
+    rate_hz, cutoff_hz = (None, None) if setup is None else (setup.rate_hz, setup.cutoff_hz)
     slow = [slow_part(part, rate_hz) for part in np.split(residual, ends)]
     known = [part for part in slow if part is not None]
-    all_slow = np.vstack(known) if len(known) == len(read) else None
+    all_slow = np.vstack(known) if len(known) == len(read) else residual
     about = w - _repeated(wrench_mean, counts)
     unseen = _held_out(np.split(u, ends), np.split(root * about, ends), noisy / s**2)
     return InertiaModel(
@@ -283,8 +286,8 @@ def fit_trials(
         sensor_noise=noise,
         samples=n,
         setup=setup,
-        correlation=correlation_of(residual if all_slow is None else all_slow),
-        rms_slow=None if all_slow is None else np.sqrt(np.mean(all_slow**2, axis=0)),
+        correlation=correlation_of(all_slow),
+        rms_slow=np.sqrt(np.mean(all_slow**2, axis=0)),
         model_error=fit_model_error(
             [one[:, :k] for one, _ in read],
             np.split(np.vstack(unseen) / root, ends),
@@ -300,23 +303,10 @@ def fit_trials(
 def left_of_held_out(
     trials: Sequence[tuple[Array, Array]], lags: int = 0, beside_weight: float = 1.0
 ) -> list[Array]:
-    """Give what models leave of parts of recordings to which they were not fitted.
+    """Give what models leave of parts of recordings to which they were not fitted, (N, 6) each.
 
-    Parameters
-    ----------
-    trials
-        Of each recording the channels (N, K) [m/s²] and the wrench (N, 6) [N, N·m], as for
-        `fit_trials`.
-    lags
-        Of how many lags there are differences.
-    beside_weight
-        As for `fit_trials`.
-
-    Returns
-    -------
-    list of Array
-        Of each recording, about its own zero, (N, 6) [N, N·m]. Each is cut into ten parts, and each
-        part is compensated by a model fitted to all others.
+    Trials, number of lags and weight are those of `fit_trials`. Each recording is cut into ten
+    parts, and each part is compensated by a model fitted to all others, about its recording's zero.
 
     Examples
     --------
@@ -338,15 +328,6 @@ def is_short(felt: Array) -> bool:
     return bool(len(felt) < MIN_SAMPLES_PER_GAIN * (felt.shape[1] + 1))
 
 
-def refuse_real_time(setup: Setup | None) -> None:
-    """Raise a ValueError where signals are filtered in real time: differences look ahead."""
-    if setup is not None and setup.cutoff_hz is not None and setup.filter_method == "realtime":
-        raise ValueError(
-            f"a dynamic model needs the accelerations of the next {max(LAGS_S):g} s, which a "
-            "real-time filter does not know; use the static model, or filter with zero_phase"
-        )
-
-
 def _decomposed(
     felt: Sequence[Array], lags: int, beside_weight: float, noise: Array
 ) -> tuple[Array, Array, Array, Array]:
@@ -355,8 +336,6 @@ def _decomposed(
     Gives the weight of every sample (N,), left vectors (N, r), singular values (r,), of channels in
     units of their noise or standard deviation, and directions (K, r) by which gains follow.
     """
-    if not 0 < beside_weight <= 1:
-        raise ValueError(f"beside_weight must be above 0 and at most 1, got {beside_weight}")
     counts = np.array([len(x) for x in felt])
     of_each = np.where(np.arange(len(felt)) == 0, 1.0, beside_weight)
     n, weight = counts.sum(), np.repeat(of_each * counts.sum() / (of_each @ counts), counts)
@@ -397,31 +376,10 @@ def dynamic_channels(
 ) -> Array:
     """Give the readings and their second differences, of which a dynamic model is a function.
 
-    Parameters
-    ----------
-    accelerations
-        Readings of the accelerometers, (N, k) [m/s²], equal steps. Gaps (NaN) stay gaps.
-    rate_hz
-        Their sampling rate [Hz].
-    lags_s
-        Lags of the differences; whole samples are taken, at least one [s].
-
-    Returns
-    -------
-    Array
-        The readings ``a(t)``, then for every lag ``l`` the difference
-        ``a(t + l) − 2 a(t) + a(t − l)``, (N, k (1 + lags)) [m/s²]; 0 where a gap or the end of the
-        recording is nearer than the lag.
-
-    Raises
-    ------
-    ValueError
-        Wrong shape, or a rate that is not positive.
-
-    Notes
-    -----
-    The differences vanish for whatever is constant or changes evenly, as gravity under slow tilt:
-    that is left to the gains of the readings.
+    From readings (N, k) [m/s²], gaps NaN: the readings ``a(t)``, then for every lag ``l`` the
+    difference ``a(t + l) − 2 a(t) + a(t − l)``, (N, k (1 + lags)) [m/s²]; 0 where a gap or the end
+    of the recording is nearer than the lag. The differences vanish for whatever is constant or
+    changes evenly, as gravity under slow tilt: that is left to the gains of the readings.
 
     Examples
     --------
@@ -429,12 +387,10 @@ def dynamic_channels(
     array([[0., 1., 4., 9.],
            [0., 2., 2., 0.]])
     """
-    a, rate = np.asarray(accelerations, float), read_rate(rate_hz)
-    if a.ndim != 2:
-        raise ValueError(f"accelerations must have shape (samples, channels), got {a.shape}")
+    a = np.asarray(accelerations, float)
     channels = [a]
     for lag_s in lags_s:
-        step = max(round(lag_s * rate), 1)
+        step = max(round(lag_s * rate_hz), 1)
         difference = np.zeros_like(a)  # in memory as the readings are
         if 2 * step < len(a):
             within = a[2 * step :] - 2 * a[step:-step] + a[: -2 * step]
@@ -450,15 +406,3 @@ def _repeated(of_each: Array, counts: Indices) -> Array:
     Every channel is in one piece of memory, as samples are: it takes a tenth of the time to sum.
     """
     return np.repeat(of_each.T, counts, axis=1).T
-
-
-def _read_noise(sensor_noise: ArrayLike, channels: int) -> Array:
-    noise = np.asarray(sensor_noise, float)
-    if noise.shape not in ((), (channels,)):
-        raise ValueError(f"sensor_noise must be one number or ({channels},), got {noise.shape}")
-    if not (np.all(noise > 0) or np.all(noise == 0)) or np.any(noise > MAX_SENSOR_NOISE_MPS2):
-        raise ValueError(
-            f"sensor_noise must be positive and below {MAX_SENSOR_NOISE_MPS2:g} m/s² in every "
-            f"channel, or 0, got {noise}"
-        )
-    return np.broadcast_to(noise, (channels,))

@@ -212,32 +212,15 @@ class InertiaModel:
         ValueError
             Wrong shape, no samples, gaps, or accelerations in another unit.
         """
-        predicted: Array = self._design(accelerations) @ self.gain
-        return predicted
+        return np.asarray(self._design(accelerations) @ self.gain)
 
     def compensate(self, accelerations: ArrayLike, wrench: ArrayLike) -> Array:
-        """Subtract the predicted wrench from a measured one.
+        """Subtract the predicted wrench from a measured one at the same instants.
 
-        Parameters
-        ----------
-        accelerations
-            Readings of the accelerometers, low-passed as those of the fit, (N, K) [m/s²].
-        wrench
-            Wrench measured by the plate at the same instants, in the moving plate frame about its
-            origin, (N, 6) [N, N·m].
-
-        Returns
-        -------
-        Array
-            The remainder, action on the subject and noise, (N, 6) [N, N·m].
-
-        Raises
-        ------
-        ValueError
-            As `predict`; also where the wrench has gaps or another number of samples.
+        Both are as for `predict`, and so are the errors; the remainder is the action on the subject
+        and noise, (N, 6) [N, N·m].
         """
-        predicted = self.predict(accelerations)
-        wrench = read_table(wrench, "wrench", 6)
+        predicted, wrench = self.predict(accelerations), read_table(wrench, "wrench", 6)
         refuse_unequal(accelerations=predicted, wrench=wrench)
         return wrench - predicted
 
@@ -280,22 +263,16 @@ class InertiaModel:
         if known.any():
             x = self._design(a[known])
             variance[known] = np.stack([np.sum((x @ c) * x, axis=1) for c in self.covariance], 1)
-        if self.model_error is None:
-            noise = self.rms_slow if slow and self.rms_slow is not None else self.sigma
+        error = self.model_error
+        if error is None:
+            noise = np.asarray(self.rms_slow if slow else self.sigma)
             return np.asarray(np.sqrt(variance + noise**2))
         rate = rate_hz or (self.setup.rate_hz if self.setup is not None else 1.0)
-        readings = a[:, : len(self.sensor_noise)]
-        variance += self.model_error.variance(readings, rate, slow, belts_mps)
-        return np.asarray(np.sqrt(variance + (self.model_error.zero**2 if zero else 0.0)))
+        variance += error.variance(a[:, : len(self.sensor_noise)], rate, slow, belts_mps)
+        return np.asarray(np.sqrt(variance + (error.zero**2 if zero else 0.0)))
 
     def require(self, setup: Setup) -> None:
-        """Refuse signals that were not recorded as the calibration was.
-
-        Raises
-        ------
-        ValueError
-            Sensors, rate or filter differ, or the model does not state them.
-        """
+        """Refuse signals of other sensors, rate or filter than those of the fit: a ValueError."""
         if self.setup is None:
             raise ValueError("the model does not state how it was recorded; fit it with a setup")
         fields = ["sensors", "rate_hz", "cutoff_hz"]

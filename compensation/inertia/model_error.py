@@ -18,7 +18,7 @@ from scipy.optimize import nnls
 from scipy.stats import norm
 from scipy.stats import t as student_t
 
-from compensation.inputs import read_table, refuse_gaps
+from compensation.inputs import refuse_gaps
 from hbm.signals.filtering import low_pass
 from hbm.spatial import Array, read_only
 
@@ -162,16 +162,8 @@ class ModelError:
     def motion(self, accelerations: ArrayLike, rate_hz: float) -> Array:
         """Give the motion of a trial by direction and band, of whose energies the error is made.
 
-        Parameters
-        ----------
-        accelerations, rate_hz
-            As of `variance`.
-
-        Returns
-        -------
-        Array
-            About the calibration's mean, in the order of `per_energy`, (N, B k) [m/s²]; NaN where
-            the readings are unknown.
+        Arguments are those of `variance`; about the calibration's mean, in the order of
+        `per_energy`, (N, B k) [m/s²]; NaN where the readings are unknown.
         """
         a = np.asarray(accelerations, float)
         if not len(self.directions):
@@ -221,27 +213,20 @@ def fit_model_error(
     little: their part is widened as an interval of Student's t is.
     """
     speeds = np.abs(np.array(belts_mps, float))
-    if len(speeds) not in (0, len(accelerations)):
-        raise ValueError(f"{len(speeds)} belt speeds for {len(accelerations)} recordings")
-    slow = [slow_part(part, rate_hz) for part in unseen]
-    thin = 1
-    if rate_hz is not None and all(part is not None for part in slow):
-        if cutoff_hz is not None:  # fewer samples hold as much of a low-passed signal
-            thin = max(int(rate_hz / (MIN_RATE_PER_CUTOFF * cutoff_hz)), 1)
-        rate_hz /= thin
-    else:
-        slow = [*unseen]
-        rate_hz = None
-    accelerations = [part[::thin] for part in accelerations]
-    left, left_slow = (
-        [part[::thin] for part in side if part is not None] for side in (unseen, slow)
-    )
     center = np.mean([a.mean(axis=0) for a in accelerations], axis=0)
-    k = len(center)
-    if rate_hz is None:
-        floor = np.tile(np.mean(np.vstack(left) ** 2, axis=0), (2, 1))
+    k, slow = len(center), [slow_part(part, rate_hz) for part in unseen]
+    left_slow = [part for part in slow if part is not None]
+    if rate_hz is None or len(left_slow) < len(slow):
+        floor = np.tile(np.mean(np.vstack(unseen) ** 2, axis=0), (2, 1))
         none = np.zeros((0, k, k)), np.zeros((2, 0, 6))
         return ModelError(center, *none, floor, np.array(zero), belts_mps=speeds)
+    if cutoff_hz is not None:  # fewer samples hold as much of a low-passed signal
+        thin = max(int(rate_hz / (MIN_RATE_PER_CUTOFF * cutoff_hz)), 1)
+        rate_hz /= thin
+        accelerations, unseen, left_slow = (
+            [part[::thin] for part in parts] for parts in (accelerations, unseen, left_slow)
+        )
+        center = np.mean([a.mean(axis=0) for a in accelerations], axis=0)
     bands = [_bands(a - center, rate_hz) for a in accelerations]
     directions = np.array([_directions(of_band) for of_band in zip(*bands, strict=True)])
     step = max(round(SMOOTHING_S * rate_hz), 1)
@@ -260,20 +245,13 @@ def fit_model_error(
         for energy, terms in zip(energies, of_belts, strict=True)
     ]
     factors = np.array(
-        [_not_negative(designs, [averaged(part) for part in side]) for side in (left, left_slow)]
+        [_not_negative(designs, [averaged(part) for part in side]) for side in (unseen, left_slow)]
     )
     if speeds.any():  # the factor of the variance that grows with speed: few recordings show it
         recordings = np.sum(speeds**4) ** 2 / np.sum(speeds**8)
         factors[:, -2 if several else -3] *= widening(BELT_DEGREES * recordings) ** 2
-    return ModelError(
-        center,
-        directions,
-        factors[:, :-3],
-        factors[:, -1],
-        np.array(zero),
-        factors[:, -3:-1],
-        speeds,
-    )
+    energies_and_belts = factors[:, :-3], factors[:, -1], np.array(zero), factors[:, -3:-1]
+    return ModelError(center, directions, *energies_and_belts, speeds)
 
 
 def widening(degrees: float) -> float:
@@ -336,25 +314,15 @@ def slow_part(residual: Array, rate_hz: float | None) -> Array | None:
     return low_pass(residual, rate_hz, SLOW_HZ, "zero_phase")
 
 
-def residual_correlation(residual: ArrayLike, rate_hz: float | None = None) -> Array:
-    """Give the correlations of what calibrations leave, of several plates side by side.
+def residual_correlation(residual: Array, rate_hz: float | None = None) -> Array:
+    """Give the correlations of what calibrations leave, of several plates side by side, (C, C).
 
-    Parameters
-    ----------
-    residual
-        At common instants, (N, C) [N, N·m].
-    rate_hz
-        Of the samples; None where it is unknown.
-
-    Returns
-    -------
-    Array
-        (C, C), below 6 Hz where a second of known rate is given; 0 with a channel of which nothing
-        is left. Plates are compensated by the same accelerometers, whose noise is in all of them.
+    Of samples at common instants, (N, C); below 6 Hz where a second of known rate is given; 0 with
+    a channel of which nothing is left. Plates are compensated by the same accelerometers, whose
+    noise is in all of them.
     """
-    left = read_table(residual, "residual")
-    slow = slow_part(left, rate_hz)
-    return correlation_of(left if slow is None else slow)
+    slow = slow_part(residual, rate_hz)
+    return correlation_of(residual if slow is None else slow)
 
 
 def correlation_of(residual: Array) -> Array:

@@ -1,8 +1,7 @@
 """Whether a calibration serves: by what it leaves of its recording, and of one of another day."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,7 +10,6 @@ from compensation.delay import BLOCKS
 from compensation.inertia.fit import fit_inertia
 from compensation.inertia.model import InertiaModel
 from compensation.inertia.model_error import SLOW_HZ
-from compensation.inputs import read_table
 from hbm.signals.filtering import low_pass
 from hbm.spatial import WRENCH_COMPONENTS, Array, read_only
 
@@ -52,8 +50,7 @@ MAX_LEFT: Final = _max_left()
 """RMS below 6 Hz that compensation may leave of each component of a plate, (6,) [N, N·m]."""
 
 
-@dataclass(frozen=True, slots=True)
-class LeftOver:
+class LeftOver(NamedTuple):
     """What a calibration leaves of one component of one plate, and its limit.
 
     Attributes
@@ -111,7 +108,7 @@ def left_over(model: InertiaModel) -> tuple[LeftOver, ...]:
 OF_CALIBRATION: Final = (
     "calibration_loaded",
     "calibration_leaves_much",
-    "calibration_not_judged",
+    "calibration_of_earlier_version",
 )
 """Codes of notes on a calibration that hold for everything that uses it."""
 
@@ -119,16 +116,8 @@ OF_CALIBRATION: Final = (
 def refuse_unusable(plates: Mapping[str, InertiaModel]) -> None:
     """Refuse a recording that is no calibration: nothing was commanded, or somebody was on it.
 
-    Parameters
-    ----------
-    plates
-        Plate -> the model fitted to the recording.
-
-    Raises
-    ------
-    ValueError
-        The platform moved too little, or the accelerometers leave more force unexplained than an
-        empty plate has; the message says what was seen and what to do.
+    From plate -> the model fitted to it. A ValueError where the platform moved too little, or the
+    accelerometers leave more force unexplained than an empty plate has.
 
     Examples
     --------
@@ -178,8 +167,7 @@ CONTROL_LIMIT: Final = 3.0
 """Standard deviations of a zero from recording to recording that are no drift (Shewhart 1931)."""
 
 
-@dataclass(frozen=True, slots=True)
-class DayCheck:
+class DayCheck(NamedTuple):
     """What an empty recording of another day says about the calibration of one plate.
 
     Attributes
@@ -207,37 +195,21 @@ def check_another_day(
 ) -> DayCheck:
     """Compare the calibration of a plate with an empty recording of another day.
 
-    Parameters
-    ----------
-    model
-        Of the plate, static, with a setup.
-    accelerations
-        Of the recording, with the calibration's delays undone, low-passed as its setup says,
-        (N, k) [m/s²].
-    wrench
-        At the same instants, equally filtered, (N, 6) [N, N·m].
-    belts_mps
-        Speed of the belts at the same instants, (N,) [m/s]; None where it is unknown.
+    From the static model of the plate, accelerations (N, k) [m/s²] with the calibration's delays
+    undone, wrench (N, 6) [N, N·m], both low-passed as its setup says, and the speed of the belts,
+    (N,) or one number [m/s], or None where it is unknown. A ValueError where the recording shows
+    nothing: a platform that hardly moves, somebody on the boards.
 
-    Raises
-    ------
-    ValueError
-        Wrong shapes or gaps; or a recording that shows nothing: a platform that hardly moves,
-        somebody on the boards.
-
-    Notes
-    -----
     The calibration is valid where a new fit would take away no more than half of what may be left,
     leaves no more itself than rollers out of balance do, and the zero has changed by no more than
     zeros do.
     """
-    if model.setup is None:
-        raise ValueError("the model does not state how it was recorded; fit it with a setup")
-    a, w = read_table(accelerations, "accelerations"), read_table(wrench, "wrench", 6)
-    new = fit_inertia(a, w, model.setup)
+    a, w = np.asarray(accelerations, float), np.asarray(wrench, float)
+    new, setup = fit_inertia(a, w, model.setup), model.setup
+    assert setup is not None  # that of a calibration states it
     refuse_unusable({"the plate": new})
     error, newly = (
-        low_pass(each.compensate(a, w), model.setup.rate_hz, SLOW_HZ, "zero_phase")
+        low_pass(each.compensate(a, w), setup.rate_hz, SLOW_HZ, "zero_phase")
         for each in (model, new)
     )
     left, by_new, zero = error.std(axis=0), newly.std(axis=0), error.mean(axis=0)
@@ -250,14 +222,10 @@ def check_another_day(
     if model.model_error is not None:
         usual = np.hypot(usual, model.model_error.zero)
     moved = np.abs(zero) > np.maximum(MAX_ZERO_CHANGE, CONTROL_LIMIT * usual)
-    faults = [
-        f"{name} left {left[k]:.1f} {UNITS[k]}, by a new fit {by_new[k]:.1f}"
-        for k, name in enumerate(WRENCH_COMPONENTS)
-        if beyond[k]
-    ]
-    faults += [
-        f"zero of {name} {zero[k]:+.1f} {UNITS[k]}"
-        for k, name in enumerate(WRENCH_COMPONENTS)
-        if moved[k]
-    ]
+    faults = []
+    for k, (name, unit) in enumerate(zip(WRENCH_COMPONENTS, UNITS, strict=True)):
+        if beyond[k]:
+            faults.append(f"{name} left {left[k]:.1f} {unit}, by a new fit {by_new[k]:.1f}")
+        if moved[k]:
+            faults.append(f"zero of {name} {zero[k]:+.1f} {unit}")
     return DayCheck(left, by_new, zero, tuple(faults))

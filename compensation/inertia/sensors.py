@@ -30,6 +30,7 @@ MIN_ROTATION_DEG: Final = 45.0
 """Between calibration and trial; the platform itself tilts by 10° at most."""
 GRAVITY_FACTOR: Final = 2.0
 """Either way from gravity; a sensor whose median is outside is dead or in another unit."""
+TINY: Final = np.finfo(float).tiny
 CONSTRAINT_MPS2: Final = 0.05
 """Standard deviation below which a combination of channels was constant in the calibration."""
 DRIFT_MPS2: Final = 0.03
@@ -66,16 +67,6 @@ class Sensor:
     delay_error_s: float | None = None
     noise_mps2: float | None = None
 
-    def __post_init__(self) -> None:
-        for name in ("delay_s", "delay_error_s", "noise_mps2"):
-            value = getattr(self, name)
-            if value is None and name != "delay_s":
-                continue
-            if isinstance(value, bool) or not isinstance(value, (int, float)):
-                raise TypeError(f"sensor {self.name}: {name} must be a number, got {value!r}")
-            if not np.isfinite(value) or (name != "delay_s" and value < 0):
-                raise ValueError(f"sensor {self.name}: {name} cannot be {value}")
-
     @property
     def correction_s(self) -> float:
         """The delay that is undone: the estimate where its interval excludes 0, else 0 [s]."""
@@ -111,19 +102,11 @@ def find_sensors(
     tuple of Sensor
         In the order of their columns. What the recording does not show is None.
 
-    Raises
-    ------
-    ValueError
-        Wrong shapes, no samples, or gaps.
-
     Notes
     -----
-    Delays are those of `compensation.delay.sensor_delays`.
-
-    The gain of a sensor is absorbed by the fit.
-
-    Noise is read from the density of the readings between twice the cut-off and 0.4 of their rate,
-    taken as white.
+    Delays are those of `compensation.delay.sensor_delays`; the gain of a sensor is absorbed by the
+    fit. Noise is read from the density of the readings between twice the cut-off and 0.4 of their
+    rate, taken as white.
 
     Examples
     --------
@@ -146,7 +129,7 @@ def find_sensors(
     found = []
     for k, name in enumerate(names):
         late, error = delays[k] if delays and np.isfinite(delays[k][1]) else (0.0, None)
-        found.append(Sensor(name, late, error, float(noise[k]) if noise is not None else None))
+        found.append(Sensor(name, late, error, None if noise is None else float(noise[k])))
     return tuple(found)
 
 
@@ -165,21 +148,9 @@ def noise_for_fit(sensors: tuple[Sensor, ...], accelerations: ArrayLike) -> Arra
 
 
 def describe_sensors(sensors: tuple[Sensor, ...]) -> tuple[Note, ...]:
-    """Say which sensors are late, and of which the delay is unknown."""
-    notes = []
-    for sensor in sensors:
-        if sensor.delay_error_s is None:
-            notes.append(Note.of("accelerometer_delay_unknown", sensor=sensor.name))
-        elif sensor.correction_s:
-            notes.append(
-                Note.of(
-                    "accelerometer_late",
-                    sensor=sensor.name,
-                    delay_s=sensor.delay_s,
-                    interval_s=QUANTILE_95 * sensor.delay_error_s,
-                )
-            )
-    return tuple(notes)
+    """Say of which sensors the delay is unknown."""
+    unknown = tuple(sensor.name for sensor in sensors if sensor.delay_error_s is None)
+    return (Note.of("accelerometer_delay_unknown", sensors=unknown),) if unknown else ()
 
 
 def sensor_noise_of(accelerations: ArrayLike) -> float:
@@ -224,6 +195,15 @@ def sensor_noise_of(accelerations: ArrayLike) -> float:
     return float(np.sqrt(max(variance[:-RIGID_DIRECTIONS].mean(), 0.0)))
 
 
+FAULTS: Final = (
+    "accelerometer_dead",
+    "accelerometer_clipped",
+    "accelerometer_turned",
+    "accelerometers_swapped",
+)
+"""Codes of notes after which nothing else of an accelerometer is worth comparing."""
+
+
 def check_trial(
     model: InertiaModel, accelerations: ArrayLike, range_g: float = 2.0
 ) -> tuple[Note, ...]:
@@ -242,9 +222,8 @@ def check_trial(
     Returns
     -------
     tuple of Note
-        Warnings, empty where nothing is doubtful: a channel that is dead or clipped, a sensor
-        that was rotated or is upside down, two that are swapped, motion beyond that of the
-        calibration.
+        Warnings, empty where nothing is doubtful: a sensor that is dead, clipped, or turned (or
+        upside down), two that are swapped, motion beyond that of the calibration.
 
     Raises
     ------
@@ -265,67 +244,45 @@ def check_trial(
     >>> wrench = accelerations @ np.hstack([-150 * np.eye(3), np.full((3, 3), 15.0)])
     >>> model = compensation.fit_inertia(accelerations, wrench)
     >>> [note.code for note in check_trial(model, -accelerations)]
-    ['accelerometer_inverted', 'calibration_range_exceeded']
+    ['accelerometer_turned', 'calibration_range_exceeded']
     """
     a = read_table(accelerations, "accelerations", len(model.acceleration_mean))
-    channels = [f"{sensor} {axis}" for sensor in model.sensors for axis in "xyz"]
-    readings, still = a.reshape(len(a), -1, 3), (a == a[0]).all(axis=0)
-    size = np.median(np.sqrt(np.vecdot(readings, readings)), axis=0) / GRAVITY_MPS2
-    notes = [
-        Note.of(
-            "accelerometer_silent",
-            sensor=sensor,
-            median_mps2=GRAVITY_MPS2 * found,
-            gravity_mps2=GRAVITY_MPS2,
-        )
-        for sensor, found in zip(model.sensors, size, strict=True)
-        if not 1 / GRAVITY_FACTOR < found < GRAVITY_FACTOR
-    ]
-    notes += [
-        Note.of("accelerometer_constant", channel=channel, value_mps2=value)
-        for channel, value, dead in zip(channels, a[0], still & ~still.all(), strict=True)
-        if dead
-    ]
-    if notes:
-        return tuple(notes)
+    names, readings = model.sensors, a.reshape(len(a), -1, 3)
+    size = np.median(np.linalg.norm(readings, axis=2), axis=0)
+    still = (a == a[0]).all(axis=0)
+    dead = np.abs(np.log(np.maximum(size, TINY) / GRAVITY_MPS2)) >= np.log(GRAVITY_FACTOR)
+    dead |= still.reshape(-1, 3).any(axis=1) & ~still.all()
+    if dead.any():
+        sensors = {names[k]: size[k] for k in np.flatnonzero(dead)}
+        return (Note.of("accelerometer_dead", sensors=sensors, gravity_mps2=GRAVITY_MPS2),)
+    notes = []
     limit = range_g * GRAVITY_MPS2
-    clipped = np.mean(np.abs(a) >= CLIPPED_SHARE * limit, axis=0)
-    notes += [
-        Note.of("accelerometer_clipped", channel=channel, limit_mps2=limit, share=share)
-        for channel, share in zip(channels, clipped, strict=True)
-        if share > 0
-    ]
+    clipped = np.mean(np.abs(readings) >= CLIPPED_SHARE * limit, axis=0).max(axis=1)
+    if clipped.any():
+        shares = {names[k]: clipped[k] for k in np.flatnonzero(clipped)}
+        notes.append(Note.of("accelerometer_clipped", shares=shares, limit_mps2=limit))
     now, then = (mean.reshape(-1, 3) for mean in (a.mean(axis=0), model.acceleration_mean))
     cosine = np.vecdot(now, then) / np.linalg.norm(now, axis=1) / np.linalg.norm(then, axis=1)
-    angles = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
-    turned = [
-        Note.of(
-            "accelerometer_inverted" if angle > 180 - MIN_ROTATION_DEG else "accelerometer_turned",
-            sensor=sensor,
-            angle_deg=angle,
-        )
-        for sensor, angle in zip(model.sensors, angles, strict=True)
-        if angle > MIN_ROTATION_DEG
-    ]
-    if not turned and (swapped := _swapped(model, a)):
-        turned = [Note.of("accelerometers_swapped", first=swapped[0], second=swapped[1])]
-    notes += turned
+    angle = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+    if (angle > MIN_ROTATION_DEG).any():
+        angles = {names[k]: angle[k] for k in np.flatnonzero(angle > MIN_ROTATION_DEG)}
+        notes.append(Note.of("accelerometer_turned", angles_deg=angles))
+    elif swapped := _swapped(model, a):
+        notes.append(Note.of("accelerometers_swapped", first=swapped[0], second=swapped[1]))
     low, high = model.acceleration_low, model.acceleration_high
     margin = MAX_EXCESS_SHARE * (high - low)
     outside = (a < low - margin) | (a > high + margin)
     if outside.any():
         worst = int(np.argmax(outside.mean(axis=0)))
-        notes.append(
-            Note.of(
-                "calibration_range_exceeded",
-                share=float(np.mean(outside.any(axis=1))),
-                channel=channels[worst],
-                low_mps2=a[:, worst].min(),
-                high_mps2=a[:, worst].max(),
-                calibrated_low_mps2=low[worst],
-                calibrated_high_mps2=high[worst],
-            )
-        )
+        values = {
+            "share": float(np.mean(outside.any(axis=1))),
+            "channel": f"{names[worst // 3]} {'xyz'[worst % 3]}",
+            "low_mps2": a[:, worst].min(),
+            "high_mps2": a[:, worst].max(),
+            "calibrated_low_mps2": low[worst],
+            "calibrated_high_mps2": high[worst],
+        }
+        notes.append(Note.of("calibration_range_exceeded", **values))
     return tuple(notes)
 
 

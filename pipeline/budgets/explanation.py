@@ -8,7 +8,6 @@ from typing import ClassVar, Final
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-import pyarrow.parquet as pq
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from pipeline.budgets.words import Mending, budget_lines, most_worth_mending
@@ -17,18 +16,17 @@ from pipeline.explain.budget import Bands, Budget
 from pipeline.explain.explain import explain_trial
 from pipeline.io.recording import Recording
 from pipeline.io.write import whole_file, write_text
-from pipeline.statistics.measurement import Covariances, measurement_covariances
+from pipeline.statistics.measurement import CELL, Covariances
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.residuals import AXES
 from pipeline.trial.result import TrialResult
 
-FORMAT_VERSION: Final = 2
+FORMAT_VERSION: Final = 3
 """Of the files; raised with every change of what they hold."""
 SUFFIX: Final = "_explained.json"
 BANDS_SUFFIX: Final = "_bands.parquet"
 Trial = tuple[str, str]
 """Subject and condition."""
-COLUMNS: Final = ("subject", "condition", "compensated", "axis", "error", "level", "change")
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,12 +112,11 @@ def write_bands(bands: Bands, path: Path) -> None:
         The file. Its columns are ``time_s``; ``cycle``, the number of the gait cycle; and per axis,
         as reported, ``residual.Fx`` and ``deviation.Fx``, one standard deviation [N, N·m].
     """
-    columns: dict[str, np.ndarray] = {"time_s": bands.time, "cycle": bands.cycle}
+    table = pd.DataFrame({"time_s": bands.time, "cycle": bands.cycle})
     for name in ("residual", "deviation"):
-        values = getattr(bands, name)
-        columns |= {f"{name}.{axis}": values[:, k] for k, axis in enumerate(AXES)}
+        table[[f"{name}.{axis}" for axis in AXES]] = getattr(bands, name)
     with whole_file(path) as temporary:
-        pq.write_table(pa.table(columns), temporary)
+        table.to_parquet(temporary, index=False)
 
 
 def read_bands(path: Path) -> Bands:
@@ -133,12 +130,12 @@ def read_bands(path: Path) -> Bands:
         If it cannot be opened.
     """
     try:
-        table = pq.read_table(path)
-        six = {
-            name: np.column_stack([table[f"{name}.{axis}"].to_numpy() for axis in AXES])
+        table = pd.read_parquet(path)
+        residual, deviation = (
+            table[[f"{name}.{axis}" for axis in AXES]].to_numpy()
             for name in ("residual", "deviation")
-        }
-        return Bands(table["time_s"].to_numpy(), table["cycle"].to_numpy(), **six)
+        )
+        return Bands(table["time_s"].to_numpy(), table["cycle"].to_numpy(), residual, deviation)
     except (pa.ArrowInvalid, KeyError) as error:
         raise ValueError(
             f"{path.name}: no residuals with bands; run 'hbm explain' again"
@@ -147,7 +144,7 @@ def read_bands(path: Path) -> Bands:
 
 def study_covariances(
     explained: Mapping[Trial, Explanation], residuals: pd.DataFrame
-) -> Covariances | None:
+) -> tuple[Covariances | None, str]:
     """Give how errors of measurement vary together in a study's residuals.
 
     Parameters
@@ -159,47 +156,29 @@ def study_covariances(
 
     Returns
     -------
-    Mapping or None
-        As `pipeline.statistics.measurement.measurement_covariances` gives it; None unless every
-        trial of the table is explained.
+    covariances
+        Over draws of causes' sizes, which are the same in all trials that share them; None unless
+        every trial of the table is explained, over the window that its residuals are of.
+    missing
+        Why there are none, and what adds them; empty where there are.
     """
-    wanted, budgets = _trials(residuals), _budgets(explained, residuals)
-    if not wanted or not wanted <= set(budgets):
-        return None
-    rows = [row for trial in sorted(wanted) for row in _errors(trial, budgets[trial])]
-    return measurement_covariances(pd.DataFrame(rows, columns=COLUMNS))
-
-
-def what_is_missing(explained: Mapping[Trial, Explanation], residuals: pd.DataFrame) -> str:
-    """Say why there are no intervals of measurement, and what adds them; empty where there are."""
-    wanted = _trials(residuals)
-    have = len(wanted & set(_budgets(explained, residuals)))
-    if have == len(wanted):
-        return ""
-    some = f"; {have} of {len(wanted)} trials are explained" * (have > 0)
-    return f"'hbm explain RESULTS' adds intervals of measurement{some}."
-
-
-def _trials(residuals: pd.DataFrame) -> set[Trial]:
-    return set(residuals[["subject", "condition"]].itertuples(index=False, name=None))
-
-
-def _budgets(
-    explained: Mapping[Trial, Explanation], residuals: pd.DataFrame
-) -> dict[Trial, Budget]:
-    """Give what is known of trials, as far as it is of the window that their residuals are of."""
-    of_part = _trials(residuals[~residuals["window"].isin(("cycle", "span"))])
-    return {
-        trial: own.budget
-        for trial, own in explained.items()
-        if trial not in of_part or own.budget.of_window
+    keys = [*residuals[["subject", "condition"]].itertuples(index=False, name=None)]
+    draws, open_trials = {}, set(keys)
+    for trial, window in sorted(set(zip(keys, residuals["window"], strict=True))):
+        budget = explained[trial].budget if trial in explained else None
+        if budget is None or (window not in ("cycle", "span") and not budget.of_window):
+            continue
+        open_trials.remove(trial)
+        for own in budget.of_window or budget.uncertainty:
+            draws[(*trial, own.compensated)] = own.draws
+    if open_trials or not draws:
+        every, known = len(set(keys)), len(set(keys)) - len(open_trials)
+        some = f"; {known} of {every} trials are explained" * (known > 0)
+        return None, f"'hbm explain RESULTS' adds intervals of measurement{some}." * (every > 0)
+    cells = pd.MultiIndex.from_tuples(draws, names=CELL)
+    of_axes = np.stack(list(draws.values()), axis=2).swapaxes(0, 1)
+    covariances = {
+        axis: pd.DataFrame(np.atleast_2d(np.cov(own, rowvar=False)), cells, cells)
+        for axis, own in zip(AXES, of_axes, strict=True)
     }
-
-
-def _errors(trial: Trial, budget: Budget) -> Iterator[tuple[object, ...]]:
-    """List what errors change the RMS of a trial's residuals by: draws, which trials share."""
-    for values in budget.of_window or budget.uncertainty:
-        apart = (values.draws - values.draws.mean(axis=0)) / np.sqrt(len(values.draws) - 1)
-        for number, changes in enumerate(apart.tolist()):
-            for axis, change in zip(AXES, changes, strict=True):
-                yield (*trial, values.compensated, axis, number, "laboratory", change)
+    return covariances, ""

@@ -1,8 +1,10 @@
 """What the residuals of a study's trials are made of: every trial once, in parallel, resumable."""
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Final
 
@@ -106,19 +108,12 @@ def explain_planned(
     require_writable(folder / FOLDER)
     remove_leftovers(folder / FOLDER)
     kernels(announce)
-    todo = []
-    for job in planned:
-        if up_to_date(job.target, job.key) is None:
-            todo.append(job)
-        else:
-            yield _recorded(Outcome(job, "kept"))
-    for outcome in work_on(todo, explain_job, jobs):
-        yield _recorded(outcome)
-
-
-def _recorded(outcome: Outcome) -> Outcome:
-    record_failure(outcome.job.target, outcome.job.name, outcome.failure)
-    return outcome
+    ready = {job.target for job in planned if up_to_date(job.target, job.key)}
+    kept = (Outcome(job, "kept") for job in planned if job.target in ready)
+    todo = [job for job in planned if job.target not in ready]
+    for outcome in chain(kept, work_on(todo, explain_job, jobs)):
+        record_failure(outcome.job.target, outcome.job.name, outcome.failure)
+        yield outcome
 
 
 def up_to_date(path: Path, key: str) -> Explanation | None:
@@ -145,10 +140,7 @@ def explain_job(job: Job) -> Outcome:
 def processed(job: Job) -> tuple[Recording, Laboratory, TrialResult]:
     """Read the recording, the laboratory and the result of a trial.
 
-    Raises
-    ------
-    ValueError
-        If the result is missing or not up to date, or the recording is gone.
+    A ValueError where the result is missing or not up to date, or the recording is gone.
     """
     path = job.target.parent.parent / "trials" / f"{job.target.stem}.parquet"
     try:
@@ -175,64 +167,40 @@ def bands_path(explanation: Path) -> Path:
 
 def bands_of(result: Path, trial: TrialResult) -> Bands | None:
     """Give the residuals over time of a stored result; None where it is not explained as it is."""
-    explanation = result.parent.parent / FOLDER / f"{result.stem}.json"
-    if up_to_date(explanation, explanation_key(trial.key)) is None:
-        return None
-    try:
-        return read_bands(bands_path(explanation))
-    except (OSError, ValueError):
-        return None
+    path = result.parent.parent / FOLDER / f"{result.stem}.json"
+    if up_to_date(path, explanation_key(trial.key)) is not None:
+        with suppress(OSError, ValueError):
+            return read_bands(bands_path(path))
+    return None
 
 
 def explanations(
-    folder: Path, trials: dict[tuple[str, str], TrialResult]
-) -> dict[tuple[str, str], Explanation]:
-    """Give the explanations of trials as they are now.
-
-    Parameters
-    ----------
-    folder
-        Results folder.
-    trials
-        (subject, condition) -> summary.
+    folder: Path, trials: Mapping[tuple[str, str], TrialResult]
+) -> tuple[dict[tuple[str, str], Explanation], dict[str, str], str]:
+    """Give what is known of the trials of a results folder, by subject and condition.
 
     Returns
     -------
-    dict
-        The same key -> explanation, where there is one of this result by this program.
+    explained
+        The explanations of these results by this program.
+    reasons
+        "subject condition" -> why it could not be explained.
+    stale
+        Which explanations are of other results or programs, or damaged, and what makes them anew;
+        empty where there are none.
     """
-    found = {
-        key: up_to_date(folder / FOLDER / f"{'_'.join(key)}.json", explanation_key(trial.key))
-        for key, trial in trials.items()
-    }
-    return {key: explanation for key, explanation in found.items() if explanation is not None}
-
-
-def unexplained(folder: Path) -> dict[str, str]:
-    """Give why trials could not be explained: "subject condition" -> reason."""
-    found: dict[str, str] = {}
-    for _, reasons in recorded_failures(folder / FOLDER):
-        found |= reasons
-    return found
-
-
-def stale_sentence(folder: Path, shown: str = "RESULTS") -> str:
-    """Say which explanations are not shown and what makes them anew; empty where all are right.
-
-    Those are of another result or program, or damaged. Trials with a stored reason why they could
-    not be explained, and those without a result, are not meant.
-    """
-    reasons, names = unexplained(folder), []
-    for result in sorted((folder / "trials").glob("*.parquet")):
-        path = folder / FOLDER / f"{result.stem}.json"
-        if path.is_file():
-            trial = read_trial(result, frames=False)
-            name = f"{trial.subject.id} {trial.condition}"
-            if name not in reasons and up_to_date(path, explanation_key(trial.key)) is None:
-                names.append(name)
-    if not names:
-        return ""
-    return (
-        f"Not shown are the explanations of {listed(names)}: they are of other results or made by "
-        f"another version of hbm, or damaged; run 'hbm explain {shown}'."
+    explained, reasons, others = {}, dict[str, str](), []
+    for _, own in recorded_failures(folder / FOLDER):
+        reasons |= own
+    for key, trial in trials.items():
+        path, name = folder / FOLDER / f"{'_'.join(key)}.json", " ".join(key)
+        found = up_to_date(path, explanation_key(trial.key))
+        if found is not None:
+            explained[key] = found
+        elif path.is_file() and name not in reasons:
+            others.append(name)
+    stale = (
+        f"Not shown are the explanations of {listed(others)}: they are of other results or made by "
+        "another version of hbm, or damaged; run 'hbm explain RESULTS'."
     )
+    return explained, reasons, stale * bool(others)

@@ -5,13 +5,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
-from itertools import pairwise
 from typing import Final
 
-from hbm.spatial import Array
-from pipeline.explain.budget import Budget, EstimatedCause, GroupShare
+from pipeline.explain.budget import Budget, EstimatedCause
 from pipeline.explain.cause import OF_PERSON
-from pipeline.explain.explain import MIN_CYCLES
+from pipeline.explain.linearise import MIN_CYCLES
 from pipeline.explain.shares import NORMAL_95
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.residuals import AXES, UNITS
@@ -33,37 +31,11 @@ Column = tuple[str, tuple[str, ...]]
 """Head and cells of a column."""
 
 
-@dataclass(frozen=True, slots=True)
-class GroupWords:
-    """How a group of causes is spoken of.
-
-    Attributes
-    ----------
-    owner, what
-        Its name in two parts, such as "plates'" and "zero"; the first may be empty.
-    mend
-        What to do about one of its causes, which takes the place of "{cause}"; empty where nothing
-        in the laboratory changes it.
-    know
-        What tells the size of its causes in another way; empty where nothing simple does.
-    """
-
-    what: str
-    owner: str = ""
-    mend: str = ""
-    know: str = ""
-
-    @property
-    def name(self) -> str:
-        """Its name, such as "plates' zero"."""
-        return f"{self.owner} {self.what}".strip()
-
-
 @cache
-def groups() -> Mapping[str, GroupWords]:
+def groups() -> Mapping[str, Mapping[str, str]]:
     """Give the words of groups of causes, as `words.toml` lists them; "person" is `OF_PERSON`."""
     text = files("pipeline.budgets").joinpath("words.toml").read_text(encoding="utf-8")
-    return {name: GroupWords(**own) for name, own in tomllib.loads(text).items()}
+    return tomllib.loads(text)
 
 
 SHOWN_UNITS: Final[Mapping[str, tuple[float, str]]] = {
@@ -85,12 +57,21 @@ def group_name(names: Sequence[str]) -> str:
     >>> group_name(["inertia", "markers", "skin", "soft_tissue"])
     'body and markers'
     """
-    words = _apart(names)
-    parts = [words[0].name]
-    for before, own in pairwise(words):
-        owner = "their" if own.owner and own.owner == before.owner else own.owner
-        parts.append(f"{owner} {own.what}".strip())
+    parts, before = list[str](), ""
+    for words in map(groups().__getitem__, apart(names)):
+        owner = words.get("owner", "")
+        shown = "their" if owner and owner == before else owner
+        parts.append(f"{shown} {words['what']}".strip())
+        before = owner
     return ", or ".join(parts)
+
+
+def apart(names: Sequence[str]) -> list[str]:
+    """Give groups that are more than one to their reader: those of the person are one."""
+    person = [name for name in names if name in OF_PERSON]
+    if len(person) < 2:
+        return list(names)
+    return ["person" if name == person[0] else name for name in names if name not in person[1:]]
 
 
 def how_to_tell_apart(names: Sequence[str]) -> tuple[str, ...]:
@@ -112,13 +93,9 @@ def how_to_tell_apart(names: Sequence[str]) -> tuple[str, ...]:
     >>> how_to_tell_apart(["gain", "zero"])
     ('record 5 s of empty plates before the trial',)
     """
-    apart = _apart(sorted(names, key=[*groups()].index))
-    return tuple([words.know for words in apart if words.know][: len(apart) - 1])
-
-
-def are_apart(names: Sequence[str]) -> bool:
-    """Tell whether groups that are named together are more than one to their reader."""
-    return len(_apart(names)) > 1
+    separate = apart(sorted(names, key=[*groups()].index))
+    ways = [groups()[name]["know"] for name in separate if "know" in groups()[name]]
+    return tuple(ways[: len(separate) - 1])
 
 
 def size_in_words(cause: EstimatedCause) -> str:
@@ -127,31 +104,6 @@ def size_in_words(cause: EstimatedCause) -> str:
     size, half = factor * cause.size, factor * NORMAL_95 * cause.deviation
     digits = 2 if half < 0.95 else 1 if half < 9.5 else 0
     return f"{size:.{digits}f} ± {half:.{digits}f} {unit}"
-
-
-def shares_in_words(shares: Array) -> str:
-    """List a share of each residual, (6,), such as that which is taken away.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> shares_in_words(np.array([0.44, 0.26, -0.09, 0.65, 0.76, 0.47]))
-    '44 % of Fx, 26 % of Fy, -9 % of Fz, 65 % of Mx, 76 % of My, 47 % of Mz (negative: they add)'
-    """
-    named = [f"{100 * s:z.0f} % of {axis}" for s, axis in zip(shares, AXES, strict=True)]
-    return ", ".join(named) + " (negative: they add)" * bool((shares < 0).any())
-
-
-def _apart(names: Sequence[str]) -> list[GroupWords]:
-    """Give the words of groups, those of the person as one."""
-    person = [name for name in names if name in OF_PERSON]
-    if len(person) < 2:
-        return [groups()[name] for name in names]
-    return [
-        groups()["person" if name == person[0] else name]
-        for name in names
-        if name not in person[1:]
-    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,7 +174,9 @@ def _stated(cause: EstimatedCause, result: TrialResult, laboratory: Laboratory) 
     if cause.name == MASS:
         mass_kg = result.body.mass / (1 + cause.size)
         return f"state mass_kg = {mass_kg:.1f} of the subject, once scales confirm it"
-    return groups()[cause.group].mend.format(cause=f"{cause.name} {size_in_words(cause)}")
+    return (
+        groups()[cause.group].get("mend", "").format(cause=f"{cause.name} {size_in_words(cause)}")
+    )
 
 
 def budget_table(budget: Budget) -> tuple[str, tuple[str, ...], list[Column]]:
@@ -245,28 +199,20 @@ def budget_table(budget: Budget) -> tuple[str, tuple[str, ...], list[Column]]:
         f"Pelvis residuals of {budget.source.name} and what they are made of, {plates}, {counts}"
     )
     interval = [f"{low:.1f}–{high:.1f}" for low, high in zip(budget.low, budget.high, strict=True)]
-    columns = [
-        ("RMS", tuple(f"{value:.1f}" for value in budget.rms)),
-        ("95 %", tuple(interval)),
-        *((_head(budget, group), tuple(_shares(group))) for group in budget.groups),
-        ("not explained", tuple(f"{100 * share:z.0f}" for share in budget.unexplained)),
-    ]
+    columns = [("RMS", tuple(f"{value:.1f}" for value in budget.rms)), ("95 %", tuple(interval))]
+    for group in budget.groups:
+        head, own = group_name(group.groups), [c for c in budget.causes if c.group in group.groups]
+        if len(own) == 1:
+            head = f"{head}: {size_in_words(own[0])}"
+        columns.append((head, tuple(map(_share, group.share, group.deviation))))
+    columns.append(("not explained", tuple(f"{100 * share:z.0f}" for share in budget.unexplained)))
     return title, tuple(f"{axis}, {unit}" for axis, unit in zip(AXES, UNITS, strict=True)), columns
 
 
-def _head(budget: Budget, group: GroupShare) -> str:
-    """Name a group, with the size of its cause where it is only one."""
-    name = group_name(group.groups)
-    own = [cause for cause in budget.causes if cause.group in group.groups]
-    return f"{name}: {size_in_words(own[0])}" if len(own) == 1 else name
-
-
-def _shares(group: GroupShare) -> Iterator[str]:
-    """Write the share of each residual with its 95 % interval, where that is not 0."""
-    for share, deviation in zip(group.share, group.deviation, strict=True):
-        half = 100 * NORMAL_95 * deviation
-        text = f"{100 * share:z.0f}"
-        yield f"{text} ± {half:.0f}" if half >= 0.5 else text
+def _share(share: float, deviation: float) -> str:
+    """Write a share with its 95 % interval, where that is not 0."""
+    half, text = 100 * NORMAL_95 * deviation, f"{100 * share:z.0f}"
+    return f"{text} ± {half:.0f}" if half >= 0.5 else text
 
 
 def budget_lines(budget: Budget, mendings: Sequence[Mending]) -> Iterator[str]:
@@ -282,12 +228,14 @@ def budget_lines(budget: Budget, mendings: Sequence[Mending]) -> Iterator[str]:
     else:
         yield "Nothing is clearly worth mending: no certain cause makes much of a residual."
     for group in budget.groups:
-        if are_apart(group.groups):
+        if len(apart(group.groups)) > 1:
             ways = how_to_tell_apart(group.groups)
             how = f": {'; '.join(ways)}" if ways else ""
             yield f"This trial cannot tell apart {group_name(group.groups)}{how or ' from it'}."
     of = "cycles" if budget.cycles >= MIN_CYCLES else "frames"
+    shares = zip(budget.held_out, AXES, strict=True)
+    taken = ", ".join(f"{100 * share:z.0f} % of {axis}" for share, axis in shares)
     yield (
         f"Held-out check: the causes found in one half of the {of} take away of the mean square of "
-        f"the other half {shares_in_words(budget.held_out)}."
+        f"the other half {taken}{' (negative: they add)' * bool((budget.held_out < 0).any())}."
     )

@@ -11,9 +11,8 @@ import numpy as np
 from compensation import (
     Setup,
     belt_acceleration,
-    cutoff_of_spline,
     low_pass,
-    spline_smoothing,
+    spline_cutoff,
 )
 from hbm.signals.filtering import Method
 from hbm.spatial import Array, rotate_wrench
@@ -205,8 +204,7 @@ def belt_trial(recording: Recording, settings: RankingSettings) -> BeltTrial:
     speed = belt_speed(recording, settings.belt_channel)
     spline_hz = RATE_HZ / 2
     if np.ptp(speed[inside]) > 0:  # else constant and without noise: nothing to smooth
-        smoothing = spline_smoothing(speed[inside], RATE_HZ)
-        spline_hz = min(cutoff_of_spline(smoothing, 1 / RATE_HZ), spline_hz)
+        spline_hz = min(spline_cutoff(speed[inside], RATE_HZ), spline_hz)
     return BeltTrial(
         recording.source.stem,
         belt_acceleration(speed, rate, cutoff, BELT_FILTER)[inside],

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import typer
+from typer import Option
 
 from pipeline.cli.options import (
     RESULT,
@@ -17,39 +17,28 @@ from pipeline.run.request import TrialRequest
 if TYPE_CHECKING:
     from pipeline.export.compensated_c3d import Frame, Written
 
+AnkleZero = Literal["right_angle", "in_line"]
+
 
 @takes_trial_request
 def export(
     request: TrialRequest,
-    osim: Annotated[Path | None, typer.Option(help="Write the body for OpenSim 4.")] = None,
-    urdf: Annotated[
-        Path | None, typer.Option(help="Write the body for Pinocchio, MuJoCo, ROS.")
-    ] = None,
-    tables: Annotated[
-        Path | None,
-        typer.Option(help="Folder for the trial's .mot, .sto and .trc tables, and angles as .csv."),
-    ] = None,
-    ankle_zero: Annotated[
-        Literal["right_angle", "in_line"],
-        typer.Option(help="Zero of the ankle angle: right_angle, or in_line as in the HBM."),
-    ] = "right_angle",
-    bids: Annotated[
-        Path | None, typer.Option(help="BIDS data set to add the recording to.")
-    ] = None,
-    subject: Annotated[str, typer.Option(help="BIDS label of the subject.")] = "01",
-    task: Annotated[str, typer.Option(help="BIDS label of the task.")] = "walk",
-    c3d: Annotated[
-        bool,
-        typer.Option("--c3d", help="Write the C3D file again with compensated plates, to --out."),
-    ] = False,
+    osim: Annotated[Path | None, Option(help="Write the body for OpenSim 4.")] = None,
+    urdf: Annotated[Path | None, Option(help="Write the body as URDF.")] = None,
+    tables: Annotated[Path | None, Option(help="Folder for .mot, .sto, .trc and .csv.")] = None,
+    ankle_zero: Annotated[AnkleZero, Option(help="in_line: as in the HBM.")] = "right_angle",
+    bids: Annotated[Path | None, Option(help="BIDS data set to add the recording to.")] = None,
+    subject: Annotated[str, Option(help="BIDS label of the subject.")] = "01",
+    task: Annotated[str, Option(help="BIDS label of the task.")] = "walk",
+    c3d: Annotated[bool, Option("--c3d", help="Write the C3D with compensated plates.")] = False,
     frame: Annotated[
         Literal["plate", "lab"] | None,
-        typer.Option(
+        Option(
             help="Of --c3d on a moving platform: corners in its mean pose (plate), or wrenches "
             "in the lab frame (lab); default: only the plates' samples change."
         ),
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder for the files of --c3d.")] = None,
+    out: Annotated[Path | None, Option(help="Folder for the files of --c3d.")] = None,
 ) -> int:
     """Write the body as OpenSim or URDF model, results as OpenSim tables, a trial as BIDS or C3D.
 
@@ -100,7 +89,7 @@ def _export_models(
     osim: Path | None,
     urdf: Path | None,
     tables: Path | None,
-    ankle_zero: Literal["right_angle", "in_line"],
+    ankle_zero: AnkleZero,
     console: PlainConsole,
 ) -> list[Path]:
     """Write the body of a trial, processed or to be processed, and its tables."""

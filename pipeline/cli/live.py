@@ -4,7 +4,7 @@ import time
 from pathlib import Path
 from typing import Annotated, Final
 
-import typer
+from typer import Option
 
 from pipeline.cli.terminal import PlainConsole
 
@@ -14,44 +14,21 @@ RECEIVERS_S: Final = 60.0
 
 
 def live(
-    study: Annotated[
-        Path | None, typer.Option(help="Folder of the study, whose study.toml has [live].")
-    ] = None,
-    subject: Annotated[str | None, typer.Option(help="Who walks; default: the only one.")] = None,
-    static: Annotated[
-        Path | None, typer.Option(help="Calibration pose, and places of the plates.")
-    ] = None,
-    calibration: Annotated[
-        Path | None, typer.Option(help="Of the moving treadmill, in place of the study's.")
-    ] = None,
-    pose: Annotated[
-        bool, typer.Option("--pose", help="Build the body from a pose that the subject shows now.")
-    ] = False,
-    out: Annotated[
-        Path | None, typer.Option(help="New folder for streams and results; default: live/TIME.")
-    ] = None,
-    view: Annotated[bool, typer.Option("--view", help="Show the body in a window.")] = False,
-    web: Annotated[bool, typer.Option("--web", help="Show the body to a browser here.")] = False,
-    qualisys: Annotated[
-        str | None, typer.Option(help="Address of Qualisys Track Manager, in place of LSL.")
-    ] = None,
-    listen: Annotated[
-        str | None,
-        typer.Option(help="This computer's address, to search streams at; default: the study's."),
-    ] = None,
-    duration_s: Annotated[
-        float | None, typer.Option(min=0.1, help="Ends after so long; default: with Ctrl-C.")
-    ] = None,
-    replay: Annotated[
-        Path | None, typer.Option(help="Play this recording as streams, and nothing else.")
-    ] = None,
-    forces: Annotated[
-        Path | None, typer.Option(help="MOT file that goes with a TRC file of --replay.")
-    ] = None,
-    record: Annotated[
-        Path | None, typer.Option(help="D-Flow record file that goes with --replay.")
-    ] = None,
-    speed: Annotated[float, typer.Option(min=0.01, max=20, help="Of --replay.")] = 1.0,
+    study: Annotated[Path | None, Option(help="Folder of the study, with [live].")] = None,
+    subject: Annotated[str | None, Option(help="Who walks; default: the only one.")] = None,
+    static: Annotated[Path | None, Option(help="Calibration pose, and places of plates.")] = None,
+    calibration: Annotated[Path | None, Option(help="In place of the study's.")] = None,
+    pose: Annotated[bool, Option("--pose", help="Build the body from a pose shown now.")] = False,
+    out: Annotated[Path | None, Option(help="New folder; default: live/TIME.")] = None,
+    view: Annotated[bool, Option("--view", help="Show the body in a window.")] = False,
+    web: Annotated[bool, Option("--web", help="Show the body to a browser here.")] = False,
+    qualisys: Annotated[str | None, Option(help="Address of QTM, in place of LSL.")] = None,
+    listen: Annotated[str | None, Option(help="This computer's address for streams.")] = None,
+    duration_s: Annotated[float | None, Option(min=0.1, help="Default: until Ctrl-C.")] = None,
+    replay: Annotated[Path | None, Option(help="Only play this recording as streams.")] = None,
+    forces: Annotated[Path | None, Option(help="MOT file of a TRC file to replay.")] = None,
+    record: Annotated[Path | None, Option(help="D-Flow record file to replay.")] = None,
+    speed: Annotated[float, Option(min=0.01, max=20, help="Of --replay.")] = 1.0,
 ) -> int:
     """Compute residuals while the subject walks, from streams of LSL or of Qualisys.
 
@@ -82,13 +59,13 @@ def _replay(
 ) -> int:
     from pipeline.config.live import Live
     from pipeline.config.study import read_study
-    from pipeline.io.read import read_as_stated
+    from pipeline.io.read import read_recording
     from pipeline.io.stated import Stated
     from pipeline.live.replay import Replay
 
     read = read_study(study, recordings=False) if study is not None else None
     stated = read.stated if read is not None else Stated()
-    recording = read_as_stated(path, stated, forces, record=record)
+    recording = read_recording(path, stated, forces, record=record)
     live = read.file.live if read is not None else Live()
     played = Replay(recording, speed=speed, listen=listen or live.listen)
     console.say(

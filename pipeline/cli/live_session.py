@@ -3,10 +3,12 @@
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
+
+from rich.text import Text
 
 from hbm.model import Body
 from hbm.notes import Note
@@ -29,12 +31,8 @@ from pipeline.viewer.live import ShownFrame
 if TYPE_CHECKING:
     from pipeline.viewer.live import LiveView
 
-TOLD_S: Final = 3.0
-"""Between lines that say why there is no body yet."""
 SEARCH_S: Final = 60.0
 """How long streams are searched for."""
-MISSING_S: Final = 5.0
-"""After it, it is said which streams are missing."""
 ABSENT: Final = (
     "start what sends them, or state other names in [live] of study.toml; where they come from "
     "another computer, state the address of this one: --listen"
@@ -151,31 +149,20 @@ def _source(
     markers, analog = prepared.streams
     console.say(f"searching at {listen} for {', '.join((markers, *analog))}")
     try:
-        return LslSource(
-            markers,
-            analog,
-            stated=prepared.stated,
-            listen=listen,
-            timeout_s=SEARCH_S,
-            searching=missing_teller(console),
-        )
+        with console.status("searching") as line:
+            return LslSource(
+                markers,
+                analog,
+                stated=prepared.stated,
+                listen=listen,
+                timeout_s=SEARCH_S,
+                searching=lambda absent, there: line.update(
+                    Text(f"missing: {listed(absent)}; there: {listed(sorted(there))}")
+                ),
+            )
     except ConnectionError as absent:
         absent.add_note(ABSENT)
         raise
-
-
-def missing_teller(console: PlainConsole) -> Callable[[Sequence[str], Sequence[str]], None]:
-    """Give what says which streams are missing, after a few seconds and when that changes."""
-    began_s, told = time.monotonic(), ""
-
-    def tell(absent: Sequence[str], there: Sequence[str]) -> None:
-        nonlocal told
-        missing = f"missing: {listed(absent)}; there: {listed(sorted(there))}"
-        if missing != told and time.monotonic() - began_s > MISSING_S:
-            told = missing
-            console.say(f"{missing}; searching for {SEARCH_S:g} s (stop with Ctrl-C)")
-
-    return tell
 
 
 def _shown(
@@ -183,20 +170,18 @@ def _shown(
 ) -> tuple[Body, tuple[Note, ...]]:
     """Wait until the subject shows the calibration pose, and build the body from it."""
     console.say("stand still on the plates, arms out to the sides (stop with Ctrl-C)")
-    finder, told = PoseFinder(placed.live, source.streams, placed.plates), ""
-    told_s = time.monotonic()
-    while True:
-        for samples in source.receive(RECEIVE_S):
-            pose = finder.add(samples)
-            if pose is None:
-                continue
-            try:
-                return prepared.body(pose)
-            except ValueError as error:
-                finder.why_not = str(error)
-        if finder.why_not != told and time.monotonic() - told_s > TOLD_S:
-            told, told_s = finder.why_not, time.monotonic()
-            console.say(f"no body yet: {told}")
+    finder = PoseFinder(placed.live, source.streams, placed.plates)
+    with console.status("no body yet") as line:
+        while True:
+            for samples in source.receive(RECEIVE_S):
+                pose = finder.add(samples)
+                if pose is None:
+                    continue
+                try:
+                    return prepared.body(pose)
+                except ValueError as error:
+                    finder.why_not = str(error)
+            line.update(Text(f"no body yet: {finder.why_not}"))
 
 
 SHOWN_S: Final = 0.02

@@ -22,9 +22,7 @@ RESULT = ".parquet"
 Out = Annotated[Path, typer.Option("--out", help="Folder for the output.")]
 Jobs = Annotated[int, typer.Option(min=1, help="How many trials at a time.")]
 Seed = Annotated[int, typer.Option(min=0, help="Equal seeds give equal signals and results.")]
-Simulate = Annotated[
-    bool, typer.Option("--simulate", help="Fill the folder from the virtual laboratory first.")
-]
+Simulate = Annotated[bool, typer.Option("--simulate", help="Simulate the recordings first.")]
 
 
 def _help(kind: type[InputModel], name: str) -> str:
@@ -44,18 +42,11 @@ Units = Annotated[str | None, described(RecordingRules, "units")]
 PlateUnits = Annotated[str | None, described(RecordingRules, "plate_units")]
 Accelerometers = Annotated[
     list[str] | None,
-    typer.Option(
-        "--accelerometer",
-        help="SENSOR=X,Y,Z: its channels, such as rear=ch14,ch15,ch16; repeatable; default: by "
-        "name, such as Acc1.X.",
-    ),
+    typer.Option("--accelerometer", help="SENSOR=X,Y,Z; default: named as Acc1.X; repeatable."),
 ]
-PlateCorrectionFile = Annotated[
-    Path | None,
-    typer.Option(help="Calibration of the plates (hbm plates), if trials are to name it."),
-]
+PlateCorrectionFile = Annotated[Path | None, typer.Option(help="Calibration by hbm plates.")]
 StudyFolder = Annotated[Path, typer.Argument(help="Folder with study.toml and subject files.")]
-ResultsFolder = Annotated[Path, typer.Argument(help="Folder that hbm run wrote.")]
+ResultsFolder = Annotated[Path, typer.Argument(help="Folder of hbm run; view: or one result.")]
 
 
 def takes_trial_request(command: Callable[..., int | None]) -> Callable[..., int | None]:

@@ -4,7 +4,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option
 
 from pipeline.cli.options import Jobs, Out
 from pipeline.cli.stopping import stoppable
@@ -16,26 +16,16 @@ if TYPE_CHECKING:
 
 
 def simulate(
-    folder: Annotated[
-        Path,
-        typer.Argument(help="Folder for the study; may hold a simulated one."),
-    ],
-    setting: Annotated[
-        Path | None,
-        typer.Option(
-            help="TOML with seed, [protocol] and [faults.…], or 'thesis': what it states of its "
-            "faults; default: its protocol."
-        ),
-    ] = None,
-    subjects: Annotated[
-        int | None, typer.Option(min=1, max=9, help="How many of the nine simulated subjects.")
-    ] = None,
-    seed: Annotated[int | None, typer.Option(help="Equal seeds give equal files.")] = None,
-    jobs: Annotated[int, typer.Option(min=1, help="How many processes.")] = 2,
+    folder: Annotated[Path, Argument(help="For the study; may hold a simulated one.")],
+    setting: Annotated[Path | None, Option(help="TOML file; or thesis.")] = None,
+    subjects: Annotated[int | None, Option(min=1, max=9, help="How many of the nine.")] = None,
+    seed: Annotated[int | None, Option(help="Equal seeds give equal files.")] = None,
+    jobs: Annotated[int, Option(min=1, help="How many processes.")] = 2,
 ) -> None:
     """Simulate experiment 3: C3D files, study files, and the true values.
 
-    Of a simulated study that is in the folder already, only what is missing is written.
+    Of a simulated study that is in the folder already, only what is missing is written. A setting
+    is a TOML file with seed, [protocol] and [faults.…], or 'thesis': the faults that it states.
     """
     from pipeline.virtual_lab.protocol.walking_protocol import Setting, find_setting
     from pipeline.virtual_lab.protocol.walking_study import (
@@ -78,9 +68,7 @@ def _simulate_study(
 
 
 def demo(
-    full: Annotated[
-        bool, typer.Option("--full", help="The thesis' protocol: 2.4 hours of walking.")
-    ] = False,
+    full: Annotated[bool, Option("--full", help="The thesis' 2.4 hours of walking.")] = False,
     jobs: Jobs = 2,
     out: Out = Path("demo"),
 ) -> int:

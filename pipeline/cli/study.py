@@ -2,28 +2,26 @@
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
-import typer
 from rich.text import Text
+from typer import Argument, Option
 
 from pipeline.cli.options import RESULT, Jobs, Out, ResultsFolder, StudyFolder
-from pipeline.cli.stopping import stoppable
 from pipeline.cli.terminal import (
     PlainConsole,
     StepProgress,
     announcer,
     counted,
+    counts_of,
+    follow_trials,
     new_table,
     note_line,
     print_table,
 )
 
-if TYPE_CHECKING:
-    from hbm.notes import Note
 
-
-def init(folder: Annotated[Path, typer.Argument(help="Folder for the new study.")]) -> None:
+def init(folder: Annotated[Path, Argument(help="Folder for the new study.")]) -> None:
     """Write a commented study.toml and a subject file to start from."""
     from pipeline.config.templates import write_template
 
@@ -34,10 +32,7 @@ def init(folder: Annotated[Path, typer.Argument(help="Folder for the new study."
 def check(
     study: StudyFolder,
     second_reader: Annotated[
-        bool,
-        typer.Option(
-            "--second-reader", help="Read every C3D file also with ezc3d and list what differs."
-        ),
+        bool, Option("--second-reader", help="Also compare every C3D file as ezc3d reads it.")
     ] = False,
 ) -> int:
     """Read every TOML and every recording of a study, list all problems, compute nothing."""
@@ -76,16 +71,13 @@ def check(
 
 def run(
     study: StudyFolder,
-    subject: Annotated[list[str] | None, typer.Option(help="Only this one; repeatable.")] = None,
-    condition: Annotated[list[str] | None, typer.Option(help="Only this one; repeatable.")] = None,
+    subject: Annotated[list[str] | None, Option(help="Only this one; repeatable.")] = None,
+    condition: Annotated[list[str] | None, Option(help="Only this one; repeatable.")] = None,
     jobs: Jobs = 1,
-    scheduler: Annotated[
-        str | None, typer.Option(help="Dask scheduler to run the trials on, e.g. tcp://host:8786.")
-    ] = None,
+    scheduler: Annotated[str | None, Option(help="Dask, e.g. tcp://host:8786.")] = None,
     out: Out = Path("results"),
     overwrite: Annotated[
-        bool,
-        typer.Option("--overwrite", help="Replace results made with other settings or files."),
+        bool, Option("--overwrite", help="Replace results made with other settings or files.")
     ] = False,
 ) -> int:
     """Process a study; finished trials are skipped, failed ones listed with reasons."""
@@ -108,51 +100,25 @@ def run(
         require_nothing_replaced(planned, out)
     if loaded.file.treadmill.check:
         console.say_notes(read_study_laboratory(loaded).notes)
-    counts = {"done": 0, "kept": 0, "failed": 0}
-    of_calibration: dict[Note, None] = {}
     outcomes = run_planned(
         loaded, planned, out, jobs=jobs, scheduler=scheduler, announce=announcer(console)
     )
-
-    def kept() -> str:
-        done = counts["done"] + counts["kept"]
-        trials = counted(len(planned), "trial")
-        return f"done and kept are {done} of {trials}; the same command goes on"
-
-    with stoppable(kept), StepProgress(console, "processing", "trials") as progress:
-        for outcome in outcomes:
-            counts[outcome.state] += 1
-            of_calibration |= dict.fromkeys(outcome.of_calibration)
-            failed = outcome.failure is not None
-            done, to_do = counts["done"] + counts["failed"], len(planned) - counts["kept"]
-            progress.show(str(outcome), done, to_do, always=failed)
-    console.say_notes(of_calibration)
-    console.say(
-        f"{counted(counts['done'], 'trial')} processed, {counts['kept']} were there already, "
-        f"{counts['failed']} failed, in {time.monotonic() - start:.1f} s; next: hbm report {out}"
-    )
-    return 1 if counts["failed"] else 0
-
-
-ResultsToView = Annotated[
-    Path, typer.Argument(help="Folder that hbm run wrote, or a single result (.parquet).")
-]
+    finished = follow_trials(outcomes, len(planned), "processing", "done and kept", console)
+    console.say_notes(dict.fromkeys(note for one in finished for note in one.of_calibration))
+    seconds = time.monotonic() - start
+    console.say(f"{counts_of(finished, 'processed')}, in {seconds:.1f} s; next: hbm report {out}")
+    return int(any(outcome.failure is not None for outcome in finished))
 
 
 def report(
     folder: ResultsFolder = Path("results"),
     covariate: Annotated[
         list[str] | None,
-        typer.Option(
-            help="height_m, mass_kg, sex or age_years, in place of the study's; repeatable."
-        ),
+        Option(help="height_m, mass_kg, sex or age_years; default: the study's; repeatable."),
     ] = None,
-    plan: Annotated[
-        bool, typer.Option("--plan", help="Print how many subjects the study needs (plan.md).")
-    ] = False,
+    plan: Annotated[bool, Option("--plan", help="Print plan.md: how many subjects.")] = False,
 ) -> None:
     """Write tables, statistics, figures and report.html from the results of hbm run."""
-    from pipeline.budgets.study import stale_sentence
     from pipeline.report.write import write_report
     from pipeline.run.store import recorded_study_folder
 
@@ -166,19 +132,15 @@ def report(
         )
     if plan:
         console.say((page.parent / "plan.md").read_text(encoding="utf-8"))
-    if stale := stale_sentence(folder, str(folder)):
-        console.say(stale)
     console.say(f"report: {page}")
 
 
 def view(
-    results: ResultsToView = Path("results"),
-    subject: Annotated[str | None, typer.Option(help="Default: the first.")] = None,
-    condition: Annotated[str | None, typer.Option(help="Default: the first.")] = None,
-    web: Annotated[bool, typer.Option("--web", help="In a browser on this machine.")] = False,
-    save: Annotated[
-        Path | None, typer.Option(help="Write the Rerun recording to this file instead.")
-    ] = None,
+    results: ResultsFolder = Path("results"),
+    subject: Annotated[str | None, Option(help="Default: the first.")] = None,
+    condition: Annotated[str | None, Option(help="Default: the first.")] = None,
+    web: Annotated[bool, Option("--web", help="In a browser on this machine.")] = False,
+    save: Annotated[Path | None, Option(help="Only write the recording (.rrd).")] = None,
 ) -> None:
     """Open a trial in the Rerun viewer: markers, body, plates, forces, residuals over time."""
     from pipeline.budgets.study import bands_of

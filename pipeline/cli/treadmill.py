@@ -7,7 +7,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option
 
 from pipeline.cli.options import (
     Accelerometers,
@@ -34,34 +34,28 @@ if TYPE_CHECKING:
 
 
 def fit(
-    recording: Annotated[Path, typer.Argument(help="The empty, moving treadmill.")],
-    out: Annotated[Path, typer.Option("-o", "--out", help="Calibration file to write (.json).")],
+    recording: Annotated[Path, Argument(help="The empty, moving treadmill.")],
+    out: Annotated[Path, Option("-o", "--out", help="Calibration file to write (.json).")],
     axes: Axes = None,
     units: Units = None,
     plate_units: PlateUnits = None,
     cutoff_hz: Annotated[float, described(Treadmill, "cutoff_hz")] = Treadmill().cutoff_hz,
     accelerometer_unit: Annotated[str | None, described(Treadmill, "accelerometer_unit")] = None,
     accelerometer: Accelerometers = None,
-    platform_markers: Annotated[
-        str, typer.Option(help="Markers on the platform: how plates and commands are timed.")
-    ] = "",
+    platform_markers: Annotated[str, Option(help="Markers that time plates and commands.")] = "",
     sway_channel: Annotated[str | None, described(Platform, "sway_channel")] = None,
     pitch_channel: Annotated[str | None, described(Platform, "pitch_channel")] = None,
     plate_calibration: PlateCorrectionFile = None,
     beside: Annotated[
         list[Path] | None,
-        typer.Option(
-            "--beside",
-            help="People beside a plate that stays empty: fitted, weighed by held-out parts of "
-            "the signal; repeatable.",
-        ),
+        Option("--beside", help="People beside a plate that stays empty; repeatable."),
     ] = None,
     inertia_model: Annotated[
         str, described(Treadmill, "inertia_model", "--model", "--inertia-model")
     ] = Treadmill().inertia_model,
     check: Annotated[
         list[Path] | None,
-        typer.Option("--check", help="As --beside, only to compare both models by; repeatable."),
+        Option("--check", help="As --beside, only to compare models by; repeatable."),
     ] = None,
 ) -> None:
     """Fit a calibration to a recording of the empty, moving treadmill."""
@@ -74,7 +68,7 @@ def fit(
     from pipeline.trial.ground import calibration_recording as of_empty
     from pipeline.trial.ground.corrected_plates import with_corrected_plates
     from pipeline.trial.ground.platform import recording_delays
-    from pipeline.trial.ground.uncertainty import belt_speed_notes
+    from pipeline.trial.ground.uncertainty import uncertainty_limits
 
     console = PlainConsole()
     if out.is_dir():
@@ -136,7 +130,7 @@ def fit(
         *describe_sensors(calibration.sensors),
         *timing,
         *of_empty.plates_timed_apart(empty, treadmill, calibration.sensors, plates),
-        *belt_speed_notes(belts_mps, calibration),
+        *uncertainty_limits(belts_mps, calibration),
     ]
     console.say_notes(notes)
     if calibration.notes:
@@ -167,17 +161,17 @@ def _fit_table(calibration: "Calibration") -> "Table":
 
 
 def signals(
-    kind: Annotated[str, typer.Option(help="pitch_sway, belt, validation or all of them.")] = "all",
-    rate_hz: Annotated[float, typer.Option(min=100, max=10000, help="Samples per second.")] = 100.0,
+    kind: Annotated[str, Option(help="pitch_sway, belt, validation or all of them.")] = "all",
+    rate_hz: Annotated[float, Option(min=100, max=10000, help="Samples per second.")] = 100.0,
     seed: Seed = 0,
-    sway_m: Annotated[float, typer.Option(help="Largest sway of the machine.")] = 0.05,
-    sway_m_per_s: Annotated[float, typer.Option(help="Largest sway speed.")] = 0.31,
-    sway_m_per_s2: Annotated[float, typer.Option(help="Largest sway acceleration.")] = 5.0,
-    pitch_deg: Annotated[float, typer.Option(help="Largest pitch.")] = 10.0,
-    pitch_deg_per_s: Annotated[float, typer.Option(help="Largest pitch speed.")] = 50.0,
-    pitch_deg_per_s2: Annotated[float, typer.Option(help="Largest pitch acceleration.")] = 600.0,
-    belt_m_per_s: Annotated[float, typer.Option(help="Largest belt speed.")] = 6.0,
-    belt_m_per_s2: Annotated[float, typer.Option(help="Largest belt acceleration.")] = 15.0,
+    sway_m: Annotated[float, Option(help="Largest sway of the machine.")] = 0.05,
+    sway_m_per_s: Annotated[float, Option(help="Largest sway speed.")] = 0.31,
+    sway_m_per_s2: Annotated[float, Option(help="Largest sway acceleration.")] = 5.0,
+    pitch_deg: Annotated[float, Option(help="Largest pitch.")] = 10.0,
+    pitch_deg_per_s: Annotated[float, Option(help="Largest pitch speed.")] = 50.0,
+    pitch_deg_per_s2: Annotated[float, Option(help="Largest pitch acceleration.")] = 600.0,
+    belt_m_per_s: Annotated[float, Option(help="Largest belt speed.")] = 6.0,
+    belt_m_per_s2: Annotated[float, Option(help="Largest belt acceleration.")] = 15.0,
     out: Out = Path("signals"),
 ) -> int:
     """Write the calibration and validation signals that the machine can do: CSV and figures.
@@ -231,19 +225,12 @@ def signals(
 
 
 def rank(
-    folder: Annotated[
-        Path,
-        typer.Argument(
-            help="With calibration/ and validation/, belt_calibration/ and belt_validation/ (.c3d)."
-        ),
-    ],
+    folder: Annotated[Path, Argument(help="With calibration/, validation/, belt_… (.c3d).")],
     simulate: Simulate = False,
-    plate: Annotated[int, typer.Option(min=1, help="The empty plate that is scored.")] = 1,
-    cutoff_hz: Annotated[
-        float, typer.Option(help="Low-pass for pitch and sway, zero phase (-3 dB).")
-    ] = 16.0,
-    belt_channel: Annotated[str, typer.Option(help="Channel with the belt speed.")] = "BeltSpeed",
-    belt_cutoff_hz: Annotated[float, typer.Option(help="Real-time low-pass for the belts.")] = 10.0,
+    plate: Annotated[int, Option(min=1, help="The empty plate that is scored.")] = 1,
+    cutoff_hz: Annotated[float, Option(help="Low-pass for pitch and sway, zero phase.")] = 16.0,
+    belt_channel: Annotated[str, Option(help="Channel with the belt speed.")] = "BeltSpeed",
+    belt_cutoff_hz: Annotated[float, Option(help="Real-time low-pass for the belts.")] = 10.0,
     axes: Axes = None,
     units: Units = None,
     plate_units: PlateUnits = None,
@@ -281,7 +268,7 @@ def rank(
 
 
 def plates(
-    study: Annotated[Path, typer.Argument(help="Folder with plates.toml and its recordings.")],
+    study: Annotated[Path, Argument(help="Folder with plates.toml and its recordings.")],
     simulate: Simulate = False,
     seed: Seed = 0,
     out: Out = Path("plates"),
@@ -319,8 +306,8 @@ def plates(
 
 
 def check(
-    calibration: Annotated[Path, typer.Argument(help="What 'hbm calibration fit' wrote (.json).")],
-    recording: Annotated[Path, typer.Argument(help="The empty treadmill, moving, another day.")],
+    calibration: Annotated[Path, Argument(help="What 'hbm calibration fit' wrote (.json).")],
+    recording: Annotated[Path, Argument(help="The empty treadmill, moving, another day.")],
     axes: Axes = None,
     units: Units = None,
     plate_units: PlateUnits = None,

@@ -87,26 +87,6 @@ class GroupShare:
 
 
 @dataclass(frozen=True, slots=True)
-class CauseUncertainty:
-    """What a cause of usual size does to the RMS of residuals.
-
-    Attributes
-    ----------
-    name, group
-        See `pipeline.explain.cause.Cause`.
-    change
-        What one standard deviation of it changes the RMS by; the sign tells which way, (6,).
-    square
-        One standard deviation of what its square changes the RMS by, (6,).
-    """
-
-    name: str
-    group: str
-    change: ByAxis
-    square: ByAxis
-
-
-@dataclass(frozen=True, slots=True)
 class RmsUncertainty:
     """How sure the RMS of residuals is, by the delta method.
 
@@ -118,10 +98,6 @@ class RmsUncertainty:
         As measured, (6,) [N, N·m].
     mean, deviation
         Mean and standard deviation that the RMS has if errors of usual size are added, (6,).
-    of_noise
-        One standard deviation due to the noise of samples, (6,).
-    causes
-        What each cause does.
     draws
         The RMS with causes of drawn sizes, (N, 6): the nth draw of a cause has the same size in all
         trials that share it, so that draws tell how residuals of different trials vary together.
@@ -131,28 +107,7 @@ class RmsUncertainty:
     rms: ByAxis
     mean: ByAxis
     deviation: ByAxis
-    of_noise: ByAxis
-    causes: tuple[CauseUncertainty, ...]
     draws: ByAxis
-
-
-@dataclass(frozen=True, slots=True)
-class CycleRms:
-    """The RMS of residuals over a gait cycle, with its 95 % interval of measurement.
-
-    Attributes
-    ----------
-    start, stop
-        Of the cycle [s].
-    rms, low, high
-        As in `Budget`.
-    """
-
-    start: float
-    stop: float
-    rms: ByAxis
-    low: ByAxis
-    high: ByAxis
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -175,10 +130,6 @@ class Bands:
     cycle: Indices
     residual: Array
     deviation: Array
-
-    def __post_init__(self) -> None:
-        for name in ("time", "cycle", "residual", "deviation"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,8 +167,6 @@ class Budget:
     of_window
         The same over the part of the gait cycles that the condition asks for; empty where it asks
         for whole ones.
-    of_cycles
-        The RMS of each cycle.
     bands
         The residuals over time; not in files of JSON.
     """
@@ -236,5 +185,4 @@ class Budget:
     notes: tuple[StoredNote, ...]
     uncertainty: tuple[RmsUncertainty, ...] = ()
     of_window: tuple[RmsUncertainty, ...] = ()
-    of_cycles: tuple[CycleRms, ...] = ()
     bands: Annotated[Bands | None, PlainValidator(lambda bands: bands), Field(exclude=True)] = None

@@ -11,7 +11,6 @@ import numpy as np
 
 from hbm.spatial import Array
 from pipeline.explain.processing_chain import ProcessingChain
-from pipeline.statistics.measurement import Level
 
 CauseGroup = Literal[
     "delay",
@@ -32,7 +31,7 @@ OF_PERSON: Final[tuple[CauseGroup, ...]] = ("inertia", "soft_tissue", "markers",
 """Groups that are always named together: in simulated trials, of which the truth is known, walking
 shows that body or markers are wrong, and takes one for the other (docs/explain.md)."""
 
-SHARED_WITHIN: Final[Mapping[CauseGroup, Level]] = {
+SHARED_WITHIN: Final[Mapping[CauseGroup, Literal["laboratory", "subject", "trial"]]] = {
     "delay": "laboratory",
     "gain": "laboratory",
     "place": "laboratory",
@@ -60,9 +59,9 @@ class Prior:
     unit
         Of the size.
     source
-        Where it is from.
+        Where the size is from.
     advice
-        What a laboratory can do to know it better; empty where it has been done.
+        What a laboratory can do to know it better; empty where nothing simple does.
     mean
         What is expected: zero but where something is known of the trial.
     """

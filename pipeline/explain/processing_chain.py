@@ -4,7 +4,7 @@ The stages are those of `pipeline.trial.stages` and `pipeline.trial.ground.wrenc
 inputs, and what depends on which.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Final, Self
@@ -18,10 +18,9 @@ from hbm.model import Body
 from hbm.signals.filtering import Filtered, butterworth, low_pass
 from hbm.spatial import Array, shift_wrench
 from pipeline.config.schema import Settings
-from pipeline.explain.subtracted import Subtracted, subtracted_from
 from pipeline.io.recording import Plate, Recording
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
-from pipeline.trial.ground.laboratory import Laboratory, bind
+from pipeline.trial.ground.laboratory import BoundLaboratory, Laboratory, bind
 from pipeline.trial.ground.platform import in_lab
 from pipeline.trial.ground.wrenches import ground_wrenches
 from pipeline.trial.result import TrialResult
@@ -30,7 +29,7 @@ from pipeline.trial.stages import solve_pose
 COMPUTED_FROM: Final[Mapping[str, frozenset[str]]] = {
     "motion": frozenset({"settings", "q"}),
     "needed": frozenset({"settings", "q", "body"}),
-    "ground": frozenset({"settings", "plates", "wrenches", "pose"}),
+    "ground": frozenset({"settings", "wrenches", "pose", "lab"}),
 }
 """What a chain computes when it is first asked for -> the fields on which it depends."""
 
@@ -51,15 +50,20 @@ class ProcessingChain:
         Trajectories as the inverse kinematics was given them, T frames.
     q
         Coordinates before the filter, (T, 46) [m and rad].
-    plates
-        The plates: where they are with the platform in neutral.
     wrenches
         Per plate, in its own axes about the centre of its surface, at the frames and before the
         filter, compensated where the trial is, (T, 6) [N, N·m].
     pose
         The platform's pose, T frames; None where it stands still.
-    subtracted
-        What was subtracted from the plates, and by which models; None where nothing was.
+    lab
+        The laboratory in this recording: where the plates are with the platform in neutral, and the
+        models by which they were compensated.
+    felt
+        Per plate what its inertia model takes of the accelerometers, (T, K) [m/s²]; empty without a
+        calibration of the platform.
+    belts
+        Per plate the wrench of its accelerating belt that was subtracted, in its own axes, (T, 6)
+        [N, N·m]; empty without a calibration of the belts.
     soft_tissue
         What soft tissue adds to the wrench on the ground, as `ground`: nothing unless a cause does.
     """
@@ -69,11 +73,27 @@ class ProcessingChain:
     body: Body
     markers: Markers
     q: Array
-    plates: tuple[Plate, ...]
     wrenches: tuple[Array, ...]
     pose: PlatformPose | None
-    subtracted: Subtracted | None = None
+    lab: BoundLaboratory
+    felt: tuple[Array, ...] = ()
+    belts: tuple[Array, ...] = ()
     soft_tissue: Array = field(default_factory=lambda: np.zeros(6))
+
+    @property
+    def plates(self) -> tuple[Plate, ...]:
+        """Where the plates are with the platform in neutral."""
+        return self.lab.recording.plates
+
+    @property
+    def sensors_apart_s(self) -> float:
+        """By how much the accelerometers' delays differ, one standard deviation [s].
+
+        Accelerometers on one converter are equally late: where a platform bends, the calibration
+        takes bending for delay.
+        """
+        delays = [sensor.correction_s for sensor in self.lab.sensors]
+        return float(np.std(delays, ddof=1)) if len(delays) > 1 else 0.0
 
     @cached_property
     def motion(self) -> Filtered:
@@ -107,28 +127,6 @@ class ProcessingChain:
             if name in self.__dict__ and inputs.isdisjoint(fields):
                 other.__dict__[name] = self.__dict__[name]
         return other
-
-    def with_motion(self, motion: Filtered) -> Self:
-        """Give the chain with another filtered motion of the same body."""
-        other = self.changed(q=self.q)
-        other.__dict__["motion"] = motion
-        return other
-
-    def with_body(self, body: Body) -> Self:
-        """Give the chain with another body in the same motion."""
-        return self.changed(body=body)
-
-    def with_coordinates(self, q: Array) -> Self:
-        """Give the chain with other coordinates before the filter, (T, 46) [m and rad]."""
-        return self.changed(q=q)
-
-    def with_wrenches(self, wrenches: Sequence[Array], pose: PlatformPose | None = None) -> Self:
-        """Give the chain with other wrenches of the plates, as `wrenches`, or another pose too."""
-        return self.changed(wrenches=tuple(wrenches), pose=pose or self.pose)
-
-    def with_soft_tissue(self, wrench: Array) -> Self:
-        """Give the chain with soft tissue that adds a wrench to that on the ground, as `ground`."""
-        return self.changed(soft_tissue=self.soft_tissue + wrench)
 
     def low_pass(self, signal: Array) -> Array:
         """Pass a signal at the frames, (T, …), through the filter of the trial."""
@@ -201,8 +199,9 @@ def processing_chain(
         body=result.body,
         markers=pose.markers,
         q=pose.solved.q,
-        plates=recording.plates,
         wrenches=tuple(wrench[frames] for wrench in ground.in_plates[ground.best]),
         pose=platform,
-        subtracted=subtracted_from(lab, ground, frames),
+        lab=lab,
+        felt=tuple(each[frames] for each in ground.felt),
+        belts=tuple(each[frames] for each in ground.belts),
     )

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from hbm.spatial import Array, read_only
+from hbm.spatial import Array
 
 INDISTINCT: Final = -0.5
 """Correlation of the shares of two groups, over all six residuals, below which they are named
@@ -35,10 +35,6 @@ class Shares:
     share: Array
     covariance: Array
     unexplained: Array
-
-    def __post_init__(self) -> None:
-        for name in ("share", "covariance", "unexplained"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @property
     def deviation(self) -> Array:
@@ -103,7 +99,7 @@ def shares_of_groups(
     return Shares(share, between, 1 - share.sum(axis=0))
 
 
-def indistinct(shares: Shares, together: Sequence[Sequence[int]] | None = None) -> list[list[int]]:
+def indistinct(shares: Shares, together: Sequence[Sequence[int]]) -> list[list[int]]:
     """Join groups that a trial cannot tell apart.
 
     Two are joined where what one has too much the other has too little, unless one of them is sure:
@@ -114,14 +110,14 @@ def indistinct(shares: Shares, together: Sequence[Sequence[int]] | None = None) 
     shares
         Of the groups.
     together
-        Sets of groups that are named together anyway; by default each is alone.
+        Sets of groups that are named together anyway.
 
     Returns
     -------
     list of list of int
         The groups that are named together, in their order.
     """
-    found = [list(own) for own in together or [[g] for g in range(len(shares.share))]]
+    found = [list(own) for own in together]
     while len(found) > 1:
         own = shares.joined(found)
         covariance = own.covariance.mean(axis=0)

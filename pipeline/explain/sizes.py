@@ -5,8 +5,7 @@ add, plus what no cause describes, plus the mean of what differs between cycles.
 describes has one size per axis at all frequencies, as forces of motions that the model does not
 know: they follow accelerations, which do not decrease with frequency as motions do. It is estimated
 with the causes (Kennedy and O'Hagan 2001, J R Stat Soc B 63:425); without it, intervals would
-shrink with every cycle although the model stays wrong. Effects are linearised around the sizes that
-explain the trial.
+shrink with every cycle although the model stays wrong.
 """
 
 from collections.abc import Sequence
@@ -15,9 +14,8 @@ from typing import Final
 
 import numpy as np
 
-from hbm.spatial import Array, Indices, Mask, read_only
+from hbm.spatial import Array, Indices, Mask
 from pipeline.explain.cause import Cause
-from pipeline.explain.processing_chain import ProcessingChain
 
 EM_ROUNDS: Final = 60
 """Of expectation and maximisation."""
@@ -28,10 +26,6 @@ MIN_VARIANCE: Final = 1e-10
 PATTERNS_SHARE: Final = 0.99
 MOST_PATTERNS: Final = 10
 """Of what follows the platform, by how it varies over cycles, and patterns that are told apart."""
-TOLERANCE: Final = 0.05
-"""Of a residual's RMS that a change of all causes together may differ from the sum of their
-effects."""
-ROUNDS: Final = 3
 HELD: Final = 1e-3
 """Of the standard deviation of a size that was found elsewhere: so near the residuals leave it."""
 
@@ -49,17 +43,12 @@ class CycleSeries:
     frames
         Per cycle its frames that count.
     inverse
-        Per cycle what gives its coefficients from these frames, (B, N).
-    frequency
-        Of each coefficient, (B,) [Hz], for a cycle of median duration.
+        Per cycle what gives its coefficients from these frames, (B, N): the mean, and sine and
+        cosine of each harmonic.
     """
 
     frames: tuple[Indices, ...]
     inverse: tuple[Array, ...]
-    frequency: Array
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "frequency", read_only(self.frequency))
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -74,7 +63,7 @@ class CycleSeries:
 
     def some(self, cycles: slice) -> "CycleSeries":
         """Give the same of some of the cycles."""
-        return CycleSeries(self.frames[cycles], self.inverse[cycles], self.frequency)
+        return CycleSeries(self.frames[cycles], self.inverse[cycles])
 
 
 def cycle_series(
@@ -105,24 +94,20 @@ def cycle_series(
     >>> signal = np.tile(3 + 4 * np.sin(2 * np.pi * time)[:, None], (1, 6))
     >>> np.abs(series.coefficients(signal)[0, :3, 0]).round(3).tolist()
     [3.0, 2.828, 0.0]
-    >>> series.frequency.tolist()
-    [0.0, 1.0, 1.0, 2.0, 2.0]
     """
+    counts = np.ones(len(time), bool) if counts is None else counts
     every = [np.arange(*np.searchsorted(time, span)) for span in spans]
-    counted = [np.ones(len(each), bool) if counts is None else counts[each] for each in every]
-    fewest = min(int(own.sum()) for own in counted)
+    frames = tuple(each[counts[each]] for each in every)
     duration = float(np.median([stop - start for start, stop in spans]))
-    harmonics = max(1, min(int(np.ceil(to_hz * duration)), fewest // 6))
+    harmonics = max(1, min(int(np.ceil(to_hz * duration)), min(map(len, frames)) // 6))
     inverse = []
-    for (start, stop), each, own in zip(spans, every, counted, strict=True):
+    for (start, stop), each in zip(spans, every, strict=True):
         phase = 2 * np.pi * (time[each] - start) / (stop - start)
         waves = [np.ones(len(phase))]
         for h in range(1, harmonics + 1):
             waves += [np.sqrt(2) * np.sin(h * phase), np.sqrt(2) * np.cos(h * phase)]
-        inverse.append(np.linalg.pinv(np.column_stack(waves))[:, own])
-    order = np.repeat(np.arange(harmonics + 1), 2)[1:]
-    frames = tuple(each[own] for each, own in zip(every, counted, strict=True))
-    return CycleSeries(frames, tuple(inverse), order / duration)
+        inverse.append(np.linalg.pinv(np.column_stack(waves))[:, counts[each]])
+    return CycleSeries(frames, tuple(inverse))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,31 +128,24 @@ class Posterior:
     covariance: Array
     unexplained: Array
 
-    def __post_init__(self) -> None:
-        for name in ("size", "covariance", "unexplained"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-
     @property
     def deviation(self) -> Array:
         """One standard deviation of each size, (K,)."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
 
-def estimate_sizes(
-    residual: Array, effects: Array, prior: Array, frequency: Array, of_platform: Mask
-) -> Posterior:
+def estimate_sizes(residual: Array, effects: Array, prior: Array, of_platform: Mask) -> Posterior:
     """Estimate the sizes of causes.
 
     Parameters
     ----------
     residual
-        Fourier coefficients of the residual of each gait cycle, (C, B, 6) [N, N·m].
+        Fourier coefficients of the residual of each gait cycle, (C, B, 6) [N, N·m], in the order of
+        `CycleSeries`.
     effects
         The same of what each cause adds per unit, (K, C, B, 6).
     prior
         One standard deviation of each size, (K,).
-    frequency
-        Of each coefficient, (B,) [Hz].
     of_platform
         Causes that follow the platform, (K,): what differs between cycles tells of them too. Of
         the others it does not, because what the model misses of a person differs with them.
@@ -204,7 +182,7 @@ def estimate_sizes(
     added[:, 0] = np.sqrt(cycles) * effect
     spread = START * np.sqrt((along**2).mean(axis=1))
     rest = np.tensordot(beside, residual, 1)
-    between = _by_frequency((rest**2).sum(axis=0) / degrees, frequency)
+    between = _by_frequency((rest**2).sum(axis=0) / degrees)
     for _ in range(EM_ROUNDS):
         unexplained = spread[:, None] ** 2
         variance = unexplained + between + MIN_VARIANCE
@@ -243,73 +221,10 @@ def _patterns(moving: Array, residual: Array) -> Array:
     return np.vstack([constant, rows[:, : min(count, (cycles - 1) // 2)].T])
 
 
-def _by_frequency(variance: Array, frequency: Array) -> Array:
+def _by_frequency(variance: Array) -> Array:
     """Take the mean of sine's and cosine's variance, (B, 6)."""
-    result = np.empty_like(variance)
-    for each in np.unique(frequency):
-        same = frequency == each
-        result[same] = variance[same].mean(axis=0)
-    return result
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Linearised:
-    """Causes of a trial, linearised where they explain it.
-
-    Attributes
-    ----------
-    effects
-        What each cause adds per unit, (K, T, 6).
-    posterior
-        Sizes of the causes.
-    as_measured
-        Effects on the trial as it was measured, (K, T, 6).
-    """
-
-    effects: Array
-    posterior: Posterior
-    as_measured: Array
-
-
-def linearised(
-    chain: ProcessingChain, causes: Sequence[Cause], left: Array, series: CycleSeries
-) -> Linearised:
-    """Estimate the sizes of causes, again around the sizes found until that changes nothing.
-
-    Parameters
-    ----------
-    chain
-        The trial.
-    causes
-        What may be wrong with it.
-    left
-        What the filter leaves, (T, 6), which needs no cause.
-    series
-        Its gait cycles.
-
-    Returns
-    -------
-    Linearised
-        Effects and sizes.
-    """
-    corrected, size = chain, np.zeros(len(causes))
-    frames = np.concatenate(series.frames)
-    before = rms(chain.residual[frames])
-    every: list[Array] = []
-    for _ in range(ROUNDS):
-        measured = corrected.residual - left  # first: chains with effects keep its steps
-        effects = np.nan_to_num([cause.effect(corrected) for cause in causes])
-        every = [*every[:1], effects]
-        residual = measured + np.tensordot(size, effects, 1)
-        posterior = sizes_from_cycles(residual, effects, causes, series)
-        expected = residual - np.tensordot(posterior.size, effects, 1)
-        corrected, size = chain, posterior.size
-        for cause, own in zip(causes, size, strict=True):
-            corrected = cause.change(corrected, -own)
-        missed = rms((corrected.residual - left - expected)[frames])
-        if (missed < TOLERANCE * before).all():
-            break
-    return Linearised(effects, posterior, every[0])
+    of_both = variance[1:].reshape(-1, 2, variance.shape[1]).mean(axis=1)
+    return np.vstack([variance[:1], np.repeat(of_both, 2, axis=0)])
 
 
 def sizes_from_cycles(
@@ -341,20 +256,10 @@ def sizes_from_cycles(
     for k, (size, deviation) in found.items():
         mean[k], prior[k] = size, HELD * deviation
     usual = residual - np.tensordot(mean, effects, 1)
-    posterior = estimate_sizes(
-        series.coefficients(usual),
-        series.coefficients(effects),
-        prior,
-        series.frequency,
-        of_platform,
-    )
+    coefficients = series.coefficients(usual), series.coefficients(effects)
+    posterior = estimate_sizes(*coefficients, prior, of_platform)
     covariance = posterior.covariance
     for k, (_, deviation) in found.items():  # the others follow it
         follow = covariance[:, k] / covariance[k, k]
         covariance = covariance + deviation**2 * np.outer(follow, follow)
     return Posterior(posterior.size + mean, covariance, posterior.unexplained)
-
-
-def rms(residual: Array) -> Array:
-    """Give the root mean square of each axis, (T, 6) to (6,)."""
-    return np.asarray(np.sqrt(np.mean(residual**2, axis=0)))

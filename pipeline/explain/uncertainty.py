@@ -4,21 +4,19 @@ The delta method adds the effects of all causes, each about as large as usual.
 """
 
 import hashlib
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
 
-from hbm.dynamics import Dynamics
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers
 from hbm.signals.samples import mean_rate_hz
 from hbm.spatial import Array, Indices
-from pipeline.explain.budget import Bands, CauseUncertainty, CycleRms, RmsUncertainty
+from pipeline.explain.budget import Bands, RmsUncertainty
 from pipeline.explain.cause import SHARED_WITHIN, Cause, priors
+from pipeline.explain.linearise import ExplainedPart, rms
 from pipeline.explain.processing_chain import ProcessingChain
-from pipeline.explain.shares import NORMAL_95
 from pipeline.trial.residuals import counted, reported
 from pipeline.trial.result import TrialResult
 
@@ -36,38 +34,9 @@ DECIMALS: Final = 3
 """Of draws of an RMS [N, N·m]."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Uncertainty:
-    """How sure the RMS of residuals is over some frames, by the delta method.
-
-    Attributes
-    ----------
-    rms
-        As measured, (6,) [N, N·m].
-    mean, deviation
-        Mean and standard deviation that the RMS has if errors of usual size are added, (6,).
-    changes
-        What one usual size of each cause changes the RMS by, (K, 6); the sign tells which way.
-    squares
-        One standard deviation of what the square of each cause changes it by, (K, 6).
-    of_noise
-        One standard deviation of the RMS due to the noise of samples, (6,).
-    draws
-        The RMS with causes of drawn sizes, (N, 6).
-    """
-
-    rms: Array
-    mean: Array
-    deviation: Array
-    changes: Array
-    squares: Array
-    of_noise: Array
-    draws: Array
-
-
 def rms_uncertainty(
-    residual: Array, usual: Array, noise: Array, samples: float, sizes: Array | None = None
-) -> Uncertainty:
+    residual: Array, usual: Array, noise: Array, samples: float, sizes: Array
+) -> tuple[Array, Array, Array]:
     """Propagate usual sizes of causes to the RMS of a residual.
 
     Parameters
@@ -81,32 +50,34 @@ def rms_uncertainty(
     samples
         Independent samples of it in a frame.
     sizes
-        Of the causes, in usual sizes, and of the noise as a whole, drawn N times, (N, K + 1); by
-        default none.
+        Of the causes, in usual sizes, and of the noise as a whole, drawn N times, (N, K + 1).
 
     Returns
     -------
-    Uncertainty
-        The causes are independent of each other and normally distributed.
+    mean, deviation
+        Of the RMS if errors of usual size are added, (6,): the causes are independent of each other
+        and normally distributed.
+    draws
+        The RMS with causes of the drawn sizes, (N, 6).
 
     Notes
     -----
     To first order in the causes, the residual is ``r + Σ sₖ eₖ`` with standard normal sizes s. Its
     mean square, a quadratic form in them, has the mean ``⟨r, r⟩ + Σ ⟨eₖ, eₖ⟩`` and the variance
     ``4 Σ ⟨r, eₖ⟩² + 2 ΣΣ ⟨eₖ, eₗ⟩²``, each ``⟨,⟩`` over T (Mathai and Provost 1992, Quadratic forms
-    in random variables, 3.2b), which says how much of it is due to each cause. The mean of its root
-    follows from its moment-generating function, and with it the deviation: squares of causes do not
-    average out, and the gradient of the RMS alone (JCGM 100:2008, 5.1.2) is wrong where causes do
-    as much as the residual. Noise is a further cause that is independent of itself in each sample.
+    in random variables, 3.2b). The mean of its root follows from its moment-generating function,
+    and with it the deviation: squares of causes do not average out, and the gradient of the RMS
+    alone (JCGM 100:2008, 5.1.2) is wrong where causes do as much as the residual. Noise is a
+    further cause that is independent of itself in each sample.
 
     Examples
     --------
     >>> time = np.linspace(0, 1, 101)[:, None]
     >>> residual = np.full((101, 6), 10.0)
     >>> usual = np.ones((1, 101, 6))
-    >>> found = rms_uncertainty(residual, usual, np.zeros(6), samples=0.1)
-    >>> found.deviation.round(1).tolist(), found.changes[0].round(1).tolist()
-    ([1.0, 1.0, 1.0, 1.0, 1.0, 1.0], [1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
+    >>> _, deviation, _ = rms_uncertainty(residual, usual, np.zeros(6), 0.1, np.zeros((1, 2)))
+    >>> deviation.round(1).tolist()
+    [1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
     """
     frames = len(residual)
     square = (residual**2).mean(axis=0)
@@ -114,7 +85,6 @@ def rms_uncertainty(
     products = columns @ columns.transpose(0, 2, 1) / frames
     along = np.einsum("tx,ktx->xk", residual, usual) / frames
     of_noise = 2 * np.sqrt(square / (samples * frames)) * noise
-    linear, squares = 2 * along.T, np.sqrt(2 * (products**2).sum(axis=2).T)
     expected = square + np.einsum("xkk->x", products) + noise**2
     mean = np.array(
         [
@@ -124,17 +94,13 @@ def rms_uncertainty(
     )
     found = np.maximum(expected - mean**2, 0.0) + of_noise**2 / (4 * expected + TINY)
     deviation = np.sqrt(found)
-    variance = (linear**2 + squares**2).sum(axis=0) + of_noise**2
-    scale = deviation / np.sqrt(variance + TINY)
-    of_noise = scale * of_noise
-    drawn = np.zeros((0, len(usual) + 1)) if sizes is None else sizes
-    size, apart = drawn[:, :-1], drawn[:, -1:]
+    variance = (4 * along**2).sum(axis=1) + (2 * products**2).sum(axis=(1, 2)) + of_noise**2
+    of_noise *= deviation / np.sqrt(variance + TINY)
+    size, apart = sizes[:, :-1], sizes[:, -1:]
     added = [(size @ gram * size).sum(axis=1) for gram in products]
     form = square + 2 * size @ along.T + np.transpose(added)
     draws = np.maximum(np.sqrt(np.maximum(form, 0.0)) + apart * of_noise, 0.0)
-    return Uncertainty(
-        np.sqrt(square), mean, deviation, scale * linear, scale * squares, of_noise, draws
-    )
+    return mean, deviation, draws
 
 
 def shared_sizes(causes: Sequence[Cause], subject: str, trial: str, draws: int) -> Array:
@@ -214,11 +180,6 @@ def mean_root(square: float, products: Array, along: Array) -> float:
     return float(integrand.sum() * (LOGARITHMS[1] - LOGARITHMS[0]) / (2 * np.sqrt(np.pi)))
 
 
-def samples_in_a_frame(chain: ProcessingChain) -> float:
-    """Give how many independent samples of filtered noise a frame is: at 6 Hz of 100 Hz, 0.12."""
-    return 2 * chain.settings.cutoff_hz / mean_rate_hz(chain.time)
-
-
 def noise_of_samples(chain: ProcessingChain, seed: int = 0) -> Array:
     """Draw once what noise of markers and plates changes the residual by: its RMS, (6,)."""
     rng = np.random.default_rng(seed)
@@ -254,116 +215,58 @@ def with_noise(
     white = at_rest * np.sqrt(mean_rate_hz(chain.time) / (2 * REST_HZ))
     wrenches = [each + white * rng.standard_normal(each.shape) for each in chain.wrenches]
     q = solve_ik(chain.body, markers).q + unseen
-    return chain.with_wrenches(wrenches).with_coordinates(q)
+    return chain.changed(wrenches=tuple(wrenches), q=q)
 
 
-class Intervals:
-    """How sure the residuals of a trial are, from the effects of causes of usual size.
+def measured_uncertainty(
+    part: ExplainedPart, effects: Array, result: TrialResult
+) -> tuple[tuple[RmsUncertainty, ...], tuple[RmsUncertainty, ...], Bands]:
+    """Say how sure the residuals of a trial are, from the effects of causes of usual size.
 
     Parameters
     ----------
-    chain
-        The trial.
-    causes
-        What may be wrong with it.
+    part
+        The part of the trial that is explained.
     effects
-        What each adds to the residual as it was measured, per unit, (K, T, 6).
-    cycles
-        Frames of each gait cycle that are explained.
-    subject, trial
-        Names of them: what trials share is drawn alike in all of them.
+        What each cause adds to the residual as it was measured, per unit, (K, T, 6).
+    result
+        The processed trial. What trials share is drawn alike in all of the same subject, or of the
+        laboratory.
+
+    Returns
+    -------
+    of_cycles, of_window
+        How sure the RMS over all cycles is, and that over the part of the cycles that the condition
+        asks for, if it does: as measured, and compensated where it is.
+    bands
+        The residuals over time.
     """
+    chain, causes, cycles = part.chain, part.causes, part.series.frames
+    usual = np.array([cause.prior.size for cause in causes])[:, None, None] * effects
+    noise = noise_of_samples(chain)
+    samples = 2 * chain.settings.cutoff_hz / mean_rate_hz(chain.time)
+    sizes = shared_sizes(causes, result.subject.id, result.source.name, DRAWS)
+    first = int(np.searchsorted(result.motion.time, chain.time[0]))
+    trial = slice(first, first + len(chain.time))
+    variants = {False: chain.residual}
+    if result.compensated is not None:
+        variants = {False: result.measured.residual[trial], True: chain.residual}
 
-    def __init__(
-        self,
-        chain: ProcessingChain,
-        causes: Sequence[Cause],
-        effects: Array,
-        cycles: Sequence[Indices],
-        subject: str = "",
-        trial: str = "",
-    ) -> None:
-        self._chain, self._causes, self._cycles = chain, causes, cycles
-        self._usual = np.array([cause.prior.size for cause in causes])[:, None, None] * effects
-        self._noise = noise_of_samples(chain)
-        self._frames = np.concatenate(cycles)
-        self._samples = samples_in_a_frame(chain)
-        self._sizes = shared_sizes(causes, subject, trial, DRAWS)
+    def over(frames: Indices) -> Iterator[RmsUncertainty]:
+        for compensated, residual in variants.items():
+            own = [k for k, c in enumerate(causes) if compensated or c.group != "compensation"]
+            mean, deviation, draws = rms_uncertainty(
+                residual[frames], usual[own][:, frames], noise, samples, sizes[:, [*own, -1]]
+            )
+            found = rms(residual[frames])
+            yield RmsUncertainty(compensated, found, mean, deviation, draws.round(DECIMALS))
 
-    def bands(self) -> Bands:
-        """Give the residuals over time."""
-        number = np.repeat(np.arange(len(self._cycles)), [len(own) for own in self._cycles])
-        usual = self._usual[:, self._frames]
-        return Bands(
-            time=self._chain.time[self._frames],
-            cycle=number,
-            residual=reported(self._chain.residual[self._frames]),
-            deviation=np.sqrt((usual**2).sum(axis=0) + self._noise**2),
-        )
-
-    def of_trial(self, result: TrialResult) -> tuple[RmsUncertainty, ...]:
-        """Give how sure the RMS over all cycles is: as measured, and compensated where it is."""
-        return self._over(self._frames, result)
-
-    def of_window(self, result: TrialResult) -> tuple[RmsUncertainty, ...]:
-        """Give the same over the part of the cycles that the condition asks for, if it does."""
-        if result.part is None:
-            return ()
-        first = _first(result.motion.time, self._chain.time)
-        wanted = self._frames[counted(result)[first + self._frames]]
-        return self._over(wanted, result) if len(wanted) else ()
-
-    def _over(self, frames: Indices, result: TrialResult) -> tuple[RmsUncertainty, ...]:
-        """Give how sure the RMS over some frames is: as measured, and compensated where it is."""
-        if result.compensated is None:
-            return (self._of(frames, self._chain.residual, compensated=False),)
-        measured = self._of(frames, _at(self._chain.time, result.measured), compensated=False)
-        return measured, self._of(frames, self._chain.residual, compensated=True)
-
-    def _of(self, frames: Indices, residual: Array, *, compensated: bool) -> RmsUncertainty:
-        """Give how sure an RMS is; without compensation, it adds nothing."""
-        own = [k for k, c in enumerate(self._causes) if compensated or c.group != "compensation"]
-        sizes = self._sizes[:, [*own, -1]]
-        found = rms_uncertainty(
-            residual[frames], self._usual[own][:, frames], self._noise, self._samples, sizes
-        )
-        causes = tuple(
-            CauseUncertainty(self._causes[k].name, self._causes[k].group, change, square)
-            for k, change, square in zip(own, found.changes, found.squares, strict=True)
-        )
-        return RmsUncertainty(
-            compensated=compensated,
-            rms=found.rms,
-            mean=found.mean,
-            deviation=found.deviation,
-            of_noise=found.of_noise,
-            causes=causes,
-            draws=found.draws.round(DECIMALS),
-        )
-
-    def of_cycles(self) -> tuple[CycleRms, ...]:
-        """Give the RMS over each cycle."""
-        time, residual = self._chain.time, self._chain.residual
-        result = []
-        for own in self._cycles:
-            found = rms_uncertainty(residual[own], self._usual[:, own], self._noise, self._samples)
-            low, high = interval(found.rms, found.deviation)
-            start, stop = float(time[own[0]]), float(time[own[-1]])
-            result.append(CycleRms(start, stop, found.rms, low, high))
-        return tuple(result)
-
-
-def interval(rms: Array, deviation: Array) -> tuple[Array, Array]:
-    """Give the ends of a 95 % interval of an RMS, which is not negative."""
-    return np.maximum(rms - NORMAL_95 * deviation, 0.0), rms + NORMAL_95 * deviation
-
-
-def _at(time: Array, dynamics: Dynamics) -> Array:
-    """Give the residual at some frames of a trial, (T, 6)."""
-    first = _first(dynamics.time, time)
-    return dynamics.residual[first : first + len(time)]
-
-
-def _first(whole: Array, part: Array) -> int:
-    """Give the frame of a trial at which a part of it begins."""
-    return int(np.searchsorted(whole, part[0]))
+    frames = np.concatenate(cycles)
+    in_window = frames[counted(result)[trial][frames] & (result.part is not None)]
+    bands = Bands(
+        time=chain.time[frames],
+        cycle=np.repeat(np.arange(len(cycles)), [len(own) for own in cycles]),
+        residual=reported(chain.residual[frames]),
+        deviation=np.sqrt((usual[:, frames] ** 2).sum(axis=0) + noise**2),
+    )
+    return tuple(over(frames)), tuple(over(in_window)) if len(in_window) else (), bands

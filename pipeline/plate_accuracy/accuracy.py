@@ -13,8 +13,8 @@ from compensation import (
     Linearity,
     PlateAlignment,
     center_of_pressure,
-    fit_line_orthogonal,
     linearity,
+    orthogonal_rmse,
 )
 from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.config.plate_study import BeltSide, PlatesStudy
@@ -152,8 +152,6 @@ class PlateAccuracy:
     trials, trials_in_use
         The recordings of weights: all, and of every plate those with supports, or all where none
         has supports.
-    places
-        Belt -> centres of pressure and markers of a weight at rest, (n, 2) [m] each.
     alignments, delays, linearities, responses
         Belt -> result, where there are recordings for it.
     faults
@@ -163,7 +161,6 @@ class PlateAccuracy:
     study: PlatesStudy
     trials: tuple[WeightTrial, ...]
     trials_in_use: tuple[WeightTrial, ...]
-    places: dict[BeltSide, tuple[Array, Array]]
     alignments: dict[BeltSide, PlateAlignment]
     delays: dict[BeltSide, Delay]
     linearities: dict[BeltSide, Linearity]
@@ -181,21 +178,19 @@ def check_plates(study: PlatesStudy) -> PlateAccuracy:
     """
     file = study.file
     belts: list[BeltSide] = [b for b in ("left", "right") if any(w.belt == b for w in file.weights)]
-    found = {belt: static_places(study, belt) for belt in belts}
-    places = {belt: pair for belt, pair in found.items() if pair is not None}
-    alignments = {belt: align(*pair) for belt, pair in places.items()}
+    places = {belt: static_places(study, belt) for belt in belts}
+    alignments = {belt: align(*pair) for belt, pair in places.items() if pair is not None}
     trials = tuple(
         read_weight(study, weight, alignments.get(weight.belt, UNALIGNED))
         for weight in file.weights
     )
     delays = {impacts.belt: read_hammer_delay(study, impacts) for impacts in file.hammer}
-    return compare(study, trials, places, alignments, delays)
+    return compare(study, trials, alignments, delays)
 
 
 def compare(
     study: PlatesStudy,
     trials: tuple[WeightTrial, ...],
-    places: dict[BeltSide, tuple[Array, Array]],
     alignments: dict[BeltSide, PlateAlignment],
     delays: dict[BeltSide, Delay],
 ) -> PlateAccuracy:
@@ -215,9 +210,7 @@ def compare(
         if response is not None:
             responses[belt] = response
     faults = estimate_faults(trials, responses, alignments, delays, height_stated=height)
-    return PlateAccuracy(
-        study, trials, in_use, places, alignments, delays, linearities, responses, faults
-    )
+    return PlateAccuracy(study, trials, in_use, alignments, delays, linearities, responses, faults)
 
 
 def trial_errors(trials: Sequence[WeightTrial]) -> pd.DataFrame:
@@ -240,7 +233,7 @@ def trial_errors(trials: Sequence[WeightTrial]) -> pd.DataFrame:
                 m, t = measured[inside, k], truth[inside, k]
                 error = {
                     "difference": float(np.sqrt(np.mean((m - t) ** 2))),
-                    "orthogonal": fit_line_orthogonal(m, t).rmse,
+                    "orthogonal": orthogonal_rmse(m, t),
                 }
                 rows.append({**stated, "zone": name, "quantity": quantity, **error})
     return pd.DataFrame(rows)

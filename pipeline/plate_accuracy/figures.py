@@ -1,6 +1,6 @@
-"""Figures of experiment 1, like Figs 2 and F.1 of the thesis."""
+"""Figures of experiment 1, like Figs 2 and F.1a to F.1d of the thesis."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import matplotlib as mpl
@@ -8,8 +8,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from compensation import Delay, PlateAlignment
-from hbm.spatial import Array
 from pipeline.config.plate_study import BeltSide, WeightRecording
 from pipeline.figures.style import COLOURS, STYLE
 from pipeline.plate_accuracy.accuracy import mean_loads, quantities, reported_errors
@@ -123,51 +121,5 @@ def vibration_figure(trials: Sequence[WeightTrial]) -> Figure:
         )
         panel.set_xlabel("time (s)")
         panel.set_ylabel("CoP along the belt − marker (mm)")
-        panel.legend(frameon=False)
-    return figure
-
-
-def static_figure(
-    places: Mapping[BeltSide, tuple[Array, Array]], alignments: Mapping[BeltSide, PlateAlignment]
-) -> Figure | None:
-    """Draw the distance of plate and marker at every place, before and after (Fig. F.1e)."""
-    if not places:
-        return None
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(3 * len(places) + 1, 3.6), layout="constrained")
-        panels = figure.subplots(1, len(places), sharex=True, sharey=True, squeeze=False)[0]
-        for panel, (belt, (plate, camera)) in zip(panels, places.items(), strict=True):
-            found = alignments[belt]
-            for name, seen, colour in (
-                ("before", plate, "measured"),
-                ("after", found.to_camera(plate), "compensated"),
-            ):
-                along, across = 1000 * (seen - camera).T
-                panel.plot(along, across, "o", ms=3, color=COLOURS[colour], label=name)
-            panel.axhline(0, color="black", lw=0.5)
-            panel.axvline(0, color="black", lw=0.5)
-            panel.set_aspect("equal", adjustable="box")
-            before, after = 1000 * found.rms_before, 1000 * found.rms_after
-            panel.set_title(f"{belt}: {before:.2f} mm RMS, then {after:.2f} mm", loc="left")
-            panel.set_xlabel("plate − marker along the belt (mm)")
-        panels[0].set_ylabel("plate − marker across (mm)")
-        lines = panels[0].get_legend_handles_labels()
-        figure.legend(*lines, loc="outside lower center", ncols=2, title="alignment")
-    return figure
-
-
-def hammer_figure(delays: Mapping[BeltSide, Delay]) -> Figure | None:
-    """Draw the delay of every impact (Fig. F.1f)."""
-    if not delays:
-        return None
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(5, 3), layout="constrained")
-        panel = figure.subplots()
-        for belt, delay in delays.items():
-            impacts = 1000 * np.array(delay.differences)
-            line = panel.plot(np.arange(1, len(impacts) + 1), impacts, "o", ms=4, label=belt)[0]
-            panel.axhline(1000 * delay.seconds, color=line.get_color(), lw=1)
-        panel.set_xlabel("impact")
-        panel.set_ylabel("plate later than marker (ms)")
         panel.legend(frameon=False)
     return figure

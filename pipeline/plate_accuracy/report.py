@@ -22,9 +22,7 @@ from pipeline.plate_accuracy.accuracy import (
 )
 from pipeline.plate_accuracy.figures import (
     error_figure,
-    hammer_figure,
     linearity_figure,
-    static_figure,
     vibration_figure,
 )
 from pipeline.plate_accuracy.trials import THESIS_FILTER
@@ -99,12 +97,9 @@ def write_report(found: PlateAccuracy, out: Path) -> tuple[PlateVerdict, ...]:
         "error_by_position": error_figure(errors, "position_m", "belt"),
         "linearity": linearity_figure(found.trials),
         "vibration": vibration_figure(found.trials),
-        "static": static_figure(found.places, found.alignments),
-        "delay": hammer_figure(found.delays),
     }
     for name, figure in figures.items():
-        if figure is not None:
-            save_figure(figure, out / "figures" / f"{name}.png")
+        save_figure(figure, out / "figures" / f"{name}.png")
     masses = [trial.weight.mass_kg for trial in found.trials]
     page = [f"# {found.study.file.name}", "Lab axes: x forward, y left, z up."]
     for verdict in verdicts:

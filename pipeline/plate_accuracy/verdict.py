@@ -41,9 +41,6 @@ MAX_TOTALS: Final = 2
 """In the sentence of a verdict; verdict.md lists all."""
 COEFFICIENTS: Final = len(EXCITED) + 4
 """Of a plate's response: with a constant, time, the delay and the curvature."""
-AXES: Final = {"x": "forward", "y": "lateral", "z": "vertical"}
-PARTS: Final = {"F": "{} force", "COP": "{} centre of pressure", "M": "moment about the {} axis"}
-"""First letters of a quantity -> the words for it along or about its axes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,9 +154,8 @@ class PlateVerdict:
     @property
     def words(self) -> str:
         """The answer, for what it holds, and what was not examined."""
-        scope = "inverse dynamics"
-        if self.unexamined:
-            scope = _in_words(tuple(q for q in QUANTITIES if q not in self.unexamined)) or scope
+        examined = [name for name in QUANTITIES if name not in self.unexamined]
+        scope = ", ".join(examined) or "inverse dynamics"
         words = {
             "fit": f"fit for {scope}",
             "fit after correction": (
@@ -168,7 +164,7 @@ class PlateVerdict:
             "not fit": "not fit for inverse dynamics",
             "cannot be told": f"whether it is fit for {scope} cannot be told",
         }[self.answer]
-        return f"{words}; not examined: {_in_words(self.unexamined)}" if self.unexamined else words
+        return f"{words}; not examined: {', '.join(self.unexamined)}"
 
     @property
     def _left(self) -> tuple[Judged, ...]:
@@ -284,7 +280,7 @@ def _judge_plate(found: PlateAccuracy, belt: BeltSide) -> PlateVerdict:
         if any(o.correctable and o.status in ("beyond", "unclear") for o in judged):
             corrected, calibration = _correction(found, belt, response, heavier)
     unexamined = _unexamined(found, belt)
-    remarks = [f"{_in_words(unexamined)}: no weight on a belt exerts a lateral force"]
+    remarks = [f"{', '.join(unexamined)}: no weight on a belt exerts a lateral force"]
     if belt not in found.alignments:
         remarks.append(
             "rotation and offset alone: no static recordings (they are in the total errors)"
@@ -546,31 +542,27 @@ def contradiction(faults: Sequence[FaultEstimate]) -> str:
 def _to_record(found: PlateAccuracy, belt: BeltSide) -> tuple[str, ...]:
     """Give what has to be recorded before anything can be said of a person's load."""
     trials = [trial for trial in found.trials_in_use if trial.weight.belt == belt]
-    lines = []
     masses = len({trial.weight.mass_kg for trial in trials})
-    if masses < MIN_MASSES:
-        lines.append(f"record {MIN_MASSES} different weights or more, there are {masses}")
-    if len({trial.weight.position_m for trial in trials}) < 2:
-        lines.append("record weights at two distances from the belt's middle or more")
-    if len(trials) <= COEFFICIENTS:
-        lines.append(f"record {COEFFICIENTS + 1} times or more, there are {len(trials)} recordings")
-    if all(trial.weight.profile == "constant" for trial in trials):
-        lines.append("record changing belt speeds (sine, square): only they exert a force along it")
-    if not found.study.file.height_stated:
-        lines.append(
+    positions = len({trial.weight.position_m for trial in trials})
+    changing = any(trial.weight.profile != "constant" for trial in trials)
+    wanted = (
+        (masses >= MIN_MASSES, f"record {MIN_MASSES} different weights or more, not {masses}"),
+        (positions > 1, "record weights at two distances from the belt's middle or more"),
+        (
+            len(trials) > COEFFICIENTS,
+            f"record {COEFFICIENTS + 1} times or more, there are {len(trials)} recordings",
+        ),
+        (
+            changing,
+            "record changing belt speeds (sine, square): only they exert a force along it",
+        ),
+        (
+            found.study.file.height_stated,
             "state center_height_m: without it, the moment that a force along the belt causes "
-            "cannot be examined"
-        )
-    return tuple(lines)
-
-
-def _in_words(quantities: tuple[str, ...]) -> str:
-    parts = []
-    for letters, words in PARTS.items():
-        axes = [AXES[name[-1]] for name in quantities if name[:-1] == letters]
-        if axes:
-            parts.append(words.format(" and ".join(axes).replace(" and ", ", ", len(axes) - 2)))
-    return ", ".join(parts)
+            "cannot be examined",
+        ),
+    )
+    return tuple(text for enough, text in wanted if not enough)
 
 
 def describe(fault: FaultEstimate) -> str:

@@ -139,7 +139,7 @@ def _cell(v: Verdict, reach: float, most: int, design: Design) -> dict[str, Any]
             relative = f" ({_range(v.low_percent, v.high_percent, '+z.0f')} %)"
         lines.append(f"CI {_range(v.low, v.high)} {v.unit}{relative}")
     if v.measurement:
-        lines.append(f"measurement {_range(v.measurement.low, v.measurement.high)} {v.unit}")
+        lines.append(f"measurement {_range(*v.measurement)} {v.unit}")
     if known:
         lines += [f"n = {v.n}"] * (v.n < most)
         lines += [_needed(v)] * (v.answer == "inconclusive")
@@ -155,7 +155,7 @@ def _needed(verdict: Verdict) -> str:
     """Say how many subjects would decide a comparison that is inconclusive."""
     if verdict.needed is None:
         return f"more than {MAX_SUBJECTS} subjects needed"
-    if verdict.lacks_subjects:
+    if verdict.needed > verdict.n:
         return f"{verdict.needed} subjects needed"
     return f"{verdict.needed} would do if the difference were zero"
 

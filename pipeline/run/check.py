@@ -34,7 +34,7 @@ from pipeline.trial.ground.calibration_check import read_check
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import Laboratory, bind, read_calibration
 from pipeline.trial.ground.platform import platform_pose
-from pipeline.trial.ground.uncertainty import belt_speed_notes
+from pipeline.trial.ground.uncertainty import uncertainty_limits
 from pipeline.trial.quality import settling_s
 from pipeline.trial.study_files import labels_in_none, read_study_file, read_study_plates
 from pipeline.trial.subject import body_mass, subject_body
@@ -369,7 +369,7 @@ def _check_ground(
     if recording.plates:
         bound = found.attempt(name, lambda: bind(recording, laboratory, settings.plate_delay_s))
     if bound is not None and calibration is not None:
-        found.remark(name, *belt_speed_notes(mean_belt_speed(bound.belts), calibration))
+        found.remark(name, *uncertainty_limits(mean_belt_speed(bound.belts), calibration))
     pose = found.attempt(name, lambda: platform_pose(recording, platform, recording.markers.time))
     found.remark(name, *(pose[1] if pose is not None else ()))
     if rule.part == "motion" and platform is None:

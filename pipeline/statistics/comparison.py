@@ -5,9 +5,8 @@ Friedman's test over the cells, paired t and Wilcoxon tests of the planned pairs
 """
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, fields, replace
 from math import isnan, nan
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
@@ -30,51 +29,14 @@ MIN_SUBJECTS_FRIEDMAN: Final = 3
 MIN_CELLS_FRIEDMAN: Final = 3
 """Two cells are a pair."""
 ALL_CELLS: Final = "all cells"
-
-
-@dataclass(frozen=True, slots=True)
-class Row:
-    """One row of the table: a test, or an estimate, of one effect on one residual.
-
-    Attributes
-    ----------
-    test, effect
-        Name of the test and its effect: factors joined by colons, pairs as "first - second".
-    statistic_name, statistic, df1, df2
-        The test statistic and its degrees of freedom, with sphericity assumed.
-    p_uncorrected, p_corrected, correction
-        The p-value of the test alone, the one to report, and how it was corrected: "none",
-        "Greenhouse-Geisser" where sphericity is rejected or cannot be tested, "Bonferroni x5" or
-        "Holm x5" for five planned pairs.
-    epsilon
-        Greenhouse–Geisser epsilon, whether applied or not.
-    effect_size_name, effect_size, ci_low, ci_high
-        Effect size, and its 95 % confidence interval where it has one.
-    power
-        Observed power; it and the interval of an F test are corrected as `p_corrected` is.
-    n
-        Subjects in this test.
-    note
-        Subjects left out, what could not be computed, and limitations of the test.
-    """
-
-    test: str
-    effect: str
-    statistic_name: str = ""
-    statistic: float = nan
-    df1: float = nan
-    df2: float = nan
-    p_uncorrected: float = nan
-    p_corrected: float = nan
-    correction: str = ""
-    epsilon: float = nan
-    effect_size_name: str = ""
-    effect_size: float = nan
-    ci_low: float = nan
-    ci_high: float = nan
-    power: float = nan
-    n: int = 0
-    note: str = ""
+Row = dict[str, Any]
+EMPTY: Final[Row] = {
+    **{"test": "", "effect": "", "statistic_name": "", "statistic": nan, "df1": nan, "df2": nan},
+    **{"p_uncorrected": nan, "p_corrected": nan, "correction": "", "epsilon": nan},
+    **{"effect_size_name": "", "effect_size": nan, "ci_low": nan, "ci_high": nan, "power": nan},
+    **{"n": 0, "note": ""},
+}
+"""Columns of the table of tests, as `statistics` describes them, of a row that has none."""
 
 
 def statistics(
@@ -97,7 +59,28 @@ def statistics(
     Returns
     -------
     pandas.DataFrame
-        Columns axis, unit, and those of `Row`.
+        A test, or an estimate, of one effect on one residual per row:
+
+        axis, unit
+            The residual.
+        test, effect
+            Name of the test and its effect: factors joined by colons, pairs as "first - second".
+        statistic_name, statistic, df1, df2
+            The test statistic and its degrees of freedom, with sphericity assumed.
+        p_uncorrected, p_corrected, correction
+            The p-value of the test alone, the one to report, and how it was corrected: "none",
+            "Greenhouse-Geisser" where sphericity is rejected or cannot be tested, "Bonferroni x5"
+            or "Holm x5" for five planned pairs.
+        epsilon
+            Greenhouse–Geisser epsilon, whether applied or not.
+        effect_size_name, effect_size, ci_low, ci_high
+            Effect size, and its 95 % confidence interval where it has one.
+        power
+            Observed power; it and the interval of an F test are corrected as `p_corrected` is.
+        n
+            Subjects in this test.
+        note
+            Subjects left out, what could not be computed, and limitations of the test.
 
     Raises
     ------
@@ -121,13 +104,12 @@ def statistics(
     for (axis, unit), group in data.groupby(["axis", "unit"], sort=False):
         cells = group.pivot(index="subject", columns="cell", values="rms")
         cells = cells.reindex(index=everyone, columns=list(design.cells))
-        tests = _tests(cells, subjects, design)
-        rows += [{"axis": axis, "unit": unit, **asdict(test)} for test in tests]
+        rows += [{"axis": axis, "unit": unit, **row} for row in _tests(cells, subjects, design)]
     others = sorted(set(residuals["condition"]) - set(design.conditions))
     if others:
         note = f"conditions outside the design were not tested: {', '.join(others)}"
-        rows.append({"axis": "", "unit": "", **asdict(Row("none", "", note=note))})
-    return pd.DataFrame(rows, columns=["axis", "unit", *(field.name for field in fields(Row))])
+        rows.append({"axis": "", "unit": "", **_row("none", "", 0, note)})
+    return pd.DataFrame(rows, columns=["axis", "unit", *EMPTY])
 
 
 def _tests(cells: pd.DataFrame, subjects: pd.DataFrame | None, design: Design) -> list[Row]:
@@ -135,9 +117,9 @@ def _tests(cells: pd.DataFrame, subjects: pd.DataFrame | None, design: Design) -
     measured = int(cells.notna().any(axis=1).sum())
     if not design.factors:
         note = "not computed: one condition without compensation, nothing to compare"
-        return [Row("all", "", n=measured, note=note)]
+        return [_row("all", "", measured, note)]
     if measured < MIN_SUBJECTS:
-        return [_not_computed("all", "", measured, MIN_SUBJECTS, _complete(cells)[1])]
+        return [_too_few("all", "", measured, MIN_SUBJECTS, _complete(cells)[1])]
     group = [] if subjects is None or design.group is None else [design.group]
     people = pd.DataFrame(index=cells.index) if subjects is None else subjects.set_index("subject")
     if "sex" in people:  # what is not stated is no third sex
@@ -152,6 +134,18 @@ def _tests(cells: pd.DataFrame, subjects: pd.DataFrame | None, design: Design) -
     return tests
 
 
+def _row(test: str, effect: str, n: int, *notes: str, **values: object) -> Row:
+    """Give the row of a test with n subjects; notes that are empty are left out."""
+    note = "; ".join(filter(None, notes))
+    return EMPTY | {"test": test, "effect": effect, "n": n, "note": note} | values
+
+
+def _too_few(test: str, effect: str, n: int, needed: int, missing: str) -> Row:
+    """Give the row of a test that has too few complete subjects."""
+    reason = f"not computed: needs at least {needed} complete subjects, got {n}"
+    return _row(test, effect, n, reason, missing)
+
+
 def _complete(cells: pd.DataFrame) -> tuple[pd.DataFrame, str]:
     """Give the subjects (rows) who have all cells, and a note that names the others."""
     gaps = [
@@ -160,17 +154,6 @@ def _complete(cells: pd.DataFrame) -> tuple[pd.DataFrame, str]:
         if gap.any()
     ]
     return cells.dropna(), f"without {', '.join(gaps)}" if gaps else ""
-
-
-def _joined(*notes: str) -> str:
-    """Join the notes that are not empty."""
-    return "; ".join(filter(None, notes))
-
-
-def _not_computed(test: str, effect: str, n: int, needed: int, missing: str) -> Row:
-    """Give the row of a test that has too few complete subjects."""
-    reason = f"not computed: needs at least {needed} complete subjects, got {n}"
-    return Row(test, effect, n=n, note=_joined(reason, missing))
 
 
 def _anova(cells: pd.DataFrame, between: pd.DataFrame, design: Design) -> Iterator[Row]:
@@ -187,11 +170,10 @@ def _anova(cells: pd.DataFrame, between: pd.DataFrame, design: Design) -> Iterat
     test = MIXED_ANOVA if design.group in names else RM_ANOVA
     test += f" with {' and '.join(covariates)}" if covariates else ""
     if n < MIN_SUBJECTS:
-        yield _not_computed(test, "", n, MIN_SUBJECTS, missing)
+        yield _too_few(test, "", n, MIN_SUBJECTS, missing)
         return
-    note = _joined(*same, missing)
     if (names and not varying) or (design.group in names and design.group not in varying):
-        yield Row(test, "", n=n, note=_joined("not computed", note))
+        yield _row(test, "", n, "not computed", *same, missing)
         return
     try:
         terms = repeated_measures_glm(
@@ -200,55 +182,56 @@ def _anova(cells: pd.DataFrame, between: pd.DataFrame, design: Design) -> Iterat
             {name: complete[name].to_numpy() for name in varying},
         )
     except ValueError as error:
-        yield Row(test, "", n=n, note=_joined(f"not computed: {error}", note))
+        yield _row(test, "", n, f"not computed: {error}", *same, missing)
         return
     for term in terms:
         effect = ":".join(filter(None, (*term.within, term.between)))
         if not term.between and not isnan(term.mauchly_p):
-            row = Row(f"Mauchly, {test}", effect, "W", term.mauchly_w, n=n, note=note)
-            yield _with_p(row, term.mauchly_p)
-        yield _f_test(Row(test, effect, n=n, note=note), term)
-
-
-def _with_p(row: Row, p: float) -> Row:
-    """Add a p-value that needs no correction."""
-    return replace(row, p_uncorrected=p, p_corrected=p, correction="none")
-
-
-def _f_test(row: Row, term: GlmTerm) -> Row:
-    """Fill in an F test, corrected where sphericity is rejected or cannot be tested."""
-    if isnan(term.f):
-        reason = "not computed: no error term, the effect does not vary between subjects"
-        return replace(row, note=_joined(reason, row.note))
-    several = term.contrasts > 1
-    spherical = not several or term.mauchly_p >= ALPHA
-    sphericity = ""
-    if several:
-        if isnan(term.mauchly_p):
-            sphericity = "sphericity cannot be tested with so few subjects"
-        elif spherical:
-            sphericity = f"sphericity not rejected; Greenhouse-Geisser p = {term.p_gg:.3g}"
+            of_w = {"statistic_name": "W", "statistic": term.mauchly_w}
+            p = _uncorrected(term.mauchly_p)
+            yield _row(f"Mauchly, {test}", effect, n, *same, missing, **of_w, **p)
+        if isnan(term.f):
+            reason = "not computed: no error term, the effect does not vary between subjects"
+            yield _row(test, effect, n, reason, *same, missing)
         else:
-            sphericity = f"sphericity rejected, Mauchly p = {term.mauchly_p:.3g}"
+            values, sphericity = _f_test(term)
+            yield _row(test, effect, n, sphericity, *same, missing, **values)
+
+
+def _uncorrected(p: float) -> Row:
+    """Give a p-value that needs no correction."""
+    return {"p_uncorrected": p, "p_corrected": p, "correction": "none"}
+
+
+def _f_test(term: GlmTerm) -> tuple[Row, str]:
+    """Give an F test, corrected where sphericity is rejected or cannot be tested, and which is."""
+    spherical = term.contrasts == 1 or term.mauchly_p >= ALPHA
+    sphericity = ""
+    if isnan(term.mauchly_p):
+        sphericity = "sphericity cannot be tested with so few subjects" * (term.contrasts > 1)
+    elif spherical:
+        sphericity = f"sphericity not rejected; Greenhouse-Geisser p = {term.p_gg:.3g}"
+    else:
+        sphericity = f"sphericity rejected, Mauchly p = {term.mauchly_p:.3g}"
     share = 1.0 if spherical else term.epsilon
-    low, high = partial_eta_squared_interval(term.f, share * term.df1, share * term.df2)
-    return replace(
-        row,
-        statistic_name="F",
-        statistic=term.f,
-        df1=term.df1,
-        df2=term.df2,
-        p_uncorrected=term.p,
-        p_corrected=term.p if spherical else term.p_gg,
-        correction="none" if spherical else "Greenhouse-Geisser",
-        epsilon=term.epsilon,
-        effect_size_name="partial eta squared",
-        effect_size=term.partial_eta_squared,
-        ci_low=low,
-        ci_high=high,
-        power=observed_power(term.f, share * term.df1, share * term.df2, ALPHA),
-        note=_joined(sphericity, row.note),
-    )
+    df = share * term.df1, share * term.df2
+    low, high = partial_eta_squared_interval(term.f, *df)
+    values = {
+        "statistic_name": "F",
+        "statistic": term.f,
+        "df1": term.df1,
+        "df2": term.df2,
+        "p_uncorrected": term.p,
+        "p_corrected": term.p if spherical else term.p_gg,
+        "correction": "none" if spherical else "Greenhouse-Geisser",
+        "epsilon": term.epsilon,
+        "effect_size_name": "partial eta squared",
+        "effect_size": term.partial_eta_squared,
+        "ci_low": low,
+        "ci_high": high,
+        "power": observed_power(term.f, *df, ALPHA),
+    }
+    return values, sphericity
 
 
 def _friedman(cells: pd.DataFrame, design: Design) -> Iterator[Row]:
@@ -269,20 +252,21 @@ def _friedman(cells: pd.DataFrame, design: Design) -> Iterator[Row]:
         complete, missing = _complete(cells[columns])
         n = len(complete)
         if n < MIN_SUBJECTS_FRIEDMAN:
-            yield _not_computed("Friedman", effect, n, MIN_SUBJECTS_FRIEDMAN, missing)
+            yield _too_few("Friedman", effect, n, MIN_SUBJECTS_FRIEDMAN, missing)
         elif (complete.nunique(axis=1) == 1).all():
             reason = "not computed: every subject has the same value in all cells"
-            yield Row("Friedman", effect, n=n, note=_joined(reason, missing))
+            yield _row("Friedman", effect, n, reason, missing)
         else:
             found = pingouin.friedman(complete).iloc[0]
-            row = Row(
-                *("Friedman", effect, "chi2", float(found["Q"]), float(found["ddof1"])),
-                effect_size_name="Kendall's W",
-                effect_size=float(found["W"]),
-                n=n,
-                note=_joined(limitation * (effect == ALL_CELLS), missing),
-            )
-            yield _with_p(row, float(found["p_unc"]))
+            values = {
+                "statistic_name": "chi2",
+                "statistic": float(found["Q"]),
+                "df1": float(found["ddof1"]),
+                "effect_size_name": "Kendall's W",
+                "effect_size": float(found["W"]),
+            }
+            values |= _uncorrected(float(found["p_unc"]))
+            yield _row("Friedman", effect, n, limitation * (effect == ALL_CELLS), missing, **values)
 
 
 def _pairs(cells: pd.DataFrame, design: Design) -> Iterator[Row]:
@@ -294,40 +278,38 @@ def _pairs(cells: pd.DataFrame, design: Design) -> Iterator[Row]:
         complete, missing = _complete(cells[[first, second]])
         n = len(complete)
         if n < MIN_SUBJECTS:
-            yield _not_computed("planned pair", effect, n, MIN_SUBJECTS, missing)
+            yield _too_few("planned pair", effect, n, MIN_SUBJECTS, missing)
             continue
-        differences = (complete[first] - complete[second]).to_numpy()
-        found, biserial = compare_paired(differences), "rank-biserial"
+        found = compare_paired((complete[first] - complete[second]).to_numpy())
         no_t = "not computed: all differences are equal" * isnan(found.t)
         no_w = "not computed: all differences are zero" * isnan(found.w)
         smallest = min(1.0, len(design.pairs) * 2.0 ** (1 - n))
         limit = f"smallest possible p with {n} subjects: {smallest:.3g}" * (smallest > ALPHA)
-        of_w = IntervalEstimate(found.rank_biserial)
-        for name, statistic, df, p, size_name, size, notes in (
-            ("paired t", found.t, n - 1, found.p_t, "Hedges' g", found.g, (no_t,)),
-            ("Wilcoxon exact", found.w, nan, found.p_exact, biserial, of_w, (no_w, limit)),
-            ("Wilcoxon asymptotic", found.w, nan, found.p_asymptotic, biserial, of_w, (no_w,)),
+        of_t = {"statistic_name": "t", "statistic": found.t, "df1": n - 1}
+        of_w = {"statistic_name": "W", "statistic": found.w}
+        g = _size("Hedges' g", found.g)
+        biserial = _size("rank-biserial", IntervalEstimate(found.rank_biserial))
+        for name, values, p, notes in (
+            ("paired t", of_t | g, found.p_t, (no_t,)),
+            ("Wilcoxon exact", of_w | biserial, found.p_exact, (no_w, limit)),
+            ("Wilcoxon asymptotic", of_w | biserial, found.p_asymptotic, (no_w,)),
         ):
-            letter = "W" if name.startswith("W") else "t"
-            row = Row(name, effect, letter, statistic, df, p_uncorrected=p, n=n)
-            row = replace(row, note=_joined(*notes, missing))
-            tests.setdefault(name, []).append(_with_size(row, size_name, size))
-        row = Row("estimate", effect, n=n, note=missing)
-        estimates.append(_with_size(row, "mean difference", found.mean))
-        estimates.append(_with_size(row, "Cohen's dz", found.dz))
+            row = _row(name, effect, n, *notes, missing, p_uncorrected=p, **values)
+            tests.setdefault(name, []).append(row)
+        for size in (_size("mean difference", found.mean), _size("Cohen's dz", found.dz)):
+            estimates.append(_row("estimate", effect, n, missing, **size))
     for rows in tests.values():
-        alone = np.array([row.p_uncorrected for row in rows])
+        alone = np.array([row["p_uncorrected"] for row in rows])
         for correction, corrected in _corrected(alone, len(design.pairs)).items():
-            for row, p_corrected in zip(rows, corrected, strict=True):
-                yield replace(row, correction=correction, p_corrected=float(p_corrected))
+            for row, p in zip(rows, corrected, strict=True):
+                yield row | {"correction": correction, "p_corrected": float(p)}
     yield from estimates
 
 
-def _with_size(row: Row, name: str, size: IntervalEstimate) -> Row:
-    """Add an effect size with its interval."""
-    return replace(
-        row, effect_size_name=name, effect_size=size.value, ci_low=size.low, ci_high=size.high
-    )
+def _size(name: str, size: IntervalEstimate) -> Row:
+    """Give an effect size with its interval."""
+    interval = {"ci_low": size.low, "ci_high": size.high}
+    return {"effect_size_name": name, "effect_size": size.value, **interval}
 
 
 def _corrected(p: Array, planned: int) -> dict[str, Array]:

@@ -25,6 +25,12 @@ DIFFERENCES: Final = (
     ("ic_minus_baseline_ic", True, True),
 )
 """Name of the column; whether the condition is compensated, and the reference."""
+COMPENSATED: Final = (
+    *("mean_ic", "ic_minus_baseline_no_ic", "ic_minus_baseline_ic", "reduction_percent"),
+    *("p_t", "p_wilcoxon"),
+)
+MEASURED_ALONE: Final = ("no_ic_minus_baseline_no_ic",)
+"""Columns that are printed only with, and only without compensation."""
 MEASUREMENT: Final = "measurement_sd_"
 MARKDOWN_WIDTH: Final = 100
 """Characters in a line of text."""
@@ -88,6 +94,7 @@ def table_3(
         wanted = pd.MultiIndex.from_product([[False, True], design.conditions])
         rms = rms.reindex(columns=wanted)
         tests = statistics[statistics["axis"] == axis]
+        corrected = tests["correction"].astype(str).str.lower().str.startswith(design.correction)
         for condition in design.conditions:
             own = rms[[(variant, condition) for variant in design.variants]].dropna()
             no_ic, ic = rms[False, condition][own.index], rms[True, condition][own.index]
@@ -111,8 +118,9 @@ def table_3(
             if condition != design.reference:
                 pairs["_baseline"] = f"{judged} - {design.reference_cell}"
             for test, name in (("paired t", "p_t"), ("Wilcoxon exact", "p_wilcoxon")):
+                p = tests[(tests["test"] == test) & corrected].set_index("effect")["p_corrected"]
                 for suffix, pair in pairs.items():
-                    row[name + suffix] = _corrected_p(tests, test, pair, design)
+                    row[name + suffix] = p.get(pair, nan)
             if measurement is not None:
                 row |= _measurement_sds(measurement[str(axis)], rms, own.index, condition, design)
             rows.append(row)
@@ -135,13 +143,6 @@ def _measurement_sds(
         of_two = sd(rms, (condition, first), (design.reference, second))
         found[name] = nan if condition == design.reference else of_two
     return {f"{MEASUREMENT}{name}": value for name, value in found.items()}
-
-
-def _corrected_p(tests: pd.DataFrame, test: str, effect: str, design: Design) -> float:
-    """Find a p-value with the design's correction; NaN where it was not computed."""
-    own = tests["correction"].astype(str).str.lower().str.startswith(design.correction)
-    p = tests.loc[own & (tests["test"] == test) & (tests["effect"] == effect), "p_corrected"]
-    return float(p.iloc[0]) if len(p) else nan
 
 
 def format_p(p: float, alpha: float = 0.05) -> str:
@@ -167,59 +168,49 @@ def printed_columns(table: pd.DataFrame, design: Design) -> list[Column]:
     The first names the residual, in the row of its first condition only.
     """
     reference, rows = design.reference, table.to_dict("records")
-
-    def column(head: str, name: str, form: str, unit: str = "") -> Column:
-        """Print a number with its interval of measurement."""
-        return head, [number(r[name], form, unit) + _in_brackets(r, name, form) for r in rows]
-
-    def means(head: str, name: str) -> Column:
-        """Print mean ± SD with the interval of measurement of the mean."""
-        mean = f"mean_{name}"
-        brackets = [_in_brackets(row, mean, ".1f", lowest=0.0) for row in rows]
-        texts = [mean_sd(row[mean], row[f"sd_{name}"]) for row in rows]
-        return head, [text + own for text, own in zip(texts, brackets, strict=True)]
-
-    def p_values(head: str, name: str) -> Column:
-        """Print p-values."""
-        return head, [format_p(row[name]) for row in rows]
-
     first = design.conditions[0]
+    no_ic, minus = ("No IC", "IC − ") if design.compensated else ("RMS", "− ")
+    unless = f"{reference} (no IC)" if design.compensated else reference
+    heads = {
+        "mean_no_ic": no_ic,
+        "mean_ic": "IC",
+        "no_ic_minus_baseline_no_ic": f"− {reference}",
+        "ic_minus_baseline_no_ic": f"IC − {reference} (no IC)",
+        "ic_minus_baseline_ic": f"IC − {reference} (IC)",
+        "reduction_percent": "Reduction",
+        "p_t": "t: IC − no IC",
+        "p_t_baseline": f"t: {minus}{unless}",
+        "p_wilcoxon": "Wilcoxon: IC − no IC",
+        "p_wilcoxon_baseline": f"Wilcoxon: {minus}{unless}",
+    }
+    left_out = MEASURED_ALONE if design.compensated else COMPENSATED
     names = [f"{r['axis']} ({r['unit']})" if r["condition"] == first else "" for r in rows]
-    columns = [
+    return [
         ("Residual", names),
         (design.factor.capitalize(), [row["condition"] for row in rows]),
         ("n", [str(row["n"]) for row in rows]),
-    ]
-    if not design.compensated:
-        return [
-            *columns,
-            means("RMS", "no_ic"),
-            column(f"− {reference}", "no_ic_minus_baseline_no_ic", "+z.1f"),
-            p_values(f"t: − {reference}", "p_t_baseline"),
-            p_values(f"Wilcoxon: − {reference}", "p_wilcoxon_baseline"),
-        ]
-    return [
-        *columns,
-        means("No IC", "no_ic"),
-        means("IC", "ic"),
-        column(f"IC − {reference} (no IC)", "ic_minus_baseline_no_ic", "+z.1f"),
-        column(f"IC − {reference} (IC)", "ic_minus_baseline_ic", "+z.1f"),
-        column("Reduction", "reduction_percent", "z.0f", " %"),
-        p_values("t: IC − no IC", "p_t"),
-        p_values(f"t: IC − {reference} (no IC)", "p_t_baseline"),
-        p_values("Wilcoxon: IC − no IC", "p_wilcoxon"),
-        p_values(f"Wilcoxon: IC − {reference} (no IC)", "p_wilcoxon_baseline"),
+        *(
+            (head, [_printed(row, name) for row in rows])
+            for name, head in heads.items()
+            if name not in left_out
+        ),
     ]
 
 
-def _in_brackets(row: Mapping[Hashable, Any], name: str, form: str, lowest: float = -inf) -> str:
-    """Write the 95 % interval of measurement of a value, if it is known."""
-    sd = row.get(f"{MEASUREMENT}{name}", nan)
-    if isnan(sd):
-        return ""
-    half = half_interval(sd)
+def _printed(row: Mapping[Hashable, Any], name: str) -> str:
+    """Write a number of Table III, with its 95 % interval of measurement where that is known."""
+    if name.startswith("p_"):
+        return format_p(row[name])
+    if name == "reduction_percent":
+        return number(row[name], "z.0f", " %")
+    is_mean = name.startswith("mean_")
+    form, lowest = (".1f", 0.0) if is_mean else ("+z.1f", -inf)
+    text = mean_sd(row[name], row[f"sd_{name[5:]}"]) if is_mean else number(row[name], form)
+    half = half_interval(row.get(f"{MEASUREMENT}{name}", nan))
+    if isnan(half):
+        return text
     low, high = max(row[name] - half, lowest), row[name] + half
-    return f" [{number(low, form)}, {number(high, form)}]"
+    return f"{text} [{number(low, form)}, {number(high, form)}]"
 
 
 def table_3_legend(table: pd.DataFrame, design: Design) -> str:

@@ -1,6 +1,6 @@
 """Is each residual at the level of its reference? A non-inferiority test, in sentences too."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf, isnan, nan, sqrt
 from typing import Final, Literal
@@ -25,23 +25,6 @@ MAX_SUBJECTS: Final = 1000
 MAX_NONCENTRALITY: Final = 1e3
 """The power is 1 long before; SciPy's noncentral t distribution becomes NaN beyond."""
 Answer = Literal["at baseline", "above", "inconclusive", "no interval", "no data"]
-
-
-@dataclass(frozen=True, slots=True)
-class MeasurementInterval:
-    """What errors of measurement of usual size make of a difference from the reference.
-
-    Attributes
-    ----------
-    low, high
-        The 95 % interval of ``ic - baseline`` by them.
-    contains_margin
-        Whether that of ``ic - 1.2 baseline``, with the margin of the design, contains zero.
-    """
-
-    low: float
-    high: float
-    contains_margin: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +55,11 @@ class Verdict:
     n
         Subjects.
     measurement
-        How sure the difference is of the measurement itself; None where that is not known.
+        The 95 % interval of the difference by errors of measurement of usual size; None where they
+        are not known.
+    open_margin
+        Whether the interval of ``ic - 1.2 baseline`` by them, with the margin of the design,
+        contains zero.
     needed, needed_as_observed
         Subjects who would show "at baseline" with 80 % power, if the true difference is zero and
         if it is the one observed; None where it cannot be shown or is not known.
@@ -92,14 +79,10 @@ class Verdict:
     high_percent: float = nan
     sd: float = nan
     n: int = 0
-    measurement: MeasurementInterval | None = None
+    measurement: tuple[float, float] | None = None
+    open_margin: bool = False
     needed: int | None = None
     needed_as_observed: int | None = None
-
-    @property
-    def lacks_subjects(self) -> bool:
-        """Whether more subjects are needed than there were, if the true difference is zero."""
-        return self.needed is None or self.needed > self.n
 
     def percent(self, value: float) -> float:
         """Give a difference in percent of the baseline."""
@@ -164,7 +147,7 @@ def verdicts(
                 else subjects_needed(float(excess.std()), margin - true, alpha)
                 for true in (0.0, difference)
             ]
-            uncertain = None
+            uncertain, open_margin = None, False
             if measurement is not None:
                 compared = (condition, design.compensated), (design.reference, False)
                 covariance = mean_covariance(measurement[axis], both.index, compared)
@@ -172,9 +155,8 @@ def verdicts(
                     half_interval(deviation(covariance, (1.0, -share)))
                     for share in (1.0, 1 + design.margin)
                 )
-                uncertain = MeasurementInterval(
-                    difference - half, difference + half, abs(difference - margin) < of_excess
-                )
+                uncertain = difference - half, difference + half
+                open_margin = abs(difference - margin) < of_excess
             found.append(
                 Verdict(
                     *(axis, unit, condition),
@@ -190,6 +172,7 @@ def verdicts(
                     sd=float(differences.std()),
                     n=len(both),
                     measurement=uncertain,
+                    open_margin=open_margin,
                     needed=needed[0],
                     needed_as_observed=needed[1],
                 )
@@ -316,7 +299,7 @@ def subjects_needed(sd: float, room: float, alpha: float) -> int | None:
 
 
 def headlines(found: Sequence[Verdict], design: Design = EXPERIMENT_3) -> tuple[str, ...]:
-    """Summarise the verdicts of a study: a sentence per condition, and one on what is missing.
+    """Summarise the verdicts of a study: a sentence per condition, and what is not decided.
 
     Parameters
     ----------
@@ -337,105 +320,70 @@ def headlines(found: Sequence[Verdict], design: Design = EXPERIMENT_3) -> tuple[
     subjects = max((v.n for v in compared), default=0)
     undecided = [v for v in compared if v.answer == "inconclusive"]
     few = len(design.pairs) * 2.0 ** (1 - subjects) > 1 - CONFIDENCE
-    order = [*design.others, design.reference]
-    sentences = [
-        f"{headline(compared, condition, design, name_undecided=not few)}."
-        for condition in order
-        if any(v.condition == condition and (not few or v not in undecided) for v in compared)
-    ]
+    sentences, open_margins = [], []
+    for condition in (*design.others, design.reference):
+        own = [v for v in compared if v.condition == condition]
+        if own and not (few and all(v in undecided for v in own)):
+            sentences.append(_headline(own, design, name_undecided=not few))
+        if named := [v.axis for v in own if v.open_margin]:
+            every = "all residuals" if 1 < len(named) == len(own) else join_names(named)
+            open_margins.append(f"{every} in {condition}")
     if undecided:
+        start = f"{subjects} subjects are a demonstration: " * few
         verb = "is" if len(undecided) == 1 else "are"
-        result = f"{len(undecided)} of {len(compared)} comparisons {verb} inconclusive"
-        if few:
-            result = f"{subjects} subjects are a demonstration: {result}"
-        sentences.append(f"{result}. {_enough(undecided)}.")
-    return (*sentences, *_uncertain(compared, order, design))
-
-
-def _uncertain(compared: Sequence[Verdict], order: Sequence[str], design: Design) -> Iterator[str]:
-    """Say where errors of measurement leave open on which side of the margin a residual is."""
-    parts = []
-    for condition in order:
-        of_condition = [v for v in compared if v.condition == condition and v.measurement]
-        named = [v.axis for v in of_condition if v.measurement and v.measurement.contains_margin]
-        every = 1 < len(named) == len(of_condition)
-        if named:
-            parts.append(f"{'all residuals' if every else join_names(named)} in {condition}")
-    if parts:
-        yield (
-            f"For {', and '.join(parts)}, errors of usual size alone could turn the verdict: by "
-            f"measurement, the residual may be on either side of the margin of "
+        sentences.append(
+            f"{start}{len(undecided)} of {len(compared)} comparisons {verb} inconclusive. "
+            f"With the variance between subjects, {_needed(undecided)}."
+        )
+    if open_margins:
+        sentences.append(
+            f"For {', and '.join(open_margins)}, errors of usual size alone could turn the "
+            "verdict: by measurement, the residual may be on either side of the margin of "
             f"{100 * design.margin:g} %."
         )
+    return tuple(sentences)
 
 
-def _enough(undecided: Sequence[Verdict]) -> str:
+def _needed(undecided: Sequence[Verdict]) -> str:
     """Say how many subjects would decide the comparisons that are inconclusive."""
-    lacking = [v for v in undecided if v.lacks_subjects]
-    needed = [v.needed for v in lacking if v.needed is not None]
-    sentences = []
+    enough = [v for v in undecided if v.needed is not None and v.needed <= v.n]
+    needed = [v.needed for v in undecided if v.needed is not None and v not in enough]
+    parts = []
     if needed:
-        them, they_are = ("it", "it is") if len(needed) == 1 else ("them", "they are")
-        which = them if len(needed) == len(undecided) else f"{len(needed)} of them"
-        sentences.append(
-            f"With the variance between subjects, {max(needed)} would show {which} to be at the "
-            f"level of the reference, if {they_are} there ({100 * POWER:g} % power)"
+        parts.append(
+            f"{max(needed)} would show {len(needed)} to be at the level of the reference if there "
+            f"is no difference ({100 * POWER:g} % power)"
         )
-    if never := len(lacking) - len(needed):
-        which = "them" if never == len(undecided) else f"{never} of them"
-        sentences.append(f"Subjects differ so much that {MAX_SUBJECTS} would not decide {which}")
-    if enough := len(undecided) - len(lacking):
-        sentences.append(
-            f"For {enough}, these subjects would have been enough if there were no difference: "
-            "there may be one"
+    if never := sum(v.needed is None for v in undecided):
+        parts.append(f"{MAX_SUBJECTS} would not decide {never}")
+    if enough:
+        parts.append(
+            f"these would have been enough for {len(enough)} if there were no difference: there "
+            "may be one"
         )
-    return ". ".join(sentences)
+    return "; ".join(parts)
 
 
-def headline(
-    found: Sequence[Verdict],
-    condition: str,
-    design: Design = EXPERIMENT_3,
-    *,
-    name_undecided: bool = True,
-) -> str:
-    """Summarise a condition's verdicts in one sentence.
+def _headline(own: Sequence[Verdict], design: Design, *, name_undecided: bool) -> str:
+    """Summarise a condition's verdicts in one sentence: how many are at baseline, and the others.
 
-    Parameters
-    ----------
-    found
-        Verdicts of all conditions.
-    condition
-        The condition to summarise.
-    design
-        The design that they are of.
-    name_undecided
-        Whether to name the residuals whose verdict is inconclusive.
-
-    Returns
-    -------
-    str
-        How many residuals are at baseline with compensation, and the names of the others.
+    Residuals whose verdict is inconclusive are named if wanted.
     """
-    own = [v for v in found if v.condition == condition]
-    named = {a: [v.axis for v in own if v.answer == a] for a in ("above", "inconclusive")}
-    at_baseline = sum(v.answer == "at baseline" for v in own)
-    if not at_baseline and not any(named.values()):
-        return f"In {condition}, there are too few subjects for a comparison"
+    condition = own[0].condition
     back, above = f"at {level_name(design)}", "above it"
     if condition == design.reference:
         back, above = f"increased by no more than {100 * design.margin:g} %", "increased"
+    named = {a: [v.axis for v in own if v.answer == a] for a in ("above", "inconclusive")}
+    count = sum(v.answer == "at baseline" for v in own)
     compensated = " with compensation" * design.compensated
-    verb = "is" if at_baseline == 1 else "are"
-    parts = [f"{at_baseline} of {len(own)} residuals {verb} {back}{compensated}"]
+    parts = [f"{count} of {len(own)} residuals {'is' if count == 1 else 'are'} {back}{compensated}"]
     if named["above"]:
         verb = "is" if len(named["above"]) == 1 else "are"
         parts.append(f"{join_names(named['above'])} {verb} {above}")
     if named["inconclusive"] and name_undecided:
-        subjects = max(v.n for v in own)
-        result = f"result is inconclusive with {subjects} subjects"
+        result = f"result is inconclusive with {max(v.n for v in own)} subjects"
         parts.append(f"for {join_names(named['inconclusive'])}, the {result}")
-    return f"In {condition}, " + "; ".join(parts)
+    return f"In {condition}, {'; '.join(parts)}."
 
 
 def level_name(design: Design) -> str:

@@ -18,7 +18,6 @@ from hbm.overrides import SegmentOverride
 from hbm.spatial import GRAVITY_MPS2, Array, Mask
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.recording import Recording
-from pipeline.io.units import correct_units
 
 TENTH_S: Final = 0.1
 """Noise of plates and markers averages out in it, and a subject who stands hardly moves."""
@@ -366,7 +365,7 @@ def subject_body(
                 overrides=segments,
             )
         except ImplausibleLegs as error:
-            remedy = correct_units(stated=pose.stated.units is not None)
+            remedy = pose.stated.correct_units
             raise ValueError(f"{pose.source.name}: {error}; {remedy}") from error
 
     if settings.hip != "functional":

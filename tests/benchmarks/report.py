@@ -6,74 +6,11 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from rich.console import Console
-from rich.table import Table
+import pandas as pd
 
 from tests.benchmarks.comparison import COMPILED, KERNELS, MACHINE
 
 PACKAGES = ("hbm-residuals", "casadi", "numpy", "scipy", "opensim", "mujoco", "pin")
-COLUMNS = {
-    "ik": {
-        "frames/s": ("frames_per_s", ",.0f"),
-        "wall µs": ("wall_us", ",.1f"),
-        "CPU µs": ("cpu_us", ",.1f"),
-        "user µs": ("user_us", ",.1f"),
-        "CPU × ours": ("cpu_ratio", ",.1f"),
-        "wall × ours": ("wall_ratio", ",.1f"),
-        "RMS mm": ("marker_rms_m", ".6f", 1e3),
-        "error, max rad": ("angle_max_rad", ".1e"),
-        "RMS rad": ("angle_rms_rad", ".1e"),
-        "max m": ("translation_max_m", ".1e"),
-    },
-    "scaling": {
-        "IK frames/s": ("ik_frames_per_s", ",.0f"),
-        "IK CPU µs": ("ik_cpu_us", ".1f"),
-        "× first": ("ik_cpu_ratio", ".2f"),
-    },
-}
-COLUMNS["id"] = dict(list(COLUMNS["ik"].items())[:6]) | {
-    "force error N, N·m": ("force_error", ".1e")
-}
-COLUMNS["frames"] = COLUMNS["scaling"] | {
-    "ID frames/s": ("id_frames_per_s", ",.0f"),
-    "ID CPU µs": ("id_cpu_us", ".1f"),
-    "ID × first": ("id_cpu_ratio", ".2f"),
-}
-COLUMNS["coordinates"] = {
-    "markers": ("markers", "d"),
-    "coordinates": ("coordinates", "d"),
-} | COLUMNS["scaling"]
-COLUMNS["gaps"] = COLUMNS["scaling"] | {
-    "solved": ("solved", "d"),
-    "marked": ("marked", "d"),
-    "of frames": ("frames", "d"),
-    "in another minimum": ("elsewhere", "d"),
-}
-COLUMNS["events"] = {
-    "event": ("event", ""),
-    "condition": ("condition", ""),
-    "mean ms": ("mean_ms", "+.1f"),
-    "SD ms": ("sd_ms", ".1f"),
-    "found": ("found", "d"),
-    "missed": ("missed", "d"),
-    "invented": ("invented", "d"),
-}
-COLUMNS["live"] = {
-    "median µs": ("median_us", ",.0f"),
-    "99 % µs": ("p99_us", ",.0f"),
-    "99.9 % µs": ("p999_us", ",.0f"),
-    "largest µs": ("largest_us", ",.0f"),
-    "CPU µs, all of a frame": ("cpu_us", ",.0f"),
-    "share of a core": ("core", ".2f"),
-}
-COLUMNS["treadmill events"] = {
-    "event": ("event", ""),
-    "mean ms": ("mean_ms", "+.1f"),
-    "SD ms": ("sd_ms", ".1f"),
-    "matched": ("matched", "d"),
-    "only first": ("only_first", "d"),
-    "only second": ("only_second", "d"),
-}
 EVENT_LIMITS_MS = {"baseline": (5, 10), "sway": (5, 10), "pitch": (10, 15)}
 """Condition -> limits of the mean error and of its standard deviation."""
 TITLES = {
@@ -187,59 +124,19 @@ def machine() -> dict[str, Any]:
 
 
 def show(measured: dict[str, Any], targets: list[Target]) -> None:
-    console = Console(highlight=False, markup=False, width=max(150, Console().width))
-    console.print(
-        ", ".join(f"{name} {x}" for name, x in measured["machine"]["versions"].items() if x)
-    )
-    for part, title in TITLES.items():
-        if part in measured:
-            console.print(_table(title, measured[part], COLUMNS[part]))
-    if "commands" in measured:
-        commands = measured["commands"]
-        console.print(
-            f"hbm --help {commands['help_s']:.2f} s; hbm residuals on {commands['frames']} frames: "
-            f"{commands['residuals_s']:.1f} s"
-        )
-    if "live_offline_us" in measured:
-        console.print(
-            f"the same trial from a file, process_recording: {measured['live_offline_us']:.0f} µs "
-            "of the processor a frame"
-        )
-    if "live_loopback" in measured:
-        loopback = measured["live_loopback"]
-        console.print(
-            f"by LSL between three processes, {loopback['frames_received']} frames from sending to "
-            f"receiving: median {loopback['median_ms']:.2f} ms, 99 % {loopback['p99_ms']:.2f}, "
-            f"99.9 % {loopback['p999_ms']:.2f}, largest {loopback['largest_ms']:.2f}; first frame "
-            f"{loopback['first_frame_s']:.2f} s after the start"
-        )
-    if "memory" in measured:
-        memory = measured["memory"]
-        console.print(
-            f"{memory['frames']} frames, 46 markers, 30 channels at 1000 Hz, file to residuals: "
-            f"{memory['peak_bytes'] / 1e9:.2f} GB at most, {memory['seconds']:.1f} s, "
-            f"{memory['solved']} frames with residuals"
-        )
+    """Print a table for each part with rows, the other parts' numbers, and the targets."""
+    print(", ".join(f"{name} {x}" for name, x in measured["machine"]["versions"].items() if x))
+    for part, found in measured.items():
+        if part in TITLES:
+            print(f"\n{TITLES[part]}\n")
+            table = pd.DataFrame(found).drop(columns="key", errors="ignore")
+            print(table.to_string(index=False, float_format="{:,.4g}".format))
+        elif part not in ("machine", "targets"):
+            numbers = found.items() if isinstance(found, dict) else [(part, found)]
+            print(f"\n{part}: " + ", ".join(f"{name} {x:.4g}" for name, x in numbers))
     for target in targets:
         bound = "at least" if target.at_least else "at most"
-        console.print(
+        print(
             f"{'met   ' if target.met else 'MISSED'} {target.name}: {target.value:.3g}, "
             f"{bound} {target.limit:g}"
         )
-
-
-def _table(title: str, rows: list[dict[str, Any]], columns: dict[str, tuple]) -> Table:
-    lengths = {row["frames"] for row in rows if "frames" in row}
-    if len(lengths) == 1:
-        title += f", {lengths.pop():,} frames"
-    table = Table(title=title, title_justify="left")
-    table.add_column("", no_wrap=True)
-    for name in columns:
-        table.add_column(name, justify="right")
-    for row in rows:
-        cells = [
-            format(row[key] * (scale[0] if scale else 1), style)
-            for key, style, *scale in columns.values()
-        ]
-        table.add_row(row["name"], *cells)
-    return table

@@ -18,8 +18,8 @@ import pipeline
 from hbm.spatial import Array
 from pipeline.config.schema import Settings, Subject, Treadmill
 from pipeline.config.study import read_study
-from pipeline.explain.explain import ExplainedPart, explained_part
-from pipeline.explain.uncertainty import Intervals
+from pipeline.explain.linearise import ExplainedPart, explained_part
+from pipeline.explain.uncertainty import measured_uncertainty
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_trial
 from pipeline.trial.residuals import AXES
@@ -69,8 +69,8 @@ def ratios(part: ExplainedPart, result: TrialResult, draws: int) -> tuple[Array,
     rms = np.sqrt((part.chain.residual[part.counts] ** 2).mean(axis=0))
     assert np.isfinite(rms).all()  # computed before all effects, whose chains keep its steps
     effects = np.nan_to_num([cause.effect(part.chain) for cause in part.causes])
-    intervals = Intervals(part.chain, part.causes, effects, part.series.frames)
-    delta, drawn = intervals.of_trial(result)[-1], drawn_rms(part, draws)
+    uncertainty, _, _ = measured_uncertainty(part, effects, result)
+    delta, drawn = uncertainty[-1], drawn_rms(part, draws)
     return delta.mean / drawn.mean(axis=0), delta.deviation / drawn.std(axis=0, ddof=1)
 
 

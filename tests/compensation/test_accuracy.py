@@ -7,11 +7,7 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.optimize import minimize
 
-from compensation import (
-    fit_line_orthogonal,
-    linearity,
-    wrench_of_weight,
-)
+from compensation import linearity, orthogonal_rmse, wrench_of_weight
 
 LOADS = np.repeat([13.44, 22.56, 36.00, 45.08], 6) * 9.81
 time = np.arange(2000) / 100
@@ -50,7 +46,6 @@ def test_an_accelerated_weight_pushes_back_through_its_centre():
 
 def test_total_least_squares_agrees_with_a_numerical_minimum():
     measured, truth = scattered(1)
-    line = fit_line_orthogonal(measured, truth)
 
     def squared_distance(parameters):
         angle, distance = parameters  # the line's normal and its distance from the origin
@@ -62,36 +57,15 @@ def test_total_least_squares_agrees_with_a_numerical_minimum():
         method="Nelder-Mead",
         options={"xatol": 1e-12, "fatol": 1e-12, "maxiter": 5000, "maxfev": 5000},
     )
-    angle, distance = best.x
-    assert line.slope == pytest.approx(-1 / np.tan(angle), rel=1e-6)
-    assert line.intercept == pytest.approx(distance / np.sin(angle), rel=1e-6)
-    assert line.rmse == pytest.approx(np.sqrt(best.fun / len(truth)), rel=1e-6)
-
-
-def test_total_least_squares_agrees_with_demings_formula():
-    measured, truth = scattered(2)
-    (sxx, sxy), (_, syy) = np.cov(truth, measured)
-    slope = (syy - sxx + np.sqrt((syy - sxx) ** 2 + 4 * sxy**2)) / (2 * sxy)
-    line = fit_line_orthogonal(measured, truth)
-    assert line.slope == pytest.approx(slope, rel=1e-10)
-    residual = (measured - line.intercept - line.slope * truth) / np.hypot(1, line.slope)
-    assert line.rmse == pytest.approx(np.sqrt(np.mean(residual**2)), rel=1e-10)
-
-
-def test_total_least_squares_is_unbiased_where_both_are_in_error():
-    slopes = [fit_line_orthogonal(*scattered(seed, noise=20.0)).slope for seed in range(60)]
-    ordinary = [np.polyfit(*scattered(seed, noise=20.0)[::-1], 1)[0] for seed in range(60)]
-    assert np.mean(slopes) == pytest.approx(1.02, abs=0.006)
-    assert np.mean(ordinary) < 1.005  # what ordinary least squares would say
+    rmse = np.sqrt(best.fun / len(truth))
+    assert orthogonal_rmse(measured, truth) == pytest.approx(rmse, rel=1e-6)
 
 
 @settings(deadline=None, max_examples=20)
 @given(seed=st.integers(0, 1000))
 def test_exchanging_measured_and_truth_keeps_the_orthogonal_error(seed):
     measured, truth = scattered(seed)
-    forth, back = fit_line_orthogonal(measured, truth), fit_line_orthogonal(truth, measured)
-    assert forth.rmse == pytest.approx(back.rmse)
-    assert forth.slope == pytest.approx(1 / back.slope)
+    assert orthogonal_rmse(measured, truth) == pytest.approx(orthogonal_rmse(truth, measured))
 
 
 # Linearity --------------------------------------------------------------------------------------
@@ -111,7 +85,6 @@ def test_linearity_agrees_with_the_normal_equations():
     assert found.nonlinearity == pytest.approx(nonlinearity, rel=1e-6)
     assert found.percent_of_full_scale == pytest.approx(nonlinearity / 5.1, rel=1e-6)
     assert found.slope == pytest.approx(slope, rel=1e-6)
-    assert found.intercept == pytest.approx(measured.mean() - slope * LOADS.mean(), rel=1e-6)
     np.testing.assert_allclose(
         [found.r_squared_first, found.r_squared_second], r_squared, rtol=1e-6
     )
@@ -119,17 +92,18 @@ def test_linearity_agrees_with_the_normal_equations():
 
 def test_the_interval_of_the_slope_is_that_of_linear_regression():
     measured = 1.01 * LOADS + 3 * np.sin(np.arange(len(LOADS)))
-    found, theirs = linearity(LOADS, measured, 510), stats.linregress(LOADS, measured)
-    assert found.slope_error == pytest.approx(theirs.stderr, rel=1e-9)
-    width = stats.t.isf(0.025, len(LOADS) - 2) * theirs.stderr
-    assert found.slope_uncertainty == pytest.approx(width, rel=1e-9)
+    found, centred = linearity(LOADS, measured, 510), LOADS - LOADS.mean()
+    rest = measured - np.polyval(np.polyfit(LOADS, measured, 1), LOADS)
+    error = np.sqrt(rest @ rest / (len(LOADS) - 2) / (centred @ centred))
+    width = stats.t.isf(0.025, len(LOADS) - 2) * error
+    assert found.slope_uncertainty == pytest.approx(width, rel=1e-6)
     assert abs(found.slope - 1.01) < found.slope_uncertainty
 
 
 def test_a_straight_plate_has_no_nonlinearity_and_a_curved_one_needs_the_parabola():
     straight = linearity(LOADS, 0.97 * LOADS + 5, 510)
     assert straight.nonlinearity < 1e-10
-    assert (straight.slope, straight.intercept) == pytest.approx((0.97, 5))
+    assert straight.slope == pytest.approx(0.97)
     curved = linearity(LOADS, LOADS + 3e-4 * LOADS**2, 510)
     assert curved.nonlinearity > 5
     assert curved.r_squared_second == pytest.approx(1)
@@ -151,25 +125,14 @@ def gap(values):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: wrench_of_weight(36, MARKER[:, :2], 100, 0.2), r"shape \(samples, 3\)"),
-        (lambda: wrench_of_weight(36, MARKER[:0], 100, 0.2), "marker has no samples"),
         (lambda: wrench_of_weight(36, MARKER[:2], 100, 0.2), "needs at least 3"),
         (lambda: wrench_of_weight(36, gap(MARKER), 100, 0.2), "marker: 4 of 2000"),
         (lambda: wrench_of_weight(36, 1000 * MARKER, 100, 0.2), "is it in metres"),
-        (lambda: wrench_of_weight(36_000, MARKER, 100, 0.2), "weight in kilograms"),
-        (lambda: wrench_of_weight(0, MARKER, 100, 0.2), "weight in kilograms"),
-        (lambda: wrench_of_weight(36, MARKER, 0, 0.2), "rate_hz must be a positive"),
-        (lambda: fit_line_orthogonal(PAIR[0], 0 * PAIR[1]), "constant in truth"),
-        (lambda: fit_line_orthogonal(0 * PAIR[0], PAIR[1]), "constant in measured"),
-        (lambda: fit_line_orthogonal(PAIR[0] / 1000, PAIR[1]), "are both in one unit"),
-        (lambda: fit_line_orthogonal(PAIR[0][:2], PAIR[1][:2]), "2 samples are too few"),
-        (lambda: fit_line_orthogonal([], []), "measured has no samples"),
+        (lambda: orthogonal_rmse(PAIR[0], 0 * PAIR[1]), "constant in truth"),
+        (lambda: orthogonal_rmse(PAIR[0] / 1000, PAIR[1]), "are both in one unit"),
+        (lambda: orthogonal_rmse(PAIR[0][:2], PAIR[1][:2]), "2 samples are too few"),
         (lambda: linearity(LOADS[:12], LOADS[:12], 510), "2 known loads; linearity needs"),
-        (lambda: linearity(LOADS, LOADS[1:], 510), "numbers of samples differ"),
         (lambda: linearity(LOADS, 0 * LOADS, 510), "measured loads: constant"),
-        (lambda: linearity(LOADS, LOADS / 1000, 510), "are both in one unit"),
-        (lambda: linearity(LOADS, gap(LOADS), 510), "measured loads: 4 of 24"),
-        (lambda: linearity(LOADS, LOADS, 0), "full_scale must be a positive"),
     ],
 )
 def test_wrong_input_gets_one_clear_error(call, message):

@@ -9,14 +9,10 @@ from scipy.signal import butter, sosfiltfilt
 
 from compensation.belts import (
     BeltModel,
-    Roller,
     _best_numerator,
-    _sensitivities,
     belt_acceleration,
-    cutoff_of_spline,
     fit_belt,
-    fit_roller,
-    spline_smoothing,
+    spline_cutoff,
 )
 from hbm.signals.filtering import low_pass
 
@@ -91,16 +87,6 @@ def test_noise_on_the_moment_does_not_bias_the_free_running_fit(acceleration):
     assert free.rms_compensated == pytest.approx(rms(noise[100:]), rel=0.01)
 
 
-def test_sensitivities_are_the_derivatives(acceleration):
-    a, step = acceleration[:400], 1e-6
-    moment, analytic = _sensitivities(THETA, a)
-    np.testing.assert_allclose(moment, by_hand(THETA, a), atol=1e-11)
-    for j in range(5):
-        nudge = np.eye(5)[j] * step
-        central = (by_hand(THETA + nudge, a) - by_hand(THETA - nudge, a)) / (2 * step)
-        np.testing.assert_allclose(analytic[:, j], central, rtol=1e-6, atol=1e-6)
-
-
 def test_a_delayed_speed_is_undone_by_reading_ahead(acceleration):
     moment = by_hand(THETA, acceleration)
     late = np.concatenate([np.repeat(acceleration[:1], 2), acceleration[:-2]])
@@ -134,12 +120,6 @@ def test_an_unstable_model_cannot_be_made():
 
 def test_acceleration_of_a_steady_speed_up_is_constant():
     np.testing.assert_allclose(filtered_acceleration(0.3 * np.arange(200) / 100), 0.3)
-
-
-def test_the_published_low_pass_is_causal_and_starts_settled():
-    np.testing.assert_allclose(filtered(np.full(50, 3.0)), 3.0)  # no transient
-    step = np.where(np.arange(100) < 60, 1.0, 7.0)
-    np.testing.assert_allclose(filtered(step)[:60], 1.0)
 
 
 # Real recordings: fit on one trial, score on the other ------------------------------------------
@@ -186,92 +166,38 @@ def test_even_samples_and_reading_ahead_do_better(recordings, advance, r_squared
     assert found[1] >= reduction
 
 
-def test_an_unbalanced_roller_explains_more_of_the_held_out_recording(recordings):
-    (moment_1, speed_1), (moment_2, speed_2) = map(even, recordings)
-    moment_1, moment_2 = filtered(moment_1), filtered(moment_2)
-    a_1, a_2 = (filtered_acceleration(v) for v in (speed_1, speed_2))
-    model = fit_belt(a_1, moment_1, advance=2)
-    roller = fit_roller(moment_1 - model.predict(a_1), speed_1, 100, 6)
-    assert roller.circumference_m == pytest.approx(0.632, abs=0.001)
-
-    left = moment_2 - model.predict(a_2)
-    located = roller.locate(left[:1000], speed_2[:1000], 100)  # the first 10 s, then hands off
-    rest = slice(1000, None)
-    predicted = (model.predict(a_2) + located.predict(speed_2, 100))[rest]
-    r_squared, reduction = score(moment_2[rest], predicted)
-    assert r_squared > 0.981
-    assert reduction > 86
-
-
-# Roller -----------------------------------------------------------------------------------------
-
-
-def turning(speed, turns_per_m=1.9, size=0.35, phase=0.8, rate_hz=100):
-    angle = 2 * np.pi * turns_per_m * np.cumsum(speed) / rate_hz + phase
-    return low_pass(size * speed**2 * np.cos(angle), rate_hz, 6, "realtime")
-
-
-def test_a_known_roller_comes_back_from_noise():
-    speed = random_speed(3)
-    moment = turning(speed) + 0.9 * np.random.default_rng(4).normal(size=len(speed)) + 2.0
-    roller = fit_roller(moment, speed, 100, 6)
-    assert roller.turns_per_m == pytest.approx(1.9, abs=2e-4)
-    assert roller.amplitude == pytest.approx(0.35, rel=0.05)
-    assert rms(roller.predict(speed, 100) - turning(speed)) < 0.1 * rms(turning(speed))
-
-
-def test_a_roller_is_found_again_in_a_trial_that_begins_elsewhere():
-    speed = random_speed(5)
-    roller = Roller(1.9, 0.35, 0.0, 6)
-    moment = turning(speed, phase=2.5)
-    located = roller.locate(moment[:1000], speed[:1000], 100)
-    np.testing.assert_allclose(located.predict(speed, 100), moment, atol=1e-2)
-
-
-def test_a_belt_that_hardly_ran_shows_no_roller():
-    with pytest.raises(ValueError, match=r"the belt ran 19.* m, too little"):
-        fit_roller(np.ones(1000), np.full(1000, 1.95), 100, 6)
-
-
 # Cut-off ----------------------------------------------------------------------------------------
 
 
-def test_a_smoothing_spline_halves_the_amplitude_at_its_cutoff():
-    rate, p = 100.0, 1.4e-4
-    impulse = np.zeros(2001)
-    impulse[1000] = 1
-    passed = make_smoothing_spline(np.arange(2001) / rate, impulse, lam=p)
-    response = np.abs(np.fft.rfft(passed(np.arange(2001) / rate)))
-    frequency = np.fft.rfftfreq(2001, 1 / rate)
-    half = np.interp(cutoff_of_spline(p, 1 / rate), frequency, response)
-    assert half == pytest.approx(0.5, abs=1e-3)
-
-
-def test_cross_validation_agrees_with_scipys_spline():
-    rng, time = np.random.default_rng(0), np.arange(3000) / 100
+def test_the_cutoff_is_where_scipys_spline_halves_the_amplitude():
+    rng, time = np.random.default_rng(0), np.arange(1201) / 100
     low = butter(4, 5, fs=100, output="sos")
-    signal = sosfiltfilt(low, rng.normal(size=3000).cumsum() / 100)
-    noisy = signal + 0.02 * rng.normal(size=3000)
+    signal = sosfiltfilt(low, rng.normal(size=1201).cumsum() / 100)
+    noisy = signal + 0.02 * rng.normal(size=1201)
     spline = make_smoothing_spline(time, noisy)
     # a smoothing spline's third derivative jumps by (x - f)/p at every knot
     jump = np.diff(spline.derivative(3)(time[:-1] + 0.005))
     error = (noisy - spline(time))[1:-1]
     p = abs(jump @ error / (jump @ jump))
-    assert spline_smoothing(noisy, 100) == pytest.approx(p, rel=0.02)
+    impulse = np.zeros(1201)
+    impulse[600] = 1
+    passed = make_smoothing_spline(time, impulse, lam=p)
+    response = np.abs(np.fft.rfft(passed(time)))
+    half = np.interp(spline_cutoff(noisy, 100), np.fft.rfftfreq(1201, 0.01), response)
+    assert half == pytest.approx(0.5, abs=5e-3)
 
 
-@settings(deadline=None, max_examples=10)
+@settings(deadline=None, max_examples=5)
 @given(scale=st.floats(1e-4, 1e4), rate_hz=st.sampled_from([50.0, 100.0, 1000.0]))
 def test_cutoff_knows_no_units_and_scales_with_the_rate(scale, rate_hz):
     signal = random_speed(6, 1000) + 0.01 * np.random.default_rng(7).normal(size=1000)
-    at_100 = cutoff_of_spline(spline_smoothing(signal, 100), 0.01)
-    other = cutoff_of_spline(spline_smoothing(scale * signal, rate_hz), 1 / rate_hz)
+    at_100, other = spline_cutoff(signal, 100), spline_cutoff(scale * signal, rate_hz)
     assert other == pytest.approx(at_100 * rate_hz / 100, rel=1e-3)
 
 
 def test_cutoff_of_the_real_belt_speed_is_about_ten_hertz(recordings):
     for _, _, speed in (r.T for r in recordings):
-        assert 8 < cutoff_of_spline(spline_smoothing(speed, 100), 0.01) < 14
+        assert 8 < spline_cutoff(speed, 100) < 14
 
 
 # Wrong input ------------------------------------------------------------------------------------
@@ -286,13 +212,9 @@ def with_gap(signal):
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (lambda a, m: (a[:, None], m), r"belt acceleration must have shape \(samples,\)"),
-        (lambda a, m: (a[:0], m[:0]), "belt acceleration has no samples"),
         (lambda a, m: (a[:300], m[:300]), "300 samples are too few"),
         (lambda a, m: (with_gap(a), m), "belt acceleration: 30 of 6000 samples are not numbers"),
-        (lambda a, m: (a, with_gap(m)), "pitch moment: 30 of 6000"),
         (lambda a, m: (a, m[::2]), "belt_acceleration 6000, pitch_moment 3000; .* different rates"),
-        (lambda a, m: (0 * a, m), "belt acceleration: constant"),
         (lambda a, m: (a, 0 * m), "pitch moment: constant"),
         (lambda a, m: (a, 1000 * m), "the moment must be in N·m"),
         (lambda a, m: (1000 * a, m), "the acceleration in m/s²"),
@@ -307,23 +229,9 @@ def test_wrong_calibration_input_gets_one_clear_error(acceleration, spoil, messa
     ("call", "message"),
     [
         (lambda: filtered_acceleration(np.full(50, 1300.0)), "is it in m/s"),
-        (lambda: filtered_acceleration(np.ones(1)), "1 sample"),
-        (lambda: filtered_acceleration(np.ones(0)), "no samples"),
-        (
-            lambda: belt_acceleration(np.ones(50), 0, 6, "realtime"),
-            "rate_hz must be a positive number",
-        ),
-        (
-            lambda: belt_acceleration(np.ones(50), 100, 60, "realtime"),
-            r"cut-off .* \(50 Hz\), got 60",
-        ),
-        (lambda: spline_smoothing(np.ones(50), 100), "constant"),
-        (lambda: spline_smoothing(np.arange(5.0), 100), "5 samples are too few"),
-        (lambda: cutoff_of_spline(0.0, 0.01), "must be positive"),
-        (lambda: fit_belt(random_speed(1), random_speed(2), -1), "advance must be 0 or more"),
-        (lambda: BeltModel(THETA, -1), "advance must be 0 or more"),
-        (lambda: BeltModel(THETA[:4]), r"theta must have shape \(5,\)"),
-        (lambda: fit_roller(np.ones(100), np.ones(99), 100, 6), "numbers of samples differ"),
+        (lambda: belt_acceleration(np.ones(50), 100, 60, "realtime"), r"cut-off .* \(50 Hz\)"),
+        (lambda: spline_cutoff(np.ones(50), 100), "constant"),
+        (lambda: spline_cutoff(np.arange(5.0), 100), "5 samples are too few"),
     ],
 )
 def test_wrong_input_gets_one_clear_error(call, message):

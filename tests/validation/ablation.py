@@ -37,7 +37,7 @@ from pipeline.virtual_lab.machine.instrumented_treadmill import (
 from pipeline.virtual_lab.machine.instruments import (
     ANALOG_HZ,
     SAMPLES_PER_FRAME,
-    delayed,
+    Clock,
     misplaced,
 )
 from pipeline.virtual_lab.machine.platform import Machine, TreadmillMotion
@@ -179,7 +179,8 @@ def _without_treadmill(
         faults = case.faults.plates
         known = response.artefacts
         for k, plate in enumerate(recording.plates):
-            late = misplaced(delayed(known[k], faults.delays_s[k], plate.time), faults)
+            plate_clock, unused = Clock(faults.delays_s[k]), np.random.default_rng()
+            late = misplaced(plate_clock.sample(known[k], ANALOG_HZ, unused), faults)
             own[k] -= resample(plate.time, shift_wrench(late, plate.center), time)
     return [
         transform_wrench(wrench, plate.rotation, plate.center)

@@ -16,8 +16,9 @@ from hbm.coordinates import COORDINATES, INDEX, N_Q, TREE
 from hbm.kernels import skeleton
 from hbm.spatial import GRAVITY_MPS2, Array, rotation_about
 from pipeline.virtual_lab.person.feet import LEFT, OUTWARD, orientation, rolled
-from pipeline.virtual_lab.person.gait import LANDING, floor_contact, load_share, roll_over
+from pipeline.virtual_lab.person.gait import LANDING, LEAVING, STANCE, roll_over
 from pipeline.virtual_lab.person.subject import VirtualSubject
+from pipeline.virtual_lab.trajectories import smooth_step
 from tests.validation.true_body import true_body
 
 NODES: Final = 50
@@ -60,6 +61,20 @@ ITERATIONS: Final = 20
 STEP_SHARE: Final = 0.6
 """Share of a full Gauss-Newton step: full steps oscillate about the optimum without end."""
 Symbol = Any
+
+
+def load_share(phase: Array) -> Array:
+    """Give the share of body weight on a foot at phases of its own gait cycle, (T,)."""
+    overlap = STANCE - 0.5
+    cycle = phase % 1
+    return np.asarray(smooth_step(cycle / overlap) - smooth_step((cycle - 0.5) / overlap))
+
+
+def floor_contact(phase: Array) -> Array:
+    """Give how firmly the floor holds a foot at phases of its own gait cycle, (T,), 0 to 1."""
+    cycle = phase % 1
+    released, landed = (smooth_step((cycle - a) / (b - a)) for a, b in (LEAVING, LANDING))
+    return np.asarray(1 - released + landed)
 
 
 @dataclass(frozen=True, slots=True)

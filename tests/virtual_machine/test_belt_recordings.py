@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from compensation.belts import BeltModel, Roller, belt_acceleration, fit_belt, fit_roller
+from compensation.belts import BeltModel, belt_acceleration, fit_belt
 from hbm.signals.filtering import low_pass
 from hbm.spatial import Array
 from pipeline.virtual_lab.machine.belts import RotatingLine, identified_drive
@@ -18,6 +18,7 @@ from tests.virtual_machine.belt_recording import (
     read_recording,
     simulate_recording,
 )
+from tests.virtual_machine.roller import Roller, fit_roller
 
 CUTOFF_HZ = 6.0
 EDGE = 200

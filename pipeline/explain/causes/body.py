@@ -5,10 +5,10 @@ an oscillator in axes of the lab. The plates measure its force. The oscillators 
 filters too: those that the filtered motion drives give the filtered force.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Final, Literal, Self
+from typing import Final
 
 import numpy as np
 
@@ -63,10 +63,12 @@ def body_causes(chain: ProcessingChain) -> Iterator[Cause]:
         too: markers keep their places, and the inverse kinematics finds other coordinates. Sizes
         say by how much the body that is used is wrong.
     """
-    known = priors()
-    yield Cause("body mass", "inertia", known["body_mass"], _with_mass)
+    known, every = priors(), chain.body.segments
+    heavier = partial(_with_share, own=tuple(every))
+    yield Cause("body mass", "inertia", known["body_mass"], heavier)
     for name, (segments, kind, axes) in PARTS.items():
-        own = tuple(each for segment in segments for each in _sides(chain.body, segment))
+        names = {*segments, *(f"{side}_{each}" for side in SIDES for each in segments)}
+        own = tuple(each for each in every if each in names)
         change = partial(_with_share, own=own)
         yield Cause(f"{name}: mass", "inertia", known[kind], change)
         for letter in axes:
@@ -77,7 +79,8 @@ def body_causes(chain: ProcessingChain) -> Iterator[Cause]:
         if segments[0] in LONG_BONES:
             wider = partial(_with_gyration, own=own)
             yield Cause(f"{name}: radii of gyration", "inertia", known["gyration"], wider)
-    for name, segment in _joints():
+    joints = [(f"{s} {joint}", f"{s}_{own}") for joint, own in JOINTS.items() for s in SIDES]
+    for name, segment in [*joints, ("lumbar joint", "thorax")]:
         prior = known[f"{name.removesuffix(' joint').split()[-1]}_center"]
         for axis, letter in zip(np.eye(3), "xyz", strict=True):
             altered = partial(_with_joint, segment=segment, by=axis)
@@ -87,38 +90,25 @@ def body_causes(chain: ProcessingChain) -> Iterator[Cause]:
         yield _of_geometry(chain, f"{side} knee: axis about z", known["knee_axis"], altered)
 
 
-def _joints() -> list[tuple[str, str]]:
-    """Name the joints whose centre may be wrong, with the segment that each carries."""
-    legs = [(f"{side} {joint}", f"{side}_{own}") for joint, own in JOINTS.items() for side in SIDES]
-    return [*legs, ("lumbar joint", "thorax")]
-
-
-def _sides(body: Body, segment: str) -> tuple[str, ...]:
-    """Give a segment, or that of both sides."""
-    return (segment,) if segment in body.segments else tuple(f"{s}_{segment}" for s in SIDES)
-
-
 def _with_segments(chain: ProcessingChain, segments: Mapping[str, Inertia]) -> ProcessingChain:
+    """Give the chain with some segments of other inertia."""
     every = {**chain.body.segments, **segments}
     mass = sum(part.mass for part in every.values())
-    return chain.with_body(replace(chain.body, segments=every, mass=mass))
-
-
-def _with_mass(chain: ProcessingChain, share: float) -> ProcessingChain:
-    """Make the whole body heavier by a share."""
-    segments = chain.body.segments.items()
-    return _with_segments(chain, {name: _scaled(part, 1 + share) for name, part in segments})
+    return chain.changed(body=replace(chain.body, segments=every, mass=mass))
 
 
 def _with_share(chain: ProcessingChain, share: float, *, own: tuple[str, ...]) -> ProcessingChain:
-    """Make segments heavier by a share and the others lighter, so that the body's mass stays."""
+    """Make segments heavier by a share and the others, if any, lighter, so that the mass stays.
+
+    What asks for almost no mass or less, leaves a little.
+    """
     segments = chain.body.segments
     mass = sum(segments[name].mass for name in own)
     rest = sum(part.mass for part in segments.values()) - mass
-    scaled = {
-        name: _scaled(part, 1 + share if name in own else 1 - share * mass / rest)
-        for name, part in segments.items()
-    }
+    scaled = {}
+    for name, part in segments.items():
+        factor = max(1 + share if name in own else 1 - share * mass / rest, LEAST_MASS)
+        scaled[name] = Inertia(factor * part.mass, part.center, factor * part.tensor)
     return _with_segments(chain, scaled)
 
 
@@ -137,14 +127,11 @@ def _with_gyration(
     chain: ProcessingChain, share: float, *, own: tuple[str, ...]
 ) -> ProcessingChain:
     """Make radii of gyration larger by a share."""
-    parts = {name: chain.body.segments[name] for name in own}
-    return _with_segments(
-        chain,
-        {
-            name: replace(part, tensor=(1 + share) ** 2 * part.tensor)
-            for name, part in parts.items()
-        },
-    )
+    segments = dict(chain.body.segments)
+    for name in own:
+        tensor = (1 + share) ** 2 * segments[name].tensor
+        segments[name] = replace(segments[name], tensor=tensor)
+    return _with_segments(chain, segments)
 
 
 def _of_geometry(
@@ -218,12 +205,6 @@ def _shift(segments: dict[str, Inertia], name: str, by: Array) -> None:
     segments[name] = replace(segments[name], center=segments[name].center + by)
 
 
-def _scaled(part: Inertia, factor: float) -> Inertia:
-    """Make a segment heavier; what asks for almost no mass or less, leaves a little."""
-    factor = max(factor, LEAST_MASS)
-    return Inertia(factor * part.mass, part.center, factor * part.tensor)
-
-
 @dataclass(frozen=True, slots=True)
 class Tissue:
     """Soft tissue of a segment.
@@ -278,15 +259,15 @@ def soft_tissue_causes(chain: ProcessingChain) -> Iterator[Cause]:
     """
     known = priors()
     for part, tissues in TISSUES.items():
-        masses = [_carried(chain, segment, tissue) for segment, tissue in tissues.items()]
+        courses = [_course(chain, segment) for segment in tissues]
         for direction, along in DIRECTIONS.items():
-            wrenches = {"mass": np.sum([each.wrench(along) for each in masses], axis=0)}
-            for kind in ("frequency_hz", "damping"):
-                more, less = (
-                    np.sum([each.times(factor, kind).wrench(along) for each in masses], axis=0)
-                    for factor in (1 + TISSUE_STEP, 1 - TISSUE_STEP)
-                )
-                wrenches[kind.removesuffix("_hz")] = (more - less) / (2 * TISSUE_STEP)
+            total = partial(_tissue_wrench, tissues.values(), courses, chain.time, along)
+            more, less = 1 + TISSUE_STEP, 1 - TISSUE_STEP
+            wrenches = {
+                "mass": total(),
+                "frequency": (total(stiffer=more) - total(stiffer=less)) / (2 * TISSUE_STEP),
+                "damping": (total(damped=more) - total(damped=less)) / (2 * TISSUE_STEP),
+            }
             for kind, wrench in wrenches.items():
                 change = partial(_with_wrench, wrench=wrench)
                 name = f"soft tissue of {part}: {kind} of {direction} motion"
@@ -294,78 +275,75 @@ def soft_tissue_causes(chain: ProcessingChain) -> Iterator[Cause]:
 
 
 def _with_wrench(chain: ProcessingChain, size: float, *, wrench: Array) -> ProcessingChain:
-    return chain.with_soft_tissue(size * wrench)
+    """Add to what soft tissue adds to the wrench on the ground."""
+    return chain.changed(soft_tissue=chain.soft_tissue + size * wrench)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class WobblingMass:
-    """A mass on springs and dampers, carried along.
+def _tissue_wrench(
+    tissues: Iterable[Tissue],
+    courses: Sequence[tuple[float, Array, Array]],
+    time: Array,
+    along: Array,
+    *,
+    stiffer: float = 1.0,
+    damped: float = 1.0,
+) -> Array:
+    """Give what tissues of segments add together, frequencies and damping times a factor."""
+    wrenches = [
+        tissue.share
+        * mass_kg
+        * oscillator_wrench(
+            tissue.frequency_hz * stiffer, tissue.damping * damped, time, place, pull, along
+        )
+        for tissue, (mass_kg, place, pull) in zip(tissues, courses, strict=True)
+    ]
+    return np.asarray(np.sum(wrenches, axis=0))
 
-    Attributes
+
+def oscillator_wrench(
+    frequency_hz: float, damping: float, time: Array, place: Array, pull: Array, along: Array
+) -> Array:
+    """Give what a kilogram on springs and dampers adds to the wrench on the ground by moving.
+
+    Parameters
     ----------
-    mass_kg, frequency_hz, damping
-        Its own.
+    frequency_hz, damping
+        Natural frequency and damping ratio.
     time
         (T,) [s].
     place
         Where it would be without springs, (T, 3) [m].
     pull
         Its acceleration there less that of gravity, (T, 3) [m/s²].
+    along
+        Projection on the directions in which it can move, (3, 3).
+
+    Returns
+    -------
+    Array
+        Lab axes about the lab origin, (T, 6) [N, N·m].
+
+    Notes
+    -----
+    `hbm.signals.filtering.oscillation` gives ``d``. It adds ``m d̈``, and what it needs acts ``d``
+    beside its place.
     """
-
-    mass_kg: float
-    frequency_hz: float
-    damping: float
-    time: Array
-    place: Array
-    pull: Array
-
-    def times(self, factor: float, kind: Literal["frequency_hz", "damping"]) -> Self:
-        """Give the same with one of its numbers times a factor."""
-        return replace(self, **{kind: factor * getattr(self, kind)})
-
-    def wrench(self, along: Array) -> Array:
-        """Give what it adds to the wrench on the ground by moving, (T, 6) [N, N·m].
-
-        Parameters
-        ----------
-        along
-            Projection on the directions in which it can move, (3, 3).
-
-        Returns
-        -------
-        Array
-            Lab axes about the lab origin.
-
-        Notes
-        -----
-        `hbm.signals.filtering.oscillation` gives ``d``. It adds ``m d̈``, and what it needs acts
-        ``d`` beside its place.
-        """
-        drive = -(self.pull - [0, 0, GRAVITY_MPS2]) @ along
-        frames = np.arange(len(drive))
-        for column in drive.T:
-            seen = np.isfinite(column)
-            column[:] = np.interp(frames, frames[seen], column[seen])
-        drive -= drive[0]
-        shift, force = oscillation(drive, self.time, self.frequency_hz, self.damping)
-        moment = np.cross(self.place, force) + np.cross(shift, self.pull + force)
-        return self.mass_kg * np.hstack([force, moment])
+    drive = -(pull - [0, 0, GRAVITY_MPS2]) @ along
+    frames = np.arange(len(drive))
+    for column in drive.T:
+        seen = np.isfinite(column)
+        column[:] = np.interp(frames, frames[seen], column[seen])
+    drive -= drive[0]
+    shift, force = oscillation(drive, time, frequency_hz, damping)
+    return np.hstack([force, np.cross(place, force) + np.cross(shift, pull + force)])
 
 
-def _carried(chain: ProcessingChain, segment: str, tissue: Tissue) -> WobblingMass:
-    """Put soft tissue at the centre of mass of its segment."""
+def _course(chain: ProcessingChain, segment: str) -> tuple[float, Array, Array]:
+    """Give mass [kg], course (T, 3) [m] and pull (T, 3) [m/s²] of a segment's centre of mass."""
     own = chain.body.segments[segment]
     k = MOVING.index(FIXED_TO.get(segment, segment))
     rotation, origin = segment_frames(chain.body, chain.motion.value)
     unit = Inertia(1.0, own.center, np.zeros((3, 3)))
     only = {name: unit if name == segment else NO_INERTIA for name in chain.body.segments}
     needed = needed_wrench(replace(chain.body, segments=only), chain.motion)
-    return WobblingMass(
-        mass_kg=tissue.share * own.mass,
-        frequency_hz=tissue.frequency_hz,
-        damping=tissue.damping,
-        time=chain.time,
-        place=origin[:, k] + rotation[:, k] @ own.center,
-        pull=needed[:, :3],
-    )
+    return own.mass, origin[:, k] + rotation[:, k] @ own.center, needed[:, :3]

@@ -5,20 +5,18 @@ before its residual is looked at.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Final
 
 import numpy as np
 
-from compensation import PlateCalibration
 from hbm.signals.resampling import interpolate
-from hbm.signals.samples import stretches
+from hbm.signals.samples import mean_rate_hz, stretches
 from hbm.spatial import WRENCH_COMPONENTS, Array, rotation_about, shift_wrench, transform_wrench
-from pipeline.explain.cause import Cause, Prior, priors
+from pipeline.explain.cause import Cause, CauseGroup, Change, Prior, priors
 from pipeline.explain.processing_chain import ProcessingChain
 from pipeline.io.recording import Plate
-from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.platform import plate_marker_delay
 
 MIN_SWING_S: Final = 0.2
@@ -28,107 +26,117 @@ MIN_SWINGS: Final = 3
 """Below them nothing shows how much one differs from another."""
 MIN_NARROWED: Final = 0.1
 """Of a usual size that is left even by a calibration without error: days differ."""
+UNKNOWN: Final = 1e12
+"""Variance of a response that no calibration examined."""
 
 
-@dataclass(frozen=True, slots=True)
-class PlatePriors:
-    """How wrong one plate may be, in its own axes.
-
-    Attributes
-    ----------
-    zero, gain
-        Of each component, 6.
-    cross_talk
-        Of the vertical force in the two horizontal ones.
-    place, direction
-        Along and about each axis, 3.
-    """
-
-    zero: tuple[Prior, ...]
-    gain: tuple[Prior, ...]
-    cross_talk: tuple[Prior, ...]
-    place: tuple[Prior, ...]
-    direction: tuple[Prior, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class KnownPlates:
-    """How wrong the plates of a trial may be.
-
-    Attributes
-    ----------
-    delay
-        Of all plates.
-    plates
-        Each plate, in their order.
-    delay_is_measured
-        Whether the delay is from a measurement of the plates or of the platform.
-    """
-
-    delay: Prior
-    plates: tuple[PlatePriors, ...]
-    delay_is_measured: bool = False
-
-
-def usual_plates(plates: int) -> KnownPlates:
-    """Give how wrong a number of plates may be of which nothing is known."""
-    known = priors()
-    force, moment = known["zero_force"], known["zero_moment"]
-    one = PlatePriors(
-        zero=(force,) * 3 + (moment,) * 3,
-        gain=(known["gain"],) * 6,
-        cross_talk=(known["cross_talk"],) * 2,
-        place=(known["place"],) * 3,
-        direction=(known["direction"],) * 3,
-    )
-    return KnownPlates(known["delay"], (one,) * plates)
-
-
-def known_plates(chain: ProcessingChain, laboratory: Laboratory) -> KnownPlates:
-    """Narrow what may be wrong with the plates of a trial by what is known of them.
+def plate_causes(
+    chain: ProcessingChain, delay: tuple[float, float] | None = None
+) -> Iterator[Cause]:
+    """Give what may be wrong with the plates of a trial.
 
     Parameters
     ----------
     chain
         The trial.
-    laboratory
-        The treadmill and its calibrations.
+    delay
+        How much later than the markers the whole body's motion shows the plates to be, and one
+        standard deviation [s]; NaN where it does not show it, so that the delay keeps its usual
+        size. A measurement of the plates or the platform goes before it; with that, or None, the
+        residuals show the delay.
 
-    Returns
-    -------
-    KnownPlates
-        Usual sizes, but where one of these says more: of the delay, a calibration of the plates, a
-        statement, or the platform's own motion in markers and accelerometers; of gain, cross-talk,
-        place and direction, a calibration of the plates; of zeros, what the plates read in this
-        trial while nobody is on them, and only without that the treadmill's calibration: zeros
-        drift, and may be set anew, from one recording to the next.
+    Yields
+    ------
+    Cause
+        That all plates are late, and per plate: its zeros and gains by component, cross-talk of the
+        vertical force into the horizontal ones, and its place and direction. All are faults of the
+        plate in its own axes, which move with the platform.
     """
-    usual = usual_plates(len(chain.plates))
-    models = () if chain.subtracted is None else chain.subtracted.models
-    plates = []
-    for k, (plate, one) in enumerate(zip(chain.plates, usual.plates, strict=True)):
-        if laboratory.plates is not None:
-            calibration = laboratory.plates.calibrations.of(plate.number)
-            if calibration is not None:
-                one = calibrated(one, calibration, plate)
-        threshold_n = chain.settings.contact_threshold_n
-        swing = swing_zero(chain.time, chain.wrenches[k], plate, threshold_n)
-        error = models[k].model_error if models else None
-        if swing is not None:
-            one = replace(one, zero=narrowed(one.zero, *swing))
-        elif error is not None:
-            source = "the treadmill's calibration: zeros of its recordings"
-            spread = np.minimum([z.size for z in one.zero], error.zero)
-            zero = tuple(
-                replace(z, size=max(float(size), MIN_NARROWED * z.size), source=source)
-                for z, size in zip(one.zero, spread, strict=True)
-            )
-            one = replace(one, zero=zero)
-        plates.append(one)
-    measured = _measured_delay(chain, laboratory, usual.delay)
-    stated = chain.settings.plate_delay_s is not None
-    delay = measured or (priors()["stated_delay"] if stated else usual.delay)
-    return KnownPlates(delay, tuple(plates), delay_is_measured=measured is not None)
+    late = _measured_delay(chain)
+    found = None
+    if late is None:
+        is_stated = chain.settings.plate_delay_s is not None
+        late = priors()["stated_delay" if is_stated else "delay"]
+        if delay is not None:
+            found = delay if np.isfinite(delay[0]) else (late.mean, late.size)
+    yield Cause("plates are late", "delay", late, _late, found=found)
+    for k, plate in enumerate(chain.plates):
+        name, error = f"plate {plate.number}", response_error(chain, plate)
+        for i, zero in enumerate(zeros(chain, k)):
+            shifted = partial(_with_zero, plate=k, zero=np.eye(6)[i])
+            yield Cause(f"{name}: zero of {WRENCH_COMPONENTS[i]}", "zero", zero, shifted)
+        for title, kind, bounds, change in _responses(k):
+            usual = priors()[kind]
+            size = max(min(error[bound] for bound in bounds), MIN_NARROWED * usual.size)
+            prior = replace(usual, size=float(min(size, usual.size)))
+            group: CauseGroup = "place" if kind in ("place", "direction") else "gain"
+            yield Cause(f"{name}: {title}", group, prior, change)
+
+
+def _responses(plate: int) -> Iterator[tuple[str, str, list[tuple[int, int]], Change]]:
+    """Give faults of a plate's response to load: name, kind of prior, bounds, change.
+
+    The bounds are entries of the response's error, (6, 6), none of which the fault can exceed.
+    """
+    for i, component in enumerate(WRENCH_COMPONENTS):
+        gain = partial(_with_gain, plate=plate, gain=np.diag(np.eye(6)[i]))
+        yield f"gain of {component}", "gain", [(i, i)], gain
+    for i, component in enumerate(WRENCH_COMPONENTS[:2]):
+        shown = np.outer(np.eye(6)[i], np.eye(6)[2])
+        talk = partial(_with_gain, plate=plate, gain=shown)
+        yield f"Fz in {component}", "cross_talk", [(i, 2)], talk
+    for i, letter in enumerate("xyz"):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        moved = partial(_moved, plate=plate, by=np.eye(3)[i])
+        turned = partial(_turned, plate=plate, about=np.eye(3)[i])
+        yield f"place along {letter}", "place", [(3 + j, k), (3 + k, j)], moved
+        yield f"direction about {letter}", "direction", [(j, k), (k, j)], turned
+
+
+def response_error(chain: ProcessingChain, plate: Plate) -> Array:
+    """Give the standard error of a plate's response by its calibration, in its own axes, (6, 6).
+
+    Responses to components that its recordings did not excite are unknown; without a calibration
+    all are.
+    """
+    plates = chain.lab.laboratory.plates
+    calibration = None if plates is None else plates.calibrations.of(plate.number)
+    if calibration is None:
+        return np.full((6, 6), np.sqrt(UNKNOWN))
+    unknown = [name not in calibration.examined for name in WRENCH_COMPONENTS]
+    variance = np.where(unknown, UNKNOWN, np.minimum(calibration.standard_error**2, UNKNOWN))
+    square = np.kron(np.eye(2), plate.rotation**2)
+    return np.asarray(np.sqrt(square.T @ variance @ square))
+
+
+def zeros(chain: ProcessingChain, k: int) -> Sequence[Prior]:
+    """Give how wrong the zeros of a plate's components may be, 6.
+
+    Usual sizes, but where the plate's readings of this trial while nobody is on it say more, and
+    only without these the treadmill's calibration: zeros drift, and may be set anew, from one
+    recording to the next.
+    """
+    known = priors()
+    usual = [known["zero_force"]] * 3 + [known["zero_moment"]] * 3
+    threshold_n = chain.settings.contact_threshold_n
+    swing = swing_zero(chain.time, chain.wrenches[k], chain.plates[k], threshold_n)
+    if swing is not None:
+        return [combined(prior, *own) for prior, *own in zip(usual, *swing, strict=True)]
+    error = chain.lab.models[k].model_error if chain.lab.models else None
+    if error is None:
+        return usual
+    sizes = [
+        max(min(prior.size, float(own)), MIN_NARROWED * prior.size)
+        for prior, own in zip(usual, error.zero, strict=True)
+    ]
+    return [replace(prior, size=size) for prior, size in zip(usual, sizes, strict=True)]
+
+
+def combined(prior: Prior, value: float, error: float) -> Prior:
+    """Combine what is expected of a zero with what was measured of it."""
+    precision = prior.size**-2 + error**-2
+    mean = (prior.mean * prior.size**-2 + value * error**-2) / precision
+    return replace(prior, size=float(precision**-0.5), mean=float(mean))
 
 
 def swing_zero(
@@ -187,151 +195,40 @@ def swing_zero(
     return np.mean(means, axis=0), np.hypot(error, same)
 
 
-def narrowed(prior: Sequence[Prior], mean: Array, error: Array) -> tuple[Prior, ...]:
-    """Combine what is expected of zeros with what was measured of them, (6,) each [N, N·m]."""
-    result = []
-    for before, value, sd in zip(prior, mean, error, strict=True):
-        precision = before.size**-2 + sd**-2
-        both = (before.mean * before.size**-2 + value * sd**-2) / precision
-        source = "what the plate reads in this trial while nobody is on it"
-        result.append(
-            replace(before, size=float(precision**-0.5), mean=float(both), source=source, advice="")
-        )
-    return tuple(result)
-
-
-def calibrated(usual: PlatePriors, calibration: PlateCalibration, plate: Plate) -> PlatePriors:
-    """Narrow what may be wrong with a plate by the errors of its calibration.
-
-    Parameters
-    ----------
-    usual
-        Without the calibration.
-    calibration
-        Of the plate. Its response to components that its recordings did not excite stays as
-        unknown as it was.
-    plate
-        The plate: errors are brought from the lab's axes to its own.
-
-    Returns
-    -------
-    PlatePriors
-        Never larger than usual, nor smaller than a tenth of that.
-    """
-    unknown = [name not in calibration.examined for name in WRENCH_COMPONENTS]
-    variance = np.where(unknown, np.inf, calibration.standard_error**2)
-    square = np.kron(np.eye(2), plate.rotation**2)
-    # 0 · inf: an unknown component that has no part in another
-    used = np.where(np.isinf(variance), 1e12, variance)
-    error = np.sqrt(square.T @ used @ square)
-
-    def narrow(prior: Prior, *errors: float) -> Prior:
-        size = max(min(errors), MIN_NARROWED * prior.size)
-        if size >= prior.size:
-            return prior
-        return replace(prior, size=float(size), source="the calibration of the plates", advice="")
-
-    lever = error[3:, :3]
-    return replace(
-        usual,
-        gain=tuple(narrow(p, error[i, i]) for i, p in enumerate(usual.gain)),
-        cross_talk=tuple(narrow(p, error[i, 2]) for i, p in enumerate(usual.cross_talk)),
-        place=(
-            narrow(usual.place[0], lever[1, 2], lever[2, 1]),
-            narrow(usual.place[1], lever[0, 2], lever[2, 0]),
-            narrow(usual.place[2], lever[0, 1], lever[1, 0]),
-        ),
-        direction=(
-            narrow(usual.direction[0], error[1, 2], error[2, 1]),
-            narrow(usual.direction[1], error[0, 2], error[2, 0]),
-            narrow(usual.direction[2], error[0, 1], error[1, 0]),
-        ),
-    )
-
-
-def _measured_delay(chain: ProcessingChain, laboratory: Laboratory, usual: Prior) -> Prior | None:
-    """Narrow the delay of the plates by their calibration or the platform's motion, if possible."""
-    known = priors()
-    plates = laboratory.plates
-    measured = [
-        one is not None and one.delay_s is not None
-        for one in (plates.calibrations.of(p.number) if plates else None for p in chain.plates)
-    ]
-    if all(measured):
-        return known["calibrated_delay"]
-    platform, done = laboratory.treadmill.platform, chain.subtracted
-    if platform is not None and platform.markers and done is not None and done.felt:
+def _measured_delay(chain: ProcessingChain) -> Prior | None:
+    """Give the delay of the plates by their calibration or the platform's motion, if possible."""
+    known, laboratory = priors(), chain.lab.laboratory
+    if laboratory.plates is not None:
+        calibrations = [laboratory.plates.calibrations.of(p.number) for p in chain.plates]
+        if all(one is not None and one.delay_s is not None for one in calibrations):
+            return known["calibrated_delay"]
+    platform = laboratory.treadmill.platform
+    if platform is not None and platform.markers and chain.felt:
         assert chain.pose is not None
-        rate_hz = (len(chain.time) - 1) / float(chain.time[-1] - chain.time[0])
-        readings = done.felt[0][:, : len(done.models[0].acceleration_mean)]
-        late = plate_marker_delay(chain.pose, readings, rate_hz)
+        readings = chain.felt[0][:, : len(chain.lab.models[0].acceleration_mean)]
+        late = plate_marker_delay(chain.pose, readings, mean_rate_hz(chain.time))
         if late is not None:
-            error, least = late.standard_error, known["calibrated_delay"].size
-            size = float(np.linalg.norm([error, done.sensors_apart_s, least]))
-            source = "the platform's motion in its markers and accelerometers"
-            return replace(usual, size=size, mean=late.seconds, source=source, advice="")
+            least = known["calibrated_delay"].size
+            size = np.linalg.norm([late.standard_error, chain.sensors_apart_s, least])
+            return replace(known["delay"], size=float(size), mean=late.seconds)
     return None
 
 
-def plate_causes(
-    chain: ProcessingChain,
-    known: KnownPlates | None = None,
-    delay: tuple[float, float] | None = None,
-) -> Iterator[Cause]:
-    """Give what may be wrong with the plates of a trial.
-
-    Parameters
-    ----------
-    chain
-        The trial.
-    known
-        What is known of its plates, as `known_plates` finds it; by default nothing.
-    delay
-        Their delay as the whole body's motion shows it, and one standard deviation [s]; by default
-        the residuals show it.
-
-    Yields
-    ------
-    Cause
-        That all plates are late, and per plate: its zeros and gains by component, cross-talk of the
-        vertical force into the horizontal ones, and its place and direction. All are faults of the
-        plate in its own axes, which move with the platform.
-    """
-    known = known or usual_plates(len(chain.plates))
-    yield Cause("plates are late", "delay", known.delay, late, found=delay)
-    for k, (plate, prior) in enumerate(zip(chain.plates, known.plates, strict=True)):
-        name = f"plate {plate.number}"
-        for i, component in enumerate(WRENCH_COMPONENTS):
-            change = partial(_with_load, plate=k, gain=np.zeros((6, 6)), zero=np.eye(6)[i])
-            yield Cause(f"{name}: zero of {component}", "zero", prior.zero[i], change)
-        for i, component in enumerate(WRENCH_COMPONENTS):
-            gain = np.diag(np.eye(6)[i])
-            change = partial(_with_load, plate=k, gain=gain, zero=np.zeros(6))
-            yield Cause(f"{name}: gain of {component}", "gain", prior.gain[i], change)
-        for i, component in enumerate(WRENCH_COMPONENTS[:2]):
-            gain = np.zeros((6, 6))
-            gain[i, 2] = 1.0
-            change = partial(_with_load, plate=k, gain=gain, zero=np.zeros(6))
-            title = f"{name}: Fz in {component}"
-            yield Cause(title, "gain", prior.cross_talk[i], change)
-        for i, (axis, letter) in enumerate(zip(np.eye(3), "xyz", strict=True)):
-            moved, turned = partial(_moved, plate=k, by=axis), partial(_turned, plate=k, about=axis)
-            yield Cause(f"{name}: place along {letter}", "place", prior.place[i], moved)
-            title = f"{name}: direction about {letter}"
-            yield Cause(title, "place", prior.direction[i], turned)
-
-
-def late(chain: ProcessingChain, delay_s: float) -> ProcessingChain:
+def _late(chain: ProcessingChain, delay_s: float) -> ProcessingChain:
     """Make the plates later [s] than markers and platform; the ends are held."""
-    return chain.with_wrenches([delayed(chain.time, each, delay_s) for each in chain.wrenches])
+    later = [delayed(chain.time, wrench, delay_s) for wrench in chain.wrenches]
+    return chain.changed(wrenches=tuple(later))
 
 
-def _with_load(
-    chain: ProcessingChain, size: float, *, plate: int, gain: Array, zero: Array
-) -> ProcessingChain:
-    """Add a share of a plate's wrench, as a matrix, and a constant wrench, each times a size."""
+def _with_zero(chain: ProcessingChain, size: float, *, plate: int, zero: Array) -> ProcessingChain:
+    """Add a constant wrench times a size."""
+    return _with_plate(chain, plate, chain.wrenches[plate] + size * zero)
+
+
+def _with_gain(chain: ProcessingChain, share: float, *, plate: int, gain: Array) -> ProcessingChain:
+    """Add a share of a plate's wrench, by a matrix."""
     wrench = chain.wrenches[plate]
-    return _with_plate(chain, plate, wrench + size * (wrench @ gain.T + zero))
+    return _with_plate(chain, plate, wrench + share * (wrench @ gain.T))
 
 
 def _moved(chain: ProcessingChain, size: float, *, plate: int, by: Array) -> ProcessingChain:
@@ -348,7 +245,7 @@ def _turned(chain: ProcessingChain, size: float, *, plate: int, about: Array) ->
 def _with_plate(chain: ProcessingChain, plate: int, wrench: Array) -> ProcessingChain:
     wrenches = list(chain.wrenches)
     wrenches[plate] = wrench
-    return chain.with_wrenches(wrenches)
+    return chain.changed(wrenches=tuple(wrenches))
 
 
 def delayed(time: Array, values: Array, delay_s: float) -> Array:

@@ -1,6 +1,6 @@
 """What may be wrong with a moving treadmill: its compensation, and the platform's pose."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Final
@@ -12,12 +12,11 @@ from scipy.sparse.linalg import svds
 from compensation import InertiaModel, PlatformPose, interpolate_pose
 from compensation.inertia.model_error import SLOW_HZ
 from compensation.platform import LEFT
+from hbm.signals.samples import mean_rate_hz
 from hbm.spatial import WRENCH_COMPONENTS, Array, rotation_about, shift_wrench
-from pipeline.config.schema import Platform
-from pipeline.explain.cause import Cause, Change, Prior, priors
+from pipeline.explain.cause import Cause, Prior, priors
 from pipeline.explain.causes.plates import delayed
 from pipeline.explain.processing_chain import ProcessingChain
-from pipeline.explain.subtracted import Subtracted
 from pipeline.trial.ground.platform import in_lab
 
 SHARE: Final = 0.95
@@ -39,31 +38,28 @@ def compensation_causes(chain: ProcessingChain) -> Iterator[Cause]:
         and per plate the size and delay of what was predicted of its belt. Nothing where nothing
         was subtracted.
     """
-    done = chain.subtracted
-    if done is None:
-        return
     known = priors()
-    if done.models:
+    if chain.felt:
         for number, (along, added) in enumerate(principal_directions(chain), start=1):
-            plate, component = _largest(added)
+            # the plate and component to which most is added, 1 N·m counting as 10 N
+            sizes = [np.sqrt(np.nanmean(each**2, axis=0)) * [1, 1, 1, 10, 10, 10] for each in added]
+            plate, component = divmod(int(np.argmax(sizes)), 6)
             where = f"{WRENCH_COMPONENTS[component]} of plate {chain.plates[plate].number}"
             title = f"compensation: direction {number}, mostly {where}"
-            subtract = partial(_without, added=added)
-            usual = known["inertia_model"]
-            yield Cause(title, "compensation", usual, subtract, of_platform=True, along=along)
-        late = _sensors_prior(done, known)
+            change, usual = partial(_subtracted, more=added), known["inertia_model"]
+            yield Cause(title, "compensation", usual, change, of_platform=True, along=along)
+        late = _sensors_delay(chain)
         yield Cause("accelerometers are late", "compensation", late, _late_sensors, True)
-    for k, (model, belt) in enumerate(zip(done.belt_models, done.belts, strict=True)):
-        name = f"plate {chain.plates[k].number}"
+    belts = chain.lab.laboratory.belts if chain.belts else ()
+    for k, model in enumerate(belts):
+        name, share = f"plate {chain.plates[k].number}", known["belt_model"]
         left = model.rms_compensated / model.rms_measured
-        share = known["belt_model"]
         if np.isfinite(left):
-            share = replace(share, size=float(left), source="what the belts' calibration left")
-        added = [np.zeros_like(w) for w in chain.wrenches]
-        added[k] = belt
-        larger = partial(_without, added=added)
+            share = replace(share, size=float(left))
+        own = [np.zeros_like(belt) for belt in chain.belts]
+        own[k] = chain.belts[k]
+        larger, later = partial(_subtracted, more=own), partial(_late_belt, plate=k)
         yield Cause(f"{name}: size of its belt's moment", "compensation", share, larger)
-        later = partial(_late_belt, plate=k)
         yield Cause(f"{name}: belt's speed is late", "compensation", known["belt_delay"], later)
 
 
@@ -94,19 +90,15 @@ def principal_directions(chain: ProcessingChain) -> list[tuple[Array, list[Array
     Noise, belts and zeros are no part of it. Without rounding the directions are those of a
     Karhunen-Loève expansion of the residual.
     """
-    done = chain.subtracted
-    assert done is not None
-    factor = _root(done.correlation)
-    rate_hz = (len(chain.time) - 1) / float(chain.time[-1] - chain.time[0])
-    bases = [
-        _basis(model, felt, rate_hz) for model, felt in zip(done.models, done.felt, strict=True)
-    ]
+    factor, rate_hz = _root(chain.lab.correlation), mean_rate_hz(chain.time)
     slow = chain.settings.cutoff_hz <= SLOW_HZ
     step = max(int(rate_hz / THINNED_HZ), 1)
     residual = chain.residual
     weight = 1 / np.sqrt(np.nanmean(residual**2, axis=0))
-    effects = []
-    for k, (model, basis) in enumerate(zip(done.models, bases, strict=True)):
+    signals, effects = [], []
+    for k, (model, felt) in enumerate(zip(chain.lab.models, chain.felt, strict=True)):
+        basis = _basis(model, felt, rate_hz)
+        signals.append(_scaled(model, basis, slow))
         passed = _scaled(model, chain.low_pass(basis)[::step], slow)
         to_residual = _to_residual(chain, k)[::step] * weight[:, None]
         own = factor[6 * k : 6 * k + 6]
@@ -121,18 +113,15 @@ def principal_directions(chain: ProcessingChain) -> list[tuple[Array, list[Array
     vectors, values, _ = svds(table, most, rng=np.random.default_rng(0))
     order = np.argsort(-values)
     explained = np.cumsum(values[order] ** 2) / total
-    count = int(np.searchsorted(explained, SHARE)) + 1
-    signals = [_scaled(model, basis, slow) for model, basis in zip(done.models, bases, strict=True)]
-    return [
-        (
-            vectors[:, n],
-            [
-                np.einsum("tsc,sc->tc", signal, (factor[6 * k : 6 * k + 6] @ sizes).T)
-                for k, signal in enumerate(signals)
-            ],
-        )
-        for n, sizes in ((n, vectors[:, n].reshape(whole.shape[:2])) for n in order[:count])
-    ]
+    directions = []
+    for n in order[: int(np.searchsorted(explained, SHARE)) + 1]:
+        sizes = factor @ vectors[:, n].reshape(whole.shape[:2])
+        added = [
+            np.einsum("tsc,sc->tc", signal, sizes[6 * k : 6 * k + 6].T)
+            for k, signal in enumerate(signals)
+        ]
+        directions.append((vectors[:, n], added))
+    return directions
 
 
 def _basis(model: InertiaModel, felt: Array, rate_hz: float) -> Array:
@@ -164,74 +153,55 @@ def _root(covariance: Array) -> Array:
 
 def _to_residual(chain: ProcessingChain, plate: int) -> Array:
     """Give what a wrench of a plate, in its own axes, is in the residual, (T, 6, 6)."""
-    frames = len(chain.time)
     columns = []
     for unit in np.eye(6):
-        alone = np.tile(unit, (frames, 1))
+        alone = np.tile(unit, (len(chain.time), 1))
         (moved,) = in_lab([alone], [chain.plates[plate]], chain.pose)
         columns.append(shift_wrench(moved, chain.motion.value[:, :3]))
     return np.stack(columns, axis=2)
 
 
-def _largest(added: list[Array]) -> tuple[int, int]:
-    """Give plate and component to which most is added, a newton metre counting as ten newtons."""
-    sizes = [np.sqrt(np.nanmean(each**2, axis=0)) * [1, 1, 1, 10, 10, 10] for each in added]
-    plate, component = np.unravel_index(np.argmax(sizes), (len(sizes), 6))
-    return int(plate), int(component)
-
-
-def _sensors_prior(done: Subtracted, known: dict[str, Prior]) -> Prior:
+def _sensors_delay(chain: ProcessingChain) -> Prior:
     """Give how much later the accelerometers may be than the calibration found."""
-    errors = [sensor.delay_error_s for sensor in done.sensors]
+    errors = [sensor.delay_error_s for sensor in chain.lab.sensors]
     stated = [error for error in errors if error is not None]
     if not stated or len(stated) < len(errors):
-        return known["accelerometer_delay"]
-    between = known["accelerometer_delay_between_days"]
-    size = float(np.linalg.norm([max(stated), done.sensors_apart_s, between.size]))
-    source = f"the calibration's own error, how sensors differ, and {between.source}"
-    return replace(between, size=size, source=source)
+        return priors()["accelerometer_delay"]
+    between = priors()["accelerometer_delay_between_days"]
+    size = np.linalg.norm([max(stated), chain.sensors_apart_s, between.size])
+    return replace(between, size=float(size))
 
 
-def _without(chain: ProcessingChain, size: float, *, added: list[Array]) -> ProcessingChain:
+def _subtracted(chain: ProcessingChain, size: float, *, more: Sequence[Array]) -> ProcessingChain:
     """Subtract more than was subtracted, by a wrench per plate times a size."""
-    return chain.with_wrenches(
-        [wrench - size * more for wrench, more in zip(chain.wrenches, added, strict=True)]
-    )
+    left = [wrench - size * own for wrench, own in zip(chain.wrenches, more, strict=True)]
+    return chain.changed(wrenches=tuple(left))
 
 
 def _late_sensors(chain: ProcessingChain, delay_s: float) -> ProcessingChain:
     """Make the accelerometers later [s]."""
-    done = chain.subtracted
-    assert done is not None
-    later = tuple(delayed(chain.time, felt, delay_s) for felt in done.felt)
+    later = tuple(delayed(chain.time, felt, delay_s) for felt in chain.felt)
     added = [
         (after - before) @ model.gain[:-1]
-        for model, before, after in zip(done.models, done.felt, later, strict=True)
+        for model, before, after in zip(chain.lab.models, chain.felt, later, strict=True)
     ]
-    shown = replace(done, felt=later)
-    return _without(chain, 1.0, added=added).changed(subtracted=shown)
+    return _subtracted(chain, 1.0, more=added).changed(felt=later)
 
 
 def _late_belt(chain: ProcessingChain, delay_s: float, *, plate: int) -> ProcessingChain:
     """Make the channel of a belt's speed later [s]."""
-    done = chain.subtracted
-    assert done is not None
-    later = list(done.belts)
-    later[plate] = delayed(chain.time, done.belts[plate], delay_s)
-    added = [after - before for before, after in zip(done.belts, later, strict=True)]
-    shown = replace(done, belts=tuple(later))
-    return _without(chain, 1.0, added=added).changed(subtracted=shown)
+    later = list(chain.belts)
+    later[plate] = delayed(chain.time, later[plate], delay_s)
+    added = [after - before for before, after in zip(chain.belts, later, strict=True)]
+    return _subtracted(chain, 1.0, more=added).changed(belts=tuple(later))
 
 
-def platform_causes(chain: ProcessingChain, platform: Platform | None) -> Iterator[Cause]:
+PoseChange = Callable[[PlatformPose, float], PlatformPose]
+"""Gives a platform's pose with a fault of a size."""
+
+
+def platform_causes(chain: ProcessingChain) -> Iterator[Cause]:
     """Give what may be wrong with the platform's pose in a trial.
-
-    Parameters
-    ----------
-    chain
-        The trial.
-    platform
-        How the pose is known, as the study states it; None for a treadmill that stands still.
 
     Yields
     ------
@@ -240,76 +210,70 @@ def platform_causes(chain: ProcessingChain, platform: Platform | None) -> Iterat
         direction of the axis about the vertical; where there is pitch, the place of its axis too.
         Nothing where the platform stands still.
     """
+    platform = chain.lab.laboratory.treadmill.platform
     if chain.pose is None or platform is None:
         return
-    known, kind = priors(), "marker" if platform.markers else "channel"
-    zeros: tuple[tuple[str, Change], ...] = (("sway", _sway), ("pitch", _pitch))
-    for name, change in zeros:
-        prior = known[f"{kind}_{name}_zero"]
-        yield Cause(f"platform: zero of {name}", "platform", prior, change)
+    kind = "marker" if platform.markers else "channel"
+    under = np.mean([plate.center for plate in chain.plates], axis=0)
+    pitch = partial(_pitch, center=under)
+    yield _of_pose("zero of sway", f"{kind}_sway_zero", _sway, moving=False)
+    yield _of_pose("zero of pitch", f"{kind}_pitch_zero", pitch, moving=False)
     if platform.markers:
         return
-    moving: list[tuple[str, str, Change]] = [("late", "pose_delay", _late)]
+    yield _of_pose("late", "pose_delay", partial(_late, time=chain.time))
     if platform.sway_channel:
-        moving.append(("size of sway", "pose_size", _larger_sway))
+        yield _of_pose("size of sway", "pose_size", _larger_sway)
     if platform.pitch_channel:
-        moving.append(("size of pitch", "pose_size", _larger_pitch))
-        moving += [
-            (f"pivot along {letter}", "pivot", partial(_pivot, along=axis))
-            for letter, axis in (("x", np.eye(3)[0]), ("z", UP))
-        ]
-    moving.append(("direction about z", "pose_direction", _turned))
-    for title, kind, change in moving:
-        yield Cause(f"platform: {title}", "platform", known[kind], change, of_platform=True)
+        yield _of_pose("size of pitch", "pose_size", _larger_pitch)
+        yield _of_pose("pivot along x", "pivot", partial(_pivot, along=np.eye(3)[0]))
+        yield _of_pose("pivot along z", "pivot", partial(_pivot, along=UP))
+    yield _of_pose("direction about z", "pose_direction", _turned)
 
 
-def _late(chain: ProcessingChain, delay_s: float) -> ProcessingChain:
+def _of_pose(title: str, kind: str, change: PoseChange, *, moving: bool = True) -> Cause:
+    """Give a cause that changes the pose."""
+    with_pose = partial(_with_pose, change=change)
+    return Cause(f"platform: {title}", "platform", priors()[kind], with_pose, of_platform=moving)
+
+
+def _with_pose(chain: ProcessingChain, size: float, *, change: PoseChange) -> ProcessingChain:
+    assert chain.pose is not None  # there are no causes else
+    return chain.changed(pose=change(chain.pose, size))
+
+
+def _late(pose: PlatformPose, delay_s: float, *, time: Array) -> PlatformPose:
     """Make the pose later [s]; the ends are held, gaps stay where they are."""
-    pose = _pose(chain)
-    known = chain.time[np.flatnonzero(np.isfinite(pose.position).all(axis=1))]
-    later = interpolate_pose(pose, chain.time, np.clip(chain.time - delay_s, known[0], known[-1]))
+    known = time[np.flatnonzero(np.isfinite(pose.position).all(axis=1))]
+    later = interpolate_pose(pose, time, np.clip(time - delay_s, known[0], known[-1]))
     gap = np.asarray(np.isnan(later.position + pose.position).any(axis=1, keepdims=True))
-    return _with_pose(
-        chain,
+    return PlatformPose(
         np.where(gap[:, None], pose.rotation, later.rotation),
         np.where(gap, pose.position, later.position),
     )
 
 
-def _sway(chain: ProcessingChain, size: float) -> ProcessingChain:
+def _sway(pose: PlatformPose, size: float) -> PlatformPose:
     """Take the platform to be farther to the left [m]."""
-    pose = _pose(chain)
-    return _with_pose(chain, pose.rotation, pose.position + size * LEFT)
+    return PlatformPose(pose.rotation, pose.position + size * LEFT)
 
 
-def _pitch(chain: ProcessingChain, size: float) -> ProcessingChain:
-    """Take the platform to be pitched farther [rad], about a lateral axis under the person."""
-    pose = _pose(chain)
-    center = np.mean([plate.center for plate in chain.plates], axis=0)
+def _pitch(pose: PlatformPose, size: float, *, center: Array) -> PlatformPose:
+    """Take the platform to be pitched farther [rad], about a lateral axis through a point."""
     turn = rotation_about(LEFT, size)
-    return _with_pose(
-        chain, pose.rotation @ turn, pose.position + pose.rotation @ (center - turn @ center)
-    )
+    moved = pose.position + pose.rotation @ (center - turn @ center)
+    return PlatformPose(pose.rotation @ turn, moved)
 
 
-def _larger_sway(chain: ProcessingChain, share: float) -> ProcessingChain:
+def _larger_sway(pose: PlatformPose, share: float) -> PlatformPose:
     """Take the platform to sway by a share farther."""
-    pose = _pose(chain)
-    return _with_pose(chain, pose.rotation, pose.position + share * pose.position * LEFT)
+    return PlatformPose(pose.rotation, pose.position + share * pose.position * LEFT)
 
 
-def _larger_pitch(chain: ProcessingChain, share: float) -> ProcessingChain:
-    """Take the platform to pitch by a share farther, about the axis that its pose shows."""
-    pose = _pose(chain)
-    turn = rotation_about(LEFT, share * pose.pitch)
-    sway = pose.position * LEFT
-    return _with_pose(chain, pose.rotation @ turn, sway + _along(pose, turn))
+def _larger_pitch(pose: PlatformPose, share: float) -> PlatformPose:
+    """Take the platform to pitch by a share farther, about the axis that its pose shows.
 
-
-def _along(pose: PlatformPose, turn: Array) -> Array:
-    """Give the positions in the plane of pitch with a further turn about the axis, (T, 3) [m].
-
-    The position there is ``p - R p``: the point ``p`` of the axis is found from all frames.
+    In the plane of pitch the position is ``p - R p``: the point ``p`` of the axis is found from all
+    frames.
     """
     plane = [0, 2]
     known = np.isfinite(pose.position).all(axis=1)
@@ -317,26 +281,17 @@ def _along(pose: PlatformPose, turn: Array) -> Array:
     rows = still[known][:, plane][:, :, plane].reshape(-1, 2)
     point = np.zeros(3)
     point[plane] = np.linalg.lstsq(rows, pose.position[known][:, plane].ravel())[0]
-    return point - pose.rotation @ turn @ point
+    turn = rotation_about(LEFT, share * pose.pitch)
+    in_plane = point - pose.rotation @ turn @ point
+    return PlatformPose(pose.rotation @ turn, pose.position * LEFT + in_plane)
 
 
-def _turned(chain: ProcessingChain, angle: float) -> ProcessingChain:
+def _turned(pose: PlatformPose, angle: float) -> PlatformPose:
     """Take the platform's axes of motion to be turned about the vertical [rad]."""
-    pose, turn = _pose(chain), rotation_about(UP, angle)
-    return _with_pose(chain, turn @ pose.rotation @ turn.T, pose.position @ turn.T)
+    turn = rotation_about(UP, angle)
+    return PlatformPose(turn @ pose.rotation @ turn.T, pose.position @ turn.T)
 
 
-def _pivot(chain: ProcessingChain, size: float, *, along: Array) -> ProcessingChain:
+def _pivot(pose: PlatformPose, size: float, *, along: Array) -> PlatformPose:
     """Take the axis of pitch to be where it is not, by a size [m] along a direction."""
-    pose = _pose(chain)
-    moved = pose.position + size * (along - pose.rotation @ along)
-    return _with_pose(chain, pose.rotation, moved)
-
-
-def _pose(chain: ProcessingChain) -> PlatformPose:
-    assert chain.pose is not None  # there are no causes else
-    return chain.pose
-
-
-def _with_pose(chain: ProcessingChain, rotation: Array, position: Array) -> ProcessingChain:
-    return chain.with_wrenches(chain.wrenches, PlatformPose(rotation, position))
+    return PlatformPose(pose.rotation, pose.position + size * (along - pose.rotation @ along))

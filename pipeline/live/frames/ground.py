@@ -20,7 +20,7 @@ from pipeline.io.units import (
     speed_in_mps,
 )
 from pipeline.live.frames.channels import AnalogStreams, Channels, SampleBuffer
-from pipeline.trial.ground.accelerometers import RealtimeAccelerometers
+from pipeline.trial.ground.accelerometers import RealtimeAccelerometers, sensor_delays_s
 from pipeline.trial.ground.belts import MODEL_RATE_HZ, RealtimeBelts, belt_side, between_steps
 from pipeline.trial.ground.calibration_recording import FILTER
 from pipeline.trial.ground.corrected_plates import plate_delays_s, relative_delays_s
@@ -227,12 +227,9 @@ class LiveGround:
             names = [name for axes in sensors.values() for name in axes]
             unit = treadmill.accelerometer_unit
             self.readings = analog.find(names, [acceleration_in_mps2] * len(names), unit)
+            late_s = sensor_delays_s(treadmill, laboratory.calibration.sensors)
             self.accelerometers = RealtimeAccelerometers.of(
-                treadmill,
-                laboratory.calibration.sensors,
-                models[0].lags_s,
-                self.readings.rate_hz,
-                frames_hz,
+                late_s, models[0].lags_s, self.readings.rate_hz, frames_hz
             )
             late = relative_delays_s(plates, laboratory.plates)
             self.earlier_s = [d - late_s for d, late_s in zip(delays_s, late, strict=True)]

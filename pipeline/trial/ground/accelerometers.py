@@ -8,7 +8,6 @@ from typing import Final
 import numpy as np
 
 from compensation import Sensor, dynamic_channels
-from hbm.notes import Note
 from hbm.signals.resampling import Convolution, resample
 from hbm.spatial import Array
 from hbm.spelling import short
@@ -26,30 +25,10 @@ NOT_BELT: Final = re.compile(r"sway|pitch|platform", re.IGNORECASE)
 def read_channel(
     recording: Recording, name: str, unit_in_si: Callable[[str], float], unit: str | None = None
 ) -> tuple[Array, Array]:
-    """Give an analog channel in SI units.
+    """Give times [s] and values of an analog channel in SI units, (N,) each.
 
-    Parameters
-    ----------
-    recording
-        The trial.
-    name
-        The channel.
-    unit_in_si
-        Gives one of a unit in SI, such as `pipeline.io.units.length_in_m`.
-    unit
-        The channel's unit; by default as the file states it.
-
-    Returns
-    -------
-    time
-        (N,) [s].
-    values
-        (N,), in SI.
-
-    Raises
-    ------
-    ValueError
-        If there is no such channel, or its unit is unknown.
+    The unit is the stated one, or as the file states it; `unit_in_si` gives one of it in SI. A
+    ValueError where there is no such channel, or its unit is unknown.
     """
     file, analog = recording.source.name, recording.analog
     if analog is None:
@@ -66,48 +45,16 @@ def read_channel(
 
 
 def belt_speed(recording: Recording, channel: str) -> Array:
-    """Give a belt's speed.
-
-    Parameters
-    ----------
-    recording
-        The trial.
-    channel
-        Name of the analog channel, in a unit of speed such as m/s.
-
-    Returns
-    -------
-    Array
-        (N,) [m/s].
-
-    Raises
-    ------
-    ValueError
-        If there is no such channel, or its unit is none of speed.
-    """
+    """Give a belt's speed, (N,) [m/s], from a channel in a unit of speed."""
     return read_channel(recording, channel, speed_in_mps)[1]
 
 
 def fastest_belt(recording: Recording, treadmill: Treadmill) -> tuple[Array, Array] | None:
-    """Give how fast the belts run, without a sign; of several the fastest.
+    """Give times [s] and how fast the belts run, without a sign; of several the fastest, (N,).
 
-    Parameters
-    ----------
-    recording
-        The trial.
-    treadmill
-        Its belts' channels; where none are stated, those in a unit of speed whose name contains
-        "belt" or "treadmill", and not "sway", "pitch" or "platform", count.
-
-    Returns
-    -------
-    time, speed
-        (N,) [s] and (N,) [m/s], NaN where unknown; None where it is unknown throughout.
-
-    Raises
-    ------
-    ValueError
-        If a stated channel is in no unit of speed.
+    Where no channels are stated, those in a unit of speed count whose name contains "belt" or
+    "treadmill", and not "sway", "pitch" or "platform". NaN where it is unknown; None where it is
+    unknown throughout. A ValueError where a stated channel is in no unit of speed.
     """
     analog = recording.analog
     if analog is None:
@@ -116,7 +63,7 @@ def fastest_belt(recording: Recording, treadmill: Treadmill) -> tuple[Array, Arr
     known = [name for name in stated if name in analog.names] or [
         name
         for name, unit in zip(analog.names, analog.units, strict=True)
-        if BELT.search(name) and not NOT_BELT.search(name) and _is_speed(unit)
+        if BELT.search(name) and not NOT_BELT.search(name) and _is_unit(unit, speed_in_mps)
     ]
     speeds = np.abs([belt_speed(recording, name) for name in known])
     speeds[~np.isfinite(speeds)] = np.nan
@@ -137,37 +84,19 @@ def mean_belt_speed(found: tuple[Array, Array] | None) -> float | None:
     return mean if np.isfinite(mean) else None
 
 
-def _is_speed(unit: str) -> bool:
+def _is_unit(unit: str, unit_in_si: Callable[[str], float]) -> bool:
     try:
-        speed_in_mps(unit)
+        unit_in_si(unit)
     except ValueError:
         return False
     return True
 
 
-def hold_ends(time: Array, values: Array, what: str) -> tuple[Array, float]:
-    """Fill what is unknown at either end of a signal with its nearest known value.
+def hold_ends(time: Array, values: Array, what: str) -> Array:
+    """Fill what is unknown at either end of a signal (N, k) with its nearest known value.
 
-    Parameters
-    ----------
-    time
-        (N,) [s].
-    values
-        (N, k); NaN where they are unknown.
-    what
-        Their name, for the error.
-
-    Returns
-    -------
-    values
-        Without gaps, (N, k).
-    held_s
-        The longer one of the two ends that were filled [s].
-
-    Raises
-    ------
-    ValueError
-        Values are unknown between known ones, or for more than 0.5 s at an end.
+    A ValueError that says `what` it is where values are unknown between known ones, or for more
+    than 0.5 s at an end.
     """
     known = np.flatnonzero(np.isfinite(values).all(axis=1))
     if not len(known):
@@ -184,7 +113,7 @@ def hold_ends(time: Array, values: Array, what: str) -> tuple[Array, float]:
             f"{what} is unknown for {held_s:.2f} s at one end of the plates' recording, expected "
             f"at most {MAX_HELD_S:g} s"
         )
-    return values[np.clip(np.arange(len(values)), first, last)], held_s
+    return values[np.clip(np.arange(len(values)), first, last)]
 
 
 CHANNEL: Final = re.compile(r"(?P<sensor>.*?)[ ._-]?(?P<axis>[xyz])", re.IGNORECASE)
@@ -194,21 +123,9 @@ ACCELEROMETER: Final = re.compile(r"acc", re.IGNORECASE)
 def find_accelerometers(recording: Recording) -> dict[str, tuple[str, str, str]]:
     """Find the triaxial accelerometers among a recording's analog channels.
 
-    Parameters
-    ----------
-    recording
-        The trial.
-
-    Returns
-    -------
-    dict
-        Sensor name -> its x, y and z channel: of the channels that end in x, y or z, those whose
-        unit is one of acceleration or whose name contains "acc".
-
-    Raises
-    ------
-    ValueError
-        If there is none with all three axes; the message lists the channels.
+    Gives sensor -> its x, y and z channel: of the channels that end in x, y or z, those whose unit
+    is one of acceleration or whose name contains "acc". A ValueError that lists the channels where
+    there is none with all three axes.
     """
     analog = recording.analog
     names = analog.names if analog is not None else ()
@@ -216,7 +133,7 @@ def find_accelerometers(recording: Recording) -> dict[str, tuple[str, str, str]]
     found: dict[str, dict[str, str]] = {}
     for name, unit in zip(names, units, strict=True):
         match = CHANNEL.fullmatch(name)
-        if match and (ACCELEROMETER.search(name) or _is_acceleration(unit)):
+        if match and (ACCELEROMETER.search(name) or _is_unit(unit, acceleration_in_mps2)):
             found.setdefault(match["sensor"], {})[match["axis"].lower()] = name
     sensors = {
         sensor: (axes["x"], axes["y"], axes["z"])
@@ -233,22 +150,7 @@ def find_accelerometers(recording: Recording) -> dict[str, tuple[str, str, str]]
 
 
 def stated_accelerometers(texts: Sequence[str]) -> dict[str, tuple[str, str, str]]:
-    """Read which channels are whose, as typed.
-
-    Parameters
-    ----------
-    texts
-        One per sensor: its name, and its x, y and z channel, whatever they are called.
-
-    Returns
-    -------
-    dict
-        Sensor name -> its three channels.
-
-    Raises
-    ------
-    ValueError
-        If a text is of another form, or names a sensor a second time.
+    """Read sensor -> its three channels as typed; a ValueError for another form or a name twice.
 
     Examples
     --------
@@ -270,26 +172,9 @@ def stated_accelerometers(texts: Sequence[str]) -> dict[str, tuple[str, str, str
 
 
 def accelerations(recording: Recording, treadmill: Treadmill) -> tuple[Array, Array]:
-    """Give the accelerometers' readings.
+    """Give times (N,) [s] and readings (N, k) [m/s²], three columns per sensor as stated.
 
-    Parameters
-    ----------
-    recording
-        The trial.
-    treadmill
-        Its ``accelerometers``: sensor name -> its three channels.
-
-    Returns
-    -------
-    time
-        (N,) [s].
-    readings
-        Specific force, three columns per sensor in the order stated, (N, k) [m/s²].
-
-    Raises
-    ------
-    ValueError
-        If no accelerometers are stated, a channel is missing, or its unit is unknown.
+    A ValueError where no accelerometers are stated, a channel is missing, or its unit is unknown.
     """
     if not treadmill.accelerometers:
         raise ValueError(
@@ -303,69 +188,45 @@ def accelerations(recording: Recording, treadmill: Treadmill) -> tuple[Array, Ar
     return channels[0][0], np.stack([values for _, values in channels]).T
 
 
+def sensor_delays_s(treadmill: Treadmill, sensors: Sequence[Sensor]) -> tuple[float, ...]:
+    """Give how much later each is than the plates: as a calibration found, else as stated [s]."""
+    stated = treadmill.accelerometer_delay_s or 0.0
+    found = tuple(sensor.correction_s for sensor in sensors)
+    return found or (stated,) * len(treadmill.accelerometers)
+
+
 def at_plate_times(
     clock: Array,
     readings: Array,
-    plate_time: Array,
-    treadmill: Treadmill,
-    sensors: Sequence[Sensor] = (),
+    plate_times: Sequence[Array],
+    delays_s: Sequence[float],
     lags_s: Sequence[float] = (),
-) -> Array:
-    """Give what the accelerometers felt at the instants of a plate's samples.
+) -> list[Array]:
+    """Give what the accelerometers felt at the samples of each plate, (M, k (1 + lags)) [m/s²].
 
-    Parameters
-    ----------
-    clock
-        Times of the readings, (N,) [s].
-    readings
-        Three columns per sensor, (N, k) [m/s²].
-    plate_time
-        (M,) [s].
-    treadmill
-        Its stated delay counts where the calibration describes no sensors.
-    sensors
-        The calibration's, of which delays are undone.
-    lags_s
-        Of a dynamic model: differences over them follow the readings [s].
-
-    Returns
-    -------
-    Array
-        (M, k (1 + lags)) [m/s²]; NaN where unknown.
+    The readings (N, k) at times of the clock (N,) have their sensors' delays undone; of a dynamic
+    model, differences over the lags follow. NaN where unknown. Plates of equal times share one
+    array.
     """
+    kinds = [readings]
     if lags_s:
         rate_hz = (len(clock) - 1) / float(clock[-1] - clock[0])
         kinds = np.split(dynamic_channels(readings, rate_hz, lags_s), 1 + len(lags_s), axis=1)
-        return np.hstack([at_plate_times(clock, x, plate_time, treadmill, sensors) for x in kinds])
-    if not sensors:
-        return resample(clock, readings, plate_time + (treadmill.accelerometer_delay_s or 0.0))
-    delays = [s.correction_s for s in sensors]
-    if len(set(delays)) == 1:
-        return resample(clock, readings, plate_time + delays[0])
-    parts = np.split(readings, len(sensors), axis=1)
-    return np.hstack(
-        [resample(clock, p, plate_time + d) for p, d in zip(parts, delays, strict=True)]
-    )
 
+    def at(values: Array, time: Array) -> Array:
+        if len(set(delays_s)) == 1:
+            return resample(clock, values, time + delays_s[0])
+        parts = zip(np.split(values, len(delays_s), axis=1), delays_s, strict=True)
+        return np.hstack([resample(clock, part, time + delay) for part, delay in parts])
 
-def at_times_of_plates(
-    clock: Array,
-    readings: Array,
-    plate_times: Sequence[Array],
-    treadmill: Treadmill,
-    sensors: Sequence[Sensor] = (),
-    lags_s: Sequence[float] = (),
-) -> list[Array]:
-    """Give what the accelerometers felt for every plate, as `at_plate_times`.
-
-    Plates whose samples have the same times, (M,) each, share one array.
-    """
     felt: list[Array] = []
     for number, time in enumerate(plate_times):
-        same = [
-            x for x, t in zip(felt, plate_times[:number], strict=True) if np.array_equal(t, time)
-        ]
-        felt += same[:1] or [at_plate_times(clock, readings, time, treadmill, sensors, lags_s)]
+        same = [k for k in range(number) if np.array_equal(plate_times[k], time)]
+        if same:
+            felt.append(felt[same[0]])
+            continue
+        found = [at(kind, time) for kind in kinds]
+        felt.append(np.hstack(found) if lags_s else found[0])
     return felt
 
 
@@ -380,7 +241,7 @@ class RealtimeAccelerometers:
     delays_s
         How much later each sensor is than the plates [s].
     lags_s
-        Of a dynamic model's differences [s].
+        Of a dynamic model's differences, whole steps of the resampling [s].
     """
 
     resampling: Convolution
@@ -389,22 +250,12 @@ class RealtimeAccelerometers:
 
     @classmethod
     def of(
-        cls,
-        treadmill: Treadmill,
-        sensors: Sequence[Sensor],
-        lags_s: Sequence[float],
-        rate_hz: float,
-        frames_hz: float,
+        cls, delays_s: tuple[float, ...], lags_s: Sequence[float], rate_hz: float, frames_hz: float
     ) -> "RealtimeAccelerometers":
-        """Give it for sensors as a calibration found them, or as stated where it found none."""
-        stated = [treadmill.accelerometer_delay_s or 0.0] * len(treadmill.accelerometers)
+        """Give it for samples and frames at these rates."""
         resampling = Convolution.between(rate_hz, frames_hz)
-        samples = [max(round(lag_s / resampling.step_s), 1) for lag_s in lags_s]
-        return cls(
-            resampling,
-            tuple(s.correction_s for s in sensors) or tuple(stated),
-            tuple(count * resampling.step_s for count in samples),
-        )
+        step_s = resampling.step_s
+        return cls(resampling, delays_s, tuple(max(round(x / step_s), 1) * step_s for x in lags_s))
 
     @property
     def ahead_s(self) -> float:
@@ -417,21 +268,9 @@ class RealtimeAccelerometers:
         return max(self.lags_s, default=0.0) + self.resampling.reach_s - min(self.delays_s)
 
     def felt(self, time: Array, readings: Array, at: Array) -> Array:
-        """Give what they felt, as an inertia model takes it.
+        """Give what they felt at instants on the plates' clock, (T, k (1 + lags)) [m/s²].
 
-        Parameters
-        ----------
-        time
-            Sample times, (N,) [s].
-        readings
-            Three columns per sensor, (N, k) [m/s²].
-        at
-            Instants on the plates' clock, (T,) [s].
-
-        Returns
-        -------
-        Array
-            (T, k (1 + lags)) [m/s²]; NaN where unknown.
+        From samples (N, k) at times (N,); NaN where unknown.
         """
         now = self._readings(time, readings, at)
         kinds = [now]
@@ -449,17 +288,3 @@ class RealtimeAccelerometers:
             for k, delay_s in enumerate(delays_s)
         ]
         return np.concatenate(each, axis=1)
-
-
-def corrected_sensors(sensors: Sequence[Sensor]) -> tuple[Note, ...]:
-    """Say which delays of a calibration's sensors are undone in a trial, if any are."""
-    delays = {sensor.name: sensor.correction_s for sensor in sensors}
-    return (Note.of("accelerometers_corrected", delay_s=delays),) if any(delays.values()) else ()
-
-
-def _is_acceleration(unit: str) -> bool:
-    try:
-        acceleration_in_mps2(unit)
-    except ValueError:
-        return False
-    return True

@@ -8,6 +8,8 @@ from typing import Final
 import numpy as np
 
 from compensation import BeltModel, fit_belt, from_json, low_pass, to_json
+from compensation.inertia.quality import OF_CALIBRATION
+from compensation.inertia.sensors import FAULTS
 from hbm.notes import Note
 from hbm.signals.resampling import interpolate
 from pipeline.config.plate_correction import PlateCorrection
@@ -15,11 +17,7 @@ from pipeline.config.schema import Belt, Treadmill
 from pipeline.io.input_file import last_written, naming
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated
-from pipeline.trial.ground.belts import (
-    belt_accelerations,
-    belt_side,
-)
-from pipeline.trial.ground.calibration_check import FAULTS
+from pipeline.trial.ground.belts import belt_accelerations, belt_side
 from pipeline.trial.ground.calibration_recording import FILTER, read_empty
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import Laboratory
@@ -32,28 +30,11 @@ FILTER_EDGE_S: Final = 0.5
 def belts_alone(recording: Recording, laboratory: Laboratory) -> tuple[Recording, tuple[Note, ...]]:
     """Correct the plates of a belt calibration as those of trials are, but for the belts.
 
-    Parameters
-    ----------
-    recording
-        Belts accelerating at random, nobody on them, the platform at rest.
-    laboratory
-        With the calibration of its platform, if trials are compensated by it.
-
-    Returns
-    -------
-    recording
-        Its plates corrected and, with a calibration of the platform, without what the
-        accelerometers explain: accelerating belts shake the platform too, and of a trial that is
-        subtracted before the belts' part is.
-    notes
-        ``belts_without_accelerometers`` where the recording lacks their channels, so that what the
-        belts shake is still in its plates; ``belts_recording_doubtful`` where its accelerations
-        are.
-
-    Raises
-    ------
-    ValueError
-        As `with_corrected_plates` and `plate_artefacts`; or an accelerometer is faulty.
+    Belts accelerate at random, nobody is on them, and the platform is at rest. What the
+    accelerometers explain is subtracted: accelerating belts shake the platform too, and of a trial
+    that is subtracted before the belts' part is. A note says where the recording lacks their
+    channels, so that what the belts shake is still in its plates, or where its accelerations are
+    doubtful. A ValueError where an accelerometer is faulty, and as of `plate_artefacts`.
     """
     recording = with_corrected_plates(recording, laboratory.plates)
     if laboratory.calibration is None:
@@ -68,8 +49,7 @@ def belts_alone(recording: Recording, laboratory: Laboratory) -> tuple[Recording
         artefacts, found = plate_artefacts(recording, replace(laboratory, belts=()))
     if faults := [note.text for note in found if note.code in FAULTS]:
         raise ValueError(f"{file}: the belts' calibration needs its accelerometers: {faults[0]}")
-    of_readings = (note for note in found if note.level == "warning" and "plate" not in note.values)
-    doubts = tuple(note.text for note in of_readings)  # those of a plate are of its calibration
+    doubts = tuple(note.text for note in found if note.code not in OF_CALIBRATION)
     plates = tuple(
         replace(plate, wrench_in_plate=plate.wrench_in_plate - artefact)
         for plate, artefact in zip(recording.plates, artefacts, strict=True)
@@ -79,24 +59,10 @@ def belts_alone(recording: Recording, laboratory: Laboratory) -> tuple[Recording
 
 
 def fit_belts(recording: Recording, belt: Belt) -> tuple[BeltModel, ...]:
-    """Fit what accelerating belts add to their empty plates.
+    """Fit what accelerating belts add to their empty plates: one model per plate, at 100 Hz.
 
-    Parameters
-    ----------
-    recording
-        Belts accelerating at random, nobody on them, the platform at rest.
-    belt
-        As stated.
-
-    Returns
-    -------
-    tuple[BeltModel, ...]
-        One model per plate, at 100 Hz.
-
-    Raises
-    ------
-    ValueError
-        If a channel is missing or the fit is not possible.
+    Belts accelerate at random, nobody is on them, and the platform is at rest. A ValueError where a
+    channel is missing or the fit is not possible.
     """
     if not recording.plates:
         raise ValueError(
@@ -122,27 +88,9 @@ def read_belts(
 ) -> tuple[tuple[BeltModel, ...], tuple[Note, ...]]:
     """Fit the belt models to a recording of the empty treadmill; once in a process.
 
-    Parameters
-    ----------
-    path
-        The recording.
-    laboratory
-        With the belts as stated, the correction of the plates, and the calibration of the platform
-        by which trials are compensated.
-    stated
-        As for `read_empty`.
-
-    Returns
-    -------
-    models
-        One per plate; none where no belts are stated.
-    notes
-        As of `belts_alone`.
-
-    Raises
-    ------
-    ValueError, OSError
-        If the file cannot be read or used.
+    The laboratory has the belts as stated, the correction of the plates, and the calibration of the
+    platform by which trials are compensated. No models where no belts are stated; notes are those
+    of `belts_alone`.
     """
     calibration = laboratory.calibration
     return _fitted(

@@ -48,37 +48,18 @@ def belt_axes(plate: Plate) -> Array:
 def belt_wrenches(
     recording: Recording, models: Sequence[BeltModel], belt: Belt, times: Sequence[Array]
 ) -> list[Array]:
-    """Give what accelerating belts add to each plate of a trial.
+    """Give what accelerating belts add to each plate of a trial, in its own axes, (T, 6) [N, N·m].
 
-    Parameters
-    ----------
-    recording
-        The trial.
-    models
-        One per plate.
-    belt
-        As stated.
-    times
-        Per plate when, on the plates' clock, (T,) [s].
-
-    Returns
-    -------
-    list of Array
-        Per plate its wrench in the plate's own axes, (T, 6) [N, N·m]; NaN outside the recording.
-
-    Raises
-    ------
-    ValueError
-        If there are other plates than models, or a channel is missing.
+    There is one model per plate; times are per plate on the plates' clock, (T,) [s]. NaN outside
+    the recording. A ValueError where there are other plates than models, or a channel is missing.
     """
     _require_as_many(recording, models)
-    wrenches = []
-    for model, time, (plate, (model_time, acceleration)) in zip(
-        models, times, belt_accelerations(recording, belt), strict=True
-    ):
-        moment = interpolate(model_time, model.predict(acceleration), time)
-        wrenches.append(np.hstack([np.zeros((len(time), 3)), moment[:, None] * belt_side(plate)]))
-    return wrenches
+    every = belt_accelerations(recording, belt)
+    moments = [
+        interpolate(model_time, model.predict(acceleration), time)
+        for model, time, (_, (model_time, acceleration)) in zip(models, times, every, strict=True)
+    ]
+    return _about_sides(recording, moments)
 
 
 def belt_wrenches_in_real_time(
@@ -94,7 +75,11 @@ def belt_wrenches_in_real_time(
     channels = [name for name, _ in zip(cycle(belt.speed_channels), recording.plates, strict=False)]
     speeds = np.column_stack([belt_speed(recording, name) for name in channels])
     belts = RealtimeBelts(models, rate_hz, float(recording.markers.time[0]))
-    moments = belts.moments(clock, speeds, times)
+    return _about_sides(recording, belts.moments(clock, speeds, times))
+
+
+def _about_sides(recording: Recording, moments: Sequence[Array]) -> list[Array]:
+    """Give moments about the sides of the plates' belts, (T,) each, as wrenches, (T, 6)."""
     return [
         np.hstack([np.zeros((len(moment), 3)), moment[:, None] * belt_side(plate)])
         for moment, plate in zip(moments, recording.plates, strict=True)
@@ -147,21 +132,9 @@ class RealtimeBelts:
         return moments
 
     def moments(self, time: Array, speeds: Array, at: Sequence[Array]) -> list[Array]:
-        """Give the moments of a whole trial.
+        """Give the moments of a whole trial at instants of each plate, (T,) [N·m] each.
 
-        Parameters
-        ----------
-        time
-            Sample times, (N,) [s].
-        speeds
-            One column per plate, (N, P) [m/s].
-        at
-            Per plate the wanted instants, (T,) [s].
-
-        Returns
-        -------
-        list of Array
-            Per plate, (T,) [N·m]; NaN where unknown.
+        From speeds (N, P) [m/s], one column per plate, at times (N,). NaN where unknown.
         """
         first, last = ((t - self.first_s) * MODEL_RATE_HZ for t in (time[0], time[-1]))
         steps = np.arange(np.ceil(first), np.floor(last) + 1)

@@ -4,32 +4,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
 from compensation import check_trial, from_json, to_json
 from compensation.inertia.quality import DayCheck, check_another_day
+from compensation.inertia.sensors import FAULTS
 from hbm.notes import Note
-from hbm.signals.resampling import interpolate
 from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Treadmill
 from pipeline.io.input_file import last_written, naming
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated
-from pipeline.trial.ground.accelerometers import accelerations, at_plate_times, fastest_belt
-from pipeline.trial.ground.calibration_recording import read_empty, wrenches_in_time
+from pipeline.trial.ground.accelerometers import accelerations, fastest_belt, mean_belt_speed
+from pipeline.trial.ground.calibration_recording import plate_samples, read_empty
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import Laboratory, plate_models
-
-FAULTS: Final = (
-    "accelerometer_silent",
-    "accelerometer_constant",
-    "accelerometer_clipped",
-    "accelerometer_inverted",
-    "accelerometers_swapped",
-)
-"""Notes of trials after which nothing else is worth comparing; turned sensors are measured."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,37 +44,30 @@ def check_recording(recording: Recording, laboratory: Laboratory) -> Calibration
     if not recording.plates:
         raise ValueError(f"{file}: the check needs plates: {recording.why_no_plates}")
     recording = with_corrected_plates(recording, laboratory.plates)
-    plate_models(recording, laboratory)  # refuses other plates, sensors or rates
+    models = plate_models(recording, laboratory)  # refuses other plates, sensors or rates
     treadmill, calibration = laboratory.treadmill, laboratory.calibration
     assert calibration is not None
-    names = [f"plate {plate.number}" for plate in recording.plates]
-    clock, readings = accelerations(recording, treadmill)
-    setup = calibration.plates[names[0]].setup
-    assert setup is not None  # a calibration's models have one
+    _, readings = accelerations(recording, treadmill)
     seen = readings[np.isfinite(readings).all(axis=1)]
-    found = check_trial(calibration.plates[names[0]], seen, treadmill.accelerometer_range_g)
+    found = check_trial(models[0], seen, treadmill.accelerometer_range_g)
     if faults := tuple(note for note in found if note.code in FAULTS):
         return CalibrationCheck(False, faults)
-    filtered, speed = setup.low_pass(readings, clock), fastest_belt(recording, treadmill)
-    wrenches = wrenches_in_time(recording, setup, laboratory.plates)
-    checked = {}
-    for name, plate, wrench in zip(names, recording.plates, wrenches, strict=True):
-        felt = at_plate_times(clock, filtered, plate.time, treadmill, calibration.sensors)
-        known = np.isfinite(np.hstack([felt, wrench])).all(axis=1)
-        belts = None if speed is None else interpolate(*speed, plate.time)[known]
+    belts_mps, checked = mean_belt_speed(fastest_belt(recording, treadmill)), {}
+    samples = plate_samples(recording, treadmill, calibration.sensors, laboratory.plates)
+    for plate in recording.plates:
+        name = f"plate {plate.number}"
+        model, (felt, wrench) = calibration.plates[name], samples[name]
         with naming(recording.source):
-            checked[name] = check_another_day(
-                calibration.plates[name], felt[known], wrench[known], belts
-            )
+            checked[name] = check_another_day(model, felt, wrench, belts_mps)
     faulty = [f"{name}: {', '.join(one.faults)}" for name, one in checked.items() if one.faults]
     if faulty:
         note = Note.of("calibration_outdated", recording=file, faults=faulty)
         return CalibrationCheck(False, (note,), checked)
     left, by_new = (
-        [max(np.linalg.norm(part) for part in parts) for parts in zip(*both, strict=True)]
-        for both in (
-            [np.split(one.left, 2) for one in checked.values()],
-            [np.split(one.left_by_new_fit, 2) for one in checked.values()],
+        np.max([np.linalg.norm(np.split(each, 2), axis=1) for each in of_plates], axis=0)
+        for of_plates in (
+            [one.left for one in checked.values()],
+            [one.left_by_new_fit for one in checked.values()],
         )
     )
     note = Note.of(

@@ -19,7 +19,7 @@ from compensation import (
     refuse_unusable,
 )
 from compensation.delay import MODEL_ERROR_S
-from compensation.inertia.choice import choose, weigh_beside
+from compensation.inertia.choice import Samples, choose, weigh_beside
 from compensation.inertia.fit import LAGS_S
 from compensation.inertia.model_error import residual_correlation
 from compensation.inertia.quality import MIN_LOAD_N
@@ -31,14 +31,15 @@ from hbm.spatial import Array
 from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Treadmill
 from pipeline.io.input_file import naming
-from pipeline.io.read import read_as_stated
+from pipeline.io.read import read_recording
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated
 from pipeline.trial.ground.accelerometers import (
     accelerations,
-    at_times_of_plates,
+    at_plate_times,
     fastest_belt,
     mean_belt_speed,
+    sensor_delays_s,
 )
 from pipeline.trial.ground.corrected_plates import relative_delays_s, with_corrected_plates
 
@@ -49,7 +50,6 @@ BESIDE: Final = "beside"
 LOAD_S: Final = 2.0
 """Over which the vertical force of a plate is averaged to see whether somebody is on it: longer
 than a stride, so that steps count as well as standing."""
-
 STEP_S: Final = 0.2
 MAX_STEP_N: Final = 50.0
 """A step on a plate is longer and heavier; vibration and drift of an empty one are less."""
@@ -62,30 +62,15 @@ MIN_COSINE_LEVEL: Final = 0.7
 
 
 def read_empty(path: Path, stated: Stated, *, any_forward: bool = True) -> Recording:
-    """Read a recording of the empty treadmill.
+    """Read a recording of the empty treadmill, of any format.
 
-    Parameters
-    ----------
-    path
-        The file, of any format that is read.
-    stated
-        How it is to be read; marker set and label prefix are those of a subject and do not count.
-        Without axes, any directions are taken in which the plates lie level: nothing shows which
-        way is forward, and a calibration in the plates' own axes does not need it.
-    any_forward
-        Whether that is so; a correction of its plates is in the lab's axes and does need it.
-
-    Returns
-    -------
-    Recording
-        The trial.
-
-    Raises
-    ------
-    ValueError, OSError
-        If the file cannot be read, or what is to be calibrated is subtracted from its plates.
+    Marker set and label prefix are those of a subject and do not count. Without stated axes any
+    directions are taken in which the plates lie level: nothing shows which way is forward, and a
+    calibration in the plates' own axes does not need it. A correction of its plates is in the lab's
+    axes and does (`any_forward`). A ValueError or OSError where the file cannot be read, or what is
+    to be calibrated is subtracted from its plates.
     """
-    read = _read_with_any_axes if any_forward else read_as_stated
+    read = _read_with_any_axes if any_forward else read_recording
     recording = read(path, replace(stated, marker_set=None, label_prefix=None))
     if recording.compensation is not None:
         raise ValueError(
@@ -97,11 +82,11 @@ def read_empty(path: Path, stated: Stated, *, any_forward: bool = True) -> Recor
 
 def _read_with_any_axes(path: Path, stated: Stated) -> Recording:
     try:
-        return read_as_stated(path, stated)
+        return read_recording(path, stated)
     except ValueError as first:
         for axes in AXES_BY_VERTICAL if stated.axes is None else ():
             try:
-                recording = read_as_stated(path, replace(stated, axes=axes))
+                recording = read_recording(path, replace(stated, axes=axes))
             except ValueError:
                 continue
             if all(abs(plate.rotation[2, 2]) > MIN_COSINE_LEVEL for plate in recording.plates):
@@ -115,42 +100,19 @@ def plate_samples(
     sensors: Sequence[Sensor],
     correction: PlateCorrection | None,
     lags_s: Sequence[float] = (),
-) -> dict[str, tuple[Array, Array]]:
+) -> Samples:
     """Give what was felt and the wrench of every plate, where both are known.
 
-    Parameters
-    ----------
-    recording
-        Its plates corrected already.
-    treadmill
-        Names of its accelerometers' channels and the cut-off.
-    sensors
-        Of which delays are undone.
-    correction
-        Of the plates, which may state their delays.
-    lags_s
-        Of the differences that a dynamic model needs; these follow the readings [s].
-
-    Returns
-    -------
-    dict
-        "plate 1", "plate 2", … -> felt (N, K) [m/s²], wrench (N, 6) [N, N·m].
-
-    Raises
-    ------
-    ValueError
-        A channel is missing, or its unit is unknown.
+    The recording's plates are corrected already; the sensors' delays and those that the correction
+    states are undone. Differences over the lags, of a dynamic model, follow the readings. A
+    ValueError where a channel is missing, or its unit is unknown.
     """
     clock, readings = accelerations(recording, treadmill)
-    setup = setup_of(recording, treadmill)
-    filtered = setup.low_pass(readings, clock)
-    found, times = {}, [plate.time for plate in recording.plates]
-    for plate, felt, wrench in zip(
-        recording.plates,
-        at_times_of_plates(clock, filtered, times, treadmill, sensors, lags_s),
-        wrenches_in_time(recording, setup, correction),
-        strict=True,
-    ):
+    setup, plates = setup_of(recording, treadmill), recording.plates
+    filtered, delays_s = setup.low_pass(readings, clock), sensor_delays_s(treadmill, sensors)
+    every = at_plate_times(clock, filtered, [p.time for p in plates], delays_s, lags_s)
+    wrenches, found = wrenches_in_time(recording, setup, correction), {}
+    for plate, felt, wrench in zip(plates, every, wrenches, strict=True):
         known = np.isfinite(felt).all(axis=1) & np.isfinite(wrench).all(axis=1)
         if not known.any():
             raise ValueError(
@@ -167,18 +129,12 @@ def empty_plates(
     sensors: Sequence[Sensor],
     correction: PlateCorrection | None,
     models: Mapping[str, InertiaModel],
-    lags_s: Sequence[float] = (),
-) -> dict[str, tuple[Array, Array]]:
-    """Give the samples of those plates of a recording that nobody was on.
+) -> Samples:
+    """Give the samples of those plates that nobody was on, with the lags of a dynamic model.
 
-    Parameters are those of `plate_samples`, the recording as it was read, and the static models of
-    a calibration by which a load is seen.
-
-    Raises
-    ------
-    ValueError
-        As `plate_samples`; recorded otherwise than the calibration, somebody was on a plate for a
-        while, or on every plate.
+    The recording is as it was read; a load is seen by the static models of a calibration. A
+    ValueError where it was recorded otherwise than the calibration, is short, or somebody was on a
+    plate for a while, or on every plate.
     """
     source = recording.source.name
     if not recording.plates:
@@ -186,9 +142,9 @@ def empty_plates(
             f"{source}: a recording beside an empty plate needs plates: {recording.why_no_plates}"
         )
     setup = setup_of(recording, treadmill)
-    recording = with_corrected_plates(recording, correction)
-    samples, empty = plate_samples(recording, treadmill, sensors, correction, lags_s), {}
-    for name, (felt, wrench) in samples.items():
+    recording, empty = with_corrected_plates(recording, correction), {}
+    every = plate_samples(recording, treadmill, sensors, correction, LAGS_S)
+    for name, (felt, wrench) in every.items():
         if name not in models:
             continue
         model = models[name]
@@ -202,23 +158,17 @@ def empty_plates(
                 f"{source}: {len(force) / setup.rate_hz:.1f} s are too short, expected "
                 f"{MIN_BESIDE_S:g} s or more; record a minute"
             )
-        carried = np.abs(_means(force, setup, LOAD_S)) > MIN_LOAD_N
-        if not carried.any():
-            steps = _means(force, setup, STEP_S)
-            highest = float(np.abs(steps - np.median(steps)).max())
-            if highest > MAX_STEP_N:
-                raise ValueError(
-                    f"{source}: somebody stepped on {name} ({highest:.0f} N over {STEP_S:g} s, "
-                    f"expected {MAX_STEP_N:g} N at most of an empty plate); record people who stay "
-                    "on the other plate or on the boards"
-                )
-            empty[name] = felt, wrench
-        elif not carried.all():
+        if (np.abs(_means(force, setup, LOAD_S)) > MIN_LOAD_N).all():
+            continue
+        steps = _means(force, setup, STEP_S)
+        highest = float(np.abs(steps - np.median(steps)).max())
+        if highest > MAX_STEP_N:
             raise ValueError(
-                f"{source}: somebody was on {name} in {100 * carried.mean():.0f} % of the "
-                f"recording (more than {MIN_LOAD_N:g} N on average over {LOAD_S:g} s); record "
+                f"{source}: somebody was on {name} for a part of the time ({highest:.0f} N over "
+                f"{STEP_S:g} s, expected {MAX_STEP_N:g} N at most of an empty plate); record "
                 "people who stay on the other plate or on the boards all the time"
             )
+        empty[name] = felt, wrench
     if not empty:
         raise ValueError(
             f"{source}: somebody was on every plate; a recording beside the empty plate leaves one "
@@ -317,58 +267,54 @@ def fit_calibration(
         )
     _refuse_repeated(recording, *beside, *checks)
     recording = with_corrected_plates(recording, plates)
-    setup = setup_of(recording, treadmill)
+    setup, k = setup_of(recording, treadmill), 3 * len(treadmill.accelerometers)
     sensors = _sensors(recording, treadmill, plates)
-    k = 3 * len(treadmill.accelerometers)
     own = plate_samples(recording, treadmill, sensors, plates, LAGS_S)
     noises = {name: noise_for_fit(sensors, felt[:, :k]) for name, (felt, _) in own.items()}
     every = (recording, *beside)
     belts = [mean_belt_speed(fastest_belt(one, treadmill)) for one in every]
-    static = {
-        name: fit_trials([(felt[:, :k], wrench)], setup, noises[name], belts_mps=_known(belts[:1]))
-        for name, (felt, wrench) in own.items()
-    }
-    refuse_unusable(static)
-    provenance = {"recording": recording.source.name}
 
-    def read(one: Recording) -> tuple[str, dict[str, tuple[Array, Array]]]:
-        with naming(one.source):
-            return one.source.name, empty_plates(one, treadmill, sensors, plates, static, LAGS_S)
-
-    found, compared = ([read(one) for one in recordings] for recordings in (beside, checks))
-    trials = [(recording.source.name, own), *found]
-    weight, in_words = weigh_beside(trials, k, setup.rate_hz)
-    if found:
+    def fitted(trials: Sequence[tuple[str, Samples]], weight: float) -> dict[str, InertiaModel]:
+        models = {}
         for name in own:
-            of_plate = [
-                (samples[name], speed)
-                for (_, samples), speed in zip(trials, belts, strict=True)
-                if name in samples
-            ]
-            readings = [(felt[:, :k], wrench) for (felt, wrench), _ in of_plate]
-            speeds = _known([speed for _, speed in of_plate])
-            static[name] = fit_trials(
-                readings, setup, noises[name], belts_mps=speeds, beside_weight=weight
+            rows = [n for n, (_, samples) in enumerate(trials) if name in samples]
+            of_plate = [trials[n][1][name] for n in rows]
+            speeds = [speed for n in rows if (speed := belts[n]) is not None]
+            models[name] = fit_trials(
+                [(felt[:, :k], wrench) for felt, wrench in of_plate],
+                setup,
+                noises[name],
+                belts_mps=speeds if len(speeds) == len(rows) else (),
+                beside_weight=weight,
             )
+        return models
+
+    def read(one: Recording) -> tuple[str, Samples]:
+        with naming(one.source):
+            return one.source.name, empty_plates(one, treadmill, sensors, plates, static)
+
+    trials = [(recording.source.name, own)]
+    static, provenance = fitted(trials, 1.0), {"recording": recording.source.name}
+    refuse_unusable(static)
+    if beside:
+        trials += map(read, beside)
+        weight, provenance[WEIGHT] = weigh_beside(trials, k, setup.rate_hz)
         provenance[BESIDE] = "; ".join(
-            f"{source}: {', '.join(empty)} empty" for source, empty in found
+            f"{source}: {', '.join(empty)} empty" for source, empty in trials[1:]
         )
-        provenance[WEIGHT] = in_words
+        static = fitted(trials, weight)
+    else:
+        weight = 1.0
     if None in belts:
         provenance[BELTS_UNKNOWN] = ", ".join(
             one.source.name for one, speed in zip(every, belts, strict=True) if speed is None
         )
+    compared = [read(one) for one in checks]
     provenance[MODEL], dynamic = choose(trials, static, compared, treadmill.inertia_model, weight)
     if plates is not None:
         provenance |= {PLATES_NAME: plates.name, PLATES_SHA256: plates.sha256}
     joint = _joint_correlation(recording, own, dynamic or static)
     return Calibration(static, provenance, sensors, joint, dynamic)
-
-
-def _known(speeds: Sequence[float | None]) -> tuple[float, ...]:
-    """Give the speeds of all recordings, or none where one of them is unknown."""
-    known = tuple(speed for speed in speeds if speed is not None)
-    return known if len(known) == len(speeds) else ()
 
 
 def _refuse_repeated(*recordings: Recording) -> None:
@@ -409,24 +355,18 @@ def plates_timed_apart(
         errors_s = (one.standard_error, late[0].standard_error, MODEL_ERROR_S, MODEL_ERROR_S)
         interval_s = QUANTILE_95 * float(np.linalg.norm(errors_s))
         if abs(apart_s) > max(interval_s, MIN_APART_S):
-            notes.append(
-                Note.of(
-                    "plates_timed_apart", plate=plate.number, delay_s=apart_s, interval_s=interval_s
-                )
-            )
+            values = {"plate": plate.number, "delay_s": apart_s, "interval_s": interval_s}
+            notes.append(Note.of("plates_timed_apart", **values))
     return tuple(notes)
 
 
 def _joint_correlation(
-    recording: Recording,
-    samples: Mapping[str, tuple[Array, Array]],
-    models: Mapping[str, InertiaModel],
+    recording: Recording, samples: Samples, models: Mapping[str, InertiaModel]
 ) -> Array | None:
     """Give the correlation of what is left of all plates; None where their clocks differ."""
     first, *others = recording.plates
-    if not all(np.array_equal(plate.time, first.time) for plate in others):
-        return None
-    if len({len(wrench) for _, wrench in samples.values()}) > 1:
+    alike = all(np.array_equal(plate.time, first.time) for plate in others)
+    if not alike or len({len(wrench) for _, wrench in samples.values()}) > 1:
         return None
     left = np.hstack(
         [models[n].compensate(a[:, : len(models[n].gain) - 1], w) for n, (a, w) in samples.items()]

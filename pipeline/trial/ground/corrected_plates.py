@@ -16,29 +16,12 @@ millimetres, the plate beside it is half a metre away."""
 
 
 def with_corrected_plates(recording: Recording, correction: PlateCorrection | None) -> Recording:
-    """Correct the plates of a recording.
+    """Correct the plates of a recording of any kind; without a correction it stays as it is.
 
-    Parameters
-    ----------
-    recording
-        A recording of any kind, its plates as measured.
-    correction
-        The calibration of the laboratory's plates; None changes nothing.
+    Each wrench stays in its plate's own axes, samples keep their times (`plate_delays_s` gives
+    their delays), and a note says what was corrected. A ValueError where the file's plates are
+    corrected or compensated already, or a plate is not where its calibration has it.
 
-    Returns
-    -------
-    Recording
-        With the corrected wrenches, each in its plate's own axes, and notes on what was corrected
-        and what was not. The plates' samples keep their times: `plate_delays_s` gives their delays.
-
-    Raises
-    ------
-    ValueError
-        If the file's plates are corrected or compensated already, or a plate is not where its
-        calibration has it.
-
-    Notes
-    -----
     A plate that moves is corrected in its own frame, as it stands with the platform in neutral:
     cells, amplifiers and their calibration move with it. The inertia of its belt assembly is a load
     on the cells like any other, so that it is subtracted afterwards, by a model that was fitted to
@@ -74,21 +57,9 @@ def with_corrected_plates(recording: Recording, correction: PlateCorrection | No
 def plate_delays_s(
     plates: Sequence[Plate], correction: PlateCorrection | None, stated_s: float | None
 ) -> list[float]:
-    """Give how much later each plate is than the cameras [s].
+    """Give how much later each plate is than the cameras, by its calibration or as stated [s].
 
-    Parameters
-    ----------
-    plates
-        The plates of a recording.
-    correction
-        The calibration of the laboratory's plates, which may state their delays.
-    stated_s
-        The delay that a person states of all plates; None where none is stated.
-
-    Raises
-    ------
-    ValueError
-        Both are stated and differ.
+    A ValueError where both are stated and differ.
     """
     if correction is None:
         return [stated_s or 0.0 for _ in plates]
@@ -107,20 +78,18 @@ def relative_delays_s(plates: Sequence[Plate], correction: PlateCorrection | Non
 
 
 def _notes(plates: Sequence[Plate], correction: PlateCorrection) -> list[Note]:
-    name, numbers = correction.name, [plate.number for plate in plates]
-    found = [one for one in correction.calibrations.plates if one.plate in numbers]
-    notes = []
+    known = {plate.number: correction.calibrations.of(plate.number) for plate in plates}
+    found, notes = [one for one in known.values() if one is not None], []
     if found:
-        corrected = [str(one.plate) for one in found]
-        notes.append(Note.of("plates_corrected", plates=corrected, calibration=name))
-    known = {str(one.plate): one.delay_s for one in found if one.delay_s is not None}
-    if known:
-        notes.append(Note.of("plate_delays_calibrated", delays_s=known, calibration=name))
-    notes += [
-        Note.of("plate_response_unexamined", plate=one.plate, components=one.unexamined)
-        for one in found
-        if one.unexamined
-    ]
-    if missing := [str(n) for n in numbers if correction.calibrations.of(n) is None]:
-        notes.append(Note.of("plates_not_corrected", plates=missing, calibration=name))
+        unexamined = [f"{c} of plate {one.plate}" for one in found for c in one.unexamined]
+        note = Note.of(
+            "plates_corrected",
+            plates=[str(one.plate) for one in found],
+            calibration=correction.name,
+            delays_s={f"plate {one.plate}": one.delay_s or 0.0 for one in found},
+            unexamined=unexamined or ["nothing"],
+        )
+        notes.append(note)
+    if missing := [str(number) for number, one in known.items() if one is None]:
+        notes.append(Note.of("plates_not_corrected", plates=missing, calibration=correction.name))
     return notes

@@ -14,14 +14,15 @@ from hbm.signals.filtering import Method
 from hbm.spatial import Array
 from pipeline.config.plate_correction import SAME_DELAY_S, PlateCorrection
 from pipeline.config.schema import Platform, Settings, Treadmill
-from pipeline.io.input_file import last_written, read_text
+from pipeline.io.input_file import last_written, naming, read_text
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated, as_stated
 from pipeline.trial.ground.accelerometers import (
     RealtimeAccelerometers,
     accelerations,
-    at_times_of_plates,
+    at_plate_times,
     fastest_belt,
+    sensor_delays_s,
 )
 from pipeline.trial.ground.calibration_recording import (
     FILTER,
@@ -80,14 +81,11 @@ def read_calibration(
     ['plate 1']
     """
     if path.suffix.lower() == ".json":
-        try:
+        with naming(path):
             calibration = from_json(read_text(path))
-            _require_same_axes(calibration, treadmill)
-            _require_same_delay(calibration, treadmill)
-            _require_stated_model(calibration, treadmill)
+            channels_of(calibration)  # refuses damaged ones
+            _require_as_stated(calibration, treadmill)
             require_same_plates(calibration, plates)
-        except ValueError as error:
-            raise ValueError(f"{path.name}: {error}") from error
         return calibration
     channels = treadmill.model_dump_json(exclude={"platform"})
     files = path, *beside
@@ -116,13 +114,7 @@ def _fitted(
 
 
 def require_same_plates(calibration: Calibration, plates: PlateCorrection | None) -> None:
-    """Refuse a calibration that was fitted to plates corrected otherwise than those of trials.
-
-    Raises
-    ------
-    ValueError
-        The correction of the one is not that of the others; the message says what to do.
-    """
+    """Refuse a calibration that was fitted to plates corrected otherwise than those of trials."""
     known = calibration.provenance
     fitted, wanted = known.get(PLATES_SHA256, ""), plates.sha256 if plates is not None else ""
     if fitted == wanted:
@@ -136,48 +128,22 @@ def require_same_plates(calibration: Calibration, plates: PlateCorrection | None
     raise ValueError(f"the treadmill's calibration was fitted {used}; {advice}")
 
 
-def _require_same_axes(calibration: Calibration, treadmill: Treadmill) -> None:
-    """Refuse a channel stated as another axis or sensor than it was in the calibration."""
-    try:
-        known = _axis_of_channel(json.loads(calibration.provenance.get("channels", "{}")))
-    except (AttributeError, TypeError, ValueError) as error:
-        raise ValueError("the calibration's channels are damaged; fit it again") from error
-    for channel, axis in _axis_of_channel(treadmill.accelerometers).items():
-        if known.get(channel, axis) != axis:
-            raise ValueError(
-                f"the calibration was made with channel {channel!r} as {known[channel]}, "
-                f"but treadmill.accelerometers has it as {axis}"
-            )
-
-
-def _require_same_delay(calibration: Calibration, treadmill: Treadmill) -> None:
-    """Refuse a stated delay that is not the one with which the calibration was fitted."""
-    stated = treadmill.accelerometer_delay_s
+def _require_as_stated(calibration: Calibration, treadmill: Treadmill) -> None:
+    """Refuse a stated delay or model that is not the one with which the calibration was fitted."""
+    stated_s = treadmill.accelerometer_delay_s
     for sensor in calibration.sensors:
-        if stated is not None and abs(sensor.correction_s - stated) > SAME_DELAY_S:
+        if stated_s is not None and abs(sensor.correction_s - stated_s) > SAME_DELAY_S:
             raise ValueError(
                 f"the calibration was fitted with a delay of {1000 * sensor.correction_s:.2f} ms "
                 f"of accelerometer {sensor.name}, but treadmill.accelerometer_delay_s is "
-                f"{1000 * stated:.2f} ms; leave it out, or fit again"
+                f"{1000 * stated_s:.2f} ms; leave it out, or fit again"
             )
-
-
-def _require_stated_model(calibration: Calibration, treadmill: Treadmill) -> None:
-    """Refuse a stated model that is not the one of the calibration."""
     fitted, stated = "dynamic" if calibration.dynamic else "static", treadmill.inertia_model
     if stated not in ("auto", fitted):
         raise ValueError(
             f"the calibration is of a {fitted} model, but treadmill.inertia_model is {stated!r}; "
             f"leave it out, or fit it again with --model {stated}"
         )
-
-
-def _axis_of_channel(sensors: Mapping[str, Sequence[str]]) -> dict[str, str]:
-    return {
-        channel: f"{axis} of {sensor}"
-        for sensor, channels in sensors.items()
-        for axis, channel in zip("xyz", channels, strict=True)
-    }
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,31 +194,34 @@ class Laboratory:
 
 
 def plate_models(recording: Recording, laboratory: Laboratory) -> list[InertiaModel]:
-    """Give the inertia model that compensates each plate of a trial.
+    """Give the inertia model that compensates each plate of a trial; none without a calibration.
 
-    Parameters
-    ----------
-    recording
-        The trial.
-    laboratory
-        The treadmill and its calibration.
-
-    Returns
-    -------
-    list of InertiaModel
-        In order of the plates; empty without a calibration.
-
-    Raises
-    ------
-    ValueError
-        If the calibration was made for other plates, sensors, rates or units.
+    A ValueError where the calibration was made for other plates, sensors, channels or rates.
     """
-    if laboratory.calibration is None:
+    calibration, treadmill = laboratory.calibration, laboratory.treadmill
+    if calibration is None:
         return []
-    _require_same_channels(recording, laboratory)
-    setup = setup_of(recording, laboratory.treadmill)
+    file, fitted = recording.source.name, channels_of(calibration)
+    present = recording.analog.names if recording.analog is not None else ()
+    for sensor, channels in treadmill.accelerometers.items():
+        then = tuple(fitted.get(sensor, channels))
+        if then != channels and set(then) <= set(present):
+            raise ValueError(
+                f"{file}: accelerometer {sensor} was {', '.join(then)} in the calibration, which "
+                f"this recording has too, but {', '.join(channels)} is stated; recording and "
+                "calibration need the same channels"
+            )
     numbers = [plate.number for plate in recording.plates]
-    return models_of_plates(laboratory.calibration, numbers, setup, recording.source.name)
+    return models_of_plates(calibration, numbers, setup_of(recording, treadmill), file)
+
+
+def channels_of(calibration: Calibration) -> dict[str, tuple[str, str, str]]:
+    """Give sensor -> its channels as a calibration file states them; empty where it does not."""
+    try:
+        known = json.loads(calibration.provenance.get("channels", "{}"))
+        return {str(sensor): (str(x), str(y), str(z)) for sensor, (x, y, z) in known.items()}
+    except (AttributeError, TypeError, ValueError) as error:
+        raise ValueError("the calibration's channels are damaged; fit it again") from error
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -290,6 +259,11 @@ class BoundLaboratory:
         return () if calibration is None else calibration.sensors
 
     @property
+    def sensor_delays_s(self) -> tuple[float, ...]:
+        """How much later each accelerometer is than the plates [s]."""
+        return sensor_delays_s(self.laboratory.treadmill, self.sensors)
+
+    @property
     def lags_s(self) -> tuple[float, ...]:
         """Lags of dynamic models [s]; none of static ones."""
         return self.models[0].lags_s if self.models else ()
@@ -312,12 +286,11 @@ class BoundLaboratory:
         assert self.filtered is not None
         late = relative_delays_s(self.recording.plates, self.laboratory.plates)
         earlier = [time - late_s for time, late_s in zip(times, late, strict=True)]
-        treadmill = self.laboratory.treadmill
         if method != "realtime":
-            return at_times_of_plates(*self.filtered, earlier, treadmill, self.sensors, self.lags_s)
+            return at_plate_times(*self.filtered, earlier, self.sensor_delays_s, self.lags_s)
         assert self.recording.analog is not None
         rates_hz = self.recording.analog.rate_hz, self.recording.markers.rate_hz
-        live = RealtimeAccelerometers.of(treadmill, self.sensors, self.lags_s, *rates_hz)
+        live = RealtimeAccelerometers.of(self.sensor_delays_s, self.lags_s, *rates_hz)
         return [live.felt(*self.readings, at) for at in earlier]
 
 
@@ -351,23 +324,10 @@ def bind(
 def models_of_plates(
     calibration: Calibration, numbers: Sequence[int], setup: Setup, name: str
 ) -> list[InertiaModel]:
-    """Give the inertia models of some plates.
+    """Give the inertia models of plates with these numbers, which are recorded as the setup says.
 
-    Parameters
-    ----------
-    calibration
-        Of the platform.
-    numbers
-        Of the plates, from 1.
-    setup
-        How plates and accelerometers are recorded.
-    name
-        What is compensated, for the error.
-
-    Raises
-    ------
-    ValueError
-        If the calibration was made for other plates, sensors, rates or units.
+    A ValueError, which names what is compensated, where the calibration was made for other plates,
+    sensors, rates or filters.
     """
     known, wanted = calibration.in_use, [f"plate {number}" for number in numbers]
     if unknown := [plate for plate in wanted if plate not in known]:
@@ -380,37 +340,8 @@ def models_of_plates(
     return [known[plate] for plate in wanted]
 
 
-def _require_same_channels(recording: Recording, laboratory: Laboratory) -> None:
-    """Refuse other channels than the calibration's where the recording has those."""
-    assert laboratory.calibration is not None
-    fitted = json.loads(laboratory.calibration.provenance.get("channels", "{}"))
-    present = recording.analog.names if recording.analog is not None else ()
-    for sensor, channels in laboratory.treadmill.accelerometers.items():
-        then = tuple(fitted.get(sensor, channels))
-        if then != channels and set(then) <= set(present):
-            raise ValueError(
-                f"{recording.source.name}: accelerometer {sensor} was {', '.join(then)} in the "
-                f"calibration, which this recording has too, but {', '.join(channels)} is stated; "
-                "recording and calibration need the same channels"
-            )
-
-
 def require_uncompensated(recording: Recording, laboratory: Laboratory) -> None:
-    """Refuse to subtract a second time what is already subtracted from a file's plates.
-
-    Parameters
-    ----------
-    recording
-        The trial.
-    laboratory
-        The treadmill and its calibrations.
-
-    Raises
-    ------
-    ValueError
-        If the file's plates are compensated and the laboratory has a calibration, or if they are in
-        the lab and the laboratory has a moving platform.
-    """
+    """Refuse to subtract or to turn a second time what is done in a file's plates already."""
     done, file = recording.compensation, recording.source.name
     if done is None:
         return
@@ -432,29 +363,11 @@ def read_laboratory(
     accelerometers: Mapping[str, tuple[str, str, str]] | None = None,
     plates: PlateCorrection | None = None,
 ) -> Laboratory:
-    """Give the laboratory that a calibration file describes.
+    """Give the laboratory that a calibration file (JSON, as `hbm calibration fit` wrote) describes.
 
-    Parameters
-    ----------
-    file
-        JSON that `fit` wrote.
-    platform_markers
-        Markers on the platform; none for a treadmill that stands still.
-    accelerometers
-        Sensor -> its channels in the trials, where these are called otherwise than in the
-        calibration; by default as the calibration names them.
-    plates
-        The correction of its plates.
-
-    Returns
-    -------
-    Laboratory
-        With the accelerometers' channels.
-
-    Raises
-    ------
-    ValueError
-        If the file is not such a calibration, or is one of otherwise corrected plates.
+    Accelerometers are sensor -> its channels in the trials, where these are called otherwise than
+    in the calibration. Without platform markers the treadmill stands still. A ValueError where the
+    file is no such calibration, or one of otherwise corrected plates.
     """
     if file.suffix.lower() != ".json":
         raise ValueError(
@@ -462,24 +375,23 @@ def read_laboratory(
             f"'hbm calibration fit {file.name} -o lab.json'"
         )
     calibration = read_calibration(file, Treadmill(), plates=plates)
-    try:
-        channels = json.loads(calibration.provenance["channels"])
-    except (KeyError, ValueError) as error:
+    with naming(file):
+        channels = channels_of(calibration)
+    if not channels:
         raise ValueError(
             f"{file.name}: the calibration does not name its channels; fit it again with "
             "'hbm calibration fit'"
-        ) from error
+        )
     if accelerometers and set(accelerometers) != set(channels):
         raise ValueError(
             f"{file.name}: the calibration has the accelerometers {', '.join(channels)}, "
             f"--accelerometer names {', '.join(accelerometers)}; name all of them and no others"
         )
-    cutoff_hz = next(iter(calibration.plates.values())).setup.cutoff_hz  # type: ignore[union-attr]
-    platform = Platform(markers=platform_markers) if platform_markers else None
+    setup = next(iter(calibration.plates.values())).setup
     treadmill = Treadmill(
         accelerometers={s: (accelerometers or channels)[s] for s in channels},
         accelerometer_unit=calibration.provenance.get("accelerometer_unit") or None,
-        cutoff_hz=cutoff_hz or 20.0,
-        platform=platform,
+        cutoff_hz=(setup and setup.cutoff_hz) or 20.0,
+        platform=Platform(markers=platform_markers) if platform_markers else None,
     )
     return Laboratory(treadmill, calibration, plates=plates)

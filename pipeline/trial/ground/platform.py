@@ -14,8 +14,6 @@ from compensation import (
     estimate_delay,
     fit_pose,
     interpolate_pose,
-    mean_pose,
-    moment_error_of_pivot,
     neutral_markers,
     pose_delay,
     specific_force,
@@ -23,8 +21,9 @@ from compensation import (
 )
 from hbm.notes import Note
 from hbm.signals.resampling import resample
-from hbm.spatial import Array, rotate_wrench, shift_wrench, transform_wrench
+from hbm.spatial import Array, fit_rotation, rotate_wrench, shift_wrench, transform_wrench
 from pipeline.config.schema import Platform, Treadmill
+from pipeline.io.input_file import naming
 from pipeline.io.recording import Plate, Recording
 from pipeline.io.units import angle_in_rad, length_in_m
 from pipeline.trial.ground.accelerometers import (
@@ -32,16 +31,19 @@ from pipeline.trial.ground.accelerometers import (
     at_plate_times,
     hold_ends,
     read_channel,
+    sensor_delays_s,
 )
 from pipeline.trial.ground.calibration_recording import setup_of
 
 NEUTRAL_FRAMES: Final = 100
 """Frames at the start in which the platform is in neutral: one second at 100 Hz."""
+LEVEL: Final = (
+    "taken as level and in neutral, because none is recorded; if it moved, name its markers "
+    "(--platform-markers, or treadmill.platform in a study)"
+)
+"""What is taken for a pose that is not known."""
 MAX_MARKER_ERROR_M: Final = 0.01
 """Farther from the rigid fit a marker is left out; cameras err by a millimetre or less."""
-
-ASSUMED_PIVOT_ERROR_M: Final = 0.01
-"""Of a pivot that is measured by hand; its effect on the moments is noted."""
 
 
 def platform_pose(
@@ -50,30 +52,11 @@ def platform_pose(
     time: Array,
     at_markers: Callable[[Array, Array, Array], Array] = resample,
 ) -> tuple[PlatformPose | None, tuple[Note, ...]]:
-    """Find the platform's pose at the markers' times.
+    """Find the platform's pose at the markers' times, (T,) [s], and say where it comes from.
 
-    Parameters
-    ----------
-    recording
-        The trial; its first frames show the platform in neutral.
-    platform
-        How the pose is known; None for a treadmill that stands still.
-    time
-        Marker times, (T,) [s].
-    at_markers
-        Brings a channel, its times and samples, to other times.
-
-    Returns
-    -------
-    pose
-        None where the treadmill stands still.
-    notes
-        Where the pose comes from, and what is doubtful about it.
-
-    Raises
-    ------
-    ValueError
-        If a platform marker or channel is missing, or none is stated.
+    The first frames of a recording show it in neutral. It is None where the treadmill stands still.
+    Channels are brought to the markers' times by `at_markers`. A ValueError where a platform marker
+    or channel is missing, or none is stated.
     """
     if platform is None:
         return None, ()
@@ -85,58 +68,25 @@ def platform_pose(
 
 
 def pose_at(recording: Recording, pose: PlatformPose, time: Array) -> PlatformPose:
-    """Give a trial's pose at other times than those of its markers.
+    """Give a trial's pose at other times on the markers' clock, (N,) [s], without gaps.
 
-    Parameters
-    ----------
-    recording
-        The trial.
-    pose
-        The platform's pose at the markers' times.
-    time
-        Wanted times on the markers' clock, (N,) [s].
-
-    Returns
-    -------
-    PlatformPose
-        Without gaps; before and after the markers the nearest known pose, for 0.5 s at most.
-
-    Raises
-    ------
-    ValueError
-        The pose has a gap, or is unknown for longer at an end.
+    Before and after the markers it is the nearest known one, for 0.5 s at most; a ValueError where
+    it has a gap or is unknown for longer.
     """
     between = interpolate_pose(pose, recording.markers.time, time)
     values = np.hstack([between.rotation.reshape(-1, 9), between.position])
-    try:
-        values, _ = hold_ends(time, values, "the platform's pose")
-    except ValueError as error:
-        raise ValueError(f"{recording.source.name}: {error}") from error
+    with naming(recording.source):
+        values = hold_ends(time, values, "the platform's pose")
     return PlatformPose(values[:, :9].reshape(-1, 3, 3), values[:, 9:])
 
 
 def turned_to_lab(plate: Plate, wrench_in_plate: Array, pose: PlatformPose) -> Array:
-    """Turn wrenches from a plate that moves to the same plate in neutral.
+    """Turn wrenches (N, 6) from a plate that moves to the same plate in neutral.
 
-    Parameters
-    ----------
-    plate
-        The plate.
-    wrench_in_plate
-        Action on the subject in the moving plate's axes about the centre of its surface, (N, 6)
-        [N, N·m].
-    pose
-        The platform's pose at the same instants.
-
-    Returns
-    -------
-    Array
-        The same action in the axes of the plate in neutral about the centre of its surface there,
-        (N, 6) [N, N·m].
+    Both are about the centre of its surface, in its own axes, where it is.
     """
-    on_platform = transform_wrench(wrench_in_plate, plate.rotation, plate.center)
-    about_center = shift_wrench(to_lab(on_platform, pose), plate.center)
-    return rotate_wrench(about_center, plate.rotation.T)
+    (moved,) = in_lab([wrench_in_plate], [plate], pose)
+    return rotate_wrench(shift_wrench(moved, plate.center), plate.rotation.T)
 
 
 def in_lab(
@@ -150,33 +100,17 @@ def in_lab(
     return neutral if pose is None else [to_lab(wrench, pose) for wrench in neutral]
 
 
-def pivot_error_budget(pose: PlatformPose, force: Array) -> Note:
-    """Give the largest moment that a small error of the stated pivot would add."""
-    pitch = np.arctan2(pose.rotation[:, 0, 2], pose.rotation[:, 0, 0])
-    directions = np.eye(3)[[0, 2]]
-    moments = [moment_error_of_pivot(ASSUMED_PIVOT_ERROR_M * d, pitch, force) for d in directions]
-    largest_nm = float(np.nanmax(np.linalg.norm(moments, axis=2)))
-    return Note.of("pivot_error_budget", pivot_error_m=ASSUMED_PIVOT_ERROR_M, moment_nm=largest_nm)
-
-
 def moved_corners(plate: Plate, pose: PlatformPose) -> Array:
-    """Give the corners of a plate in the mean of a pose.
+    """Give the corners of a plate in the mean of a pose, in the axes of the plate in neutral.
 
-    Parameters
-    ----------
-    plate
-        The plate.
-    pose
-        The platform's pose over the trial.
-
-    Returns
-    -------
-    Array
-        In the axes of the plate in neutral about the centre of its surface there, (4, 3) [m].
+    About the centre of its surface there, (4, 3) [m].
     """
-    mean = mean_pose(pose)
-    in_lab = plate.corners @ mean.rotation[0].T + mean.position[0]
-    return np.asarray((in_lab - plate.center) @ plate.rotation)
+    known = np.isfinite(pose.position).all(axis=1)
+    if not known.any():
+        raise ValueError("the platform's pose is nowhere known")
+    rotation = fit_rotation(pose.rotation[known].mean(axis=0))
+    moved = plate.corners @ rotation.T + pose.position[known].mean(axis=0)
+    return np.asarray((moved - plate.center) @ plate.rotation)
 
 
 def _pose_from_markers(
@@ -191,7 +125,7 @@ def _pose_from_markers(
         )
     position = recording.markers.position[:, [names.index(name) for name in markers]]
     fit = fit_pose(position, neutral_markers(position[:NEUTRAL_FRAMES]), MAX_MARKER_ERROR_M)
-    note = Note.of("platform_pose_from_markers", markers=markers)
+    note = Note.of("platform_pose", source=f"by the markers {', '.join(markers)}")
     return fit.pose, (note, *check_pose(fit, markers, MAX_MARKER_ERROR_M))
 
 
@@ -215,15 +149,9 @@ def _commanded_pose(
     pose = commanded_pose(sway[known], pitch[known], platform.pivot_m)
     rotation, position = np.full((len(time), 3, 3), np.nan), np.full((len(time), 3), np.nan)
     rotation[known], position[known] = pose.rotation, pose.position
-    x, y, z = platform.pivot_m
-    note = Note.of(
-        "platform_pose_commanded",
-        channels=platform.channels,
-        pivot_x_m=x,
-        pivot_y_m=y,
-        pivot_z_m=z,
-    )
-    return PlatformPose(rotation, position), (note,)
+    pivot = ", ".join(f"{value:g}" for value in platform.pivot_m)
+    source = f"as commanded by {', '.join(platform.channels)}, pivot at ({pivot}) m"
+    return PlatformPose(rotation, position), (Note.of("platform_pose", source=source),)
 
 
 QUANTILE_95: Final = 1.96
@@ -237,20 +165,8 @@ are later by more."""
 def plate_marker_delay(pose: PlatformPose, felt: Array, rate_hz: float) -> Delay | None:
     """Estimate how much later the plates are than the markers on their platform.
 
-    Parameters
-    ----------
-    pose
-        Of the platform by its markers, at their frames, (T,).
-    felt
-        What its accelerometers felt at the same nominal instants, timed as the plates,
-        (T, k) [m/s²]; NaN where unknown.
-    rate_hz
-        Of the frames.
-
-    Returns
-    -------
-    Delay or None
-        Positive where plates are later; None where the motion does not show it to 4 ms.
+    From the pose at the markers' frames and what its accelerometers felt then, timed as the plates,
+    (T, k) [m/s²]. None where the motion does not show it to 4 ms.
     """
     known = np.asarray(np.isfinite(np.hstack([felt, pose.position])).all(axis=1))
     inside = np.flatnonzero(known)
@@ -264,33 +180,21 @@ def plate_marker_delay(pose: PlatformPose, felt: Array, rate_hz: float) -> Delay
         return None
     if not late.standard_error < MAX_ERROR_S:
         return None
-    return Delay(-late.seconds, late.standard_error, late.explained)
+    return Delay(-late.seconds, late.standard_error)
 
 
-def plates_note(late: Delay | None, stated_s: float | None = None) -> tuple[Note, ...]:
+def plates_note(late: Delay | None, stated_s: float, of_trial: bool = True) -> tuple[Note, ...]:
     """Say how much later plates are than the platform's markers; nothing where unknown.
 
-    Parameters
-    ----------
-    late
-        By how much they are later than is taken into account.
-    stated_s
-        What is taken into account; None where the recording is no trial, and nothing can be.
+    `late` is beside what is stated; in a trial more than its interval and 1 ms is a warning.
     """
     if late is None:
         return ()
     interval_s = QUANTILE_95 * late.standard_error
-    if stated_s is None:
-        return (Note.of("platform_plates_delay", delay_s=late.seconds, interval_s=interval_s),)
-    beyond = abs(late.seconds) > interval_s + MIN_BEYOND_S
-    return (
-        Note.of(
-            "platform_plates_delay_differs" if beyond else "platform_plates_delay_stated",
-            delay_s=stated_s + late.seconds,
-            interval_s=interval_s,
-            stated_s=stated_s,
-        ),
-    )
+    beyond = of_trial and abs(late.seconds) > interval_s + MIN_BEYOND_S
+    code = "platform_plates_delay_differs" if beyond else "platform_plates_delay"
+    delay_s = stated_s + late.seconds
+    return (Note.of(code, delay_s=delay_s, interval_s=interval_s, stated_s=stated_s),)
 
 
 def recording_delays(
@@ -298,46 +202,28 @@ def recording_delays(
 ) -> tuple[Note, ...]:
     """Say how plates and commands of a recording are timed against the platform's markers.
 
-    Parameters
-    ----------
-    recording
-        Of the moving platform.
-    treadmill
-        Its accelerometers, and its platform with markers.
-    sensors
-        Of the calibration.
-    commands
-        Channels of the commanded sway and pitch; none where they were not recorded.
-
-    Returns
-    -------
-    tuple of Note
-        Of what the recording shows.
-
-    Raises
-    ------
-    ValueError
-        If a marker or channel is missing, or the command does not move.
+    The treadmill's platform has markers; `commands` names the channels of commanded sway and pitch,
+    if they were recorded. A ValueError where a marker or channel is missing, or the command does
+    not move.
     """
     markers, rate_hz = recording.markers, recording.markers.rate_hz
     pose, _ = platform_pose(recording, treadmill.platform, markers.time)
     assert pose is not None  # the platform has markers
     clock, readings = accelerations(recording, treadmill)
     filtered = setup_of(recording, treadmill).low_pass(readings, clock)
-    felt = at_plate_times(clock, filtered, markers.time, treadmill, sensors)
-    notes = plates_note(plate_marker_delay(pose, felt, rate_hz))
+    delays_s = sensor_delays_s(treadmill, sensors)
+    (felt,) = at_plate_times(clock, filtered, [markers.time], delays_s)
+    notes = plates_note(plate_marker_delay(pose, felt, rate_hz), 0.0, of_trial=False)
     if not commands.channels:
         return notes
     commanded, _ = platform_pose(recording, commands, markers.time)
     assert commanded is not None
     late = pose_delay(commanded, pose, rate_hz)
-    return (
-        *notes,
-        Note.of(
-            "platform_command_delay",
-            delay_s=late.seconds,
-            interval_s=QUANTILE_95 * late.standard_error,
-            channels=commands.channels,
-            stated_s=-late.seconds,
-        ),
+    note = Note.of(
+        "platform_command_delay",
+        delay_s=late.seconds,
+        interval_s=QUANTILE_95 * late.standard_error,
+        channels=commands.channels,
+        stated_s=-late.seconds,
     )
+    return (*notes, note)

@@ -16,7 +16,7 @@ from compensation.inertia.model_error import RUNNING_MPS, SLOW_HZ
 from hbm.notes import Note
 from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.io.recording import Plate
-from pipeline.trial.ground.calibration_recording import BELTS_UNKNOWN
+from pipeline.trial.ground.calibration_recording import BELTS_UNKNOWN, BESIDE
 
 FORCE: Final = slice(0, 3)
 MOMENT: Final = slice(3, 6)
@@ -63,30 +63,12 @@ def wrench_spread(
     rate_hz: float,
     belts_mps: Array | None = None,
 ) -> Spread:
-    """Give what the compensation of a plate makes uncertain.
+    """Give what the compensation of a plate makes uncertain at the frames.
 
-    Parameters
-    ----------
-    model
-        Of the plate.
-    acceleration
-        What the accelerometers felt at the frames, (T, k) [m/s²]; NaN where unknown.
-    plate
-        The plate.
-    pose
-        The platform's pose at the frames; None where it stands still.
-    cutoff_hz
-        Of the filter that the wrench passes next: up to 6 Hz, the noise is that below 6 Hz, else
-        all that passed the calibration's filter, which is more than what is left [Hz].
-    rate_hz
-        Of the frames [Hz].
-    belts_mps
-        Speed of the belts at the frames, (T,) [m/s]; None where it is unknown.
-
-    Returns
-    -------
-    Spread
-        At the frames.
+    From what its accelerometers felt, (T, k) [m/s²], and the speed of the belts, (T,) [m/s] or None
+    where it is unknown. `cutoff_hz` is that of the filter that the wrench passes next: up to 6 Hz,
+    the noise is that below 6 Hz, else all that passed the calibration's filter, which is more than
+    what is left.
     """
     slow = cutoff_hz <= SLOW_HZ
     return Spread(
@@ -98,22 +80,11 @@ def wrench_spread(
 
 
 def sum_deviation(spreads: Sequence[Spread], correlation: Array, point: Array) -> Array:
-    """Give one standard deviation of the sum of some plates' wrenches.
+    """Give one standard deviation of the sum of some plates' wrenches, in lab axes, (T, 6).
 
-    Parameters
-    ----------
-    spreads
-        Of each plate.
-    correlation
-        Between all of their components but the zeros, which are independent, (6 P, 6 P).
-    point
-        About which moments are wanted, in the lab, (T, 3) or (3,) [m].
-
-    Returns
-    -------
-    Array
-        In lab axes, (T, 6) [N, N·m]; NaN where an acceleration or the pose is unknown, moments also
-        where the point is.
+    The correlation is between all of their components but the zeros, which are independent,
+    (6 P, 6 P); moments are about a point in the lab, (T, 3) or (3,) [m]. NaN where an acceleration,
+    the pose or the point is unknown.
     """
     changes = [np.moveaxis(spread.to_lab(point), 0, -1) for spread in spreads]
     variance = np.empty((6, len(spreads[0].sd)))
@@ -125,26 +96,32 @@ def sum_deviation(spreads: Sequence[Spread], correlation: Array, point: Array) -
     return np.sqrt(variance).T
 
 
-def belt_speed_notes(speed: float | None, calibration: Calibration) -> tuple[Note, ...]:
-    """Say where a calibration does not know what belts as fast as a trial's leave; one at most.
+def uncertainty_limits(speed: float | None, calibration: Calibration) -> tuple[Note, ...]:
+    """Say where a calibration does not know what people, or belts as fast as a trial's, leave.
 
     The speed [m/s] is that of `mean_belt_speed`. Models of earlier versions, which know of noise
     alone, do not count.
     """
     models, made = calibration.in_use.values(), calibration.provenance
     known = [m.model_error.fastest_mps for m in models if m.model_error is not None]
-    speeds = [each for each in known if each is not None]
+    if not known:
+        return ()
+    speeds, left_out = [each for each in known if each is not None], []
+    if BESIDE not in made:
+        left_out.append("what people shake (no recording of people beside an empty plate)")
     if len(speeds) < len(known):
         recordings = made.get(BELTS_UNKNOWN, made.get("recording", "its recording"))
-        return (Note.of("uncertainty_calibration_belts_unknown", recordings=recordings),)
-    if not speeds:
-        return ()
-    calibrated = min(speeds)
-    if speed is None:
-        return (Note.of("uncertainty_belts_unknown", calibrated_mps=calibrated),)
-    if speed <= max(MAX_FASTER * calibrated, RUNNING_MPS):
-        return ()
-    return (Note.of("uncertainty_belts_faster", speed_mps=speed, calibrated_mps=calibrated),)
+        left_out.append(f"belts faster than in {recordings}, whose speed is unknown")
+    elif speed is None:
+        left_out.append(f"belts faster than {min(speeds):.3g} m/s (no channel with their speed)")
+    if calibration.correlation is None and len(calibration.plates) > 1:
+        left_out.append("how the plates' errors go together (they were sampled at other times)")
+    notes = [Note.of("uncertainty_limited", left_out=left_out)] if left_out else []
+    fastest = min(speeds, default=np.inf)
+    if speed is not None and speed > max(MAX_FASTER * fastest, RUNNING_MPS):
+        values = {"speed_mps": speed, "calibrated_mps": fastest}
+        notes.append(Note.of("uncertainty_belts_faster", **values))
+    return tuple(notes)
 
 
 def uncertainty_notes(residual_sd: Array) -> tuple[Note, ...]:
@@ -157,10 +134,7 @@ def uncertainty_notes(residual_sd: Array) -> tuple[Note, ...]:
 
 
 def _change(rotation: Array, point: Array) -> Array:
-    """Give what brings wrenches to other axes and another point of reference, (T, 6, 6).
-
-    Every entry is in one piece of memory.
-    """
+    """Give what brings wrenches to other axes and another point of reference, (T, 6, 6)."""
     rows, p = np.moveaxis(rotation, 0, -1), point.T
     change = np.zeros((6, 6, max(len(rotation), len(point))))
     change[:3, :3] = change[3:, 3:] = rows

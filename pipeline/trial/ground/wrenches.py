@@ -2,47 +2,38 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import NamedTuple
 
 import numpy as np
 
-from compensation import Calibration, InertiaModel, PlatformPose, check_trial
+from compensation import InertiaModel, PlatformPose, check_trial
 from compensation.inertia.model_error import SLOW_HZ
 from hbm.notes import Note
 from hbm.signals.filtering import Method
 from hbm.signals.resampling import interpolate, resample, resample_in_real_time
-from hbm.spatial import Array, Mask, read_only
-from pipeline.config.schema import Treadmill
-from pipeline.io.recording import Plate, Recording
-from pipeline.trial.ground.accelerometers import (
-    at_plate_times,
-    at_times_of_plates,
-    corrected_sensors,
-    hold_ends,
-    mean_belt_speed,
-)
+from hbm.spatial import Array, Mask
+from pipeline.io.input_file import naming
+from pipeline.io.recording import Recording
+from pipeline.trial.ground.accelerometers import at_plate_times, hold_ends, mean_belt_speed
 from pipeline.trial.ground.belts import belt_wrenches, belt_wrenches_in_real_time
-from pipeline.trial.ground.calibration_recording import BESIDE, FILTER, samples_of, setup_of
+from pipeline.trial.ground.calibration_recording import FILTER, samples_of, setup_of
 from pipeline.trial.ground.corrected_plates import relative_delays_s
 from pipeline.trial.ground.laboratory import BoundLaboratory, Laboratory, bind
 from pipeline.trial.ground.platform import (
+    LEVEL,
     NEUTRAL_FRAMES,
     in_lab,
-    pivot_error_budget,
     plate_marker_delay,
     plates_note,
     platform_pose,
 )
 from pipeline.trial.ground.uncertainty import (
     Spread,
-    belt_speed_notes,
     sum_deviation,
+    uncertainty_limits,
     wrench_spread,
 )
 from pipeline.trial.result import CompensationUncertainty
-
-MIN_NOTED_S: Final = 0.02
-"""Two samples of the belts' model, which ends with its last whole interval."""
 
 
 def plate_artefacts(
@@ -50,79 +41,60 @@ def plate_artefacts(
 ) -> tuple[list[Array], tuple[Note, ...]]:
     """Predict what the platform's motion and accelerating belts add to each plate.
 
-    Parameters
-    ----------
-    recording
-        The trial.
-    laboratory
-        The treadmill with the calibration of its platform, its belts, or both.
-
-    Returns
-    -------
-    artefacts
-        Per plate at its own samples, in its own moving frame about the centre of its surface,
-        (N, 6) [N, N·m]. The accelerations are not low-passed; those of the belts are, as their
-        model requires.
-    notes
-        What is doubtful about calibration and trial, and where a prediction was held.
-
-    Raises
-    ------
-    ValueError
-        The calibration does not fit the trial, a channel is missing, or the prediction is unknown
-        within the trial or for more than 0.5 s at one of its ends.
+    The laboratory has the calibration of its platform, its belts, or both. Per plate at its own
+    samples, in its own moving frame about the centre of its surface, (N, 6) [N, N·m]; the notes say
+    what is doubtful about calibration and trial. The accelerations are not low-passed; those of the
+    belts are, as their model requires. A ValueError where the calibration does not fit the trial, a
+    channel is missing, or the prediction is unknown within the trial or for more than 0.5 s at one
+    of its ends.
     """
     plates, treadmill = recording.plates, laboratory.treadmill
-    artefacts = [np.zeros((len(plate.time), 6)) for plate in plates]
+    times = [plate.time for plate in plates]
+    added: list[tuple[list[Array], str]] = []
     notes: list[Note] = []
     if laboratory.calibration is not None:
         lab = bind(recording, laboratory)
-        assert lab.readings is not None
-        delays_s = relative_delays_s(plates, laboratory.plates)
-        for k, (artefact, plate) in enumerate(zip(artefacts, plates, strict=True)):
-            felt = _felt(lab, plate.time - delays_s[k])
-            felt = _held(felt, recording, plate, "the acceleration", notes)
-            artefact += lab.models[k].predict(felt)
-        readings = lab.readings[1]
-        notes += compensation_doubts(laboratory.calibration, lab.models[0], readings, treadmill)
+        late = relative_delays_s(plates, laboratory.plates)
+        felt = _felt_unfiltered(lab, [t - late_s for t, late_s in zip(times, late, strict=True)])
+        predicted = [_predicted(model, one) for model, one in zip(lab.models, felt, strict=True)]
+        added.append((predicted, "the acceleration"))
+        notes = calibration_doubts(lab)
     if laboratory.belts and treadmill.belt is not None:
-        added = belt_wrenches(
-            recording, laboratory.belts, treadmill.belt, [plate.time for plate in plates]
-        )
-        for artefact, plate, wrench in zip(artefacts, plates, added, strict=True):
-            artefact += _held(wrench, recording, plate, "the belts' acceleration", notes)
+        of_belts = belt_wrenches(recording, laboratory.belts, treadmill.belt, times)
+        added.append((of_belts, "the belts' acceleration"))
+    artefacts = [np.zeros((len(time), 6)) for time in times]
+    for wrenches, what in added:
+        for artefact, time, wrench in zip(artefacts, times, wrenches, strict=True):
+            with naming(recording.source):
+                artefact += hold_ends(time, wrench, what)
     return artefacts, tuple(notes)
 
 
-def compensation_doubts(
-    calibration: Calibration, model: InertiaModel, readings: Array, treadmill: Treadmill
-) -> list[Note]:
-    """Find what is doubtful about a calibration and about a trial's accelerations (N, k)."""
+def calibration_doubts(lab: BoundLaboratory) -> list[Note]:
+    """Find what is doubtful about a calibration and about a trial's accelerations."""
+    assert lab.readings is not None
+    assert lab.laboratory.calibration is not None
+    readings, treadmill = lab.readings[1], lab.laboratory.treadmill
     known = samples_of(readings, np.isfinite(readings).all(axis=1))
-    return [*calibration.notes, *check_trial(model, known, treadmill.accelerometer_range_g)]
+    doubts = check_trial(lab.models[0], known, treadmill.accelerometer_range_g)
+    return [*lab.laboratory.calibration.notes, *doubts]
 
 
-def _felt(lab: BoundLaboratory, time: Array) -> Array:
-    """Give the accelerations at a plate's times: readings unfiltered, differences filtered."""
+def _felt_unfiltered(lab: BoundLaboratory, times: Sequence[Array]) -> list[Array]:
+    """Give the accelerations at plates' times: readings unfiltered, differences filtered."""
     assert lab.readings is not None
     assert lab.filtered is not None
-    treadmill, sensors = lab.laboratory.treadmill, lab.sensors
-    felt = at_plate_times(*lab.readings, time, treadmill, sensors)
+    felt = at_plate_times(*lab.readings, times, lab.sensor_delays_s)
     if not lab.lags_s:
         return felt
-    both = at_plate_times(*lab.filtered, time, treadmill, sensors, lab.lags_s)
-    return np.hstack([felt, both[:, felt.shape[1] :]])
+    filtered = at_plate_times(*lab.filtered, times, lab.sensor_delays_s, lab.lags_s)
+    both = zip(felt, filtered, strict=True)
+    return [np.hstack([one, other[:, one.shape[1] :]]) for one, other in both]
 
 
-def _held(values: Array, recording: Recording, plate: Plate, what: str, notes: list[Note]) -> Array:
-    try:
-        held, held_s = hold_ends(plate.time, values, what)
-    except ValueError as error:
-        raise ValueError(f"{recording.source.name}: {error}") from error
-    note = Note.of("compensation_held", held_s=held_s)
-    if held_s > MIN_NOTED_S and note not in notes:
-        notes.append(note)
-    return held
+def _predicted(model: InertiaModel, felt: Array) -> Array:
+    """Predict the wrench that a platform's motion adds, (N, 6); NaN where it is unknown."""
+    return np.asarray(felt @ model.gain[:-1] + model.gain[-1])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -228,14 +200,13 @@ def ground_wrenches(
     recording, laboratory, plates = lab.recording, lab.laboratory, lab.recording.plates
     platform, belt = laboratory.treadmill.platform, laboratory.treadmill.belt
     live = method == "realtime"
-    times, at_markers = (
-        [time + s for s in lab.delays_s],
-        resample_in_real_time if live else resample,
-    )
+    at_markers = resample_in_real_time if live else resample
+    times = [time + delay_s for delay_s in lab.delays_s]
     measured = [
         at_markers(p.time, p.wrench_in_plate, t) for p, t in zip(plates, times, strict=True)
     ]
-    notes += [Note.of("plate_constant", plate=p.number) for p in plates if _is_constant(p)]
+    constant = (p for p in plates if (p.wrench_in_plate == p.wrench_in_plate[0]).all())
+    notes += [Note.of("plate_constant", plate=plate.number) for plate in constant]
 
     variants, felt, added = {"measured": measured}, list[Array](), list[Array]()
     if lab.models:
@@ -262,9 +233,7 @@ def ground_wrenches(
     notes += pose_notes
     marked = pose is not None and platform is not None and bool(platform.markers)
     if pose is None and lab.models:
-        notes.append(Note.of("platform_taken_as_level"))
-    if pose is not None and platform is not None and platform.pitch_channel:
-        notes.append(pivot_error_budget(pose, np.sum(measured, axis=0)[:, :3]))
+        notes.append(Note.of("platform_pose", source=LEVEL))
     if live and marked:
         for wrench in (w for wrenches in variants.values() for w in wrenches):
             wrench[:NEUTRAL_FRAMES] = np.nan
@@ -289,33 +258,22 @@ def ground_wrenches(
     )
 
 
-def _is_constant(plate: Plate) -> bool:
-    return bool((plate.wrench_in_plate == plate.wrench_in_plate[0]).all())
-
-
 def _compensation_notes(lab: BoundLaboratory, method: Method) -> list[Note]:
     """Say how plates were compensated by accelerometers, and what is doubtful about it."""
     treadmill, calibration = lab.laboratory.treadmill, lab.laboratory.calibration
     assert calibration is not None
-    assert lab.readings is not None
-    notes = compensation_doubts(calibration, lab.models[0], lab.readings[1], treadmill)
-    sensors = tuple(treadmill.accelerometers)
-    if method == "realtime":
-        notes.append(Note.of("plates_compensated_in_real_time", accelerometers=sensors))
-    else:
-        cutoff = {"filter": FILTER, "cutoff_hz": treadmill.cutoff_hz}
-        notes.append(Note.of("plates_compensated", accelerometers=sensors, **cutoff))
-    if lab.lags_s:
-        lags_ms = tuple(f"{1000 * lag_s:g}" for lag_s in lab.lags_s)
-        notes.append(Note.of("compensated_dynamically", lags_ms=lags_ms))
-    if any(model.model_error is None for model in lab.models):
-        notes.append(Note.of("uncertainty_of_noise_alone"))
-    elif BESIDE not in calibration.provenance:
-        notes.append(Note.of("uncertainty_without_people"))
-    if calibration.correlation is None and len(lab.models) > 1:
-        notes.append(Note.of("plates_taken_as_independent"))
-    notes += belt_speed_notes(mean_belt_speed(lab.belts), calibration)
-    return [*notes, *corrected_sensors(lab.sensors), *lab.laboratory.notes]
+    low_pass = (
+        f"with plates low-passed as in the calibration ({FILTER}, {treadmill.cutoff_hz:g} Hz)"
+    )
+    how = Note.of(
+        "plates_compensated",
+        model="dynamic" if lab.lags_s else "static",
+        accelerometers=tuple(treadmill.accelerometers),
+        low_pass="in real time, without a low-pass before" if method == "realtime" else low_pass,
+        delay_s={sensor.name: sensor.correction_s for sensor in lab.sensors},
+    )
+    limits = uncertainty_limits(mean_belt_speed(lab.belts), calibration)
+    return [*calibration_doubts(lab), how, *limits, *lab.laboratory.notes]
 
 
 def _compensated(model: InertiaModel, acceleration: Array, wrench: Array) -> Array:
@@ -326,8 +284,7 @@ def _compensated(model: InertiaModel, acceleration: Array, wrench: Array) -> Arr
     return result
 
 
-@dataclass(frozen=True, slots=True)
-class PlateLoad:
+class PlateLoad(NamedTuple):
     """The load on one plate.
 
     Attributes
@@ -338,24 +295,16 @@ class PlateLoad:
         Of its samples, on the markers' clock, (N,) [s].
     force
         Normal to its surface, on the subject, (N,) [N]; NaN where unknown.
-    step_s
-        Median time from one sample to the next.
     """
 
     number: int
     time: Array
     force: Array
-    step_s: float = field(init=False)
 
-    def __post_init__(self) -> None:
-        for name in ("time", "force"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-        if self.time.shape != self.force.shape or self.time.ndim != 1:
-            raise ValueError(
-                f"plate {self.number}: force {self.force.shape} does not fit the times "
-                f"{self.time.shape}"
-            )
-        object.__setattr__(self, "step_s", float(np.median(np.diff(self.time))))
+    @property
+    def step_s(self) -> float:
+        """Time from one sample to the next."""
+        return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
 
 
 def plate_loads(lab: BoundLaboratory) -> tuple[PlateLoad, ...]:
@@ -368,19 +317,12 @@ def plate_loads(lab: BoundLaboratory) -> tuple[PlateLoad, ...]:
     plates = lab.recording.plates
     forces = [plate.wrench_in_plate[:, :3] @ plate.rotation[2] for plate in plates]
     if lab.filtered is not None:
-        treadmill, times = lab.laboratory.treadmill, [plate.time for plate in plates]
-        felt = at_times_of_plates(*lab.filtered, times, treadmill, lab.sensors, lab.lags_s)
-        forces = [
-            force - _predicted(model, one, plate.rotation[2])
-            for force, model, one, plate in zip(forces, lab.models, felt, plates, strict=True)
-        ]
+        times = [plate.time for plate in plates]
+        felt = at_plate_times(*lab.filtered, times, lab.sensor_delays_s, lab.lags_s)
+        for k, (model, plate) in enumerate(zip(lab.models, plates, strict=True)):
+            gain = model.gain[:, :3] @ plate.rotation[2]
+            forces[k] = forces[k] - (felt[k] @ gain[:-1] + gain[-1])
     return tuple(
         PlateLoad(plate.number, plate.time - delay, force)
         for plate, delay, force in zip(plates, lab.delays_s, forces, strict=True)
     )
-
-
-def _predicted(model: InertiaModel, acceleration: Array, normal: Array) -> Array:
-    """Predict the force along a direction of the plate, (N,); NaN where the acceleration is."""
-    gain = model.gain[:, :3] @ normal
-    return np.asarray(acceleration @ gain[:-1] + gain[-1])

@@ -478,49 +478,12 @@ def _rumble(d: BeltDrive, speed: Array, rate_hz: float, rng: np.random.Generator
     return np.asarray(white * np.minimum(np.abs(speed) / RUMBLE_FULL_MPS, 1))
 
 
-ROLLER_CIRCUMFERENCE_M: Final = 0.3
-"""Belt travel per revolution of a roller; assumed, a roller of about 10 cm diameter."""
-ROLLER_AHEAD_M: Final = 0.9
-ROLLER_HEIGHT_M: Final = -0.1
-"""Place of the front roller in the platform frame: at the front edge of the plate, one roller
-radius and the belt's support below its surface."""
-
-
-def run_linear_belt(
-    machine: Machine,
-    command: Array,
-    rate_hz: float,
-    unbalance_kg_per_m: float,
-    rng: np.random.Generator,
-) -> BeltMotion:
-    """Let a belt follow a commanded speed with an unbalanced front roller.
-
-    Parameters
-    ----------
-    machine
-        Bandwidth of the belt, and response of its moment to acceleration.
-    command
-        Commanded speed, (N,) [m/s].
-    rate_hz
-        Sampling rate [Hz].
-    unbalance_kg_per_m
-        Force of the roller by the square of the belt speed [N per (m/s)²].
-    rng
-        Source of the roller's angle at the first sample.
-
-    Returns
-    -------
-    BeltMotion
-        Reported as it is.
-    """
+def run_linear_belt(machine: Machine, command: Array, rate_hz: float) -> BeltMotion:
+    """Let a belt follow a commanded speed as a linear system; its motion is reported as it is."""
     speed = drive_belt(machine, command, rate_hz)
     acceleration = np.gradient(speed, 1 / rate_hz)
-    turned = 2 * np.pi * np.cumsum(speed) / rate_hz / ROLLER_CIRCUMFERENCE_M
-    angle = rng.uniform(0, 2 * np.pi) + turned
-    forward, upward = (unbalance_kg_per_m * speed**2 * f(angle) for f in (np.cos, np.sin))
-    moment = belt_moment(machine, acceleration, rate_hz)
-    moment += ROLLER_HEIGHT_M * forward - ROLLER_AHEAD_M * upward
-    return BeltMotion(speed, acceleration, speed, moment, forward, upward, 0 * speed)
+    moment, none = belt_moment(machine, acceleration, rate_hz), 0 * speed
+    return BeltMotion(speed, acceleration, speed, moment, none, none, none)
 
 
 def drive_belt(machine: Machine, command: Array, rate_hz: float) -> Array:
@@ -572,7 +535,6 @@ def make_drives(faults: BeltFaults, rng: np.random.Generator) -> Drives | None:
 def run_belts(
     machine: Machine,
     drives: Drives | None,
-    unbalance_kg_per_m: float,
     command: Array,
     rate_hz: float,
     rng: np.random.Generator,
@@ -586,8 +548,6 @@ def run_belts(
         The treadmill.
     drives
         Of the left and the right belt; None for belts that answer linearly.
-    unbalance_kg_per_m
-        Of a roller of those, as of `BeltFaults`.
     command
         (N,) [m/s].
     rate_hz
@@ -605,7 +565,7 @@ def run_belts(
     motions = []
     for k, own in enumerate(rng.spawn(2)):
         if drives is None:
-            motions.append(run_linear_belt(machine, command, rate_hz, unbalance_kg_per_m, own))
+            motions.append(run_linear_belt(machine, command, rate_hz))
         elif people is None or not people[k].any():
             motions.append(run_belt(drives[k], command, rate_hz, own))
         else:

@@ -9,7 +9,7 @@ from hbm.markers import Markers
 from hbm.spatial import Array, shift_wrench
 from pipeline.io.recording import Plate
 from pipeline.io.units import acceleration_in_mps2
-from pipeline.virtual_lab.faults import Faults, PlatformFaults
+from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.belts import Drives, carried_of_belts, make_drives, run_belts
 from pipeline.virtual_lab.machine.instruments import (
     FRAME_HZ,
@@ -143,16 +143,8 @@ def undergo(
     Response
         At the motion's samples.
     """
-    faults, rate_hz = treadmill.faults, motion.rate_hz
-    belts = run_belts(
-        treadmill.machine,
-        treadmill.drives,
-        faults.belts.unbalance_kg_per_m,
-        motion.belt,
-        rate_hz,
-        rng,
-        people,
-    )
+    rate_hz = motion.rate_hz
+    belts = run_belts(treadmill.machine, treadmill.drives, motion.belt, rate_hz, rng, people)
     loads = Loads(carried_of_belts(belts), people, on_frame)
     response = respond(
         treadmill.structure,
@@ -272,14 +264,6 @@ def measure_platform(
     return Markers(motion.time[::step], tuple(PLATFORM_MARKERS_M), measured)
 
 
-def _pose_delay(faults: PlatformFaults, rng: np.random.Generator) -> float:
-    """Draw how late the platform's channels are in one recording [s]."""
-    if faults.replay_frames == 0:
-        return faults.delay_s
-    frames = rng.integers(-faults.replay_frames, faults.replay_frames, endpoint=True)
-    return faults.delay_s + float(frames) / FRAME_HZ
-
-
 def measure_pose(
     treadmill: InstrumentedTreadmill, motion: TreadmillMotion, rng: np.random.Generator
 ) -> Channels:
@@ -287,8 +271,11 @@ def measure_pose(
     of_delay, of_stream = rng.spawn(2)
     sway_mm, pitch_deg = 1000 * motion.platform.sway[0], np.degrees(motion.platform.pitch[0])
     true = np.column_stack([sway_mm, pitch_deg])
-    delay_s = _pose_delay(treadmill.faults.platform, of_delay)
-    scale = treadmill.faults.clocks.scale
+    scale, faults = treadmill.faults.clocks.scale, treadmill.faults.platform
+    delay_s = faults.delay_s
+    if faults.replay_frames:
+        most = faults.replay_frames
+        delay_s += float(of_delay.integers(-most, most, endpoint=True)) / FRAME_HZ
     stream = Stream(delay_s, scale * STREAM_JITTER_S, scale * DOUBLED_PER_MINUTE)
     return (
         (SWAY_CHANNEL, PITCH_CHANNEL),

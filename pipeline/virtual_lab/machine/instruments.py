@@ -90,29 +90,6 @@ def interpolated(values: Array, position: Array) -> Array:
     return total
 
 
-def delayed(values: Array, delay_s: float, time: Array) -> Array:
-    """Give what a late instrument reports at the times of the others.
-
-    Parameters
-    ----------
-    values
-        What happens, (N, C).
-    delay_s
-        How much later the instrument is [s].
-    time
-        Sample times at equal intervals, (N,) [s].
-
-    Returns
-    -------
-    Array
-        The values ``delay_s`` earlier, (N, C); the first value before there are any.
-    """
-    if delay_s == 0:
-        return values
-    samples = delay_s / (time[1] - time[0])
-    return interpolated(values, np.arange(len(values)) - samples)
-
-
 def noise_sd_at(sd: Array | float, rate_hz: float) -> Array:
     """Give the standard deviation at a sampling rate of white noise stated for `ANALOG_HZ`.
 

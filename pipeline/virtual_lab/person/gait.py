@@ -47,20 +47,6 @@ ARRIVING: Final = 0.90, 1.0
 """Phases of the gait cycle between which a swinging foot regains its full weight; assumed."""
 
 
-def load_share(phase: Array) -> Array:
-    """Give the share of body weight on a foot at phases of its own gait cycle, (T,)."""
-    overlap = STANCE - 0.5
-    cycle = phase % 1
-    return np.asarray(smooth_step(cycle / overlap) - smooth_step((cycle - 0.5) / overlap))
-
-
-def floor_contact(phase: Array) -> Array:
-    """Give how firmly the floor holds a foot at phases of its own gait cycle, (T,), 0 to 1."""
-    cycle = phase % 1
-    released, landed = (smooth_step((cycle - a) / (b - a)) for a, b in (LEAVING, LANDING))
-    return np.asarray(1 - released + landed)
-
-
 def roll_over(phase: Array) -> Array:
     """Give the place of the centre of pressure between heel (0) and toe tip (1), (T,)."""
     return np.interp(np.clip((phase % 1) / STANCE, 0, 1), *ROLL_OVER)

@@ -25,8 +25,8 @@ from pipeline.virtual_lab.machine.instruments import (
     PLATE_CENTERS_M,
     PLATE_WIDTH_M,
     SAMPLES_PER_FRAME,
+    Clock,
     ForcePlate,
-    delayed,
     measure_markers,
     recorded_plate,
 )
@@ -205,6 +205,7 @@ CONTACT_S: Final = (0.002, 0.006)
 HAMMER_MARKER_M: Final = 0.25
 """Height of the marker above the head of the hammer."""
 
+CAMERAS: Final = CameraFaults(noise_m=0.0001, gaps_per_minute=0.0)
 MOMENT_NOISE_M: Final = 0.2
 """Noise of a plate's moments per noise of its forces [N·m per N]; assumed."""
 
@@ -276,21 +277,20 @@ x to the right, y up and z to the back, as in its Table I and in ``thesis.toml``
 
 @dataclass(frozen=True, slots=True)
 class _SetUp:
-    """A plate and cameras with their errors, and the source of their noise."""
+    """A plate with its errors, and the source of its noise and the cameras'."""
 
     errors: PlateErrors
-    cameras: CameraFaults
     rng: np.random.Generator
 
     def record_marker(self, place: Array) -> Array:
         """Record a marker whose place at 1000 Hz is given, (T, 1, 3) [m]."""
         frames = place[::SAMPLES_PER_FRAME, None]
-        return measure_markers(frames, self.cameras, self.rng, FRAME_HZ)
+        return measure_markers(frames, CAMERAS, self.rng, FRAME_HZ)
 
     def measure(self, wrench: Array, belt: str) -> Array:
         """Record a wrench about the cameras' origin by a plate about its centre, (N, 6)."""
-        errors, time = self.errors, _times(wrench)
-        late = delayed(wrench, errors.delay_s, time)
+        errors = self.errors
+        late = Clock(errors.delay_s).sample(wrench, ANALOG_HZ, self.rng)
         c, s = np.cos(errors.angle_rad), np.sin(errors.angle_rad)
         rotation = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
         aligned = transform_wrench(late, rotation, np.array([*errors.offset_m, 0.0]))
@@ -308,7 +308,6 @@ def simulate_plates(
     profiles: Sequence[str] = ("sine", "square"),
     belts: Sequence[str] = tuple(PLATES),
     supports: Sequence[bool] = (True, False),
-    marker_noise_m: float = 0.0001,
 ) -> None:
     """Write a folder with ``plates.toml`` and its recordings for `hbm plates`.
 
@@ -323,13 +322,10 @@ def simulate_plates(
     speeds, weights, positions, profiles, belts, supports
         Of the recordings, in all combinations: [m/s], [kg], from the belt's outer edge [m].
         Supports take three quarters of the vibration away.
-    marker_noise_m
-        White noise of the cameras at 100 Hz, SD [m].
     """
     of_belt = errors if isinstance(errors, Mapping) else dict.fromkeys(belts, errors)
-    cameras = CameraFaults(noise_m=marker_noise_m, gaps_per_minute=0.0)
     rng = np.random.default_rng(seed)
-    labs = {belt: _SetUp(of_belt.get(belt) or PlateErrors(), cameras, rng) for belt in belts}
+    labs = {belt: _SetUp(of_belt.get(belt) or PlateErrors(), rng) for belt in belts}
     lines = ['name = "virtual plates"', 'axes = "left,back,up"']
     lines += [f"center_height_m = {CENTER_HEIGHT_M}", f"full_scale_n = {FULL_SCALE_N}", ""]
     for belt, lab in labs.items():

@@ -1,7 +1,6 @@
 """Experiment 2 in the virtual laboratory: all calibration and validation recordings."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -9,7 +8,6 @@ import numpy as np
 
 from compensation.protocol import belt_signals, pitch_and_sway_signals, validation_signals
 from compensation.signals import Signal
-from hbm.spatial import Array
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Recording
 from pipeline.virtual_lab.faults import Faults
@@ -39,79 +37,45 @@ BESIDE_THE_BELTS: Final = (bystander.stepping_on_boards,)
 """Who is on the frame and not on the right belt."""
 
 
-@dataclass(frozen=True, slots=True)
-class PlannedTrial:
-    """A trial of the experiment.
-
-    Attributes
-    ----------
-    folder
-        Sub-folder of the experiment that its recording belongs to.
-    signal
-        What the treadmill is commanded.
-    load
-        Load of a person on the platform; None without a person.
-    """
-
-    folder: str
-    signal: Signal
-    load: bystander.LoadPattern | None = None
+Planned = tuple[str, Signal, bystander.LoadPattern | None]
+"""Sub-folder of a recording, what the treadmill is commanded, and the load of a person, if any."""
 
 
-def planned_trials(seed: int) -> Iterator[PlannedTrial]:
+def planned_trials(seed: int) -> Iterator[Planned]:
     """List the trials of the experiment in the order in which they are recorded."""
     for n, speed in enumerate(PLATFORM_BELT_SPEEDS_MPS):
         for signal in pitch_and_sway_signals(2 * seed + n, speed):
-            yield PlannedTrial("calibration", signal)
+            yield "calibration", signal, None
     for n, speed in enumerate(BELT_SPEEDS_MPS):
         for signal in belt_signals(2 * seed + n, speed):
-            yield PlannedTrial("belt_calibration", signal)
+            yield "belt_calibration", signal, None
     *platform, belt, with_person = validation_signals(seed)
     for signal in platform:
-        yield PlannedTrial("validation", signal, BYSTANDERS[signal.name])
-    yield PlannedTrial("belt_validation", belt)
-    yield PlannedTrial("belt_person", with_person, bystander.walking)
+        yield "validation", signal, BYSTANDERS[signal.name]
+    yield "belt_validation", belt, None
+    yield "belt_person", with_person, bystander.walking
 
 
-def recordings(
-    seed: int,
-    *,
-    rate_hz: float = ANALOG_HZ,
-    faults: Faults | None = None,
-) -> Iterator[tuple[str, Recording]]:
-    """Record the trials of the experiment.
+def recordings(seed: int, *, rate_hz: float = ANALOG_HZ) -> Iterator[tuple[str, Recording]]:
+    """Record the trials of the experiment; give sub-folder and recording of each.
 
-    Parameters
-    ----------
-    seed
-        Seed of signals, people, instruments and noise.
-    rate_hz
-        Sampling rate of the analog channels [Hz].
-    faults
-        Of the laboratory; by default `Faults`.
-
-    Yields
-    ------
-    tuple
-        Sub-folder of the experiment and recording.
+    ``seed`` is that of signals, people, instruments and noise, ``rate_hz`` the sampling rate of the
+    analog channels.
     """
     rng = np.random.default_rng((seed, TRIAL_STREAM))
-    treadmill = make_treadmill(faults or Faults(), seed)
-    for trial in planned_trials(seed):
-        on_belt: Array | None = None
-        on_frame: Array | None = None
-        if trial.load is not None:
-            load = trial.load(sample_times(trial.signal, rate_hz), rng)
-            on_belt, on_frame = (None, load) if trial.load in BESIDE_THE_BELTS else (load, None)
+    treadmill = make_treadmill(Faults(), seed)
+    for folder, signal, person in planned_trials(seed):
+        load = None if person is None else person(sample_times(signal, rate_hz), rng)
+        beside, noise = person in BESIDE_THE_BELTS, int(rng.integers(2**31))
         yield (
-            trial.folder,
+            folder,
             record_signal_trial(
-                trial.signal,
-                seed=int(rng.integers(2**31)),
+                signal,
+                seed=noise,
                 rate_hz=rate_hz,
                 treadmill=treadmill,
-                load=on_belt,
-                on_frame=on_frame,
+                load=None if beside else load,
+                on_frame=load if beside else None,
             ),
         )
 

@@ -93,22 +93,6 @@ def test_only_a_delay_whose_interval_excludes_none_is_corrected():
     late = Sensor("rear", 0.0002, 0.00015)
     assert late.correction_s == 0.0
     assert describe_sensors((late,)) == ()
-    surely = replace(late, delay_error_s=0.00005)
-    assert surely.correction_s == 0.0002
-    assert [note.code for note in describe_sensors((surely,))] == ["accelerometer_late"]
-    unknown = describe_sensors((replace(late, delay_error_s=None),))
-    assert [note.code for note in unknown] == ["accelerometer_delay_unknown"]
-
-
-@pytest.mark.parametrize(
-    ("values", "error"),
-    [
-        ({"delay_s": "5 ms"}, TypeError),
-        ({"delay_s": float("nan")}, ValueError),
-        ({"noise_mps2": -1.0}, ValueError),
-        ({"noise_mps2": True}, TypeError),
-    ],
-)
-def test_a_sensor_that_cannot_be_is_refused(values, error):
-    with pytest.raises(error, match="rear"):
-        Sensor("rear", **values)
+    assert replace(late, delay_error_s=0.00005).correction_s == 0.0002
+    (unknown,) = describe_sensors((replace(late, delay_error_s=None),))
+    assert unknown.values["sensors"] == ("rear",)

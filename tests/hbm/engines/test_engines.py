@@ -84,15 +84,6 @@ def test_the_residual_moment_is_right_where_two_axes_of_the_pelvis_coincide(
     assert_same(*by_both(body, replace(motion, q=q), wrenches))
 
 
-def test_the_number_of_threads_changes_nothing(body, motion, wrenches):
-    for engine in ENGINES:
-        one, two = (
-            inverse_dynamics(body, motion, wrenches, jobs=jobs, engine=engine) for jobs in (1, 2)
-        )
-        np.testing.assert_array_equal(one.tau, two.tau)
-        np.testing.assert_array_equal(one.residual, two.residual)
-
-
 def test_without_pinocchios_parallel_function_the_numbers_are_the_same(
     body, motion, wrenches, monkeypatch
 ):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hbm.kernels.build import disagreement, random_inputs
-from hbm.kernels.kernel import OneFrameKernel, casadi_function, kernel_sizes
+from hbm.kernels.kernel import OneFrameKernel
 from hbm.kernels.native import (
     WIDTHS,
     compiled_kernels,
@@ -98,14 +98,6 @@ def test_the_virtual_machine_can_be_requested(monkeypatch):
     assert load(pytest.fail).backend == "virtual machine (HBM_KERNELS)"
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_the_sizes_of_inputs_and_outputs_are_those_of_the_symbolic_functions(name):
-    function = casadi_function(name)
-    sizes_in, sizes_out = kernel_sizes(name)
-    assert sizes_in == tuple(function.size1_in(i) for i in range(function.n_in()))
-    assert sizes_out == tuple(function.size1_out(i) for i in range(function.n_out()))
-
-
 @pytest.mark.parametrize("jobs", [2, 7])
 @pytest.mark.parametrize("frames", [1, 63, 64, 1000])
 def test_kernels_do_not_depend_on_the_number_of_threads(frames, jobs):
@@ -126,12 +118,6 @@ def test_one_frame_after_another_gives_what_all_at_once_give(ready, name, consta
         found = one(*(x[k] for x in inputs[:-constants]))
         for ours, whole in zip(found, expected, strict=True):
             np.testing.assert_allclose(ours, whole[k], rtol=1e-12, atol=1e-12)
-
-
-def test_a_kernel_refuses_input_of_the_wrong_shape():
-    kernel = kernels().segment_poses
-    with pytest.raises(ValueError, match=r"input 0 must have shape \(3, 46\), got \(3, 45\)"):
-        kernel(np.zeros((3, 45)), np.zeros(kernel.sizes_in[1]))
 
 
 @pytest.mark.parametrize("revolutions", [0.5, 30.0, 1e5])

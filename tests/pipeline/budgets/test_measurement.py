@@ -5,16 +5,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pipeline.budgets.explanation import (
-    FORMAT_VERSION,
-    Explanation,
-    study_covariances,
-    what_is_missing,
-)
+from pipeline.budgets.explanation import FORMAT_VERSION, Explanation, study_covariances
 from pipeline.explain.budget import Budget, RmsUncertainty
 from pipeline.trial.residuals import AXES
 
-DOCS = Path(__file__).parents[3] / "docs"
 NONE = np.full(6, np.nan)
 
 
@@ -25,8 +19,6 @@ def uncertainty(*draws, compensated=False):
         rms=NONE,
         mean=NONE,
         deviation=NONE,
-        of_noise=NONE,
-        causes=(),
         draws=np.repeat(np.array(draws, float)[:, None], 6, axis=1),
     )
 
@@ -60,7 +52,7 @@ TRIALS = (("s1", "baseline"), ("s1", "sway"))
 
 def covariance(first, second):
     """Of Mz of two trials of a subject."""
-    found = study_covariances(dict(zip(TRIALS, (first, second), strict=True)), table(*TRIALS))
+    found, _ = study_covariances(dict(zip(TRIALS, (first, second), strict=True)), table(*TRIALS))
     assert tuple(found) == AXES
     return found["Mz"].to_numpy()
 
@@ -79,25 +71,22 @@ def test_the_part_of_the_cycles_that_a_condition_asks_for_goes_before_whole_cycl
 def test_a_part_of_the_cycles_is_not_taken_to_be_as_sure_as_whole_ones():
     residuals = table(TRIALS[0], window="motion")
     whole = {TRIALS[0]: explanation(uncertainty(1.0, 3.0))}
-    assert study_covariances(whole, residuals) is None
+    assert study_covariances(whole, residuals)[0] is None
     part = {TRIALS[0]: explanation(uncertainty(1.0, 3.0), of_window=(uncertainty(1.0, 11.0),))}
-    np.testing.assert_allclose(study_covariances(part, residuals)["Fx"], 50.0)
+    np.testing.assert_allclose(study_covariances(part, residuals)[0]["Fx"], 50.0)
 
 
 def test_measured_and_compensated_plates_are_values_of_their_own():
     both = explanation(uncertainty(0.0, 2.0), uncertainty(0.0, 6.0, compensated=True))
-    found = study_covariances({TRIALS[0]: both}, table(TRIALS[0]))["Fx"]
+    found = study_covariances({TRIALS[0]: both}, table(TRIALS[0]))[0]["Fx"]
     assert list(found) == [(*TRIALS[0], False), (*TRIALS[0], True)]
     np.testing.assert_allclose(found, [[2, 6], [6, 18]])
 
 
 def test_a_trial_without_explanation_leaves_the_study_without_intervals_and_a_line_says_so():
     known = {TRIALS[0]: explanation(uncertainty(1.0, 2.0))}
-    assert study_covariances(known, table(*TRIALS)) is None
-    assert what_is_missing(known, table(*TRIALS)) == (
-        "'hbm explain RESULTS' adds intervals of measurement; 1 of 2 trials are explained."
-    )
-    assert what_is_missing({}, table(*TRIALS)) == (
-        "'hbm explain RESULTS' adds intervals of measurement."
-    )
-    assert what_is_missing(known, table(TRIALS[0])) == ""
+    line = "'hbm explain RESULTS' adds intervals of measurement"
+    some = study_covariances(known, table(*TRIALS))
+    assert some == (None, f"{line}; 1 of 2 trials are explained.")
+    assert study_covariances({}, table(*TRIALS)) == (None, f"{line}.")
+    assert study_covariances(known, table(TRIALS[0]))[1] == ""

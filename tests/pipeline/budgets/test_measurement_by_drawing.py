@@ -7,8 +7,7 @@ import pytest
 from pipeline.budgets.explanation import explain, study_covariances
 from pipeline.config.study import read_study
 from pipeline.explain.cause import SHARED_WITHIN
-from pipeline.explain.explain import explained_part, left_by_filter
-from pipeline.explain.sizes import linearised
+from pipeline.explain.linearise import explained_part, left_by_filter, linearised
 from pipeline.statistics.measurement import deviation, mean_covariance
 from pipeline.trial.process import process_trial
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
@@ -40,7 +39,7 @@ def drawn(trials):
     for name, trial in trials.items():
         part = explained_part(*trial)
         chain, counts = part.chain, part.counts
-        linear = linearised(chain, part.causes, left_by_filter(chain), part.series)
+        as_measured, *_ = linearised(chain, part.causes, left_by_filter(chain), part.series)
         square = np.zeros((DRAWS, 6))
         own = []
         for cause in part.causes:
@@ -51,7 +50,7 @@ def drawn(trials):
             own.append(cause.prior.size * (size if cause.along is None else size @ cause.along))
         frames = np.flatnonzero(counts)
         for frame in frames:
-            residual = chain.residual[frame] + np.transpose(own) @ linear.as_measured[:, frame]
+            residual = chain.residual[frame] + np.transpose(own) @ as_measured[:, frame]
             square += residual**2 / len(frames)
         found[name] = np.sqrt(square)
     return found
@@ -62,7 +61,7 @@ def covariances(trials):
     """The same by the delta method."""
     found = {("sub01", name): explain(*trial) for name, trial in trials.items()}
     table = pd.DataFrame(list(found), columns=["subject", "condition"]).assign(window="cycle")
-    return study_covariances(found, table)
+    return study_covariances(found, table)[0]
 
 
 def by_delta(covariances, cells, weights):

@@ -7,7 +7,6 @@ import pytest
 
 from pipeline.budgets.words import (
     MASS,
-    are_apart,
     group_name,
     how_to_tell_apart,
     most_worth_mending,
@@ -19,22 +18,15 @@ from pipeline.explain.cause import OF_PERSON
 CAUSE = EstimatedCause("x", "gain", "1", 0.012, 0.001, 0.01, np.ones(6))
 
 
-def test_groups_of_one_owner_are_named_as_his():
-    assert group_name(["zero"]) == "plates' zero"
+def test_groups_are_named_by_their_owner_once_and_the_persons_as_one():
     assert group_name(["zero", "place"]) == "plates' zero, or their place and direction"
     assert group_name(["gain", "inertia"]) == "plates' gain and cross-talk, or body's masses"
+    assert group_name(["zero", *OF_PERSON]) == "plates' zero, or body and markers"
 
 
 def test_all_but_one_of_the_groups_have_to_be_known_to_tell_them_apart():
     assert len(how_to_tell_apart(["zero", "gain", "inertia"])) == 2
     assert len(how_to_tell_apart(["zero", *OF_PERSON])) == 1
-
-
-def test_body_and_markers_are_one_to_the_reader():
-    assert group_name(["zero", *OF_PERSON]) == "plates' zero, or body and markers"
-    assert group_name(["markers"]) == "joints and markers"
-    assert not are_apart(OF_PERSON)
-    assert are_apart(["gain", *OF_PERSON])
     assert how_to_tell_apart(OF_PERSON) == ()
 
 
@@ -92,19 +84,11 @@ def test_a_delay_that_a_calibration_gives_is_not_stated_a_second_time():
     assert found.action == "measure the plates' delay (plates are late 12.0 ± 2.0 ms)"
 
 
-def test_what_may_be_zero_is_not_worth_mending():
-    assert most_worth_mending(budget(replace(CAUSE, deviation=0.01)), Processed, Uncalibrated) == ()
-
-
-def test_what_changes_no_residual_is_not_worth_mending():
-    assert (
-        most_worth_mending(budget(replace(CAUSE, left=2 * np.ones(6))), Processed, Uncalibrated)
-        == ()
-    )
-
-
-def test_what_nothing_in_the_laboratory_changes_is_not_worth_mending():
-    assert (
-        most_worth_mending(budget(replace(CAUSE, group="soft_tissue")), Processed, Uncalibrated)
-        == ()
-    )
+@pytest.mark.parametrize(
+    "changed",
+    [{"deviation": 0.01}, {"left": 2 * np.ones(6)}, {"group": "soft_tissue"}],
+    ids=["may be zero", "changes no residual", "nothing to do"],
+)
+def test_what_is_not_sure_or_changes_nothing_is_not_worth_mending(changed):
+    own = budget(replace(CAUSE, **changed))
+    assert most_worth_mending(own, Processed, Uncalibrated) == ()

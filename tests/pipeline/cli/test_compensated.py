@@ -1,7 +1,5 @@
 """Compensated C3D files on the command line: what is written, printed, and refused in one line."""
 
-import shutil
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -94,16 +92,6 @@ def test_a_study_is_written_to_a_folder_and_can_be_written_again(moving_study, t
     assert (out / "sub02_pitch.c3d").is_file()
 
 
-@pytest.mark.slow
-def test_the_recordings_of_a_study_cannot_be_overwritten(moving_study, tmp_path, capsys):
-    copy = tmp_path / "study"
-    shutil.copytree(moving_study, copy)
-    before = {path.name: path.read_bytes() for path in copy.glob("*.c3d")}
-    assert main(["export", str(copy), "--c3d", "--out", str(copy)]) == 1
-    assert "0 recordings with compensated plates" in capsys.readouterr().out
-    assert {path.name: path.read_bytes() for path in copy.glob("*.c3d")} == before
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -122,13 +110,6 @@ def test_options_that_do_not_fit_are_refused(
     assert main(["export", str(trial), *options]) == 2
     assert message in line_of_error(capsys)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_frame_needs_the_platform(trial, calibration, tmp_path, capsys):
-    command = ["export", str(trial), "--c3d", "--calibration", str(calibration), "--frame", "lab"]
-    assert main([*command, "--out", str(tmp_path / "out")]) == 2
-    assert "--frame lab needs the pose of the platform" in line_of_error(capsys)
-    assert main([*command, *MARKERS, "--out", str(tmp_path / "out")]) == 0
 
 
 def test_a_study_takes_no_options_of_a_trial(moving_study, calibration, tmp_path, capsys):

@@ -15,7 +15,7 @@ import pandas as pd
 import pytest
 
 from pipeline.cli.app import main
-from pipeline.cli.live_session import missing_teller, take_new
+from pipeline.cli.live_session import take_new
 from pipeline.io.read import read_recording
 from pipeline.live.recording import RESULTS, STREAMS
 from pipeline.trial.quality import Quality
@@ -150,7 +150,7 @@ def test_a_session_that_is_stopped_twice_still_ends_with_a_whole_recording(
     assert "frames received" in said
     assert "Traceback" not in said
     codes = [note.code for note in read_recording(out / STREAMS).notes]
-    assert "recording_unended" not in codes
+    assert "cut_short" not in codes
 
 
 @pytest.mark.slow
@@ -217,29 +217,13 @@ def test_the_address_is_that_of_the_option_or_of_the_study(walk, tmp_path, capsy
 def test_streams_that_are_not_there_are_named(walk, tmp_path, capsys, monkeypatch):
     pytest.importorskip("pylsl", reason="the extra live is not installed")
     monkeypatch.setattr("pipeline.cli.live_session.SEARCH_S", 0.8)
-    monkeypatch.setattr("pipeline.cli.live_session.MISSING_S", 0.2)
     stated = '[conditions.level]\n[live]\nmarkers = "Nobody"\nanalog = ["Nor plates"]\n'
     study, out = study_of(tmp_path / "study", stated), tmp_path / "out"
     assert main(["live", "--study", str(study), "--static", str(walk), "--out", str(out)]) == 2
     said = capsys.readouterr()
-    assert re.search("missing: Nobody, Nor plates; there: .*; searching for 0.8 s", said.out)
     assert "no stream is called 'Nobody', 'Nor plates' within 0.8 s" in said.err
     assert "start what sends them" in said.err
     assert not out.exists()
-
-
-def test_what_is_missing_is_said_after_a_while_and_again_when_it_changes(monkeypatch):
-    said, now = [], [0.0]
-    monkeypatch.setattr("time.monotonic", lambda: now[0])
-    console = SimpleNamespace(say=said.append)
-    tell = missing_teller(console)
-    both, plates = (["Markers", "Plates"], []), (["Plates"], ["Markers"])
-    for now[0], names in ((4.9, both), (5.1, both), (6.0, both), (7.0, plates), (8.0, plates)):
-        tell(*names)
-    assert said == [
-        "missing: Markers, Plates; there: none; searching for 60 s (stop with Ctrl-C)",
-        "missing: Plates; there: Markers; searching for 60 s (stop with Ctrl-C)",
-    ]
 
 
 @pytest.mark.slow
@@ -275,6 +259,6 @@ def test_a_sender_that_comes_back_with_another_marker_ends_the_session_whole(wal
     change = "came back with another description of its channels; begin a new session"
     assert f"ended by itself: stream 'Markers' {change}" in said
     recorded = read_recording(out / STREAMS)
-    assert "recording_unended" not in [note.code for note in recorded.notes]
+    assert "cut_short" not in [note.code for note in recorded.notes]
     assert 100 < len(recorded.markers.time) < 100 * DURATION_S / 2
     assert "ELSE" not in recorded.markers.names

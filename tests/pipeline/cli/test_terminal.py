@@ -74,9 +74,7 @@ def table(*cells):
         lambda screen: screen.print(HOSTILE),
         lambda screen: screen.print(HOSTILE, soft_wrap=True),
         lambda screen: screen.print(Text(HOSTILE)),
-        lambda screen: screen.print(
-            note_line(Note.of("platform_pose_from_markers", markers=[HOSTILE]))
-        ),
+        lambda screen: screen.print(note_line(Note.of("platform_pose", source=HOSTILE))),
         lambda screen: print_table(table(*[HOSTILE] * 5), screen),
         lambda screen: screen.print(Table(HOSTILE)),
     ],

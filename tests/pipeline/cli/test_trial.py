@@ -107,12 +107,6 @@ def test_percentages_are_of_body_weight_and_of_body_weight_times_stature(result)
     np.testing.assert_allclose(table["rms_percent"], 100 * table["rms"] / scale, rtol=1e-4)
 
 
-def test_the_figure_is_written_for_paper_and_for_screen(result):
-    out = result[0]
-    assert (out / "treadmill_events_residuals.png").read_bytes().startswith(b"\x89PNG")
-    assert "<svg" in (out / "treadmill_events_residuals.svg").read_text(encoding="utf-8")
-
-
 def test_the_readme_shows_what_the_command_prints(result):
     """Within a tenth: rounding may differ, no number may be out of date."""
     readme = (Path(__file__).parents[3] / "README.md").read_text(encoding="utf-8")
@@ -133,32 +127,6 @@ def test_no_other_file_is_written(result):
     ]
 
 
-def test_a_name_with_dots_keeps_all_of_it(real_trial, tmp_path):
-    """Or the second of ``walk.1.c3d`` and ``walk.2.c3d`` would take the first one's place."""
-    trial = tmp_path / "walk.1.c3d"
-    trial.symlink_to(real_trial)
-    processed(trial, tmp_path / "out", "--mass-kg", "55.3")
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
-        "walk.1.parquet",
-        "walk.1_cycles.csv",
-        "walk.1_residuals.csv",
-        "walk.1_residuals.png",
-        "walk.1_residuals.svg",
-    ]
-
-
-def test_the_summary_holds_what_the_result_was_made_from(result):
-    summary = result[2]
-    assert summary.source.name == "treadmill_events.c3d"
-    assert summary.subject.sex == "female"
-    assert summary.body.mass == 55.3
-    assert summary.settings.filter == "zero_phase"
-    assert summary.settings.cutoff_hz == 6.0
-    assert summary.motion.converged.all()
-    assert {"hbm-residuals", "casadi", "numpy", "scipy"} <= set(summary.versions)
-    assert "RShoulderFlexion" in summary.body.locked
-
-
 def test_what_is_printed_is_what_is_in_the_table(real_trial, tmp_path, capsys):
     *_, summary, table = processed(
         real_trial, tmp_path, "--mass-kg", "55.3", "--filter", "realtime", "--cutoff-hz", "8"
@@ -174,7 +142,7 @@ def test_what_is_printed_is_what_is_in_the_table(real_trial, tmp_path, capsys):
         verdict = "passes" if limit.passed else "FAILS"
         assert f"{verdict} Hicks (2015): peak residual {limit.quantity}" in out
     for note in summary.notes:
-        assert f"{note} [{note.code}]" in out
+        assert str(note) in out
     markers = marker_table(summary).set_index("marker")["rms_mm"][:-1]
     assert f"{markers.idxmax()} {markers.max():.1f}" in out
 

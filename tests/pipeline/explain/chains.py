@@ -1,23 +1,31 @@
 """Chains of a person whose markers sit where the model has them, on plates that measure nothing."""
 
+from types import SimpleNamespace
+
 import numpy as np
 
 from hbm.coordinates import INDEX, N_Q
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers
 from hbm.poses import marker_positions
-from pipeline.config.schema import Settings
+from pipeline.config.schema import Settings, Treadmill
 from pipeline.explain.processing_chain import ProcessingChain
+from pipeline.trial.ground.laboratory import BoundLaboratory, Laboratory
 from tests.synthetic import synthetic_body
 
 
-def chain_of(time, coordinates):
-    """Give the chain of a motion: coordinate -> its course over time; the others stay at zero."""
+def chain_of(time, coordinates, only=None):
+    """Give the chain of a motion: coordinate -> its course over time; the others stay at zero.
+
+    All segments have markers, or only one.
+    """
     body, settings = synthetic_body(), Settings()
     q = np.zeros((len(time), N_Q))
     for name, course in coordinates.items():
         q[:, INDEX[name]] = course
-    markers = Markers(time, body.markers, marker_positions(body, q))
+    seen = [k for k, on in enumerate(body.marker_segment) if only in (None, on)]
+    names = tuple(body.markers[k] for k in seen)
+    markers = Markers(time, names, marker_positions(body, q)[:, seen])
     q = solve_ik(body, markers).q
     return ProcessingChain(
         time=time,
@@ -25,7 +33,7 @@ def chain_of(time, coordinates):
         body=body,
         markers=markers,
         q=q,
-        plates=(),
         wrenches=(),
         pose=None,
+        lab=BoundLaboratory(SimpleNamespace(plates=()), Laboratory(Treadmill()), ()),
     )

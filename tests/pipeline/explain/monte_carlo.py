@@ -6,7 +6,6 @@ the inverse kinematics is solved again, and plates and markers have other noise.
 
 import numpy as np
 
-from pipeline.explain.causes.markers import MarkerCause
 from pipeline.explain.uncertainty import with_noise
 
 
@@ -15,23 +14,12 @@ def draw_residuals(chain, causes, draws, seed=0):
     rng = np.random.default_rng(seed)
     for _ in range(draws):
         size = rng.standard_normal(len(causes)) * [cause.prior.size for cause in causes]
-        changed, position = chain, chain.markers.position.copy()
-        unseen = np.zeros_like(chain.q)
+        changed, unseen = chain, np.zeros_like(chain.q)
         for cause, own in zip(causes, size, strict=True):
-            if isinstance(cause, MarkerCause):
-                displace(cause, position, unseen, own)
-            else:
-                changed = cause.change(changed, own)
-        yield with_noise(changed, position, unseen, rng).residual
-
-
-def displace(cause, position, unseen, size):
-    """Displace markers, (T, K, 3), by a size; where none shows it, coordinates, (T, 46)."""
-    moved, step = cause.displacement, size * cause.course
-    if len(moved.columns):
-        position[:, moved.columns] += step[:, None, None] * moved.position
-    else:
-        unseen += step[:, None] * moved.q
+            before, changed = changed, cause.change(changed, own)
+            if "without markers" in cause.name:
+                unseen += changed.q - before.q
+        yield with_noise(changed, changed.markers.position, unseen, rng).residual
 
 
 def drawn_rms(part, draws):

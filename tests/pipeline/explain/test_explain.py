@@ -7,7 +7,8 @@ import pytest
 
 from pipeline.config.schema import Treadmill
 from pipeline.explain.budget import EstimatedCause
-from pipeline.explain.explain import explain_trial, left_by_filter
+from pipeline.explain.explain import explain_trial
+from pipeline.explain.linearise import left_by_filter
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 
@@ -78,7 +79,7 @@ def test_a_body_that_only_moves_up_and_down_leaves_nothing_to_the_filter(chain):
     q = np.zeros_like(chain.q)
     q[:, 2] = 1.0 + 0.02 * np.sin(2 * np.pi * 2.0 * chain.time)
     wrenches = [np.zeros_like(each) for each in chain.wrenches]
-    moving = chain.with_coordinates(q).with_wrenches(wrenches)
+    moving = chain.changed(q=q, wrenches=wrenches)
     left = left_by_filter(moving)[200:-200]
     # what the filter with the higher cut-off takes of the motion, 1e-4 of it
     assert np.abs(left[:, :3]).max() < 1e-3 * np.abs(moving.residual[200:-200, 2]).max()

@@ -39,7 +39,7 @@ def test_a_heavier_pelvis_needs_its_own_weight_and_inertia_more(chain):
     tensor = pelvis.tensor + pelvis.mass * (apart @ apart * np.eye(3) - np.outer(apart, apart))
     tensor = tensor + (own @ own * np.eye(3) - np.outer(own, own))
     segments = dict(chain.body.segments) | {"pelvis": Inertia(total, center, tensor)}
-    heavier = chain.with_body(replace(chain.body, segments=segments))
+    heavier = chain.changed(body=replace(chain.body, segments=segments))
     added = heavier.residual - chain.residual
     expected = chain.motion.acceleration[:, :3] + [0, 0, GRAVITY_MPS2]
     np.testing.assert_allclose(added[:, :3], expected, atol=1e-9)
@@ -49,7 +49,7 @@ def test_a_heavier_pelvis_needs_its_own_weight_and_inertia_more(chain):
 def test_a_load_on_a_plate_acts_on_the_residual_where_the_plate_is(chain):
     load = np.array([0.0, 0.0, 10.0, 0.0, 0.0, 0.0])
     wrenches = [chain.wrenches[0], chain.wrenches[1] + load]
-    added = (chain.with_wrenches(wrenches).residual - chain.residual)[200:-200]
+    added = (chain.changed(wrenches=wrenches).residual - chain.residual)[200:-200]
     plate, pelvis = chain.plates[1], chain.motion.value[200:-200, :3]
     force = plate.rotation @ load[:3]
     moment = np.cross(plate.center - pelvis, force)
@@ -61,7 +61,7 @@ def test_a_load_on_a_plate_acts_on_the_residual_where_the_plate_is(chain):
 def test_a_motion_elsewhere_needs_the_same_wrench_about_the_pelvis(chain, axis):
     q = chain.q.copy()
     q[:, axis] += 0.3
-    moved = chain.with_coordinates(q)
+    moved = chain.changed(q=q)
     np.testing.assert_allclose(moved.needed, chain.needed, atol=1e-6)
     expected = shift_wrench(chain.ground, moved.motion.value[:, :3])
     np.testing.assert_allclose(moved.needed - moved.residual, expected, atol=1e-6)

@@ -13,6 +13,10 @@ from pipeline.explain.shares import Shares, indistinct, shares_of_groups
 GROUPS = [[0, 1], [2], [3, 4], [5]]
 
 
+def alone(shares):
+    return [[k] for k in range(len(shares.share))]
+
+
 def trial(seed):
     rng = np.random.default_rng(seed)
     effects = rng.normal(size=(6, 40, 6))
@@ -63,8 +67,8 @@ def test_groups_that_do_the_same_are_named_together(rng):
     covariance = 0.64 * np.array([[1, 0, -0.999], [0, 0.001, 0], [-0.999, 0, 1]])
     residual = np.tensordot(size, effects, 1)
     found = shares_of_groups(residual, effects, size, covariance, [[0], [1], [2]])
-    assert indistinct(found) == [[0, 2], [1]]
-    together = found.joined(indistinct(found))
+    assert indistinct(found, alone(found)) == [[0, 2], [1]]
+    together = found.joined(indistinct(found, alone(found)))
     assert together.deviation[0] == pytest.approx(np.zeros(6), abs=0.05)
     np.testing.assert_allclose(together.share.sum(axis=0) + together.unexplained, 1, atol=1e-9)
 
@@ -72,7 +76,7 @@ def test_groups_that_do_the_same_are_named_together(rng):
 def test_groups_that_are_sure_stand_alone(rng):
     residual, effects, size, _ = trial(5)
     found = shares_of_groups(residual, effects, size, 1e-6 * np.eye(6), GROUPS)
-    assert indistinct(found) == [[0], [1], [2], [3]]
+    assert indistinct(found, alone(found)) == [[0], [1], [2], [3]]
 
 
 @pytest.mark.parametrize(
@@ -90,7 +94,7 @@ def test_two_groups_are_named_together_if_one_has_what_the_other_lacks_and_neith
     covariance = np.array([[0.09, 0.03 * correlation], [0.03 * correlation, 0.01]])
     both = np.repeat(np.array(share)[:, None], 6, axis=1)
     shares = Shares(both, np.tile(covariance, (6, 1, 1)), np.full(6, 0.2))
-    assert indistinct(shares) == together
+    assert indistinct(shares, alone(shares)) == together
 
 
 def test_related_groups_are_named_together_even_if_they_are_sure(rng):

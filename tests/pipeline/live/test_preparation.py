@@ -22,7 +22,7 @@ def test_a_study_says_where_the_platform_is(prepared):
 def test_a_platform_that_is_taken_as_level_is_noted_as_in_trials(prepared):
     treadmill = prepared.laboratory.treadmill.model_copy(update={"platform": None})
     level = replace(prepared, laboratory=replace(prepared.laboratory, treadmill=treadmill))
-    assert [note.code for note in level.notes] == ["platform_taken_as_level"]
+    assert [note.code for note in level.notes] == ["platform_pose"]
     still = replace(level, laboratory=replace(level.laboratory, calibration=None))
     assert still.notes == ()
 

@@ -34,7 +34,7 @@ def again(found, trials, **stated):
     """The study with other trials, and other statements in plates.toml."""
     file = found.study.file.model_copy(update=stated)
     belts = {trial.weight.belt for trial in trials}
-    parts = (found.places, found.alignments, found.delays)
+    parts = (found.alignments, found.delays)
     own = [{belt: one for belt, one in part.items() if belt in belts} for part in parts]
     return compare(replace(found.study, file=file), tuple(trials), *own)
 

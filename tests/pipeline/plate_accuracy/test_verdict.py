@@ -174,7 +174,7 @@ def test_a_calibration_makes_a_load_right_that_it_has_not_seen(tmp_path, capsys)
     simulate_plates(folder, errors, seed=6, **(DESIGN | {"belts": ("left",)}))
     assert main(["plates", str(folder), "--out", str(out)]) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "not fit for inverse dynamics as it is; fit after correction for forward and" in said
+    assert "not fit for inverse dynamics as it is; fit after correction for Fx, Fz" in said
     assert "[plates] calibration =" in said
     assert "--plate-calibration" in said
     page = (out / "verdict.md").read_text(encoding="utf-8")
@@ -199,9 +199,8 @@ def test_a_plate_whose_lateral_channel_is_wrong_is_fit_only_for_what_was_examine
     """No weight on a belt pushes sideways; that force acts on the moments about x and z too."""
     (verdict,) = judge(spoiled(good_plate, {(1, 1): gain}))
     assert verdict.sentence.startswith(
-        "left plate: fit for forward and vertical force, forward and lateral centre of pressure, "
-        "moment about the lateral axis; not examined: lateral force, moment about the forward and "
-        f"vertical axis. Loads above the largest recorded one ({45.08 * GRAVITY_MPS2:.0f} N)"
+        "left plate: fit for Fx, Fz, COPx, COPy, My; not examined: Fy, Mx, Mz. "
+        f"Loads above the largest recorded one ({45.08 * GRAVITY_MPS2:.0f} N)"
     )
     unknown = {"gain of Fy", *(f"total error of {name}" for name in ("Fy", "Mx", "Mz"))}
     assert {one.name for one in verdict.judged if one.status == "not examined"} == unknown
@@ -210,7 +209,7 @@ def test_a_plate_whose_lateral_channel_is_wrong_is_fit_only_for_what_was_examine
 def test_a_correction_is_fit_only_for_what_was_examined(good_plate):
     (verdict,) = judge(spoiled(good_plate, {(1, 1): 0.3, (2, 2): 0.03}))
     assert (verdict.answer, verdict.unexamined) == ("fit after correction", ("Fy", "Mx", "Mz"))
-    assert "fit after correction for forward and vertical force" in verdict.sentence
+    assert "fit after correction for Fx, Fz" in verdict.sentence
     assert verdict.calibration.unexamined == ("Fy",)
 
 

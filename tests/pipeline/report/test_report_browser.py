@@ -2,10 +2,12 @@
 
 import re
 
+import numpy as np
+import pandas as pd
 import pytest
 
 from pipeline.report.write import write_report
-from pipeline.statistics.measurement import measurement_covariances
+from pipeline.statistics.measurement import CELL
 from tests.pipeline.browser import needs_chromium, open_browser
 from tests.pipeline.fake_results import write_fake_results, write_fake_study
 
@@ -20,15 +22,19 @@ def folder(tmp_path_factory):
     write_fake_results(results, subjects=3, cycles=3, without={("sub02", "sway")})
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("pipeline.report.write.study_covariances", large_errors)
-        patch.setattr("pipeline.report.write.what_is_missing", lambda *about: "")
         write_report(results, study)
     return results
 
 
 def large_errors(explained, residuals):
     """Errors of measurement of which tables have as much to show as of any."""
-    errors = residuals.assign(error="gain", level="trial", change=0.4 * residuals["rms"])
-    return measurement_covariances(errors)
+    return {axis: independent(own) for axis, own in residuals.groupby("axis")}, ""
+
+
+def independent(values):
+    """Covariance of errors of 40 % of each value."""
+    cells = pd.MultiIndex.from_frame(values[[*CELL]])
+    return pd.DataFrame(np.diag((0.4 * values["rms"].to_numpy()) ** 2), cells, cells)
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,6 @@ import json
 import os
 import random
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -112,19 +111,6 @@ def test_a_run_killed_twenty_times_still_ends_with_the_same_results(
 
 
 @pytest.mark.slow
-def test_a_run_killed_with_its_workers_still_ends_with_the_same_results(
-    moving_study, finished, tmp_path
-):
-    for patience in (3.0, 4.5, 6.0):
-        running = hbm("run", moving_study, "--out", tmp_path, "--jobs", 2)
-        time.sleep(patience)
-        os.killpg(running.pid, signal.SIGKILL)
-        running.communicate()
-    assert main(["run", str(moving_study), "--out", str(tmp_path), "--jobs", "2"]) == 0
-    assert results(tmp_path) == results(finished)
-
-
-@pytest.mark.slow
 def test_two_runs_at_once_do_not_harm_each_other(moving_study, finished, tmp_path):
     both = [hbm("run", moving_study, "--out", tmp_path) for _ in range(2)]
     printed = [running.communicate()[0] for running in both]
@@ -132,23 +118,6 @@ def test_two_runs_at_once_do_not_harm_each_other(moving_study, finished, tmp_pat
     assert all("0 failed" in text for text in printed)
     assert results(tmp_path) == results(finished)
     assert not list((tmp_path / "trials").glob(".*"))
-
-
-@pytest.mark.slow
-def test_runs_of_different_subjects_at_once_keep_all_failures(moving_study, tmp_path):
-    study = shutil.copytree(moving_study, tmp_path / "study")
-    for name in ("sub01_sway.c3d", "sub02_pitch.c3d"):
-        (study / name).write_bytes(b"damaged")
-    out = tmp_path / "out"
-    chosen = ("--condition", "sway", "--condition", "pitch")
-    both = [hbm("run", study, "--out", out, "--subject", s, *chosen) for s in ("sub01", "sub02")]
-    for running in both:
-        running.communicate()
-    assert [running.returncode for running in both] == [1, 1]
-    assert sorted(json.loads((out / "failures.json").read_text("utf-8"))) == [
-        "sub01 sway",
-        "sub02 pitch",
-    ]
 
 
 def members(group):
@@ -203,20 +172,6 @@ def test_a_stopped_run_says_how_to_go_on_and_leaves_no_process(
     )
     wait_until(lambda: not members(running.pid), 10.0)
     assert json.loads((tmp_path / "failures.json").read_text("utf-8")) == {}
-
-
-def test_a_run_in_one_process_that_is_terminated_says_how_to_go_on(
-    moving_study, finished, tmp_path
-):
-    running = hbm("run", moving_study, "--out", tmp_path)
-    wait_until(lambda: results(tmp_path))
-    running.terminate()
-    _, errors = running.communicate(timeout=30)
-    assert running.returncode == 143, errors
-    said = r"hbm: terminated: done and kept are (\d) of 6 trials; the same command goes on\n"
-    assert int(re.fullmatch(said, errors)[1]) <= len(results(tmp_path))
-    assert results(tmp_path).items() <= results(finished).items()
-    assert not list((tmp_path / "trials").glob(".*"))
 
 
 @needs_proc
@@ -277,40 +232,6 @@ def test_files_that_may_not_grow_fail_with_one_line_each(moving_study, tmp_path)
     assert not list((tmp_path / "trials").glob(".*"))
     failures = json.loads((tmp_path / "failures.json").read_text("utf-8"))
     assert len(failures) == 3
-
-
-@pytest.fixture
-def small_disk(tmp_path):
-    """A disk that holds one result and not two."""
-    mounted = tmp_path / "disk"
-    mounted.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=3m", "tmpfs", str(mounted)]
-    if shutil.which("mount") is None or subprocess.run(mount, capture_output=True).returncode:
-        pytest.skip("no permission to mount a small disk")
-    yield mounted
-    subprocess.run(["umount", str(mounted)], check=True)
-
-
-def test_a_full_disk_gives_one_clear_line(moving_study, finished, small_disk, capsys):
-    assert main(["run", str(moving_study), "--out", str(small_disk)]) == 1
-    printed = capsys.readouterr().out
-    failed = [line for line in printed.splitlines() if line.startswith("FAILED")]
-    assert failed
-    assert all("No space left on device" in line for line in failed), failed
-    written, whole = results(small_disk), results(finished)
-    assert written == {name: whole[name] for name in written}
-    assert not list((small_disk / "trials").glob(".*.part"))
-
-    with (small_disk / "filler").open("wb", buffering=0) as filler:
-        try:
-            while True:
-                filler.write(bytes(1024))
-        except OSError:
-            pass
-    assert main(["run", str(moving_study), "--out", str(small_disk)]) == 2
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 1
-    assert lines[0].endswith("cannot write there: No space left on device")
 
 
 def test_a_folder_without_permission_gives_one_clear_line(moving_study, tmp_path, capsys):

@@ -8,15 +8,9 @@ import sys
 import numpy as np
 import pytest
 from joblib import delayed
-from joblib.externals.loky import process_executor
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from pipeline.config.study import read_study
-from pipeline.run import run
-from pipeline.run.job import Outcome
 from pipeline.run.processes import (
-    MANAGER,
-    _stay_with_kept_memory,
     in_processes,
     starting_processes,
 )
@@ -40,28 +34,6 @@ OTHER = LIBC != "glibc" or tuple(map(int, VERSION.split("."))) < (2, 36)
 def test_an_array_takes_the_place_of_a_freed_one_without_new_pages():
     done = subprocess.run([sys.executable, "-c", ARRAYS_TWICE], capture_output=True, text=True)
     assert int(done.stdout) < 100, done.stderr
-
-
-THREADS_THAT_FAIL = f"""
-import threading
-from pipeline.run.processes import _ignore_failing_manager
-_ignore_failing_manager()
-installed = threading.excepthook
-_ignore_failing_manager()
-assert threading.excepthook is installed
-for name in ({MANAGER!r}, "another"):
-    thread = threading.Thread(target={{}}.__getitem__, args=("worker",), name=name)
-    thread.start()
-    thread.join()
-"""
-
-
-def test_only_the_thread_that_manages_killed_workers_prints_no_traceback():
-    """It may meet a worker that is gone; other threads report what fails, once."""
-    done = subprocess.run([sys.executable, "-c", THREADS_THAT_FAIL], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert done.stderr.count("Traceback") == 1
-    assert "Exception in thread another" in done.stderr
 
 
 INTERRUPTED_IN_THE_SEARCH = """
@@ -144,28 +116,3 @@ def test_linear_algebra_uses_one_thread_in_any_number_of_processes(workers):
             assert threads_of_linear_algebra() == {1}
         assert list(in_processes([delayed(threads_of_linear_algebra)()] * 2, workers)) == [{1}] * 2
         assert threads_of_linear_algebra() == {2}
-
-
-@threads_counted
-def test_one_job_at_a_time_calibrates_and_processes_with_one_thread_as_two_do(
-    moving_study, tmp_path, monkeypatch
-):
-    found = []
-
-    def note_threads(*_):
-        found.append(threads_of_linear_algebra())
-        return ""
-
-    monkeypatch.setattr(run, "read_study_laboratory", note_threads)
-    monkeypatch.setattr(
-        run, "process_job", lambda job, laboratory: Outcome(job, "failed", note_threads())
-    )
-    with threadpool_limits(2):
-        list(run.run_study(read_study(moving_study), tmp_path, conditions=["sway"]))
-    assert found == [{1}] * 3
-
-
-def test_a_version_of_joblib_that_replaces_no_process_for_its_memory_is_left_alone(monkeypatch):
-    monkeypatch.delattr(process_executor, "_USE_PSUTIL")
-    _stay_with_kept_memory()
-    assert not hasattr(process_executor, "_USE_PSUTIL")

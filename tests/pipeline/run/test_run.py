@@ -3,12 +3,10 @@
 import importlib
 import json
 import os
-import pickle
 import re
 import shutil
 import signal
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -18,9 +16,8 @@ from pipeline.cli.app import main
 from pipeline.config.study import Study, read_study
 from pipeline.run import cluster, program, run
 from pipeline.run import job as work
-from pipeline.run.job import process_job
 from pipeline.run.run import plan, run_jobs, run_study
-from pipeline.run.store import read_trial, recorded_study_folder
+from pipeline.run.store import read_trial
 from pipeline.trial import process
 from pipeline.trial.ground.laboratory import Laboratory
 
@@ -60,15 +57,6 @@ def only(outcomes, state):
 def forget(out, *names):
     for name in names:
         (out / "trials" / f"{name}.parquet").unlink()
-
-
-def test_every_trial_has_a_result_with_the_key_of_all_that_went_into_it(moving_study, finished):
-    planned = plan(read_study(moving_study), finished)
-    assert sorted(contents(finished)) == [f"{name}.parquet" for name in TRIALS]
-    for job in planned:
-        summary = read_trial(job.target, frames=False)
-        assert (summary.key, summary.subject.id) == (job.key, job.subject)
-        assert summary.condition == job.condition
 
 
 def test_finished_results_are_kept_untouched(moving_study, out, monkeypatch):
@@ -174,15 +162,6 @@ def test_a_trial_on_which_the_engines_disagree_fails_with_one_line(study, out, m
     assert "'hbm doctor'" in line
 
 
-def test_a_missing_or_damaged_result_is_made_again_and_equal(study, out, finished):
-    forget(out, "sub01_sway")
-    damaged = out / "trials" / "sub02_pitch.parquet"
-    damaged.write_bytes(damaged.read_bytes()[:-1000])
-    outcomes = list(run_study(read_study(study), out))
-    assert sorted(only(outcomes, "done")) == ["sub01_sway", "sub02_pitch"]
-    assert contents(out) == contents(finished)
-
-
 def test_two_trials_at_a_time_give_the_same_results_as_one(moving_study, finished, tmp_path):
     outcomes = list(run_study(read_study(moving_study), tmp_path, jobs=2))
     assert set(states(outcomes).values()) == {"done"}
@@ -207,24 +186,6 @@ def test_a_dask_cluster_gives_the_same_results(moving_study, finished, tmp_path)
     assert sorted(states(outcomes).values()) == ["done"] * 3
     whole = contents(finished)
     assert contents(tmp_path) == {name: whole[name] for name in contents(tmp_path)}
-
-
-def test_a_cluster_that_is_not_there_gives_one_line(moving_study, tmp_path, capsys, monkeypatch):
-    pytest.importorskip("dask.distributed", reason="the extra 'cluster' is not here")
-    real = cluster.import_module
-
-    def impatient(name):
-        module = real(name)
-        client = module.Client
-        monkeypatch.setattr(module, "Client", lambda at, timeout: client(at, timeout="0.2s"))
-        return module
-
-    monkeypatch.setattr(cluster, "import_module", impatient)
-    arguments = ["--scheduler", "tcp://127.0.0.1:1", "--out", str(tmp_path)]
-    assert main(["run", str(moving_study), *arguments]) == 2
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 1
-    assert "127.0.0.1:1" in lines[0]
 
 
 class VanishingCluster:
@@ -316,22 +277,6 @@ def test_a_failing_trial_is_listed_with_its_reason_and_stops_no_other(study, out
     (study / "sub01_sway.c3d").write_bytes(sound)
     assert main(["run", str(study), "--out", str(out)]) == 0
     assert json.loads((out / "failures.json").read_text("utf-8")) == {}
-
-
-@pytest.mark.parametrize("text", ["[]", '{"a": 1}', '{"study": 7}', "[" * 99_999, "\0{"])
-def test_notes_of_earlier_runs_in_another_shape_are_taken_as_unknown(study, out, text, capsys):
-    record = out / "trials" / "sub02_sway.failed.json"
-    for path in (out / "run.json", out / "failures.json", record):
-        path.write_text(text, encoding="utf-8")
-    assert recorded_study_folder(out) is None
-    if text != '{"a": 1}':
-        assert main(["report", str(out)]) == 2
-        (line,) = capsys.readouterr().err.splitlines()
-        assert line.startswith(f"hbm: error: {out / 'failures.json'} is damaged")
-        assert len(line.replace(str(out), "")) < 300
-    assert main(["run", str(study), "--out", str(out), "--condition", "sway"]) == 0
-    assert json.loads((out / "failures.json").read_text("utf-8")) == {}
-    assert recorded_study_folder(out) == study
 
 
 def test_a_damaged_result_is_made_again_and_named_by_the_report(study, out, finished, capsys):
@@ -466,21 +411,6 @@ def test_a_worker_that_dies_fails_only_its_own_trial(study, out, finished):
     whole = contents(finished)
     del whole["sub01_sway.parquet"]
     assert contents(out) == whole
-
-
-def test_no_results_travel_between_processes(moving_study, out):
-    forget(out, "sub01_sway")
-    job = plan(read_study(moving_study), out, subjects=["sub01"], conditions=["sway"])[0]
-    outcome = process_job(job)
-    assert outcome.state == "done"
-    assert len(pickle.dumps(outcome)) < 20_000
-
-
-def test_what_another_run_finished_meanwhile_is_kept(moving_study, out, monkeypatch):
-    job = plan(read_study(moving_study), out)[0]
-    monkeypatch.setattr(process, "process_trial", None)
-    assert process_job(job).state == "kept"
-    assert process_job(replace(job, key="another")).state == "failed"
 
 
 def test_the_laboratory_is_calibrated_once_for_all_processes(moving_study, out, monkeypatch):

@@ -11,7 +11,7 @@ from hbm.markers import Markers
 from hbm.notes import Note
 from pipeline.cli.app import main
 from pipeline.config.study import read_study
-from pipeline.config.toml_file import StudyFaults, check_options
+from pipeline.config.toml_file import check_options
 from pipeline.export.compensated_c3d import Calibrations, write_compensated
 from pipeline.io.c3d.header import read_header
 from pipeline.io.c3d.parameters import parameter_records, values_of
@@ -143,24 +143,6 @@ def test_what_is_stated_about_files_is_part_of_a_trials_key(plain, tmp_path, key
     assert trial_key(read_study(folder), "sub01", "pitch") != before
 
 
-@pytest.mark.parametrize(
-    ("key", "fault"),
-    [
-        ("units = 'furlong'", "study.toml: units: unknown length unit 'furlong', expected mm"),
-        ("plate_units = 'N'", "study.toml: plate_units: units of force and moment are needed"),
-        ("axes = 'left,up'", "study.toml: axes: axes 'left,up' must be three of"),
-        ("label_prefix = ''", "study.toml: label_prefix: string should have at least 1 char"),
-    ],
-)
-def test_a_faulty_key_is_named(plain, tmp_path, key, fault):
-    folder = shutil.copytree(plain, tmp_path / "study")
-    text = (folder / "study.toml").read_text(encoding="utf-8")
-    (folder / "study.toml").write_text(f"{key}\n{text}", encoding="utf-8")
-    with pytest.raises(StudyFaults) as error:
-        read_study(folder)
-    assert any(line.startswith(fault) for line in error.value.faults)
-
-
 def test_a_copy_with_compensated_plates_keeps_its_own_labels_and_units(plain, disguised, tmp_path):
     """What is subtracted is computed in the stated unit, and the copy says no other one."""
     for frame in (None, "plate"):
@@ -236,51 +218,6 @@ def test_a_misspelt_label_to_rename_is_named_with_the_error_that_it_causes(plain
 def test_a_pair_to_rename_that_is_none_is_refused(plain, rename, message):
     with pytest.raises(ValueError, match=message):
         check_options(TrialRequest, {"trial": plain / "sub01_pitch.c3d", "rename": rename})
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"units": "furlong"}, "--units: unknown length unit 'furlong', expected mm, cm or m"),
-        ({"plate_units": "N"}, "--plate-units: units of force and moment are needed, such as N,N"),
-        ({"label_prefix": "S02"}, "sub01_pitch.c3d: no label begins with the stated prefix; i"),
-    ],
-)
-def test_a_statement_that_cannot_be_is_refused_with_its_option(plain, options, message):
-    with pytest.raises(ValueError, match=message):
-        read_requested(check_options(TrialRequest, {"trial": plain / "sub01_pitch.c3d", **options}))
-
-
-def test_a_table_of_other_labels_is_named_with_the_first_of_each(plain, tmp_path):
-    table = tmp_path / "other_lab.toml"
-    table.write_text('[markers]\nA1 = ["pelvis", "LASIS"]\nA2 = ["pelvis", "RASIS"]\n')
-    request = TrialRequest(trial=plain / "sub01_pitch.c3d", marker_set=str(table))
-    with pytest.raises(
-        ValueError,
-        match=r"sub01_pitch\.c3d: none of the 2 labels of marker set other_lab \(A1, A2, …\) is t",
-    ):
-        read_requested(request)
-
-
-def test_the_table_of_a_request_shows_the_axes(disguised, tmp_path):
-    """Labels such as hip_l_front mean nothing by themselves."""
-    table = tmp_path / "lab.toml"
-    rows = (
-        f'{label} = ["{segment}", "{landmark}"]'
-        for label, segment, landmark in (
-            ("hip_l_front", "pelvis", "LASIS"),
-            ("hip_r_front", "pelvis", "RASIS"),
-        )
-    )
-    table.write_text("\n".join(["[markers]", *rows]))
-    request = TrialRequest(
-        trial=disguised / "sub01_pitch.c3d",
-        marker_set=str(table),
-        **OPTIONS | {"rename": ()},
-    )
-    (note,) = [note for note in read_requested(request).notes if note.code == "axes_inferred"]
-    assert "hip_l_front/hip_r_front" in note.values["marker_pairs"]
-    assert note.values["axes"] == ("left", "back", "up")
 
 
 def test_calibrations_are_fitted_in_stated_units(plain, disguised, tmp_path, capsys):

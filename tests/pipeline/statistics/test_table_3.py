@@ -6,8 +6,8 @@ import pytest
 
 from pipeline.statistics.comparison import statistics
 from pipeline.statistics.design import design_of
-from pipeline.statistics.measurement import measurement_covariances
 from pipeline.statistics.table_3 import format_p, reduction_percent, table_3, table_3_markdown
+from tests.pipeline.statistics.shared_errors import covariances
 
 PRINTED = {  # mean without IC, mean with IC, reduction [%] of baseline, sway, pitch
     "Fx": ((37.1, 38.1, -2), (44.7, 47.4, -6), (342.0, 74.5, 78)),
@@ -87,21 +87,13 @@ def test_p_values_are_the_bonferroni_ones_of_the_planned_pairs(residuals, table)
 
 @pytest.mark.parametrize(
     ("p", "written"),
-    [(0.0, "<0.001*"), (0.0009, "<0.001*"), (0.04, "0.040*"), (0.055, "0.055"), (1, "1.000")],
+    [
+        *((0.0, "<0.001*"), (0.0009, "<0.001*"), (0.04, "0.040*"), (0.055, "0.055"), (1, "1.000")),
+        *((0.0499, "0.0499*"), (0.04996, "0.04996*"), (0.05, "0.050"), (np.nan, "–")),
+    ],
 )
-def test_p_is_never_written_as_zero(p, written):
+def test_p_is_never_written_as_zero_and_on_the_side_of_alpha_where_it_is(p, written):
     assert format_p(p) == written
-
-
-@pytest.mark.parametrize(
-    ("p", "written"), [(0.0499, "0.0499*"), (0.04996, "0.04996*"), (0.05, "0.050")]
-)
-def test_p_is_written_on_the_side_of_alpha_where_it_is(p, written):
-    assert format_p(p) == written
-
-
-def test_an_undefined_p_is_a_dash():
-    assert format_p(np.nan) == "–"
 
 
 def test_markdown_labels_the_differences_and_leaves_out_no_number(table):
@@ -137,8 +129,7 @@ SDS = ("mean_no_ic", "mean_ic", "no_ic_minus_baseline_no_ic", "ic_minus_baseline
 
 def errors(residuals, level, of_condition):
     """Errors that change each value of a condition alike."""
-    change = residuals["condition"].map(of_condition)
-    return measurement_covariances(residuals.assign(error="late", level=level, change=change))
+    return covariances(residuals, level, residuals["condition"].map(of_condition))
 
 
 def test_with_errors_of_measurement_means_and_differences_have_intervals_in_brackets(residuals):

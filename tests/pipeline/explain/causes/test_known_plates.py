@@ -9,19 +9,11 @@ from compensation import PlateCalibration, PlateCalibrations
 from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Settings, Treadmill
 from pipeline.explain.cause import priors
-from pipeline.explain.causes.plates import (
-    calibrated,
-    known_plates,
-    narrowed,
-    plate_causes,
-    swing_zero,
-    usual_plates,
-)
+from pipeline.explain.causes.plates import combined, plate_causes, swing_zero
 from pipeline.trial.ground.laboratory import Laboratory
 from tests.pipeline.explain.moving_trial import (
     MARKERS,
     chain_of,
-    laboratory,
     moved,
     moving_chain,
     with_platform,
@@ -86,19 +78,22 @@ def test_a_plate_that_is_always_loaded_shows_no_zero(chain):
     assert swing_zero(time, wrench, plate, 30.0) is None
 
 
-def test_what_was_measured_well_replaces_what_was_expected(chain):
-    usual = usual_plates(1).plates[0].zero
-    found = narrowed(usual, np.full(6, 2.0), np.full(6, 1e-6))
-    assert [each.mean for each in found] == pytest.approx([2.0] * 6)
-    assert all(each.size < 1e-5 for each in found)
+def sizes(chain, name):
+    """The priors' sizes of a plate's causes."""
+    return [cause.prior.size for cause in plate_causes(chain) if cause.name.startswith(name)]
 
 
-def test_two_equally_good_sources_meet_in_the_middle():
-    usual = usual_plates(1).plates[0].zero
-    found = narrowed(usual, np.full(6, 2.0), np.array([each.size for each in usual]))
-    assert [each.mean for each in found] == pytest.approx([1.0] * 6)
-    sizes = [each.size / before.size for each, before in zip(found, usual, strict=True)]
-    assert sizes == pytest.approx([0.5**0.5] * 6)
+def in_laboratory(chain, **known):
+    """The chain in a laboratory of which something else is known."""
+    return chain.changed(lab=replace(chain.lab, laboratory=replace(STILL, **known)))
+
+
+@pytest.mark.parametrize("error_n", [1e-6, 3.0])
+def test_what_is_expected_of_a_zero_and_what_was_measured_meet_by_their_precision(chain, error_n):
+    """Its usual size is 3 N."""
+    found = combined(priors()["zero_force"], 2.0, error_n)
+    share = 3.0**2 / (3.0**2 + error_n**2)
+    assert (found.mean, found.size) == pytest.approx((2.0 * share, error_n * share**0.5))
 
 
 def test_errors_of_a_calibration_are_those_of_the_plate_in_its_own_axes(chain):
@@ -109,30 +104,22 @@ def test_errors_of_a_calibration_are_those_of_the_plate_in_its_own_axes(chain):
     error[1, 1] = 0.004  # gain of Fy
     error[0, 2] = 0.002  # Fz in Fx
     error[3, 2] = 0.003  # Mx by Fz: place along y
-    (one,) = correction([plate], error).calibrations.plates
-    usual = usual_plates(1).plates[0]
-    found = calibrated(usual, one, plate)
-    assert [each.size for each in found.gain] == pytest.approx([0.004] + [0.01] * 5)
-    assert [each.size for each in found.cross_talk] == pytest.approx([0.005, 0.002])
-    assert [each.size for each in found.place] == pytest.approx([0.003, 0.005, 0.005])
-    assert [each.size for each in found.direction] == pytest.approx([0.002, 0.01, 0.01], rel=0.01)
+    known = in_laboratory(chain, plates=correction([plate], error))
+    recording = replace(chain.lab.recording, plates=(plate,))
+    own = known.changed(lab=replace(known.lab, recording=recording))
+    assert sizes(own, "plate 1: gain") == pytest.approx([0.004] + [0.01] * 5)
+    assert sizes(own, "plate 1: Fz in") == pytest.approx([0.005, 0.002])
+    assert sizes(own, "plate 1: place") == pytest.approx([0.003, 0.005, 0.005])
+    assert sizes(own, "plate 1: direction") == pytest.approx([0.002, 0.01, 0.01], rel=0.01)
 
 
-def test_what_a_calibration_did_not_excite_stays_as_unknown_as_it_was(chain):
-    plate = chain.plates[0]
-    (one,) = correction([plate], np.zeros((6, 6)), examined=("Fz",)).calibrations.plates
-    usual = usual_plates(1).plates[0]
-    found = calibrated(usual, one, plate)
-    narrow = [each.size < before.size for each, before in zip(found.gain, usual.gain, strict=True)]
-    assert narrow == [False, False, True, False, False, False]
-
-
-def test_no_calibration_makes_a_plate_perfect(chain):
-    plate = chain.plates[0]
-    (one,) = correction([plate], np.zeros((6, 6))).calibrations.plates
-    usual = usual_plates(1).plates[0]
-    sizes = [each.size for each in calibrated(usual, one, plate).gain]
-    assert sizes == pytest.approx([0.1 * each.size for each in usual.gain])
+@pytest.mark.parametrize(
+    ("examined", "shares"), [(("Fz",), [1, 1, 0.1, 1, 1, 1]), (ALL, [0.1] * 6)]
+)
+def test_a_calibration_narrows_what_it_examined_to_no_less_than_a_tenth(chain, examined, shares):
+    plates = correction(chain.plates, np.zeros((6, 6)), examined=examined)
+    found = sizes(in_laboratory(chain, plates=plates), "plate 1: gain")
+    assert found == pytest.approx([0.01 * share for share in shares])
 
 
 @pytest.mark.parametrize(
@@ -140,41 +127,36 @@ def test_no_calibration_makes_a_plate_perfect(chain):
     [(None, None, "delay"), (0.004, None, "stated_delay"), (None, 0.004, "calibrated_delay")],
 )
 def test_a_delay_is_as_uncertain_as_how_it_is_known(chain, stated_s, measured_s, kind):
-    trial = replace(chain, settings=Settings(plate_delay_s=stated_s), subtracted=None)
-    known = correction(chain.plates, np.ones((6, 6)), delay_s=measured_s)
-    found = known_plates(trial, replace(STILL, plates=known))
-    assert found.delay == priors()[kind]
+    plates = correction(chain.plates, np.ones((6, 6)), delay_s=measured_s)
+    known = in_laboratory(chain, plates=plates)
+    late = next(plate_causes(known.changed(settings=Settings(plate_delay_s=stated_s))))
+    assert late.prior == priors()[kind]
+
+
+@pytest.mark.parametrize("shown_s", [0.007, np.nan])
+def test_the_delay_that_the_body_shows_is_taken_unless_the_plates_were_measured(chain, shown_s):
+    unknown = in_laboratory(chain)
+    found = next(plate_causes(unknown, (shown_s, 0.001))).found
+    assert found == ((0.007, 0.001) if shown_s == 0.007 else (0.0, priors()["delay"].size))
+    measured = correction(chain.plates, np.ones((6, 6)), delay_s=0.004)
+    assert next(plate_causes(in_laboratory(chain, plates=measured), (shown_s, 0.001))).found is None
 
 
 def test_markers_on_the_platform_show_how_late_its_plates_are():
-    stated = with_platform(MARKERS)
-    late = chain_of(moved(plate_delay_s=0.006, accelerometer_delay_s=0.006), stated)
-    delay = known_plates(late, stated).delay
+    late = chain_of(moved(plate_delay_s=0.006, accelerometer_delay_s=0.006), with_platform(MARKERS))
+    delay = next(plate_causes(late)).prior
     assert abs(delay.mean - 0.006) < 0.001
     assert delay.size < 0.5 * priors()["delay"].size
 
 
 def test_plates_of_a_compensated_trial_are_zero_as_the_calibration_left_them(chain):
     loaded_n = np.array([0, 0, 100.0, 0, 0, 0])
-    always = [wrench + loaded_n for wrench in chain.wrenches]
-    found = known_plates(chain.with_wrenches(always), laboratory())
-    usual = usual_plates(2)
-    for one, before in zip(found.plates, usual.plates, strict=True):
-        assert all(new.size <= old.size for new, old in zip(one.zero, before.zero, strict=True))
-        assert one.zero[0].size < before.zero[0].size
-
-
-def test_what_is_known_of_plates_is_the_prior_of_their_causes(chain):
-    known = known_plates(chain, laboratory())
-    causes = {cause.name: cause for cause in plate_causes(chain, known)}
-    assert causes["plate 2: zero of Fz"].prior == known.plates[1].zero[2]
-    assert causes["plates are late"].prior == known.delay
-    assert {cause.prior for cause in plate_causes(chain)} <= set(priors().values())
+    always = chain.changed(wrenches=tuple(wrench + loaded_n for wrench in chain.wrenches))
+    for name in ("plate 1: zero", "plate 2: zero"):
+        found = np.array(sizes(always, name))
+        assert (found <= [3.0, 3.0, 3.0, 1.0, 1.0, 1.0]).all()
+        assert found[0] < 3.0
 
 
 def test_every_usual_size_has_a_unit_and_a_source():
     assert all(each.unit and each.source and each.size > 0 for each in priors().values())
-
-
-def test_every_cause_says_what_would_tell_more_of_it(chain):
-    assert all(cause.prior.advice for cause in plate_causes(chain))

@@ -105,10 +105,6 @@ NAMES = [
 ]
 
 
-def test_every_cause_of_plates_is_examined(perfect: PerfectTrial) -> None:
-    assert sorted(cause.name for cause in plate_causes(perfect.chain)) == sorted(NAMES)
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_a_cause_is_what_the_same_fault_of_a_plate_is(perfect: PerfectTrial, name: str) -> None:
     size, clean = size_of(name), perfect.chain.residual
@@ -125,7 +121,6 @@ def test_a_cause_is_what_the_same_fault_of_a_plate_is(perfect: PerfectTrial, nam
         perfect.series.coefficients(added),
         perfect.series.coefficients(effect)[None],
         np.array([10 * size]),
-        perfect.series.frequency,
         np.array([False]),
     )
     assert found.size[0] == pytest.approx(size, rel=0.02)

@@ -8,7 +8,6 @@ from hbm.spatial import rotation_about
 from pipeline.explain.causes.treadmill import platform_causes
 from tests.pipeline import lab
 from tests.pipeline.explain.moving_trial import (
-    CHANNELS,
     MARKERS,
     SETTLED,
     chain_of,
@@ -25,8 +24,8 @@ def moving():
     return moving_chain()
 
 
-def cause(chain, name, platform=CHANNELS):
-    (found,) = [each for each in platform_causes(chain, platform) if each.name == name]
+def cause(chain, name):
+    (found,) = [each for each in platform_causes(chain) if each.name == name]
     return found
 
 
@@ -81,7 +80,7 @@ def test_a_zero_of_pitch_turns_the_ground_reaction_force_of_a_level_platform(cha
     still = PlatformPose(
         np.tile(np.eye(3), (len(chain.time), 1, 1)), np.zeros((len(chain.time), 3))
     )
-    level = chain.with_wrenches(chain.wrenches, still)
+    level = chain.changed(pose=still)
     found = cause(level, "platform: zero of pitch").change(level, 0.01)
     turned = level.ground[:, :3] @ rotation_about([0, 1, 0], 0.01).T
     np.testing.assert_allclose(found.ground[:, :3], turned, atol=1e-6)
@@ -98,9 +97,9 @@ def test_axes_turned_about_the_vertical_sway_forward_too(chain):
 
 def test_a_pose_from_markers_has_neither_delay_nor_pivot():
     chain = chain_of(moved(), with_platform(MARKERS))
-    names = [each.name for each in platform_causes(chain, MARKERS)]
+    names = [each.name for each in platform_causes(chain)]
     assert names == ["platform: zero of sway", "platform: zero of pitch"]
 
 
 def test_a_treadmill_that_stands_still_has_no_causes_of_a_platform(chain):
-    assert list(platform_causes(chain, None)) == []
+    assert list(platform_causes(chain.changed(pose=None))) == []

@@ -1,7 +1,6 @@
 """Events of plates that carry one foot alone: exact where they can be, none where they cannot."""
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -129,8 +128,3 @@ def test_where_the_load_is_unknown_there_is_no_event():
     load = steps()
     load[(CLOCK > 0.9) & (CLOCK < 1.3)] = np.nan
     assert len(times(found(CONTACTS, load))) == 2
-
-
-def test_loads_that_do_not_fit_their_times_are_refused():
-    with pytest.raises(ValueError, match="plate 3: force"):
-        PlateLoad(3, CLOCK, CLOCK[:-1])

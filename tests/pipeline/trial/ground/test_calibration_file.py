@@ -15,7 +15,7 @@ from pipeline.io.c3d.write import write_c3d
 from pipeline.io.stated import Stated
 from pipeline.trial.ground import laboratory
 from pipeline.trial.ground.calibration_recording import fit_calibration, read_empty
-from pipeline.trial.ground.laboratory import read_calibration
+from pipeline.trial.ground.laboratory import bind, read_calibration
 from tests.pipeline import lab
 
 ON_MARKERS = Platform(markers=tuple(lab.PLATFORM_MARKERS_M))
@@ -42,20 +42,17 @@ def test_a_calibration_is_the_same_from_its_recording_and_from_its_file(tmp_path
 
 def test_a_channel_stated_as_another_axis_than_in_the_calibration_is_refused(tmp_path, calibration):
     """No signal shows which axis of a sensor it is, and compensation would be wrong."""
-    stored = tmp_path / "lab.json"
-    facts = {"channels": json.dumps(lab.CHANNELS)}
-    stored.write_text(to_json(Calibration(calibration.plates, facts)), encoding="utf-8")
-    read_calibration(stored, TREADMILL)
+    facts, trial = {"channels": json.dumps(lab.CHANNELS)}, lab.without_people(2.0)
+    known, trial = Calibration(calibration.plates, facts), lab.on_platform(trial, lab.still(2.0))
+    bind(trial, laboratory.Laboratory(TREADMILL, known))
     sensor = next(iter(lab.CHANNELS))
     x, y, z = lab.CHANNELS[sensor]
     exchanged = Treadmill(accelerometers=lab.CHANNELS | {sensor: (y, x, z)})
-    message = f"lab.json: the calibration was made with channel '{y}' as y of {sensor}, but "
-    with pytest.raises(ValueError, match=re.escape(message)):
-        read_calibration(stored, exchanged)
-    other_files = Treadmill(accelerometers=lab.CHANNELS | {sensor: ("A.1", "A.2", "A.3")})
-    read_calibration(stored, other_files)
-    facts = {"channels": "[1]"}
-    stored.write_text(to_json(Calibration(calibration.plates, facts)), encoding="utf-8")
+    with pytest.raises(ValueError, match=rf"{sensor} was {x}, {y}, {z} in the calibration, which"):
+        bind(trial, laboratory.Laboratory(exchanged, known))
+    stored = tmp_path / "lab.json"
+    damaged = Calibration(calibration.plates, {"channels": "[1]"})
+    stored.write_text(to_json(damaged), encoding="utf-8")
     with pytest.raises(ValueError, match=r"lab\.json: the calibration's channels are damaged"):
         read_calibration(stored, TREADMILL)
 

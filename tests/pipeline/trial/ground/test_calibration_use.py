@@ -22,7 +22,7 @@ def test_a_calibration_that_is_loaded_is_noted_at_every_use(moving_study, tmp_pa
     options = ["--calibration", str(fitted), "--platform-markers", markers]
     assert main(["residuals", trial, *options, "--out", str(tmp_path / "out")]) == 0
     printed = " ".join(capsys.readouterr().out.split())
-    assert "warning: the calibration of plate 1: it carried" in printed
+    assert "warning: in the calibration plates carried on average plate 1" in printed
 
 
 @pytest.mark.parametrize(

@@ -244,7 +244,7 @@ def test_each_plate_has_its_own_delay(walker):
         laboratory=Laboratory(Treadmill(), plates=correction),
     )
     assert largest_difference(delayed, right)["measured"] < 1e-9
-    assert "plate_delays_calibrated" in codes(delayed)
+    assert "plates_corrected" in codes(delayed)
 
 
 @pytest.mark.parametrize(("stated_s", "expected"), [(None, [0.004, 0.0]), (0.004, [0.004, 0.004])])

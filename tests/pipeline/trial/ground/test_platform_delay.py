@@ -44,7 +44,7 @@ def test_a_trial_on_a_moving_platform_says_how_late_its_plates_are_and_what_of_i
     laboratory = Laboratory(TREADMILL, fit_calibration(empty(1), TREADMILL))
     late = {"plate_delay_s": 0.004, "accelerometer_delay_s": 0.004}
     for motion, stated_s, codes in (
-        (lab.shaken(20.0, 5), 0.004, ["platform_plates_delay_stated"]),
+        (lab.shaken(20.0, 5), 0.004, ["platform_plates_delay"]),
         (lab.shaken(20.0, 5), None, ["platform_plates_delay_differs"]),
         (lab.still(20.0), 0.004, []),
     ):

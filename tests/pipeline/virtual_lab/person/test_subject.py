@@ -34,14 +34,6 @@ def test_the_vertex_is_at_stature_and_the_heels_are_on_the_floor(sex, height_m):
     assert 0.02 < position[NAMES.index("LHEE"), 2] < 0.06
 
 
-def test_the_two_sides_mirror_each_other():
-    position = t_pose(NAMES, 1.78, "female", Proportions(pelvis=1.1))
-    for k, name in enumerate(NAMES):
-        if name.startswith("R"):
-            other = position[NAMES.index("L" + name[1:])]
-            np.testing.assert_allclose(position[k] * [1, -1, 1], other)
-
-
 @pytest.mark.parametrize("marker_set", ["hbm2", "hbm1"])
 @pytest.mark.parametrize("number", [0, 4, 8])
 def test_the_laboratory_s_own_body_is_the_one_that_the_production_builds_from_its_markers(
@@ -88,17 +80,6 @@ def test_a_varied_body_has_the_same_mass_and_the_same_markers_in_the_t_pose():
         assert np.abs(np.subtract(*offsets)).max() > 0.005
 
 
-def test_masses_vary_by_their_share():
-    plain = make_subject(Person(), rng=np.random.default_rng(5))
-    varied = make_subject(Person(), faults=VARIED, rng=np.random.default_rng(5))
-    heavier = [
-        varied.skeleton.inertias[s].mass / part.mass - 1
-        for s, part in plain.skeleton.inertias.items()
-        if part.mass > 0.1
-    ]
-    assert 0.02 < np.std(heavier) < 0.12
-
-
 def test_hip_centres_vary_as_published():
     plain = make_subject(Person()).skeleton.offsets["right_thigh"]
     spread = [
@@ -126,13 +107,3 @@ def test_another_body_has_shoes_a_joint_in_the_mid_trunk_and_wobbling_masses():
     shod = other.skeleton.inertias
     lighter = 1 - 2 * SHOE_KG / Person().mass_kg
     assert shod["head"].mass / bare["head"].mass == pytest.approx(lighter)
-
-
-def test_subjects_differ_and_are_reproducible():
-    first, again, other = (
-        make_subject(Person(), individuality=1.0, rng=np.random.default_rng(seed))
-        for seed in (1, 1, 2)
-    )
-    np.testing.assert_array_equal(first.skeleton.marker_position, again.skeleton.marker_position)
-    assert np.abs(first.skeleton.marker_position - other.skeleton.marker_position).max() > 0.002
-    assert first.step_parameters != other.step_parameters

@@ -18,13 +18,6 @@ def extended(subject, q):
     return subject.extra_joints.extend(q, np.zeros(frames), np.zeros(frames))
 
 
-def test_the_extra_joints_are_at_rest_in_the_t_pose():
-    subject = subject_of()
-    full = extended(subject, subject.t_pose[:, None])
-    np.testing.assert_allclose(full[len(COORDINATES) :], 0, atol=1e-12)
-    np.testing.assert_array_equal(full[: len(COORDINATES), 0], subject.t_pose)
-
-
 def test_a_matching_person_has_none():
     subject = make_subject(Person(), faults=Faults.none().body)
     q = np.random.default_rng(0).normal(size=(len(COORDINATES), 20))

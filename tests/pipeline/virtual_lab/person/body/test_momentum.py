@@ -6,11 +6,10 @@ import pytest
 from hbm.coordinates import N_Q
 from hbm.kernels.native import kernels
 from hbm.poses import marker_positions as production_markers
-from hbm.segments import Inertia
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.virtual_lab.faults import BodyFaults, Faults
 from pipeline.virtual_lab.person.body import ALL_COORDINATES, frames, marker_positions
-from pipeline.virtual_lab.person.momentum import center_of_mass, ground_wrench, second_moment
+from pipeline.virtual_lab.person.momentum import center_of_mass, ground_wrench
 from pipeline.virtual_lab.person.subject import Person, make_subject
 from tests.validation.true_body import true_body
 
@@ -98,17 +97,3 @@ def test_the_ground_wrench_is_the_rate_of_change_of_momentum_less_weight(other):
     expected[:, 3:] += np.cross(place, weight)
     found = ground_wrench(skeleton, state)
     np.testing.assert_allclose(found, expected, rtol=1e-5, atol=0.02)
-
-
-def test_a_body_in_free_fall_needs_no_ground(same):
-    q, rate, second = (np.zeros((len(ALL_COORDINATES), 5)) for _ in range(3))
-    second[2] = -GRAVITY_MPS2
-    np.testing.assert_allclose(ground_wrench(same.skeleton, (q, rate, second)), 0, atol=1e-9)
-
-
-def test_the_second_moment_gives_the_tensor_of_inertia_back():
-    part = Inertia(2.0, np.array([0.1, -0.2, 0.3]), np.diag([0.3, 0.4, 0.5]))
-    moment = second_moment(part)
-    about_origin = np.trace(moment) * np.eye(3) - moment
-    lever = 2.0 * (0.14 * np.eye(3) - np.outer(part.center, part.center))
-    np.testing.assert_allclose(about_origin, part.tensor + lever)

@@ -1,0 +1,202 @@
+"""The part of a trial that is explained, its causes, and what each of them adds to the residual."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from hbm.signals.samples import mean_rate_hz
+from hbm.spatial import Array, Mask
+from pipeline.explain.cause import Cause
+from pipeline.explain.causes.body import body_causes, soft_tissue_causes
+from pipeline.explain.causes.markers import marker_causes
+from pipeline.explain.causes.plates import plate_causes
+from pipeline.explain.causes.treadmill import compensation_causes, platform_causes
+from pipeline.explain.processing_chain import ProcessingChain, processing_chain
+from pipeline.explain.shares import NORMAL_95
+from pipeline.explain.sizes import CycleSeries, Posterior, cycle_series, sizes_from_cycles
+from pipeline.io.recording import Recording
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.quality import settling_s
+from pipeline.trial.residuals import windows
+from pipeline.trial.result import TrialResult
+
+MAX_FRAMES: Final = 6000
+"""Of a long trial, a minute of which tells as much."""
+MIN_CYCLES: Final = 4
+"""For telling what repeats from what does not, and for judging half of them by the others; of fewer
+one half of the frames judges the other."""
+HIGHEST_IN_CUTOFFS: Final = 1.1
+"""Frequency up to which sizes are estimated, in cut-offs of the filter: above it soft tissue
+oscillates in ways that no cause describes well, and delays would be taken for them."""
+TRANSPARENT: Final = 4.0
+"""Cut-off that passes nearly all of a motion, in cut-offs of the trial: at 6 Hz, 24 Hz."""
+HIGHEST: Final = 0.3
+"""Of the frame rate: a filter's cut-off has to stay well below half of it."""
+TOLERANCE: Final = 0.05
+"""Of a residual's RMS that a change of all causes together may differ from the sum of their
+effects."""
+ROUNDS: Final = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExplainedPart:
+    """The part of a trial whose residuals are explained, and the causes that may explain them.
+
+    Attributes
+    ----------
+    chain
+        Its frames, and those around them in which the filters settle.
+    causes
+        What may be wrong with it.
+    series
+        Its gait cycles; a single stretch where there are none.
+    found_cycles
+        How many cycles there are; 0 for a stretch of the recording.
+    """
+
+    chain: ProcessingChain
+    causes: tuple[Cause, ...]
+    series: CycleSeries
+    found_cycles: int
+
+    @property
+    def counts(self) -> Mask:
+        """Frames that are explained, (T,)."""
+        result = np.zeros(len(self.chain.time), bool)
+        result[np.concatenate(self.series.frames)] = True
+        return result
+
+    @property
+    def halves(self) -> tuple[CycleSeries, CycleSeries]:
+        """Both halves of the cycles; of fewer than four, of the frames of each."""
+        if len(self.series) >= MIN_CYCLES:
+            middle = len(self.series) // 2
+            return self.series.some(slice(middle)), self.series.some(slice(middle, None))
+        time, to_hz = self.chain.time, highest_hz(self.chain)
+        bounds = [time[[own[0], own[len(own) // 2], own[-1]]] for own in self.series.frames]
+        first, second = (
+            cycle_series(time, [(own[half], own[half + 1]) for own in bounds], to_hz, self.counts)
+            for half in (0, 1)
+        )
+        return first, second
+
+
+def explained_part(
+    recording: Recording, laboratory: Laboratory, result: TrialResult
+) -> ExplainedPart:
+    """Give the part of a trial that is explained.
+
+    Parameters and errors are those of `pipeline.explain.explain.explain_trial`. The cycles are
+    those of the side with the most; without any, what `pipeline.trial.residuals` counts.
+    """
+    time, counts = result.motion.time, result.counts
+    cycles = () if result.span else max(result.cycles.values(), key=len, default=())
+    spans = np.reshape(cycles if len(cycles) else windows(result)[0].spans, (-1, 2))
+    some = [counts[(time >= start) & (time < stop)].any() for start, stop in spans]
+    if not any(some):
+        raise ValueError(
+            f"{result.source.name}: no frame counts, so that nothing tells what its residuals are "
+            "made of"
+        )
+    spans = spans[some]
+    frames = _frames(spans, result, laboratory)
+    chain = processing_chain(recording, laboratory, result, frames)
+    inside = (spans[:, 0] >= chain.time[0]) & (spans[:, 1] <= chain.time[-1])
+    spans = spans[inside]
+    causes = (
+        *plate_causes(chain, (result.delay_s, result.delay_uncertainty_s / NORMAL_95)),
+        *platform_causes(chain),
+        *compensation_causes(chain),
+        *body_causes(chain),
+        *marker_causes(chain, spans),
+        *soft_tissue_causes(chain),
+    )
+    series = cycle_series(chain.time, spans, highest_hz(chain), counts[frames])
+    return ExplainedPart(chain, causes, series, len(cycles))
+
+
+def highest_hz(chain: ProcessingChain) -> float:
+    """Give the frequency up to which sizes are estimated [Hz]."""
+    return HIGHEST_IN_CUTOFFS * chain.settings.cutoff_hz
+
+
+def _frames(spans: Array, result: TrialResult, laboratory: Laboratory) -> slice:
+    """Give the frames of as many cycles one after another as are explained, and around them."""
+    time = result.motion.time
+    before_s, after_s = settling_s(laboratory.filters(result.settings))
+    longest_s = MAX_FRAMES / mean_rate_hz(time)
+    last = np.searchsorted(spans[:, 1], spans[:, 0] + longest_s, side="right")
+    count = last - np.arange(len(spans))
+    most = np.flatnonzero(count == count.max())
+    first = most[len(most) // 2]
+    start, stop = spans[first, 0] - before_s, spans[max(last[first], first + 1) - 1, 1] + after_s
+    return slice(*np.searchsorted(time, (start, stop)))
+
+
+def left_by_filter(chain: ProcessingChain) -> Array:
+    """Compute what the filter leaves in the residual, (T, 6) [N, N·m].
+
+    The equations of motion multiply coordinates with each other and forces with positions, and the
+    product of filtered signals is not the filtered product. The residual of signals that hardly
+    pass a filter, itself passed through the filter of the trial, has no such part; it is what a
+    filter leaves of all other causes. Lab axes about the pelvis origin; zero where both are the
+    same.
+    """
+    cutoff_hz = chain.settings.cutoff_hz
+    higher_hz = min(TRANSPARENT * cutoff_hz, HIGHEST * mean_rate_hz(chain.time))
+    if higher_hz <= cutoff_hz:
+        return chain.residual * 0.0
+    settings = chain.settings.model_copy(update={"cutoff_hz": higher_hz, "filter": "zero_phase"})
+    return chain.residual - chain.low_pass(chain.changed(settings=settings).residual)
+
+
+def linearised(
+    chain: ProcessingChain, causes: Sequence[Cause], left: Array, series: CycleSeries
+) -> tuple[Array, Array, Posterior]:
+    """Estimate the sizes of causes, again around the sizes found until that changes nothing.
+
+    Parameters
+    ----------
+    chain
+        The trial.
+    causes
+        What may be wrong with it.
+    left
+        What the filter leaves, (T, 6), which needs no cause.
+    series
+        Its gait cycles.
+
+    Returns
+    -------
+    as_measured
+        What each cause adds per unit to the trial as it was measured, (K, T, 6).
+    effects
+        The same where the causes explain the trial.
+    posterior
+        Sizes of the causes.
+    """
+    corrected, size, as_measured = chain, np.zeros(len(causes)), None
+    frames = np.concatenate(series.frames)
+    before = rms(chain.residual[frames])
+    for _ in range(ROUNDS):
+        measured = corrected.residual - left  # first: chains with effects keep its steps
+        effects = np.nan_to_num([cause.effect(corrected) for cause in causes])
+        as_measured = effects if as_measured is None else as_measured
+        residual = measured + np.tensordot(size, effects, 1)
+        posterior = sizes_from_cycles(residual, effects, causes, series)
+        expected = residual - np.tensordot(posterior.size, effects, 1)
+        corrected, size = chain, posterior.size
+        for cause, own in zip(causes, size, strict=True):
+            corrected = cause.change(corrected, -own)
+        missed = rms((corrected.residual - left - expected)[frames])
+        if (missed < TOLERANCE * before).all():
+            break
+    assert as_measured is not None
+    return as_measured, effects, posterior
+
+
+def rms(residual: Array) -> Array:
+    """Give the root mean square of each axis, (T, 6) to (6,)."""
+    return np.asarray(np.sqrt(np.mean(residual**2, axis=0)))
