@@ -342,16 +342,12 @@ def _nothing_counts(
         return (Note.of(code, reason=shortage, start_s=span[0], stop_s=span[1]),)
     inside = frames_within(time, {}, span) if span else np.ones(len(time), bool)
     frames = f"{np.count_nonzero(counts & inside)} of {np.count_nonzero(inside)} frames count"
-    unsolved = np.count_nonzero(inside & ~solved)
-    why = f"{unsolved} could not be solved, in the others the plates do not carry the subject"
+    why = f"{np.count_nonzero(inside & ~solved)} unsolved, else the plates do not carry the subject"
     reason = shortage
     if part is not None and some_cycles:
         reason = f'no frame of the window "{part.name}" of the gait cycles counts'
     elif span is not None:
-        reason = f"from {span[0]:.2f} to {span[1]:.2f} s {frames}: {why}"
+        reason = f"from {span[0]:.2f} to {span[1]:.2f} s {frames} ({why})"
     elif wanted is None:
-        reason += (
-            f"; {frames}, less than min_valid_share: {why}; to use them, state --span all "
-            '(window = "recording") or a span'
-        )
+        reason += f"; {frames}, less than min_valid_share ({why}); --span all uses them"
     return (Note.of("no_residuals", reason=reason),)

@@ -358,10 +358,7 @@ def _crossing(
     return float(time[first + k] + share * (time[first + k + 1] - time[first + k]))
 
 
-NO_SWING: Final = (
-    "no foot swings forward and back against the pelvis, as in walking, in {:.2f} s; record two "
-    "strikes of a foot"
-)
+NO_SWING: Final = "no foot swings against the pelvis in {:.2f} s; record two strikes of a foot"
 MAX_PLATES_APART_S: Final = 0.2
 """Of a foot's motion and a plate's load that are the same event; the next one is a second away."""
 MIN_CLEAN: Final = 3

@@ -165,7 +165,7 @@ def test_nobody_on_the_plates_is_one_line_and_frames_are_written(walker, tmp_pat
     assert main(["residuals", str(trial), "--mass-kg", "74.6", "--out", str(out)]) == 2
     error = capsys.readouterr().err
     assert error.startswith("hbm: error: empty.c3d: there are no residuals: there are no foot st")
-    assert "0 of 150 frames count, less than min_valid_share: 0 could not be solved" in error
+    assert "0 of 150 frames count, less than min_valid_share (0 unsolved" in error
     assert error.count("\n") == 1
     frames = pd.read_parquet(out / "empty.parquet")
     quality = frames["quality"].to_numpy()

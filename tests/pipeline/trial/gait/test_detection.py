@@ -141,7 +141,7 @@ def test_who_stands_has_no_events_and_the_note_says_why(sources):
     still = FootMotion(motion.time, pelvis, feet, feet + 0.15)
     events, _, note = detection.detect_events(replace(sources[0], motion=still), None)
     assert events == ()
-    assert "no foot swings forward and back against the pelvis, as in walking" in note.text
+    assert "no foot swings against the pelvis in" in note.text
 
 
 @pytest.mark.parametrize("seconds", [0.4, 0.6, 0.8])
