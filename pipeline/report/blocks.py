@@ -60,5 +60,10 @@ def words(keys: Iterable[str], known: Mapping[str, str]) -> list[str]:
     return [text for key, text in known.items() if key in present]
 
 
-TEMPLATES.filters |= {"names": join_names, "each": each, "words": words}
+def in_unit(values: Iterable[float | None], factor: float, form: str = "%g") -> list[str]:
+    """Write different numbers once each, in another unit; None is zero."""
+    return [form % (factor * value) for value in sorted({value or 0.0 for value in values})]
+
+
+TEMPLATES.filters |= {"in_unit": in_unit, "names": join_names, "each": each, "words": words}
 TEMPLATES.filters |= {"warnings": warnings_of, "provenance": provenance}

@@ -1,4 +1,4 @@
-"""The tests of every residual on the page of a report: tables, and each effect in words."""
+"""The tests of every residual on the page of a report: which effects are shown, and tables."""
 
 from collections.abc import Iterator
 from math import isnan
@@ -7,10 +7,9 @@ from typing import Any, Final
 import pandas as pd
 
 from pipeline.report.blocks import Table, Text
-from pipeline.statistics.comparison import ALL_CELLS, MIXED_ANOVA, RM_ANOVA
-from pipeline.statistics.design import ALPHA, COMPENSATION, Design
+from pipeline.statistics.comparison import MIXED_ANOVA, RM_ANOVA
+from pipeline.statistics.design import ALPHA, Design
 from pipeline.statistics.table_3 import format_p, number
-from pipeline.statistics.verdict import join_names
 from pipeline.trial.residuals import AXES, DIRECTIONS, rows_of
 
 ANOVA_HEADS: Final = (
@@ -25,7 +24,7 @@ PAIR_HEADS: Final = (
 
 
 def residual_tests(statistics: pd.DataFrame, design: Design) -> list[tuple[Text, list[Table]]]:
-    """Show the tests of every residual: each effect in a sentence, and the tables.
+    """Show the tests of every residual: which effects are shown, and the tables.
 
     Parameters
     ----------
@@ -37,7 +36,8 @@ def residual_tests(statistics: pd.DataFrame, design: Design) -> list[tuple[Text,
     Returns
     -------
     list
-        In order of the axes: the residual with a sentence per effect, or why nothing was tested;
+        In order of the axes: the residual with the effects that are shown and not, or why nothing
+        was tested;
         tables of the analyses of variance, Friedman's test and the planned pairs that were
         computed. One for all residuals where no test of any was computed for the same reason.
     """
@@ -47,7 +47,7 @@ def residual_tests(statistics: pd.DataFrame, design: Design) -> list[tuple[Text,
         if not own.empty:
             name = f"{axis} {'' if k < 3 else 'about '}{DIRECTIONS[k]}"
             tables = [*_anova_tables(own), *_friedman_table(own), *_pair_table(own, design)]
-            found.append((Text(name, tuple(_sentences(own, design))), tables))
+            found.append((Text(name, tuple(_lines(own))), tables))
     reasons = {text.lines for text, _ in found}
     if len(found) > 1 and len(reasons) == 1 and not any(tables for _, tables in found):
         return [(Text("All residuals", *reasons), [])]
@@ -74,44 +74,34 @@ def _anova_tables(tests: pd.DataFrame) -> Iterator[Table]:
     """Show each analysis of variance with Mauchly's test."""
     for test in _anova_names(tests):
         mauchly = _by(tests[tests["test"] == f"Mauchly, {test}"], "effect")
-        effects = _by(_computed(tests, test), "effect")
-        rows = tuple(_anova_row(row, mauchly.get(effect)) for effect, row in effects.items())
+        effects = rows_of(_computed(tests, test))
+        rows = []
+        for row in effects:
+            own = mauchly.get(row.effect)
+            rows.append(
+                (
+                    row.effect.replace(":", " × "),
+                    number(row.statistic, ".2f"),
+                    f"{row.df1:g}, {row.df2:g}",
+                    number(row.epsilon, ".3f") if row.df1 > 1 and row.epsilon < 1 else "–",
+                    format_p(row.p_uncorrected),
+                    format_p(row.p_corrected) + " GG" * (row.correction != "none"),
+                    _with_interval(row, ".2f"),
+                    number(row.power, ".2f"),
+                    "–" if own is None else number(own.statistic, ".3f"),
+                    "–" if own is None else format_p(own.p_corrected),
+                )
+            )
         if rows:
-            n = next(iter(effects.values())).n
-            yield Table(f"{test}, n = {n}", ANOVA_HEADS, rows, "numbers tests")
-
-
-def _anova_row(row: Any, sphericity: Any) -> tuple[str, ...]:
-    """Show one effect."""
-    several = row.df1 > 1 and row.epsilon < 1
-    w_and_p = ("–", "–")
-    if sphericity is not None:
-        w_and_p = (number(sphericity.statistic, ".3f"), format_p(sphericity.p_corrected))
-    return (
-        row.effect.replace(":", " × "),
-        number(row.statistic, ".2f"),
-        f"{row.df1:g}, {row.df2:g}",
-        number(row.epsilon, ".3f") if several else "–",
-        format_p(row.p_uncorrected),
-        format_p(row.p_corrected) + " GG" * (row.correction != "none"),
-        _with_interval(row, ".2f"),
-        number(row.power, ".2f"),
-        *w_and_p,
-    )
+            yield Table(f"{test}, n = {effects[0].n}", ANOVA_HEADS, rows, "numbers tests")
 
 
 def _friedman_table(tests: pd.DataFrame) -> Iterator[Table]:
     """Show Friedman's test."""
-    rows = tuple(
-        (
-            row.effect,
-            number(row.statistic, ".2f"),
-            f"{row.df1:g}",
-            format_p(row.p_corrected),
-            number(row.effect_size, ".2f"),
-        )
-        for row in _by(_computed(tests, "Friedman"), "effect").values()
-    )
+    rows = []
+    for row in rows_of(_computed(tests, "Friedman")):
+        p, w = format_p(row.p_corrected), number(row.effect_size, ".2f")
+        rows.append((row.effect, number(row.statistic, ".2f"), f"{row.df1:g}", p, w))
     if rows:
         yield Table("Friedman's test", FRIEDMAN_HEADS, rows, "numbers tests")
 
@@ -157,60 +147,24 @@ def _with_interval(row: Any, form: str) -> str:
     return f"{value} [{number(row.ci_low, form)}, {number(row.ci_high, form)}]"
 
 
-def _sentences(tests: pd.DataFrame, design: Design) -> Iterator[str]:
-    """Say of every effect whether it is shown."""
+def _lines(tests: pd.DataFrame) -> Iterator[str]:
+    """Say which effects are shown and which are not, or why nothing was tested."""
     names = _anova_names(tests)
     effects = _by(_computed(tests, names[0]), "effect") if names else {}
     if not effects:
         notes = tests.loc[tests["test"].isin((*names, "all")), "note"]
         reason = str(notes.iloc[0]) if len(notes) else "nothing was tested"
         yield f"{reason[0].upper()}{reason[1:]}."
-    for effect, row in effects.items():
-        share = 1.0 if row.correction == "none" else row.epsilon
-        yield _sentence(
-            _effect_in_words(effect.split(":"), design),
-            row.p_corrected,
-            f"F({share * row.df1:.3g}, {share * row.df2:.3g}) = {row.statistic:.2f}",
-            f"partial η² {number(row.effect_size, '.2f')}",
-        )
+    found = {name.replace(":", " × "): row.p_corrected for name, row in effects.items()}
+    for row in rows_of(_computed(tests, "Friedman"))[:1]:
+        found[f"{row.effect} by ranks (Friedman)"] = row.p_corrected
+    for title, is_shown in ((f"Shown at {ALPHA:g}", True), ("Not shown", False)):
+        own = [
+            f"{name}, p {format_p(p, 0)}" for name, p in found.items() if (p < ALPHA) == is_shown
+        ]
+        if own:
+            yield f"{title}: {'; '.join(own)}."
     for name in names[1:]:
-        own = tests[tests["test"] == name]
-        left_out = own["note"].iloc[:1].str.findall(r"[^;]* left out: [^;]*").explode().dropna()
-        if own["p_corrected"].isna().all():
-            yield f"{name}: {own['note'].iloc[0]}."
-        elif len(left_out):
-            yield f"{name}: {'; '.join(left_out.str.strip())}."
-    friedman = list(_by(_computed(tests, "Friedman"), "effect").values())
-    for row in friedman[:1]:
-        ranked = "the cells" if row.effect == ALL_CELLS else f"the levels of {row.effect}"
-        yield _sentence(
-            f"By ranks (Friedman), {ranked} differ",
-            row.p_corrected,
-            f"χ²({row.df1:g}) = {row.statistic:.2f}",
-            f"Kendall's W {number(row.effect_size, '.2f')}",
-        )
-
-
-def _sentence(claim: str, p: float, statistic: str, size: str) -> str:
-    """Say whether a claim is shown."""
-    written = format_p(p, alpha=0)
-    numbers = f"{statistic}, p {written if written.startswith('<') else f'= {written}'}, {size}"
-    if p < ALPHA:
-        return f"{claim} ({numbers})."
-    return f"Not shown: {claim[0].lower()}{claim[1:]} ({numbers})."
-
-
-def _effect_in_words(parts: list[str], design: Design) -> str:
-    """Give an effect as the claim that its test is of."""
-    levels = {
-        COMPENSATION: "between IC and no IC",
-        design.factor: f"between the levels of {design.factor}",
-        design.group: "between the groups",
-    }
-    if len(parts) > 1:
-        rest = ["group" if part == design.group else part for part in parts[1:]]
-        return f"The difference {levels[parts[0]]} depends on {join_names(rest)}"
-    others = [factor for factor in design.factors if factor not in parts]
-    claim = f"differs {levels[parts[0]]}" if parts[0] in levels else f"depends on {parts[0]}"
-    average = f", on average over {join_names(others)}," if others else ""
-    return f"The residual{average} {claim}"
+        note = str(tests.loc[tests["test"] == name, "note"].iloc[0])
+        if "not computed" in note or "left out" in note:
+            yield f"{name}: {note}."

@@ -1,22 +1,20 @@
 """The report of a study: tables, statistics, figures and one page, from what `hbm run` left."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Final
 
 import pandas as pd
 
-from hbm.engines.engine import title
 from hbm.spelling import did_you_mean, listed, short
 from pipeline.budgets.explanation import study_covariances
 from pipeline.budgets.study import explanations
 from pipeline.config.comparison import groups, study_design
-from pipeline.config.schema import COVARIATES
+from pipeline.config.schema import COVARIATES, Settings
 from pipeline.config.study import Study, read_study
 from pipeline.figures.style import save_figure
 from pipeline.io.write import whole_file, write_csv, write_text
-from pipeline.report.blocks import TEMPLATES, Check, Table, picture
+from pipeline.report.blocks import TEMPLATES, Check, picture
 from pipeline.report.effects import residual_tests
 from pipeline.report.figures import example_subject, study_figures
 from pipeline.report.methods import bibtex, methods
@@ -25,20 +23,12 @@ from pipeline.report.trials import LIMITS, causes, problems, quality_table, tria
 from pipeline.report.verdict import question, verdict_values
 from pipeline.run.failures import read_failures
 from pipeline.run.load import Results, collect, select_trials
-from pipeline.run.provenance import Provenance, provenance, trial_states
+from pipeline.run.provenance import provenance, trial_states
 from pipeline.statistics.comparison import statistics
 from pipeline.statistics.design import Design, unstated_design
 from pipeline.statistics.table_3 import table_3, table_3_markdown
 from pipeline.statistics.verdict import verdicts
 from pipeline.trial.result import TrialResult
-
-UNSTATED: Final = {
-    "marker_set": "recognised from the files",
-    "plate_delay_s": "that of the plates' calibration, where there is one, else 0.0",
-    "events": "the file's where it has some, else auto",
-    "engine": "pinocchio where it can be imported, else kernels",
-}
-"""Setting -> what it is where the study does not state it."""
 
 
 def write_report(
@@ -138,7 +128,6 @@ def write_report(
     keys = sorted(results.trials, key=lambda key: (key[0], order.index(key[1])))
     trials = {" ".join(key): results.trials[key] for key in keys}
     paragraphs = methods(results, tests, design, study)
-    tables, inputs = _sources(source)
     of_study = {} if study is None else groups(study.file, study.subjects)
     stated = study is not None and study.file.comparison is not None
     page = TEMPLATES.get_template("page.html").render(
@@ -168,8 +157,11 @@ def write_report(
         stale=stale,
         methods=paragraphs,
         bibtex=bibtex(paragraphs, source.report["hbm-residuals"]),
-        sources=tables,
-        inputs=inputs,
+        source=source,
+        unstated={
+            name: str(field.description).partition("default: ")[2].rstrip(".")
+            for name, field in Settings.model_fields.items()
+        },
     )
     write_text(page, folder / "report.html")
     return folder / "report.html"
@@ -215,43 +207,3 @@ def _scope(results: Results, design: Design) -> str:
         f"Pelvis residuals{variants}: {subjects} "
         f"subject{'s' * (subjects > 1)}, {trials} trial{'s' * (trials > 1)}; {conditions}"
     )
-
-
-def _sources(source: Provenance) -> tuple[list[Table], Table | None]:
-    """Show settings, versions, engines and program, and the hashes of the study's files."""
-    package = ("Package", "Version")
-
-    def pairs(
-        caption: str, heads: Sequence[str], values: Mapping[str, str], css_class: str = ""
-    ) -> Table:
-        """Show names with their values."""
-        return Table(caption, heads, tuple(values.items()), css_class)
-
-    tables = []
-    for settings in source.settings:
-        values = {k: UNSTATED[k] if v is None else str(v) for k, v in settings}
-        tables.append(pairs("Settings of the trials", ("Setting", "Value"), values))
-    for versions in source.versions:
-        tables.append(pairs("The trials were processed with", package, versions))
-    engines = [
-        (
-            str(used),
-            title(used.other, used.other_version),
-            str(used.frames),
-            f"{used.difference:.0e}",
-        )
-        if used.other is not None
-        else (str(used), "not checked", "0", "unknown")
-        for used in source.engines
-    ]
-    heads = "Engine", "Checked by", "Frames", "Largest difference"
-    tables.append(Table("Inverse dynamics of the trials", heads, engines))
-    tables.append(pairs("The report was made with", package, source.report))
-    program = {
-        "Source code, SHA-256": source.program["sha256"],
-        "Git commit": source.program["git_commit"],
-    }
-    tables.append(pairs("The program", ("Program", "Identity"), program, "hashes"))
-    if source.inputs is None:
-        return tables, None
-    return tables, pairs("Files of the study", ("File", "SHA-256"), source.inputs, "hashes")

@@ -336,7 +336,7 @@ def _check_window(
     found.attempt(name, lambda: low_pass(0 * time, time, settings.cutoff_hz, settings.filter))
     found.attempt(
         name,
-        lambda: counted_span(rule.wanted, {}, time, settling, counts=every, min_valid_share=least),
+        lambda: counted_span(rule.wanted, {}, time, settling, every, least),
     )
     if rule.wanted not in (None, "cycle"):
         return

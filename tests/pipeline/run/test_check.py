@@ -197,6 +197,8 @@ def test_markers_that_are_often_missing_are_named(study):
     ],
 )
 def test_what_a_run_would_refuse_is_a_fault(study, tmp_path, change_study, fault):
+    for other in ("baseline", "pitch"):
+        edit(study / "sub01.toml", f'file = "sub01_{other}.c3d"', 'exclude = "not needed here"')
     change_study(study)
     found = findings(study)
     assert any(line.startswith(fault) for line in found.faults), found.faults
