@@ -142,30 +142,24 @@ class Metadata:
     ----------
     subject, marker_set
         Names.
-    manufacturer, software, date, comments
+    manufacturer, software
         Of the recording, as the file writes them.
     mass_kg, height_m
         Body mass and stature.
     limbs
         Side -> what was measured on it.
-    dflow_events
-        Letter of a D-Flow event -> its times, (E,) [s].
     """
 
     subject: str = ""
     marker_set: str = ""
     manufacturer: str = ""
     software: str = ""
-    date: str = ""
-    comments: str = ""
     mass_kg: float | None = None
     height_m: float | None = None
     limbs: Mapping[str, LimbMeasures] = field(default_factory=dict)
-    dflow_events: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "limbs", MappingProxyType(dict(self.limbs)))
-        object.__setattr__(self, "dflow_events", MappingProxyType(dict(self.dflow_events)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -337,7 +337,7 @@ class _Stages:
 
         def span() -> None:
             low_pass(0 * time, time, settings.cutoff_hz, settings.filter)
-            counted_span(rule.wanted, {}, time, settling, counts=every, min_valid_share=least)
+            counted_span(rule.wanted, {}, time, settling, every, least)
 
         self.found.attempt(self.name, span)
         if rule.wanted not in (None, "cycle"):
