@@ -182,7 +182,7 @@ def test_orthogonal_errors_leave_out_what_a_line_explains(good_plate, faulty):
 def test_one_command_simulates_checks_and_leaves_tables_figures_and_a_verdict(
     tmp_path, monkeypatch, capsys
 ):
-    few = DESIGN | {"positions": (0.25,), "speeds": (1.0,)}
+    few = DESIGN | {"positions": (0.25,)}
     monkeypatch.setattr(known_weights, "simulate_plates", partial(simulate_plates, **few))
     folder, out = tmp_path / "study", tmp_path / "out"
     assert main(["plates", str(folder), "--simulate", "--out", str(out)]) == 0
@@ -192,7 +192,7 @@ def test_one_command_simulates_checks_and_leaves_tables_figures_and_a_verdict(
             assert faults.loc[(belt, fault), "value"] == pytest.approx(truth, rel=0.1)
     assert len(pd.read_csv(out / "table_1.csv")) > 10
     assert len(list((out / "figures").glob("*.png"))) == 4
-    tested = {"belt", "profile", "mass_kg", "zone"}
+    tested = {"belt", "profile", "speed_mps", "mass_kg", "zone"}
     assert tested == set(pd.read_csv(out / "anova.csv")["effect"])
     capsys.readouterr()
     assert main(["plates", str(folder), "--simulate"]) == 2
