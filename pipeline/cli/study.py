@@ -148,7 +148,7 @@ def view(
     from pipeline.run.program import program_digest
     from pipeline.run.store import read_trial
     from pipeline.viewer.serve import view as show
-    from pipeline.viewer.trial import write_cycles, write_recording
+    from pipeline.viewer.trial import write_recording
 
     console = PlainConsole()
     result = results if results.suffix == RESULT else _result_of(results, subject, condition)
@@ -162,19 +162,17 @@ def view(
         return
     folder = result.parent.parent if result.parent.name == "trials" else result.parent
     stem = folder / "viewer" / result.stem
-    recording, cycles, shown = (Path(f"{stem}{end}") for end in (".rrd", "_cycles.rrd", ".key"))
+    recording, shown = Path(f"{stem}.rrd"), Path(f"{stem}.key")
     made = (
         f"{summary.key} {program_digest()} {bands is not None}"  # a key does not cover the viewer
     )
-    there = recording.is_file() and cycles.is_file() and shown.is_file()
+    there = recording.is_file() and shown.is_file()
     if not (summary.key and there and shown.read_text() == made):
         with console.status(Text(f"preparing {result.stem}")):
             stem.parent.mkdir(parents=True, exist_ok=True)
-            stored = read_trial(result)
-            write_recording(stored, recording, bands=bands)
-            write_cycles(stored, cycles)
+            write_recording(read_trial(result), recording, bands=bands)
         write_text(made, shown)
-    show([recording, cycles], web=web, announce=console.say)
+    show(recording, web=web, announce=console.say)
 
 
 def _result_of(folder: Path, subject: str | None, condition: str | None) -> Path:

@@ -49,18 +49,14 @@ class Plate:
     corners: Array
 
     def __post_init__(self) -> None:
-        expected = {
-            "wrench_in_plate": (len(self.time), 6),
-            "rotation": (3, 3),
-            "center": (3,),
-            "corners": (4, 3),
-        }
-        for name in ("time", *expected):
+        samples = len(self.time)
+        shapes = {"time": (samples,), "wrench_in_plate": (samples, 6)}
+        shapes |= {"rotation": (3, 3), "center": (3,), "corners": (4, 3)}
+        for name, shape in shapes.items():
             value = read_only(getattr(self, name))
-            if name in expected and value.shape != expected[name]:
+            if value.shape != shape:
                 raise ValueError(
-                    f"plate {self.number}: {name} must have shape {expected[name]}, "
-                    f"got {value.shape}"
+                    f"plate {self.number}: {name} must have shape {shape}, got {value.shape}"
                 )
             object.__setattr__(self, name, value)
 

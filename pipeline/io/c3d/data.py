@@ -82,7 +82,14 @@ def read_samples(
     frame = header.frame
     n_points, per_frame, channels = frame.points, frame.per_channel, frame.channels
     rate, rate_corrections = frame_rate_hz(header, parameters)
-    _check_scale(header, parameters)
+    point_scale = parameters.number("POINT", "SCALE", header.scale)
+    differs = header.scale > 0 and abs(point_scale / header.scale - 1) > MAX_SCALE_DIFFERENCE
+    if point_scale * header.scale <= 0 or differs:
+        raise ValueError(
+            f"the header scales points by {header.scale:.5g}, but POINT:SCALE says "
+            f"{point_scale:.5g}: one of them is wrong, and with it all positions; export the file "
+            "again"
+        )
     unsigned = is_unsigned(parameters)
     frames = header.frames if max_frames is None else min(header.frames, max_frames)
     offset, scale, scale_corrections = analog_scaling(header, parameters)
@@ -158,16 +165,6 @@ def _decode(
         points = points * np.array([header.scale, header.scale, header.scale, 1])
         analog = analog.view(integer_type(header.byte_order, signed=not unsigned))
     return points, analog.reshape(frames, frame.per_channel, frame.channels)
-
-
-def _check_scale(header: Header, parameters: Parameters) -> None:
-    scale = parameters.number("POINT", "SCALE", header.scale)
-    differs = header.scale > 0 and abs(scale / header.scale - 1) > MAX_SCALE_DIFFERENCE
-    if scale * header.scale <= 0 or differs:
-        raise ValueError(
-            f"the header scales points by {header.scale:.5g}, but POINT:SCALE says {scale:.5g}: "
-            "one of them is wrong, and with it all positions; export the file again"
-        )
 
 
 def _is_missing(points: NDArray[np.number]) -> NDArray[np.bool_]:

@@ -9,8 +9,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from hbm.notes import Note
-from hbm.spelling import printable, short, shown
 from pipeline.config.study import read_study
 from pipeline.config.toml_file import read_segments
 from pipeline.io.c3d.read import read_c3d
@@ -83,17 +81,6 @@ def test_of_a_long_fault_both_ends_are_told_in_one_printable_line(text):
     assert line.endswith("; export the file again")
     assert line.isprintable()
     assert len(line) <= MAX_MESSAGE
-
-
-@given(NASTY)
-def test_text_is_shown_in_printable_letters_and_short(text):
-    assert printable(text).isprintable()
-    assert short(text).isprintable()
-    assert len(short(text)) <= 40
-    assert len(shown([text])) <= 40
-    assert Note.of("c3d_corrected", corrections=[text]).text.isprintable()
-    many = Note.of("labels_not_renamed", labels=[text] * 3)
-    assert many.text.isprintable()
 
 
 @pytest.fixture(scope="module")

@@ -107,13 +107,6 @@ def test_a_plate_that_lacks_channels_is_left_out_and_the_other_kept(
     assert note.values["reason"] == reason
 
 
-def test_mox_keeps_unknown_channels_and_notes_that_its_signs_are_unconfirmed(trial, tmp_path):
-    read = read_recording(write_mox(trial, tmp_path / "t.mox"))
-    assert read.analog.names == ("Rotation LHipFlex",)
-    assert read.metadata.subject == "P7"
-    assert Note.of("force_sign_unconfirmed") in read.notes
-
-
 @pytest.mark.parametrize(
     ("pairs", "message"),
     [

@@ -44,11 +44,6 @@ def test_columns_are_as_in_the_file(table_file):
     assert np.isnan(table.column("pelvis_tilt")[1])
 
 
-def test_an_absent_column_is_named_with_those_that_exist(table_file):
-    with pytest.raises(KeyError, match="no column 'hip'; present: pelvis_tilt, pelvis_tx"):
-        read_mot(table_file(IK)).column("hip")
-
-
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

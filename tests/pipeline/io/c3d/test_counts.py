@@ -61,12 +61,6 @@ def test_contradictory_counts_of_points_that_no_size_proves_are_refused(raw_c3d)
         read_c3d(path, AXES)
 
 
-def test_samples_that_are_no_multiple_of_those_of_a_channel_are_refused(raw_c3d):
-    path = made(raw_c3d, {"header": {"per_frame": 7}, "absent": ("ANALOG:RATE",)})
-    with pytest.raises(ValueError, match="60 analog samples per frame are not a multiple of 7"):
-        read_c3d(path, AXES)
-
-
 def test_frames_beyond_a_count_on_which_all_places_agree_are_left_and_noted(raw_c3d):
     change = {"header": {"last": 90}, "POINT": {"FRAMES": np.array([90])}}
     path = made(raw_c3d, change)
@@ -139,21 +133,6 @@ def test_a_long_file_cut_short_is_refused_however_many_frames_remain(raw_c3d, lo
     change["POINT"] = {"LABELS": ["A"], "FRAMES": np.array([65535])} | change.get("POINT", {})
     path = raw_c3d(points, header={"last": 65535}, **change)
     with pytest.raises(ValueError, match=rf"says it has 65535 or 130000 frames, .*{frames - lost}"):
-        read_c3d(path, AXES)
-
-
-@given(cut=st.integers(1, 511))
-@settings(
-    max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
-def test_a_long_file_that_ends_within_a_frame_and_a_block_is_refused(raw_c3d, cut):
-    """Even where no place holds the number of frames."""
-    change = {"POINT": {"LABELS": ["A"], "FRAMES": np.array([65535])}, "header": {"last": 65535}}
-    path = raw_c3d(np.ones((65_600, 1, 4)), **change)
-    content = path.read_bytes()
-    assume(cut % 16 and (len(content) - cut) % 512)
-    path.write_bytes(content[:-cut])
-    with pytest.raises(ValueError, match="truncated or damaged"):
         read_c3d(path, AXES)
 
 

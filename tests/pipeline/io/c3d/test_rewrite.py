@@ -1,8 +1,6 @@
 """A rewritten file is the original but for its plates' samples, one group and the data's start."""
 
-import os
 import struct
-import time
 import tracemalloc
 from datetime import timedelta
 from pathlib import Path
@@ -17,8 +15,6 @@ from pipeline.io.c3d.force_plates import plate_layouts
 from pipeline.io.c3d.header import read_header
 from pipeline.io.c3d.labels import channel_labels
 from pipeline.io.c3d.parameters import (
-    float_bytes,
-    floats,
     parameter_records,
     values_of,
     with_values,
@@ -39,18 +35,10 @@ REAL_FILES = (
     "c3d_samples/Gait.c3d",
     "c3d_samples/TYPE-2.C3D",
     "c3d_samples/TYPE-4.C3D",
-    "c3d_samples/parameterOverflow.c3d",
-    "c3d_samples/pc_int.c3d",
     "c3d_samples/sgi_real.c3d",
     "full_body_standing/1min_CGM_HBM_static.c3d",
-    "overground_walks/HC030A01.c3d",
     "overground_walks/HC030A05.c3d",
-    "overground_walks/HC030A22.c3d",
-    "overground_walks/HC031A01.c3d",
-    "overground_walks/HC031A06.c3d",
-    "overground_walks/HC031A23.c3d",
     "plug_in_gait/Movement_trial.c3d",
-    "plug_in_gait/Static_trial.c3d",
     "treadmill_hbm2/treadmill_events.c3d",
 )
 
@@ -163,13 +151,6 @@ def test_without_a_change_only_the_group_is_added(tmp_path, kind, byte_order, re
 
 
 @pytest.mark.parametrize("name", REAL_FILES)
-def test_without_a_change_only_the_group_is_added_to_a_real_file(shared_data, tmp_path, name):
-    original = original_of(shared_data, tmp_path, name)
-    written, _ = rewritten(original, unchanged(original))
-    assert_only_the_group_is_added(original, written)
-
-
-@pytest.mark.parametrize("name", REAL_FILES)
 def test_a_real_file_reads_back_as_the_changed_wrench(shared_data, tmp_path, name):
     original = original_of(shared_data, tmp_path, name)
     changes = changes_of(original)
@@ -219,18 +200,6 @@ def test_a_changed_wrench_is_read_back_whatever_the_file(
     spare = read_samples(written, header, parameters).analog[:, :spare_channels]
     before = read_samples(original, *read_header(original)).analog[:, :spare_channels]
     np.testing.assert_array_equal(spare, before)
-
-
-def test_type_3_changes_least_over_its_eight_channels(tmp_path):
-    """No combination of channels that leaves the wrench as it is is part of the change."""
-    original = PlateFile(3).write(tmp_path / "trial.c3d")
-    written, _ = rewritten(original, changes_of(original))
-    raw = [read_samples(path, *read_header(path)).analog[:, 1:] for path in (original, written)]
-    (plate,) = _plate_samples(*read_header(original), Stated()).plates
-    to_wrench = plate.wrench(np.eye(8)).T
-    without_effect = np.linalg.svd(to_wrench)[2][6:]
-    np.testing.assert_allclose((raw[1] - raw[0]) @ without_effect.T, 0, atol=1e-4)
-    assert np.abs(raw[1] - raw[0]).max() > 1
 
 
 def test_the_reader_tells_what_was_done(tmp_path):
@@ -345,16 +314,6 @@ def test_a_parameter_section_that_cannot_grow_is_refused(filled_file):
         rewritten(original, unchanged(original))
 
 
-def test_a_section_of_labels_and_ranges_is_not_moved(filled_file):
-    """The header names its block; the copy would leave it behind."""
-    original = filled_file(100)
-    content = bytearray(original.read_bytes())
-    struct.pack_into("<2H", content, 294, 12345, 4)
-    original.write_bytes(content)
-    with pytest.raises(ValueError, match="a section of labels and ranges"):
-        rewritten(original, unchanged(original))
-
-
 @pytest.mark.slow
 @pytest.mark.usefixtures("without_second_reader")
 def test_a_long_trial_is_written_whole_in_the_memory_of_a_short_one(tmp_path):
@@ -383,16 +342,6 @@ def test_another_file_at_the_target_is_kept(tmp_path):
     content = first.read_bytes()
     rewritten(original, changes_of(original))  # the same again is no other file
     assert first.read_bytes() == content
-
-
-def test_what_a_killed_export_left_is_removed_by_the_next_one(tmp_path):
-    original = PlateFile(2).write(tmp_path / "trial.c3d")
-    dead = tmp_path / "written" / ".trial.c3d.deadbeef.part"
-    dead.parent.mkdir()
-    dead.write_bytes(b"half")
-    os.utime(dead, (time.time() - 7200,) * 2)
-    target, _ = rewritten(original, changes_of(original))
-    assert list(target.parent.iterdir()) == [target]
 
 
 @pytest.mark.parametrize("byte_order", PROCESSORS)
@@ -426,27 +375,6 @@ def test_a_channel_of_a_scale_that_is_no_number_is_refused(tmp_path, wrong):
     assert not list((tmp_path / "written").glob("*"))
 
 
-def test_a_channel_that_two_plates_share_is_refused(tmp_path):
-    original = PlateFile(2, plates=2).write(tmp_path / "trial.c3d")
-    content = original.read_bytes()
-    channels = struct.pack("<12H", *range(2, 14))
-    assert channels in content
-    shared = struct.pack("<12H", *range(2, 8), 2, *range(9, 14))
-    original.write_bytes(content.replace(channels, shared))
-    with pytest.raises(ValueError, match="FORCE_PLATFORM:CHANNEL names P1C1 twice"):
-        rewritten(original, changes_of(original))
-
-
-@pytest.mark.parametrize("byte_order", PROCESSORS)
-def test_numbers_are_encoded_as_they_are_decoded(byte_order):
-    numbers = np.array([0.0, -0.0, 1.0, -1.5, 3.1415927, 1e-30, -2e30, 8.5e37], np.float32)
-    data = float_bytes(numbers, byte_order)
-    np.testing.assert_array_equal(floats(data, byte_order), numbers)
-    assert data[4:8] == data[:4] or byte_order != "dec"  # which has no negative zero
-    with pytest.raises(ValueError, match="too large for the 4 bytes"):
-        float_bytes([1e39], byte_order)
-
-
 def test_a_plate_that_is_left_out_keeps_its_samples_and_corners(tmp_path):
     """Of two plates the first one has a type that is unknown: the second is the one that moves."""
     original = PlateFile(2, plates=2).write(tmp_path / "trial.c3d")
@@ -473,3 +401,14 @@ def test_a_plate_that_is_left_out_keeps_its_samples_and_corners(tmp_path):
     samples = [read_samples(path, *read_header(path)).analog for path in (original, target)]
     np.testing.assert_array_equal(samples[0][:, :7], samples[1][:, :7])
     np.testing.assert_allclose(plates_of(target)[0], plates_of(original)[0] + changes[0], atol=1e-3)
+
+
+def test_a_channel_that_two_plates_share_is_refused(tmp_path):
+    original = PlateFile(2, plates=2).write(tmp_path / "trial.c3d")
+    content = original.read_bytes()
+    channels = struct.pack("<12H", *range(2, 14))
+    assert channels in content
+    shared = struct.pack("<12H", *range(2, 8), 2, *range(9, 14))
+    original.write_bytes(content.replace(channels, shared))
+    with pytest.raises(ValueError, match="FORCE_PLATFORM:CHANNEL names P1C1 twice"):
+        rewritten(original, changes_of(original))

@@ -57,15 +57,6 @@ def test_an_xdf_file_is_recognised_by_content_and_holds_the_trial(trial, whole):
     assert set(codes(read)) == {"axes", "sample_clock"}
 
 
-def test_positions_in_millimetres_are_metres_and_stated_units_win(trial, tmp_path):
-    path = xdf.write_xdf(tmp_path / "mm.xdf", xdf.recorded(trial, unit="mm"))
-    np.testing.assert_allclose(
-        read_recording(path).markers.position, trial.markers.position, atol=1e-12
-    )
-    with pytest.raises(ValueError, match=r"spread over .*--units"):
-        read_recording(path, Stated(units="m"))
-
-
 def test_streams_of_devices_with_clocks_of_their_own_are_on_one_clock(trial, tmp_path):
     """A clock that is 900 s behind and loses 50 ppm."""
     cameras, plates, analog = xdf.recorded(trial)
@@ -131,16 +122,6 @@ def test_markers_are_found_by_labels_where_no_type_is_stated(trial, tmp_path, la
     np.testing.assert_allclose(read.markers.position, trial.markers.position, atol=1e-12)
 
 
-def test_positions_of_rigid_bodies_are_no_markers_where_markers_are_named(trial, tmp_path):
-    cameras, *_ = xdf.recorded(trial)
-    body = [{"label": f"Table_{a}", "object": "Table", "type": f"Position{a}"} for a in "XYZ"]
-    channels = [*xdf.marker_channels(trial.markers.names), *body]
-    cameras["desc"] = xdf.described(channels)
-    cameras["values"] = np.hstack([cameras["values"], np.ones((200, 3))])
-    read = read_recording(xdf.write_xdf(tmp_path / "a.xdf", [cameras]))
-    assert read.markers.names == trial.markers.names
-
-
 def test_plates_named_as_in_dflow_are_about_the_origin_of_its_axes(trial, tmp_path):
     axes = "right,up,back"
     position, plates = in_file(trial, axes)
@@ -175,21 +156,6 @@ def test_plates_named_as_in_dflow_are_about_the_origin_of_its_axes(trial, tmp_pa
     np.testing.assert_allclose(
         rotate_wrench(read.plates[0].wrench, turn.T)[:, :3], plates[0][0], atol=1e-9
     )
-
-
-def test_plates_named_as_in_dflow_that_are_described_too_are_read_once(trial, tmp_path):
-    cameras, plates, analog = xdf.recorded(trial)
-    names = [f"{q}{axis}" for q in ("For", "Mom") for axis in "XYZ"]
-    channels = [
-        {**channel, "label": f"FP{plate.number}.{name}"}
-        for plate in trial.plates
-        for channel, name in zip(xdf.plate_channels(plate.number), names, strict=True)
-    ]
-    places = "".join(map(xdf.plate_place, trial.plates))
-    plates["desc"] = xdf.described(channels, f"<plates>{places}</plates>")
-    read = read_recording(xdf.write_xdf(tmp_path / "a.xdf", [cameras, plates, analog]))
-    for ours, true in zip(read.plates, trial.plates, strict=True):
-        np.testing.assert_allclose(ours.wrench, true.wrench, atol=1e-9)
 
 
 def test_a_plate_whose_place_is_not_stated_is_left_out_with_a_warning(trial, tmp_path):
@@ -269,3 +235,27 @@ def test_no_cut_changes_a_number_without_a_refusal_or_a_warning(whole, tmp_path)
         np.testing.assert_array_equal(read.markers.position, frames[: len(read.markers.time)])
         warned += 1
     assert warned > 12
+
+
+def test_positions_in_millimetres_are_metres_and_stated_units_win(trial, tmp_path):
+    path = xdf.write_xdf(tmp_path / "mm.xdf", xdf.recorded(trial, unit="mm"))
+    np.testing.assert_allclose(
+        read_recording(path).markers.position, trial.markers.position, atol=1e-12
+    )
+    with pytest.raises(ValueError, match=r"spread over .*--units"):
+        read_recording(path, Stated(units="m"))
+
+
+def test_plates_named_as_in_dflow_that_are_described_too_are_read_once(trial, tmp_path):
+    cameras, plates, analog = xdf.recorded(trial)
+    names = [f"{q}{axis}" for q in ("For", "Mom") for axis in "XYZ"]
+    channels = [
+        {**channel, "label": f"FP{plate.number}.{name}"}
+        for plate in trial.plates
+        for channel, name in zip(xdf.plate_channels(plate.number), names, strict=True)
+    ]
+    places = "".join(map(xdf.plate_place, trial.plates))
+    plates["desc"] = xdf.described(channels, f"<plates>{places}</plates>")
+    read = read_recording(xdf.write_xdf(tmp_path / "a.xdf", [cameras, plates, analog]))
+    for ours, true in zip(read.plates, trial.plates, strict=True):
+        np.testing.assert_allclose(ours.wrench, true.wrench, atol=1e-9)
