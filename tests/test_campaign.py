@@ -142,9 +142,9 @@ def test_other_residuals_without_a_note_are_silent(walker):
         measured = replace(known.measured, residual=residual + shift * np.sign(residual))
         outcome = numbers_changed(replace(known, variants={"measured": measured}), known)
         assert (outcome and outcome.kind) == kind
-    (note,) = (note for note in known.notes if note.code == "axes_inferred")
+    (note,) = (note for note in known.notes if note.code == "axes")
     assert noted(known.notes, known.notes) is None
-    assert noted((*known.notes, note), known.notes) == Outcome("noted", "axes_inferred")
+    assert noted((*known.notes, note), known.notes) == Outcome("noted", "axes")
 
 
 def test_control_characters_and_names_are_found_in_what_is_printed():

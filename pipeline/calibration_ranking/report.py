@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from compensation import BeltModel, InertiaModel
 from compensation.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
-from hbm.spatial import WRENCH_COMPONENTS
+from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.calibration_ranking.ranking import (
     SMALLEST_DIFFERENCE,
     Model,
@@ -26,7 +26,6 @@ from pipeline.calibration_ranking.ranking import (
 from pipeline.calibration_ranking.trials import (
     BELT_FILTER,
     RATE_HZ,
-    BeltTrial,
     PlatformTrial,
     Trials,
 )
@@ -116,7 +115,9 @@ def _platform_section(
     write_csv(best, out / "best_trials.csv")
     write_csv(winners_scores, out / "table_2.csv")
     for trial in validation:
-        figure = compensation_figure(trial, ranking.models[ranking.winner], ranking.winner)
+        predicted = ranking.models[ranking.winner].predict(trial.accelerations)
+        title = f"{trial.name}: empty plate, compensated by {ranking.winner}"
+        figure = compensation_figure(title, trial.wrench, predicted, WRENCH_COMPONENTS)
         save_figure(figure, out / "figures" / f"{trial.name}.png")
     save_figure(rank_figure(ranking), out / "figures" / "ranks.png")
     w, p = ranking.concordance
@@ -186,7 +187,10 @@ def _belt_section(ranking: Ranking[BeltModel], found: Trials, out: Path) -> list
     write_csv(ranking.scores, out / "belt_scores.csv")
     write_csv(fitted, out / "belt_models.csv")
     for trial in trials:
-        figure = belt_figure(trial, ranking.models[ranking.winner], ranking.winner)
+        moment = (trial.moment - trial.moment.mean())[:, None]
+        predicted = ranking.models[ranking.winner].predict(trial.acceleration)[:, None]
+        title = f"{trial.name}: pitch moment, predicted by {ranking.winner}"
+        figure = compensation_figure(title, moment, predicted, ["My"])
         save_figure(figure, out / "figures" / f"{trial.name}.png")
     cutoffs = ", ".join(f"{t.spline_cutoff_hz:.0f} Hz in {t.name}" for t in trials)
     return [
@@ -210,74 +214,42 @@ LINES: Final = {
 }
 LINE_WIDTHS_PT: Final = (1.6, 0.7, 0.7)
 """So that the prediction does not hide the measurement."""
-MOTION_SHOWN_S: Final = 30.0
-"""Of a platform trial, around its largest force: a period of pitch."""
-PULSES_SHOWN_S: Final = 12.0
-"""Of a belt trial: two pulses or three, one every 5 s."""
+SHOWN_S: Final = 30.0
+"""Of a trial, around its largest load: a period of pitch, six pulses of the belts."""
 
 
-def compensation_figure(trial: PlatformTrial, model: InertiaModel, name: str) -> Figure:
-    """Draw an empty plate in a validation trial (Figs 3, F.3–F.6): measured, predicted, remaining.
+def compensation_figure(
+    title: str, measured: Array, predicted: Array, components: Sequence[str]
+) -> Figure:
+    """Draw what an empty plate measures, what is predicted, and what remains (Figs 3 to 5).
 
     Parameters
     ----------
-    trial
-        The validation trial.
-    model
-        Of the calibration trial called ``name``.
+    title
+        Of the figure.
+    measured, predicted
+        (N, C) [N, N·m], at 100 Hz.
+    components
+        Names of the C components.
     """
-    predicted = model.predict(trial.accelerations)
-    size = np.linalg.norm(trial.wrench[:, :3] - trial.wrench[:, :3].mean(axis=0), axis=1)
-    count = min(round(MOTION_SHOWN_S * RATE_HZ), len(size))
+    size = np.linalg.norm(measured - measured.mean(axis=0), axis=1)
+    count = min(round(SHOWN_S * RATE_HZ), len(size))
     start = int(np.clip(np.argmax(size) - count // 2, 0, len(size) - count))
     shown = slice(start, start + count)
-    time = np.arange(len(predicted))[shown] / RATE_HZ
-    series = (trial.wrench, predicted, trial.wrench - predicted)
+    time = np.arange(len(size))[shown] / RATE_HZ
+    series = (measured, predicted, measured - predicted)
+    rows = 1 + (len(components) > 3)
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9, 5), layout="constrained")
-        panels = figure.subplots(2, 3, sharex=True).ravel()
-        for k, panel in enumerate(panels):
+        figure = Figure(figsize=(9, 2.5 * rows), layout="constrained")
+        panels = figure.subplots(rows, -(-len(components) // rows), squeeze=False).ravel()
+        for k, (panel, component) in enumerate(zip(panels, components, strict=True)):
             for label, values, width in zip(LINES, series, LINE_WIDTHS_PT, strict=True):
                 panel.plot(time, values[shown, k], color=LINES[label], lw=width, label=label)
-            panel.set_title(WRENCH_COMPONENTS[k], loc="left")
-            panel.set_ylabel("N" if k < 3 else "N·m")
-        for panel in panels[3:]:
+            panel.set_title(component, loc="left")
+            panel.set_ylabel("N" if component.startswith("F") else "N·m")
             panel.set_xlabel("time (s)")
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
-        figure.suptitle(
-            f"{trial.name}: empty plate, compensated by {name} (x forward, y left, z up)",
-            fontsize=10,
-        )
-    return figure
-
-
-def belt_figure(trial: BeltTrial, model: BeltModel, name: str) -> Figure:
-    """Draw pitch moment and belt acceleration (Figs 4 and 5).
-
-    Parameters
-    ----------
-    trial
-        A belt trial, with or without a person.
-    model
-        Of the calibration trial called ``name``.
-    """
-    predicted = model.predict(trial.acceleration)
-    middle = len(predicted) // 2
-    shown = slice(middle, middle + round(PULSES_SHOWN_S * RATE_HZ))
-    time = np.arange(len(predicted))[shown] / RATE_HZ
-    measured = trial.moment - trial.moment.mean()
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9, 4.5), layout="constrained")
-        above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-        series = (measured, predicted, measured - predicted)
-        for label, values, width in zip(LINES, series, LINE_WIDTHS_PT, strict=True):
-            above.plot(time, values[shown], color=LINES[label], lw=width, label=label)
-        above.set_ylabel("My, about left (N·m)")
-        figure.legend(*above.get_legend_handles_labels(), loc="outside lower center", ncols=3)
-        below.plot(time, trial.acceleration[shown], color="black", lw=0.8)
-        below.set_ylabel("belt (m/s²)")
-        below.set_xlabel("time (s)")
-        figure.suptitle(f"{trial.name}: pitch moment, predicted by {name}", fontsize=10)
+        figure.suptitle(f"{title} (x forward, y left, z up)", fontsize=10)
     return figure
 
 

@@ -12,8 +12,7 @@ from pipeline.cli.options import (
     require_no_options,
     takes_trial_request,
 )
-from pipeline.cli.stopping import stoppable
-from pipeline.cli.terminal import PlainConsole, StepProgress, announcer, counted, print_table
+from pipeline.cli.terminal import PlainConsole, announcer, counts_of, follow_trials, print_table
 from pipeline.run.request import TrialRequest
 
 if TYPE_CHECKING:
@@ -96,26 +95,12 @@ def _explain_results(request: TrialRequest, out: Path | None, jobs: int) -> int:
     console = PlainConsole()
     keep_freed_memory()
     planned = plan_explanations(study_of(folder), folder)
-    states = {"done": 0, "kept": 0, "failed": 0}
-
-    def kept() -> str:
-        done = states["done"] + states["kept"]
-        return f"explained are {done} of {counted(len(planned), 'trial')}; the same command goes on"
-
-    with stoppable(kept):
-        with StepProgress(console, "explaining", "trials") as progress:
-            outcomes = explain_planned(planned, folder, jobs=jobs, announce=announcer(console))
-            for finished, outcome in enumerate(outcomes, 1):
-                states[outcome.state] += 1
-                failed = outcome.failure is not None
-                progress.show(str(outcome), finished, len(planned), always=failed)
-        for job in planned:
-            explanation = up_to_date(job.target, job.key)
-            if explanation:
-                sizes, mending, *_ = explanation.lines()
-                console.say(f"{job.name}: {sizes} {mending}")
-    console.say(
-        f"{counted(states['done'], 'trial')} explained, {states['kept']} were there already, "
-        f"{states['failed']} failed; next: hbm report {folder}"
-    )
-    return 1 if states["failed"] else 0
+    outcomes = explain_planned(planned, folder, jobs=jobs, announce=announcer(console))
+    finished = follow_trials(outcomes, len(planned), "explaining", "explained", console)
+    for job in planned:
+        explanation = up_to_date(job.target, job.key)
+        if explanation:
+            sizes, mending, *_ = explanation.lines()
+            console.say(f"{job.name}: {sizes} {mending}")
+    console.say(f"{counts_of(finished, 'explained')}; next: hbm report {folder}")
+    return int(any(outcome.failure is not None for outcome in finished))

@@ -59,13 +59,13 @@ def _replay(
 ) -> int:
     from pipeline.config.live import Live
     from pipeline.config.study import read_study
-    from pipeline.io.read import read_as_stated
+    from pipeline.io.read import read_recording
     from pipeline.io.stated import Stated
     from pipeline.live.replay import Replay
 
     read = read_study(study, recordings=False) if study is not None else None
     stated = read.stated if read is not None else Stated()
-    recording = read_as_stated(path, stated, forces, record=record)
+    recording = read_recording(path, stated, forces, record=record)
     live = read.file.live if read is not None else Live()
     played = Replay(recording, speed=speed, listen=listen or live.listen)
     console.say(

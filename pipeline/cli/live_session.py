@@ -114,16 +114,18 @@ def run_session(
         session = Session(source, chain, recorder, outlet)
         view = None
         if shown or web:
-            from pipeline.viewer.live import LiveView
+            from pipeline.viewer.live import LiveScene, LiveView
 
-            view = LiveView(
+            surfaces = [PlateSurface(plate.number, plate.center, plate.corners) for plate in plates]
+            scene = LiveScene(
                 chain.body,
-                [PlateSurface(plate.number, plate.center, plate.corners) for plate in plates],
+                surfaces,
                 chain.stream.labels,
                 chain.ground.variants,
-                screen="browser" if web else "window",
-                contact_threshold_n=settings.contact_threshold_n,
+                "browser" if web else "window",
+                settings.contact_threshold_n,
             )
+            view = LiveView(scene)
             stack.callback(view.close)
         monitor = Monitor(chain, plates, lambda note: console.say_notes((note,)))
         console.say(

@@ -2,25 +2,23 @@
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from rich.text import Text
 from typer import Argument, Option
 
 from pipeline.cli.options import RESULT, Jobs, Out, ResultsFolder, StudyFolder
-from pipeline.cli.stopping import stoppable
 from pipeline.cli.terminal import (
     PlainConsole,
     StepProgress,
     announcer,
     counted,
+    counts_of,
+    follow_trials,
     new_table,
     note_line,
     print_table,
 )
-
-if TYPE_CHECKING:
-    from hbm.notes import Note
 
 
 def init(folder: Annotated[Path, Argument(help="Folder for the new study.")]) -> None:
@@ -102,30 +100,14 @@ def run(
         require_nothing_replaced(planned, out)
     if loaded.file.treadmill.check:
         console.say_notes(read_study_laboratory(loaded).notes)
-    counts = {"done": 0, "kept": 0, "failed": 0}
-    of_calibration: dict[Note, None] = {}
     outcomes = run_planned(
         loaded, planned, out, jobs=jobs, scheduler=scheduler, announce=announcer(console)
     )
-
-    def kept() -> str:
-        done = counts["done"] + counts["kept"]
-        trials = counted(len(planned), "trial")
-        return f"done and kept are {done} of {trials}; the same command goes on"
-
-    with stoppable(kept), StepProgress(console, "processing", "trials") as progress:
-        for outcome in outcomes:
-            counts[outcome.state] += 1
-            of_calibration |= dict.fromkeys(outcome.of_calibration)
-            failed = outcome.failure is not None
-            done, to_do = counts["done"] + counts["failed"], len(planned) - counts["kept"]
-            progress.show(str(outcome), done, to_do, always=failed)
-    console.say_notes(of_calibration)
-    console.say(
-        f"{counted(counts['done'], 'trial')} processed, {counts['kept']} were there already, "
-        f"{counts['failed']} failed, in {time.monotonic() - start:.1f} s; next: hbm report {out}"
-    )
-    return 1 if counts["failed"] else 0
+    finished = follow_trials(outcomes, len(planned), "processing", "done and kept", console)
+    console.say_notes(dict.fromkeys(note for one in finished for note in one.of_calibration))
+    seconds = time.monotonic() - start
+    console.say(f"{counts_of(finished, 'processed')}, in {seconds:.1f} s; next: hbm report {out}")
+    return int(any(outcome.failure is not None for outcome in finished))
 
 
 def report(
@@ -166,7 +148,7 @@ def view(
     from pipeline.run.program import program_digest
     from pipeline.run.store import read_trial
     from pipeline.viewer.serve import view as show
-    from pipeline.viewer.trial import write_cycles, write_recording
+    from pipeline.viewer.trial import write_recording
 
     console = PlainConsole()
     result = results if results.suffix == RESULT else _result_of(results, subject, condition)
@@ -180,19 +162,17 @@ def view(
         return
     folder = result.parent.parent if result.parent.name == "trials" else result.parent
     stem = folder / "viewer" / result.stem
-    recording, cycles, shown = (Path(f"{stem}{end}") for end in (".rrd", "_cycles.rrd", ".key"))
+    recording, shown = Path(f"{stem}.rrd"), Path(f"{stem}.key")
     made = (
         f"{summary.key} {program_digest()} {bands is not None}"  # a key does not cover the viewer
     )
-    there = recording.is_file() and cycles.is_file() and shown.is_file()
+    there = recording.is_file() and shown.is_file()
     if not (summary.key and there and shown.read_text() == made):
         with console.status(Text(f"preparing {result.stem}")):
             stem.parent.mkdir(parents=True, exist_ok=True)
-            stored = read_trial(result)
-            write_recording(stored, recording, bands=bands)
-            write_cycles(stored, cycles)
+            write_recording(read_trial(result), recording, bands=bands)
         write_text(made, shown)
-    show([recording, cycles], web=web, announce=console.say)
+    show(recording, web=web, announce=console.say)
 
 
 def _result_of(folder: Path, subject: str | None, condition: str | None) -> Path:

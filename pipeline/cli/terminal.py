@@ -1,8 +1,9 @@
 """What commands print with: a console, tables, and the progress of long work."""
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -12,6 +13,10 @@ from rich.text import Text
 
 from hbm.notes import Note, provenance, warnings_of
 from hbm.spelling import printable
+from pipeline.cli.stopping import stoppable
+
+if TYPE_CHECKING:
+    from pipeline.run.job import Outcome
 
 MIN_COLUMNS: Final = 40
 """A narrower terminal, or one that says it has no columns, breaks the lines itself."""
@@ -79,7 +84,7 @@ def new_table(title: str, names: Sequence[str], *numbers: str, caption: str | No
     for name in names:
         table.add_column(name)
     for name in numbers:
-        table.add_column(name, justify="right")
+        table.add_column(name, justify="right" if name else "left")
     return table
 
 
@@ -129,3 +134,31 @@ class StepProgress(Progress):
             left = TimeRemainingColumn().render(task)
             time_left = f", {left} left" if task.time_remaining else ""
             self.console.print(f"{line}; {count}{time_left}", soft_wrap=True)
+
+
+def follow_trials(
+    outcomes: Iterable["Outcome"], total: int, work: str, done: str, console: Console
+) -> list["Outcome"]:
+    """Show what becomes of trials as they finish; where that is stopped, say how to go on."""
+    finished: list[Outcome] = []
+
+    def so_far() -> str:
+        count = sum(outcome.failure is None for outcome in finished)
+        return f"{done} are {count} of {counted(total, 'trial')}; the same command goes on"
+
+    with stoppable(so_far), StepProgress(console, work, "trials") as progress:
+        for outcome in outcomes:
+            finished.append(outcome)
+            kept = sum(each.state == "kept" for each in finished)
+            failed = outcome.failure is not None
+            progress.show(str(outcome), len(finished) - kept, total - kept, always=failed)
+    return finished
+
+
+def counts_of(outcomes: Iterable["Outcome"], done: str) -> str:
+    """Count what became of trials."""
+    states = Counter(outcome.state for outcome in outcomes)
+    return (
+        f"{counted(states['done'], 'trial')} {done}, {states['kept']} were there already, "
+        f"{states['failed']} failed"
+    )

@@ -42,7 +42,7 @@ def fit(
     cutoff_hz: Annotated[float, described(Treadmill, "cutoff_hz")] = Treadmill().cutoff_hz,
     accelerometer_unit: Annotated[str | None, described(Treadmill, "accelerometer_unit")] = None,
     accelerometer: Accelerometers = None,
-    platform_markers: Annotated[str, Option(help="Markers that time plates and commands.")] = "",
+    platform_markers: Annotated[str, Option(help="Markers that time the commands.")] = "",
     sway_channel: Annotated[str | None, described(Platform, "sway_channel")] = None,
     pitch_channel: Annotated[str | None, described(Platform, "pitch_channel")] = None,
     plate_calibration: PlateCorrectionFile = None,
@@ -67,7 +67,7 @@ def fit(
     from pipeline.trial.ground import accelerometers
     from pipeline.trial.ground import calibration_recording as of_empty
     from pipeline.trial.ground.corrected_plates import with_corrected_plates
-    from pipeline.trial.ground.platform import recording_delays
+    from pipeline.trial.ground.platform import command_delay
     from pipeline.trial.ground.uncertainty import uncertainty_limits
 
     console = PlainConsole()
@@ -75,8 +75,11 @@ def fit(
         raise ValueError(f"--out {out}: is a folder; name the file to write, such as lab.json")
     commands = Platform(sway_channel=sway_channel, pitch_channel=pitch_channel)
     markers = tuple(filter(None, map(str.strip, platform_markers.split(","))))
-    if commands.channels and not markers:
-        raise ValueError("--sway-channel and --pitch-channel need --platform-markers")
+    if bool(commands.channels) != bool(markers):
+        raise ValueError(
+            "--sway-channel and --pitch-channel need --platform-markers, and these need one of "
+            "them: the markers time the commands"
+        )
     rules = {"axes": axes, "units": units, "plate_units": plate_units}
     stated = check_options(RecordingRules, rules).stated()
     plates = read_plate_correction(plate_calibration) if plate_calibration else None
@@ -101,8 +104,7 @@ def fit(
         fitted_too, compared = ([*map(read, paths or ())] for paths in (beside, check))
         calibration = of_empty.fit_calibration(empty, treadmill, plates, fitted_too, compared)
         if markers:
-            moved = treadmill.model_copy(update={"platform": Platform(markers=markers)})
-            timing = recording_delays(empty, moved, calibration.sensors, commands)
+            timing = (command_delay(empty, markers, commands),)
     except ValueError as error:
         text = str(error)
         if "unknown acceleration unit" in text:

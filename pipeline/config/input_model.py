@@ -11,7 +11,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from hbm.spelling import printable
 from pipeline.io.axes import parse_axes
-from pipeline.io.stated import PlateUnits
+from pipeline.io.stated import parse_plate_units
 from pipeline.io.units import length_in_m
 
 MAX_NAME: Final = 64
@@ -82,7 +82,7 @@ Name = Annotated[
 AxesText = Annotated[str, _readable(parse_axes)]
 """Lab directions of the files' x, y and z axis, such as "left,back,up"."""
 LengthUnit = Annotated[str, _readable(length_in_m)]
-PlateUnitsText = Annotated[str, _readable(PlateUnits.parse)]
+PlateUnitsText = Annotated[str, _readable(parse_plate_units)]
 """Units of force and moment, such as "N,Nmm", and of centres of pressure as a third."""
 DelayS = Annotated[float, Field(ge=-0.5, le=0.5)]
 """Two devices of one laboratory disagree by some tens of milliseconds."""

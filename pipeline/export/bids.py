@@ -22,13 +22,6 @@ MAX_JITTER: Final = 0.1
 smaller."""
 FORMULA: Final = ("=", "+", "-", "@")
 """Beginnings of a cell that spreadsheets take for a formula."""
-PROGRAMS: Final = (
-    *("Vicon Nexus", "Vicon Workstation", "Vicon Shogun", "Vicon Tracker", "Vicon Blade"),
-    *("D-Flow", "Cortex", "EVaRT", "EVa RealTime", "Qualisys Track Manager", "Visual3D"),
-    *("SMART Capture", "Theia3D", "Motive", "OpenSim", "hbm-residuals", "ezc3d"),
-)
-"""Programs that are named in a data set: what else a file states of its origin may be a name."""
-VERSION: Final = re.compile(r"\b\d+(?:\.\d+)+\b")
 README: Final = """Marker trajectories and ground reactions of people on an instrumented treadmill.
 
 Frame `lab`: right-handed, x forward, y left, z up. Plates (tracksys-plates): force on the subject
@@ -86,7 +79,6 @@ def write_bids(recording: Recording, folder: str | Path, subject: str, task: str
             "RecordingType": "continuous",
             "MissingValues": "n/a",
             "TrackingSystemName": name,
-            "SoftwareVersions": _software(recording.metadata.software),
         }
         written += [
             _tsv(Path(f"{stem}_motion.tsv"), pd.DataFrame(values), header=False),
@@ -144,12 +136,6 @@ def _rate_hz(recording: Recording, name: str, time: Array) -> float:
             f"{recording.source.name}: BIDS needs two or more samples, evenly spaced ({name})"
         )
     return float(1 / steps.mean())
-
-
-def _software(text: str) -> str:
-    """Give the known program and the versions in a text; the rest may be anything, even a name."""
-    known = [name for name in PROGRAMS if name.casefold() in text.casefold()]
-    return " ".join([known[0], *VERSION.findall(text)]) if known else "n/a"
 
 
 def _data_set(folder: Path, subject: str) -> list[Path]:

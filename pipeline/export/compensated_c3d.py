@@ -175,7 +175,7 @@ def write_compensated(
         calibration_sha256=calibration[1],
         belts=belts[0],
         belts_sha256=belts[1],
-        plate_calibration=_text(of_plates.name) if of_plates else "",
+        plate_calibration=of_plates.name if of_plates else "",
         plate_calibration_sha256=of_plates.sha256 if of_plates else "",
         cutoff_hz=laboratory.treadmill.cutoff_hz if laboratory.calibration else None,
         frame=frame or "recorded",
@@ -188,12 +188,7 @@ def write_compensated(
 
 def _named(calibration: Path | None) -> tuple[str, str]:
     """Give name and SHA-256 of a calibration's file; both empty without one."""
-    return (_text(calibration.name), file_digest(calibration)) if calibration else ("", "")
-
-
-def _text(name: str) -> str:
-    """Give a file's name as text that a C3D file can hold: what is no UTF-8 as "?"."""
-    return name.encode(errors="replace").decode()
+    return (calibration.name, file_digest(calibration)) if calibration else ("", "")
 
 
 def write_compensated_study(

@@ -55,6 +55,7 @@ MAX_COSINE_OPPOSITE: Final = -0.5
 """Cosine to left of a marker pair that lies the other way round: 120°; legs cross by less."""
 PAIRS_NAMED: Final = 3
 """Marker pairs and contradictions that a note or message names: enough to check by eye."""
+ABOVE: Final = "pelvis or shoulders above feet"
 ASK: Final = (
     'state the axes, for example --axes forward,left,up, or axes = "forward,left,up" in study.toml'
 )
@@ -77,28 +78,18 @@ class Sites:
         (heel, toe) markers of one foot.
     """
 
-    high: tuple[int, ...]
-    low: tuple[int, ...]
+    high: list[int]
+    low: list[int]
     across: Mapping[str, Pair]
     on_trunk: bool
-    feet: tuple[Pair, ...]
+    feet: list[Pair]
 
 
 def find_sites(names: Sequence[str], marker_set: MarkerSet | None = None) -> Sites:
-    """Find the markers that show how a subject stands.
+    """Find the markers that show how a subject stands, by the landmarks of their set.
 
-    Parameters
-    ----------
-    names
-        Marker labels.
-    marker_set
-        The set that they are of, whose landmarks they mark; by default the shipped set that the
-        labels belong to. What neither shows is judged by usual labels.
-
-    Returns
-    -------
-    Sites
-        Their columns.
+    The set is by default the shipped one that the labels belong to; what neither shows is judged by
+    usual labels.
     """
     column = {name: k for k, name in enumerate(names)}
     known = marker_set
@@ -109,9 +100,9 @@ def find_sites(names: Sequence[str], marker_set: MarkerSet | None = None) -> Sit
     of_set = {landmark: column[marker] for landmark, marker in marked.items()}
     sources = (of_set, _by_usual_labels(column))
 
-    def of(sites: Sequence[str]) -> tuple[int, ...]:
+    def of(sites: Sequence[str]) -> list[int]:
         found = ([k for name, k in each.items() if name[1:] in sites] for each in sources)
-        return tuple(next(filter(None, found), ()))
+        return next(filter(None, found), [])
 
     trunk = next(filter(None, (_sides(each, PELVIS_AND_SHOULDERS) for each in sources)), [])
     across = trunk or _sides(of_set) or _sides(column)
@@ -120,15 +111,8 @@ def find_sites(names: Sequence[str], marker_set: MarkerSet | None = None) -> Sit
         low=of((HEEL, *TOES, *ANKLES)),
         across={f"{names[left]}/{names[right]}": (right, left) for right, left in across},
         on_trunk=bool(trunk),
-        feet=tuple(next(filter(None, map(_feet, sources)), ())),
+        feet=next(filter(None, map(_feet, sources)), []),
     )
-
-
-def rise(position: Array, sites: Sites) -> Array | None:
-    """Give the vector from feet to pelvis and shoulders, (3,); None where it is not seen."""
-    high, low = (_middle(position[:, list(columns)]) for columns in (sites.high, sites.low))
-    vector = typical(high - low)
-    return vector if np.isfinite(vector).all() else None
 
 
 def between(position: Array, pairs: Iterable[Pair]) -> Array:
@@ -231,8 +215,9 @@ def settle_axes(
     plate_normals: ArrayLike = (),
     plate_forces: ArrayLike = (),
     screen_up: str = "",
-) -> tuple[str, tuple[Note, ...]]:
-    """Infer the axes of a recording, or check those that a person states.
+    by: str = "",
+) -> tuple[str, list[Note]]:
+    """Infer the axes of a recording, or check those that a person or a program states.
 
     Parameters
     ----------
@@ -251,15 +236,17 @@ def settle_axes(
         (P, 3) [N].
     screen_up
         The file's own Y_SCREEN hint, such as "+Z"; empty where it gives none.
+    by
+        The program whose files have the stated axes; empty where a person states them.
 
     Returns
     -------
     axes
         The directions.
     notes
-        ``axes_stated`` or ``axes_inferred`` with the evidence; ``sides_contradict`` where some
-        marker pairs lie the other way round; ``subject_faces_sideways`` where the subject does not
-        face forward by the stated axes.
+        ``axes`` with the evidence; ``sides_contradict`` where some marker pairs lie the other way
+        round; ``subject_faces_sideways`` where the subject does not face forward by the stated
+        axes.
 
     Raises
     ------
@@ -277,76 +264,66 @@ def settle_axes(
     """
     position = np.asarray(position, float)
     sites = find_sites(names, marker_set)
-    above = rise(position, sites)
-    loads = _loads(plate_forces)
+    evidence = {
+        f"the load on plate {k}": force
+        for k, force in enumerate(np.reshape(np.asarray(plate_forces, float), (-1, 3)), start=1)
+        if np.linalg.norm(force) > MIN_MEAN_LOAD_N
+    }
+    above = typical(_middle(position[:, sites.high]) - _middle(position[:, sites.low]))
+    if np.isfinite(above).all():
+        evidence[ABOVE] = above
     if axes is not None:
-        if above is not None:
-            _check_up(parse_axes(axes)[2], {"pelvis or shoulders above feet": above, **loads})
-        stated = Note.of("axes_stated", axes=_listed(axes))
-        return axes, (stated, *_not_forward(axes, position, sites))
+        up = parse_axes(axes)[2]
+        for source, vector in evidence.items():
+            if ABOVE in evidence and vector @ up < 0:
+                raise ValueError(
+                    f"{_axis_name(up)} is up by the stated axes, but down by {source}: "
+                    "the axes are wrong, or the plate stores the force that acts on itself"
+                )
+        stated = _axes_note(axes, f"as {by} defines them" if by else "as stated")
+        return axes, [stated, *_not_forward(axes, position, sites)]
+    if not np.isfinite(position).any():
+        raise AxesUnknownError(
+            "no marker is ever visible: export the file again with its trajectories"
+        )
     try:
-        return _inferred(position, sites, above, loads, plate_normals, screen_up)
+        return _inferred(position, sites, evidence, plate_normals, screen_up)
     except AxesUnknownError as error:
-        unknown = "" if marker_set or sites.on_trunk else _unknown_labels(names)
-        if unknown and not loads and np.size(plate_forces):
-            unknown = (
-                f"nobody is in it: no plate carries {MIN_MEAN_LOAD_N:g} N, and {listed(names, 4)} "
-                "are not a person's; else rename the markers (--rename) or give a marker set "
-                "(--marker-set)"
-            )
-        if unknown:
-            raise AxesUnknownError(
-                f"{unknown}; for plates without a person, state --axes"
-            ) from error
-        if not np.isfinite(position).any():
-            raise AxesUnknownError(
-                f"{error}: export the file again with its trajectories"
-            ) from error
+        if marker_set is None and not sites.on_trunk:
+            try:
+                recognise_marker_set(names)
+            except ValueError as unknown:
+                raise AxesUnknownError(
+                    f"{unknown}; for plates without a person, state --axes"
+                ) from error
         raise AxesUnknownError(f"axes cannot be inferred: {error}; {ASK}") from error
 
 
 def _inferred(
     position: Array,
     sites: Sites,
-    above: Array | None,
-    loads: dict[str, Array],
+    evidence: Mapping[str, Array],
     plate_normals: ArrayLike,
     screen_up: str,
-) -> tuple[str, tuple[Note, ...]]:
+) -> tuple[str, list[Note]]:
     """Infer axes; an `AxesUnknownError` says what is missing or contradicts itself."""
-    if not np.isfinite(position).any():
-        raise AxesUnknownError("no marker is ever visible")
-    up, up_evidence = _infer_up(above, loads, plate_normals, screen_up)
+    up, up_evidence = _infer_up(evidence, plate_normals, screen_up)
     left, pairs, doubts = _infer_left(position, sites, up)
     forward = np.cross(left, up)
     toes = typical(between(position, sites.feet).reshape(-1, 3))
-    forward_evidence = ["left and up"]
-    if np.isfinite(toes).all():
-        if toes @ forward < 0:
-            raise AxesUnknownError(
-                f"forward is {_axis_name(forward)} by the marker pairs {', '.join(pairs)}, but the "
-                "toes point the other way"
-            )
-        forward_evidence.append("the direction of the toes")
-    rotation = np.array([forward, left, up])
-    axes = ",".join(_direction_name(column) for column in rotation.T)
-    inferred = Note.of(
-        "axes_inferred",
-        axes=_listed(axes),
-        up_evidence=up_evidence,
-        marker_pairs=pairs,
-        forward_evidence=forward_evidence,
+    if np.isfinite(toes).all() and toes @ forward < 0:
+        raise AxesUnknownError(
+            f"forward is {_axis_name(forward)} by the marker pairs {', '.join(pairs)}, but the "
+            "toes point the other way"
+        )
+    axes = ",".join(_direction_name(column) for column in np.array([forward, left, up]).T)
+    toes_agree = " and the direction of the toes" if np.isfinite(toes).all() else ""
+    note = _axes_note(
+        axes,
+        f"up by {', '.join(up_evidence)}; left by the marker pairs {', '.join(pairs)}; forward by "
+        f"left and up{toes_agree}",
     )
-    return axes, (inferred, *doubts)
-
-
-def _unknown_labels(names: Sequence[str]) -> str:
-    """Say why labels are of no known marker set; empty where they are of one."""
-    try:
-        recognise_marker_set(names)
-    except ValueError as error:
-        return str(error)
-    return ""
+    return axes, [note, *doubts]
 
 
 def mean_force(force: Array) -> Array:
@@ -357,48 +334,27 @@ def mean_force(force: Array) -> Array:
     return np.asarray(np.where(measured, components, 0.0).sum(axis=1) / max(len(force), 1))
 
 
-def _not_forward(axes: str, position: Array, sites: Sites) -> tuple[Note, ...]:
+def _axes_note(axes: str, evidence: str) -> Note:
+    return Note.of("axes", axes=[word.strip() for word in axes.split(",")], evidence=evidence)
+
+
+def _not_forward(axes: str, position: Array, sites: Sites) -> list[Note]:
     """Warn where the subject faces one way by the stated axes, and that is not forward."""
     rotation = parse_axes(axes)
     try:
         left, pairs, doubts = _infer_left(position, sites, rotation[2])
     except ValueError:
-        return ()
+        return []
     facing = _direction_name(rotation @ np.cross(left, rotation[2]))
-    if facing == "forward":
-        return doubts
-    return (Note.of("subject_faces_sideways", direction=facing, marker_pairs=pairs), *doubts)
-
-
-def _listed(axes: str) -> tuple[str, ...]:
-    return tuple(word.strip() for word in axes.split(","))
-
-
-def _loads(plate_forces: ArrayLike) -> dict[str, Array]:
-    forces = np.reshape(np.asarray(plate_forces, float), (-1, 3))
-    return {
-        f"the load on plate {k}": force
-        for k, force in enumerate(forces, start=1)
-        if np.linalg.norm(force) > MIN_MEAN_LOAD_N
-    }
-
-
-def _check_up(up: Array, evidence: dict[str, Array]) -> None:
-    for source, vector in evidence.items():
-        if vector @ up < 0:
-            raise ValueError(
-                f"{_axis_name(up)} is up by the stated axes, but down by {source}: "
-                "the axes are wrong, or the plate stores the force that acts on itself"
-            )
+    if facing != "forward":
+        return [Note.of("subject_faces_sideways", direction=facing, marker_pairs=pairs), *doubts]
+    return doubts
 
 
 def _infer_up(
-    above: Array | None, loads: dict[str, Array], plate_normals: ArrayLike, screen_up: str
+    evidence: Mapping[str, Array], plate_normals: ArrayLike, screen_up: str
 ) -> tuple[Array, list[str]]:
     """Give the file's axis that points up, (3,), and what shows it."""
-    evidence = dict(loads)
-    if above is not None:
-        evidence["pelvis or shoulders above feet"] = above
     if not evidence:
         raise AxesUnknownError(
             "no plate is loaded, and no marker of pelvis, shoulders and feet is seen"
@@ -420,16 +376,14 @@ def _infer_up(
     return up, [*signed, *lines]
 
 
-def _infer_left(
-    position: Array, sites: Sites, up: Array
-) -> tuple[Array, tuple[str, ...], tuple[Note, ...]]:
+def _infer_left(position: Array, sites: Sites, up: Array) -> tuple[Array, list[str], list[Note]]:
     """Give the file's axis that points to the subject's left, (3,), what shows it, and doubts."""
     across = between(position, sites.across.values())
     across = across - (across @ up)[..., None] * up
     by_pair = np.reshape([typical(across[:, k]) for k in range(across.shape[1])], (-1, 3))
     seen = np.isfinite(by_pair).all(axis=-1)
     names = [short(name) for name in sites.across]
-    named = tuple(name for name, known in zip(names, seen, strict=True) if known)
+    named = [name for name, known in zip(names, seen, strict=True) if known]
     if not named:
         raise AxesUnknownError(
             f"none of the marker pairs {listed(names)} is seen"
@@ -452,8 +406,8 @@ def _infer_left(
     if sites.on_trunk and np.mean(facing > 0) < MIN_SHARE_FACING_ONE_WAY:
         raise AxesUnknownError("the subject turns around")
     doubts = [Note.of("sides_contradict", marker_pairs=against)] if against else []
-    agreeing = tuple(name for name, cosine in zip(named, cosines, strict=True) if cosine > 0)
-    return left, agreeing[:PAIRS_NAMED], tuple(doubts)
+    agreeing = [name for name, cosine in zip(named, cosines, strict=True) if cosine > 0]
+    return left, agreeing[:PAIRS_NAMED], doubts
 
 
 def _nearest_axis(vector: Array, source: str) -> Array:

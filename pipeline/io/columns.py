@@ -1,17 +1,19 @@
 """Markers and plates as columns of a file: in SI units, in lab axes, about the lab's origin."""
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
-from typing import Final
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 
 from hbm.markers import Markers
 from hbm.notes import Note
 from hbm.spatial import Array, frozen, rotate_wrench
+from hbm.spelling import listed, short
 from pipeline.io.axes import mean_force, parse_axes, settle_axes
 from pipeline.io.labels import marker_columns
-from pipeline.io.recording import Plate
+from pipeline.io.recording import Plate, Recording
 from pipeline.io.stated import Stated
 
 MIN_VERTICAL_FORCE_N: Final = 100.0
@@ -24,101 +26,54 @@ EQUAL_MISFIT_RATIO: Final = 1.05
 """A simpler point that fits 5 % worse than the best one is as good."""
 MAX_MISFIT_M: Final = 0.01
 """Moments of one plate agree with its centres of pressure within millimetres."""
-
-
 SI_UNITS: Final = ("N", "Nm", "m")
 """Of plates in formats that state none."""
+UNCHECKED: Final = "about the origin of the file's axes, unchecked"
+FREE: Final = "at the force's point (free torque)"
+"""Where moments are."""
 
 
 @dataclass(frozen=True, slots=True)
 class FileMarkers:
-    """Markers of a file in SI units and the file's axes.
+    """Markers of a file under the labels wanted, in the file's axes.
 
     Attributes
     ----------
     names
-        Labels, as wanted.
+        Labels.
     position
         (T, M, 3) [m]; what no camera saw is NaN.
+    unit
+        Of positions, as the file writes it.
     subject
         Prefix that was removed from the labels; empty where there was none.
     notes
-        On units and labels.
+        On labels.
     """
 
     names: tuple[str, ...]
     position: Array
+    unit: str
     subject: str
-    notes: tuple[Note, ...]
-
-    def in_lab(self, time: Array, to_lab: Array) -> Markers:
-        """Give the markers in lab axes at times, (T,) [s]."""
-        in_lab = frozen(to_lab @ np.moveaxis(self.position, 0, -1))
-        return Markers(time, self.names, np.moveaxis(in_lab, -1, 0))
-
-
-def unseen_as_nan(position: Array, names: Sequence[str]) -> list[Note]:
-    """Make positions NaN, in place, that are no numbers or at exactly the origin."""
-    position[~np.isfinite(position).all(axis=-1) | ~position.any(axis=-1)] = np.nan
-    return []
+    notes: Sequence[Note]
 
 
 def file_markers(
-    labels: Sequence[str],
-    unit: str,
-    positions: Callable[[list[int]], Array],
-    stated: Stated,
-    gaps: Callable[[Array, Sequence[str]], list[Note]] = unseen_as_nan,
+    labels: Sequence[str], unit: str, positions: Callable[[list[int]], Array], stated: Stated
 ) -> FileMarkers:
-    """Give the markers wanted of a file.
+    """Give the markers wanted of a file; those that are no numbers or at the origin are gaps.
 
-    Parameters
-    ----------
-    labels, unit
-        As the file has them.
-    positions
-        Indices of the labels wanted, (M,) -> their positions in that unit, (T, M, 3).
-    stated
-        What a person states about the file.
-    gaps
-        Makes positions NaN, in place, that no camera saw, and notes it.
-
-    Raises
-    ------
-    ValueError
-        Labels or unit are unknown or contradictory, or the unit contradicts the markers' extent.
+    ``positions`` gives those of some labels by their indices, (M,) -> (T, M, 3), in the file's
+    unit. A ValueError where labels or unit are unknown or contradictory, or the unit contradicts
+    the markers' extent.
     """
-    metre, unit_notes = stated.marker_unit(unit)
-    markers, subject, label_notes = marker_columns(labels, stated)
+    metre = stated.metre(unit)
+    markers, subject, notes = marker_columns(labels, stated)
     position = positions(list(markers.values()))
     position *= metre
-    gap_notes = gaps(position, tuple(markers))
+    position[~np.isfinite(position).all(axis=-1) | ~position.any(axis=-1)] = np.nan
     stated.check_span(position, unit)
-    return FileMarkers(tuple(markers), position, subject, (*unit_notes, *label_notes, *gap_notes))
-
-
-def lab_axes(
-    markers: FileMarkers,
-    forces: Iterable[Array],
-    stated: Stated,
-    default: str | None = None,
-    program: str = "",
-) -> tuple[Array, tuple[Note, ...]]:
-    """Give the rotation from a file's axes to the lab's, (3, 3), and what shows it.
-
-    ``forces`` are those of each plate, (N, 3) [N]; ``default`` are the axes that ``program``
-    defines. Errors are those of `settle_axes`.
-    """
-    axes, notes = settle_axes(
-        stated.axes or default,
-        markers.position,
-        markers.names,
-        marker_set=stated.marker_set,
-        plate_forces=[mean_force(force) for force in forces],
-    )
-    if default and stated.axes is None:
-        notes = (Note.of("axes_of_format", axes=axes.split(","), program=program), *notes[1:])
-    return parse_axes(axes), notes
+    return FileMarkers(tuple(markers), position, unit, subject, notes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,49 +86,59 @@ class PlateColumns:
         Its number from 1, and what messages call it.
     time
         (N,) [s].
-    units
-        Of force, moment and pressure as the file states them.
     force, moment
-        In the units of the file, or [N, N·m].
+        In the units of the file.
     pressure
-        Centre of pressure from the file's origin, in the unit of the file or [m]; None if absent.
+        Centre of pressure from the file's origin; None if absent.
+    units
+        Of force, moment and pressure.
     """
 
     number: int
     name: str
     time: Array
-    units: tuple[str, str, str]
     force: Array
     moment: Array
     pressure: Array | None = None
+    units: tuple[str, str, str] = field(kw_only=True, default=SI_UNITS)
 
-
-def plates_in_si(
-    found: Iterable[PlateColumns | Note], stated: Stated
-) -> tuple[list[PlateColumns], list[Note]]:
-    """Bring plates to SI units; notes of those that are left out follow those on units."""
-    plates, left_out = [], []
-    units: list[tuple[str, str, str]] = []
-    for each in found:
-        if isinstance(each, Note):
-            left_out.append(each)
-            continue
-        force, moment, pressure = each.units
-        units.append(each.units)
-        plates.append(
-            replace(
-                each,
-                force=each.force * stated.force_unit(force),
-                moment=each.moment * stated.moment_unit(moment),
-                pressure=None
-                if each.pressure is None
-                else each.pressure * stated.pressure_unit(pressure),
-            )
+    def in_si(self, stated: Stated) -> "PlateColumns":
+        """Give the same in SI units."""
+        force, moment, pressure = self.units
+        centre = self.pressure
+        return replace(
+            self,
+            force=self.force * stated.plate_unit("force", force),
+            moment=self.moment * stated.plate_unit("moment", moment),
+            pressure=None if centre is None else centre * stated.plate_unit("pressure", pressure),
         )
-    return plates, [
-        *stated.plate_notes(*zip(*units, strict=True)),
-        *left_out,
-    ] if units else left_out
+
+
+def vectors(columns: Mapping[str, Array], stems: Iterable[str], axes: str = "XYZ") -> Array:
+    """Stack the columns of several vectors, (N, stems, 3); a ValueError where one is absent."""
+    wanted = [f"{stem}{axis}" for stem in stems for axis in axes]
+    if absent := [name for name in wanted if name not in columns]:
+        raise ValueError(f"{short(absent[0])} is absent, but others that belong to it are there")
+    stacked = np.stack([columns[name] for name in wanted], axis=1)
+    return stacked.reshape(len(stacked), -1, 3)
+
+
+def plate_of(
+    number: int,
+    name: str,
+    time: Array,
+    columns: Mapping[str, Array],
+    stems: Sequence[str],
+    *,
+    axes: str = "XYZ",
+    units: tuple[str, str, str] = SI_UNITS,
+) -> PlateColumns | Note:
+    """Give a plate from the columns of force, moment and, if given, pressure; or why it lacks."""
+    try:
+        found = vectors(columns, stems, axes)
+    except ValueError as error:
+        return left_out(name, str(error))
+    return PlateColumns(number, name, time, *found.transpose(1, 0, 2), units=units)
 
 
 def left_out(plate: str, reason: str) -> Note:
@@ -181,22 +146,90 @@ def left_out(plate: str, reason: str) -> Note:
     return Note.of("plate_left_out", plate=plate, reason=reason)
 
 
-def plates_about_origin(
-    columns: Iterable[PlateColumns], to_lab: Array
-) -> tuple[tuple[Plate, ...], list[Note]]:
-    """Make plates whose wrench is about the lab's origin, and note where their moments were.
+Located = tuple[Array, str]
+"""A wrench about the origin of the file's axes, (N, 6) [N, N·m], and where its moments were."""
 
-    ``to_lab`` turns the file's axes to the lab's, (3, 3). Errors are `wrench_about_origin`'s.
+
+def recording_of(
+    source: Path,
+    stated: Stated,
+    markers: FileMarkers,
+    time: Array,
+    plates: Iterable[PlateColumns | Note] = (),
+    *,
+    axes: str = "",
+    program: str = "",
+    on_subject: bool = True,
+    locate: Callable[[PlateColumns, Array], Located] | None = None,
+    placed: Callable[[Array], list[Plate]] | None = None,
+    notes: Iterable[Note] = (),
+    **others: Any,
+) -> Recording:
+    """Make a recording from the columns of a file: SI units, lab axes, plates about the origin.
+
+    Parameters
+    ----------
+    source, stated
+        The file, and what a person states about it.
+    markers, time
+        Its markers, and their times, (T,) [s].
+    plates
+        Its plates, or why they are left out.
+    axes, program
+        Those that the file or its program defines; empty to infer them.
+    on_subject
+        Whether forces are known to act on the subject. Otherwise they change sign where they pull
+        on average, for nobody hangs from a plate, and do not show the axes.
+    locate
+        Finds wrenches about the origin; by default `wrench_about_origin`.
+    placed
+        Rotation to the lab, (3, 3) -> further plates.
+    notes, others
+        Notes, and further attributes of the recording.
     """
-    plates, notes = [], []
+    plates = list(plates)
+    found = [plate for plate in plates if isinstance(plate, PlateColumns)]
+    columns = [plate.in_si(stated) for plate in found]
+    settled, axes_notes = settle_axes(
+        stated.axes or axes or None,
+        markers.position,
+        markers.names,
+        marker_set=stated.marker_set,
+        plate_forces=[mean_force(plate.force) for plate in columns if on_subject],
+        by=program if stated.axes is None else "",
+    )
+    to_lab = parse_axes(settled)
+    noted = [*axes_notes, *markers.notes, *notes]
+    noted += [plate for plate in plates if isinstance(plate, Note)]
+    written = [unit for plate in found for unit in plate.units]
+    noted += stated.unit_notes([markers.unit], written)
+    pull = -sum(float(np.nan_to_num(plate.force @ to_lab[2]).mean()) for plate in columns)
+    if pull > 0 and not on_subject:
+        columns = [replace(each, force=-each.force, moment=-each.moment) for each in columns]
+        noted.append(Note.of("forces_reversed"))
+    made = placed(to_lab) if placed else []
+    moments = []
     for plate in columns:
-        wrench, note = wrench_about_origin(plate, to_lab[2])
-        plates.append(Plate.at_origin(plate.number, plate.time, rotate_wrench(wrench, to_lab)))
-        notes.append(note)
-    return tuple(plates), notes
+        wrench, where = (locate or wrench_about_origin)(plate, to_lab[2])
+        made.append(Plate.at_origin(plate.number, plate.time, rotate_wrench(wrench, to_lab)))
+        moments.append(f"{plate.name} {where}")
+    if moments:
+        noted.append(Note.of("moments_about", plates=moments))
+    numbers = sorted(plate.number for plate in made)
+    if len(set(numbers)) < len(numbers):
+        raise ValueError(f"several plates have the same number: {listed(numbers)}")
+    in_lab = frozen(to_lab @ np.moveaxis(markers.position, 0, -1))
+    return Recording(
+        source=source,
+        markers=Markers(time, markers.names, np.moveaxis(in_lab, -1, 0)),
+        plates=tuple(sorted(made, key=lambda plate: plate.number)),
+        stated=stated,
+        notes=tuple(noted),
+        **others,
+    )
 
 
-def wrench_about_origin(plate: PlateColumns, up: Array) -> tuple[Array, Note]:
+def wrench_about_origin(plate: PlateColumns, up: Array) -> Located:
     """Give a plate's wrench about the origin of the file's axes, (N, 6) [N, N·m], and how.
 
     Parameters
@@ -228,11 +261,10 @@ def wrench_about_origin(plate: PlateColumns, up: Array) -> tuple[Array, Note]:
             "exported; export all three moments"
         )
     if pressure is None:
-        return wrench, Note.of("moments_without_pressure", plate=name)
-    loaded &= np.isfinite(pressure).all(axis=1) & pressure.any(axis=1)
-    loaded &= np.isfinite(wrench).all(axis=1)
+        return wrench, UNCHECKED
+    loaded &= np.isfinite(np.hstack([pressure, wrench])).all(axis=1) & pressure.any(axis=1)
     if np.count_nonzero(loaded) < MIN_LOADED_SAMPLES:
-        return wrench, Note.of("moments_unloaded", plate=name)
+        return wrench, UNCHECKED
     point, misfit = _simplest(force[loaded], moment[loaded], pressure[loaded], up)
     if misfit > MAX_MISFIT_M:
         raise ValueError(
@@ -241,15 +273,15 @@ def wrench_about_origin(plate: PlateColumns, up: Array) -> tuple[Array, Note]:
             "signs of its columns are not those of one plate"
         )
     wrench[:, 3:] += np.cross(point, force)
-    return wrench, _located("moments_located", name, point, misfit)
+    return wrench, _about(point, misfit)
 
 
-def _located(code: str, plate: str, point: Array, misfit: float) -> Note:
-    x, y, z = (float(coordinate) for coordinate in point)
-    return Note.of(code, plate=plate, x_m=x, y_m=y, z_m=z, misfit_m=misfit)
+def _about(point: Array, misfit: float) -> str:
+    place = ", ".join(f"{coordinate:.3f}" for coordinate in point)
+    return f"about ({place}) m of the file's axes (within {1000 * misfit:.1f} mm)"
 
 
-def wrench_of_torque(plate: PlateColumns, up: Array) -> tuple[Array, tuple[Note, ...]]:
+def wrench_of_torque(plate: PlateColumns, up: Array) -> Located:
     """Give a wrench about the origin, (N, 6) [N, N·m], from a force, its point and a torque.
 
     Parameters
@@ -274,15 +306,14 @@ def wrench_of_torque(plate: PlateColumns, up: Array) -> tuple[Array, tuple[Note,
     loaded &= np.isfinite(np.hstack([wrench, point])).all(axis=1) & point.any(axis=1)
     moving = loaded.any() and np.ptp(point[loaded], axis=0).max() > EQUAL_MISFIT_M
     if np.count_nonzero(loaded) < MIN_LOADED_SAMPLES or not moving:
-        return wrench, ()
+        return wrench, FREE
     own = force[loaded], torque[loaded], point[loaded], up
     vertical = np.linalg.norm(own[1] - np.outer(own[1] @ up, up), axis=1) / np.abs(own[0] @ up)
     about, misfit = _simplest(*own)
     enough = misfit * EQUAL_MISFIT_RATIO + EQUAL_MISFIT_M
     if np.median(vertical) <= enough or misfit > MAX_MISFIT_M:
-        return wrench, ()
-    note = _located("torques_about_a_point", plate.name, about, misfit)
-    return np.hstack([force, torque + np.cross(about, force)]), (note,)
+        return wrench, FREE
+    return np.hstack([force, torque + np.cross(about, force)]), _about(about, misfit)
 
 
 def _simplest(force: Array, moment: Array, pressure: Array, up: Array) -> tuple[Array, float]:

@@ -1,10 +1,7 @@
 """Text files of Motek D-Flow's mocap module, with or without one of its record module."""
 
 import re
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Final
 
@@ -12,23 +9,13 @@ import numpy as np
 
 from hbm.notes import Note
 from hbm.spatial import Array
-from hbm.spelling import listed, short
-from pipeline.io.columns import (
-    SI_UNITS,
-    PlateColumns,
-    file_markers,
-    lab_axes,
-    left_out,
-    plates_about_origin,
-    plates_in_si,
-)
+from hbm.spelling import short
+from pipeline.io.columns import file_markers, plate_of, recording_of, vectors
 from pipeline.io.input_file import naming
+from pipeline.io.labels import require_unique
 from pipeline.io.recording import Analog, Metadata, Recording
 from pipeline.io.stated import Stated, as_stated
 from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows
-
-EVENT: Final = re.compile(r"#\s*EVENT\s+(\S+)\s*-\s*COUNT\s+(\d+)", re.IGNORECASE)
-TOTAL: Final = re.compile(r"#\s*EVENT\s+(\S+)\s+occur+ed\s+(\d+)\s+times?", re.IGNORECASE)
 
 MIN_COVERED: Final = 0.9
 """Share of the frames' time: both modules are started and stopped by hand, some frames apart."""
@@ -54,100 +41,41 @@ UNITS: Final = {".Anlg": "V", ".Ang": "deg", ".Mom": "N·m", ".Pow": "W"}
 PLATE: Final = re.compile(r"FP(\d+)\.For[XYZ]")
 MARKER: Final = re.compile(r"(.+)\.Pos[XYZ]")
 
+Signals = tuple[Array, list[str], Array]
+"""Times on D-Flow's clock, (N,) [s], names, and values as the file has them, (N, K)."""
 
-@dataclass(frozen=True, slots=True)
-class Record:
-    """What a record file holds, on D-Flow's clock.
 
-    Attributes
-    ----------
-    time
-        Times of the rows, (N,) [s].
-    names
-        Signals, without the time.
-    values
-        (N, K), as the file has them.
-    events
-        Letter -> times [s], in the middle between the rows around the event.
-    notes
-        On how the file ends: ``last_line_unended``, and ``record_unended`` where the counts of
-        events are missing that D-Flow writes last.
+def read_record(path: Path) -> tuple[Signals, list[Note]]:
+    """Read a file of D-Flow's record module without its events, and note how it ends.
+
+    A ValueError where it is damaged.
     """
-
-    time: Array
-    names: tuple[str, ...]
-    values: Array
-    events: dict[str, tuple[float, ...]]
-    notes: tuple[Note, ...] = ()
-
-
-def read_record(path: str | Path) -> Record:
-    """Read a file of D-Flow's record module.
-
-    Parameters
-    ----------
-    path
-        The file (.txt).
-
-    Returns
-    -------
-    Record
-        Signals and events.
-
-    Raises
-    ------
-    ValueError
-        The file is damaged, its times do not increase, or it holds fewer events than it counts.
-    OSError
-        The file cannot be opened.
-    """
-    path = Path(path)
     with naming(path):
-        return _record(lines_of(path), ending_notes(path))
-
-
-def _record(lines: Iterator[str], notes: tuple[Note, ...]) -> Record:
-    names = names_in(next(lines, "").rstrip(), "\t")
-    if names[0] != "Time":
-        raise ValueError(f"not a D-Flow record file: its first column is {short(names[0])!r}")
-    rows: list[tuple[int, str]] = []
-    marks: list[tuple[str, int]] = []
-    totals: dict[str, int] = {}
-    for number, line in enumerate(lines, start=2):
-        if event := EVENT.match(line.strip()):
-            marks.append((event[1], len(rows)))
-        elif total := TOTAL.match(line.strip()):
-            totals[total[1]] = int(total[2])
-        elif line.strip() and not line.lstrip().startswith("#"):
-            rows.append((number, line))
-    values = parse_rows(rows, "\t", names)
-    if len(values) < 2:
-        raise ValueError(f"it holds {len(values)} rows, expected at least 2")
-    time = values[:, 0]
-    if not (np.diff(time) >= 0).all():
-        raise ValueError("its times do not increase")
-    counts = Counter(name for name, _ in marks)
-    for name, stated in totals.items():
-        if counts[name] != stated:
-            raise ValueError(f"it counts {stated} events {name} but holds {counts[name]}")
-    if uncounted := sorted(set(counts) - set(totals)):
-        notes = (*notes, Note.of("record_unended", events=uncounted))
-    events: dict[str, tuple[float, ...]] = {}
-    for name, row in marks:
-        around = time[max(row - 1, 0) : row + 1]
-        events[name] = (*events.get(name, ()), float(around.mean()))
-    return Record(time, tuple(names[1:]), values[:, 1:], events, notes)
+        lines = lines_of(path)
+        names = names_in(next(lines, "").rstrip(), "\t")
+        if names[0] != "Time":
+            raise ValueError(f"not a D-Flow record file: its first column is {short(names[0])!r}")
+        rows = enumerate(lines, start=2)
+        values = parse_rows(
+            ((k, line) for k, line in rows if line.strip() and not line.lstrip().startswith("#")),
+            "\t",
+            names,
+        )
+        time = values[:, 0]
+        if len(time) < 2 or not (np.diff(time) >= 0).all():
+            raise ValueError(f"its {len(time)} rows are not two or more with increasing times")
+        return (time, names[1:], values[:, 1:]), ending_notes(path)
 
 
 def on_clock(
-    record: Record, name: str, stamps: Array, time: Array, analog: Analog | None
-) -> tuple[Analog, dict[str, tuple[float, ...]], list[Note]]:
+    signals: Signals, name: str, stamps: Array, time: Array, analog: Analog | None
+) -> tuple[Analog, list[Note]]:
     """Bring a record onto the cameras' clock.
 
     Parameters
     ----------
-    record
-        The record.
+    signals
+        Of the record.
     name
         Its file's name, for the note.
     stamps
@@ -161,11 +89,8 @@ def on_clock(
     -------
     analog
         All channels; NaN outside the record.
-    events
-        Letter -> times [s] on the recording's clock.
     notes
-        ``record_interpolated``; ``record_short`` where the record covers less than nine tenths of
-        the frames.
+        ``record_short`` where the record covers less than nine tenths of the frames.
 
     Raises
     ------
@@ -177,58 +102,26 @@ def on_clock(
     Time stamps scatter and bunch up when D-Flow lags, so the clocks are related by a straight line
     through all of them, not frame by frame.
     """
+    of_record, names, values = signals
     seen = np.isfinite(stamps)
     rate, start = np.polyfit(time[seen] - time[seen].mean(), stamps[seen], 1)
     start = float(np.median(stamps[seen] - rate * time[seen]))
-    clock = (record.time - start) / rate
+    clock = (of_record - start) / rate
     if clock[-1] < time[0] or clock[0] > time[-1]:
         raise ValueError(
-            f"its times {record.time[0]:.2f}–{record.time[-1]:.2f} s do not overlap the "
+            f"its times {of_record[0]:.2f}–{of_record[-1]:.2f} s do not overlap the "
             f"markers' {start:.2f}–{start + rate * time[-1]:.2f} s; is it of the same trial?"
         )
     known = analog or Analog(time, (), (), np.empty((len(time), 0)))
-    if twice := sorted({*known.names} & {*record.names}):
-        raise ValueError(f"signals named like the mocap file's: {listed(twice)}")
-    signals = [np.interp(time, clock, values, np.nan, np.nan) for values in record.values.T]
-    both = Analog(
-        time,
-        known.names + record.names,
-        known.units + ("",) * len(record.names),
-        np.column_stack([known.values, *signals]),
-    )
-    events = {
-        letter: tuple((at - start) / float(rate) for at in times)
-        for letter, times in record.events.items()
-    }
-    counted = [f"{letter} ×{len(times)}" for letter, times in events.items()] or ["none"]
-    notes = [Note.of("record_interpolated", signals=len(record.names), file=name, events=counted)]
+    names = [*known.names, *names]
+    require_unique(names, "signals named like the mocap file's")
+    at_frames = [np.interp(time, clock, signal, np.nan, np.nan) for signal in values.T]
+    units = known.units + ("",) * len(at_frames)
+    both = Analog(time, tuple(names), units, np.column_stack([known.values, *at_frames]))
     covered = np.clip(clock[[0, -1]], time[0], time[-1])
-    if np.ptp(covered) < MIN_COVERED * np.ptp(time):
-        notes.append(Note.of("record_short", file=name, first_s=covered[0], last_s=covered[1]))
-    return both, events, notes
-
-
-@dataclass(frozen=True, slots=True)
-class _Table:
-    """One mocap file on the cameras' clock: dropped frames are rows of NaN."""
-
-    columns: Mapping[str, int]
-    values: Array
-    stamps: Array
-    first_frame: int
-    rate_hz: float
-    notes: tuple[Note, ...]
-
-    def vectors(self, stems: Iterable[str]) -> Array:
-        """Give the three columns of each of several quantities, (T, stems, 3)."""
-        wanted = [(stem, f"{stem}{axis}") for stem in stems for axis in "XYZ"]
-        for stem, name in wanted:
-            if name not in self.columns:
-                raise ValueError(
-                    f"column {short(name)} is absent, but others of {short(stem)} are there"
-                )
-        columns = [self.columns[name] for _, name in wanted]
-        return np.take(self.values, columns, axis=1).reshape(len(self.values), -1, 3)
+    if np.ptp(covered) >= MIN_COVERED * np.ptp(time):
+        return both, []
+    return both, [Note.of("record_short", file=name, first_s=covered[0], last_s=covered[1])]
 
 
 def read_dflow(
@@ -245,7 +138,7 @@ def read_dflow(
         D-Flow's, "right,up,back", units m, N and N·m.
     record
         A record file of the same session: its signals become analog channels on the cameras'
-        clock, its events ``metadata.dflow_events``.
+        clock.
 
     Returns
     -------
@@ -276,85 +169,93 @@ def read_dflow(
 
 
 def _read(path: Path, stated: Stated, record: Path | None) -> Recording:
-    table = _table(path)
-    found = dict.fromkeys(m[1] for name in table.columns if (m := MARKER.fullmatch(name)))
+    columns, first_frame, rate_hz, notes = _columns(path)
+    found = dict.fromkeys(m[1] for name in columns if (m := MARKER.fullmatch(name)))
     stems = [stem for stem in found if stem.lower() not in SEGMENTS]
     if not stems:
         raise ValueError("no markers: no column such as LASIS.PosX")
-    markers = file_markers(stems, "m", partial(_positions, table, stems), stated, _gaps)
-    numbers = dict.fromkeys(int(m[1]) for name in table.columns if (m := PLATE.fullmatch(name)))
-    time = np.arange(len(table.values)) / table.rate_hz
-    columns, plate_notes = plates_in_si(_plates(table, numbers, time), stated)
-    to_lab, axes_notes = lab_axes(markers, [p.force for p in columns], stated, AXES, "D-Flow")
-    plates, moment_notes = plates_about_origin(columns, to_lab)
+    stamps = columns["TimeStamp"]
+    time = np.arange(len(stamps)) / rate_hz
+    unseen = 0
+
+    def positions(kept: Iterable[int]) -> Array:
+        nonlocal unseen
+        position = vectors(columns, (f"{stems[k]}.Pos" for k in kept))
+        unseen = _remove_unseen(position)
+        return position
+
+    markers = file_markers(stems, "m", positions, stated)
+    if unseen:
+        notes.append(Note.of("markers_unseen", samples=unseen))
+    numbers = dict.fromkeys(int(m[1]) for name in columns if (m := PLATE.fullmatch(name)))
+    plates = []
     used = {f"{stem}.Pos{axis}" for stem in stems for axis in "XYZ"}
-    used |= {f"FP{k}.{q}{axis}" for k in numbers for q in ("For", "Mom", "Cop") for axis in "XYZ"}
-    analog = _analog(table, used, time)
-    first_frame, stamps, table_notes = table.first_frame, table.stamps, table.notes
-    del table  # as large as all that is read from it
-    notes = [*axes_notes, *table_notes, *markers.notes]
-    events: Mapping[str, tuple[float, ...]] = {}
+    for number in numbers:
+        parts = ["For", "Mom", "Cop"][: 3 if f"FP{number}.CopX" in columns else 2]
+        quantities = [f"FP{number}.{part}" for part in parts]
+        plates.append(plate_of(number, f"plate {number}", time, columns, quantities))
+        used |= {f"{quantity}{axis}" for quantity in quantities for axis in "XYZ"}
+    analog = _analog(columns, used, time)
     if record:
-        signals = read_record(record)
+        signals, more = read_record(record)
         with naming(record):
-            analog, events, clock_notes = on_clock(signals, record.name, stamps, time, analog)
-        notes += [*signals.notes, *clock_notes]
-    return Recording(
-        source=path,
-        markers=markers.in_lab(time, to_lab),
-        plates=plates,
+            analog, clock_notes = on_clock(signals, record.name, stamps, time, analog)
+        notes += [*more, *clock_notes]
+    del stamps
+    columns.clear()  # as large as all that is read from it
+    return recording_of(
+        path,
+        stated,
+        markers,
+        time,
+        plates,
+        axes=AXES,
+        program="D-Flow",
+        notes=notes,
         analog=analog,
         first_frame=first_frame,
-        metadata=Metadata(subject=markers.subject, software="D-Flow", dflow_events=events),
-        stated=stated,
-        notes=(*notes, *plate_notes, *moment_notes),
+        metadata=Metadata(subject=markers.subject, software="D-Flow"),
     )
 
 
-def _table(path: Path) -> _Table:
+def _columns(path: Path) -> tuple[dict[str, Array], int, float, list[Note]]:
+    """Give columns at all frames, of which dropped ones are NaN, first frame, and rate [Hz]."""
     lines = lines_of(path)
     names = names_in(next(lines, "").rstrip(), "\t")
-    for column in ("TimeStamp", "FrameNumber"):
-        if column not in names:
-            raise ValueError(f"not a D-Flow mocap file: its first line has no column {column}")
-    if twice := sorted(name for name, count in Counter(names).items() if count > 1):
-        raise ValueError(f"several columns have the same name: {listed(twice)}")
-    values = parse_rows(((k, ln) for k, ln in enumerate(lines, start=2) if ln.strip()), "\t", names)
-    columns = {name: k for k, name in enumerate(names)}
-    frames, stamps = (values[:, columns[name]] for name in ("FrameNumber", "TimeStamp"))
-    if len(frames) < 2:
-        raise ValueError(f"it holds {len(frames)} frames, expected at least 2")
+    if not {"TimeStamp", "FrameNumber"} <= {*names}:
+        raise ValueError("not a D-Flow mocap file: no column TimeStamp or no column FrameNumber")
+    require_unique(names, "several columns have the same name")
+    rows = ((k, line) for k, line in enumerate(lines, start=2) if line.strip())
+    values = parse_rows(rows, "\t", names)
     if empty := np.count_nonzero(np.isnan(values).any(axis=1)):
         raise ValueError(f"{empty} rows have empty fields; D-Flow writes a number in every field")
-    steps = np.diff(frames)
+    frames = values[:, names.index("FrameNumber")]
+    steps = np.diff(frames, prepend=frames[:1] - 1)
     if (frames % 1).any() or (steps < 0).any():
         raise ValueError("FrameNumber does not count upward; is this one recording?")
-    new = np.concatenate([[True], steps > 0])
-    frames, stamps = frames[new], stamps[new]
-    index = (frames - frames[0]).astype(int)
-    total = index[-1] + 1
-    if len(frames) < 2 or total > MAX_DROPPED_RATIO * len(frames):
+    new = steps > 0
+    index = (frames[new] - frames[:1]).astype(int)
+    total = index[-1] + 1 if len(index) else 0
+    if len(index) < 2 or total > MAX_DROPPED_RATIO * len(index):
         raise ValueError(
-            f"FrameNumber spans {total} frames, but the file holds {len(frames)} of them"
+            f"FrameNumber spans {total} frames, but the file holds {len(index)} of them, expected "
+            "at least 2 and half of all"
         )
-    if total > len(frames) or not new.all():
+    stamps = values[new, names.index("TimeStamp")]
+    first_frame = int(frames[0])
+    if total > len(index) or not new.all():
         held, values = values[new], np.full((total, values.shape[1]), np.nan)
         values[index] = held
-    rate, clock = _rate(index, stamps)
-    notes = [*ending_notes(path), clock]
-    if total > len(frames):
-        notes.append(Note.of("frames_dropped", dropped=total - len(frames), frames=total))
-    return _Table(
-        columns=columns,
-        values=values,
-        stamps=values[:, columns["TimeStamp"]].copy(),
-        first_frame=int(frames[0]),
-        rate_hz=rate,
-        notes=tuple(notes),
-    )
+    rate_hz = _rate_hz(index, stamps)
+    scatter_s = np.ptp(stamps - index / rate_hz)
+    notes = ending_notes(path)
+    notes.append(Note.of("sample_clock", of="frames", rate_hz=rate_hz, scatter_s=scatter_s))
+    if dropped := total - len(index):
+        notes.append(Note.of("samples_dropped", of="frames", dropped=dropped, samples=total))
+    return dict(zip(names, values.T, strict=True)), first_frame, rate_hz, notes
 
 
-def _rate(index: Array, stamps: Array) -> tuple[float, Note]:
+def _rate_hz(index: Array, stamps: Array) -> float:
     """Give the cameras' rate: the slope of the time stamps, or the customary rate next to it."""
     offset = index - index.mean()
     slope = float(offset @ stamps / (offset @ offset))
@@ -363,49 +264,24 @@ def _rate(index: Array, stamps: Array) -> tuple[float, Note]:
             f"its time stamps advance {slope:.3g} s per frame, expected seconds of a camera system"
         )
     nearest = float(CUSTOMARY_RATES_HZ[np.argmin(np.abs(CUSTOMARY_RATES_HZ * slope - 1))])
-    rate = nearest if abs(nearest * slope - 1) < MAX_RATE_DIFFERENCE else 1 / slope
-    scatter_s = float(np.ptp(stamps - index / rate))
-    return rate, Note.of("frame_clock", rate_hz=rate, scatter_s=scatter_s)
+    return nearest if abs(nearest * slope - 1) < MAX_RATE_DIFFERENCE else 1 / slope
 
 
-def _positions(table: _Table, stems: Sequence[str], kept: Iterable[int]) -> Array:
-    return table.vectors(f"{stems[k]}.Pos" for k in kept)
+def _remove_unseen(position: Array) -> int:
+    """Make markers that are at zero or held in place NaN, (T, M, 3), and count the samples."""
+    unseen = np.asarray(~position.any(axis=-1))
+    for k in range(position.shape[1]):  # one by one: a file may be as large as the memory allows
+        unseen[1:, k] |= (position[1:, k] == position[:-1, k]).all(axis=-1)
+    position[unseen] = np.nan
+    return int(np.count_nonzero(unseen))
 
 
-def _gaps(position: Array, names: Sequence[str]) -> list[Note]:
-    """Make markers that no camera saw NaN, in place, and note how many."""
-    zero = (position == 0).all(axis=-1)
-    held = np.zeros_like(zero)
-    for k in range(len(names)):  # one by one: a file may be as large as the memory allows
-        held[1:, k] = (position[1:, k] == position[:-1, k]).all(axis=-1) & ~zero[1:, k]
-    notes = []
-    for unseen, code in ((zero, "markers_written_as_zero"), (held, "markers_held")):
-        if unseen.any():
-            position[unseen] = np.nan
-            markers = [names[k] for k in np.flatnonzero(unseen.any(axis=0)).tolist()]
-            notes.append(Note.of(code, samples=np.count_nonzero(unseen), markers=markers))
-    return notes
-
-
-def _plates(table: _Table, numbers: Iterable[int], time: Array) -> Iterator[PlateColumns | Note]:
-    """Give the columns of each plate, or why it is left out."""
-    for number in numbers:
-        needed = [f"FP{number}.{quantity}{axis}" for quantity in ("For", "Mom") for axis in "XYZ"]
-        if absent := [column for column in needed if column not in table.columns]:
-            yield left_out(f"plate {number}", f"column {absent[0]} is absent")
-            continue
-        vectors = [f"FP{number}.{quantity}" for quantity in ("For", "Mom", "Cop")]
-        vectors = vectors[: 3 if f"FP{number}.CopX" in table.columns else 2]
-        values = (table.vectors([name])[:, 0] for name in vectors)
-        yield PlateColumns(number, f"plate {number}", time, SI_UNITS, *values)
-
-
-def _analog(table: _Table, used: set[str], time: Array) -> Analog | None:
+def _analog(columns: Mapping[str, Array], used: set[str], time: Array) -> Analog | None:
     """Give all other columns as channels; where the body model failed, all of its are zero."""
-    names = [n for n in table.columns if n not in used and n not in ("TimeStamp", "FrameNumber")]
+    names = [n for n in columns if n not in used and n not in ("TimeStamp", "FrameNumber")]
     if not names:
         return None
-    values = table.values[:, [table.columns[name] for name in names]]
+    values = np.column_stack([columns[name] for name in names])
     modelled = np.array([name.endswith((".Ang", ".Mom", ".Pow")) for name in names])
     if np.count_nonzero(modelled) > 1:
         failed = (values[:, modelled] == 0).all(axis=1)

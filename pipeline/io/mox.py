@@ -2,8 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree
@@ -13,15 +12,7 @@ import numpy as np
 from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import printable, short
-from pipeline.io.columns import (
-    SI_UNITS,
-    PlateColumns,
-    file_markers,
-    lab_axes,
-    left_out,
-    plates_about_origin,
-    plates_in_si,
-)
+from pipeline.io.columns import file_markers, plate_of, recording_of, vectors
 from pipeline.io.input_file import naming, open_file
 from pipeline.io.recording import Analog, Metadata, Recording
 from pipeline.io.stated import Stated, as_stated
@@ -82,41 +73,43 @@ def read_mox(path: str | Path, stated: Stated | str | None = None) -> Recording:
 
 def _read(path: Path, stated: Stated) -> Recording:
     with open_file(path) as file:
-        header, channels = _channels(file.read())
+        subject, channels = _channels(file.read())
     marked, on_plates = ({k: m for k in channels if (m := p.fullmatch(k))} for p in (MARKER, PLATE))
     stems = list(dict.fromkeys(m["a"] or m["b"] for m in marked.values()))
     if not stems:
         raise ValueError("no markers: no channel such as LASIS.PosX")
     parts = {f"{m['a'] or m['b']} {m['axis']}": channels[k] for k, m in marked.items()}
-    rate = 0.0
-
-    def positions(kept: list[int]) -> Array:
-        nonlocal rate
-        rate, vectors = _vectors(parts, [stems[k] for k in kept])
-        return vectors
-
-    markers = file_markers(stems, "m", positions, stated)
-    columns, plate_notes = plates_in_si(_plates(channels, on_plates), stated)
-    to_lab, axes_notes = lab_axes(markers, [plate.force for plate in columns], stated)
-    plates, moment_notes = plates_about_origin(columns, to_lab)
+    rate, columns = _on_one_clock(parts)
+    position = vectors(columns, (f"{stem} " for stem in stems))
+    markers = file_markers(stems, "m", lambda kept: position[:, kept], stated)
+    of_plates: dict[int, dict[str, Channel]] = {}
+    for k, m in on_plates.items():
+        quantity = f"{m['what'].lower()} {m['axis'].upper()}"
+        of_plates.setdefault(int(m["number"] or 1), {})[quantity] = channels[k]
+    plates = []
+    for number, parts in of_plates.items():
+        its_rate, columns = _on_one_clock(parts)
+        time = np.arange(len(next(iter(columns.values())))) / its_rate
+        quantities = ["for ", "mom ", "cop "][: 3 if "cop X" in parts else 2]
+        plates.append(plate_of(number, f"plate {number}", time, columns, quantities))
     rest = {k: channel for k, channel in channels.items() if k not in {*marked, *on_plates}}
-    frames = len(markers.position)
-    analog, analog_notes = _analog(rest, (rate, frames))
+    analog, notes = _analog(rest, (rate, len(position)))
     if plates:
-        moment_notes.append(Note.of("force_sign_unconfirmed"))
-    return Recording(
-        source=path,
-        markers=markers.in_lab(np.arange(frames) / rate, to_lab),
-        plates=plates,
+        notes.append(Note.of("force_sign_unconfirmed"))
+    return recording_of(
+        path,
+        stated,
+        markers,
+        np.arange(len(position)) / rate,
+        plates,
+        notes=notes,
         analog=analog,
-        metadata=replace(header, subject=header.subject or markers.subject),
-        stated=stated,
-        notes=(*axes_notes, *markers.notes, *plate_notes, *moment_notes, *analog_notes),
+        metadata=Metadata(subject=subject or markers.subject),
     )
 
 
-def _channels(content: bytes) -> tuple[Metadata, dict[str, Channel]]:
-    """Give what the header says, and each channel's rate [Hz] and samples."""
+def _channels(content: bytes) -> tuple[str, dict[str, Channel]]:
+    """Give the subject's name and the channels."""
     decoded(content)
     try:
         root = ElementTree.fromstring(content)
@@ -126,9 +119,9 @@ def _channels(content: bytes) -> tuple[Metadata, dict[str, Channel]]:
         element.tag = element.tag.rpartition("}")[2]
     if root.tag != ROOT:
         raise ValueError(f"not a .mox file: its root is {short(root.tag)!r}, expected {ROOT!r}")
-    subject, date, comments, count = (
+    subject, count = (
         printable(root.findtext(f"viewer_header/{tag}", "").strip())
-        for tag in ("patient_id", "trial_date", "comments", "nr_of_samples")
+        for tag in ("patient_id", "nr_of_samples")
     )
     channels: dict[str, Channel] = {}
     for element in root.iterfind("viewer_data/viewer_channel"):
@@ -151,46 +144,20 @@ def _channels(content: bytes) -> tuple[Metadata, dict[str, Channel]]:
         raise ValueError("it holds no channels (viewer_data/viewer_channel)")
     if count and all(str(len(samples)) != count for _, samples in channels.values()):
         raise ValueError(f"its header says nr_of_samples {count}, but no channel holds as many")
-    return Metadata(subject=subject, date=date, comments=comments), channels
+    return subject, channels
 
 
-def _vectors(parts: Mapping[str, Channel], stems: Sequence[str]) -> tuple[float, Array]:
-    """Stack channels "stem X", "stem Y", "stem Z" of one clock: rate and (samples, stems, 3)."""
-    names = [f"{stem} {axis}" for stem in stems for axis in "XYZ"]
-    if absent := [name for name in names if name not in parts]:
-        raise ValueError(f"there is no channel for {short(absent[0])}")
-    if len(clocks := {(parts[name][0], len(parts[name][1])) for name in names}) > 1:
+def _on_one_clock(parts: Mapping[str, Channel]) -> tuple[float, dict[str, Array]]:
+    """Give rate [Hz] and samples of channels that belong together."""
+    if len(clocks := {(rate, len(samples)) for rate, samples in parts.values()}) > 1:
         raise ValueError(
-            f"the channels of {short(stems[0])} and the like differ in rate or number of samples; "
-            "the file is truncated or mixed"
+            f"{short(next(iter(parts)))!r} and the like differ in rate or number of samples; the "
+            "file is truncated or mixed"
         )
     ((rate, count),) = clocks
     if count < 2:
-        raise ValueError(f"{short(names[0])!r} holds {count} samples, expected at least 2")
-    stacked = np.stack([parts[name][1] for name in names], axis=1)
-    return rate, stacked.reshape(count, len(stems), 3)
-
-
-def _plates(
-    channels: Mapping[str, Channel], on_plates: Mapping[str, re.Match[str]]
-) -> Iterator[PlateColumns | Note]:
-    """Give the channels of each plate, or why it is left out."""
-    parts = {
-        f"{int(m['number'] or 1)} {m['what'].lower()} {m['axis'].upper()}": channels[k]
-        for k, m in on_plates.items()
-    }
-    for number in dict.fromkeys(int(m["number"] or 1) for m in on_plates.values()):
-        stems = [f"{number} for", f"{number} mom"]
-        stems += [f"{number} cop"] * (f"{number} cop X" in parts)
-        needed = [f"{stem} {axis}" for stem in stems for axis in "XYZ"]
-        if absent := [name for name in needed if name not in parts]:
-            yield left_out(f"plate {number}", f"there is no channel for {absent[0]}")
-        else:
-            rate, vectors = _vectors(parts, stems)
-            time = np.arange(len(vectors)) / rate
-            yield PlateColumns(
-                number, f"plate {number}", time, SI_UNITS, *vectors.transpose(1, 0, 2)
-            )
+        raise ValueError(f"{short(next(iter(parts)))!r} holds {count} samples, expected at least 2")
+    return rate, {name: samples for name, (_, samples) in parts.items()}
 
 
 def _analog(
@@ -205,5 +172,5 @@ def _analog(
     kept = tuple(name for name in channels if clocks[name] == clock)
     left = [name for name in channels if clocks[name] != clock]
     values = np.column_stack([channels[name][1] for name in kept])
-    notes = [Note.of("channels_left_out", channels=left)] if left else []
+    notes = [Note.of("parts_left_out", parts=left)] if left else []
     return Analog(np.arange(count) / rate, kept, ("",) * len(kept), values), notes

@@ -1,7 +1,8 @@
 """ASCII exports of Vicon Nexus: blocks of numbers under groups of columns."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Final
 
@@ -10,18 +11,11 @@ import numpy as np
 from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import listed, short
-from pipeline.io.columns import (
-    PlateColumns,
-    file_markers,
-    lab_axes,
-    left_out,
-    plates_about_origin,
-    plates_in_si,
-)
+from pipeline.io.columns import PlateColumns, file_markers, left_out, recording_of
 from pipeline.io.input_file import naming
-from pipeline.io.recording import Analog, Metadata, Plate, Recording
+from pipeline.io.recording import Analog, Metadata, Recording
 from pipeline.io.stated import Stated, as_stated
-from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows
+from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows, read_number
 
 TITLES: Final = ("devices", "trajectories", "model outputs")
 SEPARATORS: Final = ("\t", ";", ",")
@@ -29,31 +23,30 @@ HEADER_LINES: Final = 5
 """Title, rate, groups, components, units."""
 MAX_RATE_HZ: Final = 1e6
 """Beyond it the line is no rate."""
+MAX_RATE_ERROR: Final = 1e-6
+"""Relative."""
+Rows = list[tuple[int, str]]
+"""Numbers and lines."""
 
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """Adjacent columns under one name: ``first`` is the index of the first in `Block.values`."""
+    """Adjacent columns under one name: components, units, and values, (N, components)."""
 
     name: str
-    first: int
     components: tuple[str, ...]
     units: tuple[str, ...]
+    values: Array
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """One block: its rate [Hz], frame and sub frame of each row, (N,), and values, (N, K)."""
+    """One block: its rate [Hz], frame and sub frame of each row, (N,), and groups of columns."""
 
     rate_hz: float
     frame: Array
     sub_frame: Array
-    groups: tuple[Group, ...]
-    values: Array
-
-    def vector(self, group: Group) -> Array:
-        """Give the first three columns of a group, (N, 3), in the file's unit."""
-        return self.values[:, group.first : group.first + 3]
+    groups: list[Group]
 
 
 def is_nexus(lines: Sequence[str]) -> bool:
@@ -62,99 +55,60 @@ def is_nexus(lines: Sequence[str]) -> bool:
     return len(filled) > 2 and "".join(filled[2:]).lower().replace(" ", "").find("subframe") >= 0
 
 
-def read_blocks(lines: Sequence[str]) -> tuple[dict[str, Block], list[Note]]:
-    """Cut an export into blocks.
-
-    Parameters
-    ----------
-    lines
-        The text.
-
-    Returns
-    -------
-    blocks
-        Title in small letters -> block; of devices, trajectories and model outputs.
-    notes
-        ``blocks_left_out`` where there are other blocks.
-
-    Raises
-    ------
-    ValueError
-        A block is truncated, has no such header, or holds something that is no number.
-    """
+def _blocks(path: Path) -> tuple[dict[str, Block], list[Note]]:
+    """Cut an export into devices, trajectories and model outputs, by their titles."""
     blocks: dict[str, Block] = {}
     skipped = []
-    start = 0
-    while start < len(lines):
-        if not _bare(lines[start]):
-            start += 1
+    rows = enumerate(lines_of(path), start=1)
+    for filled, part in groupby(rows, key=lambda row: bool(_bare(row[1]))):
+        block = list(part)
+        title = _bare(block[0][1])
+        if not filled:
             continue
-        stop = start + 1
-        while stop < len(lines) and _bare(lines[stop]):
-            stop += 1
-        title = _bare(lines[start])
         if title.lower() in blocks:
-            raise ValueError(f"line {start + 1}: a second block {short(title)}")
+            raise ValueError(f"line {block[0][0]}: a second block {short(title)}")
         if title.lower() in TITLES:
             try:
-                blocks[title.lower()] = _block(lines[start:stop], start + 1)
+                blocks[title.lower()] = _block(block)
             except ValueError as error:
                 raise ValueError(f"{title}: {error}") from error
         else:
             skipped.append(short(title))
-        start = stop
-    notes = [Note.of("blocks_left_out", blocks=skipped)] if skipped else []
-    return blocks, notes
+    return blocks, [Note.of("parts_left_out", parts=skipped)] if skipped else []
 
 
-def _block(lines: Sequence[str], first_line: int) -> Block:
-    if len(lines) <= HEADER_LINES:
+def _block(rows: Rows) -> Block:
+    first_line = rows[0][0]
+    if len(rows) <= HEADER_LINES:
         raise ValueError(
-            f"the block at line {first_line} ends after {len(lines)} lines: the file is truncated"
+            f"the block at line {first_line} ends after {len(rows)} lines: the file is truncated"
         )
-    _, rate, names, components, units = lines[:HEADER_LINES]
+    _, rate, names, components, units = (line for _, line in rows[:HEADER_LINES])
     separator = next((s for s in SEPARATORS if s in components), ",")
     labels = names_in(components.rstrip(f" {separator}"), separator)
     if [label.lower() for label in labels[:2]] != ["frame", "sub frame"] or len(labels) < 3:
         raise ValueError(
             f"line {first_line + 3} is {short(components)!r}, expected Frame, Sub Frame, components"
         )
-    rows = enumerate(lines[HEADER_LINES:], start=first_line + HEADER_LINES)
-    values = parse_rows(rows, separator, labels)
+    rate_hz = read_number(_bare(rate), f"line {first_line + 1}, rate in Hz")
+    if not 0 < rate_hz < MAX_RATE_HZ:
+        raise ValueError(f"its rate is {rate_hz:g} Hz")
+    values = parse_rows(rows[HEADER_LINES:], separator, labels)
     frame, sub_frame = values[:, 0], values[:, 1]
     if not (np.isfinite(values[:, :2]).all() and (values[:, :2] % 1 == 0).all()):
         raise ValueError("a row has no frame or sub frame number")
     if (sub_frame == 0).all() and (np.diff(frame) != 1).any():
         raise ValueError("frames do not count upward one by one")
-    return Block(
-        _rate(_bare(rate)),
-        frame,
-        sub_frame,
-        _groups(names_in(names, separator), labels, names_in(units, separator)),
-        values,
-    )
-
-
-def _groups(names: list[str], labels: list[str], units: list[str]) -> tuple[Group, ...]:
-    names = [name.strip('"') for name in names]
-    starts = [k for k, name in enumerate(names[: len(labels)]) if name and k >= 2]
-    if not starts:
-        raise ValueError("its third line names no columns")
-    if beyond := [name for name in names[len(labels) :] if name]:
+    titles = [name.strip('"') for name in names_in(names, separator)]
+    if beyond := list(filter(None, titles[len(labels) :])):
         raise ValueError(f"{short(beyond[0])!r} is the name of a column that is not there")
-    units = units + [""] * (len(labels) - len(units))
-    spans = zip(starts, [*starts[1:], len(labels)], strict=True)
-    return tuple(Group(names[a], a, tuple(labels[a:b]), tuple(units[a:b])) for a, b in spans)
-
-
-def _rate(text: str) -> float:
-    try:
-        rate = float(text)
-    except ValueError as error:
-        raise ValueError(f"its second line is {short(text)!r}, expected a rate in Hz") from error
-    if not 0 < rate < MAX_RATE_HZ:
-        raise ValueError(f"its rate is {rate:g} Hz")
-    return rate
+    of_column = [*names_in(units, separator), *[""] * len(labels)]
+    starts = [k for k, name in enumerate(titles) if name and k >= 2]
+    groups = [
+        Group(titles[a], tuple(labels[a:b]), tuple(of_column[a:b]), values[:, a:b])
+        for a, b in zip(starts, [*starts[1:], len(labels)], strict=True)
+    ]
+    return Block(rate_hz, frame, sub_frame, groups)
 
 
 def _bare(line: str) -> str:
@@ -200,56 +154,63 @@ def read_nexus(path: str | Path, stated: Stated | str | None = None) -> Recordin
 
 
 def _read(path: Path, stated: Stated) -> Recording:
-    blocks, skipped = read_blocks(list(lines_of(path)))
+    blocks, notes = _blocks(path)
     if "trajectories" not in blocks:
         raise ValueError(f"no Trajectories block; blocks: {listed(blocks)}")
     block = blocks["trajectories"]
-    groups = [group for group in block.groups if group.components[:3] == ("X", "Y", "Z")]
-    groups = [group for group in groups if group.name and not group.name.startswith("*")]
+    groups = [
+        group
+        for group in block.groups
+        if group.components[:3] == ("X", "Y", "Z") and not group.name.startswith("*")
+    ]
     if not groups:
         raise ValueError("the Trajectories block names no markers with X, Y and Z")
     unit = groups[0].units[0]
-    metre, _ = stated.marker_unit(unit)
+    metre = stated.metre(unit)
 
     def positions(kept: list[int]) -> Array:
-        metres = [stated.marker_unit(groups[k].units[0])[0] / metre for k in kept]
-        vectors = zip((groups[k] for k in kept), metres, strict=True)
-        return np.stack([block.vector(group) * factor for group, factor in vectors], axis=1)
+        markers = [groups[k] for k in kept]
+        factors = [stated.metre(group.units[0]) / metre for group in markers]
+        vectors = zip(markers, factors, strict=True)
+        return np.stack([group.values[:, :3] * factor for group, factor in vectors], axis=1)
 
     markers = file_markers([group.name for group in groups], unit, positions, stated)
-    to_lab, axes_notes = lab_axes(markers, (), stated)
-    notes = [*axes_notes, *skipped, *ending_notes(path), *markers.notes]
-    plates: tuple[Plate, ...] = ()
+    outputs = blocks.get("model outputs")
+    if outputs is not None and not np.array_equal(outputs.frame, block.frame):
+        raise ValueError("Model Outputs and Trajectories are not of the same frames")
+    plates: list[PlateColumns | Note] = []
     analog = None
     if "devices" in blocks:
-        plates, analog, device_notes = _devices(blocks["devices"], block, to_lab, stated)
-        notes += device_notes
-    return Recording(
-        source=path,
-        markers=markers.in_lab((block.frame - block.frame[0]) / block.rate_hz, to_lab),
-        plates=plates,
+        plates, analog = _devices(blocks["devices"], block)
+    return recording_of(
+        path,
+        stated,
+        markers,
+        (block.frame - block.frame[0]) / block.rate_hz,
+        plates,
+        on_subject=False,
+        notes=[*notes, *ending_notes(path)],
         analog=analog,
         first_frame=int(block.frame[0]),
         metadata=Metadata(software="Vicon Nexus", subject=markers.subject),
-        model_outputs=_outputs(blocks.get("model outputs"), block),
-        stated=stated,
-        notes=tuple(notes),
+        model_outputs={
+            group.name.rpartition(":")[2]: group.values
+            for group in (outputs.groups if outputs else ())
+            if group.components == ("X", "Y", "Z")
+        },
     )
 
 
-def _devices(
-    block: Block, trajectories: Block, to_lab: Array, stated: Stated
-) -> tuple[tuple[Plate, ...], Analog | None, list[Note]]:
-    """Give plates and analog channels in lab axes."""
-    first, rate_hz = trajectories.frame[0], trajectories.rate_hz
-    per_frame = block.rate_hz / rate_hz
-    if abs(per_frame - round(per_frame)) > 1e-6 or block.sub_frame.max() >= round(per_frame):
+def _devices(block: Block, trajectories: Block) -> tuple[list[PlateColumns | Note], Analog | None]:
+    """Give plates, or why they are left out, and analog channels."""
+    per_frame = round(block.rate_hz / trajectories.rate_hz)
+    count = (block.frame - trajectories.frame[0]) * per_frame + block.sub_frame
+    if abs(block.rate_hz - per_frame * trajectories.rate_hz) > MAX_RATE_ERROR * block.rate_hz:
         raise ValueError(
-            f"Devices at {block.rate_hz:g} Hz do not go with Trajectories at {rate_hz:g} Hz "
-            f"and sub frames up to {block.sub_frame.max():g}"
+            f"Devices at {block.rate_hz:g} Hz do not go with Trajectories at "
+            f"{trajectories.rate_hz:g} Hz"
         )
-    count = (block.frame - first) * round(per_frame) + block.sub_frame
-    if (np.diff(count) != 1).any():
+    if (np.diff(count) != 1).any() or block.sub_frame.max() >= per_frame:
         raise ValueError("Devices: frames and sub frames do not count upward one by one")
     if (last := trajectories.frame[-1]) < block.frame[-1]:
         raise ValueError(
@@ -263,56 +224,32 @@ def _devices(
         if quantity.lower() in ("force", "moment", "cop") and len(group.components) >= 3:
             measured.setdefault(stem, {})[quantity.lower()] = group
     measured = {stem: parts for stem, parts in measured.items() if "force" in parts}
-    columns, notes = plates_in_si(_plates(block, measured, time), stated)
-    push = sum(float(np.nan_to_num(plate.force @ to_lab[2]).mean()) for plate in columns)
-    if push < 0:
-        columns = [replace(plate, force=-plate.force, moment=-plate.moment) for plate in columns]
-        notes.append(Note.of("forces_reversed"))
-    plates, moment_notes = plates_about_origin(columns, to_lab)
-    used = {group.first for parts in measured.values() for group in parts.values()}
-    analog = _analog(block, [g for g in block.groups if g.first not in used], time)
-    return plates, analog, [*notes, *moment_notes]
-
-
-def _plates(
-    block: Block, measured: Mapping[str, Mapping[str, Group]], time: Array
-) -> Iterator[PlateColumns | Note]:
-    """Give the columns of each plate, or why it is left out."""
-    for number, (stem, parts) in enumerate(measured.items(), start=1):
-        name = f"plate {number} ({short(stem)})"
-        if "moment" not in parts or "cop" not in parts:
-            lacks = "CoP" if "moment" in parts else "moments"
-            yield left_out(
-                name,
-                f"it has forces but no {lacks}; export Force, Moment and CoP: only together they "
-                "give the wrench in the lab",
-            )
-            continue
-        groups = [parts[quantity] for quantity in ("force", "moment", "cop")]
-        force, moment, pressure = (group.units[0] for group in groups)
-        vectors = (block.vector(group) for group in groups)
-        yield PlateColumns(number, name, time, (force, moment, pressure), *vectors)
-
-
-def _analog(block: Block, groups: list[Group], time: Array) -> Analog | None:
-    channels = [
-        (f"{group.name} {component}".strip(), unit, group.first + k)
-        for group in groups
-        for k, (component, unit) in enumerate(zip(group.components, group.units, strict=True))
+    plates = [
+        _plate(number, f"plate {number} ({short(stem)})", time, parts)
+        for number, (stem, parts) in enumerate(measured.items(), start=1)
     ]
-    if not channels:
-        return None
-    names, units, columns = zip(*channels, strict=True)
-    return Analog(time, names, units, block.values[:, list(columns)])
+    used = {id(group) for parts in measured.values() for group in parts.values()}
+    rest = [group for group in block.groups if id(group) not in used]
+    names = [
+        f"{group.name} {component}".strip() for group in rest for component in group.components
+    ]
+    units = [unit for group in rest for unit in group.units]
+    if not names:
+        return plates, None
+    values = np.hstack([group.values for group in rest])
+    return plates, Analog(time, tuple(names), tuple(units), values)
 
 
-def _outputs(block: Block | None, trajectories: Block) -> dict[str, Array]:
-    if block is None:
-        return {}
-    if not np.array_equal(block.frame, trajectories.frame):
-        raise ValueError("Model Outputs and Trajectories are not of the same frames")
-    return {
-        group.name.rpartition(":")[2]: block.vector(group)
-        for group in block.groups
-        if group.name and group.components == ("X", "Y", "Z")
-    }
+def _plate(number: int, name: str, time: Array, parts: Mapping[str, Group]) -> PlateColumns | Note:
+    """Give the columns of a plate, or why it is left out."""
+    if "moment" not in parts or "cop" not in parts:
+        lacks = "CoP" if "moment" in parts else "moments"
+        return left_out(
+            name,
+            f"it has forces but no {lacks}; export Force, Moment and CoP: only together they give "
+            "the wrench in the lab",
+        )
+    groups = [parts[quantity] for quantity in ("force", "moment", "cop")]
+    force, moment, pressure = (group.units[0] for group in groups)
+    vectors = (group.values[:, :3] for group in groups)
+    return PlateColumns(number, name, time, *vectors, units=(force, moment, pressure))

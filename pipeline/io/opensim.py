@@ -1,41 +1,37 @@
 """OpenSim's files: TRC, MOT and STO."""
 
 import re
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from hbm.notes import Note
-from hbm.spatial import Array, read_only, rotate_wrench
+from hbm.spatial import Array, read_only
 from hbm.spelling import listed, short
 from pipeline.io.columns import (
-    SI_UNITS,
     FileMarkers,
     PlateColumns,
     file_markers,
-    lab_axes,
-    left_out,
-    plates_in_si,
+    plate_of,
+    recording_of,
     wrench_of_torque,
 )
 from pipeline.io.input_file import naming
-from pipeline.io.recording import Metadata, Plate, Recording
+from pipeline.io.recording import Metadata, Recording
 from pipeline.io.stated import Stated, as_stated
 from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows, read_number
 
-TRANSLATIONS: Final = ("_tx", "_ty", "_tz")
 MIN_RATE_HZ, MAX_RATE_HZ = 1.0, 100_000.0
 """Of cameras."""
 MAX_TIME_ERROR: Final = 0.1
 """In frames: files round their times, but not by more than this beyond half of their last digit."""
 ROUNDED: Final = 1e-6
 """Of a digit: closer to a whole one, a number has no further digits."""
-Trajectories = tuple[FileMarkers, Array, int]
-"""Markers, times on the file's clock, (T,) [s], and number of the first frame."""
+Trajectories = tuple[FileMarkers, Array, dict[str, Any]]
+"""Markers, times on the file's clock, (T,) [s], and further attributes of the recording."""
 MAX_ROUNDING: Final = 0.05
 """In steps: times printed with few digits differ from even ones by less."""
 FORCE_COLUMN: Final = re.compile(r"(?P<stem>.*force.*)_(?P<letter>[vf])[xyz]")
@@ -66,34 +62,23 @@ class Table:
         Whether the rotational coordinates are in degrees, as the file states.
     notes
         On how the file ends.
-    columns
-        Name -> column of ``values``, the first one of that name.
     """
 
     time: Array
     names: tuple[str, ...]
     values: Array
     in_degrees: bool
-    notes: tuple[Note, ...] = ()
-    columns: Mapping[str, int] = field(init=False, repr=False)
+    notes: Sequence[Note] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "time", read_only(self.time))
         object.__setattr__(self, "values", read_only(self.values))
-        columns = {name: k for k, name in reversed([*enumerate(self.names)])}
-        object.__setattr__(self, "columns", MappingProxyType(columns))
 
     def column(self, name: str) -> Array:
-        """Give one column as the file holds it, (N,); a KeyError lists the columns that exist."""
-        if name not in self.columns:
+        """Give the first column of a name as the file holds it, (N,); a KeyError lists those."""
+        if name not in self.names:
             raise KeyError(f"no column {short(name)!r}; present: {listed(self.names)}")
-        return self.values[:, self.columns[name]]
-
-    def coordinate(self, name: str) -> Array:
-        """Give one coordinate, (N,): in rad, or in m where its name ends in _tx, _ty or _tz."""
-        column = self.column(name)
-        rotational = not name.endswith(TRANSLATIONS)
-        return np.deg2rad(column) if self.in_degrees and rotational else column
+        return self.values[:, self.names.index(name)]
 
 
 def read_sto(path: str | Path) -> Table:
@@ -119,13 +104,14 @@ def read_sto(path: str | Path) -> Table:
     """
     path = Path(path)
     with naming(path):
-        return _table(list(lines_of(path)), ending_notes(path))
+        return _table(path)
 
 
 read_mot = read_sto
 
 
-def _table(lines: list[str], notes: tuple[Note, ...]) -> Table:
+def _table(path: Path) -> Table:
+    lines = list(lines_of(path))
     ends = [k for k, line in enumerate(lines) if line.strip().lower() == "endheader"]
     if not ends:
         raise ValueError("not a MOT or STO file: it has no line 'endheader'")
@@ -140,7 +126,7 @@ def _table(lines: list[str], notes: tuple[Note, ...]) -> Table:
         if key in header and header[key] != str(count):
             raise ValueError(f"its header says {key}={short(header[key])} but it holds {count}")
     in_degrees = header.get("indegrees", "no") == "yes"
-    return Table(values[:, 0], tuple(names[1:]), values[:, 1:], in_degrees, notes)
+    return Table(values[:, 0], tuple(names[1:]), values[:, 1:], in_degrees, ending_notes(path))
 
 
 def read_trc(path: str | Path, stated: Stated | str | None = None) -> Recording:
@@ -178,29 +164,17 @@ def read_trc(path: str | Path, stated: Stated | str | None = None) -> Recording:
     ('LASIS', 'RASIS', 'LMT2')
     """
     path, stated = Path(path), as_stated(stated)
-    markers, time, first_frame = read_trajectories(path, stated)
     with naming(path):
-        to_lab, notes = lab_axes(markers, (), stated)
-    return Recording(
-        source=path,
-        markers=markers.in_lab(time - time[0], to_lab),
-        first_frame=first_frame,
-        metadata=Metadata(subject=markers.subject),
-        stated=stated,
-        notes=(*notes, *markers.notes),
-    )
+        markers, time, attributes = _trajectories(path, stated)
+        return recording_of(path, stated, markers, time - time[0], **attributes)
 
 
-def read_trajectories(path: Path, stated: Stated) -> Trajectories:
+def _trajectories(path: Path, stated: Stated) -> Trajectories:
     """Read a TRC file in its own axes; empty fields and points at exactly zero are gaps.
 
     Times are regular from the first one at the file's rate, since files round them.
     """
-    with naming(path):
-        return _trajectories(list(lines_of(path)), stated, ending_notes(path))
-
-
-def _trajectories(lines: list[str], stated: Stated, notes: tuple[Note, ...]) -> Trajectories:
+    lines, notes = list(lines_of(path)), ending_notes(path)
     if len(lines) < 6 or not lines[0].startswith("PathFileType"):
         raise ValueError("not a TRC file: it does not begin with 'PathFileType'")
     header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
@@ -214,15 +188,15 @@ def _trajectories(lines: list[str], stated: Stated, notes: tuple[Note, ...]) -> 
         for key in ("DataRate", "NumFrames", "NumMarkers")
     )
     if count != len(names):
-        said = short(header["NumMarkers"])
-        raise ValueError(f"its header says NumMarkers {said}, but it holds {len(names)}")
-    if frames != len(rows):
-        said = short(header["NumFrames"])
-        if notes and rows and rows[-1][1].count("\t") + 1 < len(columns):  # it ends within a line
-            raise ValueError(f"its header says NumFrames {said}, but it is cut off in {len(rows)}")
-        notes = (*notes, Note.of("frame_count_differs", header=said, found=len(rows)))
+        raise ValueError(f"its header says NumMarkers {count:g}, but it holds {len(names)}")
     if not rows or not names:
         raise ValueError("it holds no frames")
+    if frames != len(rows):
+        if notes and rows[-1][1].count("\t") + 1 < len(columns):  # it ends within a line
+            raise ValueError(
+                f"its header says NumFrames {frames:g}, but it is cut off in {len(rows)}"
+            )
+        notes.append(Note.of("frame_count_differs", header=f"{frames:g}", found=len(rows)))
     filled = ((k, _with_last_gaps(line, len(columns))) for k, line in rows)
     values = parse_rows(filled, "\t", columns)
     if not np.isfinite(values[:, :2]).all():
@@ -230,11 +204,15 @@ def _trajectories(lines: list[str], stated: Stated, notes: tuple[Note, ...]) -> 
     position = values[:, 2:].reshape(len(rows), len(names), 3)
     time, time_notes = _regular(values[:, 1], rate_hz)
     markers = file_markers(names, header["Units"], lambda kept: position[:, kept], stated)
-    markers = replace(markers, notes=(*notes, *time_notes, *markers.notes))
-    return markers, time, int(values[0, 0])
+    attributes = {
+        "first_frame": int(values[0, 0]),
+        "metadata": Metadata(subject=markers.subject),
+        "notes": [*notes, *time_notes],
+    }
+    return markers, time, attributes
 
 
-def _regular(stated: Array, rate_hz: float) -> tuple[Array, tuple[Note, ...]]:
+def _regular(stated: Array, rate_hz: float) -> tuple[Array, list[Note]]:
     """Give regular times [s] at a rate, as the stated ones are but for their rounding."""
     if not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:
         raise ValueError(
@@ -252,8 +230,9 @@ def _regular(stated: Array, rate_hz: float) -> tuple[Array, tuple[Note, ...]]:
             "export the file again"
         )
     if not rounding:
-        return time, ()
-    return time, (Note.of("times_rounded", digit_s=2 * rounding, rate_hz=rate_hz),)
+        return time, []
+    scatter_s = np.ptp(stated - time)
+    return time, [Note.of("sample_clock", of="frames", rate_hz=rate_hz, scatter_s=scatter_s)]
 
 
 def _rounding(stated: Array, rate_hz: float) -> float:
@@ -321,29 +300,22 @@ def read_opensim_trial(
     2
     """
     trc, grf_mot, stated = Path(trc), Path(grf_mot), as_stated(stated)
-    markers, time, first_frame = read_trajectories(trc, stated)
-    table = read_mot(grf_mot)
-    force_time = _evened(table.time) - time[0]
-    with naming(grf_mot):
-        forces, force_notes = plates_in_si(_forces(table, force_time), stated)
     with naming(trc):
-        to_lab, axes_notes = lab_axes(markers, [each.force for each in forces], stated)
-    plates: list[Plate] = []
-    torque_notes: list[Note] = []
-    for k, each in enumerate(forces, start=1):
-        each = replace(each, name=f"plate {k} ({each.name})")
-        wrench, notes = wrench_of_torque(each, to_lab[2])
-        plates.append(Plate.at_origin(k, force_time, rotate_wrench(wrench, to_lab)))
-        torque_notes += notes
-    return Recording(
-        source=trc,
-        markers=markers.in_lab(time - time[0], to_lab),
-        plates=tuple(plates),
-        first_frame=first_frame,
-        metadata=Metadata(subject=markers.subject),
-        stated=stated,
-        notes=(*axes_notes, *markers.notes, *table.notes, *force_notes, *torque_notes),
-    )
+        markers, time, attributes = _trajectories(trc, stated)
+    table = read_mot(grf_mot)
+    with naming(grf_mot):
+        forces = list(_forces(table, _evened(table.time) - time[0]))
+    attributes["notes"] += table.notes
+    with naming(trc):
+        return recording_of(
+            trc,
+            stated,
+            markers,
+            time - time[0],
+            forces,
+            locate=wrench_of_torque,
+            **attributes,
+        )
 
 
 def _evened(time: Array) -> Array:
@@ -359,23 +331,20 @@ def _forces(table: Table, time: Array) -> Iterator[PlateColumns | Note]:
     stems = dict.fromkeys((match["stem"], match["letter"]) for match in found)
     if not stems:
         raise ValueError(f"no forces such as ground_force_vx; columns: {listed(table.names)}")
+    columns = dict(reversed([*zip(table.names, table.values.T, strict=True)]))  # the first of each
     for k, (stem, letter) in enumerate(stems, start=1):
+        name = short(stem)
         torques = dict.fromkeys(
             stem.replace("force", word) + before for word, before in TORQUE_COLUMNS
         )
-        there = [name for name in torques if f"{name}x" in table.columns]
-        columns = f"{stem}_{letter}", (there or [*torques])[0], f"{stem}_p"
-        needed = [f"{columns[part]}{axis}" for part in (0, 2, 1) for axis in "xyz"]
-        if absent := [name for name in needed if name not in table.columns]:
-            yield left_out(short(stem), f"column {short(absent[0])} is absent")
-            continue
+        there = [torque for torque in torques if f"{torque}x" in columns]
         if len(there) > 1:
             raise ValueError(
-                f"the torques of {short(stem)} are there twice, as {short(there[0])}x and "
+                f"the torques of {name} are there twice, as {short(there[0])}x and "
                 f"{short(there[1])}x; remove those that are not free torques"
             )
-        force, torque, point = (
-            np.column_stack([table.column(f"{name}{axis}") for axis in "xyz"]) for name in columns
-        )
-        point[~force.any(axis=1)] = 0  # it has no meaning there
-        yield PlateColumns(k, short(stem), time, SI_UNITS, force, torque, point)
+        quantities = [f"{stem}_{letter}", (there or [*torques])[0], f"{stem}_p"]
+        plate = plate_of(k, f"plate {k} ({name})", time, columns, quantities, axes="xyz")
+        if isinstance(plate, PlateColumns) and plate.pressure is not None:
+            plate.pressure[~plate.force.any(axis=1)] = 0  # it has no meaning there
+        yield plate

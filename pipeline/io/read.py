@@ -1,14 +1,14 @@
 """Read or preview a recording of any format, recognised by its content and not by its name."""
 
-from collections.abc import Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from hbm.markers import MarkerSet
 from hbm.notes import Note
 from pipeline.io.axes import AxesUnknownError
 from pipeline.io.c3d.read import preview_c3d, read_c3d
@@ -18,13 +18,22 @@ from pipeline.io.mox import ROOT, read_mox
 from pipeline.io.nexus import is_nexus, read_nexus
 from pipeline.io.opensim import read_opensim_trial, read_trc
 from pipeline.io.recording import Preview, Recording
-from pipeline.io.stated import Stated
+from pipeline.io.stated import Stated, as_stated
 from pipeline.io.text_table import EMPTY, decoded
 from pipeline.io.xdf.chunks import MAGIC
 from pipeline.io.xdf.read import read_xdf
 
 C3D_KEY: Final = 0x50
 """Second byte of every C3D file."""
+READERS: Final = {
+    "C3D": read_c3d,
+    "TRC": read_trc,
+    "D-Flow": read_dflow,
+    "MOX": read_mox,
+    "Nexus": read_nexus,
+    "XDF": read_xdf,
+}
+"""What reads each format; a trial of TRC and MOT and a D-Flow record are told beside it."""
 HEAD_BYTES: Final = 65536
 """Read to recognise a format: the longest first line of D-Flow is shorter."""
 MOX_ROOT_CHARACTERS: Final = 4096
@@ -33,16 +42,11 @@ MOX_ROOT_CHARACTERS: Final = 4096
 
 def read_recording(
     path: str | Path,
-    axes: str | None = None,
+    stated: Stated | str | None = None,
     forces: str | Path | None = None,
     *,
     record: str | Path | None = None,
-    rename: Mapping[str, str] | None = None,
-    label_prefix: str | None = None,
-    marker_stream: str | None = None,
-    units: str | None = None,
-    plate_units: str | None = None,
-    marker_set: MarkerSet | None = None,
+    static: Path | None = None,
 ) -> Recording:
     """Read a trial of any known format.
 
@@ -50,28 +54,16 @@ def read_recording(
     ----------
     path
         C3D, TRC, D-Flow mocap, Motek .mox, Vicon Nexus ASCII or XDF file, under whatever name.
-    axes
-        Lab directions of the file's axes, such as ``"left,back,up"``; by default inferred, or as
-        the format defines them.
+    stated
+        What is stated about it: axes, units, labels. A text states the axes alone, such as
+        ``"left,back,up"``; by default they are inferred, or as the format defines them.
     forces
         MOT file with the ground reaction forces of a TRC file.
     record
         File of D-Flow's record module that goes with a D-Flow mocap file.
-    rename
-        Label in the file, without the prefix of a subject -> label wanted. A label that is not
-        there is a note.
-    label_prefix
-        Prefix of the subject wanted, or its number, where several carry the same labels.
-    marker_stream
-        Name of the stream that holds the markers, where several of an XDF file do.
-    units
-        Unit of the markers' positions, such as ``"mm"``; by default the file's.
-    plate_units
-        Units of the plates' forces and moments, such as ``"N,Nmm"``, and of their centres of
-        pressure as a third one; by default the file's.
-    marker_set
-        The set that the markers are of: its landmarks show the axes. By default recognised from
-        the labels.
+    static
+        A static recording of the same laboratory, in the same format: its axes hold where those of
+        the trial cannot be inferred.
 
     Returns
     -------
@@ -94,75 +86,37 @@ def read_recording(
     >>> pipeline.read_recording("walk.c3d").markers.position.shape
     (800, 46, 3)
     """
-    stated = Stated(
-        axes=axes,
-        rename=rename or {},
-        label_prefix=label_prefix,
-        marker_stream=marker_stream,
-        units=units,
-        plate_units=plate_units,
-        marker_set=marker_set,
-    )
-    return read_as_stated(path, stated, forces, record=record)
-
-
-def read_as_stated(
-    path: str | Path,
-    stated: Stated,
-    forces: str | Path | None = None,
-    *,
-    record: str | Path | None = None,
-    static: Path | None = None,
-) -> Recording:
-    """Read a trial of any known format; as `read_recording`, with what is stated in one place.
-
-    Where its axes cannot be inferred, those of a static recording of the same laboratory hold.
-    """
-    try:
-        return _read(Path(path), stated, forces, record=record)
-    except ValueError as error:
-        axes, note = _axes_of_static(static, stated, error)
-    recording = _read(Path(path), replace(stated, axes=axes), forces, record=record)
-    others = (each for each in recording.notes if each.code != "axes_stated")
-    return replace(recording, notes=(note, *others))
-
-
-def _axes_of_static(static: Path | None, stated: Stated, error: ValueError) -> tuple[str, Note]:
-    """Give the axes of a static recording; raise the error where there is none, or of another."""
-    if static is None or not isinstance(error.__cause__, AxesUnknownError):
-        raise error
-    notes = (note for note in _read(static, stated).notes if note.code == "axes_inferred")
-    axes = next((note.values["axes"] for note in notes), None)
-    if not isinstance(axes, tuple):
-        raise error
-    return ",".join(axes), Note.of("axes_of_static", file=static.name, axes=axes)
-
-
-def _read(
-    path: Path,
-    stated: Stated,
-    forces: str | Path | None = None,
-    *,
-    record: str | Path | None = None,
-) -> Recording:
-    """Read a trial of any known format."""
+    path, stated = Path(path), as_stated(stated)
     kind = file_format(path)
     if forces is not None and kind != "TRC":
         raise ValueError(f"{path.name}: a file of forces goes with a TRC file, this is {kind}")
     if record is not None and kind != "D-Flow":
         raise ValueError(f"{path.name}: a record file goes with a D-Flow file, this is {kind}")
-    if kind == "D-Flow":
-        return read_dflow(path, stated, record=record)
-    if kind == "TRC" and forces is not None:
-        return read_opensim_trial(path, forces, stated)
-    readers = {
-        "C3D": read_c3d,
-        "TRC": read_trc,
-        "MOX": read_mox,
-        "Nexus": read_nexus,
-        "XDF": read_xdf,
-    }
-    return readers[kind](path, stated)
+    read: Callable[[Path, Stated], Recording] = READERS[kind]
+    if record is not None:
+        read = partial(read_dflow, record=record)
+    if forces is not None:
+        read = partial(_read_trial, forces=forces)
+    try:
+        return read(path, stated)
+    except ValueError as error:
+        unknown = isinstance(error.__cause__, AxesUnknownError)
+        if static is None or not unknown or file_format(static) != kind:
+            raise
+    axes = _axes_of(READERS[kind](static, stated))
+    recording = read(path, replace(stated, axes=",".join(axes)))
+    evidence = f"as in the static recording {static.name}; this recording does not show them itself"
+    others = (note for note in recording.notes if note.code != "axes")
+    return replace(recording, notes=(Note.of("axes", axes=axes, evidence=evidence), *others))
+
+
+def _axes_of(recording: Recording) -> tuple[str, ...]:
+    axes = next(note.values["axes"] for note in recording.notes if note.code == "axes")
+    return axes if isinstance(axes, tuple) else ()
+
+
+def _read_trial(path: Path, stated: Stated, forces: str | Path) -> Recording:
+    return read_opensim_trial(path, forces, stated)
 
 
 def preview_recording(
@@ -175,12 +129,12 @@ def preview_recording(
 ) -> Preview:
     """Preview a recording of any format, a C3D file without reading all of it.
 
-    Parameters and errors are those of `read_as_stated`.
+    Parameters and errors are those of `read_recording`.
     """
     if file_format(path) == "C3D" and forces is None and record is None:
         with suppress(ValueError):  # a static may tell the axes
             return preview_c3d(path, stated)
-    recording = read_as_stated(path, stated, forces, record=record, static=static)
+    recording = read_recording(path, stated, forces, record=record, static=static)
     share = np.isnan(recording.markers.position[..., 0]).mean(axis=0)
     missing = {m: float(s) for m, s in zip(recording.markers.names, share, strict=True)}
     return Preview(recording, len(recording.markers.time), missing)
@@ -231,15 +185,13 @@ def _format(head: bytes) -> str:
         return "D-Flow"
     if is_nexus(lines):
         return "Nexus"
-    raise ValueError(_why_not_read(lines, first))
-
-
-def _why_not_read(lines: list[str], first: list[str]) -> str:
     if any(line.strip().lower() == "endheader" for line in lines):
-        return "a MOT or STO table, which has no markers; give it beside a TRC file"
+        raise ValueError("a MOT or STO table, which has no markers; give it beside a TRC file")
     if first[0] == "Time":
-        return "a D-Flow record file, which has no markers; give it beside a D-Flow mocap file"
-    return (
+        raise ValueError(
+            "a D-Flow record file, which has no markers; give it beside a D-Flow mocap file"
+        )
+    raise ValueError(
         "not a C3D file, nor TRC, D-Flow mocap text, Motek .mox, Vicon Nexus ASCII export or XDF, "
         "which are the formats that are read"
     )

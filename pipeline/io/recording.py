@@ -49,18 +49,14 @@ class Plate:
     corners: Array
 
     def __post_init__(self) -> None:
-        expected = {
-            "wrench_in_plate": (len(self.time), 6),
-            "rotation": (3, 3),
-            "center": (3,),
-            "corners": (4, 3),
-        }
-        for name in ("time", *expected):
+        samples = len(self.time)
+        shapes = {"time": (samples,), "wrench_in_plate": (samples, 6)}
+        shapes |= {"rotation": (3, 3), "center": (3,), "corners": (4, 3)}
+        for name, shape in shapes.items():
             value = read_only(getattr(self, name))
-            if name in expected and value.shape != expected[name]:
+            if value.shape != shape:
                 raise ValueError(
-                    f"plate {self.number}: {name} must have shape {expected[name]}, "
-                    f"got {value.shape}"
+                    f"plate {self.number}: {name} must have shape {shape}, got {value.shape}"
                 )
             object.__setattr__(self, name, value)
 
@@ -142,30 +138,24 @@ class Metadata:
     ----------
     subject, marker_set
         Names.
-    manufacturer, software, date, comments
+    manufacturer, software
         Of the recording, as the file writes them.
     mass_kg, height_m
         Body mass and stature.
     limbs
         Side -> what was measured on it.
-    dflow_events
-        Letter of a D-Flow event -> its times, (E,) [s].
     """
 
     subject: str = ""
     marker_set: str = ""
     manufacturer: str = ""
     software: str = ""
-    date: str = ""
-    comments: str = ""
     mass_kg: float | None = None
     height_m: float | None = None
     limbs: Mapping[str, LimbMeasures] = field(default_factory=dict)
-    dflow_events: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "limbs", MappingProxyType(dict(self.limbs)))
-        object.__setattr__(self, "dflow_events", MappingProxyType(dict(self.dflow_events)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,64 +1,41 @@
 """What a person states about files; it is used instead of what a file says or leaves out."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Final
+from typing import Final, Literal
+
+import numpy as np
 
 from hbm.markers import MarkerSet
 from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import listed, short
-from pipeline.io.units import (
-    STATE_PLATE_UNITS,
-    STATE_UNITS,
-    check_span,
-    force_in_n,
-    length_in_m,
-    length_of_moment,
-    moment_in_nm,
-)
+from pipeline.io.units import force_in_n, length_in_m, length_of_moment, moment_in_nm
 
-EXAMPLE: Final = "N,Nmm"
+Quantity = Literal["force", "moment", "pressure"]
+"""What a channel of a plate holds."""
+CONVERT: Final = {"force": force_in_n, "moment": moment_in_nm, "pressure": length_in_m}
+STATE_UNITS: Final = 'state it: --units mm, or units = "mm" in study.toml'
+STATE_PLATE_UNITS: Final = 'state them: --plate-units N,Nmm, or plate_units = "N,Nmm" in study.toml'
+MIN_SPAN_M: Final = 0.05
+MAX_SPAN_M: Final = 20.0
+"""Between the markers of a person and a treadmill, or of a walkway."""
 
 
-@dataclass(frozen=True, slots=True)
-class PlateUnits:
-    """Units of the plates' channels as a person states them.
+def parse_plate_units(text: str) -> tuple[str, ...]:
+    """Parse units of force and moment, "N,Nmm", or "N,Nmm,mm" with that of centres of pressure.
 
-    Attributes
-    ----------
-    force, moment
-        Such as "N" and "Nmm".
-    pressure
-        Of centres of pressure, where they are stored; None to take what the file says, or where it
-        says nothing the moment's unit of length.
+    A ValueError where there are not two or three units, or one of them is unknown.
     """
-
-    force: str
-    moment: str
-    pressure: str | None = None
-
-    def __str__(self) -> str:
-        return ",".join(filter(None, (self.force, self.moment, self.pressure)))
-
-    @classmethod
-    def parse(cls, text: str) -> "PlateUnits":
-        """Parse "N,Nmm", or "N,Nmm,mm" with the unit of centres of pressure.
-
-        Raises
-        ------
-        ValueError
-            There are not two or three units, or one of them is unknown.
-        """
-        units = [unit.strip() for unit in text.split(",")]
-        if len(units) not in (2, 3):
-            raise ValueError(
-                f"units of force and moment are needed, such as {EXAMPLE}, got {short(text)!r}"
-            )
-        for unit, convert in zip(units, (force_in_n, moment_in_nm, length_in_m), strict=False):
-            convert(unit)
-        return cls(*units)
+    units = tuple(unit.strip() for unit in text.split(","))
+    if len(units) not in (2, 3):
+        raise ValueError(
+            f"units of force and moment are needed, such as N,Nmm, got {short(text)!r}"
+        )
+    for unit, convert in zip(units, CONVERT.values(), strict=False):
+        convert(unit)
+    return units
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +55,7 @@ class Stated:
         Unit of the markers' positions, such as "mm".
     plate_units
         Units of the plates' forces and moments, such as "N,Nmm", and of centres of pressure as a
-        third one.
+        third one; by default what the file says of these, or the moment's unit of length.
     marker_set
         The set whose landmarks show how the subject stands.
     marker_stream
@@ -88,11 +65,8 @@ class Stated:
     --------
     >>> import pipeline
     >>> stated = pipeline.Stated(units="mm", rename={"LASI": "LASIS"})
-    >>> metre, notes = stated.marker_unit("")
-    >>> metre
+    >>> stated.metre("")
     0.001
-    >>> print(*notes)
-    unit of the markers: mm, as stated; the file says nothing
     """
 
     axes: str | None = None
@@ -108,85 +82,72 @@ class Stated:
         if self.units is not None:
             length_in_m(self.units)
         if self.plate_units is not None:
-            PlateUnits.parse(self.plate_units)
+            parse_plate_units(self.plate_units)
 
-    def marker_unit(self, unit: str) -> tuple[float, tuple[Note, ...]]:
-        """Give the unit of marker positions in metres, and what is to be said about it.
+    def metre(self, unit: str) -> float:
+        """Give one of the stated unit of markers, else of the file's, in metres.
 
-        Parameters
-        ----------
-        unit
-            As the file states it; empty where it does not.
-
-        Returns
-        -------
-        metre
-            One of the stated unit, else of the file's [m].
-        notes
-            ``units_stated`` or ``units_overruled`` where a stated unit is not the file's.
-
-        Raises
-        ------
-        ValueError
-            None is stated and the file's is unknown; the message says how to state it.
+        A ValueError where none is stated and the file's is unknown; it says how to state it.
         """
-        if self.units is not None:
-            written = [(self.units, unit, length_in_m)]
-            return length_in_m(self.units), _stated_notes("markers", self.units, written)
         try:
-            return length_in_m(unit), ()
+            return length_in_m(self.units or unit)
         except ValueError as error:
             raise ValueError(f"{error}; {STATE_UNITS}") from error
+
+    def plate_unit(self, quantity: Quantity, unit: str) -> float:
+        """Give one of the stated unit of a plate's quantity, else of the file's, in SI units.
+
+        A ValueError where none is stated and the file's is unknown; it says how to state it.
+        """
+        if self.plate_units is not None:
+            force, moment, *pressure = parse_plate_units(self.plate_units)
+            written = unit if _is_length(unit) else length_of_moment(moment)
+            length = pressure[0] if pressure else written
+            unit = {"force": force, "moment": moment, "pressure": length}[quantity]
+        try:
+            return CONVERT[quantity](unit)
+        except ValueError as error:
+            raise ValueError(f"{error}; {STATE_PLATE_UNITS}") from error
+
+    def unit_notes(self, markers: Iterable[str], plates: Iterable[str]) -> list[Note]:
+        """Note stated units with what the file states in their place."""
+        units = (("markers", self.units, markers), ("plates", self.plate_units, plates))
+        return [
+            Note.of(
+                "units_stated",
+                quantity=quantity,
+                stated=stated,
+                written=listed(dict.fromkeys(unit or "nothing" for unit in written)),
+            )
+            for quantity, stated, written in units
+            if stated is not None
+        ]
 
     def check_span(self, position: Array, unit: str) -> None:
         """Refuse positions, (T, M, 3) [m], whose extent contradicts their unit.
 
-        Parameters and errors are those of `pipeline.io.units.check_span`; ``unit`` is the file's.
+        A ValueError where the markers of the median frame lie within 5 cm of each other, or spread
+        over 20 m; ``unit`` is the file's.
         """
-        check_span(position, self.units or unit, stated=self.units is not None)
-
-    def force_unit(self, unit: str) -> float:
-        """Give the unit of a plate's force, which the file states as `unit`, in newtons.
-
-        Raises
-        ------
-        ValueError
-            None is stated and the file's is unknown; the message says how to state it. The same
-            holds of `moment_unit` and `pressure_unit`.
-        """
-        return _convert(force_in_n, self._plates.force if self._plates else unit)
-
-    def moment_unit(self, unit: str) -> float:
-        """Give the unit of a plate's moment in newton metres."""
-        return _convert(moment_in_nm, self._plates.moment if self._plates else unit)
-
-    def pressure_unit(self, unit: str) -> float:
-        """Give the unit of a plate's centre of pressure in metres."""
-        return _convert(length_in_m, self._pressure(unit))
-
-    def plate_notes(
-        self, forces: Iterable[str], moments: Iterable[str] = (), pressures: Iterable[str] = ()
-    ) -> tuple[Note, ...]:
-        """Give notes on the units of plates as `marker_unit` does, from those that files state."""
-        plates = self._plates
-        if plates is None:
-            return ()
-        written = [
-            *((plates.force, unit, force_in_n) for unit in forces),
-            *((plates.moment, unit, moment_in_nm) for unit in moments),
-            *((self._pressure(unit), unit, length_in_m) for unit in pressures),
-        ]
-        return _stated_notes("plates", str(plates), written)
+        several = np.isfinite(position).all(axis=-1).sum(axis=1) > 1
+        if not several.any():
+            return
+        highest, lowest = (each.reduce(position, axis=1)[several] for each in (np.fmax, np.fmin))
+        with np.errstate(over="ignore"):
+            span = float(np.median(np.linalg.norm(highest - lowest, axis=1)))
+        if not MIN_SPAN_M < span < MAX_SPAN_M:
+            raise ValueError(
+                f"the markers spread over {span:.3g} m if their unit is "
+                f"{short(self.units or unit)!r}, expected {MIN_SPAN_M} to {MAX_SPAN_M:g} m; "
+                f"{self.correct_units}"
+            )
 
     @property
-    def _plates(self) -> PlateUnits | None:
-        return PlateUnits.parse(self.plate_units) if self.plate_units is not None else None
-
-    def _pressure(self, unit: str) -> str:
-        plates = self._plates
-        if plates is None or (plates.pressure is None and _is_length(unit)):
-            return unit
-        return plates.pressure or length_of_moment(plates.moment)
+    def correct_units(self) -> str:
+        """How to correct a wrong unit of the markers, for messages."""
+        if self.units is not None:
+            return "correct --units, or units in study.toml"
+        return f"correct the unit in the file, or {STATE_UNITS}"
 
 
 def as_stated(stated: Stated | str | None) -> Stated:
@@ -194,42 +155,8 @@ def as_stated(stated: Stated | str | None) -> Stated:
     return stated if isinstance(stated, Stated) else Stated(axes=stated)
 
 
-def _convert(convert: Callable[[str], float], unit: str) -> float:
-    try:
-        return convert(unit)
-    except ValueError as error:
-        raise ValueError(f"{error}; {STATE_PLATE_UNITS}") from error
-
-
 def _is_length(unit: str) -> bool:
     try:
-        length_in_m(unit)
+        return length_in_m(unit) > 0
     except ValueError:
         return False
-    return True
-
-
-def _stated_notes(
-    quantity: str, stated: str, units: Iterable[tuple[str, str, Callable[[str], float]]]
-) -> tuple[Note, ...]:
-    """Note the units of a file in whose place others are stated.
-
-    Parameters
-    ----------
-    quantity, stated
-        What has the stated units, and those.
-    units
-        Stated unit, unit in the file, and what converts either to SI.
-    """
-    other, unknown = [], []
-    for used, written, convert in units:
-        try:
-            if convert(written) != convert(used):
-                other.append(written)
-        except ValueError:
-            unknown.append(written or "nothing")
-    if not other and not unknown:
-        return ()
-    code = "units_overruled" if other else "units_stated"
-    written = listed(dict.fromkeys([*other, *unknown]))
-    return (Note.of(code, quantity=quantity, stated=stated, written=written),)

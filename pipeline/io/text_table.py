@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from io import SEEK_END, StringIO, TextIOWrapper
+from itertools import islice
 from pathlib import Path
 from typing import Final
 
@@ -17,8 +18,8 @@ from pipeline.io.input_file import open_file
 DECIMAL_COMMA: Final = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
 UTF16_MARKS: Final = {b"\xff\xfe": "utf-16-le", b"\xfe\xff": "utf-16-be"}
 FIELD_END: Final = re.compile(r"[\t,;]| +")
-BATCH_CHARACTERS: Final = 1_000_000
-"""Of lines that are parsed together: memory for a file of any length is that of its numbers."""
+BATCH_LINES: Final = 500
+"""Lines that are parsed together: memory for a file of any length is that of its numbers."""
 TAIL_BYTES: Final = 1 << 20
 """Read of a file's end, to compare its last line with those above it."""
 LINES_COMPARED: Final = 20
@@ -36,23 +37,9 @@ MAX_VALUE: Final = 1e9
 def lines_of(path: Path) -> Iterator[str]:
     """Go through the lines of a text file with any line ends, as they are read.
 
-    Parameters
-    ----------
-    path
-        The file, in UTF-8 with or without a byte order mark, or in marked UTF-16; other bytes
-        above 127 are replaced, since only comments and names hold them.
-
-    Yields
-    ------
-    str
-        Lines without their ends.
-
-    Raises
-    ------
-    ValueError
-        The file is empty or holds zero bytes, which text never does.
-    OSError
-        The file cannot be opened.
+    The file is in UTF-8 with or without a byte order mark, or in marked UTF-16; other bytes above
+    127 are replaced, since only comments and names hold them. A ValueError where it is empty or
+    holds zero bytes, which text never does.
     """
     empty = True
     with open_file(path) as file:
@@ -84,19 +71,11 @@ def names_in(line: str, separator: str | None = None) -> list[str]:
     return [printable(name.strip()) for name in line.split(separator)]
 
 
-def ending_notes(path: Path) -> tuple[Note, ...]:
+def ending_notes(path: Path) -> list[Note]:
     """Warn where a file ends within a line, so that its last number may have lost digits.
 
-    Parameters
-    ----------
-    path
-        The file.
-
-    Returns
-    -------
-    tuple[Note, ...]
-        ``last_line_unended``, unless the last line has as many fields as those above it, and its
-        last number as many decimals as theirs.
+    The note ``cut_short``, unless the last line has as many fields as those above it, and its last
+    number as many decimals as theirs.
     """
     with open_file(path) as file:
         encoding = UTF16_MARKS.get(file.read(2), "utf-8")
@@ -104,13 +83,11 @@ def ending_notes(path: Path) -> tuple[Note, ...]:
         file.seek(max(0, size - TAIL_BYTES) // 2 * 2)
         text = file.read().decode(encoding, errors="replace")
     *above, last = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    if not last.strip():
-        return ()
-    fields, decimals = _shape(last)
     shapes = {_shape(line) for line in above[1:][-LINES_COMPARED:]}
-    if decimals and shapes == {(fields, decimals)}:
-        return ()
-    return (Note.of("last_line_unended", file=path.name),)
+    fields, decimals = _shape(last)
+    if not last.strip() or (decimals and shapes == {(fields, decimals)}):
+        return []
+    return [Note.of("cut_short", file=path.name, sign="it ends within a line")]
 
 
 def _shape(line: str) -> tuple[int, int]:
@@ -120,7 +97,7 @@ def _shape(line: str) -> tuple[int, int]:
 
 
 def parse_rows(rows: Iterable[tuple[int, str]], separator: str, names: Sequence[str]) -> Array:
-    """Read rows of numbers, a batch of lines at a time.
+    """Read rows of numbers, (rows, columns); an empty field is NaN.
 
     Parameters
     ----------
@@ -132,30 +109,16 @@ def parse_rows(rows: Iterable[tuple[int, str]], separator: str, names: Sequence[
     names
         The columns, for counting and for messages.
 
-    Returns
-    -------
-    Array
-        (rows, columns); an empty field is NaN.
-
     Raises
     ------
     ValueError
         A row has too few or too many fields, or a field is no number, or too large for one.
     """
-    parts = [_parse_batch(batch, separator, names) for batch in _batches(rows)]
-    return np.concatenate(parts) if parts else np.empty((0, len(names)))
-
-
-def _batches(rows: Iterable[tuple[int, str]]) -> Iterator[list[tuple[int, str]]]:
-    batch, size = [], 0
-    for row in rows:
-        batch.append(row)
-        size += len(row[1])
-        if size > BATCH_CHARACTERS:
-            yield batch
-            batch, size = [], 0
-    if batch:
-        yield batch
+    rows = iter(rows)
+    parts = [np.empty((0, len(names)))]
+    while batch := list(islice(rows, BATCH_LINES)):
+        parts.append(_parse_batch(batch, separator, names))
+    return np.concatenate(parts)
 
 
 def _parse_batch(rows: Sequence[tuple[int, str]], separator: str, names: Sequence[str]) -> Array:
@@ -182,7 +145,10 @@ def _parse_batch(rows: Sequence[tuple[int, str]], separator: str, names: Sequenc
             skipinitialspace=True,
         ).to_numpy(float)
     except ValueError as error:
-        raise ValueError(_first_fault(rows, separator, names)) from error
+        for number, line in rows:
+            for name, field in zip(names, line.split(separator), strict=False):
+                read_number(field, f"line {number}, column {short(name)!r}")
+        raise ValueError("a row holds something that is no number") from error
     strange = np.argwhere(np.abs(values) > MAX_VALUE)
     if len(strange):
         row, column = strange[0]
@@ -203,13 +169,3 @@ def read_number(text: str, where: str) -> float:
         if DECIMAL_COMMA.fullmatch(text):
             reason = "has a decimal comma; export the file with decimal points"
         raise ValueError(f"{where}: {short(text)!r} {reason}") from None
-
-
-def _first_fault(rows: Sequence[tuple[int, str]], separator: str, names: Sequence[str]) -> str:
-    for number, line in rows:
-        for name, field in zip(names, line.split(separator), strict=False):
-            try:
-                read_number(field, f"line {number}, column {short(name)!r}")
-            except ValueError as error:
-                return str(error)
-    return "a row holds something that is no number"

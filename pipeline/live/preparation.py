@@ -18,7 +18,7 @@ from pipeline.config.live import Live
 from pipeline.config.schema import Settings, SubjectFile, Treadmill
 from pipeline.config.study import Study, read_study
 from pipeline.config.toml_file import read_segments
-from pipeline.io.read import read_as_stated
+from pipeline.io.read import read_recording
 from pipeline.io.recording import Plate, Recording
 from pipeline.io.stated import Stated
 from pipeline.live.arrival import Arrivals
@@ -254,7 +254,7 @@ class Preparation:
         if study is not None:
             marker_set = study.marker_set
             if person.hip_trial:
-                hip_trial = read_as_stated(study.path(person.hip_trial), self.stated)
+                hip_trial = read_recording(study.path(person.hip_trial), self.stated)
             if person.segments:
                 segments = read_segments(study.path(person.segments))
         body = subject_body(
@@ -292,7 +292,7 @@ def prepare(
                 "by which markers or channels the platform is brought to the lab; state --study "
                 "FOLDER"
             )
-        recording = read_as_stated(static, Stated()) if static else None
+        recording = read_recording(static, Stated()) if static else None
         person, still = SubjectFile(id="subject", trials={}), Laboratory(Treadmill())
         return Preparation(None, person, Settings(), Live(), still, recording)
     read = read_study(study.parent if study.is_file() else study, recordings=False)
@@ -307,5 +307,5 @@ def prepare(
         fitted = read_calibration(calibration, read.file.treadmill, read.stated, laboratory.plates)
         laboratory = replace(laboratory, calibration=fitted)
     path = static or (read.path(person.static) if person.static else None)
-    recording = read_as_stated(path, read.stated) if path else None
+    recording = read_recording(path, read.stated) if path else None
     return Preparation(read, person, read.file.settings, read.file.live, laboratory, recording)

@@ -24,7 +24,7 @@ from pipeline.config.plate_study import (
     Surface,
     WeightRecording,
 )
-from pipeline.io.read import read_as_stated
+from pipeline.io.read import read_recording
 from pipeline.io.recording import Plate
 
 
@@ -56,7 +56,7 @@ def read_with_marker(
     ValueError
         Marker or plate are missing or have a gap, or it is unknown where the plate is.
     """
-    recording = read_as_stated(study.folder / name, study.file.stated)
+    recording = read_recording(study.folder / name, study.file.stated)
     if label not in recording.markers.names:
         present = listed(recording.markers.names)
         raise ValueError(f"{name}: no marker {label!r}; markers there: {present}")

@@ -10,7 +10,7 @@ from pipeline.config.plate_correction import read_plate_correction
 from pipeline.config.schema import Platform, RecordingRules, Settings, Subject, Treadmill
 from pipeline.config.toml_file import read_segments
 from pipeline.io.input_file import is_file, read_text
-from pipeline.io.read import read_as_stated
+from pipeline.io.read import read_recording
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated
 from pipeline.run.request import TrialRequest
@@ -68,7 +68,7 @@ def process_request(
     stated, window = _stated(request), request.window
     recording = read_requested(request)
     static, hip_trial = (
-        read_as_stated(path, stated) if path else None
+        read_recording(path, stated) if path else None
         for path in (request.static, request.hip_trial)
     )
     recording = with_unused_renames(recording, static, hip_trial)
@@ -96,7 +96,7 @@ def process_request(
 
 def read_requested(request: TrialRequest) -> Recording:
     """Read the trial that a request names, with its forces or its record."""
-    return read_as_stated(
+    return read_recording(
         request.trial,
         _stated(request),
         request.forces,

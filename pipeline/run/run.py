@@ -31,7 +31,6 @@ from pipeline.run.job import (
 )
 from pipeline.run.processes import in_processes, starting_processes
 from pipeline.run.store import record_study_folder
-from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.study_files import read_study_laboratory
 
 HASHED_AT_ONCE: Final = 2
@@ -203,19 +202,11 @@ def run_jobs(
         yield from on_cluster(todo, scheduler)
     elif todo:
         workers, laboratory = min(workers, len(todo)), None
-        # calibrated for all of them while processes start; one that dies there is missed later
+        # calibrated for all of them while processes start; what fails here fails again with a trial
         prepare = partial(prepare_processing, known_digests)
-        with suppress(BrokenProcessPool), starting_processes(workers, prepare):
-            laboratory = _laboratory(todo[0].study)
+        with suppress(Exception), starting_processes(workers, prepare):
+            laboratory = read_study_laboratory(todo[0].study)
         yield from work_on(todo, partial(process_job, laboratory=laboratory), workers)
-
-
-def _laboratory(study: Study) -> Laboratory | None:
-    """Read a study's laboratory; None where every trial will fail for the same reason."""
-    try:
-        return read_study_laboratory(study)
-    except Exception:
-        return None
 
 
 def work_on(
@@ -245,14 +236,8 @@ def work_on(
             yield outcome
     except BrokenProcessPool:
         for job in left.values():
-            yield _in_own_process(job, work)
-
-
-def _in_own_process(job: Job, work: Callable[[Job], Outcome]) -> Outcome:
-    try:
-        outcome: Outcome
-        # with one worker, it would be done in this process
-        (outcome,) = in_processes([delayed(work)(job)], 2)
-    except BrokenProcessPool:
-        return Outcome(job, "failed", WORKER_DIED)
-    return outcome
+            try:
+                # with one worker, it would be done in this process
+                yield from in_processes([delayed(work)(job)], 2)
+            except BrokenProcessPool:
+                yield Outcome(job, "failed", WORKER_DIED)

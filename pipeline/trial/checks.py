@@ -242,41 +242,31 @@ def check_motion(body: Body, motion: Motion, markers: Markers) -> tuple[Note, ..
     Returns
     -------
     tuple of Note
-        ``coordinates_held``, ``mass_not_shown``,
-        ``limb_interpolated`` or ``limb_unknown``, ``coordinates_interpolated``,
-        ``marker_samples_missing``,
-        ``pelvis_unseen``, ``frames_unsolved``, ``marker_error_large`` and
-        ``joint_angles_impossible``, where there are any. Samples are missing where a marker has a
-        gap in a frame that was solved.
+        ``coordinates_held``, ``mass_not_shown``, ``limb_unknown``, ``pelvis_unseen``, ``gaps``,
+        ``interpolated``, ``marker_error_large`` and ``joint_angles_impossible``, where there are
+        any. Samples are missing where a marker has a gap in a frame that was solved.
     """
-    notes = [*undetermined_notes(body, motion), *_interpolated(body, motion)]
-    used = [markers.names.index(name) for name in motion.markers]
-    missing = np.count_nonzero(np.isnan(markers.position[:, used, 0])[motion.converged])
-    if missing:
-        notes.append(Note.of("marker_samples_missing", samples=missing))
-    unsolved = np.count_nonzero(~motion.converged)
-    unseen = np.count_nonzero(motion.converged & _pelvis_unseen(body, motion))
-    if unseen:
-        notes.append(Note.of("pelvis_unseen", frames=unseen))
-    if unsolved:
-        notes.append(Note.of("frames_unsolved", unsolved=unsolved, frames=len(motion.time)))
-    return (*notes, *large_marker_errors(body, motion), *impossible_angles(body, motion))
-
-
-def _interpolated(body: Body, motion: Motion) -> list[Note]:
-    """Name limbs and coordinates that markers do not show in frames that were solved."""
-    unseen, notes = _unseen(body, motion), []
+    notes, interpolated = [*undetermined_notes(body, motion)], dict[str, int]()
+    unseen = _unseen(body, motion)
     for limb, share, lost, own in _lost_limbs(body, motion):
         longest_s = max(motion.time[b - 1] - motion.time[a] for a, b in stretches(lost))
-        heavy_and_long = share >= MIN_HEAVY_SHARE and longest_s >= MAX_UNSEEN_LIMB_S
-        code = "limb_unknown" if heavy_and_long else "limb_interpolated"
-        notes.append(Note.of(code, limb=limb, frames=np.count_nonzero(lost), share=share))
+        frames = interpolated[limb] = int(np.count_nonzero(lost))
         unseen[np.ix_(lost, own)] = False
-    if unseen.any():
-        names = tuple(np.array(motion.names)[unseen.any(axis=0)])
-        frames = np.count_nonzero(unseen.any(axis=1))
-        notes.append(Note.of("coordinates_interpolated", frames=frames, coordinates=names))
-    return notes
+        if share >= MIN_HEAVY_SHARE and longest_s >= MAX_UNSEEN_LIMB_S:
+            notes.append(Note.of("limb_unknown", limb=limb, frames=frames, share=share))
+    counts = zip(motion.names, unseen.sum(axis=0).tolist(), strict=True)
+    interpolated |= {name: count for name, count in counts if count}
+    if pelvis := np.count_nonzero(motion.converged & _pelvis_unseen(body, motion)):
+        notes.append(Note.of("pelvis_unseen", frames=pelvis))
+    used = [markers.names.index(name) for name in motion.markers]
+    samples = np.count_nonzero(np.isnan(markers.position[:, used, 0])[motion.converged])
+    unsolved = np.count_nonzero(~motion.converged)
+    if samples or unsolved:
+        every = len(motion.time)
+        notes.append(Note.of("gaps", samples=samples, unsolved=unsolved, frames=every))
+    if interpolated:
+        notes.append(Note.of("interpolated", frames=interpolated))
+    return (*notes, *large_marker_errors(body, motion), *impossible_angles(body, motion))
 
 
 MAX_REST_SHARE: Final = 0.1
@@ -330,51 +320,35 @@ def check_plates(
     tuple of Note
         ``plate_samples_zero`` where samples of a loaded plate are exactly zero;
         ``plates_apart`` where the plates cover less than 0.9 of the markers' time;
-        ``plates_not_zeroed`` where an unloaded plate reads more than 10 N either way, or all
-        together more than 20 N; ``plate_components_not_zeroed`` where another component is more
-        than 10 N or 5 N·m from zero then;
+        ``plates_not_zeroed`` where an unloaded plate reads more than 10 N either way, all together
+        more than 20 N, or another component is more than 10 N or 5 N·m from zero then;
         ``load_jumps`` where their total changes by a fifth of the body weight while the subject
         stands still.
     """
     time, weight_n = recording.markers.time, mass_kg * GRAVITY_MPS2
-    vertical = {
-        f"plate {plate.number}": wrench[:, 2]
-        for plate, wrench in zip(recording.plates, wrenches, strict=True)
-    }
-    levels = {plate: rest_level(force, time, weight_n) for plate, force in vertical.items()}
-    rest_n = {plate: level for plate, level in levels.items() if level is not None}
-    total_n = sum(rest_n.values())
-    others = (
+    vertical, rest_n, others = dict[str, Array](), dict[str, float](), list[str]()
+    for plate, wrench in zip(recording.plates, wrenches, strict=True):
+        name = f"plate {plate.number}"
+        vertical[name] = wrench[:, 2]
+        level = rest_level(wrench[:, 2], time, weight_n)
+        if level is not None:
+            rest_n[name] = level
+            means = tenths(shift_wrench(wrench, plate.center), time, *common_tenths(time))
+            at_rest = np.abs(means[:, 2] - level) <= REST_SPREAD_N / 2
+            usual = np.median(means[at_rest], axis=0) if at_rest.any() else np.zeros(6)
+            far = np.flatnonzero(np.abs(usual) > MAX_REST)
+            others += [f"{name} {COMPONENTS[k]} {usual[k]:+.0f}" for k in far]
+    notes = list[Note]()
+    largest_n, total_n = max(map(abs, rest_n.values()), default=0), sum(rest_n.values())
+    if others or largest_n > MAX_REST_N or abs(total_n) > MAX_TOTAL_REST_N:
+        read = {"rest_n": rest_n, "total_n": total_n, "mass_kg": total_n / GRAVITY_MPS2}
+        notes.append(Note.of("plates_not_zeroed", **read, components=others or ["none"]))
+    return (
+        *notes,
         *_zero_samples(recording),
         *_apart(recording),
-        *_at_rest(recording, wrenches, rest_n, time),
         *load_jumps(vertical, recording.markers.position, time, weight_n),
     )
-    if max(map(abs, rest_n.values()), default=0) <= MAX_REST_N and abs(total_n) <= MAX_TOTAL_REST_N:
-        return others
-    added_kg = total_n / GRAVITY_MPS2
-    rest = Note.of("plates_not_zeroed", rest_n=rest_n, total_n=total_n, mass_kg=added_kg)
-    return (rest, *others)
-
-
-def _at_rest(
-    recording: Recording, wrenches: Sequence[Array], rest_n: Mapping[str, float], time: Array
-) -> tuple[Note, ...]:
-    """Say what plates read when nobody is on them, each about its own centre."""
-    notes = []
-    for plate, wrench in zip(recording.plates, wrenches, strict=True):
-        level = rest_n.get(f"plate {plate.number}")
-        if level is None:
-            continue
-        means = tenths(shift_wrench(wrench, plate.center), time, *common_tenths(time))
-        at_rest = np.abs(means[:, 2] - level) <= REST_SPREAD_N / 2
-        usual = np.median(means[at_rest], axis=0) if at_rest.any() else np.zeros(6)
-        far = np.abs(usual) > MAX_REST
-        if far.any():
-            components = {COMPONENTS[k]: usual[k] for k in np.flatnonzero(far)}
-            code = "plate_components_not_zeroed"
-            notes.append(Note.of(code, plate=plate.number, components=components))
-    return tuple(notes)
 
 
 def _zero_samples(recording: Recording) -> tuple[Note, ...]:

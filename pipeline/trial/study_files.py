@@ -10,7 +10,7 @@ from pipeline.config.plate_correction import PlateCorrection, read_plate_correct
 from pipeline.config.schema import Trial
 from pipeline.config.study import Study
 from pipeline.config.toml_file import missing_file
-from pipeline.io.read import read_as_stated
+from pipeline.io.read import read_recording
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.belt_calibration import read_belts
 from pipeline.trial.ground.calibration_check import read_check
@@ -47,7 +47,7 @@ def read_study_file(
     wanted = [each for each in (name, trial.forces, trial.record) if each]
     if missing := [line for each in wanted for line in missing_file(study.folder, "", each)]:
         raise ValueError("; ".join(missing))
-    return read_as_stated(
+    return read_recording(
         study.path(name),
         study.stated,
         study.path(trial.forces) if trial.forces else None,

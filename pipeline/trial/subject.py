@@ -1,10 +1,11 @@
 """A subject's mass, stature and body, from what is stated, recorded and weighed."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Final
+from dataclasses import replace
+from typing import Final, NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.lib.stride_tricks import sliding_window_view
 
 from hbm.body import Body, ImplausibleLegs, build_body
@@ -14,10 +15,9 @@ from hbm.coordinates import SIDES
 from hbm.markers import MarkerSet, marker_sets
 from hbm.notes import Note
 from hbm.overrides import SegmentOverride
-from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask
+from hbm.spatial import GRAVITY_MPS2, Array, Mask
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.recording import Recording
-from pipeline.io.units import correct_units
 
 TENTH_S: Final = 0.1
 """Noise of plates and markers averages out in it, and a subject who stands hardly moves."""
@@ -72,13 +72,10 @@ def tenths(values: Array, time: Array, begin_s: float, count: int) -> Array:
     >>> tenths(np.arange(7.0), time, *common_tenths(time)).tolist()
     [0.5, 2.5, 4.5]
     """
-    edges = np.searchsorted(time, begin_s - _step_s(time) / 2 + TENTH_S * np.arange(count + 1))
-    values = values[: edges[-1]]
-    known = np.isfinite(values)
-    number = np.diff(edges).reshape(-1, *(1,) * (values.ndim - 1))
-    if not known.all():
-        values, number = np.where(known, values, 0.0), _sums_between(edges, known)
-    return np.where(number > 0, _sums_between(edges, values) / np.maximum(number, 1), np.nan)
+    edges = begin_s - _step_s(time) / 2 + TENTH_S * np.arange(count + 1)
+    tenth = np.searchsorted(edges, time, side="right") - 1
+    means = pd.DataFrame(values.reshape(len(time), -1)).groupby(tenth).mean().reindex(range(count))
+    return means.to_numpy().reshape(count, *values.shape[1:])
 
 
 def median_extent(position: Array) -> float:
@@ -104,16 +101,6 @@ def _step_s(time: Array) -> float:
     return float(time[-1] - time[0]) / (len(time) - 1)
 
 
-def _sums_between(edges: Indices, values: Array | Mask) -> Array:
-    """Give the sums of samples from each edge, (E,), to the next, (E − 1, ...).
-
-    The samples, (N, ...), end at the last edge.
-    """
-    sums, filled = np.zeros((len(edges) - 1, *values.shape[1:])), np.diff(edges) > 0
-    sums[filled] = np.add.reduceat(values, edges[:-1][filled], axis=0, dtype=float)
-    return sums
-
-
 WEIGHING_TENTHS: Final = 10
 """One second: quiet standing before a trial rarely lasts longer."""
 MAX_WEIGHT_VARIATION: Final = 0.02
@@ -132,8 +119,7 @@ MAX_HEIGHT_M: Final = 2.6
 """Bounds of stature that the body builder takes; a file that says otherwise has another unit."""
 
 
-@dataclass(frozen=True, slots=True)
-class BodyMass:
+class BodyMass(NamedTuple):
     """A subject's body mass.
 
     Attributes
@@ -149,22 +135,6 @@ class BodyMass:
     mass_kg: float
     known_kg: Mapping[str, float]
     note: Note
-
-
-@dataclass(frozen=True, slots=True)
-class _Weighing:
-    """What the plates of a file carry in a second in which the subject stands still on them."""
-
-    mass_kg: float
-    start_s: float
-    file: str
-
-    @property
-    def note(self) -> Note:
-        """``mass_weighed``."""
-        stop_s = self.start_s + WEIGHING_TENTHS * TENTH_S
-        extent = {"start_s": self.start_s, "stop_s": stop_s}
-        return Note.of("mass_weighed", mass_kg=self.mass_kg, **extent, file=self.file)
 
 
 def body_mass(subject: Subject, pose: Recording, trial: Recording | None = None) -> BodyMass:
@@ -198,25 +168,24 @@ def body_mass(subject: Subject, pose: Recording, trial: Recording | None = None)
     the mass in the file: a foot is beside them, or one of them does not measure yet.
     """
     recordings = (pose,) if trial is None or trial is pose else (pose, trial)
-    stating = [r for r in recordings if r.metadata.mass_kg is not None]
-    file_kg = stating[0].metadata.mass_kg if stating else None
+    file_kg, file = next(
+        ((r.metadata.mass_kg, r.source.name) for r in recordings if r.metadata.mass_kg), (None, "")
+    )
     weighings = [w for r in recordings if (w := _weigh(r, file_kg)) is not None]
-    whole = [w for w in weighings if file_kg is None or w.mass_kg >= MIN_WHOLE_SHARE * file_kg]
-    weighed = next(iter(whole or weighings), None)
-
-    stated, by_plates, by_file = [], [], []
+    whole = [w for w in weighings if file_kg is None or w[0] >= MIN_WHOLE_SHARE * file_kg]
+    found: dict[str, tuple[float, Note]] = {}
     if subject.mass_kg is not None:
-        stated = [("stated", subject.mass_kg, Note.of("mass_stated", mass_kg=subject.mass_kg))]
-    if weighed is not None:
-        by_plates = [("standing on the plates", weighed.mass_kg, weighed.note)]
+        found["stated"] = subject.mass_kg, Note.of("mass_stated", mass_kg=subject.mass_kg)
+    if whole:
+        found["standing on the plates"] = whole[0]
     if file_kg is not None:
-        note = Note.of("mass_of_file", mass_kg=file_kg, file=stating[0].source.name)
-        by_file = [("in the file", file_kg, note)]
-    found = [*stated, *by_plates, *by_file] if whole else [*stated, *by_file, *by_plates]
+        found["in the file"] = file_kg, Note.of("mass_of_file", mass_kg=file_kg, file=file)
+    if weighings and not whole:
+        found["standing on the plates"] = weighings[0]
     if not found:
-        raise ValueError(_nothing_known(recordings))
-    _, mass_kg, note = found[0]
-    return BodyMass(mass_kg, {source: mass for source, mass, _ in found}, note)
+        raise ValueError(_nothing_known(pose.source.name, recordings))
+    mass_kg, note = next(iter(found.values()))
+    return BodyMass(mass_kg, {source: mass for source, (mass, _) in found.items()}, note)
 
 
 def differing_masses(known_kg: Mapping[str, float], carried_kg: float | None) -> tuple[Note, ...]:
@@ -249,7 +218,7 @@ def differing_masses(known_kg: Mapping[str, float], carried_kg: float | None) ->
     return (Note.of("mass_differs", difference=difference, known_kg=every),)
 
 
-def _weigh(recording: Recording, expected_kg: float | None) -> _Weighing | None:
+def _weigh(recording: Recording, expected_kg: float | None) -> tuple[float, Note] | None:
     """Weigh the subject in the steadiest second of standing still, near an expected mass if any."""
     if not recording.plates:
         return None
@@ -276,25 +245,22 @@ def _weigh(recording: Recording, expected_kg: float | None) -> _Weighing | None:
     if not steady:
         return None
     best = min(steady, key=lambda k: variation[k] / mean[k])
-    return _Weighing(float(mean[best]), begin_s + TENTH_S * best, recording.source.name)
+    start_s, mass_kg = begin_s + TENTH_S * best, float(mean[best])
+    times = {"start_s": start_s, "stop_s": start_s + TENTH_S * WEIGHING_TENTHS}
+    return mass_kg, Note.of("mass_weighed", mass_kg=mass_kg, **times, file=recording.source.name)
 
 
-STATE: Final = "(--mass-kg, mass_kg of the subject)"
-
-
-def _nothing_known(recordings: tuple[Recording, ...]) -> str:
+def _nothing_known(name: str, recordings: tuple[Recording, ...]) -> str:
     """Say that the body mass is not known, and what to do."""
-    name = recordings[0].source.name
     plates = next((r.plates for r in recordings if r.plates), ())
+    why = "nobody stands still on the plates for a second to be weighed, and no file states it"
     if not plates:
-        why = recordings[0].why_no_plates
-        return f"{name}: mass missing, and no plates to weigh on: {why}; state it {STATE}"
-    force = sum(float(np.nanmean(plate.wrench[:, 2])) for plate in plates)
-    mean_kg = force / GRAVITY_MPS2
+        why = f"no plates to weigh on: {recordings[0].why_no_plates}"
+    mean_kg = sum(np.nanmean(plate.wrench[:, 2]) for plate in plates) / GRAVITY_MPS2
     hint = f"; the mean vertical force of the whole file would be {mean_kg:.1f} kg"
     return (
-        f"{name}: mass missing: nobody stands still on the plates for a second to be weighed, and "
-        f"no file states it; state the mass {STATE}{hint if mean_kg > MIN_MASS_KG else ''}"
+        f"{name}: mass missing: {why}; state the mass (--mass-kg, mass_kg of the subject)"
+        f"{hint if mean_kg > MIN_MASS_KG else ''}"
     )
 
 
@@ -323,28 +289,6 @@ def carried_mass(
     edges = [np.searchsorted(time, span) for spans in cycles.values() for span in spans]
     carried = [vertical[a:b] for a, b in edges if a < b and valid[a:b].all()]
     return float(np.concatenate(carried).mean()) / GRAVITY_MPS2 if carried else None
-
-
-def stature(subject: Subject, pose: Recording) -> float | None:
-    """Give stature as stated, else as in the recording where that is plausible.
-
-    Parameters
-    ----------
-    subject
-        Who.
-    pose
-        Recording of the calibration pose.
-
-    Returns
-    -------
-    float or None
-        Stature [m]; None where unknown.
-    """
-    recorded = pose.metadata.height_m
-    if subject.height_m is not None:
-        return subject.height_m
-    plausible = recorded is not None and MIN_HEIGHT_M <= recorded <= MAX_HEIGHT_M
-    return recorded if plausible else None
 
 
 EXPECTED_HIP_DISTANCE_M: Final = 0.03
@@ -394,7 +338,17 @@ def subject_body(
         As `build_body` and `functional_hips`; if functional hips have no recording or are too far
         from the regression's, or if there is a recording for them that is not used.
     """
-    limbs = limb_measures(subject, pose)
+    stature, limbs = pose.metadata.height_m, {}
+    if stature is not None and not MIN_HEIGHT_M <= stature <= MAX_HEIGHT_M:
+        stature = None
+    for side in SIDES:
+        recorded = pose.metadata.limbs.get(side, LimbMeasures())
+        knee, ankle = subject.knee_width_m, subject.ankle_width_m
+        limbs[side] = replace(
+            recorded,
+            knee_width_m=knee or recorded.knee_width_m,
+            ankle_width_m=ankle or recorded.ankle_width_m,
+        )
 
     def built(hip: HipRule | dict[str, Array]) -> Body:
         try:
@@ -402,7 +356,7 @@ def subject_body(
                 pose.markers,
                 mass=mass,
                 sex=subject.sex,
-                height_m=stature(subject, pose),
+                height_m=subject.height_m or stature,
                 marker_set=marker_set or settings.marker_set,
                 window_s=window_s,
                 hip=hip,
@@ -411,7 +365,7 @@ def subject_body(
                 overrides=segments,
             )
         except ImplausibleLegs as error:
-            remedy = correct_units(stated=pose.stated.units is not None)
+            remedy = pose.stated.correct_units
             raise ValueError(f"{pose.source.name}: {error}; {remedy}") from error
 
     if settings.hip != "functional":
@@ -424,33 +378,6 @@ def subject_body(
     body = built(functional_hips(hip_trial.markers, marker_set or named))
     note = _beside_regression(body, built("harrington"), hip_trial.source.name)
     return replace(body, notes=(*body.notes, note))
-
-
-def limb_measures(subject: Subject, pose: Recording) -> dict[str, LimbMeasures]:
-    """Give what was measured on a subject's limbs.
-
-    Parameters
-    ----------
-    subject
-        Who.
-    pose
-        Recording of the calibration pose.
-
-    Returns
-    -------
-    dict[str, LimbMeasures]
-        Side -> its measures: the recording's own of that side, but widths of knee and ankle that
-        are stated.
-    """
-    limbs = {}
-    for side in SIDES:
-        recorded = pose.metadata.limbs.get(side, LimbMeasures())
-        limbs[side] = replace(
-            recorded,
-            knee_width_m=subject.knee_width_m or recorded.knee_width_m,
-            ankle_width_m=subject.ankle_width_m or recorded.ankle_width_m,
-        )
-    return limbs
 
 
 def _beside_regression(body: Body, by_regression: Body, file: str) -> Note:

@@ -1,7 +1,7 @@
 """What of a trial counts: its gait cycles, a part of each, or a span; or why nothing does."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final, Literal
@@ -25,22 +25,9 @@ from pipeline.trial.gait.events import SIDES
 from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.result import CyclePart
 
-REASONS: Final = {
-    "cycle_unsolved": "frames without a solution or without forces",
-    "cycle_not_carried": "plates that do not carry the subject",
-    "cycle_unsettled": "an end or a gap too near for the filters to settle",
-    "cycle_outside": "an end beyond the recorded markers",
-    "cycle_duration": "a duration far from the median",
-    "cycle_events": "events that do not alternate",
-}
-"""Code of the note on a cycle that was left out -> what is wrong with it."""
-
 
 def cycle_shortage(
-    events: Sequence[Event],
-    notes: Iterable[Note],
-    time: Array,
-    solved: Mask,
+    events: Sequence[Event], left_out: Sequence[str], time: Array, solved: Mask, why: str = ""
 ) -> str:
     """Say why there is no gait cycle.
 
@@ -48,12 +35,14 @@ def cycle_shortage(
     ----------
     events
         The trial's gait events.
-    notes
-        Notes of the trial; those on events and on cycles that were left out count.
+    left_out
+        Why each cycle that the events show was left out.
     time
         Of the markers, (T,) [s].
     solved
         Whether pose and forces are known, (T,).
+    why
+        Why there are no events, if that is known.
 
     Returns
     -------
@@ -65,45 +54,35 @@ def cycle_shortage(
     >>> import numpy as np
     >>> time = np.arange(300) / 100
     >>> strikes = [Event(4.1, "foot_strike", "left"), Event(5.2, "foot_strike", "left")]
-    >>> cycle_shortage(strikes, (), time, time >= 0)
-    'all foot strikes are beyond the markers, which end at 2.99 s: 4.10 to 5.20 s'
+    >>> print(cycle_shortage(strikes, (), time, time >= 0))
+    a gait cycle needs two foot strikes of one side while markers are recorded, from 0.00 to \
+2.99 s; there are 0 left and 0 right, and 2 from 4.10 to 5.20 s
     """
-    notes = tuple(notes)
     strikes = [event for event in events if event.label == "foot_strike"]
-    inside = [event for event in strikes if time[0] <= event.time <= time[-1]]
-    counts = [f"{[e.side for e in inside].count(side)} {side}" for side in ("left", "right")]
-    left_out = {
-        (str(note.values["side"]), note.values["start_s"]): REASONS[note.code]
-        for note in notes
-        if note.code in REASONS
-    }
+    beyond = [event.time for event in strikes if not time[0] <= event.time <= time[-1]]
+    counts = {side: sum(e.side == side and e.time not in beyond for e in strikes) for side in SIDES}
     unsolved = np.count_nonzero(~solved)
     if unsolved == len(time):
         return "no frame could be solved; check the markers' labels and the calibration pose"
     if not strikes:
-        reasons = [f": {note.values['reason']}" for note in notes if note.code == "events_unknown"]
-        return f"there are no foot strikes{''.join(reasons)}"
-    if not inside:
-        return f"all foot strikes are {_beyond(strikes, time)}"
-    if left_out:
-        reasons = [f"{n} for {reason}" for reason, n in Counter(left_out.values()).most_common()]
-        frames = f"; {unsolved} of {len(time)} frames could not be solved" if unsolved else ""
-        return f"all gait cycles were left out, {', '.join(reasons)}{frames}"
-    if max(Counter(event.side for event in inside).values()) < 2:
-        others = [event for event in strikes if event not in inside]
-        more = f"; {len(others)} more are {_beyond(others, time)}" if others else ""
+        return "there are no foot strikes" + (f": {why}" if why else "")
+    if max(counts.values()) < 2:
+        named = " and ".join(f"{count} {side}" for side, count in counts.items())
+        if beyond:
+            named += f", and {len(beyond)} from {min(beyond):.2f} to {max(beyond):.2f} s"
         return (
-            f"a gait cycle needs two foot strikes of one side, there are {' and '.join(counts)} in "
-            f"{time[-1] - time[0]:.2f} s{more}"
+            "a gait cycle needs two foot strikes of one side while markers are recorded, from "
+            f"{time[0]:.2f} to {time[-1]:.2f} s; there are {named}"
         )
+    if left_out:
+        frames = f"; {unsolved} of {len(time)} frames could not be solved" if unsolved else ""
+        return f"all gait cycles were left out, {counted_reasons(left_out)}{frames}"
     return "none of the gait cycles is one that the condition asks for"
 
 
-def _beyond(strikes: Sequence[Event], time: Array) -> str:
-    times = [event.time for event in strikes]
-    return (
-        f"beyond the markers, which end at {time[-1]:.2f} s: {min(times):.2f} to {max(times):.2f} s"
-    )
+def counted_reasons(left_out: Sequence[str]) -> str:
+    """Count why gait cycles were left out, the most frequent reason first."""
+    return ", ".join(f"{n} for {reason}" for reason, n in Counter(left_out).most_common())
 
 
 Span = tuple[float, float]
@@ -156,19 +135,21 @@ def what_counts(
     Parameters are those of `cut_cycles`, `select_cycles`, `perturbed_part` and `counted_span`, and
     so are the errors; the platform's pose is at the T frames. What is left out is noted.
     """
-    time = recording.markers.time
-    usable, rejected = cut_cycles(events, time, quality, min_valid_share)
+    time, counts = recording.markers.time, free_of(quality)
+    usable, left_out = cut_cycles(events, time, quality, min_valid_share)
     onsets = perturbation_onsets(recording, rule, pose) if rule.perturbed else np.empty(0)
     cycles, selection = select_cycles(usable, rule, onsets)
-    part, of_part = perturbed_part(rule, cycles, onsets, time=time, pose=pose)
-    span = counted_span(
-        wanted, cycles, time, settling, counts=free_of(quality), min_valid_share=min_valid_share
-    )
-    notes += (*rejected, *selection, *of_part)
+    part, of_part = perturbed_part(rule, cycles, onsets, time, pose)
+    span = counted_span(wanted, cycles, time, settling, counts, min_valid_share)
     counted = Counted(usable, cycles, onsets, part, span)
-    notes += window_notes(
-        wanted, counted, events=events, rejected=notes, time=time, quality=quality
-    )
+    if left_out:
+        reasons = counted_reasons(left_out)
+        notes.append(Note.of("cycles_left_out", cycles=len(left_out), reasons=reasons))
+    why = [str(note.values["reason"]) for note in notes if note.code == "events_unknown"]
+    solved = free_of(quality, Quality.POSE_UNKNOWN)
+    shortage = cycle_shortage(events, left_out, time, solved, "".join(why))
+    notes += (*selection, *of_part)
+    notes += _nothing_counts(wanted, counted, events, shortage, time, counts, solved)
     return counted
 
 
@@ -177,7 +158,6 @@ def counted_span(
     cycles: Mapping[str, Array],
     time: Array,
     settling: tuple[float, float],
-    *,
     counts: Mask,
     min_valid_share: float,
 ) -> Span | None:
@@ -216,12 +196,10 @@ def counted_span(
     --------
     >>> time = np.arange(1000) / 100
     >>> valid = time < 4
-    >>> start, stop = counted_span(
-    ...     "recording", {}, time, (1 / 6, 1 / 6), counts=valid, min_valid_share=0.5
-    ... )
+    >>> start, stop = counted_span("recording", {}, time, (1 / 6, 1 / 6), valid, 0.5)
     >>> f"{start:.2f} to {stop:.2f} s"
     '0.17 to 9.82 s'
-    >>> counted_span(None, {}, time, (1 / 6, 1 / 6), counts=valid, min_valid_share=0.5) is None
+    >>> counted_span(None, {}, time, (1 / 6, 1 / 6), valid, 0.5) is None
     True
     """
     if wanted == "cycle" or (wanted is None and any(map(len, cycles.values()))):
@@ -250,7 +228,6 @@ def perturbed_part(
     condition: Condition,
     cycles: Mapping[str, Array],
     onsets: Array,
-    *,
     time: Array,
     pose: PlatformPose | None,
 ) -> tuple[CyclePart | None, tuple[Note, ...]]:
@@ -274,7 +251,7 @@ def perturbed_part(
     part
         Of a cycle with two perturbations, that of the first one; None where whole cycles count.
     notes
-        ``perturbation_without_motion``, ``motion_beyond_cycle`` and ``window_beyond_cycle``.
+        ``perturbation_without_motion`` and ``window_beyond_cycle``.
 
     Raises
     ------
@@ -286,21 +263,40 @@ def perturbed_part(
     if wanted is None:
         return None, ()
     onsets = onsets[onsets >= condition.skip_s]
-    stops, notes = onsets, tuple[Note, ...]()
+    stops, notes = onsets, list[Note]()
     if wanted == "motion":
         if pose is None:
             raise ValueError(NO_POSE)
         stops = motion_stops(onsets, time, pose)
-        notes = _motion_notes(onsets, stops, cycles)
-    elif wanted.unit == "s":
-        _require_apart(wanted, onsets)
-    spans = {
-        side: tuple((a, b) for a, b in _part_of_cycles(wanted, own, onsets, stops).tolist())
-        for side, own in cycles.items()
+        still = onsets[np.isnan(stops)]
+        if len(still) == len(onsets) > 0:
+            raise ValueError(
+                'window = "motion", but the platform moves faster than '
+                f"{MIN_PLATFORM_SPEED_MPS:g} m/s after none of the {len(onsets)} perturbations; "
+                "check its markers or channels, or state another window"
+            )
+        notes += [Note.of("perturbation_without_motion", onset_s=onset) for onset in still]
+    parts = {
+        side: _part_of_cycles(wanted, own, onsets, stops).tolist() for side, own in cycles.items()
     }
+    spans = {side: tuple((start, stop) for start, stop in own) for side, own in parts.items()}
     if isinstance(wanted, Interval) and wanted.unit == "s":
-        notes = _beyond_cycle(wanted, spans)
-    return CyclePart(str(wanted), spans), notes
+        for onset, following in pairwise(onsets.tolist()):
+            if onset + wanted.stop > following:
+                raise ValueError(
+                    f"the window of {wanted} after the perturbation at {onset:.2f} s reaches into "
+                    f"the next one at {following:.2f} s; state a shorter one"
+                )
+        ends = np.isnan([stop for own in spans.values() for _, stop in own])
+        if len(ends) and ends.all():
+            raise ValueError(
+                f"the window of {wanted} after each perturbation ends beyond all {len(ends)} "
+                "perturbed gait cycles; state one that ends sooner"
+            )
+        if ends.any():
+            count = int(ends.sum())
+            notes.append(Note.of("window_beyond_cycle", count=count, perturbations=len(ends)))
+    return CyclePart(str(wanted), spans), tuple(notes)
 
 
 def _part_of_cycles(
@@ -317,48 +313,6 @@ def _part_of_cycles(
     return np.where(parts[:, 1:] > cycles[:, 1:], np.nan, parts)
 
 
-def _motion_notes(onsets: Array, stops: Array, cycles: Mapping[str, Array]) -> tuple[Note, ...]:
-    """Name perturbations without motion, and motions that last longer than their gait cycle."""
-    still = np.isnan(stops)
-    if still.all() and len(stops):
-        raise ValueError(
-            'window = "motion", but the platform moves faster than '
-            f"{MIN_PLATFORM_SPEED_MPS:g} m/s after none of the {len(onsets)} perturbations; check "
-            "its markers or channels, or state another window"
-        )
-    notes = [Note.of("perturbation_without_motion", onset_s=onset) for onset in onsets[still]]
-    every = np.concatenate([*cycles.values(), np.empty((0, 2))])
-    longer = [
-        bool(((every[:, 0] <= onset) & (onset < every[:, 1]) & (stop > every[:, 1])).any())
-        for onset, stop in zip(onsets, stops, strict=True)
-    ]
-    if any(longer):
-        notes.append(Note.of("motion_beyond_cycle", count=sum(longer), perturbations=len(onsets)))
-    return tuple(notes)
-
-
-def _require_apart(wanted: Interval, onsets: Array) -> None:
-    for onset, following in pairwise(onsets.tolist()):
-        if onset + wanted.stop > following:
-            raise ValueError(
-                f"the window of {wanted} after the perturbation at {onset:.2f} s reaches into the "
-                f"next one at {following:.2f} s; state a shorter one"
-            )
-
-
-def _beyond_cycle(wanted: Interval, spans: Mapping[str, tuple[Span, ...]]) -> tuple[Note, ...]:
-    """Count perturbations after which a window in seconds ends beyond the gait cycle."""
-    ends = np.isnan([stop for own in spans.values() for _, stop in own])
-    if len(ends) and ends.all():
-        raise ValueError(
-            f"the window of {wanted} after each perturbation ends beyond all {len(ends)} perturbed "
-            "gait cycles; state one that ends sooner"
-        )
-    if not ends.any():
-        return ()
-    return (Note.of("window_beyond_cycle", count=int(ends.sum()), perturbations=len(ends)),)
-
-
 def frames_within(time: Array, cycles: Mapping[str, Array], span: Span | None) -> Mask:
     """Give whether each time, (T,), is in the span or, without one, in a gait cycle."""
     inside = np.zeros(len(time), bool)
@@ -368,59 +322,32 @@ def frames_within(time: Array, cycles: Mapping[str, Array], span: Span | None) -
     return inside
 
 
-def window_notes(
+def _nothing_counts(
     wanted: WantedWindow,
     counted: Counted,
-    *,
     events: Sequence[Event],
-    rejected: Iterable[Note],
+    shortage: str,
     time: Array,
-    quality: Indices,
+    counts: Mask,
+    solved: Mask,
 ) -> tuple[Note, ...]:
-    """Say why the recording counts in place of gait cycles, or why nothing counts.
-
-    ``no_residuals`` where no frame counts; else, where gait cycles were wanted and none counts,
-    ``no_gait_cycle`` or, if there are some, ``gait_cycles_left_out``. The notes say why gait cycles
-    were rejected.
-    """
-    cycles, part, span = counted.cycles, counted.part, counted.span
+    """Say why nothing counts, or why the recording counts in place of gait cycles."""
+    part, span, cycles = counted.part, counted.span, counted.cycles
+    some_cycles = any(map(len, cycles.values()))
     parts = cycles if part is None else {s: np.reshape(p, (-1, 2)) for s, p in part.spans.items()}
-    counts = frames_within(time, parts, span) & free_of(quality)
-    reason = cycle_shortage(events, rejected, time, free_of(quality, Quality.POSE_UNKNOWN))
-    if not counts.any():
-        nothing = reason if span is None else _nothing_counts(span, time, quality)
-        if wanted is None and span is None and not any(map(len, cycles.values())):
-            nothing = f"{reason}; {_too_little(time, quality)}"
-        if part is not None and any(map(len, cycles.values())):
-            nothing = f'no frame of the window "{part.name}" of the gait cycles counts'
-        return (Note.of("no_residuals", reason=nothing),)
-    if span is None or wanted is not None:
-        return ()
-    code = "gait_cycles_left_out" if found_cycles(events, SIDES) else "no_gait_cycle"
-    return (Note.of(code, reason=reason, start_s=span[0], stop_s=span[1]),)
-
-
-def _too_little(time: Array, quality: Indices) -> str:
-    """Say how little of a recording could stand in for gait cycles."""
-    valid, frames = np.count_nonzero(free_of(quality)), len(time)
-    if not valid:
-        return _nothing_counts(
-            (float(time[0]), float(np.nextafter(time[-1], np.inf))), time, quality
-        )
-    return (
-        f"{valid} of {frames} frames of the recording are valid, less than min_valid_share; "
-        'to use them, state --span all (window = "recording") or a span'
-    )
-
-
-def _nothing_counts(span: Span, time: Array, quality: Indices) -> str:
-    inside = frames_within(time, {}, span)
-    frames = np.count_nonzero(inside)
-    unsolved = np.count_nonzero(inside & ~free_of(quality, Quality.POSE_UNKNOWN))
-    if unsolved == frames:
-        return (
-            f"no frame from {span[0]:.2f} to {span[1]:.2f} s could be solved; check the markers' "
-            "labels and the calibration pose"
-        )
-    others = f" ({unsolved} of {frames} frames could not be solved)" if unsolved else ""
-    return f"the plates carry the subject in no frame from {span[0]:.2f} to {span[1]:.2f} s{others}"
+    if (frames_within(time, parts, span) & counts).any():
+        if span is None or wanted is not None:
+            return ()
+        code = "gait_cycles_left_out" if found_cycles(events, SIDES) else "no_gait_cycle"
+        return (Note.of(code, reason=shortage, start_s=span[0], stop_s=span[1]),)
+    inside = frames_within(time, {}, span) if span else np.ones(len(time), bool)
+    frames = f"{np.count_nonzero(counts & inside)} of {np.count_nonzero(inside)} frames count"
+    why = f"{np.count_nonzero(inside & ~solved)} unsolved, else the plates do not carry the subject"
+    reason = shortage
+    if part is not None and some_cycles:
+        reason = f'no frame of the window "{part.name}" of the gait cycles counts'
+    elif span is not None:
+        reason = f"from {span[0]:.2f} to {span[1]:.2f} s {frames} ({why})"
+    elif wanted is None:
+        reason += f"; {frames}, less than min_valid_share ({why}); --span all uses them"
+    return (Note.of("no_residuals", reason=reason),)

@@ -31,22 +31,21 @@ Clock = Callable[[Array], Timelines]
 
 @contextmanager
 def recording_file(
-    path: Path, application: str, title: str, blueprint: rrb.Blueprint, *, opens: bool = True
+    path: Path, application: str, title: str, blueprint: rrb.Blueprint
 ) -> Iterator[rr.RecordingStream]:
     """Open a recording; the file appears when it is complete.
 
     It is filled in memory and written here: where a disk is full, Rerun's own file sink prints to
     the terminal, raises nothing, and waits forever when it is flushed. Recordings of one
     ``application`` have one layout in the viewer. The identifier, which usage statistics of other
-    viewers may see hashed, is a pseudonym of title and place. Unless it ``opens``, the viewer uses
-    the layout once a person turns to the recording.
+    viewers may see hashed, is a pseudonym of title and place.
     """
     rr.set_strict_mode(True)
     pseudonym = hashlib.sha256(f"{title} {path.resolve()}".encode()).hexdigest()[:16]
     stream = rr.RecordingStream(application, recording_id=pseudonym, send_properties=False)
     memory = stream.memory_recording()
     try:
-        stream.send_blueprint(blueprint, make_active=opens, make_default=True)
+        stream.send_blueprint(blueprint, make_active=True, make_default=True)
         stream.send_recording_name(printable(title))
         yield stream
         content = memory.drain_as_bytes()

@@ -66,7 +66,7 @@ def trial_layout(pelvis: Array, *, phases: bool, figure: bool) -> rrb.Blueprint:
     return _with_panels(
         rrb.Horizontal(
             rrb.Vertical(
-                _scene(pelvis, f"{GROUND_SCALE}, {RESIDUAL_SCALES}"),
+                _scene(pelvis),
                 *([states] if phases else []),
                 row_shares=[3, 1][: 1 + phases],
             ),
@@ -92,7 +92,7 @@ def live_layout(target: Array) -> rrb.Blueprint:
     return _with_panels(
         rrb.Horizontal(
             rrb.Vertical(
-                _scene(target[None], f"{GROUND_SCALE}, {RESIDUAL_SCALES}"),
+                _scene(target[None]),
                 rrb.Tabs(_text("status"), _text("legend")),
                 row_shares=[3, 2],
             ),
@@ -107,19 +107,7 @@ def live_layout(target: Array) -> rrb.Blueprint:
     )
 
 
-def cycle_layout(pelvis: Array) -> rrb.Blueprint:
-    """Lay out the mean gait cycle: stick figure about the pelvis, (101, 3) [m]; mean ± SD."""
-    name = "Mean (thick) ± SD (thin) over the gait cycle: measured vermilion, compensated blue"
-    curves = _residuals(name, _time(timeline="gait_cycle_percent"), legend=False)
-    return _with_panels(
-        rrb.Horizontal(_scene(pelvis, RESIDUAL_SCALES), rrb.Tabs(curves), column_shares=[1, 2]),
-        timeline="gait_cycle_percent",
-    )
-
-
-def _time(
-    start_s: float | None = None, stop_s: float | None = None, timeline: str = "time"
-) -> rrb.VisibleTimeRange:
+def _time(start_s: float | None = None, stop_s: float | None = None) -> rrb.VisibleTimeRange:
     """Show from one time to another after the cursor [s]; None shows all."""
     start, end = (
         rrb.TimeRangeBoundary.infinite()
@@ -127,7 +115,7 @@ def _time(
         else rrb.TimeRangeBoundary.cursor_relative(seconds=at)
         for at in (start_s, stop_s)
     )
-    return rrb.VisibleTimeRange(timeline, start=start, end=end)
+    return rrb.VisibleTimeRange("time", start=start, end=end)
 
 
 def _text(entity: str) -> rrb.TextDocumentView:
@@ -139,28 +127,26 @@ def _series(name: str, origin: str, shown: rrb.VisibleTimeRange, **more: Any) ->
     return rrb.TimeSeriesView(name=name, origin=origin, time_ranges=shown, axis_x=axis, **more)
 
 
-def _scene(pelvis: Array, scales: str) -> rrb.Spatial3DView:
+def _scene(pelvis: Array) -> rrb.Spatial3DView:
     middle = np.nanmedian(pelvis, axis=0)
     path = float(np.max(np.nanmax(pelvis, axis=0) - np.nanmin(pelvis, axis=0)))
     eye = middle + (1 + path / PATH_IN_VIEW_M) * EYE_FROM_TARGET_M
     return rrb.Spatial3DView(
-        name=f"Arrows: {scales}",
+        name=f"Arrows: {GROUND_SCALE}, {RESIDUAL_SCALES}",
         origin="lab",
         line_grid=rrb.LineGrid3D(visible=True, spacing=GRID_SPACING_M),
         eye_controls=rrb.EyeControls3D(position=eye, look_target=middle, eye_up=(0, 0, 1)),
     )
 
 
-def _residuals(
-    name: str, shown: rrb.VisibleTimeRange, *, legend: bool = True, columns: int = 2
-) -> rrb.Grid:
+def _residuals(name: str, shown: rrb.VisibleTimeRange, columns: int = 2) -> rrb.Grid:
     """Give six panels: forces left of moments in two columns, above them in three."""
     panels = [
         _series(
             f"{AXES[k]} {'about ' if k > 2 else ''}{DIRECTIONS[k]} ({UNITS[k]})",
             f"residual/{AXES[k]}",
             shown,
-            plot_legend=rrb.PlotLegend(visible=legend and k == 0),
+            plot_legend=rrb.PlotLegend(visible=k == 0),
         )
         for k in ((0, 3, 1, 4, 2, 5) if columns == 2 else range(6))
     ]
@@ -168,14 +154,12 @@ def _residuals(
 
 
 def _with_panels(
-    content: rrb.Container,
-    timeline: str = "time",
-    state: Literal["paused", "following"] = "paused",
+    content: rrb.Container, state: Literal["paused", "following"] = "paused"
 ) -> rrb.Blueprint:
     return rrb.Blueprint(
         content,
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=timeline, play_state=state),
+        rrb.TimePanel(state="collapsed", timeline="time", play_state=state),
         auto_views=False,
     )

@@ -10,11 +10,8 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any, Final, Literal
-
-import numpy as np
 
 from hbm.model import Body
 from hbm.spatial import Array
@@ -25,16 +22,17 @@ Screen = Literal["window", "browser", "none"]
 """A window of its own, a page for a browser of this machine, or pictures that nobody sees."""
 Cycle = tuple[str, Mapping[str, Array]]
 """Side, and variant -> residuals over 0 to 100 % in the reported axes, (101, 6) [N, N·m]."""
-News = tuple[np.ndarray, list[Cycle], str | None]
-"""New frames, of `LiveScene.row`; gait cycles; text in Markdown, None where it is the same."""
+News = tuple[list[tuple[int, "ShownFrame"]], list[Cycle], str | None]
+"""New frames with their numbers; gait cycles; text in Markdown, None where it is the same."""
 PROGRAM: Final = "pipeline.viewer.live_drawing"
 PERIOD_S: Final = 1 / 30
 """Pause between what is sent: with the time that drawing takes, about 25 pictures a second."""
 MAX_WAITING: Final = 1000
 """Frames that wait for a slow viewer, 10 s at 100 Hz; then the oldest are left out."""
 MAX_WAITING_CYCLES: Final = 10
+SENT_AT_ONCE: Final = 100
+"""Frames: to pack more would hold up the thread that computes them."""
 MAX_WRITE_S: Final = 1.0
-NEUTRAL: Final = (np.eye(3), np.zeros(3))
 MAX_STOP_S: Final = 4.0
 """After this, the drawing process and its viewer are killed."""
 
@@ -73,62 +71,11 @@ class ShownFrame:
     counts: bool = True
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class LiveScene:
-    """What stays while frames are shown; attributes as the parameters of `LiveView`."""
+    """What stays while frames are shown.
 
-    body: Body
-    plates: tuple[PlateSurface, ...]
-    markers: tuple[str, ...]
-    variants: tuple[str, ...]
-    contact_threshold_n: float
-    screen: Screen
-
-    @cached_property
-    def row(self) -> np.dtype:
-        """A frame as it passes to the drawing process; its number shows what was left out."""
-        variants = len(self.variants)
-        return np.dtype(
-            [
-                ("number", int),
-                ("time", float),
-                ("counts", bool),
-                ("moves", bool),
-                ("q", float, (46,)),
-                ("markers", float, (len(self.markers), 3)),
-                ("rotation", float, (3, 3)),
-                ("position", float, (3,)),
-                ("residual", float, (variants, 6)),
-                ("ground", float, (variants, 2, 6)),
-            ]
-        )
-
-    def pack(self, number: int, frame: ShownFrame) -> np.ndarray:
-        """Copy a frame to a row."""
-        return np.array(
-            (
-                number,
-                frame.time,
-                frame.counts,
-                frame.platform is not None,
-                frame.q,
-                frame.markers,
-                *(frame.platform or NEUTRAL),
-                [frame.residual[variant] for variant in self.variants],
-                [frame.ground[variant] for variant in self.variants],
-            ),
-            self.row,
-        )
-
-
-class LiveView:
-    """The viewer, live, drawn by a process of its own.
-
-    Nothing ever waits for it: what is shown is copied and sent by a thread about 25 times a second,
-    and where the viewer is slower, stopped or gone, frames are left out and counted. The viewer
-    listens on this machine alone; its memory is limited, and it then drops its oldest data.
-
-    Parameters
+    Attributes
     ----------
     body
         The subject.
@@ -140,9 +87,30 @@ class LiveView:
         "measured" and, with a calibration, "compensated".
     screen
         "window"; "browser", which serves a page to this machine; or "none": it is drawn unseen, and
-        pictures can be taken at its `address`.
+        pictures can be taken at the view's address.
     contact_threshold_n
         A foot with less vertical force has no arrow [N].
+    """
+
+    body: Body
+    plates: Sequence[PlateSurface]
+    markers: Sequence[str]
+    variants: Sequence[str]
+    screen: Screen = "window"
+    contact_threshold_n: float = Settings().contact_threshold_n
+
+
+class LiveView:
+    """The viewer, live, drawn by a process of its own.
+
+    Nothing ever waits for it: what is shown is copied and sent by a thread about 25 times a second,
+    and where the viewer is slower, stopped or gone, frames are left out and counted. The viewer
+    listens on this machine alone; its memory is limited, and it then drops its oldest data.
+
+    Parameters
+    ----------
+    scene
+        What stays.
 
     Attributes
     ----------
@@ -166,31 +134,19 @@ class LiveView:
 
     Examples
     --------
-    >>> view = LiveView(body, [], body.markers, ["measured"])           # doctest: +SKIP
+    >>> view = LiveView(LiveScene(body, [], body.markers, ["measured"]))  # doctest: +SKIP
     >>> view.show(ShownFrame(0.0, q, markers, {"measured": residual},   # doctest: +SKIP
     ...                      {"measured": feet}))
     >>> view.close()                                                    # doctest: +SKIP
     """
 
-    def __init__(
-        self,
-        body: Body,
-        plates: Sequence[PlateSurface],
-        markers: Sequence[str],
-        variants: Sequence[str],
-        *,
-        screen: Screen = "window",
-        contact_threshold_n: float = Settings().contact_threshold_n,
-    ) -> None:
+    def __init__(self, scene: LiveScene) -> None:
         self.address: str | None = None
         self.fault: str | None = None
         self.left_out = self.shown = 0
-        scene = LiveScene(
-            body, tuple(plates), tuple(markers), tuple(variants), contact_threshold_n, screen
-        )
         self._scene = scene
         self._lock = threading.Lock()
-        self._waiting = deque[np.ndarray]()
+        self._waiting = deque[tuple[int, ShownFrame]]()
         self._cycles = deque[Cycle](maxlen=MAX_WAITING_CYCLES)
         self._status: str | None = None
         self._count = 0
@@ -210,19 +166,10 @@ class LiveView:
         return self._ready.wait(timeout_s) and self.fault is None
 
     def show(self, frame: ShownFrame) -> None:
-        """Show a frame; returns at once, and the frame's arrays may change afterwards.
-
-        Raises
-        ------
-        ValueError
-            If an array has another shape than the view was made for.
-        KeyError
-            If a variant is missing.
-        """
-        row = self._scene.pack(self._count, frame)
-        self._count += 1
+        """Show a frame, whose arrays stay as they are; returns at once."""
         with self._lock:
-            self._waiting.append(row)
+            self._waiting.append((self._count, frame))
+            self._count += 1
             if self._over or len(self._waiting) > MAX_WAITING:
                 self._waiting.popleft()
                 self.left_out += 1
@@ -271,12 +218,11 @@ class LiveView:
             self._ready.set()
             while not self._closing.wait(PERIOD_S):
                 with self._lock:
-                    rows = np.array(list(self._waiting), scene.row)
-                    news: News = rows, list(self._cycles), self._status
-                    self._waiting.clear()
+                    sent = min(len(self._waiting), SENT_AT_ONCE)
+                    frames = [self._waiting.popleft() for _ in range(sent)]
+                    news: News = frames, list(self._cycles), self._status
                     self._cycles.clear()
                     self._status = None
-                sent = len(rows)
                 if sent or news[1] or news[2] is not None:
                     self._ask(news)
                     self.shown += sent

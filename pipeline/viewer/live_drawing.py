@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from queue import SimpleQueue
 from secrets import token_hex
@@ -26,7 +26,7 @@ from hbm.spatial import Array
 from pipeline.trial.residuals import reported
 from pipeline.viewer.file import printable
 from pipeline.viewer.layout import LEGEND, live_layout, log_text
-from pipeline.viewer.live import LiveScene, News, Screen
+from pipeline.viewer.live import LiveScene, News, Screen, ShownFrame
 from pipeline.viewer.plots import (
     SHOWN_CYCLES,
     draw_cycle_axes,
@@ -75,7 +75,7 @@ class LiveDrawing:
         self._stream, self._scene = stream, scene
         self._cycles: dict[str, deque[Mapping[str, Array]]] = {}
         self._start_s: float | None = None
-        self._time, self._number = 0.0, -1
+        self._newest_s, self._number = -np.inf, -1
         centers = np.array([plate.center for plate in scene.plates]).reshape(-1, 3)
         ground = centers.mean(axis=0) if len(centers) else np.zeros(3)
         self._surface_m = float(ground[2])
@@ -91,30 +91,38 @@ class LiveDrawing:
 
     def show(self, news: News) -> None:
         """Send frames, the last gait cycles and the status."""
-        frames, cycles, status = news
-        frames = frames[np.isfinite(frames["time"])]
-        if len(frames):
-            self._send_frames(frames)
+        numbered, cycles, status = news
+        later = []
+        for number, frame in numbered:
+            if frame.time > self._newest_s:
+                self._newest_s = frame.time
+                later.append((number, frame))
+        if later:
+            self._send_frames(later)
         for side, cycle in cycles:
             self._cycles.setdefault(side, deque(maxlen=SHOWN_CYCLES)).append(cycle)
-        self._stream.set_time("time", duration=self._time)
+        now_s = 0.0 if self._start_s is None else self._newest_s - self._start_s
+        self._stream.set_time("time", duration=now_s)
         if cycles:
             log_cycles(self._stream, list(self._cycles.get("right") or self._cycles["left"]))
         if status is not None:
             text = rr.TextDocument(printable(status), media_type="text/markdown")
             self._stream.log("status", text)
 
-    def _send_frames(self, frames: np.ndarray) -> None:
-        """Send the frames whose time increases, at the time since the first one."""
+    def _send_frames(self, numbered: Sequence[tuple[int, ShownFrame]]) -> None:
+        """Send frames whose time increases, at the time since the first one."""
+        frames = [frame for _, frame in numbered]
         if self._start_s is None:
-            self._start_s = float(frames["time"][0])
-        time = frames["time"] - self._start_s
-        later = time > np.maximum.accumulate(np.append(-np.inf, time[:-1]))
-        frames, time = frames[later], time[later]
-        values = np.where(frames["counts"][:, None, None], frames["residual"], np.nan)
-        residual = dict(zip(self._scene.variants, values.swapaxes(0, 1), strict=True))
-        before = np.append(self._number, frames["number"][:-1])
-        gaps = np.flatnonzero(frames["number"] > before + 1)  # where frames were left out
+            self._start_s = frames[0].time
+        time = np.array([frame.time for frame in frames]) - self._start_s
+        unknown = np.full(6, np.nan)
+        residual = {
+            name: np.array([f.residual[name] if f.counts else unknown for f in frames])
+            for name in self._scene.variants
+        }
+        numbers = np.array([number for number, _ in numbered])
+        before = np.append(self._number, numbers[:-1])
+        gaps = np.flatnonzero(numbers > before + 1)  # where frames were left out
         curves = {name: np.insert(value, gaps, np.nan, axis=0) for name, value in residual.items()}
         broken = {"time": np.insert(time, gaps, time[gaps] - 1e-6)}
         send_residual_curves(self._stream, broken, curves)
@@ -124,13 +132,17 @@ class LiveDrawing:
             time[::-step][::-1],
             {name: reported(value[::-step][::-1]) for name, value in residual.items()},
         )
-        self._time, self._number = float(time[-1]), int(frames["number"][-1])
+        self._number = int(numbers[-1])
 
-    def _send_scene(self, frames: np.ndarray, time: Array, residual: Mapping[str, Array]) -> None:
+    def _send_scene(
+        self, frames: Sequence[ShownFrame], time: Array, residual: Mapping[str, Array]
+    ) -> None:
         """Send frames, with residuals in lab axes."""
-        scene, platform = self._scene, None
-        if frames["moves"].any():
-            rotation, position = frames["rotation"].copy(), frames["position"].copy()
+        scene = self._scene
+        poses = [frame.platform for frame in frames if frame.platform is not None]
+        platform = None
+        if poses:
+            rotation, position = map(np.array, zip(*poses, strict=True))
             unknown = np.isnan(rotation).any(axis=(1, 2)) | np.isnan(position).any(axis=1)
             rotation[unknown], position[unknown] = np.nan, np.nan
             platform = PlatformPose(rotation, position)
@@ -138,10 +150,10 @@ class LiveDrawing:
             self._stream,
             {"time": time},
             scene.body,
-            frames["q"],
-            Markers(time, scene.markers, frames["markers"]),
+            np.array([frame.q for frame in frames]),
+            Markers(time, tuple(scene.markers), np.array([frame.markers for frame in frames])),
             platform,
-            dict(zip(scene.variants, frames["ground"].swapaxes(0, 1), strict=True)),
+            {name: np.array([f.ground[name] for f in frames]) for name in scene.variants},
             residual,
             surface_m=self._surface_m,
             threshold_n=scene.contact_threshold_n,

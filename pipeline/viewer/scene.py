@@ -59,57 +59,52 @@ def draw_scene(
     variants: Iterable[str],
 ) -> None:
     """Draw what stays of the whole scene: lab, body, measured markers, plates, arrows."""
-    draw_body(stream, body)
-    stream.log("lab/axes", rr.TransformAxes3D(LAB_AXIS_LENGTH_M), static=True)
-    names = [printable(name) for name in markers]
-    stream.log(
-        "lab/markers/measured",
-        rr.Points3D.from_fields(
-            radii=MEASURED_RADIUS_M, colors=rgba(MEASURED_COLOUR), labels=names, show_labels=False
-        ),
-        static=True,
-    )
-    stream.log(
-        "lab/markers/error",
-        rr.LineStrips3D.from_fields(radii=LINE_RADIUS_M, colors=rgba(ERROR_COLOUR)),
-        static=True,
-    )
-    for plate in plates:
-        if np.isfinite(plate.corners).all():
-            _draw_plate(stream, plate)
-    for variant in variants:
-        draw_residual(stream, variant)
-        stream.log(
-            f"lab/ground_reaction/{variant}",
-            rr.Arrows3D.from_fields(radii=GROUND_ARROW_RADIUS_M, colors=rgba(COLOURS[variant])),
-            static=True,
-        )
 
+    def stay(entity: str, shape: Any) -> None:
+        stream.log(f"lab/{entity}", shape, static=True)
 
-def draw_body(stream: rr.RecordingStream, body: Body) -> None:
-    """Draw every segment's frame, and in it its bones, hull and modelled markers.
-
-    A segment that is fixed to another has no pose of its own: it is a part of the other's drawing.
-    """
     stream.log("lab", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    stay("axes", rr.TransformAxes3D(LAB_AXIS_LENGTH_M))
     for segment in MOVING:
-        entity = f"lab/body/{segment}"
         own = [i for i, name in enumerate(body.marker_segment) if name == segment]
         for part, shape in _shapes(body, segment, own):
-            stream.log(f"{entity}/{part}", shape, static=True)
-        stream.log(f"{entity}/frame", rr.TransformAxes3D(AXIS_LENGTH_M), static=True)
+            stay(f"body/{segment}/{part}", shape)
+        stay(f"body/{segment}/frame", rr.TransformAxes3D(AXIS_LENGTH_M))
         if own:
-            points = rr.Points3D(
-                body.marker_position[own],
-                radii=MODELLED_RADIUS_M,
-                colors=rgba(MODELLED_COLOUR),
-                labels=[printable(f"{body.markers[i]}, modelled") for i in own],
-                show_labels=False,
-            )
-            stream.log(f"{entity}/markers", points, static=True)
-    for segment, carrier in FIXED_TO.items():
+            names = [printable(f"{body.markers[i]}, modelled") for i in own]
+            look = _look(MODELLED_COLOUR, MODELLED_RADIUS_M, names)
+            stay(f"body/{segment}/markers", rr.Points3D(body.marker_position[own], **look))
+    for segment, carrier in FIXED_TO.items():  # a part of the other's drawing, without own pose
         fixed = _ellipsoid(body.segments[segment], segment, "majorwireframe")
-        stream.log(f"lab/body/{carrier}/{segment}", fixed, static=True)
+        stay(f"body/{carrier}/{segment}", fixed)
+    names = [printable(name) for name in markers]
+    look = _look(MEASURED_COLOUR, MEASURED_RADIUS_M, names)
+    stay("markers/measured", rr.Points3D.from_fields(**look))
+    lines = rr.LineStrips3D.from_fields(radii=LINE_RADIUS_M, colors=rgba(ERROR_COLOUR))
+    stay("markers/error", lines)
+    for plate in plates:
+        if np.isfinite(plate.corners).all():
+            entity = f"platform/plate_{plate.number}"
+            surface = rr.Mesh3D(
+                vertex_positions=plate.corners,
+                triangle_indices=[[0, 1, 2], [0, 2, 3]],
+                albedo_factor=rgba(PLATE_COLOUR + ALPHA)[0],
+            )
+            stay(f"{entity}/surface", surface)
+            look = _look(PLATE_COLOUR, LINE_RADIUS_M, [f"plate {plate.number}"])
+            stay(f"{entity}/edge", rr.LineStrips3D([plate.corners[[0, 1, 2, 3, 0]]], **look))
+    for variant in variants:
+        names = [f"residual force, {variant}", f"residual moment, {variant}"]
+        look = _look(COLOURS[variant], RESIDUAL_ARROW_RADIUS_M, names)
+        look["colors"] = rgba(COLOURS[variant], MOMENT_COLOURS[variant])
+        stay(f"residual/{variant}", rr.Arrows3D.from_fields(**look))
+        arrows = rr.Arrows3D.from_fields(radii=GROUND_ARROW_RADIUS_M, colors=rgba(COLOURS[variant]))
+        stay(f"ground_reaction/{variant}", arrows)
+
+
+def _look(colour: str, radius_m: float, names: Sequence[str]) -> dict[str, Any]:
+    """Give colour, size and names of shapes, which are shown when one is pointed at."""
+    return {"colors": rgba(colour), "radii": radius_m, "labels": names, "show_labels": False}
 
 
 def _shapes(body: Body, segment: str, own: list[int]) -> Iterable[tuple[str, Any]]:
@@ -124,31 +119,24 @@ def _shapes(body: Body, segment: str, own: list[int]) -> Iterable[tuple[str, Any
     ends = np.array([end for end in children if np.linalg.norm(end) > MIN_BONE_LENGTH_M])
     if not len(ends):
         return
-    yield (
-        "bones",
-        rr.Capsules3D(
-            lengths=np.linalg.norm(ends, axis=1),
-            radii=BONE_RADIUS_M,
-            translations=np.zeros_like(ends),
-            quaternions=[Rotation.align_vectors([end], [[0, 0, 1]])[0].as_quat() for end in ends],
-            colors=rgba(colour),
-            fill_mode="solid",
-            labels=segment.replace("_", " "),
-            show_labels=False,
-        ),
+    bones = rr.Capsules3D(
+        lengths=np.linalg.norm(ends, axis=1),
+        translations=np.zeros_like(ends),
+        quaternions=[Rotation.align_vectors([end], [[0, 0, 1]])[0].as_quat() for end in ends],
+        fill_mode="solid",
+        **_look(colour, BONE_RADIUS_M, [segment.replace("_", " ")]),
     )
+    yield "bones", bones
     points = np.vstack([np.zeros(3), ends, body.marker_position[own]])
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if len(points) > 3 and spread[2] > MIN_HULL_THICKNESS_M:
         hull = ConvexHull(points)
-        yield (
-            "hull",
-            rr.Mesh3D(
-                vertex_positions=points[hull.simplices].reshape(-1, 3),
-                vertex_normals=np.repeat(hull.equations[:, :3], 3, axis=0),
-                albedo_factor=rgba(colour + ALPHA)[0],
-            ),
+        surface = rr.Mesh3D(
+            vertex_positions=points[hull.simplices].reshape(-1, 3),
+            vertex_normals=np.repeat(hull.equations[:, :3], 3, axis=0),
+            albedo_factor=rgba(colour + ALPHA)[0],
         )
+        yield "hull", surface
 
 
 def _ellipsoid(part: Inertia, segment: str, fill: Any) -> rr.Ellipsoids3D:
@@ -165,43 +153,6 @@ def _ellipsoid(part: Inertia, segment: str, fill: Any) -> rr.Ellipsoids3D:
         labels=segment.replace("_", " "),
         show_labels=False,
     )
-
-
-def _draw_plate(stream: rr.RecordingStream, plate: PlateSurface) -> None:
-    entity = f"lab/platform/plate_{plate.number}"
-    surface = rr.Mesh3D(
-        vertex_positions=plate.corners,
-        triangle_indices=[[0, 1, 2], [0, 2, 3]],
-        albedo_factor=rgba(PLATE_COLOUR + ALPHA)[0],
-    )
-    stream.log(f"{entity}/surface", surface, static=True)
-    edge = rr.LineStrips3D(
-        [plate.corners[[0, 1, 2, 3, 0]]],
-        radii=LINE_RADIUS_M,
-        colors=rgba(PLATE_COLOUR),
-        labels=f"plate {plate.number}",
-        show_labels=False,
-    )
-    stream.log(f"{entity}/edge", edge, static=True)
-
-
-def draw_residual(stream: rr.RecordingStream, variant: str) -> None:
-    """Draw what stays of a variant's residual: sizes, colours and names of its arrows."""
-    arrows = rr.Arrows3D.from_fields(
-        radii=RESIDUAL_ARROW_RADIUS_M,
-        colors=rgba(COLOURS[variant], MOMENT_COLOURS[variant]),
-        labels=[f"residual force, {variant}", f"residual moment, {variant}"],
-        show_labels=False,
-    )
-    stream.log(f"lab/residual/{variant}", arrows, static=True)
-
-
-def send_body(
-    stream: rr.RecordingStream, timelines: Timelines, rotation: Array, origin: Array
-) -> None:
-    """Send the poses of all segments, from `hbm.poses.segment_frames`; NaN hides a segment."""
-    for k, segment in enumerate(MOVING):
-        _send_pose(stream, f"lab/body/{segment}", timelines, rotation[:, k], origin[:, k])
 
 
 def _send_pose(
@@ -238,7 +189,8 @@ def send_scene(
     force than the threshold has no arrow.
     """
     rotation, origin = segment_frames(body, q)
-    send_body(stream, timelines, rotation, origin)
+    for k, segment in enumerate(MOVING):
+        _send_pose(stream, f"lab/body/{segment}", timelines, rotation[:, k], origin[:, k])
     everything = np.ones(markers.position.shape[:2], bool)
     entity = "lab/markers/measured"
     send(stream, entity, timelines, rr.Points3D, everything, positions=markers.position)
@@ -252,12 +204,19 @@ def send_scene(
     send(stream, "lab/markers/error", timelines, rr.LineStrips3D, far, strips=lines)
     if platform is not None:
         _send_pose(stream, "lab/platform", timelines, platform.rotation, platform.position)
+    scale = np.array([RESIDUAL_N_PER_M, RESIDUAL_NM_PER_M])[:, None]
+    pelvis = np.repeat(q[:, None, :3], 2, axis=1)
     for variant, wrenches in ground.items():
         feet = (wrenches[:, foot] for foot in (0, 1))
         at = [pressure_point(wrench, surface_m, platform, threshold_n) for wrench in feet]
-        entity, force = f"lab/ground_reaction/{variant}", wrenches[:, :, :3] / GROUND_N_PER_M
-        _send_arrows(stream, entity, timelines, np.stack(at, 1), force)
-        send_residual(stream, timelines, variant, residual[variant], q[:, :3])
+        force = wrenches[:, :, :3] / GROUND_N_PER_M
+        drawn = residual[variant].reshape(-1, 2, 3) / scale
+        for entity, origins, vectors in (
+            (f"lab/ground_reaction/{variant}", np.stack(at, 1), force),
+            (f"lab/residual/{variant}", pelvis, drawn),
+        ):
+            seen = np.asarray(np.isfinite(origins + vectors).all(axis=2))
+            send(stream, entity, timelines, rr.Arrows3D, seen, origins=origins, vectors=vectors)
 
 
 def pressure_point(
@@ -269,20 +228,3 @@ def pressure_point(
         wrench = rotate_wrench(shift_wrench(wrench, platform.position), back)
     point = center_of_pressure(wrench, threshold_n, surface_m)
     return point if platform is None else platform.to_lab(point)
-
-
-def send_residual(
-    stream: rr.RecordingStream, timelines: Timelines, variant: str, residual: Array, pelvis: Array
-) -> None:
-    """Send residuals in lab axes, (T, 6) [N, N·m], at the pelvis origin, (T, 3) [m]."""
-    scale = np.array([RESIDUAL_N_PER_M, RESIDUAL_NM_PER_M])[:, None]
-    vectors = residual.reshape(-1, 2, 3) / scale
-    origins = np.repeat(pelvis[:, None], 2, axis=1)
-    _send_arrows(stream, f"lab/residual/{variant}", timelines, origins, vectors)
-
-
-def _send_arrows(
-    stream: rr.RecordingStream, entity: str, timelines: Timelines, origins: Array, vectors: Array
-) -> None:
-    known = np.asarray(np.isfinite(origins + vectors).all(axis=2))
-    send(stream, entity, timelines, rr.Arrows3D, known, origins=origins, vectors=vectors)

@@ -9,7 +9,6 @@ machine (DNS rebinding) and read a recording.
 import os
 import signal
 import socket
-import struct
 import subprocess
 import threading
 import time
@@ -76,12 +75,6 @@ MAX_START_S: Final = 30.0
 MAX_STOP_S: Final = 5.0
 """After this, the viewer is killed."""
 POLL_S: Final = 0.05
-FILE_HEADER_BYTES: Final = 12
-"""Of a Rerun recording: its format, version and options."""
-MESSAGE_HEADER: Final = struct.Struct("<QQ")
-"""Of each message in it: its kind, and the bytes that follow."""
-ENDS_FILE, OPENS_RECORDING = 0, 1
-"""Kinds of message; the others hold data."""
 MAX_REASON: Final = 200
 """Characters of the viewer's own message about its failure."""
 WITHOUT_SCREEN: Final = "serve to a browser (--web) or save a file (--save)"
@@ -90,44 +83,30 @@ SIGNAL_EXIT: Final = 128
 """A process ended by signal N exits with this plus N, as in a shell."""
 
 
-def view(
-    paths: Sequence[Path], *, web: bool = False, announce: Callable[[str], object] = print
-) -> None:
-    """Show recordings, ``.rrd``, the first one first; until Ctrl-C if they are served (``web``).
+def view(path: Path, *, web: bool = False, announce: Callable[[str], object] = print) -> None:
+    """Show a recording, ``.rrd``; until Ctrl-C if it is served (``web``).
 
     A window is open until it is closed. What is served is announced in a sentence.
 
     Notes
     -----
-    The viewer shows the recording that was opened last. Given several files or addresses, it reads
-    them at once, and any may be the last; so it receives all as one stream, which opens the first
-    recording last, before any data.
-
     Nothing here sends usage statistics, and all listens on the loopback address alone, without a
     password. A window asks api.github.com for a newer version, and has a port at which Rerun 0.41
     answers whatever the ``Host`` header names; no option switches these off. It ends with this
     process, unless that is killed outright.
     """
-    if not paths:
-        raise ValueError("no recordings to show; name some .rrd files")
-    for path in paths:
-        if not path.is_file():
-            raise FileNotFoundError(f"no recording {path}; 'hbm view --save' writes one")
+    if not path.is_file():
+        raise FileNotFoundError(f"no recording {path}; 'hbm view --save' writes one")
     before = signal.signal(signal.SIGTERM, _exit)
     try:
         if web:
-            page = page_server(viewer_files(), lambda: _contents(paths))
+            page = page_server(viewer_files(), lambda: [path.read_bytes()])
             with page as address, suppress(KeyboardInterrupt):
-                what = "1 recording" if len(paths) == 1 else f"{len(paths)} recordings"
-                announce(f"serving {what} at {address} (stop with Ctrl-C)")
+                announce(f"serving {path.name} at {address} (stop with Ctrl-C)")
                 while True:
                     time.sleep(1)
         else:
-            with running_viewer(["--port", "auto", "-"]) as process:
-                assert process.stdin is not None
-                with suppress(BrokenPipeError), process.stdin as pipe:
-                    for piece in _contents(paths):
-                        pipe.write(piece)
+            with running_viewer(["--port", "auto", str(path)]) as process:
                 process.wait()
     finally:
         signal.signal(signal.SIGTERM, before)
@@ -164,7 +143,7 @@ def running_viewer(
         process = subprocess.Popen(
             [viewer_binary(), "--bind", LOOPBACK, *arguments],
             env=quiet,
-            stdin=subprocess.PIPE,
+            stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=output,
         )
@@ -210,27 +189,6 @@ def viewer_files() -> dict[str, bytes]:
             with opener.open(f"{address}{path}", timeout=MAX_START_S) as answer:
                 files[path] = answer.read()
     return files
-
-
-def _contents(paths: Sequence[Path]) -> Iterator[bytes]:
-    """Give recordings as one: what opens them in reverse order, then their data in order."""
-    with paths[0].open("rb") as file:
-        yield file.read(FILE_HEADER_BYTES)
-    for path in reversed(paths):
-        yield from (message for kind, message in _messages(path) if kind == OPENS_RECORDING)
-    for path in paths:
-        yield from (message for kind, message in _messages(path) if kind != OPENS_RECORDING)
-
-
-def _messages(path: Path) -> Iterator[tuple[int, bytes]]:
-    """Give the messages of a recording with their kinds."""
-    with path.open("rb") as file:
-        file.seek(FILE_HEADER_BYTES)
-        while header := file.read(MESSAGE_HEADER.size):
-            kind, size = MESSAGE_HEADER.unpack(header)
-            if kind == ENDS_FILE:
-                return
-            yield kind, header + file.read(size)
 
 
 def free_port() -> int:
@@ -292,10 +250,7 @@ class GrowingRecording:
 
 @contextmanager
 def page_server(viewer: Mapping[str, bytes], recording: Content) -> Iterator[str]:
-    """Serve the viewer's files, by path, with a recording; give the address of the page.
-
-    The recording may hold several, of which the viewer shows the last one first.
-    """
+    """Serve the viewer's files, by path, with a recording; give the address of the page."""
     files: dict[str, tuple[str, Content]] = {
         "/": ("text/html", [PAGE].__iter__),
         "/start.js": ("text/javascript", [START].__iter__),

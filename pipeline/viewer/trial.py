@@ -10,19 +10,15 @@ import rerun as rr
 from compensation.platform import PlatformPose
 from hbm.markers import Markers
 from hbm.notes import provenance, warnings_of
-from hbm.poses import segment_frames
 from hbm.spatial import Array
 from pipeline.explain.budget import Bands
 from pipeline.explain.shares import NORMAL_95
 from pipeline.figures.residuals import residual_figure
-from pipeline.figures.style import COLOURS
-from pipeline.trial.gait.cycles import mean_and_sd, normalise
 from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.residuals import (
     AXES,
     DIRECTIONS,
     counted,
-    cycle_residuals,
     reported,
     residual_table,
     rows_of,
@@ -30,9 +26,8 @@ from pipeline.trial.residuals import (
 )
 from pipeline.trial.result import TrialResult
 from pipeline.viewer.file import Timelines, printable, recording_file
-from pipeline.viewer.layout import LEGEND, cycle_layout, log_text, trial_layout
+from pipeline.viewer.layout import LEGEND, log_text, trial_layout
 from pipeline.viewer.plots import (
-    draw_curves,
     draw_residual_curves,
     intervals_of,
     log_intervals,
@@ -40,17 +35,9 @@ from pipeline.viewer.plots import (
     log_phases,
     send_residual_curves,
 )
-from pipeline.viewer.scene import (
-    draw_body,
-    draw_residual,
-    draw_scene,
-    send_body,
-    send_residual,
-    send_scene,
-)
+from pipeline.viewer.scene import draw_scene, send_scene
 
-TRIAL_APPLICATION: Final = "hbm_residuals_trial"
-CYCLE_APPLICATION: Final = "hbm_residuals_gait_cycle"
+APPLICATION: Final = "hbm_residuals_trial"
 VIEW_RATE_HZ: Final = 50.0
 """Smooth to the eye, and half of the file's size at a camera's 100 Hz."""
 PERTURBATION_S: Final = 1.0
@@ -79,14 +66,7 @@ def write_recording(
         Rate of the scene and of the marker errors; residual curves keep the full rate.
     bands
         How sure the residuals are, where the trial is explained.
-
-    Raises
-    ------
-    ValueError
-        If the rate is not positive.
     """
-    if not view_hz > 0:
-        raise ValueError(f"view_hz must be positive, got {view_hz}")
     motion, markers, body = result.motion, result.markers, result.body
     shown = slice(None, None, max(1, round(markers.rate_hz / view_hz)))
     pose = result.platform and PlatformPose(
@@ -111,7 +91,7 @@ def write_recording(
     has_cycles = any(len(spans) for spans in result.cycles.values())
     has_phases = bool(result.events or any(found for found, _ in states.values()))
     layout = trial_layout(motion.q[shown, :3], phases=has_phases, figure=has_cycles)
-    with recording_file(path, TRIAL_APPLICATION, _title(result), layout) as stream:
+    with recording_file(path, APPLICATION, _title(result), layout) as stream:
         draw_scene(stream, body, markers.names, result.plates, result.variants)
         residual = {
             name: np.where(counts[:, None], dynamics.residual, np.nan)
@@ -145,56 +125,6 @@ def write_recording(
             residual_figure(result).savefig(picture, format="png", dpi=150)
             image = rr.EncodedImage(contents=picture.getvalue(), media_type="image/png")
             stream.log("gait_cycle", image, static=True)
-
-
-def write_cycles(result: TrialResult, path: Path) -> None:
-    """Write a trial's mean gait cycle for the viewer: mean stick figure, residuals mean ± SD.
-
-    Parameters
-    ----------
-    result
-        The processed trial. Its right cycles are shown; left ones stand in where there are none.
-    path
-        The file, ``.rrd``.
-
-    Raises
-    ------
-    ValueError
-        If the trial has no gait cycle.
-    """
-    side, spans = next(
-        ((s, result.cycles[s]) for s in ("right", "left") if len(result.cycles.get(s, ()))),
-        ("", np.empty((0, 2))),
-    )
-    if not side:
-        raise ValueError(
-            f"{result.source.name}: no gait cycle was found, so there is no mean one to show"
-        )
-    motion = result.motion
-    settled = np.where(free_of(result.quality, Quality.SETTLING)[:, None], motion.q, np.nan)
-    q, _ = mean_and_sd(normalise(motion.time, settled, spans))
-    rotation, origin = segment_frames(result.body, q)
-    timelines = {"gait_cycle_percent": np.arange(len(q))}
-    title = f"{_title(result)}, mean of {len(spans)} {side} gait cycles"
-    layout = cycle_layout(q[:, :3])
-    with recording_file(path, CYCLE_APPLICATION, title, layout, opens=False) as stream:
-        draw_body(stream, result.body)
-        send_body(stream, timelines, rotation, origin)
-        curves: dict[str, Array] = {}
-        for name in result.variants:
-            middle, spread = mean_and_sd(cycle_residuals(result, name)[side])
-            draw_residual(stream, name)
-            send_residual(stream, timelines, name, reported(middle), q[:, :3])
-            curves |= {
-                f"{name}, mean": middle,
-                f"{name}, +SD": middle + spread,
-                f"{name}, −SD": middle - spread,
-            }
-        colours = [COLOURS[name.partition(",")[0]] for name in curves]
-        widths = [2.5 if name.endswith("mean") else 0.75 for name in curves]
-        for axis in AXES:
-            draw_curves(stream, f"residual/{axis}", list(curves), colours, widths)
-        send_residual_curves(stream, timelines, curves)
 
 
 def _ends_of_bands(bands: Bands, time: Array) -> dict[str, Array]:

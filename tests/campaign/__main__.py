@@ -4,11 +4,13 @@ The long form writes its table to docs/reliability.md. Ends with 1 where an atta
 """
 
 import argparse
+import platform
 import random
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -19,14 +21,12 @@ from tests.campaign import files
 from tests.campaign.environments import environments
 from tests.campaign.injection import injections
 from tests.campaign.kills import kills, undisturbed
-from tests.campaign.outcome import Attack
+from tests.campaign.outcome import KINDS, SURVIVED, Attack, Outcome
+from tests.campaign.pages import renew
 from tests.campaign.recordings import recordings, walk_in
-from tests.campaign.report import page, table
 from tests.campaign.results import results
 from tests.campaign.study_files import study_files, write_study
 from tests.campaign.worker import carry_out
-
-PAGE: Final = Path(__file__).resolve().parents[2] / "docs" / "reliability.md"
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,9 +67,32 @@ def main() -> int:
     print("", *table(done), "", sep="\n")
     print(f"{len(done)} attempts in {seconds:.0f} s, seed {given.seed}: {failed} not survived")
     if not given.short and not given.only:
-        PAGE.write_text(page(done, f"--seed {given.seed}", seconds), encoding="utf-8")
-        print(f"written: {PAGE}")
+        python = f"Python {platform.python_version()} on {platform.system()} {platform.machine()}"
+        summary = (
+            f"`python -m tests.campaign --seed {given.seed}`, {python}: {len(done):,} attempts in "
+            f"{seconds / 60:.0f} minutes, of which {failed:,} were not survived."
+        )
+        renew("reliability.md", "attempts", "\n".join([summary, "", *table(done)]))
     return 1 if failed or not done else 0
+
+
+Done = Sequence[tuple[Attack, Outcome]]
+
+
+def table(done: Done) -> list[str]:
+    """Lay outcomes out as Markdown: a row per campaign and target, a column per kind."""
+    counts = Counter((attack.campaign, attack.target, o.kind) for attack, o in done)
+    kinds = [k for k in KINDS if k in SURVIVED or any(kind == k for *_, kind in counts)]
+    rows = list(dict.fromkeys((attack.campaign, attack.target) for attack, _ in done))
+    lines = [
+        f"| campaign | of | attempts | {' | '.join(kinds)} |",
+        f"|---|---|{'---:|' * (len(kinds) + 1)}",
+    ]
+    for row in rows:
+        cells = [counts[*row, kind] for kind in kinds]
+        lines.append(f"| {' | '.join(map(str, (*row, sum(cells), *cells)))} |")
+    totals = [sum(counts[*row, kind] for row in rows) for kind in kinds]
+    return [*lines, f"| all | | {' | '.join(map(str, (sum(totals), *totals)))} |"]
 
 
 def attacks(folder: Path, size: Size, seed: int, only: str) -> Iterator[Attack]:

@@ -21,8 +21,8 @@ from hbm.spatial import WRENCH_COMPONENTS
 from pipeline.calibration_ranking.ranking import Ranking, rank_platform
 from pipeline.calibration_ranking.trials import RankingSettings, factors, platform_trial
 from pipeline.virtual_lab.protocol.ranking_study import recordings
+from tests.campaign.pages import renew
 
-PAGE: Final = Path(__file__).resolve().parents[2] / "docs" / "calibration_signals.md"
 SEEDS: Final = range(9100, 9110)
 """Reserved for the page: never used while anything was developed."""
 RATE_HZ: Final = 200.0
@@ -93,58 +93,32 @@ def places(rankings: Sequence[Ranking]) -> pd.Series:
     return pd.concat(own, axis=1).mean(axis=1).sort_values()
 
 
-def page(rankings: Sequence[Ranking], seeds: Sequence[int]) -> str:
-    """Give the page of the documentation."""
+def report(rankings: Sequence[Ranking], seeds: Sequence[int]) -> str:
+    """Give the tables of the page, and how far laboratories agree."""
     table, mean_place = logarithms(rankings), places(rankings)
     rows = [
         f"| {factor} {level} | {row.ratio:.2f} ({row.low:.2f} to {row.high:.2f}) |"
         for factor in FACTORS
         for level, row in ratios(table, factor).iterrows()
     ]
-    both = {name: left(table, name) for name in (ADVISED_PLATFORM_SIGNAL, PLAIN)}
     cells = [
-        f"| `{name}` | {' | '.join(f'{rms[c]:.2f}' for c in WRENCH_COMPONENTS)} |"
-        for name, rms in both.items()
+        f"| `{name}` | {' | '.join(f'{left(table, name)[c]:.2f}' for c in WRENCH_COMPONENTS)} |"
+        for name in (ADVISED_PLATFORM_SIGNAL, PLAIN)
     ]
     best = ", ".join(f"`{name}` ({place:.1f})" for name, place in mean_place.head(3).items())
-    return "\n".join(
-        [
-            "# How much the calibration's signal matters",
-            "",
-            f"Experiment 2 in {len(rankings)} simulated laboratories (seeds {seeds[0]} to "
-            f"{seeds[-1]}, used for nothing else), each with its own instruments, people, noise "
-            "and random motion: the platform is calibrated by each of the 28 signals of "
-            "`hbm calibration signals`, with two accelerometers, and judged on sway, pitch, "
-            "running and boarding with a person beside the empty plate. Made by "
-            "`python -m tests.campaign.calibration_signals`.",
-            "",
-            "What is left (RMS, geometric mean over trials and components), by what is left after "
-            "plain random motion, belts at rest, and 60 s; 95 % intervals over laboratories:",
-            "",
-            "| | ratio |",
-            "|---|---|",
-            *rows,
-            "",
-            "What the advised signal leaves beside plain random motion, RMS over trials and "
-            "laboratories [N, N·m]:",
-            "",
-            f"| | {' | '.join(WRENCH_COMPONENTS)} |",
-            f"|---|{'---:|' * len(WRENCH_COMPONENTS)}",
-            *cells,
-            "",
-            "Signals hardly differ, and a longer one does not leave less. The advised one is "
-            "advised for its range: it holds the fastest moves and the held positions that trials "
-            "may have, and its belts run as fast as those of people who run.",
-            "",
-            f"Best mean places of 28: {best}; `{ADVISED_PLATFORM_SIGNAL}` has "
-            f"{mean_place[ADVISED_PLATFORM_SIGNAL]:.1f}. Of the winners, "
-            f"{100 * winners_found_again(rankings):.0f} % are possibly the best in another "
-            "laboratory; of the orders of two signals that one laboratory is certain of (by "
-            f"resampling its validation), another finds {100 * orders_found_again(rankings):.0f} % "
-            "again: resampling does not draw another random signal.",
-            "",
-        ]
-    )
+    again = 100 * winners_found_again(rankings), 100 * orders_found_again(rankings)
+    lines = [
+        f"{len(rankings)} laboratories (seeds {seeds[0]} to {seeds[-1]}). What is left (RMS, "
+        "geometric mean), by that after plain random motion, belts at rest, and 60 s:",
+        "\n".join(["| | ratio (95 % interval) |", "|---|---|", *rows]),
+        "What the advised signal leaves beside plain random motion [N, N·m]:",
+        "\n".join([f"| | {' | '.join(WRENCH_COMPONENTS)} |", "|---|" + "---:|" * 6, *cells]),
+        f"Best mean places of 28: {best}; `{ADVISED_PLATFORM_SIGNAL}` has "
+        f"{mean_place[ADVISED_PLATFORM_SIGNAL]:.1f}. Found again in another laboratory: "
+        f"{again[0]:.0f} % of the winners among the possibly best, {again[1]:.0f} % of the orders "
+        "of two signals that one is certain of.",
+    ]
+    return "\n\n".join(lines)
 
 
 def main() -> int:
@@ -158,11 +132,10 @@ def main() -> int:
     for seed in seeds:
         rankings.append(experiment(seed))
         print(f"{seed}: {rankings[-1].winner}", flush=True)
-    text = page(rankings, seeds)
-    print(text)
     if given.seeds is None:
-        PAGE.write_text(text, encoding="utf-8")
-        print(f"written: {PAGE}")
+        renew("calibration_signals.md", "signals", report(rankings, seeds))
+    else:
+        print(report(rankings, seeds))
     return 0
 
 

@@ -57,20 +57,8 @@ OF_STUDY: Final[dict[str, Callable[[str], tuple[str, str, str]]]] = {
         "sub01",
         SUBJECT.replace("trials.level", f"trials.{_toml(text)}"),
     ),
-    "exclude": lambda text: (
-        STUDY,
-        "sub01",
-        SUBJECT.replace(
-            '[trials.again]\nfile = "walk.c3d"', f"[trials.again]\nexclude = {_toml(text)}"
-        ),
-    ),
-    "file": lambda text: (
-        STUDY,
-        "sub01",
-        SUBJECT.replace(
-            '[trials.again]\nfile = "walk.c3d"', f"[trials.again]\nfile = {_toml(text)}"
-        ),
-    ),
+    "exclude": lambda text: (STUDY, "sub01", _other_trial("exclude", text)),
+    "file": lambda text: (STUDY, "sub01", _other_trial("file", text)),
     "rename": lambda text: (STUDY.replace("LASI =", f"{_toml(text)} ="), "sub01", SUBJECT),
     "key": lambda text: (f"{_toml(text)} = 1\n{STUDY}", "sub01", SUBJECT),
 }
@@ -190,6 +178,12 @@ def _written(path: Path) -> str:
         if any(cell.strip('"').startswith("=cmd") for cell in cells):
             return "a formula"
     return printed_raw(text)
+
+
+def _other_trial(key: str, text: str) -> str:
+    """Give a subject's file whose second trial states one thing."""
+    old = '[trials.again]\nfile = "walk.c3d"'
+    return SUBJECT.replace(old, f"[trials.again]\n{key} = {_toml(text)}")
 
 
 def _toml(text: str) -> str:

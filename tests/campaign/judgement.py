@@ -120,11 +120,8 @@ def values_changed(found: Recording, known: Recording, *, gaps: bool = False) ->
     return sum(_differing(one, other, gaps) for one, other in both)
 
 
-def otherwise_equal(found: Recording, known: Recording, *, gaps: bool = False) -> bool:
-    """Say whether all else is equal: names, clock, plates, events, the subject's measures.
-
-    With ``gaps``, D-Flow's events may be missing.
-    """
+def otherwise_equal(found: Recording, known: Recording) -> bool:
+    """Say whether all else is equal: names, clock, plates, events, the subject's measures."""
     pairs = [(found.markers.time, known.markers.time)]
     pairs += [(f.time, k.time) for f, k in zip(found.plates, known.plates, strict=False)]
     return (
@@ -137,7 +134,6 @@ def otherwise_equal(found: Recording, known: Recording, *, gaps: bool = False) -
             for name in ("rotation", "center", "corners")
         )
         and _stated(found) == _stated(known)
-        and (gaps or found.metadata.dflow_events == known.metadata.dflow_events)
     )
 
 

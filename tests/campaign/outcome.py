@@ -11,37 +11,25 @@ MAX_SECONDS: Final = 20.0
 MAX_MEMORY_BYTES: Final = 2 << 30
 """An attempt that needs more, beyond what the campaign itself holds, needs too much."""
 MAX_MESSAGE_CHARACTERS: Final = 300
-MEANINGS: Final = {
-    "fine": "the numbers of the undamaged file",
-    "noted": "accepted with a note that the undamaged file does not have",
-    "one datum": "accepted; as many measured values differ as the attack replaced by others",
-    "refused": "one line per fault, of fewer than 300 printable characters, that names the file; "
-    "exit code 2",
-    "silent": "other numbers without a note, or a damaged result that is accepted",
-    "unclear": "a refusal that is not as above, or an exit code that is not documented",
-    "traceback": "an error that is not caught",
-    "hang": "more than 20 s",
-    "crash": "ended by a signal",
-    "memory": "more than 2 GB",
-    "orphan": "a process that outlives its command",
-    "leftover": "a temporary file that outlives its command, or a file where none should be",
-    "leak": "a text of the file reaches a terminal or a page raw, or a person is named",
-}
-"""Kind of outcome -> what it means."""
+SURVIVED: Final = ("fine", "noted", "one datum", "refused")
+KINDS: Final = (
+    *SURVIVED,
+    *("silent", "unclear", "traceback", "hang", "crash", "memory", "orphan", "leftover", "leak"),
+)
+"""Kinds of outcomes; docs/reliability.md says what each means."""
 TOLD: Final = "told"
 """File in which an attempt tells what it does, for the case that it cannot say it at the end."""
-SURVIVED: Final = ("fine", "noted", "one datum", "refused")
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of one attack: one of `MEANINGS`, and the line that shows it."""
+    """What became of one attack: one of `KINDS`, and the line that shows it."""
 
     kind: str
     detail: str = ""
 
     def __post_init__(self) -> None:
-        if self.kind not in MEANINGS:
+        if self.kind not in KINDS:
             raise ValueError(f"no outcome is called {self.kind!r}")
 
     @property

@@ -60,7 +60,7 @@ class Trial:
             return outcome
         shorter = damage.cut and self.lines and damage.between_lines
         values = values_changed(found, self.recording, gaps=shorter)
-        equal = otherwise_equal(found, self.recording, gaps=shorter)
+        equal = otherwise_equal(found, self.recording)
         lost = _lost(found, self.recording)
         if damage.cut and (values or not equal or (lost and not shorter)):
             return Outcome("silent", f"{values:g} values differ, lost: {lost or 'nothing'}")

@@ -187,14 +187,6 @@ def test_the_cutoff_is_where_scipys_spline_halves_the_amplitude():
     assert half == pytest.approx(0.5, abs=5e-3)
 
 
-@settings(deadline=None, max_examples=5)
-@given(scale=st.floats(1e-4, 1e4), rate_hz=st.sampled_from([50.0, 100.0, 1000.0]))
-def test_cutoff_knows_no_units_and_scales_with_the_rate(scale, rate_hz):
-    signal = random_speed(6, 1000) + 0.01 * np.random.default_rng(7).normal(size=1000)
-    at_100, other = spline_cutoff(signal, 100), spline_cutoff(scale * signal, rate_hz)
-    assert other == pytest.approx(at_100 * rate_hz / 100, rel=1e-3)
-
-
 def test_cutoff_of_the_real_belt_speed_is_about_ten_hertz(recordings):
     for _, _, speed in (r.T for r in recordings):
         assert 8 < spline_cutoff(speed, 100) < 14
@@ -237,3 +229,11 @@ def test_wrong_calibration_input_gets_one_clear_error(acceleration, spoil, messa
 def test_wrong_input_gets_one_clear_error(call, message):
     with pytest.raises(ValueError, match=message):
         call()
+
+
+@settings(deadline=None, max_examples=5)
+@given(scale=st.floats(1e-4, 1e4), rate_hz=st.sampled_from([50.0, 100.0, 1000.0]))
+def test_cutoff_knows_no_units_and_scales_with_the_rate(scale, rate_hz):
+    signal = random_speed(6, 1000) + 0.01 * np.random.default_rng(7).normal(size=1000)
+    at_100, other = spline_cutoff(signal, 100), spline_cutoff(scale * signal, rate_hz)
+    assert other == pytest.approx(at_100 * rate_hz / 100, rel=1e-3)

@@ -63,18 +63,6 @@ def test_a_correction_that_changes_nothing_leaves_every_bit(angle, shift):
     np.testing.assert_array_equal(corrected, LOADS)
 
 
-def test_gaps_stay_gaps_and_their_neighbours_what_they_are():
-    measured = LOADS.copy()
-    measured[7] = np.nan
-    corrected = plate().correct(measured)
-    assert np.isnan(corrected[7]).all()
-    assert np.isfinite(np.delete(corrected, 7, axis=0)).all()
-
-
-def test_components_that_no_weight_excited_are_named():
-    assert plate().unexamined == ("Fy",)
-
-
 def test_every_number_survives_the_round_trip():
     written = PlateCalibrations((plate(), plate(2, delay_s=None)), {"study": "Größe"})
     read = from_json(to_json(written))
@@ -106,11 +94,6 @@ def test_a_correction_that_cannot_be_one_is_refused(changes, message):
 def test_two_corrections_of_one_plate_are_refused():
     with pytest.raises(ValueError, match="plate 1 is there more than once"):
         PlateCalibrations((plate(), plate()))
-
-
-def test_a_file_without_plates_is_refused():
-    with pytest.raises(ValueError, match="corrects no plate"):
-        PlateCalibrations(())
 
 
 def spoilt(**changes):

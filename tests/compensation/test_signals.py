@@ -10,9 +10,6 @@ from hypothesis import strategies as st
 from compensation.inertia.fit import fit_inertia
 from compensation.inertia.sensors import sensor_noise_of
 from compensation.protocol import (
-    ADVISED_BELT_SIGNAL,
-    ADVISED_PLATFORM_SIGNAL,
-    BELT_KINDS,
     PLATFORM_KINDS,
     belt_signals,
     pitch_and_sway_signals,
@@ -55,15 +52,6 @@ def stretches(condition, shortest):
     return int(np.sum(edges[1::2] - edges[::2] >= shortest))
 
 
-def test_there_are_14_platform_12_belt_and_6_validation_signals(platform, belts):
-    assert list(platform) == [f"{k}_{d}s_3mps" for d in (60, 300) for k in PLATFORM_KINDS]
-    assert list(belts) == [
-        f"belt_{k}_{d}s_{mean}mps" for mean in (1, 2) for d in (60, 300) for k in BELT_KINDS
-    ]
-    names = [s.name for s in validation_signals()]
-    assert names == ["sway", "pitch", "running", "boarding", "belt", "belt_with_person"]
-
-
 @pytest.mark.parametrize("limits", [MachineLimits(), TIGHT, MachineLimits(belt_m_per_s=3.2)])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_all_calibration_signals_respect_the_machine(limits, seed):
@@ -73,10 +61,8 @@ def test_all_calibration_signals_respect_the_machine(limits, seed):
         *belt_signals(seed, 2.0, limits),
     ]
     assert [note for s in signals for note in check_signal(s, limits)] == []
-
-
-def test_validation_signals_respect_the_machine():
-    assert [f for s in validation_signals() for f in check_signal(s, MachineLimits())] == []
+    validation = validation_signals(seed)
+    assert [note for s in validation for note in check_signal(s, MachineLimits())] == []
 
 
 @pytest.mark.parametrize("rate_hz", [200.0, 300.0, 1000.0])
@@ -97,11 +83,6 @@ def test_a_seed_gives_the_same_signals_and_another_seed_others(platform):
         np.testing.assert_array_equal(signal.pitch, same.pitch)
         n = min(len(signal.sway), len(different.sway))
         assert not np.array_equal(signal.sway[:n], different.sway[:n])
-
-
-def test_no_two_signals_share_their_random_motion(platform):
-    starts = {tuple(np.round(s.sway[100:300], 9)) for s in platform.values()}
-    assert len(starts) == 14
 
 
 def test_signals_begin_and_end_at_rest(platform, belts):
@@ -247,11 +228,6 @@ def test_no_move_from_rest_to_rest_could_end_a_sample_earlier(distance, speed, a
     assert fastest_s * 100 - 1e-6 <= len(move(distance, speed, acceleration)) < fastest_s * 100 + 1
 
 
-def test_a_sway_of_ten_centimetres_takes_the_time_of_the_machine():
-    """0.31 m/s within 62 ms, so that 0.1 m takes 0.1/0.31 + 0.062 = 0.385 s: 39 samples."""
-    assert len(move(0.1, 0.31, 5.0)) == 39
-
-
 @pytest.mark.parametrize("duration", [60, 300])
 def test_square_waves_turn_at_the_acceleration_of_the_machine(platform, duration):
     """Twice the speed changes at the full acceleration, for 0.12 s: a slow platform follows."""
@@ -267,17 +243,12 @@ def test_square_waves_turn_at_the_acceleration_of_the_machine(platform, duration
     assert np.max(np.abs(platform[f"random_{duration}s_3mps"].acceleration[:, 0])) < 4
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_random_motion_for_300_seconds_fills_its_range(seed):
     signal = pitch_and_sway_signals(seed, 0.0)[len(PLATFORM_KINDS)]
     for course, most, reached in ((signal.sway, 0.0475, 0.8), (np.degrees(signal.pitch), 9.5, 0.9)):
         assert reached * most < np.max(course) <= most
         assert reached * most < -np.min(course) <= most
-
-
-def test_the_advised_signals_are_of_the_protocol(platform, belts):
-    assert ADVISED_PLATFORM_SIGNAL in platform
-    assert ADVISED_BELT_SIGNAL in belts
 
 
 def test_a_signal_beyond_the_machine_names_the_limit():
@@ -361,12 +332,7 @@ def test_thesis_calibration_without_noise_is_exact(laboratory, platform, validat
         (lambda s: belt_signals(1, 3.0), "mean_speed must be one of"),
         (lambda s: belt_signals(1, 2.0, MachineLimits(belt_m_per_s=2)), "must exceed its mean"),
         (lambda s: resample_signal(s, 50), "decimating it to 50"),
-        (lambda s: resample_signal(s, 0), "rate_hz must be a positive"),
-        (lambda s: replace(s, sway=s.sway[:, None]), "sway must have shape"),
-        (lambda s: replace(s, sway=s.sway[:0]), "sway must have shape"),
-        (lambda s: replace(s, pitch=s.pitch[:-9]), "numbers of samples differ"),
         (lambda s: replace(s, pitch=s.pitch * np.nan), "pitch: 6000 of 6000"),
-        (lambda s: replace(s, rate_hz=-1), "rate_hz must be a positive"),
         (lambda s: MachineLimits(sway_m=0), "limit sway_m must be positive"),
     ],
 )

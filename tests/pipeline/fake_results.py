@@ -146,7 +146,7 @@ def fake_trial(
         delay_uncertainty_s=0.001,
         notes=(
             Note.of("mass_weighed", mass_kg=70.0, start_s=0.5, stop_s=1.5, file="pose.c3d"),
-            Note.of("frames_unsolved", unsolved=1, frames=2),
+            Note.of("gaps", unsolved=1, frames=2, samples=0),
             Note.of("events_uncalibrated", left=3, right=3),
             Note.of("legs_differ", difference_m=0.041, left_m=0.843, right_m=0.802),
         ),

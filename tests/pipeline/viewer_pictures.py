@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-PATIENCE_S = 30
+PATIENCE_S = 90
 HARMLESS = re.compile("rasterizer|Docker")
 
 
@@ -74,7 +74,7 @@ def page_state(browser):
         return None
 
 
-def settled_page(browser, seconds=5.0):
+def settled_page(browser, seconds=2.0):
     """Wait until a recording is shown in a browser, and some seconds more; give the state."""
     _first_state(browser)
     time.sleep(seconds)
@@ -82,7 +82,7 @@ def settled_page(browser, seconds=5.0):
 
 
 def _first_state(browser):
-    deadline = time.monotonic() + 3 * PATIENCE_S
+    deadline = time.monotonic() + PATIENCE_S
     while (state := page_state(browser)) is None:
         assert time.monotonic() < deadline, "the page shows no recording"
         time.sleep(0.5)

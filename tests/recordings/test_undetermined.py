@@ -107,13 +107,6 @@ def test_a_warning_names_what_three_markers_of_the_trunk_do_not_determine(files,
     assert "mass_not_shown" not in codes(complete)
 
 
-def test_a_trunk_that_a_trial_does_not_show_is_as_one_that_its_static_does_not_show(files):
-    static, trial, subject = files
-    result = result_of((static, cut(trial, UNSEEN), subject), ())
-    assert np.isfinite(rms(result))
-    assert "mass_not_shown" in codes(result)
-
-
 @pytest.mark.parametrize(
     "name",
     [

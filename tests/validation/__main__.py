@@ -6,7 +6,7 @@
 import argparse
 from pathlib import Path
 
-from pipeline.virtual_lab.protocol.walking_protocol import THESIS, Setting
+from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
 from tests.validation.ablation import ablation
 from tests.validation.table_3 import reproduce
 
@@ -19,7 +19,7 @@ if __name__ == "__main__":
     if chosen.study == "ablation":
         tables = {"ablation": ablation(jobs=chosen.jobs)}
     else:
-        tables = reproduce(Setting(protocol=THESIS), chosen.jobs)
+        tables = reproduce(Setting(protocol=Protocol(beside_s=0.0)), chosen.jobs)
     chosen.out.mkdir(parents=True, exist_ok=True)
     for name, table in tables.items():
         table.to_csv(chosen.out / f"{name}.csv", index=False, float_format="%.4f")

@@ -46,7 +46,6 @@ from pipeline.virtual_lab.person.walk import Walk
 from pipeline.virtual_lab.protocol.walking_protocol import (
     CONDITIONS,
     ONSET_PHASE,
-    SHORT,
     ConditionName,
     Protocol,
     Setting,
@@ -60,6 +59,10 @@ from pipeline.virtual_lab.protocol.walking_trial import (
 )
 from tests.validation.true_body import true_body
 
+SHORT: Final = Protocol(
+    subjects=3, baseline_s=40.0, pitch_s=60.0, waits_s=(12.0, 12.0, 12.0, 12.0), beside_s=0.0
+)
+"""Shorter trials of three subjects: enough of every condition to compare instruments."""
 FIT_CUTOFF_HZ: Final = 20.0
 """Low-pass before a calibration is fitted: the thesis'."""
 T_POSE_S: Final = (0.0, 1.0)

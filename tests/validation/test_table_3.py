@@ -9,7 +9,7 @@ import pytest
 
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.run.load import collect
-from pipeline.virtual_lab.protocol.walking_protocol import THESIS, Protocol, Setting, find_setting
+from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting, find_setting
 from tests.validation.empty_plate import FORCES, THESIS_RUNNING_N, beside_a_runner
 from tests.validation.table_3 import (
     CELLS,
@@ -37,7 +37,7 @@ TINY = Setting(
 
 
 def test_what_is_documented_is_the_shipped_setting():
-    assert documented(Setting(protocol=THESIS)) == find_setting(Path("thesis"))
+    assert documented(Setting(protocol=Protocol(beside_s=0.0))) == find_setting(Path("thesis"))
 
 
 def test_every_one_of_the_36_cells_stands_beside_the_printed_one():

@@ -20,8 +20,9 @@ from scipy.stats import t as student
 from hbm.spatial import Array
 from pipeline.io.write import write_text
 from pipeline.run.load import collect
-from pipeline.virtual_lab.protocol.walking_protocol import SHORT, Setting
+from pipeline.virtual_lab.protocol.walking_protocol import Setting
 from pipeline.virtual_lab.protocol.walking_study import study_texts
+from tests.validation.ablation import SHORT
 from tests.validation.table_3 import (
     CELLS,
     KEYS,

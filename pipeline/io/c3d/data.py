@@ -11,8 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hbm.notes import Note
-from pipeline.io.c3d.header import Header
+from pipeline.io.c3d.header import Header, correction
 from pipeline.io.c3d.parameters import Parameters, floats, integer_type
 
 FRAMES_PER_SLICE: Final = 512
@@ -40,7 +39,7 @@ class Samples:
         Scaled analog samples, (T · samples per frame, channels).
     rate_hz, analog_rate_hz
         Sampling rates [Hz].
-    notes
+    corrections
         What the file states wrongly or not at all about rates, offsets and scales.
     """
 
@@ -48,7 +47,7 @@ class Samples:
     analog: NDArray[np.float64]
     rate_hz: float
     analog_rate_hz: float
-    notes: tuple[Note, ...] = ()
+    corrections: list[str]
 
 
 def read_samples(
@@ -80,12 +79,20 @@ def read_samples(
     A point is missing where its residual is negative or all three coordinates are exactly zero.
     Analog value = (sample − OFFSET) · SCALE · GEN_SCALE, for integer and real files alike.
     """
-    n_points, per_frame, channels = header.n_points, header.analog_per_frame, header.channels
-    rate, rate_notes = frame_rate_hz(header, parameters)
-    _check_scale(header, parameters)
+    frame = header.frame
+    n_points, per_frame, channels = frame.points, frame.per_channel, frame.channels
+    rate, rate_corrections = frame_rate_hz(header, parameters)
+    point_scale = parameters.number("POINT", "SCALE", header.scale)
+    differs = header.scale > 0 and abs(point_scale / header.scale - 1) > MAX_SCALE_DIFFERENCE
+    if point_scale * header.scale <= 0 or differs:
+        raise ValueError(
+            f"the header scales points by {header.scale:.5g}, but POINT:SCALE says "
+            f"{point_scale:.5g}: one of them is wrong, and with it all positions; export the file "
+            "again"
+        )
     unsigned = is_unsigned(parameters)
     frames = header.frames if max_frames is None else min(header.frames, max_frames)
-    offset, scale, scale_notes = analog_scaling(header, parameters)
+    offset, scale, scale_corrections = analog_scaling(header, parameters)
     # every coordinate and channel in one piece of memory, as markers have it
     points = np.moveaxis(np.empty((n_points, 3, frames)), -1, 0)
     analog = np.empty((channels, frames, per_frame))
@@ -108,7 +115,7 @@ def read_samples(
         analog.reshape(channels, frames * per_frame).T,
         rate,
         rate * per_frame,
-        (*rate_notes, *scale_notes),
+        [*rate_corrections, *scale_corrections],
     )
 
 
@@ -144,30 +151,20 @@ def missing_share(path: Path, header: Header, sampled: int) -> NDArray[np.float6
 def _decode(
     data: bytes, header: Header, unsigned: bool, frames: int
 ) -> tuple[NDArray[np.number], NDArray[np.number]]:
-    points: NDArray[np.number]
-    per_frame = header.analog_per_frame
-    if header.scale < 0:
-        block = floats(data, header.byte_order).reshape(frames, -1)
-        points = block[:, : 4 * header.n_points].reshape(frames, header.n_points, 4)
-        analog = block[:, 4 * header.n_points :]
-    else:
-        words = np.frombuffer(data, integer_type(header.byte_order)).reshape(frames, -1)
-        points = words[:, : 4 * header.n_points].reshape(frames, header.n_points, 4)
+    """Give points with their residuals, (T, P, 4), and samples, (T, per channel, channels)."""
+    frame, real = header.frame, header.scale < 0
+    words: NDArray[np.number] = (
+        floats(data, header.byte_order)
+        if real
+        else np.frombuffer(data, integer_type(header.byte_order))
+    )
+    words = words.reshape(frames, -1)
+    points = words[:, : 4 * frame.points].reshape(frames, frame.points, 4)
+    analog = words[:, 4 * frame.points :]
+    if not real:
         points = points * np.array([header.scale, header.scale, header.scale, 1])
-        analog = words[:, 4 * header.n_points :]
-        if unsigned:
-            analog = analog.view(integer_type(header.byte_order, signed=False))
-    return points, analog.reshape(frames, per_frame, header.channels)
-
-
-def _check_scale(header: Header, parameters: Parameters) -> None:
-    scale = parameters.number("POINT", "SCALE", header.scale)
-    differs = header.scale > 0 and abs(scale / header.scale - 1) > MAX_SCALE_DIFFERENCE
-    if scale * header.scale <= 0 or differs:
-        raise ValueError(
-            f"the header scales points by {header.scale:.5g}, but POINT:SCALE says {scale:.5g}: "
-            "one of them is wrong, and with it all positions; export the file again"
-        )
+        analog = analog.view(integer_type(header.byte_order, signed=not unsigned))
+    return points, analog.reshape(frames, frame.per_channel, frame.channels)
 
 
 def _is_missing(points: NDArray[np.number]) -> NDArray[np.bool_]:
@@ -178,55 +175,37 @@ def _is_missing(points: NDArray[np.number]) -> NDArray[np.bool_]:
     return ~known
 
 
-def frame_rate_hz(header: Header, parameters: Parameters) -> tuple[float, tuple[Note, ...]]:
-    """Give the frame rate, which stands in up to three places.
+def frame_rate_hz(header: Header, parameters: Parameters) -> tuple[float, list[str]]:
+    """Give the frame rate, which stands in up to three places, and which of them are wrong.
 
-    Parameters
-    ----------
-    header, parameters
-        What `read_header` gave for the file.
-
-    Returns
-    -------
-    rate_hz
-        By POINT:RATE, else the header, else ANALOG:RATE by the samples per frame [Hz].
-    notes
-        ``rate_contradicted`` for a place that states no rate, or another one within rounding.
-
-    Raises
-    ------
-    ValueError
-        None of them states a rate that a camera has, or they contradict each other.
+    It is that of POINT:RATE, else of the header, else of ANALOG:RATE by the samples per frame [Hz].
+    A ValueError where none of them states a rate that a camera has, or they contradict each other
+    by more than rounding.
     """
-    analog_rate = parameters.number("ANALOG", "RATE", np.nan)
     places = {
         "POINT:RATE": parameters.number("POINT", "RATE", header.rate_hz),
         "the header": header.rate_hz,
     }
-    if header.channels and parameters.has("ANALOG", "RATE"):
-        places["ANALOG:RATE and the samples per frame"] = analog_rate / header.analog_per_frame
+    if header.frame.channels and parameters.has("ANALOG", "RATE"):
+        analog_rate = parameters.number("ANALOG", "RATE", np.nan)
+        places["ANALOG:RATE and the samples per frame"] = analog_rate / header.frame.per_channel
+    shown = {k: f"{hz:g} Hz" if np.isfinite(hz) else "no number" for k, hz in places.items()}
+    every = ", ".join(f"{text} by {place}" for place, text in shown.items())
     rates = {place: hz for place, hz in places.items() if MIN_RATE_HZ <= hz <= MAX_RATE_HZ}
-    every = ", ".join(f"{_shown_hz(hz)} by {place}" for place, hz in places.items())
     if not rates:
         raise ValueError(
             f"no frame rate between {MIN_RATE_HZ:g} and {MAX_RATE_HZ:g} Hz is stated ({every}); "
             "export the file again"
         )
     rate = next(iter(rates.values()))
-    if max(abs(hz / rate - 1) for hz in rates.values()) > MAX_RATE_DIFFERENCE:
+    apart = {place: abs(hz / rate - 1) for place, hz in rates.items()}
+    if max(apart.values()) > MAX_RATE_DIFFERENCE:
         raise ValueError(
             f"the frame rate is {every}: one of them is wrong, and with it all times; export the "
             "file again"
         )
-    return rate, tuple(
-        Note.of("rate_contradicted", place=place, stated=_shown_hz(hz), used_hz=rate)
-        for place, hz in places.items()
-        if place not in rates or abs(hz / rate - 1) > MIN_RATE_DIFFERENCE
-    )
-
-
-def _shown_hz(rate: float) -> str:
-    return f"{rate:g} Hz" if np.isfinite(rate) else "no number"
+    wrong = [place for place in places if apart.get(place, np.inf) > MIN_RATE_DIFFERENCE]
+    return rate, [correction(f"rate by {k}", shown[k], f"{rate:g} Hz") for k in wrong]
 
 
 def is_unsigned(parameters: Parameters) -> bool:
@@ -236,42 +215,25 @@ def is_unsigned(parameters: Parameters) -> bool:
 
 def analog_scaling(
     header: Header, parameters: Parameters
-) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[Note, ...]]:
-    """Give offset and scale of each analog channel: value = (sample − offset) · scale.
+) -> tuple[NDArray[np.float64], NDArray[np.float64], list[str]]:
+    """Give offset and scale of each channel: value = (sample − offset) · scale, (channels,) each.
 
-    Parameters
-    ----------
-    header, parameters
-        What `read_header` gave for the file.
-
-    Returns
-    -------
-    offset, scale
-        Of each channel, (channels,).
-    notes
-        ``analog_offset_absent`` where there is no ANALOG:OFFSET, so that it is taken as 0;
-        ``analog_scale_absent`` where there is no ANALOG:SCALE, but the samples are real and every
-        channel has a unit, so that they are in it.
-
-    Raises
-    ------
-    ValueError
-        Either is absent otherwise, or has fewer values than there are channels.
+    An absent ANALOG:OFFSET is taken as 0, an absent ANALOG:SCALE as 1 where samples are real and
+    every channel has a unit, which corrections say. A ValueError where either is absent otherwise,
+    or has fewer values than there are channels.
     """
-    channels, unsigned = header.channels, is_unsigned(parameters) and header.scale > 0
+    channels, unsigned = header.frame.channels, is_unsigned(parameters)
     general = parameters.number("ANALOG", "GEN_SCALE", 1.0)
-    offset = (parameters.integers if is_unsigned(parameters) else parameters.numbers)(
-        "ANALOG", "OFFSET"
-    )
+    offset = (parameters.integers if unsigned else parameters.numbers)("ANALOG", "OFFSET")
     scale = parameters.numbers("ANALOG", "SCALE")
-    notes = []
-    if channels and not offset.size and not unsigned:
+    corrections = []
+    if channels and not offset.size and not (unsigned and header.scale > 0):
         offset = np.zeros(channels)
-        notes.append(Note.of("analog_offset_absent"))
+        corrections.append(correction("ANALOG:OFFSET", "absent", 0))
     units = list(filter(None, parameters.texts("ANALOG", "UNITS")[:channels]))
     if not scale.size and header.scale < 0 and len(units) == channels > 0 and general == 1:
         scale = np.ones(channels)
-        notes.append(Note.of("analog_scale_absent"))
+        corrections.append(correction("ANALOG:SCALE", "absent", 1))
     for name, values in (("OFFSET", offset), ("SCALE", scale)):
         if values.size < channels:
             raise ValueError(
@@ -281,5 +243,5 @@ def analog_scaling(
     return (
         offset.ravel()[:channels].astype(float),
         scale.ravel()[:channels] * general,
-        tuple(notes),
+        corrections,
     )

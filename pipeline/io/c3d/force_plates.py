@@ -10,11 +10,11 @@ from hbm.notes import Note
 from hbm.spatial import Array, shift_wrench
 from hbm.spelling import short
 from pipeline.io.c3d.parameters import Parameters
-from pipeline.io.stated import Stated
+from pipeline.io.stated import Quantity, Stated
 
 Channel = tuple[str, str]
 
-QUANTITIES: Final = {
+QUANTITIES: Final[dict[int, tuple[Quantity, ...]]] = {
     1: ("force",) * 3 + ("pressure",) * 2 + ("moment",),
     2: ("force",) * 3 + ("moment",) * 3,
     3: ("force",) * 8,
@@ -112,7 +112,7 @@ class PlateLayout:
 
 def plate_layouts(
     parameters: Parameters, names: Sequence[str], units: Sequence[str], stated: Stated
-) -> tuple[list[PlateLayout], tuple[Note, ...]]:
+) -> tuple[list[PlateLayout], list[Note]]:
     """Read how a file describes its force plates.
 
     Parameters
@@ -129,7 +129,7 @@ def plate_layouts(
     plates
         In the file's order, those that it describes.
     notes
-        ``plate_left_out`` for the others, ``plate_corners``, and what is to be said about units.
+        ``plate_left_out`` for the others, ``plate_corners``.
 
     Raises
     ------
@@ -148,17 +148,15 @@ def plate_layouts(
             if k >= len(types):
                 raise Undescribed("FORCE_PLATFORM:TYPE does not name its type")
             plates.append(_plate_layout(k, int(types[k]), parameters, labelled, stated))
-            notes += _corner_notes(plates[-1])
+            halves = plates[-1].corners[:2] + plates[-1].corners[2:]  # equal in a rectangle
+            error_m = np.linalg.norm(halves[0] - halves[1])
+            if error_m > MAX_CORNER_ERROR_M:
+                notes.append(Note.of("plate_corners", plate=k + 1, error_m=error_m))
         except Undescribed as error:
             notes.append(Note.of("plate_left_out", plate=f"plate {k + 1}", reason=str(error)))
         except ValueError as error:
             raise ValueError(f"force plate {k + 1}: {error}") from error
-    written: dict[str, list[str]] = {"force": [], "moment": [], "pressure": []}
-    for plate in plates:
-        own = _units(plate.kind, [units[c] for c in plate.channels], parameters, stated)
-        for quantity, unit in zip(QUANTITIES[plate.kind], own, strict=True):
-            written[quantity].append(unit)
-    return plates, (*notes, *stated.plate_notes(*written.values()))
+    return plates, notes
 
 
 def _plate_layout(
@@ -169,7 +167,7 @@ def _plate_layout(
             f"plates of TYPE {kind} are not supported, only TYPE 1 to 4; export the file with "
             "TYPE 2 plates"
         )
-    metre, _ = stated.marker_unit(parameters.text("POINT", "UNITS"))
+    metre = stated.metre(parameters.text("POINT", "UNITS"))
     corners = _of_plate(parameters, "CORNERS", k, (3, 4)).T * metre
     numbers = _of_plate(parameters, "CHANNEL", k, (len(QUANTITIES[kind]),)).astype(int) - 1
     channels = tuple(numbers.tolist())
@@ -177,7 +175,8 @@ def _plate_layout(
         raise Undescribed(f"it uses channels outside the file's {len(labelled)} analog channels")
     matrix = _of_plate(parameters, "CAL_MATRIX", k, (6, 6)) if kind == 4 else None
     scale = _scale(kind, [labelled[channel] for channel in channels], parameters, stated)
-    origin = np.zeros(3) if kind == 1 else _origin(parameters, k) * metre
+    origin = np.zeros(3) if kind == 1 else _of_plate(parameters, "ORIGIN", k, (3,)) * metre
+    origin = -origin if origin[2] > 0 else origin
     rotation = plate_axes(corners)
     return PlateLayout(k + 1, kind, channels, scale, matrix, origin, corners, rotation)
 
@@ -194,28 +193,10 @@ def _of_plate(parameters: Parameters, name: str, k: int, shape: tuple[int, ...])
     return part
 
 
-def _origin(parameters: Parameters, k: int) -> Array:
-    origin = _of_plate(parameters, "ORIGIN", k, (3,))
-    return -origin if origin[2] > 0 else origin
-
-
 def plate_axes(corners: Array) -> Array:
-    """Give the axes of a plate from the corners of its surface.
+    """Give the axes of a plate (columns), (3, 3), from the corners of its surface, (4, 3).
 
-    Parameters
-    ----------
-    corners
-        Corners in the order of the C3D format, (4, 3) [m].
-
-    Returns
-    -------
-    Array
-        Orientation of the plate in the corners' axes (columns: the plate's axes), (3, 3).
-
-    Raises
-    ------
-    ValueError
-        The corners do not span a surface.
+    They are in the order of the C3D format. A ValueError where they do not span a surface.
     """
     x = corners[0] - corners[1]
     z = np.cross(x, corners[0] - corners[3])
@@ -225,43 +206,23 @@ def plate_axes(corners: Array) -> Array:
     return np.asarray((axes / np.linalg.norm(axes, axis=1, keepdims=True)).T)
 
 
-def _corner_notes(plate: PlateLayout) -> tuple[Note, ...]:
-    """Say if the diagonals of a plate do not halve each other, as those of a rectangle do."""
-    halves = plate.corners[:2] + plate.corners[2:]
-    error_m = float(np.linalg.norm(halves[0] - halves[1]))
-    if error_m <= MAX_CORNER_ERROR_M:
-        return ()
-    return (Note.of("plate_corners", plate=plate.number, error_m=error_m),)
-
-
 def _scale(kind: int, sources: list[Channel], parameters: Parameters, stated: Stated) -> Array:
-    """Give one of each channel in SI units; of TYPE 4, of each component."""
-    convert = {
-        "force": stated.force_unit,
-        "moment": stated.moment_unit,
-        "pressure": stated.pressure_unit,
-    }
+    """Give one of each channel in SI units; of TYPE 4, of each component.
+
+    Where the channels of TYPE 4 state volts, its force is in the plates' unit.
+    """
     names, units = zip(*sources, strict=True)
-    scales = []
-    for quantity, name, unit in zip(
-        QUANTITIES[kind], names, _units(kind, units, parameters, stated), strict=True
-    ):
-        try:
-            scales.append(convert[quantity](unit))
-        except ValueError as error:
-            raise ValueError(f"channel {short(name)}: {error}") from error
-    return np.array(scales)
-
-
-def _units(
-    kind: int, units: Sequence[str], parameters: Parameters, stated: Stated
-) -> Sequence[str]:
-    """Give the units that a file states for a plate, in which TYPE 4 may state volts."""
     if kind == 4 and {unit.strip().lower() for unit in units} <= VOLTS:
         force = parameters.text("FORCE_PLATFORM", "UNITS") or "N"
         moment = f"{force}{stated.units or parameters.text('POINT', 'UNITS')}"
-        return [force] * 3 + [moment] * 3
-    return units
+        units = (force,) * 3 + (moment,) * 3
+    scales = []
+    for quantity, name, unit in zip(QUANTITIES[kind], names, units, strict=True):
+        try:
+            scales.append(stated.plate_unit(quantity, unit))
+        except ValueError as error:
+            raise ValueError(f"channel {short(name)}: {error}") from error
+    return np.array(scales)
 
 
 def _from_centre_of_pressure(values: Array) -> Array:

@@ -1,14 +1,11 @@
 """What the header of a C3D file says, and how much data the file holds."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from itertools import product
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from hbm.notes import Note
 from pipeline.io.c3d.parameters import (
     BLOCK_BYTES,
     BYTE_ORDERS,
@@ -63,61 +60,20 @@ class FrameSize:
         return (4 * self.points + self.analog) * self.word_bytes
 
 
-@dataclass(frozen=True, slots=True)
-class FrameCount:
-    """A number of frames as it stands somewhere; in 16 bits it may stop or start over."""
-
-    place: str
-    frames: int
-    short: bool = False
-    stopped: bool = False
-
-    def allows(self, frames: int) -> bool:
-        """Whether it may stand for so many frames."""
-        return self.equals(frames) or (self.stopped and frames >= self.frames)
-
-    def equals(self, frames: int) -> bool:
-        """Whether it is that number, as far as it has bits for it."""
-        apart = frames - self.frames
-        return apart % (MAX_COUNT + 1) == 0 if self.short else apart == 0
-
-
-@dataclass(frozen=True, slots=True)
-class DataSection:
-    """A file from its first frame on: where that is, and how many bytes follow."""
-
-    path: Path
-    start: int
-    size: int
-
-    def fits(self, frame: FrameSize, frames: int) -> bool:
-        """Whether it is as long as so many frames, filled up to a block of the file."""
-        return 0 <= self.size - frames * frame.bytes <= BLOCK_BYTES
-
-    def is_whole(self, frame: FrameSize) -> bool:
-        """Whether it ends with a frame, or with a block of the file."""
-        return not self.size % frame.bytes or not (self.start + self.size) % BLOCK_BYTES
-
-    def written_frames(self, frame: FrameSize) -> int:
-        """Give the number of frames up to the last one that is not all zero, or fills a block."""
-        held = self.size // frame.bytes
-        checked = min(BLOCK_BYTES // frame.bytes + 1, held)
-        with self.path.open("rb") as file:
-            file.seek(self.start + (held - checked) * frame.bytes)
-            tail = np.frombuffer(file.read(checked * frame.bytes), np.uint8)
-        written = np.flatnonzero(tail.reshape(checked, frame.bytes).any(axis=1))
-        return held - checked + (int(written[-1]) + 1 if len(written) else 0)
+def correction(place: str, stated: object, used: object) -> str:
+    """Say what the file states somewhere, and what is used instead."""
+    return f"{place}: {stated}, used: {used}"
 
 
 def settle_counts(
-    section: DataSection, header: FrameSize, limits: tuple[int, int], parameters: Parameters
-) -> tuple[FrameSize, int, tuple[Note, ...]]:
+    path: Path, start: int, header: FrameSize, limits: tuple[int, int], parameters: Parameters
+) -> tuple[FrameSize, int, list[str]]:
     """Settle what a frame and a file hold, between what it states and its size.
 
     Parameters
     ----------
-    section
-        Where its frames are.
+    path, start
+        The file, and where its data section begins [bytes].
     header
         What a frame holds by the header.
     limits
@@ -127,9 +83,8 @@ def settle_counts(
 
     Returns
     -------
-    frame, frames, notes
-        ``count_contradicted`` for a count that is not true, ``frames_beyond_count`` where the file
-        is longer than its frames.
+    frame, frames, corrections
+        What is true, and which counts are not.
 
     Raises
     ------
@@ -146,127 +101,129 @@ def settle_counts(
     """
     if not header.bytes:
         raise ValueError("the file holds neither points nor analog channels")
-    counts = _frame_counts(limits, parameters)
+    rates = [parameters.number(group, "RATE", 0.0) for group in ("ANALOG", "POINT")]
+    per_channel = rates[0] / rates[1] if min(rates) > 0 else header.per_channel
+    per_channel = int(per_channel) if per_channel % 1 == 0 else header.per_channel
     points = parameters.integer("POINT", "USED", header.points)
     channels = parameters.integer("ANALOG", "USED", header.channels)
-    if (points, channels) == (header.points, header.channels):
-        frame, (frames, notes) = header, _frames(section, header, counts)
+    stated = header
+    if (points, channels) != (header.points, header.channels):
+        analog = channels * per_channel
+        stated = FrameSize(points, analog, per_channel, header.word_bytes)
+    counts = _frame_counts(limits, parameters)
+    fitting = [
+        (frame, frames)
+        for frame in dict.fromkeys((stated, header))
+        if (frames := _fitting_frames(path, start, frame, counts)) is not None
+    ]
+    corrections = []
+    if len({frame.bytes for frame, _ in fitting}) == 1:
+        frame, frames = fitting[0]
+    elif stated == header:
+        held = max(path.stat().st_size - start, 0) // header.bytes
+        frame, frames = header, _frames_of_longer(held, counts)
+        corrections.append(correction("frames by the file's size", held, frames))
     else:
-        frame, frames, notes = _proven(section, header, points, channels, parameters, counts)
-    if frame.channels * frame.per_channel != frame.analog:
-        raise ValueError(
-            f"{frame.analog} analog samples per frame are not a multiple of {frame.per_channel} "
-            "samples per channel"
-        )
-    wrong = (
-        (f"the number of frames in {c.place}", c.frames) for c in counts if not c.allows(frames)
-    )
-    return frame, frames, (*notes, *(_contradicted(place, n, frames) for place, n in wrong))
-
-
-def _proven(
-    section: DataSection,
-    header: FrameSize,
-    points: int,
-    channels: int,
-    parameters: Parameters,
-    counts: list[FrameCount],
-) -> tuple[FrameSize, int, tuple[Note, ...]]:
-    """Choose between header and parameters by the file's size; as `settle_counts`."""
-    candidates = {header, *_larger(header, points, channels, parameters)}
-    fitting = {
-        frame: frames
-        for frame in candidates
-        if (frames := _fitting_frames(section, frame, counts)) is not None
-    }
-    if len({frame.bytes for frame in fitting}) != 1:
         raise ValueError(
             f"the header says it has {header.points} points and {header.channels} analog channels, "
             f"POINT:USED and ANALOG:USED say {points} and {channels}, and the file's size fits "
             f"{'both' if fitting else 'neither'}: it is truncated or damaged; {NEXT}"
         )
-    frame = max(fitting, key=lambda f: ((f.points, f.channels) == (points, channels), f == header))
-    stated = (
-        ("the number of points in the header", header.points, frame.points),
+    if frame.channels * frame.per_channel != frame.analog:
+        raise ValueError(
+            f"{frame.analog} analog samples per frame are not a multiple of {frame.per_channel} "
+            "samples per channel"
+        )
+    compared = (
+        ("points in the header", header.points, frame.points),
         ("POINT:USED", points, frame.points),
-        ("the number of analog samples in the header", header.analog, frame.analog),
-        ("the number of samples per channel in the header", header.per_channel, frame.per_channel),
+        ("analog samples in the header", header.analog, frame.analog),
+        ("samples per channel in the header", header.per_channel, frame.per_channel),
         ("ANALOG:USED", channels, frame.channels),
     )
-    notes = (_contradicted(place, n, held) for place, n, held in stated if n != held)
-    return frame, fitting[frame], tuple(notes)
+    corrections += [correction(*each) for each in compared if each[1] != each[2]]
+    corrections += [
+        correction(f"frames by {count.place}", count.frames, frames)
+        for count in counts
+        if not count.allows(frames)
+    ]
+    return frame, frames, corrections
 
 
-def _frame_counts(limits: tuple[int, int], parameters: Parameters) -> list[FrameCount]:
+@dataclass(frozen=True, slots=True)
+class _FrameCount:
+    """A number of frames as it stands somewhere; in 16 bits it may stop or start over."""
+
+    place: str
+    frames: int
+    short: bool = False
+    stopped: bool = False
+
+    def allows(self, frames: int) -> bool:
+        """Whether it may stand for so many frames."""
+        apart = frames - self.frames
+        started_over = self.short and apart % (MAX_COUNT + 1) == 0
+        return apart == 0 or started_over or (self.stopped and apart > 0)
+
+
+def _frame_counts(limits: tuple[int, int], parameters: Parameters) -> list[_FrameCount]:
     """Give every number of frames that a file states."""
     first, last = limits
     in_header = (last - first + 1) % (MAX_COUNT + 1) or MAX_COUNT + 1
-    counts = [FrameCount("the header", in_header, short=True, stopped=last == MAX_COUNT)]
-    if (frames := parameters.integer("POINT", "FRAMES", 0)) > 0:
-        counts.append(FrameCount("POINT:FRAMES", frames, short=True, stopped=frames == MAX_COUNT))
-    if (frames := parameters.integer("POINT", "LONG_FRAMES", 0)) > 0:
-        counts.append(FrameCount("POINT:LONG_FRAMES", frames))
+    frames = parameters.integer("POINT", "FRAMES", 0)
+    counts = [
+        _FrameCount("the header", in_header, short=True, stopped=last == MAX_COUNT),
+        _FrameCount("POINT:FRAMES", frames, short=True, stopped=frames == MAX_COUNT),
+        _FrameCount("POINT:LONG_FRAMES", parameters.integer("POINT", "LONG_FRAMES", 0)),
+    ]
     start, end = (
         parameters.integers("TRIAL", f"ACTUAL_{limit}_FIELD").ravel() for limit in ("START", "END")
     )
     if start.size == 2 and end.size == 2:
-        frames = int((end[0] - start[0]) + (MAX_COUNT + 1) * (end[1] - start[1]) + 1)
-        if frames > 0:
-            counts.append(FrameCount("TRIAL:ACTUAL_END_FIELD", frames))
-    return counts
+        frames = int((end - start) @ [1, MAX_COUNT + 1]) + 1
+        counts.append(_FrameCount("TRIAL:ACTUAL_END_FIELD", frames))
+    return [count for count in counts if count.frames > 0]
 
 
-def _larger(
-    header: FrameSize, points: int, channels: int, parameters: Parameters
-) -> Iterator[FrameSize]:
-    """Give what a frame may hold where the header's numbers are too small."""
-    analog_rate, rate = (parameters.number(group, "RATE", 0.0) for group in ("ANALOG", "POINT"))
-    per_channel = {header.per_channel}
-    if rate > 0 and analog_rate > 0 and (analog_rate / rate) % 1 == 0:
-        per_channel.add(int(analog_rate / rate))
-    analog = {(header.analog, header.per_channel), *((channels * n, n) for n in per_channel)}
-    for used, (samples, each) in product(sorted({header.points, points}), sorted(analog)):
-        if used >= header.points and samples >= header.analog:
-            yield replace(header, points=used, analog=samples, per_channel=each)
+def _fitting_frames(
+    path: Path, start: int, frame: FrameSize, counts: list[_FrameCount]
+) -> int | None:
+    """Give the number of frames that a file states and its size holds; None if they differ."""
+    size = path.stat().st_size - start
+    held = size // frame.bytes if frame.bytes else 0
+    if held <= 0 or any(count.frames > held for count in counts):
+        return None
+    if held > MAX_COUNT and all(count.short for count in counts):
+        written = _written_frames(path, start, frame, held)
+        whole = not size % frame.bytes or not (start + size) % BLOCK_BYTES
+        stopped = whole and any(count.stopped for count in counts)
+        ends = {(count.frames - n) % (MAX_COUNT + 1) for count in counts for n in (written, held)}
+        return written if stopped or 0 in ends else None
+    lengths = {count.frames: size - count.frames * frame.bytes for count in counts}
+    return max((n for n, rest in lengths.items() if 0 <= rest <= BLOCK_BYTES), default=None)
 
 
-def _frames(
-    section: DataSection, frame: FrameSize, counts: list[FrameCount]
-) -> tuple[int, tuple[Note, ...]]:
-    """Give the number of frames of a file whose counts of points and channels agree."""
-    held = section.size // frame.bytes if frame.bytes else 0
-    if held <= 0:
-        raise ValueError(f"the file holds no data section: it is truncated or damaged; {NEXT}")
-    frames = _fitting_frames(section, frame, counts)
-    if frames is not None:
-        return frames, ()
+def _written_frames(path: Path, start: int, frame: FrameSize, held: int) -> int:
+    """Give the number of frames up to the last one that is not all zero, or fills a block."""
+    checked = min(BLOCK_BYTES // frame.bytes + 1, held)
+    with path.open("rb") as file:
+        file.seek(start + (held - checked) * frame.bytes)
+        tail = np.frombuffer(file.read(checked * frame.bytes), np.uint8)
+    written = np.flatnonzero(tail.reshape(checked, frame.bytes).any(axis=1))
+    return held - checked + (int(written[-1]) + 1 if len(written) else 0)
+
+
+def _frames_of_longer(held: int, counts: list[_FrameCount]) -> int:
+    """Give the number of frames on which all counts of a file agree that is longer than they."""
     frames = max(count.frames for count in counts)
     known = not all(count.stopped for count in counts)
     if known and frames <= held and all(count.allows(frames) for count in counts):
-        return frames, (Note.of("frames_beyond_count", frames=frames, held=held),)
+        return frames
     stated = " or ".join(map(str, sorted({count.frames for count in counts})))
     raise ValueError(
         f"the file says it has {stated} frames, but its size holds {held}: it is truncated or "
         f"damaged; {NEXT}"
     )
-
-
-def _fitting_frames(section: DataSection, frame: FrameSize, counts: list[FrameCount]) -> int | None:
-    """Give the number of frames that a file states and its size holds; None if they differ."""
-    held = section.size // frame.bytes if frame.bytes else 0
-    if held <= 0 or any(count.frames > held for count in counts):
-        return None
-    if held > MAX_COUNT and all(count.short for count in counts):
-        written = section.written_frames(frame)
-        stopped = section.is_whole(frame) and any(count.stopped for count in counts)
-        started_over = any(count.equals(written) or count.equals(held) for count in counts)
-        return written if stopped or started_over else None
-    fitting = (count.frames for count in counts if section.fits(frame, count.frames))
-    return max(fitting, default=None)
-
-
-def _contradicted(place: str, stated: int, held: int) -> Note:
-    return Note.of("count_contradicted", place=place, stated=stated, held=held)
 
 
 @dataclass(frozen=True, slots=True)
@@ -289,7 +246,7 @@ class Header:
         Frame rate [Hz].
     events
         Old-style events: label and time in the file's clock [s].
-    notes
+    corrections
         Which counts the file states wrongly; `settle_counts` gives the true ones.
     """
 
@@ -302,22 +259,7 @@ class Header:
     scale: float
     rate_hz: float
     events: tuple[tuple[str, float], ...]
-    notes: tuple[Note, ...] = ()
-
-    @property
-    def n_points(self) -> int:
-        """Points per frame."""
-        return self.frame.points
-
-    @property
-    def analog_per_frame(self) -> int:
-        """Samples of one analog channel per frame."""
-        return self.frame.per_channel
-
-    @property
-    def channels(self) -> int:
-        """Number of analog channels."""
-        return self.frame.channels
+    corrections: list[str]
 
     @property
     def data_start(self) -> int:
@@ -344,31 +286,30 @@ def read_header(path: Path) -> tuple[Header, Parameters]:
         byte_order = BYTE_ORDERS[start[3]]
         words = np.frombuffer(first, integer_type(byte_order, signed=False)).astype(int).tolist()
         scale, rate_hz = (float(floats(first[k : k + 4], byte_order)[0]) for k in (12, 20))
-        if not np.isfinite(scale):
-            raise ValueError("the header's scale of points is not a number")
         data_block = words[8]
-        blocks = data_block - first[0] if data_block > first[0] else start[2]
-        section = file.read(blocks * BLOCK_BYTES - 4 if blocks else 0)
+        if data_block <= first[0] or not np.isfinite(scale):
+            raise ValueError(f"its header names no data section or no scale: damaged; {NEXT}")
+        section = file.read((data_block - first[0]) * BLOCK_BYTES - 4)
     parameters = parse_parameters(section, byte_order)
-    data_start = (data_block - 1) * BLOCK_BYTES
-    size = path.stat().st_size - data_start if data_block > first[0] else 0
-    frame, frames, notes = settle_counts(
-        DataSection(path, data_start, size),
+    frame, frames, corrections = settle_counts(
+        path,
+        (data_block - 1) * BLOCK_BYTES,
         FrameSize(words[1], words[2], words[9], 4 if scale < 0 else 2),
         (words[3], words[4]),
         parameters,
     )
+    events = _header_events(first, words, byte_order)
     header = Header(
-        byte_order=byte_order,
-        parameter_block=first[0],
-        data_block=data_block,
-        frame=frame,
-        frames=frames,
-        first_frame=words[3],
-        scale=scale,
-        rate_hz=rate_hz,
-        events=_header_events(first, words, byte_order),
-        notes=notes,
+        byte_order,
+        first[0],
+        data_block,
+        frame,
+        frames,
+        words[3],
+        scale,
+        rate_hz,
+        events,
+        corrections,
     )
     return header, parameters
 

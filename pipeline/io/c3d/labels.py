@@ -1,13 +1,11 @@
 """Labels of a C3D file: points, which are markers or outputs of another program; channels."""
 
 import re
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 from hbm.notes import Note
-from hbm.spelling import short
 from pipeline.io.c3d.parameters import Parameters
 from pipeline.io.labels import rename_markers, without_prefixes
 from pipeline.io.stated import Stated
@@ -43,7 +41,7 @@ class PointLabels:
     markers: dict[str, int]
     outputs: dict[str, int]
     subject: str
-    notes: tuple[Note, ...]
+    notes: list[Note]
 
 
 def sort_labels(parameters: Parameters, n_points: int, stated: Stated) -> PointLabels:
@@ -76,13 +74,12 @@ def sort_labels(parameters: Parameters, n_points: int, stated: Stated) -> PointL
     labels = parameters.texts("POINT", "LABELS")[:n_points]
     labels += [""] * (n_points - len(labels))
     labels = [label or f"unlabelled_{k + 1}" for k, label in enumerate(labels)]
-    found = without_prefixes(labels, stated.label_prefix)
-    notes = [*found.notes]
-    computed = _outputs(parameters, labels, found.bare)
-    outputs = _unique({k: name for k, name in found.bare.items() if k in computed}, notes)
-    markers = _unique({k: name for k, name in found.bare.items() if k not in computed}, notes)
+    bare, subject, notes = without_prefixes(labels, stated.label_prefix)
+    computed = _outputs(parameters, labels, bare)
+    outputs = _unique({k: name for k, name in bare.items() if k in computed})
+    markers = _unique({k: name for k, name in bare.items() if k not in computed})
     renamed, rename_notes = rename_markers(markers, stated)
-    return PointLabels(renamed, outputs, found.subject, (*notes, *rename_notes))
+    return PointLabels(renamed, outputs, subject, [*notes, *rename_notes])
 
 
 def channel_labels(parameters: Parameters, count: int) -> tuple[list[str], list[str]]:
@@ -111,17 +108,13 @@ def _outputs(parameters: Parameters, labels: Sequence[str], bare: Mapping[int, s
     }
 
 
-def _unique(names: Mapping[int, str], notes: list[Note]) -> dict[str, int]:
-    """Give every point a label of its own, and note where one had to be numbered."""
+def _unique(names: Mapping[int, str]) -> dict[str, int]:
+    """Give every point a label of its own; labels that occur again are numbered."""
     unique: dict[str, int] = {}
-    occurrences: Counter[str] = Counter()
     for k, name in names.items():
-        occurrences[name] += 1
-        free = name
+        free, number = name, 2
         while free in unique:
-            occurrences[name] += free != name
-            free = f"{name}_{occurrences[name]}"
-        if free != name:
-            notes.append(Note.of("label_repeated", label=short(name), new_label=short(free)))
+            free = f"{name}_{number}"
+            number += 1
         unique[free] = k
     return unique

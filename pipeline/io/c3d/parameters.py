@@ -480,14 +480,14 @@ def _record(identity: int, name: str, content: bytes, byte_order: str) -> bytes:
 
 def _encoded(name: str, value: Value, byte_order: str) -> bytes:
     if isinstance(value, str):
-        text = value.encode()
+        text = value.encode(errors="replace")  # what is no UTF-8
         return struct.pack("<bBB", -1, 1, _dimension(name, len(text))) + text
     if isinstance(value, np.ndarray):
         kind = 4 if value.dtype.kind == "f" else 2
         shape = [_dimension(name, n) for n in value.shape]
         head = struct.pack(f"<bB{len(shape)}B", kind, len(shape), *shape)
         return head + encoded_numbers(value, byte_order)
-    texts = [text.encode() for text in value]
+    texts = [text.encode(errors="replace") for text in value]
     width = max((len(text) for text in texts), default=1) or 1
     head = struct.pack("<bBBB", -1, 2, _dimension(name, width), _dimension(name, len(texts)))
     return head + b"".join(text.ljust(width) for text in texts)

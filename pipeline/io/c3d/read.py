@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping
 from itertools import zip_longest
 from pathlib import Path
-from typing import Final, get_args
+from typing import Any, Final, get_args
 
 import numpy as np
 
@@ -15,9 +15,9 @@ from hbm.notes import Note
 from hbm.spatial import Array, frozen
 from hbm.spelling import short
 from pipeline.io.axes import mean_force, parse_axes, settle_axes
-from pipeline.io.c3d.data import Samples, missing_share, read_samples
+from pipeline.io.c3d.data import missing_share, read_samples
 from pipeline.io.c3d.force_plates import PlateLayout, plate_layouts
-from pipeline.io.c3d.header import Header, read_header
+from pipeline.io.c3d.header import Header, correction, read_header
 from pipeline.io.c3d.labels import PointLabels, channel_labels, sort_labels
 from pipeline.io.c3d.parameters import Parameters, Value
 from pipeline.io.input_file import naming
@@ -83,41 +83,37 @@ def read_events(
 ) -> tuple[tuple[Event, ...], list[Note]]:
     """Give the foot strikes and foot offs of a file, on the clock of its first frame.
 
-    ``start_s`` is the time of that frame on the file's own clock [s]. Notes: ``event_times_flat``
-    where minutes and seconds do not stand in two rows, ``events_left_out`` where there are others.
-    A ValueError where EVENT:TIMES holds neither minutes and seconds nor seconds of the events.
+    ``start_s`` is the time of that frame on the file's own clock [s]. The note ``events_left_out``
+    where there are others. A ValueError where EVENT:TIMES holds neither minutes and seconds nor
+    seconds of the events.
     """
     times = parameters.numbers("EVENT", "TIMES")
-    notes = []
+    labels = [label for label, _ in header.events]
+    contexts: list[str] = []
+    seconds = np.array([time for _, time in header.events])
     if times.size:
         labels, contexts = (parameters.texts("EVENT", name) for name in ("LABELS", "CONTEXTS"))
-        seconds, flat = _seconds(times, len(labels))
-        notes += [Note.of("event_times_flat", numbers=flat)] if flat else []
-    else:
-        labels, contexts = [label for label, _ in header.events], []
-        seconds = np.array([time for _, time in header.events])
+        seconds = _seconds(times, len(labels))
     events = []
-    count = len(seconds)
-    texts = zip_longest([""] * count, labels[:count], contexts[:count], fillvalue="")
-    for time, (_, label, context) in zip(seconds.tolist(), texts, strict=True):
+    texts = zip_longest(labels, contexts, [""] * len(seconds), fillvalue="")
+    for time, (label, context, _) in zip(seconds.tolist(), texts, strict=False):
         kind, side = _kind_and_side(label)
         stated = SIDE_WORDS.get(context.lower(), "")
         if kind and np.isfinite(time) and (side or stated) and side in ("", stated or side):
             events.append(Event(time - start_s, kind, stated or side))
-    if others := len(seconds) - len(events):
-        notes.append(Note.of("events_left_out", events=others))
-    return tuple(events), notes
+    others = len(seconds) - len(events)
+    return tuple(events), [Note.of("events_left_out", events=others)] if others else []
 
 
-def _seconds(times: Array, labelled: int) -> tuple[Array, str]:
-    """Give the times of the events [s], and how they stand in the file if not in two rows."""
+def _seconds(times: Array, labelled: int) -> Array:
+    """Give the times of the events [s]: minutes and seconds in two rows or in turn, or seconds."""
     if times.ndim == 2 and len(times) == 2:
-        return 60 * times[0] + times[1], ""
+        return np.asarray(60 * times[0] + times[1])
     flat = times.ravel(order="F")
     if len(flat) == 2 * labelled and (flat[::2] % 1 == 0).all():
-        return 60 * flat[::2] + flat[1::2], "minutes and seconds in turn"
+        return 60 * flat[::2] + flat[1::2]
     if len(flat) == labelled or not labelled:
-        return flat, "seconds"
+        return flat
     raise ValueError(
         f"EVENT:TIMES holds {len(flat)} numbers for {labelled} labels, expected minutes and "
         "seconds of each event; correct the events in the capture software, or delete them to use "
@@ -136,11 +132,8 @@ def _kind_and_side(label: str) -> tuple[str, str]:
 
 def compensation_group(compensation: Compensation) -> dict[str, Value]:
     """Give the group's parameters; what is not known is left out."""
-    members: dict[str, Value] = {
-        name: text
-        for name, attribute in TEXTS.items()
-        if (text := getattr(compensation, attribute))
-    }
+    texts = {name: getattr(compensation, attribute) for name, attribute in TEXTS.items()}
+    members: dict[str, Value] = {name: text for name, text in texts.items() if text}
     members["PLATES"] = np.array(compensation.plates, int)
     if compensation.cutoff_hz is not None:
         members["CUTOFF_HZ"] = np.array([compensation.cutoff_hz])
@@ -150,25 +143,20 @@ def compensation_group(compensation: Compensation) -> dict[str, Value]:
 def read_compensation(parameters: Parameters) -> Compensation | None:
     """Read what was subtracted from a file's plates; None where they are as measured.
 
-    Raises
-    ------
-    ValueError
-        The group says something that this version does not know.
+    A ValueError where the group says something that this version does not know.
     """
     if GROUP not in parameters.groups:
         return None
-    texts = {attribute: parameters.text(GROUP, name) for name, attribute in TEXTS.items()}
-    frames: tuple[PlateFrame, ...] = get_args(PlateFrame)
-    stated = texts.pop("frame")
-    frame = next((known for known in frames if known == stated), None)
-    if frame is None:
+    texts: dict[str, Any] = {
+        attribute: parameters.text(GROUP, name) for name, attribute in TEXTS.items()
+    }
+    if texts["frame"] not in get_args(PlateFrame):
         raise ValueError(
-            f"{GROUP}:FRAME is {short(stated)!r}, expected one of "
-            f"{', '.join(frames)}; another version of this program wrote it"
+            f"{GROUP}:FRAME is {short(texts['frame'])!r}, expected one of "
+            f"{', '.join(get_args(PlateFrame))}; another version of this program wrote it"
         )
     plates = tuple(parameters.integers(GROUP, "PLATES").ravel().tolist())
-    cutoff_hz = parameters.number(GROUP, "CUTOFF_HZ")
-    return Compensation(**texts, plates=plates, cutoff_hz=cutoff_hz, frame=frame)
+    return Compensation(**texts, plates=plates, cutoff_hz=parameters.number(GROUP, "CUTOFF_HZ"))
 
 
 def read_c3d(
@@ -222,7 +210,7 @@ def preview_c3d(path: Path, stated: Stated) -> Preview:
     beginning = read_c3d(path, stated, max_frames=BEGINNING_FRAMES)
     header, parameters = read_header(path)
     share = missing_share(path, header, SAMPLED_FRAMES)
-    markers = sort_labels(parameters, header.n_points, stated).markers
+    markers = sort_labels(parameters, header.frame.points, stated).markers
     missing = {name: float(share[k]) for name, k in markers.items()}
     return Preview(beginning, header.frames, missing)
 
@@ -230,25 +218,26 @@ def preview_c3d(path: Path, stated: Stated) -> Preview:
 def _read(path: Path, stated: Stated, max_frames: int | None) -> Recording:
     header, parameters = read_header(path)
     samples = read_samples(path, header, parameters, max_frames)
-    labels = sort_labels(parameters, header.n_points, stated)
+    labels = sort_labels(parameters, header.frame.points, stated)
     unit = parameters.text("POINT", "UNITS")
-    metre, unit_notes = stated.marker_unit(unit) if labels.markers else (1.0, ())
-    names, units = channel_labels(parameters, header.channels)
-    plates, plate_notes = plate_layouts(parameters, names, units, stated)
-    wrenches = [plate.wrench(samples.analog[:, plate.channels]) for plate in plates]
+    names, units = channel_labels(parameters, header.frame.channels)
+    layouts, plate_notes = plate_layouts(parameters, names, units, stated)
+    wrenches = [plate.wrench(samples.analog[:, plate.channels]) for plate in layouts]
+    taken = {channel for plate in layouts for channel in plate.channels}
 
     position = samples.points[:, list(labels.markers.values())]
-    position *= metre
+    if labels.markers:
+        position *= stated.metre(unit)
     stated.check_span(position, unit)
     axes, axes_notes = settle_axes(
         stated.axes,
         position,
         tuple(labels.markers),
         marker_set=stated.marker_set,
-        plate_normals=[plate.rotation[:, 2] for plate in plates],
+        plate_normals=[plate.rotation[:, 2] for plate in layouts],
         plate_forces=[
             plate.rotation @ mean_force(wrench[:, :3])
-            for plate, wrench in zip(plates, wrenches, strict=True)
+            for plate, wrench in zip(layouts, wrenches, strict=True)
         ],
         screen_up=parameters.text("POINT", "Y_SCREEN"),
     )
@@ -256,22 +245,29 @@ def _read(path: Path, stated: Stated, max_frames: int | None) -> Recording:
     in_lab = np.moveaxis(frozen(to_lab @ np.moveaxis(position, 0, -1)), -1, 0)
     time = np.arange(len(position)) / samples.rate_hz
     analog_time = np.arange(len(samples.analog)) / samples.analog_rate_hz
-    first_frame, frame_notes = _first_frame(header, parameters)
+    plates = []
+    for plate, wrench in zip(layouts, wrenches, strict=True):
+        corners, rotation = plate.corners @ to_lab.T, to_lab @ plate.rotation
+        center = corners.mean(axis=0)
+        plates.append(Plate(plate.number, analog_time, frozen(wrench), rotation, center, corners))
+    rest = [k for k in range(len(names)) if k not in taken]
+    of_rest = tuple(names[k] for k in rest), tuple(units[k] for k in rest)
+    others = frozen(samples.analog.T.take(rest, axis=0)).T
+    first_frame, wrong_frame = _first_frame(header, parameters)
     events, event_notes = read_events(header, parameters, (first_frame - 1) / samples.rate_hz)
-    if events and frame_notes:
+    if events and wrong_frame:
         raise ValueError(
-            f"{frame_notes[0]}: one of them is wrong, and with it the times of all events; correct "
+            f"{wrong_frame[0]}: one of them is wrong, and with it the times of all events; correct "
             "or delete the events in the capture software and export the file again"
         )
     compensation = read_compensation(parameters)
+    corrections = [*header.corrections, *samples.corrections, *wrong_frame]
+    written = [units[channel] for channel in sorted(taken)]
     return Recording(
         source=path,
         markers=Markers(time, tuple(labels.markers), in_lab),
-        plates=tuple(
-            _plate(plate, wrench, analog_time, to_lab)
-            for plate, wrench in zip(plates, wrenches, strict=True)
-        ),
-        analog=_other_channels(samples, names, units, plates, analog_time),
+        plates=tuple(plates),
+        analog=Analog(analog_time, *of_rest, others) if rest else None,
         events=events,
         first_frame=first_frame,
         metadata=_metadata(parameters, labels),
@@ -280,57 +276,24 @@ def _read(path: Path, stated: Stated, max_frames: int | None) -> Recording:
         stated=stated,
         notes=(
             *axes_notes,
-            *header.notes,
-            *samples.notes,
-            *unit_notes,
+            *([Note.of("c3d_corrected", corrections=corrections)] if corrections else ()),
+            *stated.unit_notes([unit], written),
             *labels.notes,
-            *frame_notes,
             *event_notes,
             *plate_notes,
-            *_plate_notes(parameters, plates, compensation),
+            *_plate_notes(parameters, layouts, compensation),
         ),
     )
 
 
-def _plate(layout: PlateLayout, wrench: Array, time: Array, to_lab: Array) -> Plate:
-    corners = layout.corners @ to_lab.T
-    return Plate(
-        number=layout.number,
-        time=time,
-        wrench_in_plate=frozen(wrench),
-        rotation=to_lab @ layout.rotation,
-        center=corners.mean(axis=0),
-        corners=corners,
-    )
-
-
-def _other_channels(
-    samples: Samples, names: list[str], units: list[str], plates: list[PlateLayout], time: Array
-) -> Analog | None:
-    taken = {channel for plate in plates for channel in plate.channels}
-    rest = [k for k in range(len(names)) if k not in taken]
-    if not rest:
-        return None
-    return Analog(
-        time,
-        tuple(names[k] for k in rest),
-        tuple(units[k] for k in rest),
-        frozen(samples.analog.T.take(rest, axis=0)).T,
-    )
-
-
-def _first_frame(header: Header, parameters: Parameters) -> tuple[int, tuple[Note, ...]]:
+def _first_frame(header: Header, parameters: Parameters) -> tuple[int, list[str]]:
     """Give the number of the first frame, of which the header has 16 bits, and what differs."""
-    start, in_header = (
-        parameters.integers("TRIAL", "ACTUAL_START_FIELD").ravel(),
-        header.first_frame,
-    )
-    if start.size != 2:
-        return in_header, ()
-    full = int(start[0] + 65536 * start[1])
-    if in_header in (0, full % 65536, min(full, 65535)):
-        return full, ()
-    return in_header, (Note.of("first_frame_contradicted", header=in_header, trial=full),)
+    start = parameters.integers("TRIAL", "ACTUAL_START_FIELD").ravel()
+    in_header = header.first_frame
+    full = int(start @ [1, 65536]) if start.size == 2 else in_header
+    if in_header in (0, full, full % 65536, min(full, 65535)):
+        return full, []
+    return in_header, [correction("first frame by TRIAL:ACTUAL_START_FIELD", full, in_header)]
 
 
 def _metadata(parameters: Parameters, labels: PointLabels) -> Metadata:
@@ -346,9 +309,9 @@ def _metadata(parameters: Parameters, labels: PointLabels) -> Metadata:
         marker_set=parameters.text("SUBJECTS", "MARKER_SETS"),
         manufacturer=parameters.text("MANUFACTURER", "COMPANY"),
         software=" ".join(software),
+        limbs={side: found for side, found in limbs.items() if found != LimbMeasures()},
         mass_kg=of_subject.get("mass_kg"),
         height_m=of_subject.get("height_m"),
-        limbs={side: found for side, found in limbs.items() if found != LimbMeasures()},
     )
 
 
@@ -373,14 +336,13 @@ def _plate_notes(
     if plates and zero.size == 2 and 0 < zero[0] < zero[1]:
         notes.append(Note.of("plate_baseline_not_subtracted", first=zero[0], last=zero[1]))
     if done is not None:
-        calibrations = filter(None, (done.calibration, done.belts, done.plate_calibration))
-        frame = "moving plates" if done.frame == "recorded" else "lab"
+        names = done.calibration, done.belts, done.plate_calibration
         notes.append(
             Note.of(
                 "plates_compensated_before",
                 software=done.software,
-                calibrations=tuple(calibrations),
-                frame=frame,
+                calibrations=tuple(filter(None, names)),
+                frame="moving plates" if done.frame == "recorded" else "lab",
             )
         )
     return notes

@@ -42,33 +42,21 @@ FRAMES_PER_SLICE: Final = 4096
 """Some megabytes at a time: large enough for NumPy, small beside the trial."""
 DATA_BLOCK: Final = 8
 """Word of the header that says where the data section begins."""
+NO_CENTRE: Final = (
+    "the compensated force has no centre of pressure on the plate's surface, and plates of TYPE 1 "
+    "store no other moment; export the recording with TYPE 2 plates"
+)
 LABEL_RANGE: Final = 147
 LABEL_RANGE_KEY: Final = 12345
 """This number in this word of the header: the file has a section of labels and ranges."""
 
 
 @dataclass(frozen=True, slots=True)
-class PlateSamples:
-    """How the samples of a file's plates are stored.
-
-    Attributes
-    ----------
-    header
-        Of the file.
-    plates
-        Its force plates.
-    names
-        Labels of all analog channels.
-    offset, scale
-        Of all analog channels: value = (sample − offset) · scale.
-    rate_hz
-        Of the analog channels [Hz].
-    unsigned
-        Whether whole samples have no sign.
-    """
+class _PlateSamples:
+    """How the samples of a file's plates are stored: value = (sample − offset) · scale."""
 
     header: Header
-    plates: tuple[PlateLayout, ...]
+    plates: list[PlateLayout]
     names: list[str]
     offset: NDArray[np.float64]
     scale: NDArray[np.float64]
@@ -78,37 +66,19 @@ class PlateSamples:
     def changed(self, data: bytes, wrench_changes: Sequence[Array], first_frame: int) -> bytes:
         """Change the plates' wrenches in some frames of the data section.
 
-        Parameters
-        ----------
-        data
-            The frames' bytes.
-        wrench_changes
-            Per plate, what is to be added to its wrench in the whole trial, in the plate's axes
-            about the centre of its surface, (N, 6) [N, N·m].
-        first_frame
-            Index of the first of these frames.
-
-        Returns
-        -------
-        bytes
-            The same frames; a sample whose wrench is not changed keeps its bytes.
-
-        Raises
-        ------
-        ValueError
-            A channel cannot hold what it would have to; the message names it and the time.
+        ``wrench_changes`` are per plate what is to be added to its wrench in the whole trial, in
+        the plate's axes about the centre of its surface, (N, 6) [N, N·m]. A sample whose wrench is
+        not changed keeps its bytes. A ValueError names channel and time where a channel cannot hold
+        what it would have to.
         """
-        per_frame = self.header.analog_per_frame
-        channels = self.header.channels
-        words = np.frombuffer(data, self._word_type)
-        words = words.reshape(len(data) // self.header.frame.bytes, -1).copy()
-        start = first_frame * per_frame
+        frame = self.header.frame
+        words = np.frombuffer(data, self._word_type).reshape(-1, frame.bytes // frame.word_bytes)
+        words = words.copy()
+        start = first_frame * frame.per_channel
         for plate, change in zip(self.plates, wrench_changes, strict=True):
-            part = change[start : start + len(words) * per_frame]
-            if not part.any():
-                continue
-            in_frame = np.add.outer(channels * np.arange(per_frame), plate.channels)
-            columns = 4 * self.header.n_points + in_frame
+            part = change[start : start + len(words) * frame.per_channel]
+            in_frame = np.add.outer(frame.channels * np.arange(frame.per_channel), plate.channels)
+            columns = 4 * frame.points + in_frame
             cells = words[:, columns]
             stored = self._changed_plate(plate, cells.reshape(len(part), -1), part, start)
             words[:, columns] = stored.reshape(cells.shape)
@@ -119,92 +89,57 @@ class PlateSamples:
     ) -> NDArray[np.integer]:
         """Change stored samples (N, c) of one plate."""
         chosen = list(plate.channels)
-        scale, before = self.scale[chosen], self._decoded(stored)
+        real, order = self.header.scale < 0, self.header.byte_order
+        scale = self.scale[chosen]
+        before = stored.astype(float)
+        if real:
+            before = floats(stored.tobytes(), order).reshape(stored.shape).astype(float)
         known = np.isfinite(before).all(axis=1)
         values = (before[known] - self.offset[chosen]) * scale
         change = np.zeros(before.shape)
         change[known] = channel_change(plate, values, wrench_change[known])
-
-        def refuse(wrong: NDArray[np.bool_], reason: str) -> None:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            after = np.where(change == 0, before, before + change / scale)
+        after = after if real else np.rint(after)
+        low, high = self._limits
+        for wrong, reason in (
+            (np.isnan(change), NO_CENTRE),
+            ((change != 0) & ((scale == 0) | ~np.isfinite(scale)), "its scale is 0 or no number"),
+            (
+                (change != 0) & ~((after >= low) & (after <= high)),
+                f"the compensated sample is outside the range of the file's samples, {low:g} to "
+                f"{high:g}; export the recording with real (floating-point) samples",
+            ),
+        ):
             if wrong.any():
                 sample, channel = np.argwhere(wrong)[0].tolist()
                 raise ValueError(
                     f"force plate {plate.number}, channel {self.names[chosen[channel]]}, at "
                     f"{(start + sample) / self.rate_hz:.4f} s: {reason}"
                 )
-
-        refuse(
-            np.isnan(change),
-            "the compensated force has no centre of pressure on the plate's surface, and plates of "
-            "TYPE 1 store no other moment; export the recording with TYPE 2 plates",
-        )
-        refuse(
-            (change != 0) & ((scale == 0) | ~np.isfinite(scale)),
-            "its scale is 0 or no number, so that it can hold no force",
-        )
-        with np.errstate(divide="ignore", invalid="ignore"):
-            after = np.where(change == 0, before, before + change / scale)
-        after = after if self._real else np.rint(after)
-        low, high = self._limits
-        refuse(
-            (change != 0) & ~((after >= low) & (after <= high)),
-            f"the compensated sample is outside the range of the file's samples, {low:g} to "
-            f"{high:g}; export the recording with real (floating-point) samples",
-        )
-        return np.where(change == 0, stored, self._encoded(after))
-
-    @property
-    def _real(self) -> bool:
-        return self.header.scale < 0
+        if real:
+            encoded = np.frombuffer(float_bytes(after, order), "<u4").reshape(stored.shape)
+        else:
+            encoded = after.astype(self._word_type)
+        return np.where(change == 0, stored, encoded)
 
     @property
     def _word_type(self) -> np.dtype:
         """Type of a sample: its value where it is whole, its bytes where it is real."""
-        if self._real:
+        if self.header.scale < 0:
             return np.dtype("<u4")
         return integer_type(self.header.byte_order, signed=not self.unsigned)
 
     @property
     def _limits(self) -> tuple[float, float]:
-        if self._real:
+        if self.header.scale < 0:
             most = MAX_DEC if self.header.byte_order == "dec" else MAX_REAL
             return -most, most
         return float(np.iinfo(self._word_type).min), float(np.iinfo(self._word_type).max)
 
-    def _decoded(self, stored: NDArray[np.integer]) -> Array:
-        if not self._real:
-            return stored.astype(float)
-        return floats(stored.tobytes(), self.header.byte_order).reshape(stored.shape).astype(float)
 
-    def _encoded(self, samples: Array) -> NDArray[np.integer]:
-        if not self._real:
-            return samples.astype(self._word_type)
-        data = float_bytes(samples, self.header.byte_order)
-        return np.frombuffer(data, self._word_type).reshape(samples.shape)
-
-
-def plate_samples(header: Header, parameters: Parameters, stated: Stated) -> PlateSamples:
-    """Find how a file stores its plates' samples.
-
-    Parameters
-    ----------
-    header, parameters
-        What `read_header` gave for it.
-    stated
-        Units that a person states.
-
-    Returns
-    -------
-    PlateSamples
-        Of the plates that it describes.
-
-    Raises
-    ------
-    ValueError
-        There are no plates that it describes, or two of them share a channel.
-    """
-    channels = header.channels
-    names, units = channel_labels(parameters, channels)
+def _plate_samples(header: Header, parameters: Parameters, stated: Stated) -> _PlateSamples:
+    names, units = channel_labels(parameters, header.frame.channels)
     plates, _ = plate_layouts(parameters, names, units, stated)
     if not plates:
         raise ValueError("the file has no force plates")
@@ -212,9 +147,9 @@ def plate_samples(header: Header, parameters: Parameters, stated: Stated) -> Pla
     if shared := [names[channel] for channel, count in owners.items() if count > 1]:
         raise ValueError(f"FORCE_PLATFORM:CHANNEL names {shared[0]} twice")
     offset, scale, _ = analog_scaling(header, parameters)
-    rate_hz = frame_rate_hz(header, parameters)[0] * header.analog_per_frame
+    rate_hz = frame_rate_hz(header, parameters)[0] * header.frame.per_channel
     unsigned = is_unsigned(parameters)
-    return PlateSamples(header, tuple(plates), names, offset, scale, rate_hz, unsigned)
+    return _PlateSamples(header, plates, names, offset, scale, rate_hz, unsigned)
 
 
 def rewrite_plates(
@@ -284,8 +219,7 @@ def _rewrite(
     header, parameters = read_header(original)
     if (before := read_compensation(parameters)) is not None:
         raise ValueError(f"its plates are compensated already, by {before.software}")
-    samples = plate_samples(header, parameters, stated)
-    _require_whole(changes, samples, header.frames * header.analog_per_frame)
+    samples = _plate_samples(header, parameters, stated)
     parameter_start = (header.parameter_block - 1) * BLOCK_BYTES
     remove_leftovers(target.parent)
     with whole_file(target) as temporary:
@@ -311,15 +245,6 @@ def _rewrite(
     return verification
 
 
-def _require_whole(changes: Sequence[Array], samples: PlateSamples, expected: int) -> None:
-    for plate, change in zip(samples.plates, changes, strict=True):
-        if change.shape != (expected, 6) or not np.isfinite(change).all():
-            raise ValueError(
-                f"the change of plate {plate.number} must have shape ({expected}, 6) and no gaps, "
-                f"got {change.shape}"
-            )
-
-
 def _moved(head: bytes, header: Header, parameter_blocks: int) -> bytes:
     """Give what comes before the parameters, with the new start of the data."""
     words = np.frombuffer(head, integer_type(header.byte_order, signed=False)).copy()
@@ -334,7 +259,7 @@ def _moved(head: bytes, header: Header, parameter_blocks: int) -> bytes:
 
 def _changed_section(
     section: bytes,
-    samples: PlateSamples,
+    samples: _PlateSamples,
     parameters: Parameters,
     compensation: Compensation,
     corners: Sequence[Array],
@@ -348,7 +273,7 @@ def _changed_section(
         if start := parameters.integer(group, name, 0):
             section = with_values(section, order, group, name, np.array([start + moved]))
     if corners:
-        metre, _ = stated.marker_unit(parameters.text("POINT", "UNITS"))
+        metre = stated.metre(parameters.text("POINT", "UNITS"))
         values = parameters.numbers("FORCE_PLATFORM", "CORNERS")
         by_plate = values if values.ndim == 3 else values[..., np.newaxis]
         for plate, moved_corners in zip(samples.plates, corners, strict=True):

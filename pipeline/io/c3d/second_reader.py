@@ -24,14 +24,7 @@ from hbm.spelling import short
 from pipeline.io.c3d.data import Samples, read_samples
 from pipeline.io.c3d.header import DATA_STARTS, MAX_COUNT, Header, read_header
 from pipeline.io.c3d.labels import channel_labels
-from pipeline.io.c3d.parameters import (
-    BLOCK_BYTES,
-    SECTION_START,
-    Parameters,
-    length_from_pointer,
-    parameter_records,
-    values_of,
-)
+from pipeline.io.c3d.parameters import BLOCK_BYTES, Parameters
 
 PROGRAM: Final = Path(__file__).with_name("ezc3d_arrays.py")
 COMPARED: Final = (
@@ -142,11 +135,12 @@ def check_rewritten(
 
     Notes
     -----
-    Header, parameters and samples are compared byte by byte. Then our reader and ezc3d read the
-    rewritten file, and both have to read the same arrays.
+    Header and samples are compared byte by byte, parameters by their values. Then our reader and
+    ezc3d read the rewritten file, and both have to read the same arrays.
     """
     try:
-        _require_same_bytes(original, written, changed_channels, added_group, changed_parameters)
+        free = {*changed_parameters, *map(":".join, DATA_STARTS)}
+        _require_same(original, written, changed_channels, added_group, free)
         found = compare_readers(written)
         before = found if found == SecondReading(_reader()) else compare_readers(original)
         if found.refusal and not before.refusal:
@@ -209,14 +203,13 @@ def _differences(
     points where ANALOG:RATE is absent, subtracts the magnitude of ANALOG:OFFSET, and takes the
     header's counts and rate where a file contradicts itself.
     """
-    contradictory = bool(header.notes or samples.notes)
-    frames, channels = header.frames, header.channels
-    counts: tuple[tuple[str, int, int], ...] = (
-        ("frames", len(second["points"]) if header.n_points else frames, frames),
-        ("points", second["points"].shape[1], header.n_points),
-        ("analog channels", second["analog"].shape[1], channels),
-        ("samples", len(second["analog"]) * bool(channels), len(samples.analog) * bool(channels)),
-    )
+    frame, channels = header.frame, header.frame.channels
+    contradictory = bool(header.corrections or samples.corrections)
+    points, analog = second["points"], second["analog"]
+    counts = [("frames", len(points), header.frames)] * (frame.points > 0)
+    counts += [("points", points.shape[1], frame.points)]
+    counts += [("analog channels", analog.shape[1], channels)]
+    counts += [("samples", len(analog), len(samples.analog))] * (channels > 0)
     for name, read, held in counts:
         if read != held:
             said = f"it reads {read} of {held} {name}"
@@ -227,24 +220,21 @@ def _differences(
     if samples.rate_hz != second["rate_hz"] and not contradictory:
         found.append(f"frame rate: {samples.rate_hz:g} Hz here, {float(second['rate_hz']):g} Hz")
     for key in COMPARED:
-        ours, theirs = _values(parameters, key), second[key]
-        if len(ours) and not _same(ours, theirs):
-            found.append(f"parameter {key}: {short(ours.tolist())} here, {short(theirs.tolist())}")
-    theirs = np.where((second["residuals"] >= 0)[..., None], second["points"], np.nan)
+        group, name = key.split(":")
+        ours = parameters.groups.get(group, {}).get(name, np.empty(0)).ravel(order="F")
+        if len(ours) and not _same(ours, second[key]):
+            found.append(
+                f"parameter {key}: {short(ours.tolist())} here, {short(second[key].tolist())}"
+            )
+    seen = np.where((second["residuals"] >= 0)[..., None], points, np.nan)
     labels = parameters.texts("POINT", "LABELS")
-    found += _different_samples("marker", labels, _seen(samples.points), _seen(theirs), header)
+    found += _different_samples("marker", labels, _seen(samples.points), _seen(seen), header)
     names, _ = channel_labels(parameters, channels)
-    theirs = np.where(np.isfinite(second["analog"]), second["analog"], np.nan)
-    unlike = _different_samples("channel", names, samples.analog, theirs, header)
+    analog = np.where(np.isfinite(analog), analog, np.nan)
+    unlike = _different_samples("channel", names, samples.analog, analog, header)
     if unlike and not found and (parameters.numbers("ANALOG", "OFFSET") < 0).any():
         raise _Refused("it takes ANALOG:OFFSET without its sign")
     return found + unlike
-
-
-def _values(parameters: Parameters, key: str) -> NDArray[Any]:
-    """Give a parameter as ezc3d gives it: without what continues in NAME2, first index fastest."""
-    group, name = key.split(":")
-    return parameters.groups.get(group, {}).get(name, np.empty(0)).ravel(order="F")
 
 
 def _same(first: NDArray[Any], second: NDArray[Any]) -> bool:
@@ -278,86 +268,54 @@ def _different_samples(
     apart = np.abs(first - second)
     same = apart <= np.maximum(ROUNDING * np.abs(first), SMALLEST)
     different = ~(same | (first == second) | (np.isnan(first) & np.isnan(second)))
-    different = different.any(axis=-1) if different.ndim == 3 else different
+    different = different.reshape(*first.shape[:2], -1).any(axis=-1)
     found = []
     for k in np.flatnonzero(different.any(axis=0)).tolist():
         at = int(different[:, k].argmax())
         frame = header.first_frame + at * header.frames // len(first)
         name = names[k] if k < len(names) and names[k] else f"{k + 1}"
-        further = int(different[:, k].sum()) - 1
         found.append(
             f"{kind} {name}, frame {frame}: {first[at, k]} here, {second[at, k]} by {_reader()}"
-            + (f", and {further} further" if further else "")
         )
     return found
 
 
-def _require_same_bytes(
-    original: Path,
-    written: Path,
-    changed: Collection[int],
-    group: str,
-    changed_parameters: Collection[str],
+def _require_same(
+    original: Path, written: Path, changed: Collection[int], group: str, free: Collection[str]
 ) -> None:
-    """Refuse a copy that differs in any byte that was not to change.
+    """Refuse a copy that differs where it was not to: header, parameters, samples, what follows.
 
-    Free are where the data begin, the length of the parameter section, the way from its last record
-    on and what follows that.
+    In the header only the start of the data is free.
     """
-    (header, parameters), (header_again, parameters_again) = map(read_header, (original, written))
+    (header, before), (header_again, after) = map(read_header, (original, written))
     first, second = (np.memmap(path, np.uint8, "r") for path in (original, written))
-    start = (header.parameter_block - 1) * BLOCK_BYTES
-    section = first[start : header.data_start].tobytes()
-    body = section[SECTION_START:]
-    records = list(parameter_records(body, header.byte_order))
-    owners = {-record.identity: record.name for record in records if record.identity < 0}
-    names = [f"{owners.get(abs(r.identity), '')}:{r.name}" for r in records]
-    free = {16, 17, start, start + 1, start + 2}
-    starts = {":".join(name) for name in DATA_STARTS}
-    for record, name in zip(records, names, strict=True):
-        if record.identity > 0 and name in {*starts, *changed_parameters}:
-            values = values_of(body, record)[2]
-            free |= {start + SECTION_START + k for k in range(values.start, values.stop)}
-    end = start + SECTION_START
-    if records:
-        pointer = end + records[-1].pointer
-        free |= {pointer, pointer + 1}
-        end = pointer + length_from_pointer(records[-1], body)
-    for k in np.flatnonzero(first[:end] != second[:end]).tolist():
-        if k not in free:
-            places = [start + SECTION_START + record.start for record in records]
-            at = int(np.searchsorted(places, k, side="right")) - 1
-            raise ValueError(
-                f"parameter {names[at]} differs" if at >= 0 else f"byte {k + 1} differs"
-            )
-    if {*parameters_again.groups} - {*parameters.groups} - {group}:
-        raise ValueError("it has another group of parameters")
+    different = {*np.flatnonzero(first[:BLOCK_BYTES] != second[:BLOCK_BYTES]).tolist()}
+    if different - {16, 17}:
+        raise ValueError(f"byte {min(different - {16, 17}) + 1} differs")
+    ours, theirs = (
+        {f"{g}:{name}": values for g in side.groups for name, values in side.groups[g].items()}
+        for side in (before, after)
+    )
+    added = {name for name in theirs if name.startswith(f"{group}:")}
+    for name in sorted({*ours, *theirs} - {*free} - added):
+        alike = name in ours and name in theirs and ours[name].shape == theirs[name].shape
+        if not alike or ours[name].tobytes() != theirs[name].tobytes():
+            raise ValueError(f"parameter {name} differs")
     moved = header_again.data_block - header.data_block
     for place in DATA_STARTS:
-        before, after = (side.integer(*place, 0) for side in (parameters, parameters_again))
-        if after != (before + moved if before else 0):
+        start = before.integer(*place, 0)
+        if after.integer(*place, 0) != (start + moved if start else 0):
             raise ValueError(f"parameter {':'.join(place)} is not where the data begin")
     data, data_again = first[header.data_start :], second[header_again.data_start :]
     if len(data) != len(data_again):
         raise ValueError(f"its data section has {len(data_again)} bytes, expected {len(data)}")
-    _require_same_words(data, data_again, header, changed)
-
-
-def _require_same_words(
-    first: NDArray[np.uint8], second: NDArray[np.uint8], header: Header, changed: Collection[int]
-) -> None:
-    """Compare data sections but for the samples of the changed channels."""
-    points, channels = 4 * header.n_points, max(header.channels, 1)
-    word, size = np.dtype("u4" if header.scale < 0 else "u2"), header.frame.bytes
-    column = np.arange(size // word.itemsize)
-    kept = column[(column < points) | ~np.isin((column - points) % channels, [*changed])]
+    points, channels, size = 4 * header.frame.points, header.frame.channels, header.frame.bytes
+    column = np.arange(size // header.frame.word_bytes)
+    of_changed = np.isin((column - points) % max(channels, 1), [*changed])
+    kept = np.repeat((column < points) | ~of_changed, header.frame.word_bytes)
     for frame in range(header.frames):
         part = slice(frame * size, (frame + 1) * size)
-        wrong = kept[first[part].view(word)[kept] != second[part].view(word)[kept]]
-        if len(wrong):
-            at = int(wrong[0])
-            kind, k = ("marker", at // 4) if at < points else ("channel", (at - points) % channels)
-            raise ValueError(f"{kind} {k + 1} differs in frame {header.first_frame + frame}")
-    end = header.frames * size
-    if not np.array_equal(first[end:], second[end:]):
+        if (data[part] != data_again[part])[kept].any():
+            raise ValueError(f"other samples differ in frame {header.first_frame + frame}")
+    if not np.array_equal(data[header.frames * size :], data_again[header.frames * size :]):
         raise ValueError("what follows its samples differs")

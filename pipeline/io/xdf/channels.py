@@ -66,14 +66,12 @@ class MarkerLayout:
         Of the M markers.
     columns
         Columns of x, y and z of each marker, (3 M,).
-    metre
-        One of the channels' unit [m].
-    unit
-        That unit, as the sender writes it.
+    metre, unit
+        One of the channels' unit [m], and that unit as the sender writes it.
     subject
         Prefix that was removed from the labels; empty where there was none.
     notes
-        What was removed, renamed or stated.
+        On labels.
     """
 
     names: tuple[str, ...]
@@ -81,7 +79,7 @@ class MarkerLayout:
     metre: float
     unit: str
     subject: str
-    notes: tuple[Note, ...]
+    notes: Sequence[Note]
 
     def positions(self, values: Array) -> Array:
         """Give marker positions, (N, 3 M) [m], from samples of all channels, (N, K).
@@ -193,10 +191,10 @@ def marker_layout(channels: Sequence[Channel], stated: Stated) -> MarkerLayout:
     if len(units) > 1:
         raise ValueError(f"the markers' channels have several units: {listed(units)}")
     (unit,) = units
-    metre, unit_notes = stated.marker_unit(unit)
-    markers, subject, label_notes = marker_columns(stems, stated)
+    metre = stated.metre(unit)
+    markers, subject, notes = marker_columns(stems, stated)
     columns = tuple(found[stems[k], axis] for k in markers.values() for axis in AXES)
-    return MarkerLayout(tuple(markers), columns, metre, unit, subject, (*unit_notes, *label_notes))
+    return MarkerLayout(tuple(markers), columns, metre, unit, subject, notes)
 
 
 def si_units(channels: Sequence[Channel]) -> tuple[tuple[str, ...], Array]:

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Final
-from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 import numpy as np
 import pyxdf
@@ -25,7 +25,6 @@ STREAM_HEADER: Final = 2
 SAMPLES: Final = 3
 CLOCK_OFFSET: Final = 4
 STREAM_FOOTER: Final = 6
-TAGS: Final = range(1, 7)
 OF_NO_STREAM: Final = (1, 5)
 """The file's header, and boundaries."""
 BOUNDARY: Final = bytes.fromhex("43a546dccbf5410fb30ed5467383cbe4")
@@ -65,7 +64,7 @@ class Stream:
 
     name: str
     content_type: str
-    info: ElementTree.Element
+    info: Element
     rate_hz: float
     channels: int
     format: str
@@ -105,12 +104,10 @@ def read_streams(content: bytes) -> tuple[list[Stream], list[str], bool]:
                 f"damaged: stream {short(stream.name)!r} holds {stream.samples} samples, but its "
                 f"end counts {stream.footer}"
             )
-    loaded = _load(content[:end], list(numbers))
-    for k, stream in numbers.items():
-        none = np.empty(0), np.empty((0, stream.channels))
-        stream.stamps, stream.values = loaded.get(k, none)
-        if not (np.abs(stream.stamps) < MAX_TIME_S).all():
-            raise ValueError(f"damaged: stream {short(stream.name)!r} has impossible time stamps")
+    for k, (stamps, values) in _load(content[:end], list(numbers)).items():
+        if not (np.abs(stamps) < MAX_TIME_S).all():
+            raise ValueError(f"damaged: stream {short(numbers[k].name)!r} has impossible times")
+        numbers[k].stamps, numbers[k].values = stamps, values
     whole = end == len(content) and all(s.footer is not None for s in streams.values())
     texts = [stream.name for k, stream in streams.items() if k not in numbers]
     return list(numbers.values()), texts, whole
@@ -118,89 +115,74 @@ def read_streams(content: bytes) -> tuple[list[Stream], list[str], bool]:
 
 def _walk(content: bytes) -> tuple[dict[int, Stream], int]:
     """Give the streams' headers, and where the last complete chunk ends."""
-    headers: dict[int, Stream] = {}
+    streams: dict[int, Stream] = {}
     at = len(MAGIC)
     while at < len(content):
         try:
             length, start = _length(content, at)
             body = content[start : start + length]
             (tag,) = struct.unpack_from("<H", body)
-            stream = struct.unpack_from("<I", body, 2)[0] if tag not in OF_NO_STREAM else -1
+            number = struct.unpack_from("<I", body, 2)[0] if tag not in OF_NO_STREAM else -1
         except struct.error:
             break
-        if tag not in TAGS or length < 2:
-            raise ValueError(f"damaged: at byte {at} no chunk begins")
         if start + length > len(content):
             break
-        if tag == STREAM_HEADER:
-            headers[stream] = _header(body[6:])
-        elif tag not in OF_NO_STREAM and stream not in headers:
-            raise ValueError(f"damaged: the chunk at byte {at} is of a stream without description")
-        elif tag == SAMPLES:
-            headers[stream].samples += _count(headers[stream], body[6:], at)
-        elif tag == CLOCK_OFFSET and len(body) != 6 + 16:
-            raise ValueError(f"damaged: the clock offset at byte {at} has {len(body) - 6} bytes")
-        elif tag == STREAM_FOOTER:
-            headers[stream].footer = _footer(body[6:])
+        try:
+            if tag == STREAM_HEADER:
+                streams[number] = _header(body[6:])
+            elif tag not in OF_NO_STREAM:
+                _count(streams[number], tag, body[6:])
+        except (ValueError, KeyError, struct.error) as error:
+            raise ValueError(f"damaged: the chunk at byte {at}: {short(error, 120)}") from error
         at = start + length
     if BOUNDARY in content[at:]:
         raise ValueError(f"damaged: the chunk at byte {at} does not end where the next one begins")
-    if not headers:
+    if not streams:
         raise ValueError("it holds no streams")
-    return headers, at
+    return streams, at
 
 
 def _length(content: bytes, at: int) -> tuple[int, int]:
     """Give a length and where what it measures begins."""
-    size = content[at] if at < len(content) else 0
-    if at < len(content) and size not in LENGTHS:
-        raise ValueError(f"damaged: at byte {at} no chunk begins")
-    (length,) = struct.unpack_from(LENGTHS.get(size, "<B"), content, at + 1)
+    if at >= len(content):
+        raise struct.error("it ends")
+    size = content[at]
+    if size not in LENGTHS:
+        raise ValueError(f"damaged: at byte {at} no length begins")
+    (length,) = struct.unpack_from(LENGTHS[size], content, at + 1)
     return length, at + 1 + size
 
 
 def _header(body: bytes) -> Stream:
-    info = _xml(body)
-    try:
-        channels = int(info.findtext("channel_count", ""))
-        rate = float(info.findtext("nominal_srate", ""))
-    except ValueError as error:
-        raise ValueError(f"damaged: the description of a stream: {error}") from error
+    info = parse_xml(body.decode("utf-8", "replace"))
+    channels = int(info.findtext("channel_count", ""))
+    rate = float(info.findtext("nominal_srate", ""))
     kind = info.findtext("channel_format", "").strip()
     if not 0 < channels <= MAX_CHANNELS or not 0 <= rate <= MAX_RATE_HZ:
-        raise ValueError(f"damaged: a stream of {channels} channels at {rate:g} Hz")
+        raise ValueError(f"a stream of {channels} channels at {rate:g} Hz")
     if kind not in SAMPLE_BYTES and kind != "string":
-        raise ValueError(f"damaged: a stream's samples have the format {short(kind)!r}")
+        raise ValueError(f"a stream's samples have the format {kind!r}")
     name, content_type = (printable(info.findtext(tag, "").strip()) for tag in ("name", "type"))
-    return Stream(name, content_type, info, rate, channels, kind)
+    values = np.empty((0, channels))
+    return Stream(name, content_type, info, rate, channels, kind, values=values)
 
 
-def _footer(body: bytes) -> int | None:
-    text = _xml(body).findtext("sample_count")
-    return int(text) if text is not None and text.strip().isdecimal() else None
-
-
-def _xml(body: bytes) -> ElementTree.Element:
-    try:
-        return parse_xml(body.decode("utf-8", "replace"))
-    except ValueError as error:
-        raise ValueError(f"damaged: the description of a stream: {error}") from error
-
-
-def _count(header: Stream, body: bytes, at: int) -> int:
-    """Give the number of samples in a chunk, which has to fit the chunk's length."""
-    try:
+def _count(stream: Stream, tag: int, body: bytes) -> None:
+    """Count the samples of a chunk, which have to fit its length, or read the count at the end."""
+    if tag == SAMPLES:
         count, start = _length(body, 0)
-    except struct.error:
-        count, start = 0, len(body) + 1
-    if header.format in SAMPLE_BYTES:
-        each = 1 + header.channels * SAMPLE_BYTES[header.format]
-        if not 0 <= len(body) - start - count * each <= count * STAMP_BYTES:
-            raise ValueError(
-                f"damaged: the chunk at byte {at} cannot hold {count} samples of "
-                f"{header.channels} channels"
-            )
-    return count
+        each = 1 + stream.channels * SAMPLE_BYTES.get(stream.format, 0)
+        rest = len(body) - start - count * each
+        if stream.format in SAMPLE_BYTES and not 0 <= rest <= count * STAMP_BYTES:
+            raise ValueError(f"it cannot hold {count} samples of {stream.channels} channels")
+        stream.samples += count
+    elif tag == CLOCK_OFFSET and len(body) != 2 * STAMP_BYTES:
+        raise ValueError(f"a clock offset of {len(body)} bytes")
+    elif tag == STREAM_FOOTER:
+        text = parse_xml(body.decode("utf-8", "replace")).findtext("sample_count", "").strip()
+        stream.footer = int(text) if text.isdecimal() else None
+    elif tag not in (CLOCK_OFFSET, STREAM_FOOTER):
+        raise ValueError(f"it is of unknown kind {tag}")
 
 
 def _load(content: bytes, wanted: list[int]) -> dict[int, tuple[Array, Array]]:

@@ -11,7 +11,7 @@ import numpy as np
 from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import listed
-from pipeline.io.columns import PlateColumns, left_out
+from pipeline.io.columns import PlateColumns, plate_of
 from pipeline.io.recording import Plate
 from pipeline.io.xdf.channels import Channel, si_units
 
@@ -112,31 +112,24 @@ def dflow_plates(
 ) -> Iterator[PlateColumns | Note]:
     """Find the plates whose channels are named as D-Flow names them, such as FP1.ForX.
 
-    Parameters
-    ----------
-    channels
-        Of a stream.
-    time, values
-        Its samples, (N,) [s] and (N, K).
-    described
-        Plates that the stream describes, which are not looked for.
+    ``values`` are the samples of a stream, (N, K), at times, (N,) [s]; plates that are described
+    are not looked for.
     """
-    numbered: dict[int, dict[str, int]] = {}
-    for k, channel in enumerate(channels):
-        match = DFLOW_PLATE.fullmatch(channel.label)
-        if match and int(match[1]) not in described:
-            numbered.setdefault(int(match[1]), {})[match[2] + match[3]] = k
-    for number, of_plate in numbered.items():
-        name = f"plate {number}"
-        columns = {q: [of_plate.get(q + a, -1) for a in "XYZ"] for q in ("For", "Mom", "Cop")}
-        columns = {q: found for q, found in columns.items() if -1 not in found}
-        if absent := [f"FP{number}.{q}X … Z" for q in ("For", "Mom") if q not in columns]:
-            yield left_out(name, f"there are not all channels {listed(absent)}")
-            continue
-        vectors = [values[:, found] for found in columns.values()]
-        units = [channels[found[0]].unit for found in columns.values()]
-        force, moment, pressure = [*units, "m"][:3]
-        yield PlateColumns(number, name, time, (force, moment, pressure), *vectors)
+    named = {
+        f"FP{int(match[1])}.{match[2]}{match[3]}": (int(match[1]), k)
+        for k, channel in enumerate(channels)
+        if (match := DFLOW_PLATE.fullmatch(channel.label)) and int(match[1]) not in described
+    }
+    columns = {name: values[:, k] for name, (_, k) in named.items()}
+    unit = {name: channels[k].unit for name, (_, k) in named.items()}
+    for number in dict.fromkeys(number for number, _ in named.values()):
+        stems = [f"FP{number}.{part}" for part in ("For", "Mom", "Cop")]
+        units = unit.get(f"{stems[0]}X", ""), unit.get(f"{stems[1]}X", ""), "m"
+        if f"{stems[2]}X" in columns:
+            units = (*units[:2], unit[f"{stems[2]}X"])
+        else:
+            stems.pop()
+        yield plate_of(number, f"plate {number}", time, columns, stems, units=units)
 
 
 def _place(described: Element) -> tuple[Array, Array, Array]:

@@ -1,7 +1,7 @@
 """XDF files, as LabRecorder writes them from streams of Lab Streaming Layer."""
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -11,15 +11,10 @@ import numpy as np
 from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import listed, printable, short
-from pipeline.io.columns import (
-    FileMarkers,
-    PlateColumns,
-    lab_axes,
-    plates_about_origin,
-    plates_in_si,
-)
+from pipeline.io.columns import FileMarkers, PlateColumns, left_out, recording_of
 from pipeline.io.input_file import naming, open_file
-from pipeline.io.recording import Analog, Metadata, Plate, Recording
+from pipeline.io.labels import require_unique
+from pipeline.io.recording import Analog, Metadata, Recording
 from pipeline.io.stated import Stated, as_stated
 from pipeline.io.xdf.channels import Channel, has_markers, marker_layout, parse_channels, si_units
 from pipeline.io.xdf.chunks import Stream, read_streams
@@ -38,18 +33,19 @@ class _Signals:
     channels: tuple[Channel, ...]
     time: Array
     values: Array
-    plates: tuple[PlateChannels, ...]
-    columns: tuple[PlateColumns, ...]
+    plates: list[PlateChannels]
+
+    def dflow_plates(self) -> Iterator[PlateColumns | Note]:
+        """Give the plates that are named as D-Flow names them."""
+        described = {plate.number for plate in self.plates}
+        return dflow_plates(self.channels, self.time, self.values, described)
 
     @property
     def of_no_plate(self) -> list[int]:
         """Columns of the channels that are no plate's."""
         used = {k for plate in self.plates for k in plate.columns}
-        return [
-            k
-            for k, channel in enumerate(self.channels)
-            if k not in used and not DFLOW_PLATE.fullmatch(channel.label)
-        ]
+        named = (bool(DFLOW_PLATE.fullmatch(channel.label)) for channel in self.channels)
+        return [k for k, of_plate in enumerate(named) if k not in used and not of_plate]
 
 
 def read_xdf(path: str | Path, stated: Stated | str | None = None) -> Recording:
@@ -94,51 +90,48 @@ def _read(path: Path, stated: Stated) -> Recording:
     with open_file(path) as file:
         streams, texts, whole = read_streams(file.read())
     streams = [s for s in streams if len(s.stamps) > 1]
-    if twice := [name for name, n in Counter(s.name for s in streams).items() if n > 1]:
-        raise ValueError(f"several streams are called {listed(map(repr, twice))}")
+    require_unique([s.name for s in streams], "several streams have the same name")
     channels = {s.name: _of(s, parse_channels, s.info, s.values.shape[1]) for s in streams}
     with_markers = [s for s in streams if has_markers(s.content_type, channels[s.name])]
     regular = [
         s for s in streams if s.rate_hz > 0 or s.name == stated.marker_stream or s in with_markers
     ]
-    left = [s.name for s in streams if s not in regular] + texts
     stream = _of_markers(regular, with_markers, stated.marker_stream, list(channels))
     layout = marker_layout(channels[stream.name], stated)
-    clock: Clock = _of(stream, find_clock, stream.stamps, stream.rate_hz)
+    clocks: dict[str, Clock] = {s.name: _of(s, find_clock, s.stamps, s.rate_hz) for s in regular}
+    clock = clocks[stream.name]
     position = layout.positions(clock.on_frames(stream.values)).reshape(clock.frames, -1, 3)
     stated.check_span(position, layout.unit)
-    markers = FileMarkers(layout.names, position, layout.subject, layout.notes)
-    notes = [*layout.notes, *_clock_notes(stream, clock)]
+    markers = FileMarkers(layout.names, position, layout.unit, layout.subject, layout.notes)
     signals = []
+    notes = []
     for other in regular:
+        own = clocks[other.name]
+        notes += _clock_notes(other, own)
         if other is not stream:
-            found, more = _signals(other, channels[other.name], clock.start_s, stated)
-            signals.append(found)
-            notes += more
-    columns = [plate for s in signals for plate in s.columns]
-    written = printable((stream.info.findtext("desc/axes") or "").strip())
-    to_lab, axes_notes = lab_axes(
-        markers,
-        [plate.force for plate in columns],
-        stated,
-        written or None,
-        "the stream's description",
-    )
-    about_origin, moment_notes = plates_about_origin(columns, to_lab)
-    plates = [p.plate(s.time, s.values, to_lab) for s in signals for p in s.plates]
-    analog, analog_notes = _analog(signals)
-    if left:
-        notes.append(Note.of("streams_left_out", streams=left))
+            time, values = own.time - clock.start_s, own.on_frames(other.values)
+            plates, absent = find_plates(other.info, channels[other.name])
+            notes += [left_out(f"plate {short(number)}", why) for number, why in absent.items()]
+            signals.append(_Signals(other.name, channels[other.name], time, values, plates))
+    analog, interpolated = _analog(signals)
+    if left := [s.name for s in streams if s not in regular] + texts:
+        notes.append(Note.of("parts_left_out", parts=left))
     if not whole:
-        notes.append(Note.of("recording_unended"))
-    return Recording(
-        source=path,
-        markers=markers.in_lab(clock.time - clock.start_s, to_lab),
-        plates=tuple(_in_order([*plates, *about_origin])),
+        notes.append(Note.of("cut_short", file=path.name, sign="the recorder did not end it"))
+    return recording_of(
+        path,
+        stated,
+        markers,
+        clock.time - clock.start_s,
+        [plate for s in signals for plate in s.dflow_plates()],
+        axes=printable((stream.info.findtext("desc/axes") or "").strip()),
+        program="the stream's description",
+        placed=lambda to_lab: [
+            plate.plate(s.time, s.values, to_lab) for s in signals for plate in s.plates
+        ],
         analog=analog,
         metadata=Metadata(subject=layout.subject, software="LabRecorder"),
-        stated=stated,
-        notes=(*axes_notes, *notes, *moment_notes, *analog_notes),
+        notes=[*notes, *interpolated],
     )
 
 
@@ -177,43 +170,13 @@ def _of_markers(
 
 
 def _clock_notes(stream: Stream, clock: Clock) -> list[Note]:
-    dropped = clock.frames - len(stream.stamps)
-    name = short(stream.name)
+    of = f"stream {short(stream.name)}"
     notes = [
-        Note.of(
-            "stream_clock",
-            stream=name,
-            rate_hz=clock.rate_hz,
-            nominal_hz=stream.rate_hz,
-            scatter_s=clock.scatter_s,
-        )
+        Note.of("sample_clock", of=of, rate_hz=clock.rate_hz, scatter_s=clock.scatter_s),
     ]
-    if dropped:
-        notes.append(Note.of("samples_dropped", stream=name, dropped=dropped, samples=clock.frames))
+    if dropped := clock.frames - len(stream.stamps):
+        notes.append(Note.of("samples_dropped", of=of, dropped=dropped, samples=clock.frames))
     return notes
-
-
-def _signals(
-    stream: Stream, channels: tuple[Channel, ...], start_s: float, stated: Stated
-) -> tuple[_Signals, list[Note]]:
-    clock: Clock = _of(stream, find_clock, stream.stamps, stream.rate_hz)
-    time, values = clock.time - start_s, clock.on_frames(stream.values)
-    plates, left_out = find_plates(stream.info, channels)
-    notes = [
-        Note.of("plate_left_out", plate=f"plate {short(number)}", reason=why)
-        for number, why in left_out.items()
-    ]
-    placed = {plate.number for plate in plates}
-    columns, more = plates_in_si(dflow_plates(channels, time, values, placed), stated)
-    found = _Signals(stream.name, channels, time, values, tuple(plates), tuple(columns))
-    return found, [*_clock_notes(stream, clock), *notes, *more]
-
-
-def _in_order(plates: list[Plate]) -> list[Plate]:
-    numbers = [plate.number for plate in plates]
-    if len(set(numbers)) < len(numbers):
-        raise ValueError(f"several plates have the same number: {listed(sorted(numbers))}")
-    return sorted(plates, key=lambda plate: plate.number)
 
 
 def _analog(signals: Sequence[_Signals]) -> tuple[Analog | None, list[Note]]:
@@ -239,9 +202,7 @@ def _analog(signals: Sequence[_Signals]) -> tuple[Analog | None, list[Note]]:
         f"{stream}.{label}" if counts[label] > 1 or label.isdecimal() else label
         for stream, label in labels
     )
-    if twice := sorted(name for name, count in Counter(names).items() if count > 1):
-        raise ValueError(f"several channels have the same label: {listed(twice)}")
-    notes = [
-        Note.of("streams_interpolated", streams=interpolated, fastest=short(fastest.name))
-    ] * bool(interpolated)
-    return Analog(time, names, tuple(units), np.hstack(values)), notes
+    require_unique(names, "several channels have the same label")
+    notes = [Note.of("signals_interpolated", signals=interpolated, fastest=short(fastest.name))]
+    analog = Analog(time, names, tuple(units), np.hstack(values))
+    return analog, notes if interpolated else []

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -26,8 +26,7 @@ MAX_HEIGHT_DIFFERENCE_M: Final = 0.03
 """Two feet that both stand are level; one that swings past is not."""
 
 
-@dataclass(frozen=True, slots=True)
-class Pressure:
+class Pressure(NamedTuple):
     """The pressure on one plate beside the feet.
 
     Attributes
@@ -213,10 +212,10 @@ def share_between_feet(
     """
     numbers = numbers or range(1, len(wrenches) + 1)
     require_contacts(stated, numbers, time)
-    ambiguous, contacts, foot_of_plates = np.zeros(len(feet), bool), list[Contact](), list[Array]()
+    live, ambiguous = method == "realtime", np.zeros(len(feet), bool)
+    contacts, foot_of_plates = list[Contact](), list[Array]()
     for number, wrench in zip(numbers, wrenches, strict=True):
         plate = _Plate(time, wrench, feet, threshold_n)
-        live = method == "realtime"
         if not live:
             plate.drop_brief()
         plate.overrule([each for each in stated if each.plate == number])
@@ -278,15 +277,14 @@ def forces_of_legs(frames: Mask) -> Mask:
 def contact_notes(shared: SharedPlates, time: Array) -> tuple[Note, ...]:
     """Name contacts that cannot be assigned to a foot, and plates with pressure far from both."""
     notes = []
-    for plate in dict.fromkeys(contact.plate for contact in shared.contacts):
+    for plate in sorted({contact.plate for contact in shared.contacts}):
         distance_m = float(np.median([c.distance_m for c in shared.contacts if c.plate == plate]))
         if distance_m > FAR_M:
             notes.append(Note.of("pressure_far_from_feet", plate=plate, distance_m=distance_m))
-    doubtful = [contact for contact in shared.contacts if contact.ambiguous]
-    for plate in dict.fromkeys(contact.plate for contact in doubtful):
-        spans = [(c.start, c.stop) for c in doubtful if c.plate == plate]
-        times = _listed(time, spans)
-        notes.append(Note.of("contacts_ambiguous", plate=plate, contacts=len(spans), times=times))
+    doubtful = [(contact.start, contact.stop) for contact in shared.contacts if contact.ambiguous]
+    if doubtful:
+        times = _listed(time, doubtful)
+        notes.append(Note.of("contacts_ambiguous", contacts=len(doubtful), times=times))
     return tuple(notes)
 
 
@@ -303,21 +301,15 @@ class _Plate:
     def drop_brief(self) -> None:
         """Leave brief stretches of one foot undecided beside a longer one of the same contact."""
         for start, stop in self.stretches:
-            self._drop_brief(start, stop)
-
-    def _drop_brief(self, start: int, stop: int) -> None:
-        decided = start + np.flatnonzero(self.decided[start:stop])
-        if not len(decided):
-            return
-        changes = np.flatnonzero(np.diff(self.nearer[decided])) + 1
-        runs = np.split(decided, changes)
-        lasting = [self.time[run[-1]] - self.time[run[0]] for run in runs]
-        if max(lasting) < MIN_STANCE_S:
-            return
-        for run, duration in zip(runs, lasting, strict=True):
-            cut_off = run[0] == 0 or run[-1] == len(self.time) - 1
-            if duration < MIN_STANCE_S and not cut_off:
-                self.decided[run] = False
+            decided = start + np.flatnonzero(self.decided[start:stop])
+            runs = np.split(decided, np.flatnonzero(np.diff(self.nearer[decided])) + 1)
+            lasting = [np.ptp(self.time[run]) if len(run) else 0.0 for run in runs]
+            if max(lasting) < MIN_STANCE_S:
+                continue
+            for run, duration in zip(runs, lasting, strict=True):
+                cut_off = run[0] == 0 or run[-1] == len(self.time) - 1
+                if duration < MIN_STANCE_S and not cut_off:
+                    self.decided[run] = False
 
     def overrule(self, stated: Sequence[PlateContact]) -> None:
         """Take the foot of a contact from a person."""

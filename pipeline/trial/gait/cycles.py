@@ -1,6 +1,6 @@
 """Gait cycles: which there are, which a condition asks for, and signals over 0–100 %."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 import numpy as np
@@ -185,9 +185,11 @@ def _first_of_each(times: Array) -> Array:
 MIN_DURATION: Final = 0.6
 MAX_DURATION: Final = 1.5
 """Of a gait cycle, in medians of the trial: a missed or surplus foot strike makes 2 or 0.5."""
+FAR_DURATION: Final = "a duration far from the median"
+NOT_ALTERNATING: Final = "events that do not alternate"
 
 
-def gait_cycles(events: Iterable[Event], side: str) -> tuple[Array, tuple[Note, ...]]:
+def gait_cycles(events: Iterable[Event], side: str) -> tuple[Array, tuple[str, ...]]:
     """Cut a trial into gait cycles, from foot strike to foot strike of one side.
 
     Parameters
@@ -201,52 +203,31 @@ def gait_cycles(events: Iterable[Event], side: str) -> tuple[Array, tuple[Note, 
     -------
     spans
         Start and stop of each plausible cycle, half-open, (C, 2) [s].
-    rejected
-        Why cycles were left out: ``cycle_duration`` outside 0.6 to 1.5 medians, or
-        ``cycle_events`` that do not alternate (the foot does not leave the ground once, or the
-        other foot does not strike once), judged where the trial has events of that kind at all.
-
-    Raises
-    ------
-    ValueError
-        If the side is neither "left" nor "right".
+    left_out
+        Why each other cycle was left out: a duration outside 0.6 to 1.5 medians, or events that do
+        not alternate (the foot does not leave the ground once, or the other foot does not strike
+        once), judged where the trial has events of that kind at all.
     """
-    if side not in SIDES:
-        raise ValueError(f'side must be "left" or "right", got {side!r}')
     events = tuple(events)
     strikes = event_times(events, "foot_strike", side)
     spans = np.column_stack([strikes[:-1], strikes[1:]])
     duration = np.diff(spans, axis=1)[:, 0]
-    expected = [("foot_off", side), ("foot_strike", SIDES[1 - SIDES.index(side)])]
-    within = {kind: event_times(events, *kind) for kind in expected}
-    accepted: list[bool] = []
-    rejected: list[Note] = []
     typical = np.median(duration) if len(duration) else np.nan
-    for start, stop in spans:
-        cycle = {"side": side, "start_s": start, "stop_s": stop}
-        ratio = (stop - start) / typical
-        if not MIN_DURATION <= ratio <= MAX_DURATION:
-            rejected.append(Note.of("cycle_duration", **cycle, ratio=ratio))
-            accepted.append(False)
-            continue
-        counts = {
-            f"{foot} {label.replace('_', ' ')}": np.count_nonzero((times > start) & (times < stop))
-            for (label, foot), times in within.items()
-            if times.size
-        }
-        wrong = {event: count for event, count in counts.items() if count != 1}
-        rejected += [
-            Note.of("cycle_events", **cycle, event=event, count=count)
-            for event, count in wrong.items()
-        ]
-        accepted.append(not wrong)
-    return spans[np.array(accepted, bool)], tuple(rejected)
+    other = SIDES[1 - SIDES.index(side)]
+    kinds = [event_times(events, "foot_off", side), event_times(events, "foot_strike", other)]
+    alternate = np.ones(len(spans), bool)
+    for times in kinds:
+        within = np.searchsorted(times, spans[:, 1]) - np.searchsorted(times, spans[:, 0], "right")
+        alternate &= (within == 1) | (not len(times))
+    usual = (duration >= MIN_DURATION * typical) & (duration <= MAX_DURATION * typical)
+    far, wrong = np.count_nonzero(~usual), np.count_nonzero(usual & ~alternate)
+    return spans[usual & alternate], (FAR_DURATION,) * far + (NOT_ALTERNATING,) * wrong
 
 
 def cut_cycles(
     events: Sequence[Event], time: Array, quality: Indices, min_valid_share: float
-) -> tuple[dict[str, Array], tuple[Note, ...]]:
-    """Cut gait cycles of both sides; leave out those of which too little counts, with the reason.
+) -> tuple[dict[str, Array], tuple[str, ...]]:
+    """Cut gait cycles of both sides; leave out those of which too little counts.
 
     Parameters
     ----------
@@ -263,36 +244,34 @@ def cut_cycles(
     -------
     cycles
         Side -> start and stop of each cycle, (C, 2) [s].
-    rejected
-        Why cycles were left out: as `gait_cycles`, ``cycle_outside`` the recorded markers,
-        ``cycle_unsolved``, ``cycle_not_carried`` or ``cycle_unsettled``.
+    left_out
+        Why each other cycle was left out.
     """
     cycles: dict[str, Array] = {}
-    rejected: list[Note] = []
+    left_out: list[str] = []
     known = free_of(quality, Quality.POSE_UNKNOWN)
     masks = free_of(quality, NO_SUPPORT), free_of(quality)
     for side in SIDES:
         spans, reasons = gait_cycles(events, side)
-        rejected += reasons
+        left_out += reasons
         accepted = []
         for start, stop in spans:
             inside = slice(*np.searchsorted(time, (start, stop)))
-            cycle = {"side": side, "start_s": start, "stop_s": stop}
             frames = max(inside.stop - inside.start, 1)
             carried, counted = (np.count_nonzero(mask[inside]) / frames for mask in masks)
-            reason = None
+            reason = ""
             if start < time[0] or stop > time[-1]:
-                reason = Note.of("cycle_outside", **cycle)
+                reason = "an end beyond the recorded markers"
             elif not known[inside].all():
-                reason = Note.of("cycle_unsolved", **cycle)
+                reason = "frames without a solution or without forces"
             elif carried < min_valid_share:
-                reason = Note.of("cycle_not_carried", **cycle, share=carried)
+                reason = "plates that do not carry the subject"
             elif counted < min_valid_share:
-                reason = Note.of("cycle_unsettled", **cycle, share=counted)
-            accepted.append(reason is None)
-            rejected += [] if reason is None else [reason]
+                reason = "an end or a gap too near for the filters to settle"
+            accepted.append(not reason)
+            left_out += [reason] if reason else []
         cycles[side] = spans[np.array(accepted, bool)]
-    return cycles, tuple(rejected)
+    return cycles, tuple(left_out)
 
 
 def found_cycles(events: Sequence[Event], sides: Iterable[str]) -> int:
@@ -345,7 +324,7 @@ has none, those of the other foot count."""
 
 
 def select_cycles(
-    cycles: dict[str, Array], condition: Condition, onsets: Array | None
+    cycles: dict[str, Array], condition: Condition, onsets: Array
 ) -> tuple[dict[str, Array], tuple[Note, ...]]:
     """Select the gait cycles of a condition.
 
@@ -357,7 +336,7 @@ def select_cycles(
         How many, from when (cycles or perturbations before ``skip_s`` do not count), and whether
         only perturbed ones.
     onsets
-        Perturbation onsets, (P,) [s]; needed where the condition is perturbed.
+        Perturbation onsets, (P,) [s].
 
     Returns
     -------
@@ -371,55 +350,43 @@ def select_cycles(
     """
     notes: tuple[Note, ...] = ()
     if condition.perturbed:
-        onsets = np.empty(0) if onsets is None else onsets
-        selected, notes = _perturbed(cycles, onsets[onsets >= condition.skip_s])
+        selected, without = _perturbed(cycles, onsets[onsets >= condition.skip_s])
+        if len(without):
+            named = [f"{onset:.2f} s" for onset in without]
+            notes = (Note.of("perturbation_without_cycle", onsets=named),)
     else:
         later = {side: spans[spans[:, 0] >= condition.skip_s] for side, spans in cycles.items()}
-        side = counted_side({side: len(spans) for side, spans in later.items()})
+        counted = COUNTED_SIDE, *SIDES
+        side = next((each for each in counted if len(later[each])), COUNTED_SIDE)
         selected = {side: later[side]}
-        if side != COUNTED_SIDE and len(later[side]):
+        if side != COUNTED_SIDE:
             notes = (Note.of("cycles_of_left"),)
     found = sum(len(spans) for spans in selected.values())
     wanted = condition.cycles
     if wanted is None:
         return selected, notes
     if found < wanted:
-        notes = (*notes, Note.of("cycles_missing", found=found, wanted=wanted))
-    return _first(selected, wanted), notes
+        return selected, (*notes, Note.of("cycles_missing", found=found, wanted=wanted))
+    starts = np.sort(np.concatenate([spans[:, 0] for spans in selected.values()]))
+    last = starts[wanted - 1]
+    return {side: spans[spans[:, 0] <= last] for side, spans in selected.items()}, notes
 
 
-def counted_side(cycles: Mapping[str, int]) -> str:
-    """Give the foot by which walking is counted, from how many cycles each foot has."""
-    return COUNTED_SIDE if cycles[COUNTED_SIDE] else max(cycles, key=lambda side: cycles[side])
-
-
-def _perturbed(
-    cycles: dict[str, Array], onsets: Array
-) -> tuple[dict[str, Array], tuple[Note, ...]]:
-    selected: dict[str, list[Array]] = {side: [] for side in cycles}
-    notes = []
+def _perturbed(cycles: dict[str, Array], onsets: Array) -> tuple[dict[str, Array], Array]:
+    """Give the cycles that contain a perturbation, and the onsets that none contains."""
+    chosen: dict[str, set[tuple[float, float]]] = {side: set() for side in cycles}
+    without = []
     for onset in onsets:
         containing = [
-            (span[0], side, span)
+            (start, stop, side)
             for side, spans in cycles.items()
-            for span in spans
-            if span[0] <= onset < span[1]
+            for start, stop in spans.tolist()
+            if start <= onset < stop
         ]
         if containing:
-            _, side, span = max(containing, key=lambda cycle: cycle[0])
-            selected[side].append(span)
+            start, stop, side = max(containing, key=lambda cycle: cycle[0])
+            chosen[side].add((start, stop))
         else:
-            notes.append(Note.of("perturbation_without_cycle", onset_s=onset))
-    spans = {
-        side: np.unique(np.reshape(found, (-1, 2)), axis=0) for side, found in selected.items()
-    }
-    return spans, tuple(notes)
-
-
-def _first(cycles: dict[str, Array], count: int) -> dict[str, Array]:
-    """Keep the earliest cycles of both sides together."""
-    starts = np.sort(np.concatenate([spans[:, 0] for spans in cycles.values()]))
-    if len(starts) <= count:
-        return cycles
-    last = starts[count - 1]
-    return {side: spans[spans[:, 0] <= last] for side, spans in cycles.items()}
+            without.append(onset)
+    selected = {side: np.reshape(sorted(own), (-1, 2)) for side, own in chosen.items()}
+    return selected, np.array(without)

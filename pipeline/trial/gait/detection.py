@@ -7,7 +7,6 @@ from functools import cache
 from typing import Final
 
 import numpy as np
-from scipy.signal import find_peaks
 
 from compensation.platform import PlatformPose
 from hbm.body import Body
@@ -22,15 +21,14 @@ from pipeline.io.recording import Event
 from pipeline.trial.gait.contact import FEET, MIN_STANCE_S, Contact, Foot
 from pipeline.trial.gait.events import (
     LABELS,
-    MIN_EXCURSION_M,
     MIN_STRIDE_S,
-    NONE_IN_FILE,
     SIDES,
     event_times,
+    gait_events,
     has_strides,
     in_order,
     match_times,
-    zeni_events,
+    turns,
 )
 from pipeline.trial.ground.wrenches import PlateLoad
 
@@ -128,8 +126,10 @@ def foot_motion_events(motion: FootMotion) -> tuple[Event, ...]:
     time, back, events = motion.time, -motion.time[::-1], []
     pelvis = butterworth(motion.pelvis, time, TURN_CUTOFF_HZ, "zero_phase")
     for side, ankle, ball in zip(SIDES, motion.ankles.T, motion.balls.T, strict=True):
-        ahead = _turns(time, ankle - motion.pelvis)
-        behind = _turns(time, motion.pelvis - ball)
+        ahead, behind = (
+            turns(time, low_pass(distance, time, TURN_CUTOFF_HZ, "zero_phase")).tolist()
+            for distance in (ankle - motion.pelvis, motion.pelvis - ball)
+        )
         ankle_speed, ball_speed = (
             butterworth(place, time, SPEED_CUTOFF_HZ, "zero_phase").velocity
             for place in (ankle, ball)
@@ -147,17 +147,6 @@ def foot_motion_events(motion: FootMotion) -> tuple[Event, ...]:
         events += [Event(t, "foot_strike", side) for t in strikes if t is not None]
         events += [Event(-t, "foot_off", side) for t in offs if t is not None]
     return in_order(events)
-
-
-def _turns(time: Array, distance: Array) -> list[int]:
-    """Find the frames in which a distance (T,) is largest; in a gap nothing is found."""
-    filtered = low_pass(distance, time, TURN_CUTOFF_HZ, "zero_phase")
-    apart = max(1, round(MIN_STRIDE_S / np.median(np.diff(time))))
-    frames: list[int] = []
-    for start, stop in stretches(np.isfinite(filtered)):
-        peaks, _ = find_peaks(filtered[start:stop], distance=apart, prominence=MIN_EXCURSION_M)
-        frames += [int(start + peak) for peak in peaks]
-    return frames
 
 
 def _stances(ahead: list[int], behind: list[int]) -> list[tuple[int, int]]:
@@ -369,7 +358,7 @@ def _crossing(
     return float(time[first + k] + share * (time[first + k + 1] - time[first + k]))
 
 
-NO_SWING: Final = "no foot swings forward and back against the pelvis, as in walking"
+NO_SWING: Final = "no foot swings against the pelvis in {:.2f} s; record two strikes of a foot"
 MAX_PLATES_APART_S: Final = 0.2
 """Of a foot's motion and a plate's load that are the same event; the next one is a second away."""
 MIN_CLEAN: Final = 3
@@ -435,54 +424,26 @@ def detect_events(
         The method and how many foot strikes it found, or why there are no events.
     """
     method = wanted or ("file" if has_strides(sources.of_file) else "auto")
-    corrections: dict[str, float] = {}
-    try:
-        match method:
-            case "file":
-                events, code = sources.of_file, "events_of_file"
-                if not events:
-                    raise ValueError(NONE_IN_FILE)
-            case "zeni":
-                events = zeni_events(sources.markers, sources.marker_set)
-                code = "events_from_markers"
-            case "plates":
-                events, code = _of_plates(sources), "events_of_plates"
-            case "auto":
-                by_motion, of_plates = foot_motion_events(sources.motion), _of_plates(sources)
-                if not by_motion:
-                    raise ValueError(_no_step(sources.motion))
-                events, corrections = combined_events(by_motion, of_plates)
-                code = "events_calibrated" if corrections else "events_uncalibrated"
-    except ValueError as error:
-        return (), method, Note.of("events_unknown", reason=str(error))
-    left, right = (event_times(events, "foot_strike", side).size for side in SIDES)
+    if method in ("file", "zeni"):
+        events, note = gait_events(sources.of_file, sources.markers, sources.marker_set, method)
+        return events, method, note
+    motion = sources.motion
+    events = plate_events(sources.contacts, sources.loads, motion.time, sources.weight_n)
+    corrections, code, of_plates = dict[str, float](), "events_of_plates", set(events)
+    if method == "auto":
+        events, corrections = combined_events(foot_motion_events(motion), events)
+        code = "events_calibrated" if corrections else "events_uncalibrated"
+        if not events:
+            known = np.isfinite(motion.ankles.sum(axis=1) + motion.pelvis)
+            longest_s = max((np.ptp(motion.time[a:b]) for a, b in stretches(known)), default=0.0)
+            return (), method, Note.of("events_unknown", reason=NO_SWING.format(longest_s))
+    counts = {side: event_times(events, "foot_strike", side).size for side in SIDES}
     if not corrections:
-        return events, method, Note.of(code, left=left, right=right)
-    timed = len(set(events) & set(of_plates))
-    calibrated = {kind: 1000 * seconds for kind, seconds in corrections.items()}
-    note = Note.of(
-        code, left=left, right=right, timed=timed, events=len(events), offset_ms=calibrated
-    )
+        return events, method, Note.of(code, **counts)
+    timed = len(set(events) & of_plates)
+    offset_ms = {kind: 1000 * seconds for kind, seconds in corrections.items()}
+    note = Note.of(code, **counts, timed=timed, events=len(events), offset_ms=offset_ms)
     return events, method, note
-
-
-def _no_step(motion: FootMotion) -> str:
-    """Say why the motion of the feet shows no event: nobody walks, or not for as long as a stride.
-
-    A foot that swings travels against the pelvis; a stride is seen from one turn of it to the next.
-    """
-    relative = motion.ankles - motion.pelvis[:, None]
-    known = np.asarray(np.isfinite(relative).all(axis=1), bool)
-    seen = [slice(a, b) for a, b in stretches(known)]
-    travel_m = max((float(np.ptp(relative[part], axis=0).max()) for part in seen), default=0.0)
-    if travel_m < MIN_EXCURSION_M:
-        return NO_SWING
-    longest_s = max(float(np.ptp(motion.time[part])) for part in seen)
-    return (
-        f"pelvis and feet are seen for {longest_s:.2f} s, less than a stride, though a foot "
-        f"travels {travel_m:.2f} m against the pelvis; record two strikes of a foot and 0.2 s "
-        "around them"
-    )
 
 
 def combined_events(
@@ -550,7 +511,3 @@ def _corrected(times: Array, known: Array, offset: Array) -> Array:
     apart = np.abs(known - times[:, None])
     nearest = np.argsort(apart, axis=1, kind="stable")[:, :NEAREST]
     return np.asarray(times + np.median(offset[nearest], axis=1))
-
-
-def _of_plates(sources: EventSources) -> tuple[Event, ...]:
-    return plate_events(sources.contacts, sources.loads, sources.motion.time, sources.weight_n)

@@ -2,8 +2,9 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from typing import Final
+from dataclasses import replace
+from itertools import product
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +14,7 @@ from hbm.markers import Markers, MarkerSet
 from hbm.notes import Note
 from hbm.signals.filtering import butterworth
 from hbm.signals.samples import stretches
-from hbm.spatial import Array, Mask
+from hbm.spatial import Array, Indices, Mask
 from pipeline.config.schema import EventMethod
 from pipeline.io.recording import Event
 
@@ -138,8 +139,8 @@ def force_events(
     Parameters
     ----------
     wrenches
-        Side ("left", "right") -> action on that foot in lab axes, (N, 6) [N, N·m], not filtered:
-        a low-pass at 6 Hz would begin contact early.
+        Side or foot ("left", "left_foot") -> action on that foot in lab axes, (N, 6) [N, N·m], not
+        filtered: a low-pass at 6 Hz would begin contact early.
     time
         Sample times, (N,) [s].
     threshold_n
@@ -150,21 +151,11 @@ def force_events(
     tuple of Event
         In order of time, to a fraction of a sample. Contacts and losses of contact shorter than
         ``MIN_CONTACT_S`` are noise and do not count.
-
-    Raises
-    ------
-    ValueError
-        If a side is not "left" or "right", or wrenches do not fit the times.
     """
-    time, events = np.asarray(time, float), []
-    for side, wrench in wrenches.items():
-        wrench = np.asarray(wrench, float)
-        if side not in SIDES or wrench.shape != (len(time), 6):
-            raise ValueError(
-                f'wrenches must be ({len(time)}, 6) for "left" and "right", '
-                f"got {wrench.shape} for {side!r}"
-            )
-        starts, stops = _contacts(time, wrench[:, 2] - threshold_n)
+    events = []
+    for foot, wrench in wrenches.items():
+        starts, stops = _contacts(np.asarray(time), np.asarray(wrench)[:, 2] - threshold_n)
+        side = foot.removesuffix("_foot")
         events += [Event(float(t), "foot_strike", side) for t in starts]
         events += [Event(float(t), "foot_off", side) for t in stops]
     return in_order(events)
@@ -179,16 +170,18 @@ def event_times(events: Iterable[Event], label: str, side: str) -> Array:
 def _turning_points(time: Array, distance: Array) -> Array:
     """Find when a distance (T,) is largest; in a gap nothing is found."""
     filtered = butterworth(distance, time, EVENT_CUTOFF_HZ, "zero_phase")
-    apart = max(1, round(MIN_STRIDE_S / np.median(np.diff(time))))
-    known = np.isfinite(filtered.value)
-    frames = [np.zeros(0, int)]
-    for start, stop in stretches(known):
-        peaks, _ = find_peaks(
-            filtered.value[start:stop], distance=apart, prominence=MIN_EXCURSION_M
-        )
-        frames.append(start + peaks)
-    frame = np.concatenate(frames)
+    frame = turns(time, filtered.value)
     return np.asarray(time[frame] - filtered.velocity[frame] / filtered.acceleration[frame])
+
+
+def turns(time: Array, distance: Array) -> Indices:
+    """Find the frames in which a filtered distance (T,) is largest; none in a gap."""
+    apart = max(1, round(MIN_STRIDE_S / np.median(np.diff(time))))
+    frames = [np.zeros(0, int)]
+    for start, stop in stretches(np.isfinite(distance)):
+        peaks, _ = find_peaks(distance[start:stop], distance=apart, prominence=MIN_EXCURSION_M)
+        frames.append(start + peaks)
+    return np.concatenate(frames)
 
 
 def _contacts(time: Array, excess: Array) -> tuple[Array, Array]:
@@ -230,19 +223,8 @@ MAX_DIFFERENCE_S: Final = 0.2
 """Of two events that may be the same; events of one kind and side are a second apart."""
 
 
-@dataclass(frozen=True, slots=True)
-class EventAgreement:
-    """Agreement between two ways of finding one kind of gait event.
-
-    Attributes
-    ----------
-    label, side
-        The kind of event.
-    mean_ms, sd_ms
-        Mean and standard deviation of first minus second [ms]; NaN where too few match.
-    matched, only_in_first, only_in_second
-        Numbers of events.
-    """
+class EventAgreement(NamedTuple):
+    """Mean and standard deviation of first minus second [ms]; NaN where too few match."""
 
     label: str
     side: str
@@ -251,6 +233,11 @@ class EventAgreement:
     matched: int
     only_in_first: int
     only_in_second: int
+
+    @property
+    def kind(self) -> str:
+        """Name the kind of event, such as "left foot strikes"."""
+        return f"{self.side} {self.label.replace('_', ' ')}s"
 
 
 def compare_events(
@@ -271,18 +258,16 @@ def compare_events(
         Left and right foot strikes, left and right foot offs. Two events match when each is the
         other's nearest.
     """
-    first, second = tuple(first), tuple(second)
-    return tuple(
-        _agreement(
-            event_times(first, label, side),
-            event_times(second, label, side),
-            label,
-            side,
-            tolerance_s,
-        )
-        for label in LABELS
-        for side in SIDES
-    )
+    first, second, found = tuple(first), tuple(second), []
+    for label, side in product(LABELS, SIDES):
+        here, there = event_times(first, label, side), event_times(second, label, side)
+        own, other = match_times(here, there, tolerance_s)
+        apart_ms, number = 1000 * (here[own] - there[other]), len(own)
+        mean_ms = float(apart_ms.mean()) if number else np.nan
+        sd_ms = float(apart_ms.std(ddof=1)) if number > 1 else np.nan
+        alone = len(here) - number, len(there) - number
+        found.append(EventAgreement(label, side, mean_ms, sd_ms, number, *alone))
+    return tuple(found)
 
 
 def match_times(first: Array, second: Array, tolerance_s: float) -> tuple[Array, Array]:
@@ -312,62 +297,17 @@ def match_times(first: Array, second: Array, tolerance_s: float) -> tuple[Array,
 def agreement_with_plates(
     events: Iterable[Event], feet: Mapping[str, Array], time: Array, threshold_n: float
 ) -> tuple[Note, ...]:
-    """Give how far gait events are from those of the forces under the feet.
+    """Note how far gait events are from those of the unfiltered forces under the feet, (T, 6).
 
-    Parameters
-    ----------
-    events
-        Gait events.
-    feet
-        "left_foot" and "right_foot" -> action on that foot in lab axes, unfiltered, (T, 6).
-    time
-        (T,) [s].
-    threshold_n
-        Vertical force of contact [N].
-
-    Returns
-    -------
-    tuple of Note
-        One ``event_agreement`` per kind and side of which two events match at least; one
-        ``events_disagree`` where there is no such kind, though both sources show some event of a
-        side more than once.
+    ``event_agreement`` has the kinds of which two events match at least.
     """
-    sides = {foot.removesuffix("_foot"): wrench for foot, wrench in feet.items()}
-    compared = compare_events(events, force_events(sides, time, threshold_n))
-    notes = tuple(
-        Note.of(
-            "event_agreement",
-            side=kind.side,
-            event=kind.label.replace("_", " "),
-            mean_ms=kind.mean_ms,
-            sd_ms=kind.sd_ms,
-            matched=kind.matched,
-            only_events=kind.only_in_first,
-            only_plates=kind.only_in_second,
-        )
-        for kind in compared
-        if kind.matched > 1
-    )
-    repeated = any(
-        kind.matched + min(kind.only_in_first, kind.only_in_second) > 1 for kind in compared
-    )
-    return notes if notes or not repeated else (Note.of("events_disagree"),)
-
-
-def _agreement(
-    first: Array, second: Array, label: str, side: str, tolerance_s: float
-) -> EventAgreement:
-    own, other = match_times(first, second, tolerance_s)
-    matched = 1000 * (first[own] - second[other])
-    return EventAgreement(
-        label,
-        side,
-        mean_ms=float(matched.mean()) if matched.size else np.nan,
-        sd_ms=float(matched.std(ddof=1)) if matched.size > 1 else np.nan,
-        matched=matched.size,
-        only_in_first=len(first) - matched.size,
-        only_in_second=len(second) - matched.size,
-    )
+    compared = compare_events(events, force_events(feet, time, threshold_n))
+    matched = [each for each in compared if each.matched > 1]
+    if not matched:
+        return ()
+    mean_ms = {each.kind: each.mean_ms for each in matched}
+    sd_ms = {each.kind: each.sd_ms for each in matched}
+    return (Note.of("event_agreement", mean_ms=mean_ms, sd_ms=sd_ms),)
 
 
 MIN_EVENTS: Final = 3
@@ -444,10 +384,9 @@ def reference_events(
     dict[str, tuple of Event]
         Where they come from -> events.
     """
-    sides = {foot.removesuffix("_foot"): wrench for foot, wrench in feet.items()}
     found = {}
     if method not in TIMED_BY_PLATES and np.mean(carried) >= MIN_CARRIED_SHARE:
-        found["the plates"] = force_events(sides, time, threshold_n)
+        found["the plates"] = force_events(feet, time, threshold_n)
     if method != "zeni":
         with suppress(ValueError):  # without these markers, or too short for the filter
             found["heel, toe and sacrum markers"] = zeni_events(markers, marker_set)
@@ -462,21 +401,21 @@ def _compare(
     own, crossed = _comparable(events, reference), _comparable(events, other_side)
     if not (own or crossed):
         return None
-    far = [kind for kind in own if abs(kind.mean_ms) > MAX_OFFSET_MS]
-    exchanged = [kind for kind in crossed if abs(kind.mean_ms) < MAX_AGREEMENT_MS]
+    far = [each for each in own if abs(each.mean_ms) > MAX_OFFSET_MS]
+    exchanged = [each for each in crossed if abs(each.mean_ms) < MAX_AGREEMENT_MS]
     if exchanged and len(far) == len(own):
         return (Note.of("events_of_other_side", source=source),)
     if not far:
         return ()
-    offset_ms = {f"{kind.side} {kind.label.replace('_', ' ')}s": kind.mean_ms for kind in far}
+    offset_ms = {each.kind: each.mean_ms for each in far}
     return (Note.of("events_offset", source=source, offset_ms=offset_ms),)
 
 
 def _comparable(events: Iterable[Event], reference: Iterable[Event]) -> list[EventAgreement]:
     """Compare kinds of events of which enough are about equally far from the reference's."""
     return [
-        kind
-        for kind in compare_events(events, reference, MAX_APART_S)
-        if kind.matched >= max(MIN_EVENTS, min(kind.only_in_first, kind.only_in_second))
-        and kind.sd_ms < MAX_SD_MS
+        each
+        for each in compare_events(events, reference, MAX_APART_S)
+        if each.matched >= max(MIN_EVENTS, min(each.only_in_first, each.only_in_second))
+        and each.sd_ms < MAX_SD_MS
     ]

@@ -1,26 +1,24 @@
 """Calibration of the belts: what their acceleration adds to plates."""
 
 from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from compensation import BeltModel, fit_belt, from_json, low_pass, to_json
+from compensation import BeltModel, fit_belt, low_pass, to_json
 from compensation.inertia.quality import OF_CALIBRATION
 from compensation.inertia.sensors import FAULTS
 from hbm.notes import Note
 from hbm.signals.resampling import interpolate
-from pipeline.config.plate_correction import PlateCorrection
-from pipeline.config.schema import Belt, Treadmill
-from pipeline.io.input_file import last_written, naming
+from pipeline.config.schema import Belt
+from pipeline.io.input_file import naming
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated
 from pipeline.trial.ground.belts import belt_accelerations, belt_side
 from pipeline.trial.ground.calibration_recording import FILTER, read_empty
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
-from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.ground.laboratory import Laboratory, once_in_a_process
 from pipeline.trial.ground.wrenches import plate_artefacts
 
 FILTER_EDGE_S: Final = 0.5
@@ -92,31 +90,19 @@ def read_belts(
     platform by which trials are compensated. No models where no belts are stated; notes are those
     of `belts_alone`.
     """
-    calibration = laboratory.calibration
-    return _fitted(
-        path,
-        last_written(path),
-        to_json(calibration) if calibration is not None else None,
-        laboratory.treadmill.model_dump_json(exclude={"platform"}),
+    belt, plates, calibration = (
+        laboratory.treadmill.belt,
         laboratory.plates,
-        stated,
+        laboratory.calibration,
     )
-
-
-@lru_cache(maxsize=2)
-def _fitted(
-    path: Path,
-    version: tuple[int, int],
-    calibration: str | None,
-    treadmill: str,
-    plates: PlateCorrection | None,
-    stated: Stated,
-) -> tuple[tuple[BeltModel, ...], tuple[Note, ...]]:
-    del version  # part of the key: a file written anew is fitted anew
-    as_stated = Treadmill.model_validate_json(treadmill)
-    if as_stated.belt is None:
+    if belt is None:
         return (), ()
-    known = from_json(calibration) if calibration is not None else None
-    recording = read_empty(path, stated, any_forward=plates is None)
-    alone, notes = belts_alone(recording, Laboratory(as_stated, known, plates=plates))
-    return fit_belts(alone, as_stated.belt), notes
+
+    def fitted() -> tuple[tuple[BeltModel, ...], tuple[Note, ...]]:
+        recording = read_empty(path, stated, any_forward=plates is None)
+        alone, notes = belts_alone(recording, laboratory)
+        return fit_belts(alone, belt), notes
+
+    known = None if calibration is None else to_json(calibration)
+    treadmill = laboratory.treadmill
+    return once_in_a_process(fitted, "belts", (path,), treadmill, known, plates, stated)

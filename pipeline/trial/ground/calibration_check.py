@@ -2,24 +2,21 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
-from compensation import check_trial, from_json, to_json
+from compensation import check_trial, to_json
 from compensation.inertia.quality import DayCheck, check_another_day
 from compensation.inertia.sensors import FAULTS
 from hbm.notes import Note
-from pipeline.config.plate_correction import PlateCorrection
-from pipeline.config.schema import Treadmill
-from pipeline.io.input_file import last_written, naming
+from pipeline.io.input_file import naming
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated
 from pipeline.trial.ground.accelerometers import accelerations, fastest_belt, mean_belt_speed
 from pipeline.trial.ground.calibration_recording import plate_samples, read_empty
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
-from pipeline.trial.ground.laboratory import Laboratory, plate_models
+from pipeline.trial.ground.laboratory import Laboratory, once_in_a_process, plate_models
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,31 +79,19 @@ def check_recording(recording: Recording, laboratory: Laboratory) -> Calibration
 
 
 def read_check(path: Path, laboratory: Laboratory, stated: Stated) -> CalibrationCheck:
-    """Read a recording of another day and compare it with a calibration; once in a process.
-
-    Parameters, result and errors are those of `check_recording` and `read_empty`.
-    """
-    assert laboratory.calibration is not None
-    return _checked(
-        path,
-        last_written(path),
-        to_json(laboratory.calibration),
-        laboratory.treadmill.model_dump_json(exclude={"platform"}),
+    """Read a recording of another day and compare it with a calibration; once in a process."""
+    calibration, plates, treadmill = (
+        laboratory.calibration,
         laboratory.plates,
+        laboratory.treadmill,
+    )
+    assert calibration is not None
+    return once_in_a_process(
+        lambda: check_recording(read_empty(path, stated, any_forward=plates is None), laboratory),
+        "check",
+        (path,),
+        treadmill,
+        to_json(calibration),
+        plates,
         stated,
     )
-
-
-@lru_cache(maxsize=2)
-def _checked(
-    path: Path,
-    version: tuple[int, int],
-    calibration: str,
-    treadmill: str,
-    plates: PlateCorrection | None,
-    stated: Stated,
-) -> CalibrationCheck:
-    del version  # part of the key: a file written anew is checked anew
-    channels = Treadmill.model_validate_json(treadmill)
-    laboratory = Laboratory(channels, from_json(calibration), plates=plates)
-    return check_recording(read_empty(path, stated, any_forward=plates is None), laboratory)

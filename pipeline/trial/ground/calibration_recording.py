@@ -31,7 +31,7 @@ from hbm.spatial import Array
 from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Treadmill
 from pipeline.io.input_file import naming
-from pipeline.io.read import read_as_stated
+from pipeline.io.read import read_recording
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated
 from pipeline.trial.ground.accelerometers import (
@@ -70,7 +70,7 @@ def read_empty(path: Path, stated: Stated, *, any_forward: bool = True) -> Recor
     axes and does (`any_forward`). A ValueError or OSError where the file cannot be read, or what is
     to be calibrated is subtracted from its plates.
     """
-    read = _read_with_any_axes if any_forward else read_as_stated
+    read = _read_with_any_axes if any_forward else read_recording
     recording = read(path, replace(stated, marker_set=None, label_prefix=None))
     if recording.compensation is not None:
         raise ValueError(
@@ -82,11 +82,11 @@ def read_empty(path: Path, stated: Stated, *, any_forward: bool = True) -> Recor
 
 def _read_with_any_axes(path: Path, stated: Stated) -> Recording:
     try:
-        return read_as_stated(path, stated)
+        return read_recording(path, stated)
     except ValueError as first:
         for axes in AXES_BY_VERTICAL if stated.axes is None else ():
             try:
-                recording = read_as_stated(path, replace(stated, axes=axes))
+                recording = read_recording(path, replace(stated, axes=axes))
             except ValueError:
                 continue
             if all(abs(plate.rotation[2, 2]) > MIN_COSINE_LEVEL for plate in recording.plates):

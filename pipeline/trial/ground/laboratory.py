@@ -1,10 +1,10 @@
 """A laboratory's treadmill: as stated, with its calibration, and bound to a recording."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
+from typing import TypeVar, cast
 
 import numpy as np
 
@@ -87,30 +87,37 @@ def read_calibration(
             _require_as_stated(calibration, treadmill)
             require_same_plates(calibration, plates)
         return calibration
-    channels = treadmill.model_dump_json(exclude={"platform"})
     files = path, *beside
+
+    def fitted() -> Calibration:
+        forward = plates is None
+        recording, *others = (
+            read_empty(file, as_stated(stated), any_forward=forward) for file in files
+        )
+        try:
+            return fit_calibration(recording, treadmill, plates, others)
+        except ValueError as error:
+            text = str(error)
+            known = any(file.name in text for file in files)
+            raise ValueError(text if known else f"{path.name}: {text}") from error
+
+    return once_in_a_process(fitted, "fit", files, treadmill, plates, as_stated(stated))
+
+
+Made = TypeVar("Made")
+_made: dict[Hashable, object] = {}
+
+
+def once_in_a_process(
+    make: Callable[[], Made], what: str, files: Sequence[Path], treadmill: Treadmill, *of: Hashable
+) -> Made:
+    """Give what is made of files for a treadmill, made anew only where one of all that changes."""
     versions = tuple(map(last_written, files))
-    return _fitted(files, versions, channels, as_stated(stated), plates)
-
-
-@lru_cache(maxsize=2)
-def _fitted(
-    files: tuple[Path, ...],
-    versions: tuple[tuple[int, int], ...],
-    treadmill_json: str,
-    stated: Stated,
-    plates: PlateCorrection | None,
-) -> Calibration:
-    """Fit what every trial of a study needs; files of other ``versions`` are fitted anew."""
-    path, *_ = files
-    recording, *beside = (read_empty(file, stated, any_forward=plates is None) for file in files)
-    treadmill = Treadmill.model_validate_json(treadmill_json)
-    try:
-        return fit_calibration(recording, treadmill, plates, beside)
-    except ValueError as error:
-        text = str(error)
-        known = any(file.name in text for file in files)
-        raise ValueError(text if known else f"{path.name}: {text}") from error
+    channels = treadmill.model_dump_json(exclude={"platform"})
+    key = (what, tuple(files), versions, channels, *of)
+    if key not in _made:
+        _made[key] = make()
+    return cast(Made, _made[key])
 
 
 def require_same_plates(calibration: Calibration, plates: PlateCorrection | None) -> None:

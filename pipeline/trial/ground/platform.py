@@ -8,7 +8,6 @@ import numpy as np
 from compensation import (
     Delay,
     PlatformPose,
-    Sensor,
     check_pose,
     commanded_pose,
     estimate_delay,
@@ -22,18 +21,11 @@ from compensation import (
 from hbm.notes import Note
 from hbm.signals.resampling import resample
 from hbm.spatial import Array, fit_rotation, rotate_wrench, shift_wrench, transform_wrench
-from pipeline.config.schema import Platform, Treadmill
+from pipeline.config.schema import Platform
 from pipeline.io.input_file import naming
 from pipeline.io.recording import Plate, Recording
 from pipeline.io.units import angle_in_rad, length_in_m
-from pipeline.trial.ground.accelerometers import (
-    accelerations,
-    at_plate_times,
-    hold_ends,
-    read_channel,
-    sensor_delays_s,
-)
-from pipeline.trial.ground.calibration_recording import setup_of
+from pipeline.trial.ground.accelerometers import hold_ends, read_channel
 
 NEUTRAL_FRAMES: Final = 100
 """Frames at the start in which the platform is in neutral: one second at 100 Hz."""
@@ -183,47 +175,32 @@ def plate_marker_delay(pose: PlatformPose, felt: Array, rate_hz: float) -> Delay
     return Delay(-late.seconds, late.standard_error)
 
 
-def plates_note(late: Delay | None, stated_s: float, of_trial: bool = True) -> tuple[Note, ...]:
+def plates_note(late: Delay | None, stated_s: float) -> tuple[Note, ...]:
     """Say how much later plates are than the platform's markers; nothing where unknown.
 
-    `late` is beside what is stated; in a trial more than its interval and 1 ms is a warning.
+    `late` is beside what is stated; more than its interval and 1 ms is a warning.
     """
     if late is None:
         return ()
     interval_s = QUANTILE_95 * late.standard_error
-    beyond = of_trial and abs(late.seconds) > interval_s + MIN_BEYOND_S
+    beyond = abs(late.seconds) > interval_s + MIN_BEYOND_S
     code = "platform_plates_delay_differs" if beyond else "platform_plates_delay"
     delay_s = stated_s + late.seconds
     return (Note.of(code, delay_s=delay_s, interval_s=interval_s, stated_s=stated_s),)
 
 
-def recording_delays(
-    recording: Recording, treadmill: Treadmill, sensors: tuple[Sensor, ...], commands: Platform
-) -> tuple[Note, ...]:
-    """Say how plates and commands of a recording are timed against the platform's markers.
+def command_delay(recording: Recording, markers: tuple[str, ...], commands: Platform) -> Note:
+    """Say how much later the platform moves, by its markers, than it was commanded.
 
-    The treadmill's platform has markers; `commands` names the channels of commanded sway and pitch,
-    if they were recorded. A ValueError where a marker or channel is missing, or the command does
-    not move.
+    A ValueError where a marker or channel is missing, or the command does not move.
     """
-    markers, rate_hz = recording.markers, recording.markers.rate_hz
-    pose, _ = platform_pose(recording, treadmill.platform, markers.time)
-    assert pose is not None  # the platform has markers
-    clock, readings = accelerations(recording, treadmill)
-    filtered = setup_of(recording, treadmill).low_pass(readings, clock)
-    delays_s = sensor_delays_s(treadmill, sensors)
-    (felt,) = at_plate_times(clock, filtered, [markers.time], delays_s)
-    notes = plates_note(plate_marker_delay(pose, felt, rate_hz), 0.0, of_trial=False)
-    if not commands.channels:
-        return notes
-    commanded, _ = platform_pose(recording, commands, markers.time)
-    assert commanded is not None
-    late = pose_delay(commanded, pose, rate_hz)
-    note = Note.of(
+    pose, _ = _pose_from_markers(recording, markers)
+    commanded, _ = _commanded_pose(recording, commands, recording.markers.time, resample)
+    late = pose_delay(commanded, pose, recording.markers.rate_hz)
+    return Note.of(
         "platform_command_delay",
         delay_s=late.seconds,
         interval_s=QUANTILE_95 * late.standard_error,
         channels=commands.channels,
         stated_s=-late.seconds,
     )
-    return (*notes, note)

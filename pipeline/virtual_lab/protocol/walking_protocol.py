@@ -150,14 +150,6 @@ class Protocol(InputModel):
         return self.steady_s + walking[condition]
 
 
-THESIS: Final = Protocol(beside_s=0.0)
-"""The thesis', in which nobody was recorded beside an empty plate."""
-
-SHORT: Final = Protocol(
-    subjects=3, baseline_s=40.0, pitch_s=60.0, waits_s=(12.0, 12.0, 12.0, 12.0), beside_s=0.0
-)
-"""Shorter trials of three subjects: enough of every condition to compare instruments."""
-
 DEMO: Final = Protocol(
     baseline_s=30.0,
     pitch_s=33.0,

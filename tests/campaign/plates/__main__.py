@@ -5,10 +5,21 @@ Writes its tables to docs/plates.md, after every seed.
 
 import argparse
 import time
+from collections import Counter
+from collections.abc import Callable, Sequence
 from multiprocessing import Pool
 
-from tests.campaign.plates.cases import PERFECT, STANDARD_STUDIES, carry_out, cases, faultless
-from tests.campaign.plates.page import PAGE, write_page
+from tests.campaign.pages import renew
+from tests.campaign.plates.cases import (
+    FAULTS,
+    PERFECT,
+    SIZES,
+    STANDARD_STUDIES,
+    PlateOutcome,
+    carry_out,
+    cases,
+    faultless,
+)
 
 
 def main() -> int:
@@ -23,9 +34,65 @@ def main() -> int:
         for seed in range(given.seeds):
             done += [plate for study in pool.imap(carry_out, cases([seed])) for plate in study]
             minutes = (time.monotonic() - start) / 60
-            write_page(done, perfect, minutes, given.workers)
-            print(f"seed {seed}: {minutes:.0f} min, written: {PAGE}", flush=True)
+            used = f"--seeds {seed + 1}`, {minutes:.0f} minutes, {given.workers} at a time."
+            text = f"`python -m tests.campaign.plates {used}\n\n{report(done, perfect)}"
+            renew("plates.md", "campaign", text)
     return 0
+
+
+def report(done: Sequence[PlateOutcome], perfect: Sequence[PlateOutcome]) -> str:
+    """Give one row per fault and size, and what all plates have in common."""
+    head = "fault | of its limit | found | sized | true verdict | right | cannot be told | wrong"
+    rows = [f"| {head} |", "|" + "---|" * 8]
+    for fault in FAULTS:
+        for share in SIZES:
+            alike = [o for o in done if (o.case.fault, o.case.share) == (fault.name, share)]
+            found = "–" if fault.name == "noise" else count(alike, lambda one: one.found)
+            told = " | ".join(count(alike, judged) for judged in (right, untold, wrong))
+            sized = shares([one.sized for one in alike])
+            rows.append(
+                f"| {fault.name} | {share:g} | {found} | {sized} | {alike[0].truth} | {told} |"
+            )
+    invented = Counter(name for one in done for name in one.invented).most_common()
+    bad = [one for one in done if one.truth != "fit"]
+    lines = [
+        "\n".join(rows),
+        f"Within their 95 % intervals: {shares([one.sized for one in done])} sizes. Of the true "
+        f"total errors, {shares([one.totals[1:] for one in done])} are below the upper bounds and "
+        f"{shares([one.totals[::2] for one in done])} above the lower ones. Of plates that are not "
+        f"fit as they are, {count(bad, lambda one: one.verdict == 'fit')} were called fit. Found "
+        f"where another fault was simulated: {', '.join(f'{n} {k}' for k, n in invented) or 'none'}"
+        f", in {count(done, lambda one: bool(one.invented))} plates.",
+    ]
+    for standard, words in ((False, "24 recordings"), (True, "the thesis' 72 recordings")):
+        alike = [one for one in perfect if one.case.standard == standard]
+        told = ", ".join(count(alike, judged) for judged in (right, untold, wrong))
+        odd = count(alike, lambda one: bool(one.invented))
+        lines.append(
+            f"Without a fault, {words}: fit, cannot be told and not fit are {told}; {odd} have a "
+            "fault that differs significantly from none."
+        )
+    return "\n\n".join(lines)
+
+
+def right(one: PlateOutcome) -> bool:
+    return one.verdict == one.truth
+
+
+def untold(one: PlateOutcome) -> bool:
+    return one.verdict == "cannot be told" and not right(one)
+
+
+def wrong(one: PlateOutcome) -> bool:
+    return not right(one) and not untold(one)
+
+
+def count(outcomes: Sequence[PlateOutcome], wanted: Callable[[PlateOutcome], bool]) -> str:
+    return f"{sum(map(wanted, outcomes))} of {len(outcomes)}"
+
+
+def shares(pairs: Sequence[tuple[int, int]]) -> str:
+    return f"{sum(n for n, _ in pairs)} of {sum(n for _, n in pairs)}"
 
 
 if __name__ == "__main__":

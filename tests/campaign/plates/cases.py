@@ -55,28 +55,30 @@ class Fault:
 
     Attributes
     ----------
-    name, unit
-        For people; sizes times ``scale`` are in this unit.
+    name
+        For people.
     limit
         Of its size, SI.
     make
         A plate with the fault of a given size.
     estimates
-        What `hbm plates` calls it, where its size is that of the fault.
-    corrected
-        The same plate after correction: what no calibration takes away.
+        What `hbm plates` calls it, where its size is that of the fault; by default its name.
+    lasting
+        Whether no calibration takes it away.
     like_masses
         Whether weights that are all heavier than stated would explain it.
     """
 
     name: str
-    unit: str
-    scale: float
     limit: float
     make: Callable[[float], PlateErrors]
-    estimates: tuple[str, ...]
-    corrected: Callable[[float], PlateErrors] | None = None
+    estimates: tuple[str, ...] = ()
+    lasting: bool = False
     like_masses: bool = False
+
+    @property
+    def wanted(self) -> tuple[str, ...]:
+        return self.estimates or (self.name,)
 
 
 def _entries(*places: tuple[int, int]) -> Callable[[float], PlateErrors]:
@@ -92,89 +94,31 @@ def _vibrating(size: float) -> PlateErrors:
 
 
 GAIN, CROSS_TALK = LIMITS.gain_percent / 100, LIMITS.cross_talk_percent / 100
+GAINS: Final = tuple(f"gain of {name}" for name in ("Fx", "Fz", "Mx", "My", "Mz"))
+CURVATURE_N: Final = LIMITS.curvature_percent / 100 * FULL_SCALE_N
 FAULTS: Final = (
+    Fault("all gains", GAIN, _entries(*((k, k) for k in range(6))), GAINS, like_masses=True),
+    Fault("gain of Fx", GAIN, _entries((0, 0))),
+    Fault("gain of Fz", GAIN, _entries((2, 2))),
+    Fault("Fz in Fx", CROSS_TALK, _entries((0, 2))),
+    Fault("Fx in Fz", CROSS_TALK, _entries((2, 0))),
+    Fault("Fx in Mz", CROSS_TALK, _entries((5, 0))),
+    Fault("angle", LIMITS.angle_deg, lambda size: PlateErrors(angle_rad=np.radians(size))),
+    Fault("offset along", LIMITS.offset_m, lambda size: PlateErrors(offset_m=(size, 0.0))),
+    Fault("offset across", LIMITS.offset_m, lambda size: PlateErrors(offset_m=(0.0, size))),
+    Fault("delay", LIMITS.delay_s, lambda size: PlateErrors(delay_s=size), ("delay in motion",)),
+    Fault("zero of Fz", LIMITS.zero_n, lambda size: PlateErrors(zero=(0, 0, size, 0, 0, 0))),
     Fault(
-        "all gains",
-        "%",
-        100,
-        GAIN,
-        _entries(*((k, k) for k in range(6))),
-        tuple(f"gain of {name}" for name in ("Fx", "Fz", "Mx", "My", "Mz")),
-        like_masses=True,
-    ),
-    Fault("gain of Fx", "%", 100, GAIN, _entries((0, 0)), ("gain of Fx",)),
-    Fault("gain of Fz", "%", 100, GAIN, _entries((2, 2)), ("gain of Fz",)),
-    Fault("Fz in Fx", "%", 100, CROSS_TALK, _entries((0, 2)), ("Fz in Fx",)),
-    Fault("Fx in Fz", "%", 100, CROSS_TALK, _entries((2, 0)), ("Fx in Fz",)),
-    Fault("Fx in Mz", "mm", 1000, CROSS_TALK, _entries((5, 0)), ("Fx in Mz",)),
-    Fault(
-        "rotation",
-        "°",
-        1,
-        LIMITS.angle_deg,
-        lambda size: PlateErrors(angle_rad=np.radians(size)),
-        ("angle",),
-    ),
-    Fault(
-        "offset along",
-        "mm",
-        1000,
-        LIMITS.offset_m,
-        lambda size: PlateErrors(offset_m=(size, 0.0)),
-        ("offset along",),
-    ),
-    Fault(
-        "offset across",
-        "mm",
-        1000,
-        LIMITS.offset_m,
-        lambda size: PlateErrors(offset_m=(0.0, size)),
-        ("offset across",),
-    ),
-    Fault(
-        "delay",
-        "ms",
-        1000,
-        LIMITS.delay_s,
-        lambda size: PlateErrors(delay_s=size),
-        ("delay in motion",),
-    ),
-    Fault(
-        "zero of Fz",
-        "N",
-        1,
-        LIMITS.zero_n,
-        lambda size: PlateErrors(zero=(0.0, 0.0, size, 0.0, 0.0, 0.0)),
-        ("zero of Fz",),
-    ),
-    Fault(
-        "drift",
-        "N/s",
-        1,
-        LIMITS.drift_n_per_s,
-        lambda size: PlateErrors(drift_n_per_s=size),
-        ("drift",),
-        lambda size: PlateErrors(drift_n_per_s=size),
+        "drift", LIMITS.drift_n_per_s, lambda size: PlateErrors(drift_n_per_s=size), lasting=True
     ),
     Fault(
         "curvature",
-        "N",
-        1,
-        LIMITS.curvature_percent / 100 * FULL_SCALE_N,
+        CURVATURE_N,
         lambda size: PlateErrors(curvature=size / FULL_SCALE_N),
-        ("curvature",),
-        lambda size: PlateErrors(curvature=size / FULL_SCALE_N),
+        lasting=True,
     ),
-    Fault(
-        "vibration",
-        "mm",
-        1000,
-        LIMITS.vibration_m,
-        _vibrating,
-        ("vibration with supports",),
-        _vibrating,
-    ),
-    Fault("noise", "N", 1, LIMITS.noise_n, _noisy, ("noise of forces",), _noisy),
+    Fault("vibration", LIMITS.vibration_m, _vibrating, ("vibration with supports",), lasting=True),
+    Fault("noise", LIMITS.noise_n, _noisy, ("noise of forces",), lasting=True),
 )
 
 
@@ -246,7 +190,7 @@ def carry_out(case: Case) -> list[PlateOutcome]:
     for verdict in judge(found):
         own = [one for one in found.faults if one.belt == verdict.belt]
         total = true_totals(errors, verdict.belt)
-        wanted = fault.estimates if fault else ()
+        wanted = fault.wanted if fault else ()
         significant = {one.fault for one in own if one.significant}
         judged = {one.name: one for one in verdict.judged}
         within = [
@@ -280,11 +224,7 @@ def true_verdict(fault: Fault | None, size: float, belt: str) -> Answer:
         return "fit"
     if fault.like_masses:
         return "cannot be told"
-    if fault.corrected is None:
-        return "fit after correction"
-    lasting = fault.corrected(size) == fault.make(size)
-    final = (lasting and size > fault.limit) or _beyond(fault.corrected(size), belt)
-    return "not fit" if final else "fit after correction"
+    return "not fit" if fault.lasting else "fit after correction"
 
 
 def _beyond(errors: PlateErrors, belt: str) -> bool:

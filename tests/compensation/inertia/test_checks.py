@@ -89,11 +89,3 @@ def test_motion_beyond_the_calibration_is_named(laboratories):
     notes = check_trial(narrow, brisk)
     assert [note.code for note in notes].count("calibration_range_exceeded") == 1
     assert all(note.level == "warning" for note in notes)
-
-
-def test_wrong_input_gets_one_clear_error(laboratories):
-    _, model, brisk = laboratories["two"]
-    with pytest.raises(ValueError, match=r"accelerations must have shape \(samples, 6\)"):
-        check_trial(model, brisk[:, :3])
-    with pytest.raises(ValueError, match="not numbers"):
-        check_trial(model, np.where(brisk == brisk[7], np.nan, brisk))

@@ -131,15 +131,6 @@ def test_a_gap_stays_a_gap_and_its_neighbours_have_no_differences():
         assert not channels[[50 - step, 50 + step, 0, -1], 3 + 3 * k : 6 + 3 * k].any()
 
 
-def test_the_model_does_not_depend_on_the_order_of_the_sensors(bending):
-    channels, wrench = trial(0, 35.0)
-    order = np.concatenate([np.r_[6 * k + 3 : 6 * k + 6, 6 * k : 6 * k + 3] for k in range(4)])
-    exchanged = fit_dynamic([(channels[:, order], wrench)], SETUP)
-    np.testing.assert_allclose(
-        exchanged.predict(channels[:, order]), bending[1].predict(channels), atol=1e-5
-    )
-
-
 def test_two_recordings_with_zeros_of_their_own_give_one_model():
     first, second = trial(0, 35.0), trial(1, 35.0)
     model = fit_dynamic([first, (second[0], second[1] + 40.0)], SETUP)
@@ -177,3 +168,12 @@ def test_what_a_dynamic_model_cannot_do_is_refused_in_one_line():
         fit_dynamic([], SETUP)
     with pytest.raises(ValueError, match=r"expected .*24|shape \(samples, 24\)"):
         both(35.0)[1].predict(channels[:, :6])
+
+
+def test_the_model_does_not_depend_on_the_order_of_the_sensors(bending):
+    channels, wrench = trial(0, 35.0)
+    order = np.concatenate([np.r_[6 * k + 3 : 6 * k + 6, 6 * k : 6 * k + 3] for k in range(4)])
+    exchanged = fit_dynamic([(channels[:, order], wrench)], SETUP)
+    np.testing.assert_allclose(
+        exchanged.predict(channels[:, order]), bending[1].predict(channels), atol=1e-5
+    )

@@ -37,11 +37,6 @@ def test_two_sensors_take_pitch_and_sway_away_exactly(laboratory, assemblies, si
     assert left_over(model, other).max() < 1e-9
 
 
-def test_sway_and_pitch_span_five_directions_and_the_offset(laboratory):
-    trial = laboratory().random_trial(1, rate_hz=100)
-    assert fit_inertia(trial.accelerations, trial.wrench).rank == 6
-
-
 @settings(deadline=None, max_examples=10)
 @given(seed=st.integers(0, 10_000))
 def test_two_sensors_anywhere_off_a_common_pitch_axis_suffice(laboratory, seed):
@@ -178,26 +173,6 @@ def test_allowing_for_noise_recovers_the_gains_of_noise_free_sensors(laboratory,
     assert bias[noise] < 0.3 * bias[0.0]
 
 
-def test_allowing_for_noise_that_is_not_there_changes_nothing(laboratory):
-    trial = laboratory().random_trial(1, rate_hz=100)
-    plain = fit_inertia(trial.accelerations, trial.wrench)
-    allowed = fit_inertia(trial.accelerations, trial.wrench, sensor_noise=1e-7)
-    np.testing.assert_allclose(
-        allowed.predict(trial.accelerations), plain.predict(trial.accelerations), atol=1e-4
-    )
-
-
-@pytest.mark.parametrize("noise", [-0.1, np.nan, 5.0, [0.1, 0, 0.1, 0.1, 0.1, 0.1]])
-def test_a_noise_that_is_no_size_gets_one_clear_error(good, noise):
-    with pytest.raises(ValueError, match="sensor_noise must be"):
-        fit_inertia(*good, sensor_noise=noise)
-
-
-def test_one_sensor_does_not_separate_noise_from_motion(good):
-    with pytest.raises(ValueError, match="do not separate noise from motion"):
-        sensor_noise_of(good[0][:, :3])
-
-
 def test_account_of_the_calibration_is_that_of_its_own_residual(noisy):
     model, trial, _ = noisy
     residual = model.compensate(trial.accelerations, trial.wrench)
@@ -262,11 +237,6 @@ def test_a_person_standing_still_in_the_calibration_trial_is_detected(laboratory
     assert "someone stood on the treadmill" in note.text
 
 
-def test_model_is_read_only(noisy):
-    with pytest.raises(ValueError, match="read-only"):
-        noisy[0].gain[0, 0] = 1
-
-
 @pytest.fixture(scope="module")
 def good(laboratory):
     trial = laboratory().random_trial(1, rate_hz=100, duration=20)
@@ -287,25 +257,19 @@ def with_dead_channel(table, column):
 
 WRONG = {
     "one axis missing": (lambda a, w: (a[:, :5], w), "5 channels, expected 3 for every acceler"),
-    "wrench transposed": (lambda a, w: (a, w.T), r"wrench must have shape \(samples, 6\)"),
-    "no samples": (lambda a, w: (a[:0], w[:0]), "accelerations has no samples"),
     "few samples": (lambda a, w: (a[:50], w[:50]), "50 samples are too few to fit 7 gains"),
     "gap in accelerations": (
         lambda a, w: (with_gap(a), w),
         "accelerations: 120 of 2000 samples are not numbers, the first at sample 300",
     ),
-    "gap in wrench": (lambda a, w: (a, with_gap(w)), "wrench: 120 of 2000 samples are not num"),
     "different rates": (lambda a, w: (a, w[::10]), "accelerations 2000, wrench 200; were they rec"),
     "dead channel": (lambda a, w: (with_dead_channel(a, 4), w), "constant in sensor 2 y"),
     "dead plate": (lambda a, w: (a, with_dead_channel(w, 1)), "wrench: constant in Fy"),
     "accelerations in g": (lambda a, w: (a / 9.81, w), "accelerometer 1 reads 1.* m/s²"),
     "accelerations in mm/s²": (lambda a, w: (a * 1000, w), "in another unit"),
-    "accelerations in km/s²": (lambda a, w: (a / 1000, w), "in another unit"),
     "tared accelerations": (lambda a, w: (a - a.mean(axis=0), w), "is it dead, tared"),
     "forces in kN": (lambda a, w: (a, w / 1000), "moving mass of 0.1"),
-    "forces in mN": (lambda a, w: (a, w * 1000), "forces must be in N"),
     "moments in N·mm": (lambda a, w: (a, w * [1, 1, 1, 1e3, 1e3, 1e3]), "must be in N·m"),
-    "moments in kN·m": (lambda a, w: (a, w / [1, 1, 1, 1e3, 1e3, 1e3]), "must be in N·m"),
 }
 
 
@@ -328,11 +292,7 @@ def test_platform_at_rest_is_no_calibration(laboratory):
     ("spoil", "message"),
     [
         (lambda a, w: (a[:, :3], w), r"accelerations must have shape \(samples, 6\)"),
-        (lambda a, w: (a[:0], w[:0]), "no samples"),
-        (lambda a, w: (with_gap(a), w), "accelerations: 120 of 2000"),
         (lambda a, w: (a, with_gap(w)), "wrench: 120 of 2000"),
-        (lambda a, w: (a[::10], w), "different rates"),
-        (lambda a, w: (a / 1000, w), "another unit"),
         (lambda a, w: (a / 9.81, w), "another unit"),
     ],
 )

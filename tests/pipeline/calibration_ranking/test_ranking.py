@@ -10,7 +10,6 @@ from compensation import belt_acceleration, low_pass, pitch_and_sway_signals, va
 from compensation.protocol import (
     ADVISED_BELT_SIGNAL,
     ADVISED_PLATFORM_SIGNAL,
-    PLATFORM_KINDS,
 )
 from pipeline.calibration_ranking.ranking import (
     belt_interaction,
@@ -29,7 +28,6 @@ from pipeline.calibration_ranking.verdict import (
 )
 from pipeline.cli.app import main
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
 from pipeline.virtual_lab.person import bystander
 from pipeline.virtual_lab.protocol import ranking_study
 from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
@@ -216,19 +214,6 @@ def test_real_belts_lose_82_percent_of_their_pitch_moment(shared_data):
     assert ranking.models["run 1"].r_squared > 0.96
 
 
-def test_the_protocol_has_28_and_24_calibration_and_6_validation_trials():
-    planned = [folder for folder, *_ in ranking_study.planned_trials(0)]
-    counts = {name: planned.count(name) for name in planned}
-    assert counts == {
-        "calibration": 28,
-        "belt_calibration": 24,
-        "validation": 4,
-        "belt_validation": 1,
-        "belt_person": 1,
-    }
-    assert len(planned) == ranking_study.TRIALS
-
-
 @pytest.mark.slow
 def test_one_command_simulates_fits_and_ranks(tmp_path, monkeypatch, capsys):
     every = list(ranking_study.planned_trials(0))
@@ -272,35 +257,6 @@ def test_signals_are_written_by_kind_and_within_the_limits(tmp_path, capsys):
     assert ADVISED_BELT_SIGNAL in said
     assert [path.name for path in tmp_path.rglob("*.csv")] == ["boarding.csv"]
     assert main([*command, "sway"]) == 2
-
-
-@pytest.fixture(scope="module")
-def repeated():
-    """Experiment 2 in five laboratories, 60 s trials with belts at rest."""
-    rankings = []
-    for seed in range(5):
-        signals = pitch_and_sway_signals(100 + seed, 0.0)
-        short = [s for s in signals if factors(s.name)["duration_s"] == 60]
-        treadmill = make_treadmill(Faults(), seed)
-        calibration = [trial(s, 50 * seed + k, treadmill=treadmill) for k, s in enumerate(short)]
-        judged = validation(1000 + seed, treadmill=treadmill)
-        rankings.append(rank_platform(calibration, judged, seed=seed))
-    return rankings
-
-
-def left(ranking, kind):
-    """Geometric mean of the RMS that a kind leaves, by that of plain random motion."""
-    rms = ranking.scores.set_index(["trial", "validation", "component"])["rms_after"]
-    by_kind = {factors(name)["kind"]: np.log(rms[name]) for name in rms.index.unique("trial")}
-    return float(np.exp((by_kind[kind] - by_kind["random"]).mean()))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", PLATFORM_KINDS[1:])
-def test_no_kind_of_signal_calibrates_much_better_or_worse_than_plain_random_motion(repeated, kind):
-    """What is left is the vibration that two accelerometers do not show, whatever the signal."""
-    shares = [left(ranking, kind) for ranking in repeated]
-    assert 0.8 < np.exp(np.mean(np.log(shares))) < 1.25
 
 
 def test_a_dead_channel_follows_nothing():

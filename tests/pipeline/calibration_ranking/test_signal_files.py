@@ -49,15 +49,6 @@ def test_signals_that_a_machine_cannot_do_are_named_with_their_limit():
     assert all("belt_m_per_s reaches 3, the machine allows 2.5" in line for line in found[1])
 
 
-@pytest.mark.parametrize("fastest", [1.5, 2.0])
-def test_belts_that_cannot_exceed_a_mean_speed_do_the_signals_of_the_other(fastest):
-    found = protocol_signals("belt", 1, MachineLimits(belt_m_per_s=fastest))
-    assert len(found[0]) == 8
-    assert all(name.endswith("_1mps") for name in names(found))
-    line = f"belt_m_per_s must exceed its mean speed of 2, the machine allows {fastest:g}"
-    assert sum(line in beyond for beyond in found[1]) == 12
-
-
 def test_moves_that_take_longer_than_the_signal_are_named():
     """From one end to the other at 1 mm/s takes 95 s, in a signal of 300 s that does it often."""
     found = protocol_signals("pitch_sway", 1, MachineLimits(sway_m_per_s=0.001))
@@ -91,18 +82,6 @@ def written(monkeypatch):
 
     monkeypatch.setattr(signal_files, "write_signals", remember)
     return asked
-
-
-def test_a_validation_signal_beyond_the_machine_does_not_keep_the_rest_back(written, capsys):
-    assert main(["calibration", "signals", "--pitch-deg", "5"]) == 0
-    said = " ".join(capsys.readouterr().out.split())
-    assert (
-        "beyond the machine: validation pitch: pitch_deg reaches 10, the machine allows 5" in said
-    )
-    assert {kind: len(signals) for kind, signals in written.items()} == {
-        **{"pitch_sway": 28, "belt": 24, "validation": 5}
-    }
-    assert "next: record one" in said
 
 
 def test_an_advised_signal_beyond_the_machine_is_said_in_one_line(written, capsys):

@@ -277,6 +277,7 @@ def demo_calibration():
     return fitted(BeltFaults()), fitted(BeltFaults(unbalance_kg_per_m=0, roughness=0))
 
 
+@pytest.mark.slow
 def test_the_verdict_on_the_calibration_of_the_demo_is_what_the_docs_say(demo_calibration):
     calibration, _ = demo_calibration
     docs = (Path(__file__).parents[3] / "docs" / "calibration.md").read_text(encoding="utf-8")
@@ -292,6 +293,7 @@ def test_the_verdict_on_the_calibration_of_the_demo_is_what_the_docs_say(demo_ca
     assert all(f"| {limit} |" in docs for limit in limits)
 
 
+@pytest.mark.slow
 def test_what_the_calibration_of_the_demo_leaves_of_the_pitch_moment_is_of_its_belts(
     demo_calibration,
 ):

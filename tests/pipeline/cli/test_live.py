@@ -150,7 +150,7 @@ def test_a_session_that_is_stopped_twice_still_ends_with_a_whole_recording(
     assert "frames received" in said
     assert "Traceback" not in said
     codes = [note.code for note in read_recording(out / STREAMS).notes]
-    assert "recording_unended" not in codes
+    assert "cut_short" not in codes
 
 
 @pytest.mark.slow
@@ -259,6 +259,6 @@ def test_a_sender_that_comes_back_with_another_marker_ends_the_session_whole(wal
     change = "came back with another description of its channels; begin a new session"
     assert f"ended by itself: stream 'Markers' {change}" in said
     recorded = read_recording(out / STREAMS)
-    assert "recording_unended" not in [note.code for note in recorded.notes]
+    assert "cut_short" not in [note.code for note in recorded.notes]
     assert 100 < len(recorded.markers.time) < 100 * DURATION_S / 2
     assert "ELSE" not in recorded.markers.names

@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.cli.app import main
 from pipeline.export.bids import _no_formula, write_bids
 from pipeline.io.recording import Event
 
@@ -43,53 +42,11 @@ def test_samples_come_back_by_the_names_of_their_channels(walker, data_set):
         assert facts["SamplingFrequency"] == pytest.approx(1 / (time[1] - time[0]))
 
 
-def test_people_are_listed_once(walker, data_set, tmp_path):
-    folder = shutil.copytree(data_set[0], tmp_path / "again")
-    write_bids(walker, folder, "02", "walk")
-    people = (folder / "participants.tsv").read_text(encoding="utf-8").split()
-    assert people == ["participant_id", "sub-01", "sub-02"]
-
-
 def test_labels_are_letters_and_digits(walker, tmp_path):
     for subject, task in (("sub-01", "walk"), ("01", "walk_fast"), ("", "walk")):
         with pytest.raises(ValueError, match="letters and digits"):
             write_bids(walker, tmp_path / "none", subject, task)
     assert not (tmp_path / "none").exists()
-
-
-@pytest.mark.parametrize(
-    ("software", "named"),
-    [
-        ("Vicon Nexus 2.14.0.139696h", "Vicon Nexus 2.14.0"),
-        ("vicon nexus", "Vicon Nexus"),
-        ("D-Flow", "D-Flow"),
-        ("Vicon Nexus of Jane Doe", "Vicon Nexus"),
-        ("Jane Doe's own 1.2", "n/a"),
-        ("", "n/a"),
-    ],
-)
-def test_only_known_programs_are_named(walker, tmp_path, software, named):
-    metadata = replace(walker.metadata, software=software, manufacturer="Doe", comments="Jane")
-    write_bids(replace(walker, metadata=metadata), tmp_path, "01", "walk")
-    (path,) = tmp_path.rglob("*optical_motion.json")
-    assert json.loads(path.read_text(encoding="utf-8"))["SoftwareVersions"] == named
-
-
-def test_export_writes_a_data_set_without_processing(walker, tmp_path, capsys):
-    folder = tmp_path / "set"
-    asked = [
-        "export",
-        str(walker.source),
-        "--bids",
-        str(folder),
-        "--subject",
-        "7",
-        "--task",
-        "sway",
-    ]
-    assert main(asked) == 0
-    assert "sub-7_task-sway_tracksys-optical_motion.tsv" in capsys.readouterr().out
-    assert (folder / "dataset_description.json").is_file()
 
 
 @pytest.mark.skipif(VALIDATOR is None, reason="bids-validator-deno is not installed")

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from hbm.coordinates import COORDINATES, FIXED_TO, MOVING, N_Q, RIGID_BODIES, SEGMENTS, TREE
+from hbm.coordinates import COORDINATES, FIXED_TO, MOVING, N_Q, TREE
 from hbm.kernels.native import kernels
-from pipeline.export.models import TOKEN_INERTIA, write_urdf
+from pipeline.export.models import write_urdf
 from tests.synthetic import synthetic_body
 
 pin = pytest.importorskip("pinocchio", reason="Pinocchio has no wheel for this system")
@@ -92,16 +92,6 @@ def test_mujoco_puts_segments_and_markers_where_we_do(body, path, q, poses, mark
         np.testing.assert_allclose(theirs, marker_positions[k], rtol=0, atol=1e-12)
 
 
-def test_mujoco_finds_18_bodies_with_the_segments_masses_and_centres(body, path):
-    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
-    model = mujoco.MjModel.from_xml_path(str(path))
-    heavy = {model.body(k).name for k in range(model.nbody) if model.body(k).mass > 1e-9}
-    assert heavy == set(SEGMENTS)
-    for s, part in body.segments.items():
-        np.testing.assert_allclose(model.body(s).mass, part.mass, rtol=1e-12)
-        np.testing.assert_allclose(model.body(s).ipos, part.center, rtol=0, atol=1e-12)
-
-
 def test_mujoco_finds_our_generalized_forces(body, path, q):
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
     rng = np.random.default_rng(7)
@@ -114,14 +104,6 @@ def test_mujoco_finds_our_generalized_forces(body, path, q):
         state.qpos[at], state.qvel[at], state.qacc[at] = q[k], v[k], a[k]
         mujoco.mj_inverse(model, state)
         np.testing.assert_allclose(state.qfrc_inverse[at], ours[k], rtol=0, atol=1e-9)
-
-
-def test_the_mass_of_links_between_coordinates_is_negligible(body, path):
-    model = pin.buildModelFromUrdf(str(path))
-    total = sum(inertia.mass for inertia in model.inertias)
-    tokens = N_Q - len(RIGID_BODIES)
-    segments = sum(part.mass for part in body.segments.values())
-    np.testing.assert_allclose(total, segments + tokens * TOKEN_INERTIA.mass, rtol=1e-14)
 
 
 def order_in(model):

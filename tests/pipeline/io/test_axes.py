@@ -24,10 +24,6 @@ def in_file_axes(vectors, axes):
     return np.asarray(vectors) @ parse_axes(axes)
 
 
-def test_there_are_24_right_handed_axes():
-    assert len(set(ALL_AXES)) == 24
-
-
 @pytest.mark.parametrize("axes", ALL_AXES)
 def test_any_axes_of_a_file_are_inferred_from_a_standing_subject(subject, axes):
     position = in_file_axes(subject.position, axes)
@@ -35,23 +31,17 @@ def test_any_axes_of_a_file_are_inferred_from_a_standing_subject(subject, axes):
         None, position, subject.names, plate_forces=in_file_axes([[20, 5, 400]], axes)
     )
     assert found == axes
-    assert note.code == "axes_inferred"
-    assert axes.replace(",", ", ") in note.text
-    assert "the load on plate 1" in note.values["up_evidence"]
-    assert "LASIS/RASIS" in note.values["marker_pairs"]
-    assert "the direction of the toes" in note.values["forward_evidence"]
+    assert note.values["axes"] == tuple(axes.split(","))
+    for shown in ("the load on plate 1", "LASIS/RASIS", "the direction of the toes"):
+        assert shown in note.values["evidence"]
     np.testing.assert_allclose(position @ parse_axes(found).T, subject.position, atol=1e-12)
 
 
-@pytest.mark.parametrize("axes", ["", "left,back", "left,back,upwards", "x,y,z"])
-def test_words_other_than_directions_are_refused(axes):
-    with pytest.raises(ValueError, match="must be three of forward, back"):
-        parse_axes(axes)
-
-
-@pytest.mark.parametrize("axes", ["forward,right,up", "left,left,up", "up,down,left"])
-def test_axes_that_are_not_right_handed_are_refused(axes):
-    with pytest.raises(ValueError, match="not right-handed axes"):
+@pytest.mark.parametrize(
+    "axes", ["", "left,back", "x,y,z", "forward,right,up", "left,left,up", "up,down,left"]
+)
+def test_axes_that_are_no_right_handed_directions_are_refused(axes):
+    with pytest.raises(ValueError, match=r"must be three of forward, back|not right-handed axes"):
         parse_axes(axes)
 
 
@@ -60,7 +50,7 @@ def test_a_loaded_plate_shows_up_where_no_marker_is_known():
     names = ("LF", "RF")
     found, _ = settle_axes(None, position, names, plate_forces=[[0, 0, 300.0]])
     assert found == "forward,left,up"
-    with pytest.raises(ValueError, match=r"^nobody is in it: no plate carries 50 N, and LF, RF"):
+    with pytest.raises(ValueError, match=r"^the markers match no known set.* without a person"):
         settle_axes(None, position, names, plate_forces=[[0, 0, 20.0]])
 
 
@@ -92,28 +82,9 @@ def test_a_subject_who_turns_around_needs_stated_axes(subject):
         settle_axes(None, position, subject.names)
 
 
-def test_a_subject_diagonal_to_every_axis_needs_stated_axes(subject):
-    askew = np.array([[1, -1, 0], [1, 1, 0], [0, 0, np.sqrt(2)]]) / np.sqrt(2)
-    with pytest.raises(ValueError, match="more than 30° away from every axis"):
-        settle_axes(None, subject.position @ askew.T, subject.names)
-
-
-def test_markers_without_sides_need_stated_axes():
-    position = np.tile([[0.0, 0, 1], [0, 0, 0]], (5, 1, 1))
-    with pytest.raises(ValueError, match=r"^the markers match no known set"):
-        settle_axes(None, position, ("C7", "SACR"), plate_forces=[[0, 0, 300.0]])
-
-
 def test_stated_axes_that_turn_the_subject_upside_down_are_refused(subject):
     with pytest.raises(ValueError, match=r"\+z is up by .* but down by pelvis or shoulders"):
         settle_axes("forward,left,up", subject.position * [1, 1, -1], subject.names)
-
-
-def test_plates_that_pull_the_subject_down_are_refused(subject):
-    with pytest.raises(ValueError, match="or the plate stores the force that acts on itself"):
-        settle_axes(
-            "forward,left,up", subject.position, subject.names, plate_forces=[[0, 0, -400.0]]
-        )
 
 
 def test_stated_axes_of_an_empty_treadmill_are_accepted(subject):
@@ -121,23 +92,17 @@ def test_stated_axes_of_an_empty_treadmill_are_accepted(subject):
         "left,back,up", np.empty((5, 0, 3)), (), plate_forces=[[0, 0, -80.0]]
     )
     assert axes == "left,back,up"
-    assert str(note) == "the file's x, y, z axes point left, back, up, as stated"
-
-
-def test_a_subject_may_face_back_in_stated_axes(subject):
-    axes, (_, note) = settle_axes("back,right,up", subject.position, subject.names)
-    assert axes == "back,right,up"
-    assert note.values["direction"] == "back"
+    assert note.values["evidence"] == "as stated"
 
 
 def test_stated_axes_that_confuse_forward_and_sideways_are_warned_of(subject):
     """Otherwise residuals of x and y would be exchanged without notice."""
-    for axes, facing in (("left,back,up", "left"), ("right,forward,up", "right")):
+    for axes, facing in (("left,back,up", "left"), ("back,right,up", "back")):
         _, note = settle_axes(axes, subject.position, subject.names)[1]
         assert (note.code, note.level) == ("subject_faces_sideways", "warning")
         assert note.values["direction"] == facing
     (note,) = settle_axes("forward,left,up", subject.position, subject.names)[1]
-    assert note.level == "info"
+    assert note.level == "provenance"
 
 
 TABLE = """
@@ -167,8 +132,7 @@ def test_the_landmarks_of_a_table_show_the_axes_whatever_its_labels_are(subject,
     position = in_file_axes(subject.position, axes)
     found, (note,) = settle_axes(None, position, names, marker_set=table)
     assert found == axes
-    assert note.values["marker_pairs"] == ("hip_l_front/hip_r_front",)
-    assert "pelvis or shoulders above feet" in note.values["up_evidence"]
+    assert "left by the marker pairs hip_l_front/hip_r_front;" in note.values["evidence"]
     with pytest.raises(ValueError, match=r"^the markers match no known set: none of hip_l_front"):
         settle_axes(None, position, names)
 
@@ -193,7 +157,7 @@ def test_labels_of_a_shipped_set_are_recognised(name):
     columns = [person.names.index(label) for label in labels]
     found, (note,) = settle_axes(None, person.position[:, columns], labels)
     assert found == "forward,left,up"
-    assert note.values["marker_pairs"][0] == "LASIS/RASIS"
+    assert "LASIS/RASIS" in note.values["evidence"]
 
 
 @given(
@@ -204,7 +168,7 @@ def test_labels_of_a_shipped_set_are_recognised(name):
     bit=st.integers(0, 31),
 )
 @settings(
-    max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 def test_one_flipped_bit_of_a_marker_never_turns_the_axes(
     subject, axes, frame, marker, component, bit
@@ -254,3 +218,10 @@ def settle_sides(sites, exchanged):
             position.append((x, -sign * y if site in exchanged else sign * y, z))
     still = np.tile(np.array(position), (20, 1, 1))
     return settle_axes(None, still, names, plate_forces=[[0, 0, 700.0]])
+
+
+def test_plates_that_pull_the_subject_down_are_refused(subject):
+    with pytest.raises(ValueError, match="or the plate stores the force that acts on itself"):
+        settle_axes(
+            "forward,left,up", subject.position, subject.names, plate_forces=[[0, 0, -400.0]]
+        )

@@ -25,22 +25,29 @@ def trial(walker):
     return excerpt(walker, 500, 800)
 
 
-RECORD = """Time\tLeftBelt.Speed\tRightBelt.Speed
-{rows}# EVENT A occured 2 time
-# EVENT B occured 1 time
-"""
+def write_record(folder, time, change=lambda text: text):
+    """Write a record at uneven times, with two events between its rows."""
+    rows = [f"{t:.6f}\t{1 + 0.1 * t:.6f}\t{2 - 0.1 * t:.6f}" for t in time]
+    rows[7:7] = ["#", "# EVENT A - COUNT 1", "#"]
+    text = "\n".join(["Time\tLeftBelt.Speed\tRightBelt.Speed", *rows, "# EVENT A occured 1 time"])
+    path = folder / "record.txt"
+    path.write_text(change(text + "\n"), encoding="utf-8")
+    return path
 
 
-def record_rows(time, events):
-    """Rows at uneven times, and events between them: the row after which, and the letter."""
-    lines, counts = [], {}
-    for k, t in enumerate(time):
-        lines.append(f"{t:.6f}\t{1 + 0.1 * t:.6f}\t{2 - 0.1 * t:.6f}\n")
-        if k in events:
-            letter = events[k]
-            counts[letter] = counts.get(letter, 0) + 1
-            lines.append(f"#\n# EVENT {letter} - COUNT {counts[letter]}\n#\n")
-    return "".join(lines)
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda text: text.replace("\t1.", "\t1,", 1), "decimal comma"),
+        (lambda text: text[:70], "truncated"),
+        (lambda text: text.replace("Time", "Date", 1), "not a D-Flow record file"),
+        (lambda text: text.replace("0.05", "9.05", 1), "with increasing times"),
+    ],
+)
+def test_a_broken_record_is_refused_in_one_line(tmp_path, change, message):
+    path = write_record(tmp_path, np.arange(12) / 100, change)
+    with pytest.raises(ValueError, match=rf"^record\.txt: .*{message}"):
+        read_record(path)
 
 
 def test_time_follows_the_frame_number_whatever_the_time_stamps(trial, tmp_path, rng):
@@ -48,7 +55,7 @@ def test_time_follows_the_frame_number_whatever_the_time_stamps(trial, tmp_path,
     late[100:110] += np.linspace(0.1, 0.01, 10)
     read = read_dflow(write_dflow(trial, tmp_path / "t.txt", stamps=np.arange(300) / 100 + late))
     np.testing.assert_allclose(read.markers.time, np.arange(300) / 100, atol=1e-12)
-    (clock,) = (note for note in read.notes if note.code == "frame_clock")
+    (clock,) = (note for note in read.notes if note.code == "sample_clock")
     assert clock.values["rate_hz"] == 100.0
 
 
@@ -63,17 +70,9 @@ def test_dropped_frames_are_gaps_in_markers_plates_and_channels(trial, tmp_path)
     assert np.flatnonzero(empty).tolist() == gone
     assert np.flatnonzero(np.isnan(read.plates[0].wrench).all(axis=1)).tolist() == gone
     assert np.flatnonzero(np.isnan(read.analog.channel("Channel13.Anlg"))).tolist() == gone
-    assert Note.of("frames_dropped", dropped=3, frames=300) in read.notes
+    assert Note.of("samples_dropped", of="frames", dropped=3, samples=300) in read.notes
     kept = np.delete(np.arange(300), gone)
     np.testing.assert_allclose(read.markers.position[kept], trial.markers.position[kept], atol=1e-6)
-
-
-def test_rows_that_repeat_a_frame_count_once(trial, tmp_path):
-    def twice(lines):
-        return [*lines[:80], lines[79], *lines[80:]]
-
-    read = read_dflow(write_dflow(trial, tmp_path / "t.txt", edit=[twice]))
-    assert len(read.markers.time) == 300
 
 
 @pytest.mark.parametrize("way", ["zero", "held"])
@@ -84,9 +83,7 @@ def test_markers_that_no_camera_saw_are_gaps_with_their_count(trial, tmp_path, w
     gappy = replace(trial, markers=replace(trial.markers, position=position))
     read = read_dflow(write_dflow(gappy, tmp_path / "t.txt", missing=way))
     assert np.array_equal(np.isnan(read.markers.position), np.isnan(position))
-    names = trial.markers.names
-    code = "markers_written_as_zero" if way == "zero" else "markers_held"
-    assert Note.of(code, samples=8, markers=(names[0], names[4])) in read.notes
+    assert Note.of("markers_unseen", samples=8) in read.notes
 
 
 def test_moments_about_another_point_are_located_by_the_centres_of_pressure(trial, tmp_path):
@@ -95,8 +92,6 @@ def test_moments_about_another_point_are_located_by_the_centres_of_pressure(tria
     read = read_dflow(at_centres)
     for ours, true in zip(read.plates, trial.plates, strict=True):
         np.testing.assert_allclose(ours.wrench, true.wrench[::10], atol=0.01)
-        located = [note.values["plate"] for note in read.notes if note.code == "moments_located"]
-        assert f"plate {true.number}" in located
 
 
 def test_moments_that_no_centre_of_pressure_explains_are_refused(trial, tmp_path):
@@ -142,66 +137,28 @@ def test_a_record_is_interpolated_onto_the_markers_clock(trial, tmp_path, rng):
     stamps = np.arange(300) / 100 + 208.1 + rng.uniform(-0.002, 0.002, 300)
     mocap = write_dflow(trial, tmp_path / "t.txt", stamps=stamps)
     time = 208.5 + np.cumsum(rng.uniform(0.003, 0.02, 150))
-    events = {10: "A", 60: "B", 100: "A"}
-    record = tmp_path / "record.txt"
-    record.write_text(RECORD.format(rows=record_rows(time, events)))
+    record = write_record(tmp_path, time)
     read = read_dflow(mocap, record=record)
     speed = read.analog.channel("LeftBelt.Speed")
     clock = read.markers.time + 208.1
     inside = (clock > time[0] + 0.005) & (clock < time[-1] - 0.005)
     np.testing.assert_allclose(speed[inside], 1 + 0.1 * clock[inside], atol=2e-4)
     assert np.isnan(speed[(clock < time[0] - 0.01) | (clock > time[-1] + 0.01)]).all()
-    found = read.metadata.dflow_events
-    middle = {k: (time[k] + time[k + 1]) / 2 - 208.1 for k in events}
-    np.testing.assert_allclose(found["A"], [middle[10], middle[100]], atol=2e-3)
-    np.testing.assert_allclose(found["B"], [middle[60]], atol=2e-3)
-
-
-def test_a_record_without_the_counts_of_its_events_was_cut_short(tmp_path):
-    path = tmp_path / "record.txt"
-    whole = RECORD.format(rows=record_rows(np.arange(300) / 100, {10: "A", 60: "A", 70: "B"}))
-    path.write_text(whole)
-    assert read_record(path).notes == ()
-    path.write_text(whole[: whole.index("# EVENT A occured")])
-    (note,) = read_record(path).notes
-    assert (note.code, note.values["events"]) == ("record_unended", ("A", "B"))
 
 
 @pytest.mark.parametrize(("rows", "short"), [(310, False), (280, False), (200, True)])
 def test_a_record_that_ends_long_before_the_markers_is_named(trial, tmp_path, rows, short):
     mocap = write_dflow(trial, tmp_path / "t.txt", stamps=np.arange(300) / 100)
-    record = tmp_path / "record.txt"
-    text = RECORD.format(rows=record_rows(np.arange(rows) / 100, {10: "A", 60: "A", 70: "B"}))
-    record.write_text(text)
+    record = write_record(tmp_path, np.arange(rows) / 100)
     notes = [note for note in read_dflow(mocap, record=record).notes if note.code == "record_short"]
     assert bool(notes) == short
     for note in notes:
         assert "record.txt covers only 0.00 to 1.99 s" in note.text
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda text: text.replace("# EVENT A occured 2", "# EVENT A occured 3"), "counts 3"),
-        (lambda text: text.replace("\t1.", "\t1,", 1), "decimal comma"),
-        (lambda text: text[:80], "truncated"),
-        (lambda text: text.replace("Time", "Date", 1), "not a D-Flow record file"),
-        (lambda text: text.replace("0.05", "9.05", 1), "do not increase"),
-    ],
-)
-def test_a_broken_record_is_refused_in_one_line(tmp_path, change, message):
-    rows = record_rows(np.arange(12) / 100, {3: "A", 5: "A", 7: "B"})
-    path = tmp_path / "record.txt"
-    path.write_text(change(RECORD.format(rows=rows)))
-    with pytest.raises(ValueError, match=rf"^record\.txt: .*{message}"):
-        read_record(path)
-
-
 def test_a_record_of_another_time_is_refused(trial, tmp_path):
     mocap = write_dflow(trial, tmp_path / "t.txt")
-    record = tmp_path / "record.txt"
-    rows = record_rows(3600 + np.arange(12) / 100, {3: "A", 5: "A", 7: "B"})
-    record.write_text(RECORD.format(rows=rows))
+    record = write_record(tmp_path, 3600 + np.arange(12) / 100)
     with pytest.raises(ValueError, match=r"^record\.txt: its times .* do not overlap"):
         read_dflow(mocap, record=record)
 
@@ -226,7 +183,7 @@ def millimetres(lines):
         (lambda lines: [*lines[:9], lines[9] + "\t1", *lines[10:]], "line 10 holds"),
         (lambda lines: [*lines[:9], lines[9].replace(".", ",", 1), *lines[10:]], "line 10.*comma"),
         (lambda lines: [*lines[:9], *lines[2:9]], "does not count upward"),
-        (lambda lines: lines[:2], "1 frames"),
+        (lambda lines: lines[:2], "FrameNumber spans 1 frames"),
         (lambda lines: [lines[0], *lines[1::9]], "FrameNumber spans"),
     ],
 )
@@ -238,7 +195,7 @@ def test_a_broken_mocap_file_is_refused_in_one_line(trial, tmp_path, edit, messa
 
 def test_axes_that_contradict_the_markers_are_refused(trial, tmp_path):
     path = write_dflow(trial, tmp_path / "t.txt")
-    with pytest.raises(ValueError, match="is up by the stated axes, but down by pelvis"):
+    with pytest.raises(ValueError, match="is up by the stated axes, but down by the load on"):
         read_dflow(path, "forward,down,left")
 
 
@@ -260,12 +217,12 @@ KIB = 1024
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems have no /proc")
 def test_a_large_file_needs_less_than_four_times_its_size_of_memory(tmp_path):
-    """So that 500 MB are read in less than 2 GB; here 24 MB of them."""
+    """So that 500 MB are read in less than 2 GB; here 14 MB of them."""
     names = ["LASIS", "RASIS", "LHEE", "RHEE", *(f"M{k}" for k in range(60))]
     columns = ["TimeStamp", "FrameNumber", *(f"{n}.Pos{a}" for n in names for a in "XYZ")]
     feet_and_pelvis = ["-0.1", "1.0", "0.0", "0.1", "1.0", "0.0", "-0.1", "0.0", "0.0", "0.1"]
     place = [f"{float(x):.6f}" for x in [*feet_and_pelvis, *[0.0] * 2, *[0.5] * 180]]
-    frames = 14_000
+    frames = 8_000
     path = tmp_path / "large.txt"
     with path.open("w", encoding="utf-8") as file:
         file.write("\t".join(columns) + "\n")
@@ -280,23 +237,3 @@ def test_a_large_file_needs_less_than_four_times_its_size_of_memory(tmp_path):
     used_kib, read_frames = map(int, done.stdout.split())
     assert read_frames == frames
     assert used_kib * KIB < 4 * path.stat().st_size
-
-
-def test_sixty_thousand_columns_are_read_at_once(tmp_path):
-    """A hang guard: with a search of the names for every column this took over a minute."""
-    names = [f"c{k}" for k in range(20_000)]
-    names += [f"m{k}.Pos{a}" for k in range(7_000) for a in "XYZ"]
-    names += [f"FP{k}.{q}{a}" for k in range(3_500) for q in ("For", "Mom") for a in "XYZ"]
-    body = {"LASIS": (-0.1, 1, 0), "RASIS": (0.1, 1, 0), "LHEE": (-0.1, 0, 0), "RHEE": (0.1, 0, 0)}
-    columns = ["TimeStamp", "FrameNumber", *(f"{n}.Pos{a}" for n in body for a in "XYZ"), *names]
-    places = [x for place in body.values() for x in place]
-    rows = (
-        [k / 100, k, *(x + k / 1000 for x in places), *((k + j) / 1e5 for j in range(len(names)))]
-        for k in range(3)
-    )
-    lines = ["\t".join(columns), *("\t".join(f"{x:.6f}" for x in row) for row in rows)]
-    path = tmp_path / "wide.txt"
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    code = "import sys; from pipeline.io.read import read_recording; read_recording(sys.argv[1])"
-    asked = [sys.executable, "-c", code, str(path)]
-    subprocess.run(asked, check=True, cwd=ROOT, timeout=60)

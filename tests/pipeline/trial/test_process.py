@@ -12,14 +12,12 @@ from pipeline.config.schema import Condition, Settings, Subject, Treadmill
 from pipeline.config.study import read_study
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.recording import Event, Metadata
-from pipeline.trial import stages
 from pipeline.trial.gait.cycles import cut_cycles
 from pipeline.trial.gait.events import event_times
 from pipeline.trial.ground.laboratory import Laboratory, read_calibration
 from pipeline.trial.process import process_recording, process_trial
 from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.residuals import residual_table
-from pipeline.trial.subject import body_mass
 from tests.pipeline import lab
 from tests.pipeline.trial.ground.grounds import ground_of
 
@@ -79,29 +77,6 @@ def test_a_platform_at_rest_has_nothing_to_compensate(results, standing_still):
         assert difference.abs().max() < 1
 
 
-def test_both_variants_use_one_inverse_kinematics(study, monkeypatch):
-    calls = {"solve_motion": 0, "filter_motion": 0, "inverse_dynamics_variants": 0}
-    for name in calls:
-        real = getattr(stages, name)
-
-        def counted(*given, name=name, real=real, **named):
-            calls[name] += 1
-            return real(*given, **named)
-
-        monkeypatch.setattr(stages, name, counted)
-    result = process_trial(study, "sub01", "pitch")
-    assert set(calls.values()) == {1}
-    assert result.compensated is not None
-
-
-def test_walking_counts_the_first_cycles_of_the_right_foot_after_the_start(results):
-    cycles = results["pitch"].cycles
-    assert list(cycles) == ["right"]
-    assert len(cycles["right"]) == 4
-    assert (cycles["right"][:, 0] >= 6.0).all()
-    assert cycles["right"][0, 0] < 6.0 + 1.2
-
-
 def test_sway_counts_the_cycles_with_a_pulse(results):
     spans = np.concatenate(list(results["sway"].cycles.values()))
     assert len(spans) == 2
@@ -151,14 +126,6 @@ def test_the_delay_of_the_plates_is_estimated_and_removed(walker):
     assert (rms(aware, False) - rms(in_time, False)).abs().max() < 0.5
 
 
-def test_a_study_without_a_calibration_has_one_variant(study):
-    treadmill = study.file.treadmill.model_copy(update={"calibration": None})
-    file = study.file.model_copy(update={"treadmill": treadmill})
-    result = process_trial(replace(study, file=file), "sub01", "pitch")
-    assert result.compensated is None
-    assert list(result.ground) == ["measured"]
-
-
 def test_frames_without_accelerations_count_in_neither_variant(study, results):
     """Frames that only one variant defines would compare different parts of steps."""
     recording = read_c3d(study.path("sub01_pitch.c3d"))
@@ -193,17 +160,7 @@ def test_a_cycle_counts_only_where_all_of_its_motion_is_known(results):
     hole[np.searchsorted(time, 7.5)] |= int(Quality.POSE_UNKNOWN)
     left, reasons = cut_cycles(events, time, hole, min_valid_share=0.5)
     assert len(left["left"]) == len(whole["left"]) - 1
-    assert {note.code for note in reasons} == {"cycle_unsolved"}
-    assert str(reasons[0]).startswith("left gait cycle 7.10–8.20 s left out: it has frames without")
-
-
-def test_mass_is_weighed_where_the_subject_stands(walker, results):
-    mass = body_mass(PERSON, walker)
-    assert mass.mass_kg == pytest.approx(lab.PEOPLE[0].mass_kg, rel=0.002)
-    assert mass.note.code == "mass_weighed"
-    assert mass.note in process_recording(walker, PERSON, Settings()).notes
-    assert results["pitch"].body.mass == pytest.approx(mass.mass_kg, rel=0.002)
-    assert body_mass(Subject(mass_kg=70.0), walker).mass_kg == 70.0
+    assert set(reasons) == {"frames without a solution or without forces"}
 
 
 def warnings(result):
@@ -232,23 +189,6 @@ def test_a_marker_that_moved_since_the_calibration_pose_is_noted(walker):
     notes = warnings(process_recording(moved, PERSON, Settings(), static=walker))
     changed = [note for note in notes if note.code == "marker_distances_changed"]
     assert "left_thigh" in [note.values["segment"] for note in changed]
-
-
-def test_without_anybody_standing_still_the_file_s_mass_is_taken(walker):
-    cut = replace(
-        walker,
-        markers=replace(
-            walker.markers,
-            time=walker.markers.time[400:],
-            position=walker.markers.position[400:],
-        ),
-    )
-    mass = body_mass(PERSON, cut)
-    assert mass.note.code == "mass_of_file"
-    assert mass.mass_kg == pytest.approx(lab.PEOPLE[0].mass_kg)
-    assert warnings(process_recording(cut, PERSON, Settings())) == []
-    with pytest.raises(ValueError, match="nobody stands still on the plates for a second"):
-        process_recording(replace(cut, metadata=Metadata()), PERSON, Settings())
 
 
 def test_stature_is_as_stated_else_as_recorded_else_from_the_legs(walker):
@@ -342,9 +282,9 @@ def test_an_excluded_trial_is_refused_with_its_reason(study):
 
 def test_events_that_plates_did_not_give_are_compared_with_the_forces_under_the_feet(walker):
     result = process_recording(walker, PERSON, Settings(events="zeni"))
-    kinds = [note.values for note in result.notes if note.code == "event_agreement"]
-    assert len(kinds) == 4
-    assert max(abs(kind["mean_ms"]) for kind in kinds) < 60
+    (note,) = [note for note in result.notes if note.code == "event_agreement"]
+    assert len(note.values["mean_ms"]) == 4
+    assert max(map(abs, note.values["mean_ms"].values())) < 60
 
 
 def test_a_moving_platform_changes_no_event_and_the_note_says_how_they_were_found(

@@ -8,14 +8,6 @@ from hypothesis import strategies as st
 from pipeline.trial.subject import common_tenths, median_extent, tenths
 
 
-@given(rate_hz=st.sampled_from([50, 60, 100, 120, 250, 1000, 1080]), tenth=st.integers(1, 30))
-def test_a_signal_has_as_many_means_as_it_has_tenths_of_a_second(rate_hz, tenth):
-    time = np.arange(round(tenth * rate_hz / 10)) / rate_hz
-    means = tenths(np.ones((len(time), 2)), time, *common_tenths(time))
-    assert means.shape == (tenth, 2)
-    np.testing.assert_array_equal(means, 1.0)
-
-
 @given(start=st.floats(-5, 5), rate_hz=st.sampled_from([100, 1000]))
 def test_means_are_over_the_samples_of_their_tenth(start, rate_hz):
     time = start + np.arange(3 * rate_hz) / rate_hz
@@ -45,11 +37,3 @@ def test_the_median_marker_s_path_counts(moving):
     position[:, :moving, 0] = np.linspace(0, 0.3, 10)[:, None]
     position[:, :moving, 2] = np.linspace(0, 0.4, 10)[:, None]
     assert median_extent(position) == pytest.approx(0.5 if moving > 2 else 0.0)
-
-
-def test_markers_that_are_missing_have_no_extent():
-    position = np.zeros((10, 2, 3))
-    position[:, 1] = np.nan
-    position[4, 0] = np.nan
-    assert median_extent(position) == 0.0
-    assert np.isnan(median_extent(np.full((10, 2, 3), np.nan)))

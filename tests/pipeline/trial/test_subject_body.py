@@ -89,20 +89,6 @@ def swinging(body, sideways=30.0):
     return Markers(time, body.markers, marker_positions(body, q))
 
 
-def test_functional_hips_and_their_trial_are_stated_together(study):
-    state(study / "sub01.toml", "[trials", 'hip_trial = "empty.c3d"\n[trials')
-    with pytest.raises(StudyFaults) as alone:
-        read_study(study)
-    assert list(alone.value.faults) == [
-        'sub01.toml: hip_trial: has no effect unless settings.hip = "functional" in study.toml'
-    ]
-    state(study / "study.toml", "[treadmill]", '[settings]\nhip = "functional"\n[treadmill]')
-    with pytest.raises(StudyFaults) as missing:
-        read_study(study)
-    assert len(missing.value.faults) == 1
-    assert missing.value.faults[0].startswith("sub02.toml: hip_trial: is missing")
-
-
 def test_faults_of_a_segments_file_are_faults_of_the_study(study):
     (study / "legs.toml").write_text("[left_shnk]\nmass_kg = 1\n[left_foot]\nmass_kg = -1\n")
     state(study / "sub01.toml", "[trials", 'segments = "legs.toml"\n[trials')
@@ -113,17 +99,6 @@ def test_faults_of_a_segments_file_are_faults_of_the_study(study):
     assert first.startswith("sub01.toml: segments: legs.toml: no segment 'left_shnk', did you mean")
     assert "left_foot: mass_kg must be positive" in first
     assert second.startswith("sub02.toml: segments: no file 'arms.toml'")
-
-
-def test_a_file_of_segments_that_says_trunk_gets_one_line_that_says_what_to_write(study):
-    (study / "rucksack.toml").write_text("[trunk]\nmass_kg = 30.0\n", encoding="utf-8")
-    state(study / "sub01.toml", "[trials", 'segments = "rucksack.toml"\n[trials')
-    with pytest.raises(StudyFaults) as caught:
-        read_study(study)
-    (fault,) = caught.value.faults
-    assert fault == (
-        "sub01.toml: segments: rucksack.toml: no segment 'trunk', write 'thorax' and 'mid_trunk'"
-    )
 
 
 def test_one_trial_takes_hips_and_segments_on_the_command_line(walker, tmp_path, capsys):
@@ -203,7 +178,7 @@ def test_exported_forces_are_compensated_where_a_calibration_is_given(study, tmp
     assert np.nanstd(spread["compensated"]) < 0.2 * np.nanstd(spread["measured"])
 
 
-@pytest.mark.parametrize("factor", [0.1, 1 / 25.4, 2.0], ids=["cm", "inches", "doubled"])
+@pytest.mark.parametrize("factor", [0.1, 2.0])
 @pytest.mark.parametrize(
     ("stated", "remedy"),
     [

@@ -30,12 +30,7 @@ def trial():
 
 
 def scene_of(trial):
-    return LiveScene(trial.body, trial.plates, trial.markers.names, VARIANTS, 30.0, "none")
-
-
-def packed(scene, numbered):
-    """Pack numbered frames as a view passes them on."""
-    return np.array([scene.pack(number, frame) for number, frame in numbered], scene.row)
+    return LiveScene(trial.body, trial.plates, trial.markers.names, VARIANTS, "none", 30.0)
 
 
 def draw(scene, path, batches):
@@ -43,12 +38,12 @@ def draw(scene, path, batches):
     with recording_file(path, "live", "live", rrb.Blueprint(auto_views=False)) as stream:
         drawing = LiveDrawing(stream, scene)
         for batch in batches:
-            drawing.show(batch if isinstance(batch, tuple) else (packed(scene, batch), [], None))
+            drawing.show(batch if isinstance(batch, tuple) else (batch, [], None))
     return Stored(path)
 
 
-def news(scene, cycles=(), status=None):
-    return packed(scene, []), list(cycles), status
+def news(cycles=(), status=None):
+    return [], list(cycles), status
 
 
 def cut(frames, sizes):
@@ -97,12 +92,6 @@ def test_live_traces_are_the_residuals_of_every_frame_that_counts(frame_by_frame
     assert not trial.counts[LOST].any()
 
 
-def test_a_frame_without_coordinates_has_no_body(frame_by_frame):
-    places = np.array(frame_by_frame.rows("lab/body/pelvis", "translation"))[:, 0]
-    hidden = np.isnan(places).all(axis=1)
-    np.testing.assert_array_equal(np.flatnonzero(hidden), np.arange(FRAMES)[LOST])
-
-
 def test_traces_are_broken_where_frames_were_left_out(trial, tmp_path):
     numbered = list(enumerate(shown_frames(trial)))
     batches = [numbered[:5] + numbered[8:10], numbered[15:20]]
@@ -135,10 +124,11 @@ def test_frames_whose_time_does_not_increase_are_not_drawn(trial, tmp_path):
 def test_time_is_shown_since_the_first_frame(trial, tmp_path):
     frames = [replace(frame, time=1e6 + frame.time) for frame in shown_frames(trial)[:4]]
     scene = scene_of(trial)
-    first = [news(scene, status="waiting"), *cut(frames, [1, 1, 1])]
+    first = [news(status="# RMS\n漢 5 N"), *cut(frames, [1, 1, 1])]
     stored = draw(scene, tmp_path / "live.rrd", first)
     np.testing.assert_allclose(stored.times("residual/Fx"), [0, 0.01, 0.02, 0.03], atol=1e-8)
     np.testing.assert_array_equal(stored.times("status"), [0])
+    assert stored.rows("status", "text")[-1].tolist() == ["# RMS\n? 5 N"]
 
 
 def curves_of(stored):
@@ -150,7 +140,7 @@ def test_the_last_ten_cycles_of_the_right_foot_stay_drawn(trial, tmp_path):
         return {"measured": np.full((101, 6), size), "compensated": np.zeros((101, 6))}
 
     scene = scene_of(trial)
-    batches = [news(scene, [(side, cycle(k))]) for k in range(14) for side in SIDES]
+    batches = [news([(side, cycle(k))]) for k in range(14) for side in SIDES]
     stored = draw(scene, tmp_path / "live.rrd", batches)
     strips = curves_of(stored)
     assert len(strips) == SHOWN_CYCLES * len(VARIANTS) * len(AXES)
@@ -163,19 +153,12 @@ def test_the_last_ten_cycles_of_the_right_foot_stay_drawn(trial, tmp_path):
     assert height == pytest.approx(13 / 15 * SIZE[1] / 2, abs=1e-3)
 
 
-def test_a_cycle_in_which_no_frame_counts_draws_nothing(trial, tmp_path):
-    nothing = dict.fromkeys(VARIANTS, np.full((101, 6), np.nan))
-    scene = scene_of(trial)
-    stored = draw(scene, tmp_path / "live.rrd", [news(scene, [("left", nothing)])])
-    assert curves_of(stored) == []
-
-
 def test_frames_that_do_not_count_break_the_curves_of_a_cycle(trial, tmp_path):
     part = dict.fromkeys(VARIANTS, np.ones((101, 6)))
     part["measured"] = part["measured"].copy()
     part["measured"][40:50, 2] = np.nan
     scene = scene_of(trial)
-    stored = draw(scene, tmp_path / "live.rrd", [news(scene, [("right", part)])])
+    stored = draw(scene, tmp_path / "live.rrd", [news([("right", part)])])
     lengths = [len(strip) for strip in curves_of(stored)]
     assert lengths == [101, 101, 40, 51, 101, 101, 101] + [101] * 6
 
@@ -189,29 +172,6 @@ def test_every_curve_of_a_cycle_lies_in_its_plot(sizes):
     assert np.all(limits <= np.maximum(1.5 * largest * (1 + 1e-8), smallest))
     leading = limits / 10 ** np.floor(np.log10(limits * (1 + 1e-9)))
     assert np.min(np.abs(leading[:, None] - LEADING), axis=1).max() < 1e-9
-
-
-def test_status_is_drawn_as_text_and_letters_without_a_picture_become_question_marks(
-    trial, tmp_path
-):
-    scene = scene_of(trial)
-    stored = draw(scene, tmp_path / "live.rrd", [news(scene, status="# RMS\n漢 5 N")])
-    assert stored.rows("status", "text")[-1].tolist() == ["# RMS\n? 5 N"]
-
-
-def test_a_frame_passes_unchanged_and_copied(trial):
-    scene, (frame, *_) = scene_of(trial), shown_frames(trial)
-    frame = replace(frame, q=frame.q.copy())
-    expected = frame.q.copy()
-    row = scene.pack(7, frame)
-    frame.q[:] = 0
-    np.testing.assert_array_equal(row["q"], expected)
-    np.testing.assert_array_equal(row["markers"], frame.markers)
-    for k, variant in enumerate(VARIANTS):
-        np.testing.assert_array_equal(row["residual"][k], frame.residual[variant])
-        np.testing.assert_array_equal(row["ground"][k], frame.ground[variant])
-    np.testing.assert_array_equal(row["position"], frame.platform[1])
-    assert (row["number"], row["time"], row["moves"]) == (7, frame.time, True)
 
 
 def test_a_platform_of_unknown_pose_and_a_frame_that_does_not_count_are_gaps(trial, tmp_path):

@@ -18,7 +18,7 @@ import pytest
 from rerun.experimental import ViewerClient
 
 from pipeline.figures.style import COLOURS
-from pipeline.viewer.live import MAX_WAITING, LiveView
+from pipeline.viewer.live import MAX_WAITING, LiveScene, LiveView
 from pipeline.viewer.scene import MODELLED_COLOUR
 from tests.pipeline.browser import needs_chromium, open_browser
 from tests.pipeline.viewer_frames import shown_frames
@@ -58,9 +58,8 @@ def frames(trial):
 
 @contextmanager
 def live_view(trial, screen):
-    view = LiveView(
-        trial.body, trial.plates, trial.markers.names, list(trial.ground), screen=screen
-    )
+    names, variants = trial.markers.names, list(trial.ground)
+    view = LiveView(LiveScene(trial.body, trial.plates, names, variants, screen))
     try:
         assert view.wait(PATIENCE_S), view.fault
         yield view
@@ -256,9 +255,10 @@ def test_where_it_is_killed_the_view_says_so_and_the_rest_goes_on(trial, frames,
 def test_the_viewer_ends_with_a_program_that_is_killed(tmp_path):
     program = (
         "import time; from tests.pipeline.viewer_trial import viewer_trial; "
-        "from pipeline.viewer.live import LiveView; trial = viewer_trial(20); "
-        "view = LiveView(trial.body, trial.plates, trial.markers.names, list(trial.ground), "
-        "screen='none'); view.wait(30); print(view.process_id, flush=True); time.sleep(60)"
+        "from pipeline.viewer.live import LiveScene, LiveView; trial = viewer_trial(20); "
+        "names, variants = trial.markers.names, list(trial.ground); "
+        "scene = LiveScene(trial.body, trial.plates, names, variants, 'none'); "
+        "view = LiveView(scene); view.wait(30); print(view.process_id, flush=True); time.sleep(60)"
     )
     with subprocess.Popen(
         [sys.executable, "-c", program],
@@ -277,7 +277,8 @@ def test_without_a_screen_the_view_says_so_in_one_line(trial, frames, monkeypatc
         pytest.skip("a screen is always there")
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
         monkeypatch.delenv(name, raising=False)
-    view = LiveView(trial.body, trial.plates, trial.markers.names, list(trial.ground))
+    names, variants = trial.markers.names, list(trial.ground)
+    view = LiveView(LiveScene(trial.body, trial.plates, names, variants))
     try:
         view.show(frames[0])
         assert not view.wait(PATIENCE_S)
@@ -287,16 +288,5 @@ def test_without_a_screen_the_view_says_so_in_one_line(trial, frames, monkeypatc
         view.show(frames[1])
         assert view.left_out == 2
         assert view.address is None
-    finally:
-        view.close()
-
-
-def test_what_does_not_fit_the_view_is_refused_where_it_is_shown(trial, frames):
-    view = LiveView(trial.body, trial.plates, trial.markers.names, ["measured"], screen="browser")
-    try:
-        with pytest.raises(ValueError, match=r"\(45,\)"):
-            view.show(replace(frames[0], q=np.zeros(45)))
-        with pytest.raises(KeyError, match="measured"):
-            view.show(replace(frames[0], residual={}))
     finally:
         view.close()

@@ -225,15 +225,6 @@ def test_a_subject_prefix_is_removed_and_noted(raw_c3d):
     assert recording.metadata.subject == "S01"
 
 
-def test_repeated_and_missing_labels_become_unique(raw_c3d):
-    points = points_at((0, 100, 1000), (0, 300, 1000), (0, 300, 100), (0, 1, 0))
-    path = raw_c3d(points, POINT={"LABELS": ["RKNE", "RKNE", ""]})
-    recording = read_c3d(path, AXES)
-    assert recording.markers.names == ("RKNE", "RKNE_2", "unlabelled_3", "unlabelled_4")
-    note = Note.of("label_repeated", label="RKNE", new_label="RKNE_2")
-    assert note in recording.notes
-
-
 def test_outputs_are_separated_from_markers_by_group_or_by_name(raw_c3d):
     labels = ["LKNE", "S01:LKneeAngles", "CustomScalar", "PELO", "PELA", "PELL", "PELP", "CLAP"]
     points = points_at(*[(k, 100, 200 * k) for k in range(len(labels))])

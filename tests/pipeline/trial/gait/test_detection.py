@@ -50,11 +50,6 @@ def test_one_wrong_plate_event_moves_no_other_event_and_is_not_used():
     assert_same(events, TRUE)
 
 
-def test_what_plates_show_without_a_step_is_no_event():
-    invented = [*TRUE, Event(0.3, "foot_strike", "left"), Event(20.0, "foot_off", "right")]
-    assert_same(combined_events(by_motion(), invented)[0], TRUE)
-
-
 def test_a_foot_that_no_plate_carries_alone_is_corrected_by_the_other_one():
     symmetric = {kind: 0.04 for kind in KINDS}
     left = [e for e in TRUE if e.side == "left"]
@@ -132,12 +127,6 @@ def test_the_note_names_the_method_and_counts_the_strikes_of_each_foot(sources, 
         assert min(counts.values()) >= 4
 
 
-def test_a_file_in_which_a_foot_strikes_twice_is_used_unless_another_method_is_wanted(sources):
-    own = (Event(3.0, "foot_strike", "left"), Event(4.0, "foot_strike", "left"))
-    events, method, _ = detection.detect_events(replace(sources[0], of_file=own), None)
-    assert (events, method) == (own, "file")
-
-
 def test_a_file_without_events_gives_one_clear_line_where_only_its_own_are_wanted(sources):
     events, _, note = detection.detect_events(sources[0], "file")
     assert events == ()
@@ -152,9 +141,7 @@ def test_who_stands_has_no_events_and_the_note_says_why(sources):
     still = FootMotion(motion.time, pelvis, feet, feet + 0.15)
     events, _, note = detection.detect_events(replace(sources[0], motion=still), None)
     assert events == ()
-    assert note.text == (
-        "no gait events: no foot swings forward and back against the pelvis, as in walking"
-    )
+    assert "no foot swings against the pelvis in" in note.text
 
 
 @pytest.mark.parametrize("seconds", [0.4, 0.6, 0.8])
@@ -166,8 +153,7 @@ def test_a_walk_shorter_than_a_stride_has_no_events_and_the_note_says_how_long_i
     short = FootMotion(*(getattr(motion, name)[part] for name in motion.__slots__))
     events, _, note = detection.detect_events(replace(sources[0], motion=short, contacts=()), None)
     assert events == ()
-    assert f"seen for {seconds:.2f} s, less than a stride" in note.text
-    assert "record two strikes of a foot" in note.text
+    assert f"in {seconds:.2f} s; record two strikes" in note.text
 
 
 def test_plates_that_carry_nobody_alone_leave_the_motion_and_the_note_says_so(sources):

@@ -56,14 +56,6 @@ def test_after_the_low_pass_the_plates_are_those_that_were_compensated_after_it(
     assert notes == ()
 
 
-def test_the_treadmill_without_people_is_empty_without_its_artefact(laboratory):
-    empty = lab.on_platform(lab.without_people(12.0), lab.pitching(12.0), noise=0, seed=4)
-    artefacts, _ = plate_artefacts(empty, laboratory)
-    for plate, artefact in zip(empty.plates, artefacts, strict=True):
-        left = plate.wrench_in_plate - artefact
-        assert np.std(left) < 0.02 * np.std(plate.wrench_in_plate)
-
-
 def test_a_delay_leaves_an_end_that_is_held(pitching, laboratory):
     artefacts, _ = plate_artefacts(pitching, delayed(laboratory, 0.04))
     for artefact in artefacts:
@@ -104,7 +96,7 @@ def test_a_compensated_recording_is_no_calibration(tmp_path, laboratory, monkeyp
     empty = lab.on_platform(lab.without_people(5.0), lab.shaken(5.0))
     path = lab.save(empty, tmp_path / "empty.c3d")
     monkeypatch.setattr(
-        "pipeline.trial.ground.calibration_recording.read_as_stated",
+        "pipeline.trial.ground.calibration_recording.read_recording",
         lambda *_: replace(empty, compensation=DONE),
     )
     with pytest.raises(ValueError, match=r"empty\.c3d: its plates are compensated, by hbm-residua"):

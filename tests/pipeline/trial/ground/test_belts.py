@@ -9,18 +9,14 @@ import pytest
 from compensation import Signal, belt_signals, pitch_and_sway_signals, validation_signals
 from hbm.signals.filtering import low_pass
 from pipeline.config.schema import Belt, Treadmill
-from pipeline.config.study import read_study
-from pipeline.config.toml_file import StudyFaults
 from pipeline.io.axes import parse_axes
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.c3d.write import write_c3d
-from pipeline.trial.ground.accelerometers import belt_speed
 from pipeline.trial.ground.belt_calibration import belts_alone, fit_belts
 from pipeline.trial.ground.belts import belt_axes, belt_wrenches
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.wrenches import plate_artefacts
-from pipeline.trial.process import process_trial
 from pipeline.virtual_lab.faults import BeltFaults, Faults, MachineFaults
 from pipeline.virtual_lab.machine.instruments import SENSOR_NAMES
 from pipeline.virtual_lab.person import bystander
@@ -118,12 +114,6 @@ def test_accelerometers_compensate_what_a_person_adds_through_the_platform(model
     assert by_both**2 - empty_by_both**2 < 0.1 * (by_belts**2 - empty**2)
 
 
-def test_a_belt_at_constant_speed_changes_nothing(models):
-    steady = replace(PULSES, belt_speed=np.full_like(PULSES.belt_speed, 1.3))
-    raw, left = left_over(record_signal_trial(steady, seed=5), models)
-    assert left < raw + 0.05  # the noise of the belt speed
-
-
 def test_the_pitch_axis_of_a_plate_does_not_depend_on_the_lab_axes(tmp_path):
     recording = record_signal_trial(PULSES, seed=6)
     path = tmp_path / "belt.c3d"
@@ -133,36 +123,6 @@ def test_the_pitch_axis_of_a_plate_does_not_depend_on_the_lab_axes(tmp_path):
     plate = read_c3d(path, "left,back,up").plates[0]
     assert abs((plate.rotation @ belt_axes(plate))[1, 1]) == pytest.approx(1)
     assert parse_axes("left,back,up").shape == (3, 3)
-
-
-def test_a_channel_in_no_unit_of_speed_is_refused():
-    recording = record_signal_trial(PULSES, seed=6)
-    with pytest.raises(ValueError, match=r"'rear_left.X': unknown speed unit 'g'"):
-        belt_speed(recording, "rear_left.X")
-    with pytest.raises(ValueError, match=r"no analog channel 'Belt'.*rear_left.X"):
-        belt_speed(recording, "Belt")
-
-
-def test_a_study_file_switches_belt_compensation_on(tmp_path):
-    (tmp_path / "study.toml").write_text(
-        '[treadmill.belt]\ncalibration = "belts.c3d"\nspeed_channels = ["Belt"]\n'
-        "[conditions.walk]\n",
-        encoding="utf-8",
-    )
-    (tmp_path / "sub01.toml").write_text(
-        'id = "sub01"\n[trials.walk]\nexclude = "none"\n', encoding="utf-8"
-    )
-    with pytest.raises(StudyFaults, match=r"treadmill.belt.calibration: no file 'belts.c3d'"):
-        read_study(tmp_path)
-    (tmp_path / "belts.c3d").write_bytes(b"")
-    study = read_study(tmp_path)
-    assert study.file.treadmill.belt == replace_channels(BELT, "Belt")
-    with pytest.raises(ValueError, match="is excluded"):
-        process_trial(study, "sub01", "walk")
-
-
-def replace_channels(belt, channel):
-    return belt.model_copy(update={"speed_channels": (channel,)})
 
 
 @pytest.fixture(scope="module")
@@ -232,13 +192,6 @@ def test_a_noisy_accelerometer_in_the_belts_recording_is_not_subtracted_silently
     _, (note,) = belts_alone(noisy, Laboratory(TREADMILL, platform))
     assert note.code == "belts_recording_doubtful"
     assert "outside the range of the calibration" in note.text
-
-
-def test_another_rate_of_the_belts_recording_is_not_called_that_of_a_trial(flexible):
-    _, platform, _ = flexible
-    belts = record_signal_trial(belt_signals(1, 1.0)[0], seed=7)
-    with pytest.raises(ValueError, match=rf"^{belts.source.name}: .*but the recording has"):
-        belts_alone(belts, Laboratory(TREADMILL, platform))
 
 
 def test_in_real_time_as_little_of_belt_pulses_is_left(models):

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from pipeline.cli.app import main
 from tests.pipeline import lab
@@ -23,26 +22,3 @@ def test_a_calibration_that_is_loaded_is_noted_at_every_use(moving_study, tmp_pa
     assert main(["residuals", trial, *options, "--out", str(tmp_path / "out")]) == 0
     printed = " ".join(capsys.readouterr().out.split())
     assert "warning: in the calibration plates carried on average plate 1" in printed
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["-o", "lab.json", "--cutoff-hz", "9999"], "--cutoff-hz"),
-        (["-o", "lab.json", "--cutoff-hz", "0"], "--cutoff-hz"),
-        (["-o", "lab.json", "--cutoff-hz", "nan"], "--cutoff-hz"),
-        (["-o", "."], "is a folder"),
-        ([], "--out"),
-    ],
-)
-def test_impossible_options_give_one_line_and_write_nothing(
-    moving_study, tmp_path, capsys, monkeypatch, options, message
-):
-    monkeypatch.chdir(tmp_path)
-    assert main(["calibration", "fit", str(moving_study / "empty.c3d"), *options]) == 2
-    line = capsys.readouterr().err
-    assert line.startswith("hbm: error: ")
-    assert line.count("\n") == 1
-    assert message in line
-    assert "pydantic" not in line
-    assert not list(tmp_path.iterdir())

@@ -1,15 +1,12 @@
 """Plates are corrected before anything is computed from them, and by one calibration throughout."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from compensation import estimate_delay
-from compensation.plate_calibration import to_json
 from hbm.signals.filtering import low_pass
-from pipeline.config.plate_correction import read_plate_correction
 from pipeline.config.schema import Platform, Settings, Subject, Treadmill
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.recording import Compensation
@@ -50,16 +47,6 @@ def pitched(walker):
 @pytest.fixture(scope="module")
 def empty():
     return lab.on_platform(lab.without_people(20.0), lab.shaken(20.0))
-
-
-def test_without_a_calibration_the_recording_stays_the_same(walker):
-    assert with_corrected_plates(walker, None) is walker
-
-
-def test_a_calibration_that_changes_nothing_changes_no_bit(walker):
-    same = correction_of(walker, change=False)
-    for plate, after in zip(walker.plates, with_corrected_plates(walker, same).plates, strict=True):
-        np.testing.assert_array_equal(after.wrench_in_plate, plate.wrench_in_plate)
 
 
 @pytest.mark.parametrize(
@@ -159,14 +146,6 @@ def test_artefacts_are_of_the_plates_own_clocks():
         assert late.seconds == pytest.approx(0, abs=3e-4)
 
 
-def test_a_subject_is_weighed_by_corrected_plates(walker):
-    """Offsets and gains of 4 % would be some kilograms."""
-    laboratory = Laboratory(Treadmill(), plates=correction_of(walker))
-    wrong = wrongly_measured(walker)
-    weighed = process_recording(wrong, Subject(sex="male"), Settings(), laboratory=laboratory)
-    assert weighed.body.mass == pytest.approx(74.6, abs=0.05)
-
-
 @pytest.mark.parametrize(
     ("fitted_with", "used", "message"),
     [
@@ -261,23 +240,9 @@ def test_two_different_delays_of_a_plate_are_refused(walker):
         plate_delays_s(walker.plates, correction, 0.004)
 
 
-def test_a_file_with_other_corrections_is_another_calibration_one_made_anew_is_not(
-    walker, tmp_path
-):
-    path = tmp_path / "lab.json"
-    path.write_text(to_json(correction_of(walker).calibrations), encoding="utf-8")
-    first = read_plate_correction(path)
-    assert read_plate_correction(path) == first
-    plain = json.loads(path.read_text(encoding="utf-8"))
-    path.write_text(json.dumps(plain | {"provenance": {"made": "later"}}), encoding="utf-8")
-    assert read_plate_correction(path) == first
-    plain["plates"][0]["offset"][2] += 1
-    path.write_text(json.dumps(plain), encoding="utf-8")
-    assert read_plate_correction(path) != first
-
-
-def test_a_file_that_is_no_plate_calibration_is_named(tmp_path):
-    path = tmp_path / "lab.json"
-    path.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ValueError, match=r"^lab.json: "):
-        read_plate_correction(path)
+def test_a_subject_is_weighed_by_corrected_plates(walker):
+    """Offsets and gains of 4 % would be some kilograms."""
+    laboratory = Laboratory(Treadmill(), plates=correction_of(walker))
+    wrong = wrongly_measured(walker)
+    weighed = process_recording(wrong, Subject(sex="male"), Settings(), laboratory=laboratory)
+    assert weighed.body.mass == pytest.approx(74.6, abs=0.05)

@@ -143,15 +143,3 @@ def test_the_command_line_says_which_model_it_takes_and_trials_are_computed_with
     assert "static model, as stated: " in printed
     assert main([*command, "--model", "best"]) == 2
     assert "--inertia-model: input should be 'auto', 'static' or" in capsys.readouterr().err
-
-
-def test_a_recording_in_which_every_plate_is_loaded_compares_nothing(walker, tmp_path, capsys):
-    empty = lab.save(moving(1), tmp_path / "empty.c3d")
-    walking = lab.save(lab.on_platform(walker, lab.shaken(12.0)), tmp_path / "walking.c3d")
-    out = tmp_path / "lab.json"
-    command = ["calibration", "fit", str(empty), "-o", str(out), "--check", str(walking)]
-    assert main(command) == 2
-    line = capsys.readouterr().err
-    assert line.count("\n") == 1
-    assert "somebody was on" in line
-    assert not out.exists()

@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.config.schema import Treadmill
 from pipeline.trial.ground.calibration_recording import fit_calibration
-from pipeline.trial.ground.laboratory import Laboratory, read_calibration
+from pipeline.trial.ground.laboratory import Laboratory
 from tests.pipeline import lab
 from tests.pipeline.trial.ground.grounds import notes_on
 
@@ -95,17 +95,6 @@ def test_a_recording_cannot_confirm_itself(empty, role):
     copy = replace(empty, source=Path("copy.c3d"))
     with pytest.raises(ValueError, match=r"copy\.c3d: is the same recording as"):
         fit_calibration(empty, TREADMILL, **{role: [copy]})
-
-
-def test_a_study_states_people_beside_a_recording_and_not_a_fitted_file(tmp_path, empty):
-    path = lab.save(empty, tmp_path / "empty.c3d")
-    other = lab.save(beside(2), tmp_path / "beside.c3d")
-    found = read_calibration(path, TREADMILL, beside=(other,))
-    assert found.provenance["beside"] == "beside.c3d: plate 1 empty"
-    stated = Treadmill(calibration="empty.c3d", beside=("beside.c3d",), accelerometers=lab.CHANNELS)
-    assert stated.files == {"calibration": "empty.c3d", "beside[0]": "beside.c3d"}
-    with pytest.raises(ValueError, match="beside: is fitted together with a calibration that is"):
-        Treadmill(calibration="lab.json", beside=("a.c3d",), accelerometers=lab.CHANNELS)
 
 
 def test_trials_say_whether_their_interval_knows_of_people(empty):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.config.schema import Belt, Treadmill
+from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Analog
 from pipeline.trial.ground.accelerometers import fastest_belt, hold_ends
 from tests.pipeline import lab
@@ -78,15 +78,6 @@ def test_the_speed_of_the_platform_is_not_that_of_its_belts(name):
     assert fastest(**{name: ("m/s", SPEED)}) is None
 
 
-def test_belts_whose_speed_is_nowhere_known_are_left_out():
-    unknown = np.full(FRAMES, np.nan)
-    assert fastest(BeltLeft=("m/s", unknown)) is None
-    assert fastest(BeltLeft=("m/s", unknown), BeltRight=("m/s", np.full(FRAMES, np.inf))) is None
-    np.testing.assert_array_equal(
-        fastest(BeltLeft=("m/s", unknown), BeltRight=("m/s", SPEED)), SPEED
-    )
-
-
 def test_where_one_belt_is_unknown_the_other_counts():
     left, right = SPEED.copy(), np.full(FRAMES, 0.5)
     left[1], right[3], left[0] = np.nan, np.nan, np.nan
@@ -94,11 +85,3 @@ def test_where_one_belt_is_unknown_the_other_counts():
     np.testing.assert_array_equal(
         fastest(BeltLeft=("m/s", left), BeltRight=("m/s", right)), [np.nan, 0.5, 1.0, 1.5, 2.0]
     )
-
-
-def test_a_stated_channel_in_no_unit_of_speed_is_refused_by_file_and_name():
-    recording = with_channels(Load=("N", SPEED))
-    stated = Treadmill(belt=Belt(calibration="belts.c3d", speed_channels=("Load",)))
-    file = recording.source.name
-    with pytest.raises(ValueError, match=rf"^{file}: channel 'Load': unknown speed unit 'N'"):
-        fastest_belt(recording, stated)

@@ -1,7 +1,5 @@
 """Plates that move with the platform: wrenches and corners of the moving plate, in the lab."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -52,8 +50,3 @@ def test_a_pose_with_a_gap_cannot_turn_plates(walker):
         ValueError, match=r"walk_0\.c3d: the platform's pose has a gap at 2\.99\d s"
     ):
         pose_at(walker, PlatformPose(rotation, position), walker.plates[0].time)
-
-
-def test_a_plate_without_force_stays_without(walker, pose):
-    plate = replace(walker.plates[0], wrench_in_plate=0 * walker.plates[0].wrench_in_plate)
-    assert not turned_to_lab(plate, plate.wrench_in_plate, pose).any()

@@ -125,12 +125,3 @@ def test_a_command_beyond_the_motor_gets_one_clear_error():
     weak = replace(QUIET, max_force_n=60.0)
     with pytest.raises(ValueError, match="the motor's 60 N do not follow the command"):
         run(weak, 3 * np.sin(2 * np.pi * 2 * np.arange(5000) / RATE_HZ))
-
-
-def test_a_short_lack_of_force_delays_the_belt_and_it_arrives():
-    step = np.where(np.arange(4000) < 1000, 1.0, 1.3)
-    strong, weak = (run(replace(QUIET, max_force_n=f), step) for f in (2000.0, 300.0))
-    assert weak.motor_force.max() < 330 < strong.motor_force.max()
-    arrived = [int(np.argmax(motion.speed > 1.25)) for motion in (strong, weak)]
-    assert arrived[1] > arrived[0] + 5
-    assert weak.speed[-1] == pytest.approx(1.3, abs=0.001)

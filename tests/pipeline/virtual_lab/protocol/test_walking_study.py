@@ -1,6 +1,7 @@
 """The files of a simulated study: readable by others, reproducible, consistent with the truth."""
 
 import os
+import tomllib
 from pathlib import Path
 
 import c3d
@@ -11,10 +12,9 @@ import pytest
 
 from hbm.coordinates import COORDINATES
 from hbm.signals.resampling import resample
-from pipeline.config.study import read_study
 from pipeline.io.c3d.read import read_c3d
 from pipeline.virtual_lab.protocol.walking_protocol import PERSONS, Protocol, Setting
-from pipeline.virtual_lab.protocol.walking_study import WRENCH, simulate_study
+from pipeline.virtual_lab.protocol.walking_study import WRENCH, simulate_study, study_texts
 
 ROOT = Path(__file__).resolve().parents[4]
 SMALL = Protocol(
@@ -150,21 +150,13 @@ def test_true_events_are_where_the_force_under_a_foot_passes_20_n(trial, study):
         assert ((rows["time_s"] >= time[frames]) & (rows["time_s"] <= time[frames + 1])).all()
 
 
-def test_the_study_file_states_pose_and_sensors_of_the_setting(tmp_path):
-    faults = Setting().faults
-    stated = faults.model_copy(
-        update={
-            "platform": faults.platform.model_copy(update={"pivot_error_m": 0.05}),
-            "accelerometers": faults.accelerometers.model_copy(update={"sensors": 4}),
-        }
-    )
-    protocol = TINY.model_copy(update={"pose": "channels"})
-    folder = simulated(tmp_path / "lab", protocol=protocol, faults=stated)
-    treadmill = read_study(folder).file.treadmill
-    platform = treadmill.platform
-    assert len(treadmill.accelerometers) == 4
-    assert set(read_c3d(folder / "sub01_baseline.c3d").analog.names) > {
-        channel for three in treadmill.accelerometers.values() for channel in three
+def test_the_study_file_states_pose_and_sensors_of_the_setting():
+    changes = {"platform": {"pivot_error_m": 0.05}, "accelerometers": {"sensors": 4}}
+    setting = Setting.model_validate({"faults": changes, "protocol": {"pose": "channels"}})
+    treadmill = tomllib.loads(study_texts(setting)["study.toml"])["treadmill"]
+    assert len(treadmill["accelerometers"]) == 4
+    assert treadmill["platform"] == {
+        "sway_channel": "Platform.Sway",
+        "pitch_channel": "Platform.Pitch",
+        "pivot_m": [0, 0, -0.2],
     }
-    assert platform.channels == ("Platform.Sway", "Platform.Pitch")
-    assert platform.pivot_m == pytest.approx((0, 0, -0.20))
