@@ -1,7 +1,7 @@
 """Segment inertias that are known better than from a table: prostheses, braces, shoes, scans."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -159,15 +159,13 @@ def _override(entry: Any) -> SegmentOverride:
             f"must be a table with some of {', '.join(COUNTS)}, worn; got {shown(entry)}"
         )
     values = _values({key: value for key, value in entry.items() if key != "worn"})
-    if "worn" not in entry:
-        return SegmentOverride(**values)
-    worn = entry["worn"]
-    if not isinstance(worn, dict) or not {"mass_kg", "center_m"} <= set(worn):
-        raise ValueError("worn needs mass_kg and center_m")
-    extra = {"inertia_kg_m2": np.zeros((3, 3))} | _values(worn)
-    return SegmentOverride(
-        **values, worn=Inertia(extra["mass_kg"], extra["center_m"], extra["inertia_kg_m2"])
-    )
+    if "worn" in entry:
+        worn = entry["worn"]
+        if not isinstance(worn, dict) or not {"mass_kg", "center_m"} <= set(worn):
+            raise ValueError("worn needs mass_kg and center_m")
+        extra = {"inertia_kg_m2": np.zeros((3, 3))} | _values(worn)
+        values["worn"] = Inertia(*(extra[key] for key in COUNTS))
+    return SegmentOverride(**values)
 
 
 def _values(entry: Mapping[str, Any]) -> dict[str, Any]:
@@ -233,10 +231,12 @@ def apply_overrides(
     for s, part in inertias.items():
         override = overrides.get(s, SegmentOverride())
         factor = stated[s] / part.mass if s in stated else share
-        part = Inertia(factor * part.mass, part.center, factor * part.tensor)
-        if override.center_m is not None:
-            part = replace(part, center=override.center_m)
-        if override.inertia_kg_m2 is not None:
-            part = replace(part, tensor=override.inertia_kg_m2)
-        result[s] = part + override.worn if override.worn else part
+        center, tensor = override.center_m, override.inertia_kg_m2
+        result[s] = Inertia(
+            factor * part.mass,
+            part.center if center is None else center,
+            factor * part.tensor if tensor is None else tensor,
+        )
+        if override.worn:
+            result[s] += override.worn
     return result

@@ -11,7 +11,7 @@ from importlib.resources import files
 from itertools import groupby
 from typing import Any, Final
 
-from hbm.coordinates import MOVING, SIDES
+from hbm.coordinates import LIMBS, MOVING, SIDES
 from hbm.spelling import did_you_mean, differing_case, listed, no_segment, parse_toml, short, shown
 
 _MIDLINE: Final = {
@@ -264,11 +264,10 @@ def _marker(key: str, entry: Any, side: str, optional: bool, faults: list[str]) 
     if not (words and len(entry) in (1, 2)):
         faults.append(f"{short(key)} must be [segment] or [segment, landmark], got {shown(entry)}")
         return None
-    letter = SIDES.get(side, "")
+    letter, (segment, landmark) = SIDES.get(side, ""), (*entry, None)[:2]
     segments = {s.removeprefix(f"{side}_"): s for s in MOVING} | {s: s for s in MOVING}
     landmarks = {name.removeprefix(letter): name for name in LANDMARKS if name.startswith(letter)}
     landmarks |= {name: name for name in LANDMARKS if name not in landmarks}
-    segment, landmark = entry[0], entry[1] if len(entry) == 2 else None
     if segment not in segments:
         faults.append(f"{short(key)}: {no_segment(segment, segments)}")
     if landmark is not None and landmark not in landmarks:
@@ -320,19 +319,10 @@ def _inherited(
 MIN_SHARE_OF_PART: Final = 1 / 2
 """Of a part's markers that must be present for a set to show it: other sets share fewer labels."""
 
-MAX_LABELS_LISTED: Final = 8
-"""In an error message."""
-
 REMEDY: Final = "rename them (--rename) or give a marker set of your own (--marker-set)"
 
-UPPER_PARTS: Final = {
-    "thorax": "trunk",
-    "head": "head",
-    **{
-        f"{side}_{segment}": "arms"
-        for side in ("left", "right")
-        for segment in ("shoulder", "upper_arm", "forearm", "hand")
-    },
+UPPER_PARTS: Final = {"thorax": "trunk", "head": "head"} | {
+    segment: "arms" for side in SIDES for segment in LIMBS[f"{side} arm"]
 }
 """Segment above the pelvis -> the part of the body that it belongs to."""
 
@@ -394,17 +384,13 @@ def _mismatch(nearest: MarkerSet, names: list[str]) -> str:
     needed = _lower_body(nearest)
     missing = sorted(marker.labels[0] for marker in _absent(needed, names))
     known = [n for each in marker_sets().values() for m in each.markers for n in m.labels]
-    more = ", …" if len(missing) > MAX_LABELS_LISTED else ""
-    if len(missing) == len(needed):
-        return (
-            f"the markers match no known set: none of {listed(names, 4)} is a marker of pelvis or "
-            f"legs{differing_case(names, known)}; {REMEDY}"
+    found = f"none of {listed(names, 4)} is a marker of pelvis or legs"
+    if len(missing) < len(needed):
+        found = (
+            f"nearest is {nearest.name!r} with {len(needed) - len(missing)} of its {len(needed)} "
+            f"markers of pelvis and legs (missing {listed(missing)})"
         )
-    return (
-        f"the markers match no known set; nearest is {nearest.name!r} with "
-        f"{len(needed) - len(missing)} of its {len(needed)} markers of pelvis and legs (missing "
-        f"{', '.join(missing[:MAX_LABELS_LISTED])}{more}){differing_case(names, known)}; {REMEDY}"
-    )
+    return f"the markers match no known set: {found}{differing_case(names, known)}; {REMEDY}"
 
 
 def _absent(markers: Iterable[SetMarker], names: Iterable[str]) -> list[SetMarker]:
@@ -423,12 +409,8 @@ def _completed(chosen: MarkerSet, names: list[str]) -> MarkerSet:
     marked = chosen.present(names).landmark
     added: list[SetMarker] = []
     for name in names:
-        meant = {
-            (m.segment, m.landmark)
-            for s in marker_sets().values()
-            for m in s.markers
-            if name in m.labels
-        }
+        of_name = (m for s in marker_sets().values() for m in s.markers if name in m.labels)
+        meant = {(marker.segment, marker.landmark) for marker in of_name}
         if name not in known and len(meant) == 1:
             ((segment, landmark),) = meant
             if UPPER_PARTS.get(segment) in parts:

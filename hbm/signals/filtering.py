@@ -4,10 +4,9 @@ A gap (NaN) splits a signal: each block of finite samples is filtered on its own
 gap. Coordinates and forces need the same filter, or their phases disagree.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
-from typing import Final, Literal
+from typing import Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -112,8 +111,7 @@ def butterworth(signal: ArrayLike, time: ArrayLike, cutoff_hz: float, method: Me
       first, and pre-warped, which makes the −3 dB frequency exact.
     - Both restart after a gap.
     """
-    kernels: Mapping[str, _Kernel] = {"realtime": _realtime, "zero_phase": _zero_phase}
-    outputs = _filtered(signal, time, cutoff_hz, method, kernels, outputs=3)
+    outputs = _filtered(signal, time, cutoff_hz, method, get_args(Method), outputs=3)
     return Filtered(*map(frozen, outputs))
 
 
@@ -170,11 +168,7 @@ def low_pass(signal: ArrayLike, time: ArrayLike, cutoff_hz: float, method: LowPa
     zero_phase 0.707
     double_pass 0.5
     """
-    return _filtered(signal, time, cutoff_hz, method, _VALUE_KERNELS, outputs=1)[0]
-
-
-_Kernel = Callable[[Array, Array, float], tuple[Array, ...]]
-"""Filters (T, K) samples at (T,) times: the value, or value, velocity and acceleration."""
+    return _filtered(signal, time, cutoff_hz, method, get_args(LowPassMethod), outputs=1)[0]
 
 
 def _filtered(
@@ -182,12 +176,12 @@ def _filtered(
     time: ArrayLike,
     cutoff_hz: float,
     method: str,
-    kernels: Mapping[str, _Kernel],
+    methods: Sequence[str],
     outputs: int,
 ) -> list[Array]:
-    """Run a method's kernel over every block without gaps; its outputs, (T, ...) each."""
-    if method not in kernels:
-        known = " or ".join(f'"{name}"' for name in kernels)
+    """Filter every block without gaps: the value, or with its derivatives, (T, ...) each."""
+    if method not in methods:
+        known = " or ".join(f'"{name}"' for name in methods)
         raise ValueError(f"filter method must be {known}, got {method!r}")
     signal = np.asarray(signal, float)
     time = sample_times(time, signal)
@@ -206,8 +200,13 @@ def _filtered(
     columns = signal.reshape(len(time), -1)
     results = [unknown(columns.shape) for _ in range(outputs)]
     for rows, sharing in blocks_without_gaps(columns, shortest):
-        parts = kernels[method](columns[rows, sharing], time[rows], cutoff_hz)
-        for result, part in zip(results, parts, strict=True):
+        block = columns[rows, sharing], time[rows], cutoff_hz
+        parts: tuple[Array, ...]
+        if method == "realtime":
+            parts = _realtime(*block)
+        else:
+            parts = _both_ways(*block, method == "double_pass", derivatives=outputs > 1)
+        for result, part in zip(results, parts, strict=False):
             result[rows, sharing] = part
     return [result.reshape(signal.shape) for result in results]
 
@@ -232,23 +231,13 @@ def _realtime(signal: Array, time: Array, cutoff_hz: float) -> tuple[Array, Arra
     return value, velocity, acceleration
 
 
-def _zero_phase(signal: Array, time: Array, cutoff_hz: float) -> tuple[Array, Array, Array]:
-    """Filter (T, K) samples forward and backward; differentiate the spline through the result."""
-    filtered, padding, step = _both_ways(signal, time, cutoff_hz, DOUBLE_PASS_MINUS_3_DB)
-    kept = slice(padding, padding + len(time))
-    velocity, acceleration = spline_derivatives(filtered, step)
-    return filtered[kept], velocity[kept], acceleration[kept]
-
-
 def _both_ways(
-    signal: Array, time: Array, cutoff_hz: float, correction: float
-) -> tuple[Array, int, float]:
-    """Filter (T, K) samples forward and backward, each pass with the cut-off over ``correction``.
-
-    Gives the result with its extension beyond both ends, the extension's samples, and the step.
-    """
+    signal: Array, time: Array, cutoff_hz: float, uncorrected: bool, *, derivatives: bool
+) -> tuple[Array, ...]:
+    """Filter (T, K) samples forward and backward; differentiate the spline through the result."""
     step = float(time[-1] - time[0]) / (len(time) - 1)
-    omega = 2 / step * float(np.tan(np.pi * cutoff_hz * step)) / correction
+    omega = 2 / step * float(np.tan(np.pi * cutoff_hz * step))
+    omega /= 1.0 if uncorrected else DOUBLE_PASS_MINUS_3_DB
     to_value, _, feedback = _section(omega, step)
 
     at_rest = np.array([1 - to_value[0], to_value[2] - feedback[2]])
@@ -258,21 +247,10 @@ def _both_ways(
         return np.flip(passed, axis=1)
 
     padding = int(np.ceil(PADDING_PERIODS / (cutoff_hz * step)))
-    return reversed_pass(reversed_pass(extended(signal, padding).T)).T, padding, step
-
-
-def _both_ways_value(
-    signal: Array, time: Array, cutoff_hz: float, correction: float
-) -> tuple[Array]:
-    filtered, padding, _ = _both_ways(signal, time, cutoff_hz, correction)
-    return (filtered[padding : padding + len(time)],)
-
-
-_VALUE_KERNELS: Final[Mapping[str, _Kernel]] = {
-    "realtime": lambda signal, time, cutoff_hz: _realtime(signal, time, cutoff_hz)[:1],
-    "zero_phase": partial(_both_ways_value, correction=DOUBLE_PASS_MINUS_3_DB),
-    "double_pass": partial(_both_ways_value, correction=1.0),
-}
+    kept = slice(padding, padding + len(time))
+    filtered = reversed_pass(reversed_pass(extended(signal, padding).T)).T
+    more = spline_derivatives(filtered, step) if derivatives else ()
+    return filtered[kept], *(each[kept] for each in more)
 
 
 def _section(omega: float, step: float) -> tuple[Array, Array, Array]:

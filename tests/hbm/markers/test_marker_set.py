@@ -256,8 +256,8 @@ def test_unknown_labels_are_refused_with_the_nearest_set():
     labels = labels_of("hbm1_lower")[:12]
     with pytest.raises(
         ValueError,
-        match=r"match no known set; nearest is 'hbm1_lower' with 8 of its 21 markers of pelvis and "
-        r"legs \(missing .*, …\); rename them \(--rename\) or give a marker set",
+        match=r"match no known set: nearest is 'hbm1_lower' with 8 of its 21 markers of pelvis and "
+        r"legs \(missing .* more\); rename them \(--rename\) or give a marker set",
     ):
         recognise_marker_set(labels)
 

@@ -41,20 +41,17 @@ def test_a_good_recording_is_not_doubted(walker):
 
 
 @pytest.mark.parametrize(
-    ("markers", "code"),
+    ("markers", "codes"),
     [
-        (lambda m: relabelled(m, HEELS), "sides_exchanged"),
-        (lambda m: relabelled(m, *CLUSTER), "sides_exchanged"),
-        (lambda m: relabelled(m, *CLUSTER), "joint_angles_impossible"),
-        (lambda m: relabelled(m, HEELS), "marker_error_large"),
-        (lambda m: exchanged(m, slice(600, 900), HEELS), "labels_exchanged"),
-        (lambda m: held(m, slice(600, 650), m.names), "markers_frozen"),
-        (lambda m: held(m, slice(0, 1200), ["LMT5"]), "markers_constant"),
+        (lambda m: relabelled(m, HEELS), {"sides_exchanged", "marker_error_large"}),
+        (lambda m: relabelled(m, *CLUSTER), {"sides_exchanged", "joint_angles_impossible"}),
+        (lambda m: exchanged(m, slice(600, 900), HEELS), {"labels_exchanged"}),
+        (lambda m: held(m, slice(600, 650), m.names), {"markers_frozen"}),
+        (lambda m: held(m, slice(0, 1200), ["LMT5"]), {"markers_constant"}),
     ],
-    ids=lambda value: value if isinstance(value, str) else "",
 )
-def test_faulty_markers_are_doubted(walker, markers, code):
-    assert code in warned(replace(walker, markers=markers(walker.markers)), static=walker)
+def test_faulty_markers_are_doubted(walker, markers, codes):
+    assert codes <= warned(replace(walker, markers=markers(walker.markers)), static=walker)
 
 
 def test_a_static_pose_with_exchanged_labels_is_doubted_and_not_the_walk(walker):
