@@ -8,26 +8,15 @@ from compensation.accuracy import (
     orthogonal_rmse,
     wrench_of_weight,
 )
-from compensation.belts import (
-    BeltModel,
-    belt_acceleration,
-    fit_belt,
-    spline_cutoff,
-)
+from compensation.belts import BeltModel, belt_acceleration, fit_belt, spline_cutoff
 from compensation.delay import Delay, estimate_delay
 from compensation.force_delay import marker_plate_delay
-from compensation.hammer import (
-    AgreedDelay,
-    HammerImpact,
-    agreed_delay,
-    hammer_delay,
-    hammer_impacts,
-)
+from compensation.hammer import agreed_delay, hammer_delay
 from compensation.inertia.calibration import Calibration, from_json, to_json
 from compensation.inertia.fit import dynamic_channels, fit_inertia, fit_trials
 from compensation.inertia.model import InertiaModel, Setup
-from compensation.inertia.quality import left_over, refuse_unusable
-from compensation.inertia.sensors import Sensor, check_trial, find_sensors, sensor_noise_of
+from compensation.inertia.quality import refuse_unusable
+from compensation.inertia.sensors import Sensor, check_trial, find_sensors
 from compensation.plate_calibration import PlateCalibration, PlateCalibrations
 from compensation.platform import (
     PlatformPose,

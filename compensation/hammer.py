@@ -1,6 +1,5 @@
 """The delay of a plate behind the cameras, from impacts of a hammer that carries a marker."""
 
-from dataclasses import dataclass
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
@@ -35,36 +34,6 @@ REPETITIONS: Final = 4
 """Of the estimate, each with the delay of the one before to tell which samples are in contact."""
 NEWTON_STEPS: Final = 4
 """To where two parabolas meet that are nearly straight."""
-
-
-@dataclass(frozen=True, slots=True)
-class HammerImpact:
-    """An impact, as marker and plate show it.
-
-    Attributes
-    ----------
-    force_s
-        Centroid in time of the force, in the plate's time [s].
-    marker_s
-        When the marker's paths before and after the contact meet, in the cameras' time [s].
-    unknown_s
-        Standard error of `marker_s` for what is unknown of the hand's acceleration within the
-        contact [s].
-    path_before, path_after
-        The parabolas of the marker's height: coefficients of 1, t and t², (3,) [m, m/s, m/s²], t
-        from `marker_s`.
-    """
-
-    force_s: float
-    marker_s: float
-    unknown_s: float
-    path_before: Array
-    path_after: Array
-
-    @property
-    def delay_s(self) -> float:
-        """By how much the plate is later than the marker [s]."""
-        return self.force_s - self.marker_s
 
 
 def hammer_delay(
@@ -133,26 +102,6 @@ def hammer_delay(
     >>> f"{hammer_delay(marker_time, height, force_time, force).seconds:.4f}"
     '0.0020'
     """
-    impacts = hammer_impacts(marker_time, marker_height, force_time, force, window_s)
-    found = [impact.delay_s for impact in impacts]
-    scatter = np.std(found, ddof=1) / np.sqrt(len(found))
-    error = float(np.hypot(scatter, np.mean([impact.unknown_s for impact in impacts])))
-    return Delay(
-        float(np.mean(found)), error, differences=tuple(found), degrees_of_freedom=len(found) - 1
-    )
-
-
-def hammer_impacts(
-    marker_time: ArrayLike,
-    marker_height: ArrayLike,
-    force_time: ArrayLike,
-    force: ArrayLike,
-    window_s: float = 0.1,
-) -> tuple[HammerImpact, ...]:
-    """Find the impacts of a hammer, each with its instants in marker and force.
-
-    Arguments and errors are those of `hammer_delay`; at least three, in their order.
-    """
     t_m, height = _read_timed(marker_time, marker_height, "marker")
     t_f, load = _read_timed(force_time, force, "force")
     if (rate_hz := 1 / float(np.median(np.diff(t_f)))) < MIN_FORCE_HZ:
@@ -164,13 +113,17 @@ def hammer_impacts(
     contacts = _contacts(t_f, load)
     turns = [(contact, _sharpest_turn(t_m, height, contact, window_s)) for contact in contacts]
     delays = _enough([contact.centroid - turn for contact, turn in turns if turn is not None])
-    found: list[HammerImpact] = []
+    unknown: list[float] = []
     for _ in range(REPETITIONS):
         delay = float(np.median(delays))
-        each = (_impact(t_m, height, contact, delay) for contact in contacts)
-        found = [impact for impact in each if impact is not None]
-        delays = _enough([impact.delay_s for impact in found])
-    return tuple(found)
+        impacts = (_impact(t_m, height, contact, delay) for contact in contacts)
+        found = [impact for impact in impacts if impact is not None]
+        delays, unknown = _enough([each for each, _ in found]), [each for _, each in found]
+    scatter = np.std(delays, ddof=1) / np.sqrt(len(delays))
+    error, freedom = float(np.hypot(scatter, np.mean(unknown))), len(delays) - 1
+    return Delay(
+        float(np.mean(delays)), error, differences=tuple(delays), degrees_of_freedom=freedom
+    )
 
 
 def _enough(delays: list[float]) -> list[float]:
@@ -231,8 +184,14 @@ def _sharpest_turn(time: Array, height: Array, contact: _Contact, window_s: floa
     return float(time[sharpest])
 
 
-def _impact(time: Array, height: Array, contact: _Contact, delay_s: float) -> HammerImpact | None:
-    """Find where the paths before and after a contact meet; None where they are too short."""
+def _impact(
+    time: Array, height: Array, contact: _Contact, delay_s: float
+) -> tuple[float, float] | None:
+    """Give the delay by where the paths before and after a contact meet, and what is unknown of it.
+
+    The latter is the standard error for what is unknown of the hand's acceleration within the
+    contact [s]. None where the paths are too short.
+    """
     begin, end, middle, next_begin = (t - delay_s for t in contact)
     down = (time < begin - MARGIN_S) & (time >= begin - FLIGHT_S)
     up = (time > end + MARGIN_S) & (time <= min(end + FLIGHT_S, next_begin - MARGIN_S))
@@ -249,11 +208,7 @@ def _impact(time: Array, height: Array, contact: _Contact, delay_s: float) -> Ha
     for _ in range(NEWTON_STEPS):
         meets -= float(apart(meets) / apart.deriv()(meets))
     unknown_s = abs(bend) * (end - begin) ** 2 / 8 / kink / np.sqrt(3)
-    paths = [
-        np.array([path(meets), path.deriv()(meets), path.deriv(2)(meets) / 2])
-        for path in (fall, rise)
-    ]
-    return HammerImpact(contact.centroid, middle + meets, float(unknown_s), *paths)
+    return contact.centroid - (middle + meets), float(unknown_s)
 
 
 PRECISE_S: Final = 0.001

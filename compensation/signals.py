@@ -93,11 +93,6 @@ class Signal:
             name: read_only(getattr(self, name)) for name in ("sway", "pitch", "belt_speed")
         }
         for name, values in channels.items():
-            if values.ndim != 1 or len(values) < 3:
-                raise ValueError(
-                    f"signal {self.name}: {name} must have shape (3 samples or more,), "
-                    f"got {values.shape}"
-                )
             refuse_gaps(values, f"signal {self.name}: {name}")
             object.__setattr__(self, name, values)
         refuse_unequal(**channels)

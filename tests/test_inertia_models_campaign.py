@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.virtual_lab.protocol.ranking_study import BYSTANDERS
 from tests.campaign.inertia_models.cases import BEST, MACHINES, Judged, judge
-from tests.campaign.inertia_models.page import grouped, table, unmet
+from tests.campaign.inertia_models.tables import grouped, table, unmet
 
 LEFT = np.array([[3.0, 0, 4, 0, 0.6, 0.8], [0.3, 0, 0.4, 0, 0.06, 0.08]])
 

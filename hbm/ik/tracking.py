@@ -287,8 +287,9 @@ def observed_by(
     from_markers = found.pivots - problem.prior
     observed: Mask = np.asarray(from_markers > problem.least_pivots)
     if usual_pivots is not None:
-        gaps = np.isnan(found.error[:, expected]).any(axis=1)
-        observed[gaps] &= from_markers[gaps] > MIN_PIVOT_SHARE * usual_pivots
+        gaps = (np.isnan(found.error) & expected).any(axis=1)
+        if gaps.any():
+            observed[gaps] &= from_markers[gaps] > MIN_PIVOT_SHARE * usual_pivots
     return observed
 
 

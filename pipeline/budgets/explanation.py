@@ -11,7 +11,6 @@ import pyarrow as pa
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from pipeline.budgets.words import Mending, budget_lines, most_worth_mending
-from pipeline.config.toml_file import fault_of
 from pipeline.explain.budget import Bands, Budget
 from pipeline.explain.explain import explain_trial
 from pipeline.io.recording import Recording
@@ -95,7 +94,9 @@ def read_explanation(path: Path) -> Explanation:
     try:
         found = _JSON.validate_json(path.read_bytes())
     except ValidationError as error:
-        raise ValueError(f"{path.name} is damaged: {fault_of(error)}") from error
+        first = error.errors()[0]
+        place = ".".join(map(str, first["loc"]))
+        raise ValueError(f"{path.name} is damaged: {place}: {first['msg'].lower()}") from error
     if found.version != FORMAT_VERSION:
         raise ValueError(f"{path.name}: written by another version of hbm")
     return found

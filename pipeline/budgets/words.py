@@ -1,14 +1,11 @@
 """Causes of residuals in words: names of groups, sizes, what to mend, a table of shares, lines."""
 
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
-from importlib.resources import files
 from typing import Final
 
 from pipeline.explain.budget import Budget, EstimatedCause
-from pipeline.explain.cause import OF_PERSON
+from pipeline.explain.cause import OF_PERSON, groups
 from pipeline.explain.linearise import MIN_CYCLES
 from pipeline.explain.shares import NORMAL_95
 from pipeline.trial.ground.laboratory import Laboratory
@@ -29,13 +26,6 @@ CAPTION: Final = (
 )
 Column = tuple[str, tuple[str, ...]]
 """Head and cells of a column."""
-
-
-@cache
-def groups() -> Mapping[str, Mapping[str, str]]:
-    """Give the words of groups of causes, as `words.toml` lists them; "person" is `OF_PERSON`."""
-    text = files("pipeline.budgets").joinpath("words.toml").read_text(encoding="utf-8")
-    return tomllib.loads(text)
 
 
 SHOWN_UNITS: Final[Mapping[str, tuple[float, str]]] = {

@@ -7,7 +7,7 @@ folder is a subject. File names in them are relative to the folder.
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 from hbm.coordinates import SEGMENTS
 from hbm.markers import MarkerSet, marker_sets, read_marker_set
@@ -28,6 +28,8 @@ from pipeline.io.stated import Stated
 
 MIN_PLATFORM_MARKERS: Final = 3
 """Fewer points do not determine the pose of a rigid body."""
+OTHER_TABLES: Final = ("markers", "trunk", *SEGMENTS)
+"""Tables of marker sets and of segments, old or new, which stand among the subjects' files."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,18 +74,21 @@ class Study:
 
     def subject(self, subject: str) -> SubjectFile:
         """Give a subject; a ValueError names those that exist."""
-        if subject not in self.subjects:
-            hint = did_you_mean(subject, self.subjects)
-            raise ValueError(f"no subject {subject!r}{hint}; there are {', '.join(self.subjects)}")
-        return self.subjects[subject]
+        return _known("subject", subject, self.subjects)
 
     def condition(self, condition: str) -> Condition:
         """Give a condition; a ValueError names those that exist."""
-        known = self.file.conditions
-        if condition not in known:
-            hint = did_you_mean(condition, known)
-            raise ValueError(f"no condition {condition!r}{hint}; there are {', '.join(known)}")
-        return known[condition]
+        return _known("condition", condition, self.file.conditions)
+
+
+Stating = TypeVar("Stating")
+
+
+def _known(kind: str, name: str, stated: Mapping[str, Stating]) -> Stating:
+    if name not in stated:
+        hint = did_you_mean(name, stated)
+        raise ValueError(f"no {kind} {name!r}{hint}; there are {', '.join(stated)}")
+    return stated[name]
 
 
 def read_study(folder: str | Path, *, recordings: bool = True) -> Study:
@@ -165,10 +170,12 @@ def _subjects(
 ) -> dict[str, SubjectFile]:
     subjects: dict[str, SubjectFile] = {}
     before = len(faults)
-    for path in _subject_paths(folder):
+    for path in sorted(folder.glob("*.toml")):
+        if path.name == "study.toml" or path.name.startswith("."):
+            continue
         try:
             table = read_table(path)
-            if _is_not_a_subject(table):
+            if "trials" not in table and not table.keys().isdisjoint(OTHER_TABLES):
                 continue
             faults += _trial_faults(folder, path.name, table, conditions, recordings=recordings)
             subject = check_table(path.name, table, SubjectFile)
@@ -186,17 +193,6 @@ def _subjects(
             faults.append(f"{folder}: no subject has a trial; state them as [trials.CONDITION]")
     faults += _result_name_faults(subjects)
     return subjects
-
-
-def _subject_paths(folder: Path) -> list[Path]:
-    paths = sorted(folder.glob("*.toml"))
-    return [path for path in paths if path.name != "study.toml" and path.name[0] != "."]
-
-
-def _is_not_a_subject(table: Table) -> bool:
-    """Recognise a marker set or a table of segments, old or new, among the subjects' files."""
-    words = ("markers", "trunk", *SEGMENTS)
-    return "trials" not in table and not table.keys().isdisjoint(words)
 
 
 def _own_marker_set(folder: Path, file: StudyFile, faults: list[str]) -> MarkerSet | None:

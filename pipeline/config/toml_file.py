@@ -95,12 +95,6 @@ def check_options(kind: type[Model], options: Mapping[str, Option]) -> Model:
         raise ValueError("; ".join(lines)) from error
 
 
-def fault_of(error: ValidationError) -> str:
-    """Give where JSON of ours is at fault, and why, for the first of its faults."""
-    first = error.errors()[0]
-    return f"{'.'.join(str(part) for part in first['loc'])}: {first['msg'].lower()}"
-
-
 def _line(fault: ErrorDetails, kind: type[BaseModel]) -> str:
     place = [part for part in fault["loc"] if part != "[key]"]
     key = ".".join(short(part) for part in place)

@@ -5,47 +5,26 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 
 from hbm.spatial import Array
 from pipeline.explain.processing_chain import ProcessingChain
 
-CauseGroup = Literal[
-    "delay",
-    "zero",
-    "gain",
-    "place",
-    "compensation",
-    "platform",
-    "inertia",
-    "markers",
-    "skin",
-    "soft_tissue",
-    "filter",
-]
-"""Causes whose shares are reported together."""
-
-OF_PERSON: Final[tuple[CauseGroup, ...]] = ("inertia", "soft_tissue", "markers", "skin")
+OF_PERSON: Final = ("inertia", "soft_tissue", "markers", "skin")
 """Groups that are always named together: in simulated trials, of which the truth is known, walking
 shows that body or markers are wrong, and takes one for the other (docs/explain.md)."""
 
-SHARED_WITHIN: Final[Mapping[CauseGroup, Literal["laboratory", "subject", "trial"]]] = {
-    "delay": "laboratory",
-    "gain": "laboratory",
-    "place": "laboratory",
-    "platform": "laboratory",
-    "inertia": "subject",
-    "markers": "subject",
-    "soft_tissue": "subject",
-    "compensation": "laboratory",
-    "zero": "trial",
-    "skin": "trial",
-}
-"""Within what a cause has one size: all trials, those of a subject's visit, or a trial. Plates may
-be zeroed between trials, and skin follows the gait of a trial. What the filter leaves is computed
-and has no size."""
+
+@cache
+def groups() -> Mapping[str, Mapping[str, str]]:
+    """Give the groups of causes, as `groups.toml` lists them; "person" stands for `OF_PERSON`."""
+    return tomllib.loads(_text("groups.toml"))
+
+
+def _text(name: str) -> str:
+    return files("pipeline.explain").joinpath(name).read_text(encoding="utf-8")
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,8 +61,7 @@ def priors() -> dict[str, Prior]:
     >>> priors()["delay"].unit
     's'
     """
-    text = files("pipeline.explain").joinpath("priors.toml").read_text(encoding="utf-8")
-    return {kind: Prior(**own) for kind, own in tomllib.loads(text).items()}
+    return {kind: Prior(**own) for kind, own in tomllib.loads(_text("priors.toml")).items()}
 
 
 Change = Callable[[ProcessingChain, float], ProcessingChain]
@@ -99,7 +77,7 @@ class Cause:
     name
         What it is, in words, such as "plate 1: zero of Fz".
     group
-        Causes whose shares are reported together.
+        Causes whose shares are reported together, one of `groups`.
     prior
         How large it usually is.
     change
@@ -115,7 +93,7 @@ class Cause:
     """
 
     name: str
-    group: CauseGroup
+    group: str
     prior: Prior
     change: Change
     of_platform: bool = False

@@ -14,7 +14,7 @@ from hbm.markers import Markers
 from hbm.signals.samples import mean_rate_hz
 from hbm.spatial import Array, Indices
 from pipeline.explain.budget import Bands, RmsUncertainty
-from pipeline.explain.cause import SHARED_WITHIN, Cause, priors
+from pipeline.explain.cause import Cause, groups, priors
 from pipeline.explain.linearise import ExplainedPart, rms
 from pipeline.explain.processing_chain import ProcessingChain
 from pipeline.trial.residuals import counted, reported
@@ -120,7 +120,7 @@ def shared_sizes(causes: Sequence[Cause], subject: str, trial: str, draws: int) 
     Array
         In usual sizes, and in the last column of the noise of the trial, (draws, K + 1): standard
         normal numbers that depend on the cause's name and on the laboratory, subject or trial
-        (`pipeline.explain.cause.SHARED_WITHIN`) alone.
+        (`pipeline.explain.cause.groups`) alone.
 
     Examples
     --------
@@ -131,7 +131,7 @@ def shared_sizes(causes: Sequence[Cause], subject: str, trial: str, draws: int) 
     columns = []
     for cause in causes:
         if cause.along is None:
-            columns.append(_normal(draws, within[SHARED_WITHIN[cause.group]], cause.name))
+            columns.append(_normal(draws, within[groups()[cause.group]["within"]], cause.name))
         else:
             errors = _normal((draws, len(cause.along)), cause.group, str(len(cause.along)))
             columns.append(errors @ cause.along)

@@ -181,7 +181,12 @@ def _check_trial(
         own = Findings()
         preview = own.attempt(path.name, read)
         if preview is not None:
-            _check_stages(study, condition, person, trial, laboratory, preview, own)
+            recording = own.attempt(
+                path.name, lambda: with_corrected_plates(preview.beginning, laboratory.plates)
+            )
+            if recording is not None:
+                rule = study.file.conditions[condition]
+                _Stages(study, rule, person, trial, laboratory, preview, recording, own).check()
         return own, preview
 
     own, preview = check(
@@ -198,187 +203,181 @@ def _check_trial(
     found.add(own)
 
 
-def _check_stages(
-    study: Study,
-    condition: str,
-    person: SubjectFile,
-    trial: Trial,
-    laboratory: Laboratory,
-    preview: Preview,
-    found: Findings,
-) -> None:
-    """Let the beginning of a recording pass the stages of a trial, as far as each can go."""
-    rule, settings = study.file.conditions[condition], study.file.settings
-    name = preview.beginning.source.name
-    recording = found.attempt(
-        name, lambda: with_corrected_plates(preview.beginning, laboratory.plates)
-    )
-    if recording is None:
-        return
-    _check_contents(recording, preview, rule, found)
-    _check_loads(recording, trial, settings, found)
-    pose: Recording | None = recording
-    if (static := person.static) is not None:
-        pose = found.attempt(
-            study.path(static).name,
-            lambda: with_corrected_plates(read_study_file(study, static), laboratory.plates),
-        )
-    for each in filter(None, (recording, pose)):
-        found.read[each.source.name] = each.notes
-    if pose is not None:
-        body = _check_body(study, person, recording, pose, found)
+@dataclass(frozen=True, slots=True)
+class _Stages:
+    """The stages that the beginning of a recording passes, each as far as it can go."""
+
+    study: Study
+    rule: Condition
+    person: SubjectFile
+    trial: Trial
+    laboratory: Laboratory
+    preview: Preview
+    recording: Recording
+    found: Findings
+
+    @property
+    def name(self) -> str:
+        """Name of the recording's file."""
+        return self.recording.source.name
+
+    @property
+    def settings(self) -> Settings:
+        """How trials are processed."""
+        return self.study.file.settings
+
+    def check(self) -> None:
+        """Pass all stages."""
+        self.contents()
+        self.loads()
+        pose: Recording | None = self.recording
+        if (static := self.person.static) is not None:
+            pose = self.found.attempt(
+                self.study.path(static).name,
+                lambda: with_corrected_plates(
+                    read_study_file(self.study, static), self.laboratory.plates
+                ),
+            )
+        for each in filter(None, (self.recording, pose)):
+            self.found.read[each.source.name] = each.notes
+        body = self.body(pose) if pose is not None else None
         if body is not None:
-            _check_markers(body, preview, name, found)
-            _check_window(recording, preview.frames, rule, settings, laboratory, body, found)
-    _check_ground(recording, laboratory, rule, settings, found)
+            self.markers(body)
+            self.window(body)
+        self.ground()
 
+    def contents(self) -> None:
+        """Say what the file holds, and whether that is enough."""
+        recording, rate_hz, rule = self.recording, self.recording.markers.rate_hz, self.rule
+        duration_s = self.preview.frames / rate_hz
+        plates, analog = recording.plates, recording.analog
+        contents = [f"{duration_s:.1f} s, {len(recording.markers.names)} markers at {rate_hz:g} Hz"]
+        if plates:
+            contents.append(f"{len(plates)} plates at {plates[0].rate_hz:.6g} Hz")
+        if analog is not None:
+            channels = zip(analog.names, analog.units, strict=True)
+            contents.append("channels " + " ".join(f"{c} [{unit}]" for c, unit in channels))
+        contents.append(f"{len(recording.events) or 'no'} gait events")
+        self.found.remark(self.name, ", ".join(contents), *recording.notes)
+        if rule.cycles and duration_s < rule.skip_s + rule.cycles * MIN_CYCLE_S:
+            text = f"too short for {rule.cycles} gait cycles after {rule.skip_s:g} s"
+            self.found.remark(self.name, text)
 
-def _check_contents(
-    recording: Recording, preview: Preview, rule: Condition, found: Findings
-) -> None:
-    """Say what a file holds, and whether that is enough."""
-    name, rate_hz = recording.source.name, recording.markers.rate_hz
-    duration_s = preview.frames / rate_hz
-    plates, analog = recording.plates, recording.analog
-    contents = [f"{duration_s:.1f} s, {len(recording.markers.names)} markers at {rate_hz:g} Hz"]
-    if plates:
-        contents.append(f"{len(plates)} plates at {plates[0].rate_hz:.6g} Hz")
-    if analog is not None:
-        channels = zip(analog.names, analog.units, strict=True)
-        contents.append("channels " + " ".join(f"{c} [{unit}]" for c, unit in channels))
-    contents.append(f"{len(recording.events) or 'no'} gait events")
-    found.remark(name, ", ".join(contents), *recording.notes)
-    if rule.cycles and duration_s < rule.skip_s + rule.cycles * MIN_CYCLE_S:
-        found.remark(name, f"too short for {rule.cycles} gait cycles after {rule.skip_s:g} s")
+    def loads(self) -> None:
+        """Refuse plates on which nobody ever stands, and stated contacts that are not there."""
+        threshold_n = self.settings.contact_threshold_n
+        plates = {plate.number: plate for plate in self.recording.plates}
+        loaded = {
+            number: np.linalg.norm(plate.wrench_in_plate[:, :3], axis=1) > threshold_n
+            for number, plate in plates.items()
+        }
+        if not plates:
+            self.found.fault(self.name, self.recording.why_no_plates)
+        elif not any(each.any() for each in loaded.values()):
+            reason = f"nobody is on the plates: none is loaded by more than {threshold_n:g} N"
+            self.found.fault(self.name, reason)
 
+        def require(contact: PlateContact) -> None:
+            require_contacts([contact], [*plates], self.recording.markers.time)
+            number, time_s = contact.plate, contact.time_s
+            if not loaded[number][np.argmin(np.abs(plates[number].time - time_s))]:
+                raise ValueError(f"contacts: nobody is on plate {number} at {time_s:g} s")
 
-def _check_loads(recording: Recording, trial: Trial, settings: Settings, found: Findings) -> None:
-    """Refuse plates on which nobody ever stands, and stated contacts that are not there."""
-    name, threshold_n = recording.source.name, settings.contact_threshold_n
-    plates = {plate.number: plate for plate in recording.plates}
-    loaded = {
-        number: np.linalg.norm(plate.wrench_in_plate[:, :3], axis=1) > threshold_n
-        for number, plate in plates.items()
-    }
-    if not plates:
-        found.fault(name, recording.why_no_plates)
-    elif not any(each.any() for each in loaded.values()):
-        found.fault(name, f"nobody is on the plates: none is loaded by more than {threshold_n:g} N")
+        for contact in self.trial.contacts if plates else ():
+            self.found.attempt(self.name, partial(require, contact))
 
-    def require(contact: PlateContact) -> None:
-        require_contacts([contact], [*plates], recording.markers.time)
-        number, time_s = contact.plate, contact.time_s
-        if not loaded[number][np.argmin(np.abs(plates[number].time - time_s))]:
-            raise ValueError(f"contacts: nobody is on plate {number} at {time_s:g} s")
+    def body(self, pose: Recording) -> Body | None:
+        """Weigh the subject and build the body."""
+        study, person, mass = self.study, self.person, None
+        if pose.plates or person.static:
+            mass = self.found.attempt(
+                self.name, lambda: body_mass(person.person, pose, self.recording)
+            )
+        if mass is not None:
+            self.found.remark(self.name, mass.note)
+        body = self.found.attempt(
+            self.name,
+            lambda: subject_body(
+                pose,
+                person.person,
+                self.settings,
+                mass.mass_kg if mass is not None else ASSUMED_MASS_KG,
+                marker_set=study.marker_set,
+                hip_trial=read_study_file(study, person.hip_trial) if person.hip_trial else None,
+                segments=read_segments(study.path(person.segments)) if person.segments else None,
+            ),
+        )
+        self.found.remark(self.name, *(body.notes if body is not None else ()))
+        return body
 
-    for contact in trial.contacts if plates else ():
-        found.attempt(name, partial(require, contact))
+    def markers(self, body: Body) -> None:
+        """Say which markers are there, what they leave unknown, and which are often missing."""
+        known = body.marker_set
+        present = list(known.present(self.recording.markers.names).segment)
+        needed = [marker for marker in known.markers if not marker.optional]
+        absent = [m.labels[0] for m in needed if not set(m.labels) & set(present)]
+        there = f"{len(needed) - len(absent)} of the {len(needed)} markers of {known.name}"
+        self.found.remark(self.name, f"{there}; missing: {listed(absent)}" if absent else there)
+        used = {segment for marker, segment in body.segment_of.items() if marker in present}
+        shown = {i for segment in used for i in support(LAST_Q[segment])}
+        locked = tuple(c for i, c in enumerate(COORDINATES) if i not in shown)
+        if locked:
+            self.found.remark(self.name, Note.of("coordinates_held", coordinates=locked))
+        missing = {m: self.preview.missing.get(m, 0.0) for m in present}
+        often = [f"{m} {100 * s:.0f} %" for m, s in missing.items() if s > MAX_MISSING_SHARE]
+        if often:
+            self.found.remark(self.name, f"often missing: {', '.join(often)}")
 
+    def window(self, body: Body) -> None:
+        """Look for what counts: gait events, or the span that is stated."""
+        settings, rule, markers = self.settings, self.rule, self.recording.markers
+        settling = settling_s(self.laboratory.filters(settings))
+        time = markers.time[0] + np.arange(self.preview.frames) / markers.rate_hz
+        every, least = np.ones(len(time), bool), settings.min_valid_share
 
-def _check_body(
-    study: Study, person: SubjectFile, recording: Recording, pose: Recording, found: Findings
-) -> Body | None:
-    """Weigh the subject and build the body."""
-    name, mass = recording.source.name, None
-    if pose.plates or person.static:
-        mass = found.attempt(name, lambda: body_mass(person.person, pose, recording))
-    if mass is not None:
-        found.remark(name, mass.note)
-    body = found.attempt(
-        name,
-        lambda: subject_body(
-            pose,
-            person.person,
-            study.file.settings,
-            mass.mass_kg if mass is not None else ASSUMED_MASS_KG,
-            marker_set=study.marker_set,
-            hip_trial=read_study_file(study, person.hip_trial) if person.hip_trial else None,
-            segments=read_segments(study.path(person.segments)) if person.segments else None,
-        ),
-    )
-    found.remark(name, *(body.notes if body is not None else ()))
-    return body
+        def span() -> None:
+            low_pass(0 * time, time, settings.cutoff_hz, settings.filter)
+            counted_span(rule.wanted, {}, time, settling, every, least)
 
+        self.found.attempt(self.name, span)
+        if rule.wanted not in (None, "cycle"):
+            return
+        events, note = gait_events(self.recording.events, markers, body.marker_set, settings.events)
+        unknown = note.code == "events_unknown"
+        if unknown and settings.events in (None, "auto", "plates"):
+            return  # these need poses, and other markers than those that stand in for them here
+        counted = [event for event in events if event.time >= rule.skip_s]
+        if rule.wanted == "cycle" and not found_cycles(events, SIDES):
+            reason = str(note) if unknown else cycle_shortage(events, (), time, every)
+            self.found.fault(self.name, reason)
+        elif rule.wanted == "cycle" and not found_cycles(counted, SIDES):
+            reason = f"no gait cycle begins after the first {rule.skip_s:g} s, skip_s"
+            self.found.fault(self.name, reason)
+        elif unknown:
+            self.found.remark(self.name, note)
 
-def _check_markers(body: Body, preview: Preview, name: str, found: Findings) -> None:
-    """Say which markers are there, what they leave unknown, and which are often missing."""
-    known = body.marker_set
-    present = list(known.present(preview.beginning.markers.names).segment)
-    needed = [marker for marker in known.markers if not marker.optional]
-    absent = [m.labels[0] for m in needed if not set(m.labels) & set(present)]
-    there = f"{len(needed) - len(absent)} of the {len(needed)} markers of {known.name}"
-    found.remark(name, f"{there}; missing: {listed(absent)}" if absent else there)
-    used = {segment for marker, segment in body.segment_of.items() if marker in present}
-    shown = {i for segment in used for i in support(LAST_Q[segment])}
-    locked = tuple(c for i, c in enumerate(COORDINATES) if i not in shown)
-    if locked:
-        found.remark(name, Note.of("coordinates_held", coordinates=locked))
-    missing = {m: preview.missing.get(m, 0.0) for m in present}
-    often = [f"{m} {100 * s:.0f} %" for m, s in missing.items() if s > MAX_MISSING_SHARE]
-    if often:
-        found.remark(name, f"often missing: {', '.join(often)}")
-
-
-def _check_window(
-    recording: Recording,
-    frames: int,
-    rule: Condition,
-    settings: Settings,
-    laboratory: Laboratory,
-    body: Body,
-    found: Findings,
-) -> None:
-    """Look for what counts in a trial: gait events, or the span that is stated."""
-    name = recording.source.name
-    settling = settling_s(laboratory.filters(settings))
-    time = recording.markers.time[0] + np.arange(frames) / recording.markers.rate_hz
-    every, least = np.ones(frames, bool), settings.min_valid_share
-    found.attempt(name, lambda: low_pass(0 * time, time, settings.cutoff_hz, settings.filter))
-    found.attempt(
-        name,
-        lambda: counted_span(rule.wanted, {}, time, settling, every, least),
-    )
-    if rule.wanted not in (None, "cycle"):
-        return
-    events, note = gait_events(
-        recording.events, recording.markers, body.marker_set, settings.events
-    )
-    unknown = note.code == "events_unknown"
-    if unknown and settings.events in (None, "auto", "plates"):
-        return  # these need poses, and other markers than those that stand in for them here
-    counted = [event for event in events if event.time >= rule.skip_s]
-    if rule.wanted == "cycle" and not found_cycles(events, SIDES):
-        found.fault(name, str(note) if unknown else cycle_shortage(events, (), time, every))
-    elif rule.wanted == "cycle" and not found_cycles(counted, SIDES):
-        found.fault(name, f"no gait cycle begins after the first {rule.skip_s:g} s, skip_s")
-    elif unknown:
-        found.remark(name, note)
-
-
-def _check_ground(
-    recording: Recording,
-    laboratory: Laboratory,
-    rule: Condition,
-    settings: Settings,
-    found: Findings,
-) -> None:
-    """Look for everything that compensation, platform pose and perturbations need."""
-    name, treadmill = recording.source.name, laboratory.treadmill
-    calibration, platform = laboratory.calibration, treadmill.platform
-    bound = None
-    if recording.plates:
-        bound = found.attempt(name, lambda: bind(recording, laboratory, settings.plate_delay_s))
-    if bound is not None and calibration is not None:
-        found.remark(name, *uncertainty_limits(mean_belt_speed(bound.belts), calibration))
-    pose = found.attempt(name, lambda: platform_pose(recording, platform, recording.markers.time))
-    found.remark(name, *(pose[1] if pose is not None else ()))
-    if rule.part == "motion" and platform is None:
-        found.fault("study.toml", NO_POSE)
-    known = recording.analog.names if recording.analog is not None else ()
-    belts = treadmill.belt.speed_channels if treadmill.belt is not None else ()
-    for channel in filter(None, (*belts, rule.pulse_channel)):
-        if channel not in known:
-            found.fault(name, f"no analog channel {channel!r}{did_you_mean(channel, known)}")
+    def ground(self) -> None:
+        """Look for everything that compensation, platform pose and perturbations need."""
+        recording, laboratory, found = self.recording, self.laboratory, self.found
+        treadmill, calibration = laboratory.treadmill, laboratory.calibration
+        bound, platform = None, treadmill.platform
+        if recording.plates:
+            delay_s = self.settings.plate_delay_s
+            bound = found.attempt(self.name, lambda: bind(recording, laboratory, delay_s))
+        if bound is not None and calibration is not None:
+            speed_mps = mean_belt_speed(bound.belts)
+            found.remark(self.name, *uncertainty_limits(speed_mps, calibration))
+        time = recording.markers.time
+        pose = found.attempt(self.name, lambda: platform_pose(recording, platform, time))
+        found.remark(self.name, *(pose[1] if pose is not None else ()))
+        if self.rule.part == "motion" and platform is None:
+            found.fault("study.toml", NO_POSE)
+        known = recording.analog.names if recording.analog is not None else ()
+        belts = treadmill.belt.speed_channels if treadmill.belt is not None else ()
+        for channel in filter(None, (*belts, self.rule.pulse_channel)):
+            if channel not in known:
+                reason = f"no analog channel {channel!r}{did_you_mean(channel, known)}"
+                found.fault(self.name, reason)
 
 
 def study_recordings(study: Study) -> tuple[Path, ...]:

@@ -1,7 +1,7 @@
 """The trials of a results folder together: residual table, gait-cycle curves, summaries."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -114,25 +114,15 @@ def select_trials(results: Results, wanted: Collection[tuple[str, str]]) -> Resu
             f"{results.folder}: every result here is of a trial that failed, is excluded or is no "
             f"longer in the study; run 'hbm run STUDY --out {results.folder}'"
         )
-    tables = results.residuals, results.cycles, results.by_cycle
+    tables = (results.residuals, results.cycles, results.by_cycle)
     residuals, cycles, by_cycle = (_rows_of(table, trials) for table in tables)
-    subjects = _subjects(trials)
-    return replace(
-        results,
-        residuals=residuals,
-        cycles=cycles,
-        by_cycle=by_cycle,
-        subjects=subjects,
-        trials=trials,
-    )
+    return Results(results.folder, residuals, cycles, by_cycle, _subjects(trials), trials)
 
 
 def _rows_of(table: pd.DataFrame, wanted: Collection[tuple[str, str]]) -> pd.DataFrame:
     """Give a table's rows of some trials."""
-    if table.empty:
-        return table
-    keys = pd.MultiIndex.from_frame(table[["subject", "condition"]])
-    return table[keys.isin(list(wanted))].reset_index(drop=True)
+    keys = zip(table["subject"], table["condition"], strict=True)
+    return table[np.array([key in wanted for key in keys], bool)].reset_index(drop=True)
 
 
 def _subjects(trials: Mapping[tuple[str, str], TrialResult]) -> pd.DataFrame:

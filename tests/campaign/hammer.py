@@ -1,7 +1,7 @@
 """A thousand hammers of known delay: how far the estimate is off, and how often it says so.
 
-``python -m tests.campaign.hammer [--draws N]``; without N it writes docs/hammer_delay.md. Ends with
-1 where the estimate does not do what is demanded of it.
+``python -m tests.campaign.hammer [--draws N]``; without N it is that of docs/hammer_delay.md.
+Ends with 1 where the estimate does not do what is demanded of it.
 """
 
 import argparse
@@ -9,7 +9,6 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -19,7 +18,6 @@ from compensation import hammer_delay
 from pipeline.virtual_lab.machine.instruments import ANALOG_HZ, SAMPLES_PER_FRAME
 from pipeline.virtual_lab.protocol.known_weights import strike_belt
 
-PAGE: Final = Path(__file__).resolve().parents[2] / "docs" / "hammer_delay.md"
 DRAWS: Final = 1000
 CONTACT_S: Final = (0.001, 0.010)
 DELAY_S: Final = (-0.005, 0.020)
@@ -135,57 +133,14 @@ def unmet(draws: Sequence[Draw]) -> list[str]:
     return [goal for goal, met in goals.items() if not met]
 
 
-def page(draws: Sequence[Draw]) -> str:
-    """Give the page of the documentation."""
-    missed = unmet(draws)
-    short = [one.answered for one in draws if one.contact_s <= SHORT_S]
-    return "\n".join(
-        [
-            "# How well a hammer finds a plate's delay",
-            "",
-            "A hammer with a marker strikes a belt; `hbm plates` compares when the paths of the "
-            "marker before and after a contact meet with the centroid in time of the plate's force "
-            "(`compensation.hammer_delay`). This page shows its errors in simulated recordings of "
-            "known delay, made by `python -m tests.campaign.hammer`.",
-            "",
-            f"{len(draws):,} recordings of 15 blows. Contacts last {1000 * CONTACT_S[0]:g} to "
-            f"{1000 * CONTACT_S[1]:g} ms, equally long within a recording, and the plate is "
-            f"{1000 * DELAY_S[0]:g} to {1000 * DELAY_S[1]:g} ms late, both evenly distributed. The "
-            "head of the hammer is a mass on a damped spring (Hunt and Crossley 1975), so that the "
-            "force is nearly half a sine; it arrives with 1 to 2.5 m/s, leaves with about a fifth "
-            "to seven tenths of that, and may bounce. The marker is recorded at 100 Hz with 0.1 mm "
-            "of white noise (SD), the force at 1000 Hz with 1 N. A real hammer is less tidy: its "
-            "marker swings on an arc, and the plate rings.",
-            "",
-            *table(draws),
-            "",
-            "In brackets: 95 % interval of a share (Wilson). The interval of an estimate is that "
-            "which `hbm plates` prints. Answered at contacts of 5 ms or shorter: "
-            f"{share(short)}.",
-            "",
-            "Demanded: an error within 0.3 ms in 95 % of the recordings answered, an answer in at "
-            "least 80 % of those with contacts of 5 ms or shorter, and intervals that hold 93 to "
-            f"97 %. {'Not met: ' + '; '.join(missed) if missed else 'All of it is met'}.",
-            "",
-            "A force at less than 500 Hz is refused, because contacts lie between its samples. "
-            "Weights that a belt carries back and forth show the delay too, at 100 Hz as well; "
-            "where both are known, `hbm plates` compares them.",
-            "",
-        ]
-    )
-
-
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.campaign.hammer", description=__doc__)
-    parser.add_argument("--draws", type=int, default=DRAWS, help="a number of them, without a page")
+    parser.add_argument("--draws", type=int, default=DRAWS, help="a number of them")
     given = parser.parse_args()
     draws = [draw(seed) for seed in range(given.draws)]
     print(*table(draws), sep="\n")
     missed = unmet(draws)
     print(*(f"not met: {goal}" for goal in missed), sep="\n")
-    if given.draws == DRAWS:
-        PAGE.write_text(page(draws), encoding="utf-8")
-        print(f"written: {PAGE}")
     return 1 if missed else 0
 
 

@@ -1,8 +1,8 @@
 """How often the 95 % intervals of compensated plates hold, and how wide they are.
 
 ``python -m tests.campaign.inertia_intervals [--seeds N …] [--flexibility F] [--rate-hz R]``;
-without seeds it takes the reserved ones and writes docs/inertia_intervals.md. Ends with 1 where the
-intervals do not do what is demanded of them.
+without seeds it takes the reserved ones, of which docs/inertia_intervals.md has the tables. Ends
+with 1 where the intervals do not do what is demanded of them.
 """
 
 import argparse
@@ -11,7 +11,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import Pool
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -37,7 +36,6 @@ from pipeline.virtual_lab.person import bystander
 from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
 from pipeline.virtual_lab.protocol.ranking_study import BESIDE_THE_BELTS, BYSTANDERS
 
-PAGE: Final = Path(__file__).resolve().parents[2] / "docs" / "inertia_intervals.md"
 SEEDS: Final = range(9000, 9036)
 """Reserved for the page: never used while anything was developed."""
 FLEXIBILITIES: Final = (1.0, 4.0)
@@ -269,49 +267,11 @@ def tables(cells: Sequence[Cell], laboratories: int) -> list[str]:
     return lines
 
 
-def page(cells: Sequence[Cell], seeds: Sequence[int]) -> str:
-    """Give the page of the documentation."""
-    missed = unmet(cells)
-    beside = [f"{name} (belts at {speed:g} m/s)" for name, (_, speed) in BESIDE.items()]
-    speeds = [
-        f"{low:g} to {high:g} m/s in {trial}"
-        for trial, (low, high) in TRIAL_BELTS_MPS.items()
-        if high
-    ]
-    return "\n".join(
-        [
-            "# How often the intervals of compensated plates hold",
-            "",
-            "In the virtual laboratory the left plate stays empty while a person walks, runs or "
-            "steps on the boards beside it, so that what compensation leaves of it should be 0. "
-            "This page shows how often 0 is within ± 1.96 σ, σ being what `uncertainty.plate_1.*` "
-            "states, about the plate's centre, and how large σ is beside what is left. Made by "
-            "`python -m tests.campaign.inertia_intervals`.",
-            "",
-            f"{len(seeds)} laboratories (seeds {min(seeds)} to {max(seeds)}), each with its own "
-            "instruments, signals and people, with the faults that `Faults()` states, and once "
-            "more on a machine four times as soft (`flexibility = 4`). Calibrated by the signal "
-            f"all_60s at {SIGNAL_MPS:g} m/s alone, or by it and a minute each of somebody beside "
-            f"the empty plate (`hbm calibration fit --beside`): {', '.join(beside)}. Nobody and no "
-            "belt speed of the trials is that of the calibration: the belts run at "
-            f"{'; '.join(speeds)}, drawn in each laboratory, and everybody weighs "
-            f"{PEOPLE[0] * bystander.MASS_KG:.0f} to {PEOPLE[1] * bystander.MASS_KG:.0f} kg. "
-            f"Forces in N, moments in N·m; recorded at {RATE_HZ:g} Hz.",
-            "",
-            *tables(cells, len(seeds)),
-            f"Demanded, of calibrations with people: {100 * GOAL[0]:g} to {100 * GOAL[1]:g} % over "
-            f"all, {100 * GOAL_OF_CELL[0]:g} to {100 * GOAL_OF_CELL[1]:g} % in each row and column."
-            f" {'Not met: ' + '; '.join(missed) if missed else 'All of it is met'}.",
-            "",
-        ]
-    )
-
-
 def main() -> int:
     parser = argparse.ArgumentParser(
         prog="python -m tests.campaign.inertia_intervals", description=__doc__
     )
-    parser.add_argument("--seeds", type=int, nargs="+", help="other laboratories, without a page")
+    parser.add_argument("--seeds", type=int, nargs="+", help="other laboratories")
     parser.add_argument("--flexibility", type=float, choices=FLEXIBILITIES, help="of the machine")
     parser.add_argument("--rate-hz", type=float, default=RATE_HZ, help="a multiple of 100")
     parser.add_argument("--jobs", type=int, default=1)
@@ -327,9 +287,6 @@ def main() -> int:
     print(*tables(cells, len(seeds)), sep="\n")
     missed = unmet(cells)
     print(*(f"not met: {goal}" for goal in missed), sep="\n")
-    if given.seeds is None and given.flexibility is None:
-        PAGE.write_text(page(cells, seeds), encoding="utf-8")
-        print(f"written: {PAGE}")
     return 1 if missed else 0
 
 

@@ -11,7 +11,7 @@ from scipy import stats
 from compensation import Delay, agreed_delay
 from compensation.accuracy import fit_plate_alignment
 from compensation.delay import STEP_TOLERANCE, estimate_delay, without_step
-from compensation.hammer import hammer_delay, hammer_impacts
+from compensation.hammer import hammer_delay
 
 # Delays from motion -----------------------------------------------------------------------------
 
@@ -145,24 +145,6 @@ def test_the_95_percent_interval_of_a_delay_by_a_hammer_holds_it_19_times_in_20(
         half = stats.t.isf(0.025, len(found.differences) - 1) * found.standard_error
         holds.append(abs(found.seconds - delay_s) < half)
     assert 35 <= sum(holds) < 40
-
-
-def test_the_instants_of_every_impact_are_those_of_marker_and_force():
-    delay_s, contact_s = 0.006, 0.004
-    camera, height, plate, force = impacts(6, delay_s, contact_s)
-    found = hammer_impacts(camera, height, plate, force)
-    rng = np.random.default_rng(6)
-    struck = 2 + np.arange(15) * 1.5 + rng.uniform(0, 0.3, 15)
-    np.testing.assert_allclose(
-        [impact.marker_s for impact in found], struck + contact_s / 2, atol=5e-4
-    )
-    np.testing.assert_allclose(
-        [impact.force_s for impact in found], struck + contact_s / 2 + delay_s, atol=2e-4
-    )
-    for impact in found:
-        assert impact.path_before[0] == pytest.approx(impact.path_after[0], abs=1e-9)
-        assert impact.path_before[1] == pytest.approx(-2.5, abs=0.1)
-        assert impact.path_after[1] > 0
 
 
 def test_a_force_at_the_rate_of_the_cameras_is_refused():

@@ -12,7 +12,7 @@ from hbm.kinematics import solve_ik
 from hbm.markers import Markers
 from hbm.poses import segment_frames
 from hbm.spatial import Array
-from pipeline.explain.cause import Cause, CauseGroup, Prior, priors
+from pipeline.explain.cause import Cause, Prior, priors
 from pipeline.explain.processing_chain import ProcessingChain
 
 CLUSTERS: Final = (
@@ -124,7 +124,7 @@ def cycle_phase(time: Array, spans: Sequence[tuple[float, float]] | Array) -> Ar
 
 
 def _series(
-    name: str, group: CauseGroup, first: Prior, moved: Callable[..., ProcessingChain], phase: Array
+    name: str, group: str, first: Prior, moved: Callable[..., ProcessingChain], phase: Array
 ) -> Iterator[Cause]:
     """Give the terms of a Fourier series of a displacement, whose first harmonic has a prior."""
     for h in range(1, HARMONICS + 1):

@@ -14,7 +14,7 @@ import numpy as np
 from hbm.signals.resampling import interpolate
 from hbm.signals.samples import mean_rate_hz, stretches
 from hbm.spatial import WRENCH_COMPONENTS, Array, rotation_about, shift_wrench, transform_wrench
-from pipeline.explain.cause import Cause, CauseGroup, Change, Prior, priors
+from pipeline.explain.cause import Cause, Change, Prior, priors
 from pipeline.explain.processing_chain import ProcessingChain
 from pipeline.io.recording import Plate
 from pipeline.trial.ground.platform import plate_marker_delay
@@ -69,7 +69,7 @@ def plate_causes(
             usual = priors()[kind]
             size = max(min(error[bound] for bound in bounds), MIN_NARROWED * usual.size)
             prior = replace(usual, size=float(min(size, usual.size)))
-            group: CauseGroup = "place" if kind in ("place", "direction") else "gain"
+            group = "place" if kind in ("place", "direction") else "gain"
             yield Cause(f"{name}: {title}", group, prior, change)
 
 

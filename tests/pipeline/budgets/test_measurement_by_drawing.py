@@ -6,7 +6,7 @@ import pytest
 
 from pipeline.budgets.explanation import explain, study_covariances
 from pipeline.config.study import read_study
-from pipeline.explain.cause import SHARED_WITHIN
+from pipeline.explain.cause import groups
 from pipeline.explain.linearise import explained_part, left_by_filter, linearised
 from pipeline.statistics.measurement import deviation, mean_covariance
 from pipeline.trial.process import process_trial
@@ -44,7 +44,7 @@ def drawn(trials):
         own = []
         for cause in part.causes:
             many = (DRAWS,) if cause.along is None else (DRAWS, len(cause.along))
-            of = name if SHARED_WITHIN[cause.group] == "trial" else ""
+            of = name if groups()[cause.group]["within"] == "trial" else ""
             key = (cause.name, of) if cause.along is None else many
             size = sizes.setdefault(key, rng.standard_normal(many))
             own.append(cause.prior.size * (size if cause.along is None else size @ cause.along))

@@ -218,3 +218,10 @@ def settle_sides(sites, exchanged):
             position.append((x, -sign * y if site in exchanged else sign * y, z))
     still = np.tile(np.array(position), (20, 1, 1))
     return settle_axes(None, still, names, plate_forces=[[0, 0, 700.0]])
+
+
+def test_plates_that_pull_the_subject_down_are_refused(subject):
+    with pytest.raises(ValueError, match="or the plate stores the force that acts on itself"):
+        settle_axes(
+            "forward,left,up", subject.position, subject.names, plate_forces=[[0, 0, -400.0]]
+        )

@@ -210,3 +210,17 @@ def test_a_force_without_all_columns_is_left_out_and_the_other_kept(tmp_path):
     (note,) = [note for note in recording.notes if note.code == "plate_left_out"]
     assert note.values["plate"] == "plate 1 (1_ground_force)"
     assert note.values["reason"].startswith("1_ground_torque_y is absent")
+
+
+def test_torques_under_two_names_are_refused(tmp_path):
+    force, point, torque = steps(np.random.default_rng(2))
+    trc, mot = write_standing(tmp_path / "s.trc"), tmp_path / "s.mot"
+    first = NAMINGS["ground_force_1_vx"]
+    write_forces(
+        mot,
+        [(first, force, point, torque), ((*first[:2], "ground_force_1_m"), force, point, torque)],
+    )
+    with pytest.raises(
+        ValueError, match="torques of ground_force_1 are there twice, as ground_torq"
+    ):
+        read_opensim_trial(trc, mot)

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from hbm.notes import Note
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.stated import Stated
 
@@ -258,3 +259,12 @@ def test_the_real_treadmill_carries_the_subject_under_the_feet(shared_data):
             for site in ("HEE", "MT2")
         )
         assert np.median(np.linalg.norm(cop - (heel + toe) / 2, axis=1)) < 0.1
+
+
+def test_a_baseline_in_the_file_is_named_but_not_subtracted(plate_file):
+    plain = read_c3d(plate_file(2, origin=[0, 0, -40]), AXES)
+    zeroed = read_c3d(plate_file(2, origin=[0, 0, -40], ZERO=np.array([1, 10])), AXES)
+    np.testing.assert_array_equal(plain.plates[0].wrench, zeroed.plates[0].wrench)
+    note = Note.of("plate_baseline_not_subtracted", first=1, last=10)
+    assert note in zeroed.notes
+    assert note.code not in {each.code for each in plain.notes}

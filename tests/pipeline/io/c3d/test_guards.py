@@ -8,6 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from pipeline.io.c3d.parameters import floats
 from pipeline.io.c3d.read import read_c3d
 
 ezc3d = pytest.importorskip("ezc3d", reason="ezc3d has no wheel for this system")
@@ -184,3 +185,9 @@ def test_a_damaged_file_gives_a_recording_or_one_line_of_error(victim, cut, flip
     damaged = victim.with_name("damaged.c3d")
     damaged.write_bytes(content)
     assert_read_or_refused(damaged)
+
+
+def test_dec_numbers_are_ieee_numbers_times_four_with_their_halves_exchanged():
+    known = {0x00004080: 1.0, 0x0000C080: -1.0, 0x00004000: 0.125 * 4, 0x0FDB4149: np.pi}
+    data = b"".join(struct.pack("<I", word) for word in known)
+    np.testing.assert_allclose(floats(data, "dec"), list(known.values()), rtol=1e-6)

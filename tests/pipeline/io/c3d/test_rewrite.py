@@ -401,3 +401,14 @@ def test_a_plate_that_is_left_out_keeps_its_samples_and_corners(tmp_path):
     samples = [read_samples(path, *read_header(path)).analog for path in (original, target)]
     np.testing.assert_array_equal(samples[0][:, :7], samples[1][:, :7])
     np.testing.assert_allclose(plates_of(target)[0], plates_of(original)[0] + changes[0], atol=1e-3)
+
+
+def test_a_channel_that_two_plates_share_is_refused(tmp_path):
+    original = PlateFile(2, plates=2).write(tmp_path / "trial.c3d")
+    content = original.read_bytes()
+    channels = struct.pack("<12H", *range(2, 14))
+    assert channels in content
+    shared = struct.pack("<12H", *range(2, 8), 2, *range(9, 14))
+    original.write_bytes(content.replace(channels, shared))
+    with pytest.raises(ValueError, match="FORCE_PLATFORM:CHANNEL names P1C1 twice"):
+        rewritten(original, changes_of(original))

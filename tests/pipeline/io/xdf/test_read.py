@@ -235,3 +235,27 @@ def test_no_cut_changes_a_number_without_a_refusal_or_a_warning(whole, tmp_path)
         np.testing.assert_array_equal(read.markers.position, frames[: len(read.markers.time)])
         warned += 1
     assert warned > 12
+
+
+def test_positions_in_millimetres_are_metres_and_stated_units_win(trial, tmp_path):
+    path = xdf.write_xdf(tmp_path / "mm.xdf", xdf.recorded(trial, unit="mm"))
+    np.testing.assert_allclose(
+        read_recording(path).markers.position, trial.markers.position, atol=1e-12
+    )
+    with pytest.raises(ValueError, match=r"spread over .*--units"):
+        read_recording(path, Stated(units="m"))
+
+
+def test_plates_named_as_in_dflow_that_are_described_too_are_read_once(trial, tmp_path):
+    cameras, plates, analog = xdf.recorded(trial)
+    names = [f"{q}{axis}" for q in ("For", "Mom") for axis in "XYZ"]
+    channels = [
+        {**channel, "label": f"FP{plate.number}.{name}"}
+        for plate in trial.plates
+        for channel, name in zip(xdf.plate_channels(plate.number), names, strict=True)
+    ]
+    places = "".join(map(xdf.plate_place, trial.plates))
+    plates["desc"] = xdf.described(channels, f"<plates>{places}</plates>")
+    read = read_recording(xdf.write_xdf(tmp_path / "a.xdf", [cameras, plates, analog]))
+    for ours, true in zip(read.plates, trial.plates, strict=True):
+        np.testing.assert_allclose(ours.wrench, true.wrench, atol=1e-9)

@@ -1,10 +1,9 @@
-"""What the models leave as tables, and the page of the documentation."""
+"""What the models leave, as the tables of docs/inertia_models.md."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from compensation.inertia.fit import LAGS_S
 from hbm.spatial import WRENCH_COMPONENTS
 from pipeline.virtual_lab.protocol.ranking_study import BYSTANDERS
 from tests.campaign.inertia_models.cases import (
@@ -136,74 +135,3 @@ def unmet(found: Sequence[Judged]) -> list[str]:
                     f"{left[3:].max():.2f} N·m beyond a rigid one"
                 )
     return missed
-
-
-def page(found: Sequence[Judged], places: dict[str, list[Judged]], command: str) -> str:
-    """Give the page of the documentation."""
-    seeds = len({one.seed for one in found})
-    missed = unmet(found)
-    return "\n".join(
-        [
-            "# Static and dynamic models of a moving platform",
-            "",
-            "The plates of a moving treadmill are compensated by a linear function of what "
-            "accelerometers on the platform read. On a rigid platform that is exact. The machine "
-            "of the virtual laboratory is not rigid: its base yields, its frame bends, its belt "
-            "assemblies vibrate on their load cells, and people shake it. This page shows what is "
-            "left on it, by number and place of the accelerometers, by calibration recording, and "
-            f"by model. It is made by `{command}`: {seeds} laboratories with all their faults.",
-            "",
-            "The **static** model has gains of the readings alone. The **dynamic** one has gains "
-            f"of their second differences over {', '.join(f'{1000 * x:g}' for x in LAGS_S)} ms "
-            "too, fitted by ridge regression; the differences vanish under constant and slowly "
-            "changing tilt, so that gravity stays with the readings. Both are fitted to the "
-            "calibration and judged on trials of other motion, the empty left plate while a person "
-            "is on the right belt or on the boards beside the belts: walking with sway, walking "
-            "with pitch of ± 10° in 30 s, running and moving about on the boards with the platform "
-            "at rest. The *soft* machine yields four times as much as the default one, so that its "
-            "natural frequencies are half; what is left on a *rigid* one is of belts, rollers, "
-            "drift and noise, which no model of the platform removes. Numbers are "
-            "RMS about the mean, root mean square over the laboratories; "
-            "a norm is that of the three components.",
-            "",
-            "## What is left below 20 Hz",
-            "",
-            "Norms of force (N) and moment (N·m), static → dynamic. *Worst*: the largest factor by "
-            "which the dynamic model leaves more than the static one, of any trial and "
-            "laboratory, below 20 or 6 Hz. *Taken in*: share of the laboratories in which "
-            "`hbm calibration fit` takes the dynamic model. *Empty*: the signal `all_60s` with the "
-            "belts at 3 m/s, or at rest. *Beside*: `--beside` with two recordings of a minute, the "
-            "platform at rest, somebody walking on the other belt and somebody moving about on the "
-            "boards.",
-            "",
-            *table(found, 0),
-            "",
-            "## The same below 6 Hz, where residuals are filtered",
-            "",
-            *table(found, 1),
-            "",
-            f"## Every component: {BEST[0]}, {BEST[1]} accelerometers",
-            "",
-            "Below 20 Hz (below 6 Hz), N and N·m.",
-            "",
-            *components(found),
-            "",
-            f"## Where the accelerometers are: {BEST[0]}, soft machine",
-            "",
-            "Below 20 Hz, static → dynamic, as above. *D-optimal* places are those that "
-            "D-optimality chooses of the corners and the middle of the platform at "
-            "two heights; mirrored to the other side they are as good by that criterion, and "
-            "belong to the right plate as the others do to the left one, which is judged.",
-            "",
-            *places_table(places),
-            "",
-            "## What is demanded",
-            "",
-            f"No trial of which a dynamic model that is taken leaves more than {MAX_WORSE:g} times "
-            f"as much as the static one; with the calibration {BEST[0]!r}, {BEST[1]} "
-            f"accelerometers and the model that it chooses no component above {GOAL[0]:g} N and "
-            f"{GOAL[1]:g} N·m beyond what is left on a rigid machine (difference of squares). "
-            f"{'Not met: ' + '; '.join(missed) if missed else 'All of it is met'}.",
-            "",
-        ]
-    )
