@@ -216,9 +216,9 @@ def follow(
         with console.status("waiting for frames") as line:
             while session.runs and (duration_s is None or time.monotonic() - began < duration_s):
                 time.sleep(SHOWN_S)
-                fault = take_new(session, monitor, view)
-                if view is not None and (fault := fault or view.fault or ""):
-                    console.say(f"nothing is shown any more: {fault}; all else goes on")
+                take_new(session, monitor, view)
+                if view is not None and view.fault is not None:
+                    console.say(f"nothing is shown any more: {view.fault}; all else goes on")
                     view = None
                 if recorded and recorder.fault is not None:
                     recorded = False
@@ -243,32 +243,27 @@ def follow(
     return terminated
 
 
-def take_new(session: Session, monitor: Monitor, view: "LiveView | None" = None) -> str:
-    """Bring what is new in a session to its monitor and its view; give why it cannot be shown."""
-    fault = ""
+def take_new(session: Session, monitor: Monitor, view: "LiveView | None" = None) -> None:
+    """Bring what is new in a session to its monitor and its view."""
     while session.samples:
         monitor.samples(session.samples.popleft())
     while session.frames:
         frame, latency_s = session.frames.popleft()
         cycles = monitor.frame(frame, latency_s)
-        if view is not None and not fault:
-            try:
-                view.show(
-                    ShownFrame(
-                        frame.time,
-                        frame.q,
-                        frame.markers,
-                        frame.residual,
-                        frame.by_foot,
-                        frame.platform,
-                        frame.quality.counts,
-                    )
-                )
-                for cycle in cycles:
-                    view.show_cycle(cycle.side, cycle.curve)
-            except (ValueError, OSError) as error:
-                fault = str(error)
-    return fault
+        if view is None:
+            continue
+        shown = ShownFrame(
+            frame.time,
+            frame.q,
+            frame.markers,
+            frame.residual,
+            frame.by_foot,
+            frame.platform,
+            frame.quality.counts,
+        )
+        view.show(shown)
+        for cycle in cycles:
+            view.show_cycle(cycle.side, cycle.curve)
 
 
 def summary(

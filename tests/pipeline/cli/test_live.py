@@ -5,26 +5,21 @@ import signal
 import subprocess
 import sys
 import time
-from collections import deque
 from contextlib import contextmanager
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from pipeline.cli.app import main
-from pipeline.cli.live_session import take_new
 from pipeline.io.read import read_recording
 from pipeline.live.recording import RESULTS, STREAMS
-from pipeline.trial.quality import Quality
 from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
 
 DURATION_S = 14.0
 SPEED = 1
 PATIENCE_S = 60
-SHOWN = ("time", "q", "markers", "residual", "by_foot", "platform")
 
 
 @pytest.fixture(scope="module")
@@ -166,22 +161,6 @@ def test_a_recording_that_cannot_go_on_is_said_at_once_and_the_session_goes_on(w
     assert live.returncode == 1
     assert re.search(r"recording stopped: File too large; \d+ entries are missing", said)
     assert len(read_recording(out / STREAMS).markers.time) > 100
-
-
-class Unfit:
-    """A view that shows nothing."""
-
-    def show(self, frame):
-        raise ValueError("a frame to show must hold arrays")
-
-
-def test_a_view_that_cannot_show_a_frame_harms_neither_frames_nor_gait_cycles():
-    frames = [SimpleNamespace(**dict.fromkeys(SHOWN), quality=Quality(0)) for _ in range(3)]
-    taken = []
-    session = SimpleNamespace(samples=deque(), frames=deque((frame, 0.001) for frame in frames))
-    monitor = SimpleNamespace(frame=lambda frame, latency_s: taken.append(frame) or ())
-    assert take_new(session, monitor, Unfit()) == "a frame to show must hold arrays"
-    assert taken == frames
 
 
 def test_a_folder_that_cannot_take_a_recording_is_refused_before_anything_is_awaited(

@@ -80,8 +80,17 @@ def clock_set(recording, by_s, at_s, streams):
         yield replace(samples, time=samples.time + by_s * later)
 
 
-@pytest.mark.parametrize("by_s", [-3600.0, -0.8, 30.0])
-@pytest.mark.parametrize("streams", [("Markers", "Plates"), ("Markers",), ("Plates",)])
+@pytest.mark.parametrize(
+    ("by_s", "streams"),
+    [
+        (-3600.0, ("Markers", "Plates")),
+        (30.0, ("Markers", "Plates")),
+        (-0.8, ("Markers",)),
+        (30.0, ("Markers",)),
+        (-0.8, ("Plates",)),
+        (-3600.0, ("Plates",)),
+    ],
+)
 def test_frames_after_a_clock_was_set_are_those_without_it(recording, body, usual, by_s, streams):
     frames, notes = followed(body, recording, clock_set(recording, by_s, 2.5, streams))
     assert len(frames) == len(usual) == len(recording.markers.time)

@@ -1,4 +1,4 @@
-"""Recordings as streams: every sample in order, whatever the chunks; faults as asked for."""
+"""Recordings as streams: every sample in order, whatever the chunks."""
 
 from dataclasses import replace
 
@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from hbm.markers import Markers
 from pipeline.io.recording import Analog, Recording
 from pipeline.live.replay import RecordedSource, recorded_streams
-from tests.pipeline.live.perturbed import Faults, PerturbedSource
 from tests.pipeline.other_formats import excerpt
 
 
@@ -82,38 +81,3 @@ def test_a_closed_source_gives_nothing_more(trial):
     source.close()
     assert source.ended
     assert source.receive(0.0) == []
-
-
-def test_faults_are_done_as_often_as_they_are_asked_for(trial):
-    faults = Faults(
-        drop=0.1,
-        duplicate=0.05,
-        reorder=0.02,
-        jitter_s=1e-4,
-        drift={"Plates": 1e-3},
-        delay_s={"Plates": 0.05},
-        absent_s={"Analog": (0.2, 0.5)},
-    )
-    source = PerturbedSource(RecordedSource(trial), faults)
-    found = gather(source)
-    sent = sum(len(stream.time) for stream in recorded_streams(trial))
-    received = sum(len(times) for times, _ in found.values())
-    assert received == sent - source.dropped + source.duplicated
-    assert 150 < source.dropped < 300
-    assert source.reordered > 0
-    times, _ = found["Analog"]
-    assert not np.any((times > 0.2005) & (times < 0.4995))
-    times, _ = found["Plates"]
-    assert times.max() == pytest.approx(0.999 * 1.001, abs=2e-3)
-
-
-def test_a_delayed_stream_arrives_later_by_its_delay(trial):
-    source = PerturbedSource(RecordedSource(trial), Faults(delay_s={"Plates": 0.1}))
-    newest = {}
-    behind = []
-    while not source.ended:
-        for samples in source.receive(0.0):
-            newest[samples.stream] = samples.time[-1]
-        if len(newest) == 3 and newest["Markers"] < 0.98:
-            behind.append(newest["Markers"] - newest["Plates"])
-    assert 0.08 < min(behind) <= max(behind) < 0.13

@@ -170,7 +170,7 @@ def test_exported_forces_are_compensated_where_a_calibration_is_given(study, tmp
     assert main([*asked, "--platform-markers", markers]) == 0
     printed = capsys.readouterr().out
     assert "from the compensated plate forces" in printed
-    assert "- platform motion compensated by" in printed
+    assert "platform motion compensated by" in printed
     spread = {
         kind: read_sto(tmp_path / kind / "sub01_pitch_forces.sto").column("PelvisX_force")
         for kind in ("measured", "compensated")
