@@ -431,7 +431,11 @@ def detect_events(
     events = plate_events(sources.contacts, sources.loads, motion.time, sources.weight_n)
     corrections, code, of_plates = dict[str, float](), "events_of_plates", set(events)
     if method == "auto":
-        events, corrections = combined_events(foot_motion_events(motion), events)
+        try:
+            by_motion = foot_motion_events(motion)
+        except ValueError as error:  # the markers' rate is too low for the filter
+            return (), method, Note.of("events_unknown", reason=str(error))
+        events, corrections = combined_events(by_motion, events)
         code = "events_calibrated" if corrections else "events_uncalibrated"
         if not events:
             known = np.isfinite(motion.ankles.sum(axis=1) + motion.pelvis)
