@@ -10,11 +10,11 @@ import pytest
 from hbm.spatial import Array
 from pipeline.explain.budget import Budget, EstimatedCause, GroupShare
 from tests.campaign.explain import trial as campaign_trial
-from tests.campaign.explain.faults import KINDS, Seeded
+from tests.campaign.explain.faults import Seeded
 from tests.campaign.explain.plate_faults import PlateFault
 from tests.campaign.explain.rows import SHARES, Tables
 from tests.campaign.explain.summary import absent, overall, ranks
-from tests.campaign.explain.trial import Outcome, Plan, carried_out, planned, wrong_prior
+from tests.campaign.explain.trial import Outcome, Plan, carried_out
 from tests.campaign.explain.virtual_trial import VirtualLaboratory
 
 HEAVY_ZERO = Seeded(
@@ -67,27 +67,6 @@ def test_a_fault_truly_makes_what_is_missing_without_it(monkeypatch: pytest.Monk
     assert done.true["plate 2: zero of Fz"] == 0.0
     assert done.share["zero"][2] > 0.8
     assert done.budgets == {"as usual": found}
-
-
-def test_equal_seeds_plan_equal_trials_of_one_to_five_possible_faults() -> None:
-    plans = [planned(7, number) for number in range(60)]
-    assert [plan.name for plan in plans[:2]] == ["7.0", "7.1"]
-    assert {len(plan.faults) for plan in plans} == {1, 2, 3, 4, 5}
-    assert {plan.where for plan in plans} == {"still", "markers", "channels"}
-    with_places = {"still": set(), "markers": {"moving"}, "channels": {"moving", "channels"}}
-    for plan in plans:
-        places = {KINDS[name].where for name in plan.faults}
-        assert places <= {"anywhere"} | with_places[plan.where]
-    assert planned(7, 0).faults.keys() == plans[0].faults.keys()
-    assert planned(7, 0).wrong == plans[0].wrong
-
-
-def test_a_wrong_prior_is_right_again_afterwards() -> None:
-    known = campaign_trial.priors()
-    before = known["delay"]
-    with wrong_prior("delay", 3.0):
-        assert known["delay"].size == 3 * before.size
-    assert known["delay"] is before
 
 
 def test_intervals_that_are_too_narrow_do_not_hold() -> None:
