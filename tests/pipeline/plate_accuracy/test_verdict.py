@@ -11,9 +11,8 @@ from pipeline.config.plate_correction import read_plate_correction
 from pipeline.config.plate_study import AccuracyLimits, PlatesFile, read_plates_study
 from pipeline.io.axes import parse_axes
 from pipeline.plate_accuracy.accuracy import check_plates
-from pipeline.plate_accuracy.faults import FaultEstimate
 from pipeline.plate_accuracy.report import use_of_calibration
-from pipeline.plate_accuracy.verdict import Judged, contradiction, judge
+from pipeline.plate_accuracy.verdict import Judged, judge
 from pipeline.virtual_lab.protocol.known_weights import THESIS_ERRORS, PlateErrors, simulate_plates
 from tests.pipeline.plate_accuracy.conftest import DESIGN, again, chosen, spoiled, with_masses
 
@@ -236,14 +235,6 @@ def test_a_fault_that_masses_do_not_explain_stays_one_under_misstated_masses(goo
     assert (verdict.answer, verdict.calibration) == ("not fit", None)
     assert "Fz in Fx" in verdict.sentence
     assert "cannot be told: weigh the masses" in verdict.sentence
-
-
-def test_delays_that_contradict_each_other_are_said():
-    hammer = FaultEstimate("left", "delay", 0.0015, 0.0001, "s", 14)
-    motion = FaultEstimate("left", "delay in motion", 0.0040, 0.00001, "s", 15)
-    assert "the one in motion is used" in contradiction([hammer, motion])
-    assert contradiction([replace(hammer, value=0.0040), motion]) == ""
-    assert contradiction([motion]) == ""
 
 
 @pytest.mark.parametrize(
