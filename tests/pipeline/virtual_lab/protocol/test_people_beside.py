@@ -1,4 +1,4 @@
-"""People beside an empty plate: where they are, and that a simulated study is fitted to them."""
+"""People beside an empty plate: who carries them."""
 
 import numpy as np
 import pytest
