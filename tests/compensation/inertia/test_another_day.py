@@ -28,7 +28,7 @@ def model(laboratory):
     return fit_inertia(*record(laboratory(), 1), SETUP)
 
 
-@pytest.mark.parametrize("seed", [2, 3, 4])
+@pytest.mark.parametrize("seed", [2, 3])
 def test_an_unchanged_laboratory_is_still_valid(laboratory, model, seed):
     found = check_another_day(model, *record(laboratory(), seed))
     assert not found.faults
@@ -122,7 +122,7 @@ def test_vibration_above_the_filter_of_trials_does_not_count_as_left(laboratory)
     assert row.left < 2
 
 
-@pytest.mark.parametrize(("change", "valid"), [(0.3, True), (0.9, True), (1.5, False)])
+@pytest.mark.parametrize(("change", "valid"), [(0.9, True), (1.5, False)])
 def test_a_zero_that_changes_as_zeros_do_from_recording_to_recording_has_not_drifted(
     laboratory, model, change, valid
 ):

@@ -52,14 +52,6 @@ def solve(problem, **changed):
     return descent.solve_frames(replace(attachment, **markers), **(given | changed))
 
 
-def test_all_frames_converge_and_a_further_step_is_negligible(problem):
-    solved = solve(problem)
-    assert solved.converged.all()
-    again = solve(problem, start=solved.q)
-    np.testing.assert_allclose(again.q, solved.q, atol=TIGHT)
-    assert np.all(again.gradient < 1e-12)
-
-
 def test_the_memory_layout_of_the_markers_does_not_matter(problem):
     measured = problem[0].position
     by_column = np.asfortranarray(measured)
@@ -139,17 +131,6 @@ def test_compiled_and_interpreted_descent_end_slow_frames_alike(problem, monkeyp
     interpreted = solve(problem, start=start)
     assert np.abs(compiled.q - usual.q).max() > 1e-6
     np.testing.assert_allclose(interpreted.q, compiled.q, atol=TIGHT)
-
-
-@pytest.mark.parametrize("jobs", [2, 7])
-def test_the_result_does_not_depend_on_the_number_of_threads(problem, jobs):
-    many = {
-        "rows": np.tile(np.arange(FRAMES), 20),
-        "start": np.tile(problem[1], (20, 1)),
-        "prior": problem[2][0],
-        "reference": np.zeros(N_Q),
-    }
-    np.testing.assert_array_equal(solve(problem, **many, jobs=jobs).q, solve(problem, **many).q)
 
 
 def test_frames_are_solved_in_any_order_and_those_without_a_start_not_at_all(problem):

@@ -1,7 +1,5 @@
 """Frame by frame, a trial's motion is the one that the whole trial gives, and never looks ahead."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,7 +9,6 @@ from hbm.coordinates import INDEX, LIMBS, TREE
 from hbm.ik import frame_tracking
 from hbm.ik.frame_tracking import FrameTracker
 from hbm.ik.tracking import TRIES, lowest_of_tries
-from hbm.kernels.native import load
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers
 from hbm.plausibility.outliers import MAX_ROUNDS, MarkerTracker, beyond_reach, track_motion
@@ -67,7 +64,7 @@ def test_later_frames_change_nothing(last, case):
         np.testing.assert_array_equal(getattr(found, name), getattr(whole, name)[: last + 1])
 
 
-@pytest.mark.parametrize("limb", LIMBS)
+@pytest.mark.parametrize("limb", ["left arm", "right leg"])
 def test_a_limb_without_markers_keeps_its_last_pose_and_the_rest_is_solved(limb):
     markers = swinging_markers()
     names = [n for n, s in BODY.segment_of.items() if s in LIMBS[limb]]
@@ -108,15 +105,6 @@ def test_markers_that_all_stand_still_exactly_were_not_measured():
     position[50:80] = position[50]
     found = tracked(Markers(markers.time, markers.names, position))
     np.testing.assert_array_equal(np.flatnonzero(~found.converged), np.arange(55, 80))
-
-
-def test_the_virtual_machine_finds_the_same(monkeypatch):
-    markers = swinging_markers(frames=4)
-    compiled = tracked(markers)
-    monkeypatch.setenv("HBM_KERNELS", "virtual-machine")
-    machine = load(print)
-    monkeypatch.setattr("hbm.ik.descent.kernels", lambda: machine)
-    np.testing.assert_allclose(tracked(markers).q, compiled.q, rtol=0, atol=1e-9)
 
 
 def few_of_a_leg(monkeypatch):
@@ -195,28 +183,6 @@ def test_markers_that_do_not_fit_at_all_are_solved_once_a_frame(wrong, monkeypat
     solution = tracker.step(markers.time[-1] + 0.01, markers.position[-1])
     assert not tracker.unfit
     assert np.nanmax(solution.marker_error) < 0.02
-
-
-def test_where_no_frame_is_solved_optima_are_searched_for_in_the_first_one_only(monkeypatch):
-    markers = swinging_markers(frames=20)
-    tracker, searched = FrameTracker(BODY, markers.names), []
-    look = frame_tracking.look_for_lower
-    monkeypatch.setattr(frame_tracking, "look_for_lower", lambda *x: searched.append(1) or look(*x))
-    tracker.keep(tracker.solve(np.full_like(markers.position[0], np.nan)))
-    searched.clear()
-    for position in np.random.default_rng(1).normal(0, 1, markers.position.shape):
-        solution = tracker.solve(position)
-        tracker.keep(replace(solution, converged=False))
-    assert len(searched) == 1
-
-
-def test_labels_that_the_body_does_not_know_are_ignored_and_none_is_refused():
-    markers = swinging_markers(frames=3)
-    extra = np.concatenate([markers.position, markers.position[:, :1] + 9.0], axis=1)
-    found = tracked(Markers(markers.time, (*markers.names, "wand"), extra))
-    np.testing.assert_array_equal(found.q, tracked(markers).q)
-    with pytest.raises(ValueError, match="none of the body's markers"):
-        MarkerTracker(BODY, ("wand",))
 
 
 def test_a_coordinate_without_markers_from_the_start_is_neutral_until_it_is_seen():
