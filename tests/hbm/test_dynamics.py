@@ -290,12 +290,3 @@ def test_zero_phase_filter_preserves_slow_movement_and_gives_its_derivatives():
     for mine, truth in ((smooth.q, motion.q), (smooth.v, motion.v), (smooth.a, motion.a)):
         error = np.abs(mine - truth)[inner].max(axis=0)
         assert (error < 0.01 * np.abs(truth).max(axis=0)).all()
-
-
-def test_real_time_filter_has_its_known_delay():
-    """A second-order Butterworth delays slow movement by sqrt(2) / (2 pi cutoff)."""
-    motion = swinging(np.random.default_rng(7), frames=400, degrees=20)
-    smooth = filter_motion(motion, cutoff=6.0, method="realtime")
-    x, v = INDEX["PelvisX"], motion.v[-1, INDEX["PelvisX"]]
-    delay_s = (motion.q - smooth.q)[200:, x] / v
-    assert delay_s.mean() == pytest.approx(np.sqrt(2) / (2 * np.pi * 6), rel=0.1)

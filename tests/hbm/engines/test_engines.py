@@ -9,20 +9,17 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from hbm import dynamics
-from hbm.coordinates import INDEX, LAST_Q, MOVING, N_Q, support
+from hbm.coordinates import INDEX, LAST_Q, N_Q
 from hbm.dynamics import inverse_dynamics
 from hbm.engines.engine import (
-    CHECKED_FRAMES,
     ENGINES,
     Engine,
     choose_engine,
     engine_identity,
-    frames_to_check,
     other_engine,
     require_agreement,
 )
 from hbm.model import Body
-from hbm.poses import segment_frames
 from tests.hbm.motions import any_pose, swinging
 from tests.synthetic import synthetic_body
 
@@ -171,39 +168,3 @@ def test_an_undefined_number_of_one_engine_is_a_disagreement():
     undefined = np.where(np.arange(N_Q + 6) == 3, np.nan, forces)
     with pytest.raises(ValueError, match="PelvisYaw"):
         require_agreement(forces, undefined, ("A", "B"), np.array([0]), np.array([0.0]))
-
-
-@given(st.lists(st.booleans(), min_size=1, max_size=200))
-def test_the_checked_frames_are_spread_over_the_defined_ones(defined):
-    forces = np.where(np.array(defined)[:, None], 1.0, np.nan) * np.ones((1, N_Q + 6))
-    frames, possible = frames_to_check([forces, np.ones_like(forces)]), np.flatnonzero(defined)
-    assert len(frames) == len(set(frames)) == min(CHECKED_FRAMES, len(possible))
-    if len(possible):
-        assert frames[0] == possible[0]
-        assert frames[-1] == possible[-1] or len(frames) == 1
-        assert np.diff(np.searchsorted(possible, frames), prepend=0).max() <= len(possible) / 15 + 1
-    assert np.isin(frames, possible).all()
-
-
-def test_the_jacobian_has_the_velocities_of_points_on_the_segment(body, motion):
-    """Shown by moving one coordinate after the other a little."""
-    step = 1e-6
-    for engine in ENGINES:
-        free = choose_engine(engine).free_dynamics
-        q, zero = motion.q[:1], np.zeros((1, N_Q))
-        jacobian = free(body, q, zero, zero, ["left_foot"], 1)[2]["left_foot"][0]
-        point = np.array([0.1, 0.2, 0.3])
-        for row, i in zip(jacobian, support(LAST_Q["left_foot"]), strict=True):
-            velocity = row[:3] + np.cross(row[3:], point)
-            moved = [_carried(body, q[0], i, sign * step, point) for sign in (1, -1)]
-            np.testing.assert_allclose(velocity, (moved[0] - moved[1]) / (2 * step), atol=1e-8)
-
-
-def _carried(body, q, coordinate, change, point):
-    """Where a lab point goes that is fixed to the left foot while a coordinate changes."""
-    foot = MOVING.index("left_foot")
-    changed = q.copy()
-    changed[coordinate] += change
-    rotation, origin = segment_frames(body, np.array([q, changed]))
-    local = rotation[0, foot].T @ (point - origin[0, foot])
-    return origin[1, foot] + rotation[1, foot] @ local

@@ -143,13 +143,3 @@ def test_frames_are_solved_in_any_order_and_those_without_a_start_not_at_all(pro
     np.testing.assert_array_equal(solved.converged, [True, False, True, True])
     np.testing.assert_allclose(solved.q[[0, 2, 3]], expected[[0, 2, 3]], atol=TIGHT)
     assert np.isnan(solved.q[1]).all()
-
-
-def test_a_missing_marker_has_no_error_and_no_influence(problem):
-    attachment = problem[0]
-    solved = solve(problem)
-    assert np.isnan(solved.error[4, 7])
-    assert np.isfinite(np.delete(solved.error[4], 7)).all()
-    weight = np.where(np.arange(len(attachment.weight)) == 7, 0, 1.0)
-    shown = solve(problem, weight=weight, position=np.nan_to_num(attachment.position, nan=5.0))
-    np.testing.assert_allclose(shown.q[4], solved.q[4], atol=TIGHT)

@@ -13,7 +13,7 @@ from hbm.plausibility.labels import (
     repeated_positions,
     sides_exchanged,
 )
-from tests.hbm.motions import exchanged, markers_of, relabelled, swinging, with_noise, without
+from tests.hbm.motions import exchanged, markers_of, relabelled, swinging, with_noise
 from tests.hbm.people import moved
 from tests.synthetic import synthetic_body, synthetic_t_pose
 
@@ -33,10 +33,6 @@ def found(markers):
     return [note.values for note in labels_exchanged(markers, BODY.markers)]
 
 
-def test_a_walk_exchanges_no_labels(long_walk):
-    assert found(long_walk) == []
-
-
 @settings(deadline=None)
 @given(
     pair=st.sampled_from(PAIRS),
@@ -52,14 +48,6 @@ def test_every_pair_is_found_with_its_times_however_short(long_walk, pair, start
     assert values["pairs"] == "/".join(pair)
     assert values["first_s"] == pytest.approx(start / 100)
     assert values["last_s"] == pytest.approx((start + duration) / 100)
-
-
-@pytest.mark.parametrize(("gap", "expected"), [(5, 1), (30, 0)])
-def test_a_short_gap_at_the_exchange_does_not_hide_it(long_walk, gap, expected):
-    """After a long gap the motion is unknown, and nothing is claimed."""
-    swapped = exchanged(long_walk, slice(100, None), ("LHEE", "RHEE"))
-    gone = without(swapped, ["LHEE", "RHEE"], slice(100 - gap, 100))
-    assert len(found(gone)) == expected
 
 
 @settings(deadline=None, max_examples=30)
@@ -155,13 +143,6 @@ def test_a_drop_out_is_found_from_a_twentieth_of_a_second_on_and_never_below(
     if repeats >= 5:
         expected[start + 1 : start + repeats + 1] = True
     np.testing.assert_array_equal(frozen, expected)
-
-
-def test_frames_without_markers_are_gaps_and_not_frozen(long_walk):
-    gone = without(long_walk, long_walk.names, slice(50, 120))
-    assert codes(gone) == []
-    some = without(held(long_walk, slice(40, 91)), ["LHEE"], slice(60, 80))
-    assert codes(some) == ["markers_frozen"]
 
 
 @settings(deadline=None)

@@ -71,18 +71,6 @@ def test_an_angle_whose_markers_lie_near_its_axis_is_named(pose):
     assert all(name[0] == "L" or "Toe" in name for name in note.values["coordinates"])
 
 
-def test_an_arm_that_no_marker_shows_is_locked_and_its_mass_is_named(pose):
-    own = zip(BODY.markers, BODY.marker_segment, strict=True)
-    arm = [name for name, segment in own if segment in ARM]
-    motion = solve_ik(BODY, without(pose, arm))
-    assert not motion.observed[:, INDEX["LElbowFlexion"]].any()
-    locked, mass = undetermined_notes(BODY, motion)
-    assert "LElbowFlexion" in locked.values["coordinates"]
-    assert mass.code == "mass_not_shown"
-    assert mass.values["segments"] == ARM
-    assert mass.values["share"] == pytest.approx(0.0494, abs=1e-3)
-
-
 @pytest.fixture(scope="module")
 def still():
     return solve_ik(BODY, synthetic_t_pose())
@@ -151,14 +139,6 @@ def test_an_angle_that_the_markers_hardly_show_does_not_count(still):
     error = pronation.marker_error.copy()
     error[:, [pronation.markers.index(name) for name in hidden]] = np.nan
     assert impossible_angles(near_axis, replace(pronation, marker_error=error)) == ()
-
-
-def test_an_angle_that_no_marker_shows_does_not_count(still):
-    unseen = still.observed.copy()
-    unseen[:, INDEX["LKneeFlexion"]] = False
-    bent = turned(still, LKneeFlexion=-90.0)
-    assert len(impossible_angles(BODY, bent)) == 1
-    assert impossible_angles(BODY, replace(bent, observed=unseen)) == ()
 
 
 @pytest.fixture(scope="module")
