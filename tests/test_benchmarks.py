@@ -7,16 +7,14 @@ import numpy as np
 import pytest
 
 from hbm.engines.engine import ENGINES
-from hbm.kinematics import solve_ik
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.recording import Event
 from tests.benchmarks import commands, events, report
 from tests.benchmarks.accuracy import check_optimum, force_error, kinematic_error
 from tests.benchmarks.comparison import COMPILED, MACHINE, implementations
-from tests.benchmarks.scaling import LEGS, on_segments, solved_share
+from tests.benchmarks.scaling import solved_share
 from tests.benchmarks.trial import export_trial, write_trial
 from tests.benchmarks.walker import walk, with_dropouts, with_random_gaps
-from tests.synthetic import synthetic_body
 
 FRAMES = 120
 OPENSIM = pytest.param("OpenSim", marks=pytest.mark.opensim)
@@ -96,17 +94,6 @@ def test_with_markers_missing_every_frame_is_solved_or_marked(whole, tmp_path, r
     assert np.isnan(markers.position).any()
     share = solved_share(write_trial(tmp_path / "trial", whole, markers))
     assert share["solved"] + share["marked"] == share["frames"] == FRAMES
-
-
-def test_markers_of_the_legs_leave_the_arms_unobserved(whole):
-    motion = solve_ik(synthetic_body(), on_segments(whole.markers, LEGS))
-    observed = [
-        name for name, always in zip(motion.names, motion.observed.all(0), strict=True) if always
-    ]
-    assert len(observed) == 18
-    assert all(
-        part not in name for name in observed for part in ("Shoulder", "Elbow", "Trunk", "Head")
-    )
 
 
 def test_the_long_trials_file_holds_30_channels_at_1000_hz(whole, tmp_path):
