@@ -294,14 +294,14 @@ def assert_same(signal, time, cutoff_hz):
 
 
 @given(st.integers(0, 1000), st.floats(1, 20))
-@settings(deadline=None)
+@settings(deadline=None, max_examples=30)
 def test_equal_steps(seed, cutoff_hz):
     signal = 100 + np.random.default_rng(seed).normal(size=(200, 3))
     assert_same(signal, np.arange(200) / 100, cutoff_hz)
 
 
 @given(st.integers(0, 1000))
-@settings(deadline=None)
+@settings(deadline=None, max_examples=30)
 def test_steps_that_jitter(seed):
     random = np.random.default_rng(seed)
     time = 1e5 + np.cumsum(random.uniform(0.007, 0.013, 200))
@@ -309,7 +309,7 @@ def test_steps_that_jitter(seed):
 
 
 @given(st.lists(st.tuples(st.integers(0, 99), st.integers(0, 2)), max_size=30))
-@settings(deadline=None)
+@settings(deadline=None, max_examples=30)
 def test_gaps_of_any_column_even_around_a_single_sample(missing):
     signal = np.random.default_rng(1).normal(size=(100, 3))
     for row, column in missing:
