@@ -38,11 +38,6 @@ def test_every_fault_far_beyond_its_limit_is_found_and_never_fit(fault):
         assert one.verdict == one.truth != "fit"
 
 
-def test_plates_without_a_fault_are_fit():
-    for one in carry_out(Case("none", 0.0, seed=79)):
-        assert (one.verdict, one.invented) == ("fit", ())
-
-
 @pytest.mark.parametrize(
     ("errors", "quantity", "expected"),
     [

@@ -148,7 +148,8 @@ def test_a_calibration_makes_a_load_right_that_it_has_not_seen(tmp_path, capsys)
         cross_talk=cross, zero=(4.0, 0.0, -8.0, 0.0, 3.0, 0.0), delay_s=0.005, noise_n=1.0
     )
     folder, out = tmp_path / "study", tmp_path / "out"
-    simulate_plates(folder, errors, seed=6, **(DESIGN | {"belts": ("left",)}))
+    few = {"belts": ("left",), "speeds": (1.0,)}
+    simulate_plates(folder, errors, seed=6, **(DESIGN | few))
     assert main(["plates", str(folder), "--out", str(out)]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "not fit for inverse dynamics as it is; fit after correction for Fx, Fz" in said
