@@ -32,7 +32,7 @@ BLOCK = 512
 def test_every_real_file_is_the_same_to_both_readers(shared_data):
     """One of the six walks over ground stands for them."""
     for path in shared_data.rglob("*"):
-        if path.suffix.lower() != ".c3d" or path.match("HC03*") and path.name != "HC030A22.c3d":
+        if path.suffix.lower() != ".c3d" or (path.match("HC03*") and path.name != "HC030A22.c3d"):
             continue
         if path.name in REFUSED:
             with pytest.raises(ValueError, match=REFUSED[path.name]):
