@@ -32,7 +32,7 @@ pytestmark = [
     pytest.mark.skipif(find_spec("opensim") is None, reason="the OpenSim wheel is not installed"),
 ]
 TRANSLATES = np.array([c.translates for c in TREE])
-FRAMES = 150
+FRAMES = 80
 INNER = slice(25, -25)
 
 
