@@ -92,39 +92,9 @@ def test_a_study_is_written_to_a_folder_and_can_be_written_again(moving_study, t
     assert (out / "sub02_pitch.c3d").is_file()
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--c3d"], "--c3d needs a folder for its files: name --out DIR"),
-        (["--c3d", "--out", "out"], "--c3d compensates the plates: name the --calibration"),
-        (["--frame", "lab", "--urdf", "x"], "--frame goes with --c3d"),
-        (["--out", "out", "--urdf", "x"], "--out goes with --c3d"),
-        (["--c3d", "--out", "out", "--frame", "moon"], "'moon' is not one of"),
-        ([], "nothing to export; name --osim FILE"),
-    ],
-)
-def test_options_that_do_not_fit_are_refused(
-    trial, tmp_path, monkeypatch, capsys, options, message
-):
-    monkeypatch.chdir(tmp_path)
-    assert main(["export", str(trial), *options]) == 2
-    assert message in line_of_error(capsys)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_study_takes_no_options_of_a_trial(moving_study, calibration, tmp_path, capsys):
-    command = ["export", str(moving_study), "--c3d", "--out", str(tmp_path / "out")]
-    assert main([*command, "--calibration", str(calibration)]) == 2
-    assert "is a study, whose files state everything; leave out --calib" in line_of_error(capsys)
-    assert main([*command, "--urdf", str(tmp_path / "x.urdf")]) == 2
-    assert "of a whole study only --c3d is exported" in line_of_error(capsys)
-
-
-def test_other_formats_and_results_are_refused(calibration, tmp_path, capsys):
+def test_other_formats_are_refused(calibration, tmp_path, capsys):
     text = tmp_path / "mocap.txt"
     text.write_text("TimeStamp\tFrameNumber\tLASIS.PosX\n0.0\t1\t0.1\n", encoding="utf-8")
     command = ["--c3d", "--calibration", str(calibration), "--out", str(tmp_path / "out")]
     assert main(["export", str(text), *command]) == 2
     assert "mocap.txt: is a D-Flow file; --c3d copies a C3D file" in line_of_error(capsys)
-    assert main(["export", "walk.parquet", "--c3d", "--out", str(tmp_path / "out")]) == 2
-    assert "C3D holds what was recorded: give the recording" in line_of_error(capsys)

@@ -2,13 +2,11 @@
 
 from xml.etree.ElementTree import Element, fromstring, tostring
 
-import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.config.live import Live
 from pipeline.io.xdf.channels import Channel, parse_channels
-from pipeline.io.xdf.plates import find_plates
 from pipeline.live.recording import describe, described_streams, stream_channels
 from pipeline.live.replay import RecordedSource, recorded_streams
 from pipeline.live.stream import LAB_AXES
@@ -38,14 +36,3 @@ def test_a_recorded_stream_is_described_as_a_replayed_one(walker):
         sent = describe(channels, parts, stream.plates)
         assert tostring(info.find("desc")) == tostring(sent)
         assert info.findtext("channel_count") == str(stream.values.shape[1])
-
-
-def test_places_of_plates_lose_no_digit(walker):
-    _, plates = recorded_streams(walker)
-    channels = stream_channels(plates.description, Live(), plates.plates)
-    found, left_out = find_plates(described(describe(channels, plates=walker.plates)), channels)
-    assert not left_out
-    for ours, true in zip(found, walker.plates, strict=True):
-        np.testing.assert_array_equal(ours.corners, true.corners)
-        np.testing.assert_array_equal(ours.rotation, true.rotation)
-        np.testing.assert_array_equal(ours.center, true.center)

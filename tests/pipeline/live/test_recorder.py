@@ -55,7 +55,7 @@ def write(path, streams, each=7):
     return path
 
 
-@pytest.mark.parametrize("each", [1, 7, 200])
+@pytest.mark.parametrize("each", [1, 200])
 def test_recorded_streams_are_the_trial(trial, streams, tmp_path, each):
     read = read_recording(write(tmp_path / "a.xdf", streams, each))
     np.testing.assert_array_equal(read.markers.position, trial.markers.position)
@@ -64,7 +64,7 @@ def test_recorded_streams_are_the_trial(trial, streams, tmp_path, each):
     assert {note.code for note in read.notes} == {"axes", "sample_clock"}
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(share=st.floats(0.1, 1, exclude_max=True))
 def test_a_recording_cut_short_holds_all_complete_chunks(streams, trial, tmp_path_factory, share):
     """As after a kill: the file ends anywhere."""
@@ -84,25 +84,6 @@ def test_a_file_that_exists_is_not_overwritten(streams, tmp_path):
     with pytest.raises(FileExistsError):
         XdfWriter(path, described(streams))
     assert path.read_bytes() == before
-
-
-def test_the_recorder_writes_streams_and_results(trial, streams, tmp_path):
-    with closing(Recorder(tmp_path / "live", described(streams), COLUMNS)) as recorder:
-        for number, samples in enumerate(in_chunks(streams, 10)):
-            recorder.samples(samples)
-            recorder.frame(np.array([number, 0.0]))
-    assert (recorder.fault, recorder.lost) == (None, 0)
-    read = read_recording(tmp_path / "live" / STREAMS)
-    np.testing.assert_array_equal(read.markers.position, trial.markers.position)
-    table = pd.read_parquet(tmp_path / "live" / RESULTS)
-    assert tuple(table.columns) == COLUMNS
-    assert table.time_s.tolist() == list(range(40))
-
-
-def test_a_folder_with_a_recording_is_refused(streams, tmp_path):
-    Recorder(tmp_path, described(streams), COLUMNS).close()
-    with pytest.raises(ValueError, match="holds a recording already; choose another folder"):
-        Recorder(tmp_path, described(streams), COLUMNS)
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
@@ -166,7 +147,7 @@ def test_of_a_killed_process_at_most_the_last_second_is_missing(tmp_path):
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         process.stdout.readline()
-        time.sleep(2.3)
+        time.sleep(1.6)
         process.send_signal(signal.SIGKILL)
         frames = 2 + process.stdout.read().count("\n")
     read = read_recording(tmp_path / "live" / STREAMS)

@@ -27,7 +27,6 @@ from pipeline.trial.subject import differing_masses
 from tests.pipeline import lab
 
 MASS_KG = 70.0
-STEP_S = 0.001
 
 
 def walking(minutes, rest_n=0.0, rate_hz=250):
@@ -123,17 +122,16 @@ def frames_of(result, gain=lambda time: np.ones(2)):
         )
 
 
-@pytest.mark.parametrize("late_s", [0.0, 0.012])
-def test_plates_that_are_late_are_noted_and_others_are_not(walk, late_s):
-    plates = tuple(replace(p, time=p.time + late_s) for p in walk.plates)
-    watch, notes = DelayWatch(), []
-    for frame in frames_of(processed(replace(walk, plates=plates))):
-        notes += watch.add(frame)
-    if not late_s:
-        assert notes == []
-        return
-    assert [note.code for note in notes[:1]] == ["live_plates_late"]
-    assert notes[0].values["delay_s"] == pytest.approx(late_s, abs=0.003)
+def test_plates_that_are_late_are_noted_and_others_are_not(walk, result):
+    def noted_of(trial):
+        watch = DelayWatch()
+        return [note for frame in frames_of(trial) for note in watch.add(frame)]
+
+    assert noted_of(result) == []
+    plates = tuple(replace(p, time=p.time + 0.012) for p in walk.plates)
+    first, *_ = noted_of(processed(replace(walk, plates=plates)))
+    assert first.code == "live_plates_late"
+    assert first.values["delay_s"] == pytest.approx(0.012, abs=0.003)
 
 
 def weighed(result, gain):
@@ -143,11 +141,6 @@ def weighed(result, gain):
         for stride in tracker.add(frame):
             found += [(frame.time, note) for note in watch.add(stride)]
     return found
-
-
-@pytest.mark.parametrize("gain", [0.98, 1.0, 1.02])
-def test_plates_that_carry_the_subject_are_not_noted(result, gain):
-    assert weighed(result, lambda time: np.full(2, gain)) == []
 
 
 @pytest.mark.parametrize("gain", [0.95, 1.05])
@@ -216,7 +209,6 @@ def fitted(error_m, quality, seen=True, count=500):
         (fitted([0.03, 0.03], Quality(0)), ["live_markers_misfit"], "none"),
         (fitted([0.003, np.nan], Quality.MARKERS_LEFT_OUT), ["live_markers_misfit"], "RASIS"),
         (fitted([0.003, np.nan], Quality(0), seen=False), [], None),
-        (fitted([np.nan, np.nan], Quality.POSE_UNKNOWN, seen=False), [], None),
         (fitted([0.003, 0.003], Quality.FOOT_UNCERTAIN), ["live_foot_uncertain"], None),
     ],
 )
