@@ -90,11 +90,3 @@ def test_a_study_is_written_to_a_folder_and_can_be_written_again(moving_study, t
     assert (out / "sub01_sway.c3d").read_bytes() == content
     assert (out / "sub02_sway.c3d").read_bytes() == b"mine"
     assert (out / "sub02_pitch.c3d").is_file()
-
-
-def test_other_formats_are_refused(calibration, tmp_path, capsys):
-    text = tmp_path / "mocap.txt"
-    text.write_text("TimeStamp\tFrameNumber\tLASIS.PosX\n0.0\t1\t0.1\n", encoding="utf-8")
-    command = ["--c3d", "--calibration", str(calibration), "--out", str(tmp_path / "out")]
-    assert main(["export", str(text), *command]) == 2
-    assert "mocap.txt: is a D-Flow file; --c3d copies a C3D file" in line_of_error(capsys)

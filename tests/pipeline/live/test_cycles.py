@@ -7,11 +7,11 @@ import pytest
 
 from pipeline.config.schema import Settings, Subject
 from pipeline.live.cycles import ConditionSoFar, GaitTracker
-from pipeline.live.frames.chain import LiveFrame
 from pipeline.trial.gait.events import MIN_CONTACT_S, event_times
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import reported
+from tests.pipeline.live.playing import frames_of
 
 FRAME_S = 0.01
 
@@ -23,25 +23,7 @@ def result(walker):
 
 @pytest.fixture(scope="module")
 def frames(result):
-    """The trial's frames, as they would be known live."""
-    ground = np.stack([result.ground["measured"][f"{s}_foot"] for s in ("left", "right")], 1)
-    residual = reported(result.measured.residual)
-    threshold_n = result.settings.contact_threshold_n
-    return [
-        LiveFrame(
-            number=k,
-            time=float(time),
-            q=result.motion.q[k],
-            tau={"measured": result.measured.tau[k]},
-            residual={"measured": residual[k]},
-            by_foot={"measured": ground[k]},
-            contact=ground[k, :, 2] > threshold_n,
-            marker_error=result.motion.marker_error[k],
-            quality=Quality(0) if result.counts[k] else Quality.SETTLING,
-            computing_s=1e-4,
-        )
-        for k, time in enumerate(result.motion.time)
-    ]
+    return list(frames_of(result))
 
 
 @pytest.fixture(scope="module")

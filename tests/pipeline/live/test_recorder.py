@@ -5,7 +5,6 @@ import subprocess
 import sys
 import time
 from contextlib import closing
-from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -84,24 +83,6 @@ def test_a_file_that_exists_is_not_overwritten(streams, tmp_path):
     with pytest.raises(FileExistsError):
         XdfWriter(path, described(streams))
     assert path.read_bytes() == before
-
-
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
-def test_a_full_disk_ends_the_recording_in_words_and_nothing_waits_for_it(
-    streams, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(module, "EVERY_S", 0.01)
-    recorder = Recorder(tmp_path, described(streams), COLUMNS)
-    recorder._streams._file.close()
-    recorder._streams._file = Path("/dev/full").open("wb")  # noqa: SIM115
-    every = list(in_chunks(streams, 10))
-    recorder.samples(every[0])
-    recorder._thread.join(5)
-    for samples in every[1:]:
-        recorder.samples(samples)
-    recorder.close()
-    assert recorder.fault == "recording stopped: No space left on device"
-    assert recorder.lost == len(every) - 1
 
 
 def test_memory_stays_bounded_where_the_disk_stalls(streams, tmp_path, monkeypatch):

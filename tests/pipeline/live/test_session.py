@@ -22,6 +22,7 @@ from pipeline.live.stream import Samples
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.residuals import residual_table
+from tests.pipeline import lab
 from tests.pipeline.live.perturbed import Faults, PerturbedSource
 from tests.pipeline.live.playing import chain_of
 
@@ -32,6 +33,11 @@ STILL = Laboratory(Treadmill())
 @pytest.fixture(scope="module")
 def result(walker):
     return process_recording(walker, Subject(sex="female"), REALTIME)
+
+
+@pytest.fixture(scope="module")
+def short(walker):
+    return lab.cropped(walker, 0, 500)
 
 
 def chain(walker, result):
@@ -114,38 +120,38 @@ def test_the_monitor_has_the_residuals_of_the_trial(result, followed):
     assert not monitor.notes
 
 
-def test_a_source_that_fails_ends_the_session_and_says_why(walker, result):
+def test_a_source_that_fails_ends_the_session_and_says_why(short, result):
     class Failing(RecordedSource):
         def receive(self, timeout_s):
             if self.ended:
                 raise ConnectionError("the cameras do not answer any more")
             return super().receive(timeout_s)
 
-    source = Failing(walker)
-    session = Session(source, computed := chain(walker, result))
+    source = Failing(short)
+    session = Session(source, computed := chain(short, result))
     session.start()
     session._thread.join(60)
     assert str(session.fault) == "the cameras do not answer any more"
     assert computed.received == len(session.frames)
 
 
-def test_where_nobody_takes_frames_the_oldest_are_dropped_and_counted(walker, result, monkeypatch):
+def test_where_nobody_takes_frames_the_oldest_are_dropped_and_counted(short, result, monkeypatch):
     monkeypatch.setattr(module, "WAITING", 100)
-    source = RecordedSource(walker)
-    session = Session(source, chain(walker, result))
+    source = RecordedSource(short)
+    session = Session(source, chain(short, result))
     ended(session, source)
     assert len(session.frames) == len(session.samples) == 100
     assert session.not_shown > 1000
 
 
-def test_late_lost_doubled_and_disordered_samples_are_all_accounted_for(walker, result):
+def test_late_lost_doubled_and_disordered_samples_are_all_accounted_for(short, result):
     faults = Faults(drop=0.01, duplicate=0.01, reorder=0.01, delay_s={"Plates": 0.05})
-    source = PerturbedSource(RecordedSource(walker), faults)
-    session = Session(source, computed := chain(walker, result))
+    source = PerturbedSource(RecordedSource(short), faults)
+    session = Session(source, computed := chain(short, result))
     ended(session, source)
     assert session.fault is None
     assert computed.received == computed.solved + computed.marked == len(session.frames)
-    assert computed.received < len(walker.markers.time)
+    assert computed.received < len(short.markers.time)
     assert computed.left_out > 0
 
 

@@ -22,9 +22,9 @@ from pipeline.live.monitor import (
 from pipeline.live.stream import Samples, StreamDescription
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality
-from pipeline.trial.residuals import reported
 from pipeline.trial.subject import differing_masses
 from tests.pipeline import lab
+from tests.pipeline.live.playing import frames_of
 
 MASS_KG = 70.0
 
@@ -100,26 +100,6 @@ def result(walk):
 
 def processed(recording):
     return process_recording(recording, Subject(sex="female"), Settings(filter="realtime"))
-
-
-def frames_of(result, gain=lambda time: np.ones(2)):
-    """A trial's frames as they would be known live, with plates under the feet of such gains."""
-    residual = reported(result.measured.residual)
-    ground = np.stack([result.ground["measured"][f"{s}_foot"] for s in ("left", "right")], 1)
-    for k, time in enumerate(result.motion.time):
-        by_foot = ground[k] * np.reshape(gain(time), (2, 1))
-        yield LiveFrame(
-            number=k,
-            time=float(time),
-            q=result.motion.q[k],
-            tau={},
-            residual={"measured": residual[k]},
-            by_foot={"measured": by_foot},
-            contact=by_foot[:, 2] > 30,
-            marker_error=result.motion.marker_error[k],
-            quality=Quality(0) if result.counts[k] else Quality.SETTLING,
-            computing_s=0.0,
-        )
 
 
 def test_plates_that_are_late_are_noted_and_others_are_not(walk, result):
