@@ -36,7 +36,7 @@ from tests.pipeline.viewer_trial import viewer_trial
 FRAMES = 500
 PATIENCE_S = 30
 PIXELS = 50
-WINDOW = (1600, 900)
+WINDOW = (1000, 600)
 PANELS = {
     *("Fx forward (N)", "Fy right (N)", "Fz up (N)"),
     *("Mx about forward (N·m)", "My about right (N·m)", "Mz about up (N·m)"),

@@ -197,8 +197,8 @@ def test_one_recording_and_its_layout_are_in_the_file_and_verify_passes(written)
     subprocess.run([viewer_binary(), "rrd", "verify", str(written)], check=True, timeout=60)
 
 
-def test_identifier_is_a_pseudonym_and_differs_between_files_of_the_same_trial(trial, tmp_path):
-    identifiers = set()
+def test_identifier_is_a_pseudonym_and_differs_between_files_of_the_same_trial(tmp_path):
+    identifiers, trial = set(), viewer_trial(60)
     for folder in ("one", "other"):
         path = tmp_path / folder / "trial.rrd"
         write_recording(trial, path)
@@ -254,7 +254,7 @@ def test_a_full_disk_is_one_line_that_names_the_file(tmp_path):
         "from pipeline.cli.app import main\n"
         "from pipeline.run import store\n"
         "from tests.pipeline.viewer_trial import viewer_trial\n"
-        "store.read_trial = lambda path, frames=True: viewer_trial(500)\n"
+        "store.read_trial = lambda path, frames=True: viewer_trial(200)\n"
         "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))\n"
         "sys.exit(main(['view', 'any.parquet', '--save', sys.argv[1]]))\n"
