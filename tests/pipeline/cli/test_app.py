@@ -80,7 +80,7 @@ def refused(capsys, *arguments):
         ("still.txt", MASS, ["still.txt", "C3D", "TRC", "D-Flow", ".mox", "Nexus"]),
         ("no_plates.c3d", MASS, ["no_plates.c3d", "no force plates"]),
         ("foreign.c3d", [*MASS, *LAB_AXES], ["foreign.c3d", "match no known set", "rename"]),
-        ("empty.c3d", MASS, ["empty.c3d: nobody is in it", "M0, M1", "--rename"]),
+        ("empty.c3d", MASS, ["match no known set", "M0, M1", "plates without a person"]),
         ("bouncing.c3d", [], ["bouncing.c3d", "mass missing", "state the mass", "kg"]),
         ("still.c3d", ["--mass-kg", "74600"], ["--mass-kg", "400", "grams", "kilograms"]),
         ("still.c3d", ["--height-m", "178"], ["--height-m", "centimetres", "metres"]),
