@@ -2,7 +2,7 @@
 
 from xml.etree.ElementTree import Element, fromstring, tostring
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.config.live import Live
@@ -14,6 +14,7 @@ from pipeline.live.stream import LAB_AXES
 words = st.text(st.characters(codec="utf-8", exclude_categories=["C", "Z"]), max_size=8)
 
 
+@settings(max_examples=25)
 @given(st.lists(st.builds(Channel, words, words, words, words, words), min_size=1, max_size=5))
 def test_channels_are_read_back_as_they_were_described(channels):
     info = described(describe(channels))
