@@ -88,7 +88,7 @@ def refused(capsys, *arguments):
         ("foreign.c3d", [*MASS, *LAB_AXES], ["foreign.c3d", "match no known set", "rename"]),
         ("foreign_bouncing.c3d", LAB_AXES, ["match no known set", "--mass-kg"]),
         ("foreign.c3d", MASS, ["foreign.c3d: the markers match no known set", "--rename"]),
-        ("empty.c3d", MASS, ["empty.c3d: nobody is in it", "M0, M1", "--rename"]),
+        ("empty.c3d", MASS, ["empty.c3d: the markers match no known set", "M0, M1", "--rename"]),
         ("short.c3d", MASS, ["short.c3d", "at least 17 samples", "got 5"]),
         ("bouncing.c3d", [], ["bouncing.c3d", "mass missing", "state the mass", "kg"]),
         ("still.c3d", ["--mass-kg", "74600"], ["--mass-kg", "400", "grams", "kilograms"]),
