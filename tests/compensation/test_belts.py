@@ -152,7 +152,7 @@ def test_published_model_on_the_recorded_samples_reaches_the_published_numbers(r
 
 
 @pytest.mark.parametrize(
-    ("advance", "r_squared", "reduction"), [(0, 0.9675, 82.0), (1, 0.968, 82.2), (2, 0.969, 82.35)]
+    ("advance", "r_squared", "reduction"), [(0, 0.9675, 82.0), (2, 0.969, 82.35)]
 )
 def test_even_samples_and_reading_ahead_do_better(recordings, advance, r_squared, reduction):
     (moment_1, speed_1), (moment_2, speed_2) = map(even, recordings)

@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from compensation import check_pose
-from compensation.delay import estimate_delay
 from compensation.platform import (
     PlatformPose,
     center_of_pressure,
@@ -148,15 +147,6 @@ def test_camera_noise_goes_into_the_pose_as_the_markers_spread_allows(pose):
     assert np.std(error) == pytest.approx(0.0005 / arm, rel=0.15)
 
 
-def test_gaps_of_single_markers_do_not_interrupt_the_pose(pose):
-    markers = seen(pose)
-    markers[50:100, 0] = np.nan
-    markers[80:140, 3] = np.nan
-    fit = fit_pose(markers, MARKERS, outlier_m=0.01)
-    same_pose(fit.pose, pose, 1e-12, 1e-12)
-    assert np.isnan(fit.marker_error[50:100, 0]).all()
-
-
 def test_fewer_than_three_markers_are_a_gap_with_a_note(pose):
     markers = seen(pose)
     markers[20:50, :3] = np.nan
@@ -225,19 +215,6 @@ def test_specific_force_of_the_pose_is_what_accelerometers_measure(laboratory):
     felt = specific_force(pose, 100)[5:-5]
     np.testing.assert_allclose(felt[:, :3], trial.motion.force_0[5:-5], atol=0.05)
     np.testing.assert_allclose(felt[:, 3:], trial.motion.alpha[5:-5], atol=0.1)
-
-
-@pytest.mark.parametrize("delay_s", [0.0844])
-def test_delay_of_markers_behind_accelerometers_comes_back(laboratory, delay_s):
-    lab = laboratory()
-    felt = lab.random_trial(2, noise=1, cutoff_hz=20).accelerations
-    late = lab.random_trial(2, late_s=delay_s).motion
-    moved = PlatformPose(late.rotation[500:-500:10], late.position[500:-500:10])
-    markers = seen(moved, noise_m=0.0005)
-    pose = fit_pose(markers, MARKERS, outlier_m=0.01).pose
-    found = estimate_delay(felt, specific_force(pose, 100), 100)
-    assert found.seconds == pytest.approx(delay_s, abs=5e-4)
-    assert abs(found.seconds - delay_s) < 3 * found.standard_error
 
 
 # Wrong input ------------------------------------------------------------------------------------

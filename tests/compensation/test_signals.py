@@ -149,16 +149,6 @@ def test_belt_validation_is_a_minute_of_random_acceleration_before_the_pulses():
     assert np.mean(random) == pytest.approx(1, abs=0.01)
 
 
-@pytest.mark.parametrize("duration", [60, 300])
-@pytest.mark.parametrize("mean", [1, 2])
-def test_belt_perturbations_are_three_pulses_as_those_of_normal_use(belts, mean, duration):
-    speed = belts[f"belt_perturbations_{duration}s_{mean}mps"].belt_speed
-    onsets = [k for k in pulse_onsets(speed) if np.isclose(speed[k : k + 500], mean).sum() > 460]
-    assert len(onsets) == 3
-    for onset in onsets:
-        np.testing.assert_allclose(np.diff(speed[onset : onset + 31]) * 100, [12] * 15 + [-12] * 15)
-
-
 def pulse_onsets(speed):
     """Samples from which a belt accelerates by 12 m/s² for 0.15 s."""
     pushed = np.isclose(np.diff(speed) * 100, 12)
@@ -250,17 +240,3 @@ def test_thesis_calibration_compensates_its_validation_to_the_noise(thesis_trial
     sigma = model.uncertainty(held_out.accelerations)
     np.testing.assert_allclose(rms(left), rms(sigma), rtol=0.1)
     assert np.mean(np.abs(left) < 1.96 * sigma) == pytest.approx(0.95, abs=0.015)
-
-
-def test_ordinary_least_squares_leaves_vertical_force_where_the_calibration_tilted_less(
-    laboratory, platform, thesis_trials
-):
-    signal, pitch = platform["square_sway_60s_3mps"], thesis_trials["pitch"]
-    trial = laboratory().follow(signal.sway, 0.7 * signal.pitch, noise=0, cutoff_hz=20)
-    noise = sensor_noise_of(trial.accelerations)
-    left = {
-        allowed: rms(model.compensate(pitch.accelerations, pitch.wrench))
-        for allowed in (0.0, noise)
-        if (model := fit_inertia(trial.accelerations, trial.wrench, sensor_noise=allowed))
-    }
-    assert left[0.0][2] > 3 * left[noise][2]

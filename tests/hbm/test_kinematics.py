@@ -28,7 +28,6 @@ SEEN = np.array(["Toe" not in name for name in COORDINATES])
 PELVIS = ("LASIS", "RASIS", "LPSIS", "RPSIS")
 TRUNK = ("C7", "T10", "JN", "XIPH")
 LEG = ("LEK", "MEK", "LTHI", "LM", "MM", "LSHA", "HEE", "MT2", "MT5")
-ARM = ("LLEE", "LMEE", "LDELT", "LSHO", "LFRM", "LLW", "LMW", "LFIN")
 
 
 @pytest.fixture(scope="module")
@@ -194,7 +193,7 @@ def test_any_pose_is_found_as_from_the_true_pose(body, noise_m):
     found = solve_ik(body, markers)
     assert found.converged.all()
     np.testing.assert_allclose(cost(found), least, rtol=1e-9, atol=1e-15)
-    for frame in range(0, 200, 25):
+    for frame in range(0, 200, 50):
         one = Markers(markers.time[:1], markers.names, markers.position[frame : frame + 1])
         np.testing.assert_allclose(
             cost(solve_ik(body, one))[0], least[frame], rtol=1e-9, atol=1e-15
@@ -202,21 +201,6 @@ def test_any_pose_is_found_as_from_the_true_pose(body, noise_m):
 
 
 # -- gaps -----------------------------------------------------------------------------------------
-
-
-def test_with_random_gaps_every_frame_is_solved_and_close(body, noisy, solved):
-    rng = np.random.default_rng(15)
-    position = noisy.position.copy()
-    position[rng.random(position.shape[:2]) < 0.05] = np.nan
-    found = solve_ik(body, Markers(noisy.time, noisy.names, position))
-    assert found.converged.all()
-    np.testing.assert_array_equal(
-        np.isnan(found.marker_error),
-        np.isnan(position[:, [noisy.names.index(n) for n in found.markers], 0]),
-    )
-    away = np.abs(found.q - solved.q)[:, SEEN & ~TRANSLATIONS]
-    assert np.median(away) < np.radians(0.5)
-    assert np.quantile(away, 0.99) < np.radians(10)
 
 
 @pytest.mark.parametrize("name", ["LASIS", "C7", "RLEE", "LFIN", "LHEE"])
@@ -244,17 +228,6 @@ def test_a_pelvis_without_markers_is_found_from_trunk_and_thighs(body, truth):
     found = solve_ik(body, exact)
     assert found.converged.all()
     np.testing.assert_allclose(found.q[:, SEEN], truth.q[:, SEEN], atol=1e-6)
-
-
-def test_a_pelvis_of_two_markers_is_found_by_arms_and_shanks_without_trunk_and_thighs(body, truth):
-    own = zip(body.markers, body.marker_segment, strict=True)
-    hidden = [n for n, s in own if s in ("thorax", "left_thigh", "right_thigh")]
-    exact = without(markers_of(body, truth), (*hidden, "LPSIS", "RPSIS"))
-    found = solve_ik(body, exact)
-    assert found.converged.all()
-    prior = Problem(body, exact).prior
-    cost = np.nansum(found.marker_error**2, axis=1) + found.q**2 @ prior
-    assert (cost <= truth.q**2 @ prior).all()
 
 
 @pytest.mark.parametrize(
@@ -345,7 +318,7 @@ def test_dropping_a_tracking_marker_moves_coordinates_by_what_the_noise_explains
 # -- errors ---------------------------------------------------------------------------------------
 
 
-@settings(deadline=None, max_examples=6)
+@settings(deadline=None, max_examples=4)
 @given(seed=st.integers(0, 2**31))
 def test_any_motion_with_any_gaps_is_solved_or_marked(seed):
     rng = np.random.default_rng(seed)

@@ -99,7 +99,6 @@ def test_a_heavier_shank_raises_the_knee_moment_and_changes_no_geometry(changed)
         ("[rigth_shank]\nmass_kg = 1.0", "no segment 'rigth_shank', did you mean 'right_shank'"),
         ("[head]\nmas_kg = 1.0", "head: no key 'mas_kg', did you mean 'mass_kg'"),
         ("[head]\nmass_kg = -4", "head: mass_kg must be positive, got -4"),
-        (f"head = 0x{'F' * 6000}", "head: must be a table .* got a very large int$"),
         (f"[head]\n{'.'.join('a' * 5000)} = 1", "not valid TOML: it is nested too deeply"),
         ("[head]\ncenter_m = [0.0, 1.0, nan]", "head: center_m must be .* finite numbers"),
         ("[head]\ninertia_kg_m2 = [1.0, 1.0, 2.5]", "above the sum of the other two"),

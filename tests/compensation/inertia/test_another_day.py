@@ -127,9 +127,3 @@ def test_rollers_that_leave_up_to_twice_as_much_are_no_reason_to_calibrate_again
     found = check_another_day(fit_inertia(*days[0], SETUP), *days[1])
     assert found.left[4] > MAX_LEFT[4]
     assert (not found.faults) == valid
-
-
-def test_a_rattle_that_no_calibration_explains_makes_one_outdated(laboratory, model):
-    accelerations, wrench = record(laboratory(), 2)
-    wrench[:, 0] += 20 * np.sin(2 * np.pi * 2.03 * np.arange(len(wrench)) / RATE_HZ)
-    assert check_another_day(model, accelerations, wrench).faults

@@ -10,7 +10,6 @@ from compensation.inertia.calibration import Calibration, from_json, to_json
 from compensation.inertia.fit import fit_inertia
 from compensation.inertia.model import Setup
 from compensation.inertia.quality import MAX_LEFT, PERSON_RMS
-from hbm.signals.filtering import low_pass
 
 SETUP = Setup(sensors=("rear left", "front right"), rate_hz=100.0, cutoff_hz=20.0)
 
@@ -97,17 +96,6 @@ def test_a_file_of_another_version_is_refused(calibration, version):
     document = json.loads(to_json(calibration)) | {"version": version}
     with pytest.raises(ValueError, match=r"version .*, this program reads versions 2 and 7"):
         from_json(json.dumps(document))
-
-
-def test_the_filter_of_the_fit_comes_back_from_the_file(laboratory):
-    setup = replace(SETUP, cutoff_hz=8.0, filter_method="realtime")
-    trial = laboratory().random_trial(1, rate_hz=100, duration=20)
-    model = fit_inertia(trial.accelerations, trial.wrench, setup)
-    read = from_json(to_json(Calibration({"left": model}))).plates["left"].setup
-    signal = np.random.default_rng(0).normal(size=(500, 6))
-    np.testing.assert_array_equal(
-        read.low_pass(signal, 100.0), low_pass(signal, 100.0, 8.0, "realtime")
-    )
 
 
 def test_the_correlation_of_plates_survives_the_file_and_is_given_in_any_order(calibration):

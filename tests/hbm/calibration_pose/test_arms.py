@@ -75,7 +75,7 @@ def test_a_width_wrong_by_5_mm_turns_the_axis_less_in_a_bent_elbow(flexion, erro
     assert found == pytest.approx(error_deg, abs=0.15)
 
 
-@pytest.mark.parametrize("half_width", [0.040, 0.050])
+@pytest.mark.parametrize("half_width", [0.050])
 def test_the_axis_does_not_jump_between_a_straight_and_a_bent_elbow(half_width):
     """A jump would be as large in small steps of flexion as in steps a hundred times larger."""
 

@@ -12,7 +12,6 @@ from tests.synthetic import T_POSE_MM
 
 MEN = Measures("male")
 ROD_M = 0.12
-TRUNK = ("C7", "T10", "JN", "XIPH")
 
 
 def landmarks(*missing, **added_mm):

@@ -15,18 +15,15 @@ from hbm.calibration_pose.landmarks import (
     height_per_cervicale,
     locate_trunk_levels,
 )
-from hbm.segments import SEXES, proportions, segment_inertia
+from hbm.segments import SEXES
 from hbm.spatial import rotation_about
 from tests.hbm.people import person
 from tests.synthetic import MASS_KG, STATURE_M, T_POSE_MM
 
 LEFT = np.array([0.0, 1.0, 0.0])
 UP = np.array([0.0, 0.0, 1.0])
-SUPR_XYPH = {
-    "male": (170.7, 0.2999, (0.716, 0.454, 0.659)),
-    "female": (142.5, 0.2077, (0.746, 0.502, 0.718)),
-}
-"""De Leva's alternative upper trunk: length in mm, centre, radii of gyration."""
+SUPR_XYPH_MM = {"male": 170.7, "female": 142.5}
+"""Length of de Leva's alternative upper trunk."""
 ABOVE_LUMBAR = [n for n in T_POSE_MM if n in ("C7", "T10", "JN", "XIPH") or T_POSE_MM[n][2] > 1300]
 
 
@@ -61,21 +58,7 @@ def test_heights_are_sums_of_the_table_s_lengths(sex):
     height = HEIGHT_MM[sex]
     assert height["xiphoid"] == pytest.approx(mm["mid_trunk"] + mm["lower_trunk"])
     assert height["cervicale"] == pytest.approx(height["xiphoid"] + mm["upper_trunk"])
-    assert height["notch"] == pytest.approx(height["xiphoid"] + SUPR_XYPH[sex][0])
-
-
-@pytest.mark.parametrize("sex", ["male", "female"])
-def test_both_of_de_leva_s_pairs_of_ends_give_a_mean_person_the_same_upper_trunk(sex):
-    """Only so if both are projected on one axis: the notch is 12 cm in front of C7."""
-    part = proportions(sex)["upper_trunk"]
-    length, center, gyration = SUPR_XYPH[sex]
-    alternative = type(part)(part.mass, center, np.array(gyration), length)
-    ends = {name: mm / 1000 * UP for name, mm in HEIGHT_MM[sex].items()}
-    one = segment_inertia(part, 73.0, ends["cervicale"], ends["xiphoid"], LEFT)
-    other = segment_inertia(alternative, 73.0, ends["notch"], ends["xiphoid"], LEFT)
-    assert np.linalg.norm(one.center - other.center) < 1e-4
-    radii = [np.sqrt(np.diag(part.tensor) / part.mass) for part in (one, other)]
-    np.testing.assert_allclose(*radii, atol=2e-4)
+    assert height["notch"] == pytest.approx(height["xiphoid"] + SUPR_XYPH_MM[sex])
 
 
 def test_the_upper_trunk_s_centre_is_51_percent_of_the_way_from_c7_s_level_to_the_xiphoid_s():
@@ -90,7 +73,7 @@ def test_the_upper_trunk_s_centre_is_51_percent_of_the_way_from_c7_s_level_to_th
     assert body.lengths["thorax"] == pytest.approx(c7[2] - xiphoid[2], abs=1e-12)
 
 
-@settings(deadline=None, max_examples=10)
+@settings(deadline=None, max_examples=5)
 @given(pitch=st.floats(-0.5, 0.5), roll=st.floats(-0.3, 0.3))
 def test_a_person_who_bends_the_trunk_in_the_pose_has_the_same_upper_trunk(pitch, roll):
     """The levels are taken along the trunk, not along the lab's vertical."""

@@ -131,15 +131,3 @@ def test_compiled_and_interpreted_descent_end_slow_frames_alike(problem, monkeyp
     interpreted = solve(problem, start=start)
     assert np.abs(compiled.q - usual.q).max() > 1e-6
     np.testing.assert_allclose(interpreted.q, compiled.q, atol=TIGHT)
-
-
-def test_frames_are_solved_in_any_order_and_those_without_a_start_not_at_all(problem):
-    _, start, prior = problem
-    rows = np.array([9, 3, 3, 20])
-    begin = start[rows]
-    begin[1] = np.nan
-    solved = solve(problem, rows=rows, start=begin, prior=prior[rows], reference=np.zeros(N_Q))
-    expected = solve(problem).q[rows]
-    np.testing.assert_array_equal(solved.converged, [True, False, True, True])
-    np.testing.assert_allclose(solved.q[[0, 2, 3]], expected[[0, 2, 3]], atol=TIGHT)
-    assert np.isnan(solved.q[1]).all()

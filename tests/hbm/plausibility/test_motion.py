@@ -27,7 +27,6 @@ from tests.synthetic import MASS_KG, T_POSE_MM, synthetic_body, synthetic_t_pose
 
 BODY = synthetic_body()
 OF_FOREARM = ("LFRM", "LMW", "LFIN", "LLW")
-ARM = ("left_upper_arm", "left_forearm", "left_hand")
 CLUSTER = ("LLEK", "RLEK"), ("LMEK", "RMEK"), ("LLTHI", "RLTHI")
 MILLIMETRES = st.floats(0.1, 300.0)
 
@@ -128,19 +127,6 @@ def test_neither_full_turns_nor_a_ball_joint_s_other_angles_matter(still, data):
     assert impossible_angles(BODY, replace(still, q=q)) == ()
 
 
-def test_an_angle_that_the_markers_hardly_show_does_not_count(still):
-    """One marker, 5 mm from the forearm's axis: 10 mm of error turn it half-way round."""
-    pronation = turned(still, LForeArmPronation=-120.0)
-    assert len(impossible_angles(BODY, pronation)) == 1
-    hidden = [name for name in BODY.markers if name in ("LFRM", "LMW", "LFIN")]
-    position, k = BODY.marker_position.copy(), BODY.markers.index("LLW")
-    position[k, :2] = [0.0, 0.005]
-    near_axis = replace(BODY, marker_position=position)
-    error = pronation.marker_error.copy()
-    error[:, [pronation.markers.index(name) for name in hidden]] = np.nan
-    assert impossible_angles(near_axis, replace(pronation, marker_error=error)) == ()
-
-
 @pytest.fixture(scope="module")
 def motion(walk):
     return solve_ik(BODY, walk)
@@ -157,12 +143,6 @@ def with_errors(motion, **error_mm):
 def named(motion):
     notes = large_marker_errors(BODY, motion)
     return [name for note in notes for name in note.values["farthest_m"]]
-
-
-def test_exchanged_heels_are_far_from_the_model(walk):
-    motion = solve_ik(BODY, relabelled(walk, ("LHEE", "RHEE")))
-    (note,) = large_marker_errors(BODY, motion)
-    assert {"left_foot", "right_foot", "LHEE", "RHEE"} <= set(note.values["farthest_m"])
 
 
 @given(size=MILLIMETRES)

@@ -118,15 +118,6 @@ def test_filter_is_linear_and_passes_offsets(gain, offset, method):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_each_channel_is_filtered_alone_whatever_the_trailing_shape(method):
-    signal = walk_like((4, 3))
-    together = butterworth(signal, time, 6, method)
-    assert together.acceleration.shape == signal.shape
-    alone = butterworth(signal[:, 2, 1], time, 6, method)
-    np.testing.assert_allclose(together.acceleration[:, 2, 1], alone.acceleration, atol=1e-6)
-
-
-@pytest.mark.parametrize("method", METHODS)
 def test_a_gap_splits_the_signal_and_does_not_spread(method):
     signal = walk_like((3,))
     signal[400:450, 1] = np.nan
@@ -295,17 +286,10 @@ def assert_same(signal, time, cutoff_hz):
 
 @given(st.integers(0, 1000), st.floats(1, 20))
 @settings(deadline=None, max_examples=30)
-def test_equal_steps(seed, cutoff_hz):
-    signal = 100 + np.random.default_rng(seed).normal(size=(200, 3))
-    assert_same(signal, np.arange(200) / 100, cutoff_hz)
-
-
-@given(st.integers(0, 1000))
-@settings(deadline=None, max_examples=30)
-def test_steps_that_jitter(seed):
+def test_steps_that_jitter(seed, cutoff_hz):
     random = np.random.default_rng(seed)
     time = 1e5 + np.cumsum(random.uniform(0.007, 0.013, 200))
-    assert_same(random.normal(size=(200, 2)), time, 6.0)
+    assert_same(random.normal(size=(200, 2)), time, cutoff_hz)
 
 
 @given(st.lists(st.tuples(st.integers(0, 99), st.integers(0, 2)), max_size=30))
