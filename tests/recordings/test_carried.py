@@ -77,16 +77,19 @@ def test_every_frame_of_treadmill_walking_counts(whole):
     assert not {"frames_not_carried", "cycles_left_out"} & set(codes(whole))
 
 
-@pytest.mark.parametrize(("start_s", "stop_s"), [(5.6, 9.0)])
-def test_while_a_foot_is_beside_the_plates_nothing_counts_and_all_else_as_before(
-    treadmill, whole, start_s, stop_s
-):
-    result = processed(with_plates(treadmill, without(2, start_s, stop_s)))
+@pytest.fixture(scope="module")
+def beside(treadmill):
+    """The walk with a plate that misses the steps from 5.6 to 9 s."""
+    return processed(with_plates(treadmill, without(2, 5.6, 9.0)))
+
+
+def test_while_a_foot_is_beside_the_plates_nothing_counts_and_all_else_as_before(whole, beside):
+    result = beside
     valid, time = free_of(result.quality, NO_SUPPORT), result.motion.time
     hidden = np.abs(result.measured.residual - whole.measured.residual)[:, 2] > 0.5 * 55.3 * 9.81
     assert hidden.any()
     assert not valid[hidden].any()
-    assert valid[(time < start_s - 0.3) | (time > stop_s + 0.3)].all()
+    assert valid[(time < 5.3) | (time > 9.3)].all()
     difference = np.abs(result.measured.residual - whole.measured.residual)[valid]
     assert (difference.max(axis=0) < [2, 2, 2, 1, 1, 1]).all()
     assert "frames_not_carried" in codes(result)
@@ -95,9 +98,9 @@ def test_while_a_foot_is_beside_the_plates_nothing_counts_and_all_else_as_before
     assert result.found_cycles == 10
 
 
-def test_forces_that_depend_on_missing_plates_are_in_no_output(treadmill, whole, tmp_path):
+def test_forces_that_depend_on_missing_plates_are_in_no_output(whole, beside, tmp_path):
     """Of pelvis and legs; those of the trunk do not depend on the ground."""
-    result = processed(with_plates(treadmill, without(2, 5.6, 9.0)))
+    result = beside
     valid = result.counts
     for name in ("LHipFlexion", "RKneeFlexion"):
         known = np.isfinite(result.measured.force(name))
@@ -128,14 +131,11 @@ def test_where_a_plate_is_dead_there_are_no_residuals_and_a_warning_says_so(trea
     assert note.level == "warning"
     assert "20 for plates that do not carry the subject" in note.text
     assert "mass_differs" not in codes(result)
-    with pytest.raises(ValueError, match="the span 20 to 30 s holds no frame"):
-        process_recording(treadmill, WOMAN, Settings(), window=(20.0, 30.0))
 
 
-@pytest.mark.parametrize("offsets_n", [(-150, 0), (60, -60)])
-def test_plates_that_are_not_zeroed_are_not_hidden(treadmill, offsets_n):
+def test_plates_that_are_not_zeroed_are_not_hidden(treadmill):
     def shifted(plate):
-        normal = plate.rotation.T @ [0, 0, offsets_n[plate.number - 1]]
+        normal = plate.rotation.T @ [0, 0, (-150, 0)[plate.number - 1]]
         return replace(plate, wrench_in_plate=plate.wrench_in_plate + np.append(normal, [0, 0, 0]))
 
     result = processed(replace(treadmill, plates=tuple(map(shifted, treadmill.plates))))
@@ -144,10 +144,9 @@ def test_plates_that_are_not_zeroed_are_not_hidden(treadmill, offsets_n):
     assert "plates_not_zeroed" in codes(result)
 
 
-@pytest.mark.parametrize("gains", [(0.7, 0.7), (1.0, 1.3)])
-def test_a_plate_with_a_wrong_gain_is_not_hidden(treadmill, gains):
+def test_a_plate_with_a_wrong_gain_is_not_hidden(treadmill):
     """Its residual is what the report is for."""
-    result = processed(with_plates(treadmill, lambda p: gains[p.number - 1]))
+    result = processed(with_plates(treadmill, lambda p: (1.0, 1.3)[p.number - 1]))
     assert free_of(result.quality, NO_SUPPORT).all()
     assert sum(map(len, result.cycles.values())) == 10
     assert rms(result, "Fz") > 80
@@ -194,16 +193,13 @@ def test_quiet_standing_has_residuals_and_weighs_the_subject(shared_data, tmp_pa
     assert table["rms"].notna().all()
     assert set(table["window"]) == {"span"}
     assert (table["valid_share"] == 1).all()
-    for suffix in ("_residuals.csv", "_residuals.png", "_residuals.svg"):
-        assert (tmp_path / f"{path.stem}{suffix}").stat().st_size > 100
 
 
-@pytest.mark.parametrize("share", [0.5, 0.75])
-def test_nobody_counts_who_stands_with_one_foot_beside_the_plates(shared_data, share):
+def test_nobody_counts_who_stands_with_one_foot_beside_the_plates(shared_data):
     recording = read_c3d(shared_data / "full_body_standing" / "1min_CGM_HBM_static.c3d")
     total = sum(plate.wrench[:, 2] for plate in recording.plates)
     only = recording.plates[0]
-    factor = share * total / only.wrench[:, 2]
+    factor = 0.75 * total / only.wrench[:, 2]
     one = replace(only, wrench_in_plate=only.wrench_in_plate * factor[:, None])
     zero = replace(recording.plates[1], wrench_in_plate=0 * recording.plates[1].wrench_in_plate)
     subject = Subject(mass_kg=float(total.mean()) / GRAVITY_MPS2)
@@ -239,24 +235,6 @@ def test_a_pelvis_without_markers_counts_for_a_few_frames_only(treadmill, whole,
     assert ("pelvis_unseen" in codes(result)) != counts
 
 
-def test_a_descent_of_steps_is_recognised_solved_and_reported(shared_data, tmp_path, capsys):
-    folder = shared_data / "plug_in_gait"
-    trial, static = folder / "Movement_trial.c3d", folder / "Static_trial.c3d"
-    words = ["residuals", str(trial), "--static", str(static), "--out", str(tmp_path)]
-    assert main(words) == 0
-    printed = capsys.readouterr().out
-    assert "2 of 2 gait cycles" in printed
-    result = read_trial(tmp_path / "Movement_trial.parquet")
-    assert result.body.marker_set.name == "pig"
-    assert result.motion.converged.all()
-    assert len(result.motion.time) == 323
-    error_mm = 1000 * result.motion.marker_error
-    of = dict(zip(result.motion.markers, error_mm.T, strict=True))
-    for arm in ("SHO", "UPA", "ELB", "FRM", "WRA", "WRB", "FIN"):
-        for side in "LR":
-            assert np.sqrt(np.nanmean(of[side + arm] ** 2)) < 20
-
-
 @pytest.fixture(scope="module")
 def overground(shared_data):
     folder = shared_data / "overground_walks"
@@ -272,11 +250,10 @@ def half_beside(walk):
     return replace(walk, plates=(first, second))
 
 
-@pytest.mark.parametrize("change", [lambda walk: walk, half_beside])
-def test_which_frames_count_does_not_depend_on_the_body_mass(overground, change):
+def test_which_frames_count_does_not_depend_on_the_body_mass(overground):
     walk, static = overground
     found = [
-        process_recording(change(walk), Subject(mass_kg=mass_kg), Settings(), static=static)
+        process_recording(half_beside(walk), Subject(mass_kg=mass_kg), Settings(), static=static)
         for mass_kg in (41.3, 50.4)
     ]
     plates = np.array([free_of(result.quality, NO_SUPPORT) for result in found])

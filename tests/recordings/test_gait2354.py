@@ -44,13 +44,6 @@ def motion(body, walk):
     return solve_ik(body, walk.markers)
 
 
-def test_a_t_pose_makes_a_body_with_arms_and_head(body):
-    assert body.notes[0].values["posture"] == "standing still"
-    assert len(body.markers) == 49
-    hands = {f"{s}{n}" for s in "RL" for n in ("WristFlexion", "HandAbduction")}
-    assert set(body.locked) == hands
-
-
 def test_knees_and_ankles_are_followed_without_their_own_markers(motion):
     """The walk lacks all eight epicondyles and malleoli; thigh, shank and foot markers remain."""
     assert len(motion.markers) == 41

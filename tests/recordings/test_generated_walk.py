@@ -101,15 +101,13 @@ def rms(away):
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_hips_are_found_from_the_walk_itself(trial, body, motion, side):
-    away = joint(body, motion, f"{side}_thigh") - at(trial, side[0].upper() + "HJC")
-    assert rms(away) < 0.005
-
-
-@pytest.mark.parametrize("side", ["right", "left"])
-def test_knees_are_within_12_mm(trial, body, motion, side):
-    away = joint(body, motion, f"{side}_shank") - at(trial, side[0].upper() + "KJC")
-    assert rms(away) < 0.012
+@pytest.mark.parametrize(
+    ("segment", "center", "limit_m"), [("thigh", "HJC", 0.005), ("shank", "KJC", 0.012)]
+)
+def test_hips_and_knees_are_found(trial, body, motion, side, segment, center, limit_m):
+    """Hips from the walk itself."""
+    away = joint(body, motion, f"{side}_{segment}") - at(trial, side[0].upper() + center)
+    assert rms(away) < limit_m
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
@@ -158,17 +156,3 @@ def test_the_true_masses_halve_what_de_leva_s_leave(
     assert after[0] < 0.6 * before[0]
     assert after[4] < 0.6 * before[4]
     assert (after < 1.05 * before).all()
-
-
-def test_masses_differ_from_the_model_s_as_two_tables_do(body, true_masses):
-    """De Leva's thigh is 2 kg heavier than the scaled generic model's, its pelvis 2 kg lighter."""
-    ours = {s: body.segments[s if s == "pelvis" else f"right_{s}"].mass for s in PARTS}
-    ours["foot"] += body.segments["right_toes"].mass
-    away = {s: ours[s] - true_masses[s] for s in PARTS}
-    expected = {
-        "pelvis": -2.2, "thigh": 2.1, "shank": -0.1, "foot": -0.4,
-        "upper_arm": 0.2, "forearm": 0.1, "hand": 0.0,
-    }  # fmt: skip
-    for s, difference in expected.items():
-        assert away[s] == pytest.approx(difference, abs=0.1), s
-    assert sum(part.mass for part in body.segments.values()) == pytest.approx(MASS_KG, rel=1e-12)

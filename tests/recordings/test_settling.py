@@ -20,7 +20,7 @@ def test_cropping_treadmill_walking_at_heel_strikes_changes_no_cycle(shared_data
     woman, settings = Subject(sex="female", mass_kg=55.3), Settings(filter=method)
     whole = process_recording(recording, woman, settings)
     cycles = 0
-    for first, part in lab.cropped_at_strikes(recording, recording.events, count=4):
+    for first, part in lab.cropped_at_strikes(recording, recording.events, count=2):
         result = process_recording(part, woman, settings, static=recording)
         change = cycle_change(result, whole, first)
         cycles += len(change)
@@ -29,7 +29,7 @@ def test_cropping_treadmill_walking_at_heel_strikes_changes_no_cycle(shared_data
         difference = np.abs(result.measured.residual - whole.measured.residual[kept])
         assert np.nanmax(difference) > 20
         assert difference[result.counts].max() < 1
-    assert cycles >= 20
+    assert cycles >= 12
 
 
 def test_cropping_a_descent_of_steps_changes_no_cycle_that_is_left(shared_data):
@@ -56,8 +56,9 @@ LEG = ("RHEE", "RMT2", "RMT5", "RLM", "RMM", "RLSHA", "RLEK", "RMEK", "RLTHI")
 PELVIS = ("LASIS", "RASIS", "LPSIS", "RPSIS")
 
 
-@pytest.mark.parametrize("lost", [LEG, LEG[:5], PELVIS], ids=["leg", "foot", "pelvis"])
-@pytest.mark.parametrize(("first", "frames"), [(500, 1), (537, 40)])
+@pytest.mark.parametrize(
+    ("lost", "first", "frames"), [(LEG, 500, 1), (LEG[:5], 537, 40), (PELVIS, 537, 40)]
+)
 def test_what_the_loss_of_a_leg_a_foot_or_the_pelvis_does_to_residuals_counts_nowhere(
     whole, lost, first, frames
 ):

@@ -39,7 +39,7 @@ def process(recording, laboratory, static):
     return process_recording(recording, PERSON, REALTIME, laboratory=laboratory, static=static)
 
 
-@pytest.mark.parametrize("last", [350, 777, 1001])
+@pytest.mark.parametrize("last", [350, 1001])
 def test_a_trial_that_ends_earlier_is_the_same_until_then(pitch, laboratory, whole, last):
     part = process(lab.cropped(pitch, 0, last), laboratory, pitch)
     for name in ("q", "v", "a", "observed"):
@@ -92,12 +92,11 @@ def test_an_explanation_repeats_the_same_steps(pitch, laboratory, whole):
     assert np.nanmax(np.abs(chain.residual - same)) < 1e-6
 
 
-@pytest.mark.parametrize("late_s", [0.0, 0.012])
-def test_the_plates_are_as_late_as_without_it(walker, late_s):
-    late = [replace(plate, time=plate.time + late_s) for plate in walker.plates]
+def test_the_plates_are_as_late_as_without_it(walker):
+    late = [replace(plate, time=plate.time + 0.012) for plate in walker.plates]
     walk = replace(walker, plates=tuple(late))
     found = [
         process_recording(walk, PERSON, Settings(filter=each)).delay_s
         for each in ("zero_phase", "realtime")
     ]
-    np.testing.assert_allclose(found, late_s, atol=0.0025)
+    np.testing.assert_allclose(found, 0.012, atol=0.0025)

@@ -8,7 +8,7 @@ import pytest
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Compensation
 from pipeline.trial.ground.calibration_recording import fit_calibration
-from pipeline.trial.ground.laboratory import Laboratory, read_calibration
+from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.wrenches import plate_artefacts
 from tests.pipeline import lab
 from tests.pipeline.trial.ground.grounds import ground_of
@@ -83,21 +83,9 @@ def test_compensated_plates_are_not_compensated_again(pitching, laboratory):
     assert set(ground.variants) == {"measured"}
 
 
-@pytest.mark.parametrize("frame", ["plate", "lab"])
-def test_plates_in_the_lab_are_not_moved_with_the_platform_again(pitching, laboratory, frame):
-    in_lab = replace(pitching, compensation=replace(DONE, frame=frame))
+def test_plates_in_the_lab_are_not_moved_with_the_platform_again(pitching, laboratory):
+    in_lab = replace(pitching, compensation=replace(DONE, frame="lab"))
     moving = Laboratory(laboratory.treadmill)
-    with pytest.raises(ValueError, match=rf"to the lab \(--frame {frame}\); leave the platform's"):
+    with pytest.raises(ValueError, match=r"to the lab \(--frame lab\); leave the platform's"):
         ground_of(in_lab, moving, in_lab.markers.time, 0.0)
     assert ground_of(in_lab, Laboratory(Treadmill()), in_lab.markers.time, 0.0).pose is None
-
-
-def test_a_compensated_recording_is_no_calibration(tmp_path, laboratory, monkeypatch):
-    empty = lab.on_platform(lab.without_people(5.0), lab.shaken(5.0))
-    path = lab.save(empty, tmp_path / "empty.c3d")
-    monkeypatch.setattr(
-        "pipeline.trial.ground.calibration_recording.read_recording",
-        lambda *_: replace(empty, compensation=DONE),
-    )
-    with pytest.raises(ValueError, match=r"empty\.c3d: its plates are compensated, by hbm-residua"):
-        read_calibration(path, laboratory.treadmill, "left,back,up")

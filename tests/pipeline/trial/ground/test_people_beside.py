@@ -14,7 +14,7 @@ from scipy.signal import butter, sosfiltfilt
 from hbm import Markers
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Analog, Plate, Recording
-from pipeline.trial.ground.calibration_recording import WEIGHT, fit_calibration, plate_samples
+from pipeline.trial.ground.calibration_recording import fit_calibration, plate_samples
 from tests.flexible_treadmill import BOARDS, RATE_HZ, RUNNING, WALKING, FlexibleTreadmill
 
 SEEDS = (0, 3)
@@ -103,10 +103,3 @@ def test_the_standard_deviation_covers_commanded_motion_and_people(sensors):
     left, sd = (np.concatenate(each) for each in zip(*found, strict=True))
     assert np.all(rms(sd) > 0.85 * rms(left))
     assert np.mean(np.abs(left) < 1.96 * sd) > 0.9
-
-
-def test_a_calibration_says_how_much_people_beside_weigh_and_why():
-    beside = calibrated(SEEDS[0], 2, people=True).provenance[WEIGHT]
-    assert beside.startswith("weight 0.0")
-    assert "left of held-out parts of signal.c3d would be" in beside
-    assert WEIGHT not in calibrated(SEEDS[0], 2, people=False).provenance

@@ -2,7 +2,6 @@
 
 import pytest
 
-from pipeline.cli.app import main
 from pipeline.config.schema import Platform, Treadmill
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
@@ -46,14 +45,3 @@ def test_a_trial_on_a_moving_platform_says_how_late_its_plates_are_and_what_of_i
         for note in found:
             assert abs(note.values["delay_s"] - 0.004) < note.values["interval_s"]
             assert note.values["stated_s"] == (stated_s or 0.0)
-
-
-def test_a_calibration_recording_with_markers_says_how_its_commands_are_timed(tmp_path, capsys):
-    path = lab.save(empty(1, command_delay_s=-0.02), tmp_path / "empty.c3d")
-    command = ["calibration", "fit", str(path), "-o", str(tmp_path / "lab.json")]
-    channels = ["--sway-channel", "Sway", "--pitch-channel", "Pitch"]
-    assert main([*command, *channels, "--platform-markers", ",".join(MARKERS)]) == 0
-    printed = " ".join(capsys.readouterr().out.split())
-    assert "later than the channels Sway, Pitch" in printed
-    assert main([*command, *channels]) == 2
-    assert "need --platform-markers" in capsys.readouterr().err
