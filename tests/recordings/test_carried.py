@@ -24,6 +24,7 @@ from pipeline.trial.quality import NO_SUPPORT, Quality, free_of
 from pipeline.trial.residuals import residual_table
 from tests.hbm.motions import relabelled
 from tests.pipeline.live.playing import arrivals, chain_of, play
+from tests.recordings import recorded
 
 TWO_PLATES = Path(__file__).resolve().parents[1] / "trunk_ends" / "two_plates.toml"
 WOMAN = Subject(sex="female", mass_kg=55.3)
@@ -31,12 +32,12 @@ WOMAN = Subject(sex="female", mass_kg=55.3)
 
 @pytest.fixture(scope="module")
 def treadmill(shared_data):
-    return read_c3d(shared_data / "treadmill_hbm2" / "treadmill_events.c3d")
+    return recorded.recorded(recorded.treadmill, shared_data)[0]
 
 
 @pytest.fixture(scope="module")
-def whole(treadmill):
-    return process_recording(treadmill, WOMAN, Settings())
+def whole(shared_data):
+    return recorded.processed(recorded.treadmill, shared_data)
 
 
 def with_plates(recording, change):
@@ -53,7 +54,7 @@ def without(number, start_s, stop_s):
     return lambda p: np.where((p.number == number) & (start_s < p.time) & (p.time < stop_s), 0, 1)
 
 
-def processed(recording):
+def again(recording):
     return process_recording(recording, WOMAN, Settings())
 
 
@@ -80,7 +81,7 @@ def test_every_frame_of_treadmill_walking_counts(whole):
 @pytest.fixture(scope="module")
 def beside(treadmill):
     """The walk with a plate that misses the steps from 5.6 to 9 s."""
-    return processed(with_plates(treadmill, without(2, 5.6, 9.0)))
+    return again(with_plates(treadmill, without(2, 5.6, 9.0)))
 
 
 def test_while_a_foot_is_beside_the_plates_nothing_counts_and_all_else_as_before(whole, beside):
@@ -117,14 +118,14 @@ def test_forces_that_depend_on_missing_plates_are_in_no_output(whole, beside, tm
 
 
 def test_plates_that_begin_late_do_not_count_before(treadmill, whole):
-    result = processed(with_plates(treadmill, lambda p: p.time > 5.0))
+    result = again(with_plates(treadmill, lambda p: p.time > 5.0))
     assert not result.counts[result.motion.time < 5.0].any()
     assert rms(result, "Fz") == pytest.approx(rms(whole, "Fz"), rel=0.15)
     assert min(spans[0, 0] for spans in result.cycles.values()) > 4.0
 
 
 def test_where_a_plate_is_dead_there_are_no_residuals_and_a_warning_says_so(treadmill):
-    result = processed(with_plates(treadmill, lambda p: float(p.number == 1)))
+    result = again(with_plates(treadmill, lambda p: float(p.number == 1)))
     assert not any(map(len, result.cycles.values()))
     assert residual_table(result, "walk").empty
     (note,) = [note for note in result.notes if note.code == "no_residuals"]
@@ -138,7 +139,7 @@ def test_plates_that_are_not_zeroed_are_not_hidden(treadmill):
         normal = plate.rotation.T @ [0, 0, (-150, 0)[plate.number - 1]]
         return replace(plate, wrench_in_plate=plate.wrench_in_plate + np.append(normal, [0, 0, 0]))
 
-    result = processed(replace(treadmill, plates=tuple(map(shifted, treadmill.plates))))
+    result = again(replace(treadmill, plates=tuple(map(shifted, treadmill.plates))))
     assert free_of(result.quality, NO_SUPPORT).all()
     assert sum(map(len, result.cycles.values())) == 10
     assert "plates_not_zeroed" in codes(result)
@@ -146,7 +147,7 @@ def test_plates_that_are_not_zeroed_are_not_hidden(treadmill):
 
 def test_a_plate_with_a_wrong_gain_is_not_hidden(treadmill):
     """Its residual is what the report is for."""
-    result = processed(with_plates(treadmill, lambda p: (1.0, 1.3)[p.number - 1]))
+    result = again(with_plates(treadmill, lambda p: (1.0, 1.3)[p.number - 1]))
     assert free_of(result.quality, NO_SUPPORT).all()
     assert sum(map(len, result.cycles.values())) == 10
     assert rms(result, "Fz") > 80
@@ -216,18 +217,9 @@ def without_markers(recording, body, segments, start_s, stop_s):
     return replace(recording, markers=replace(recording.markers, position=position))
 
 
-def test_a_leg_without_markers_is_interpolated_with_a_warning(treadmill, whole):
-    leg = ("left_thigh", "left_shank", "left_foot", "left_toes")
-    result = processed(without_markers(treadmill, whole.body, leg, 5.0, 5.5))
-    assert result.motion.converged.all()
-    (note,) = [note for note in result.notes if note.code == "limb_unknown"]
-    assert (note.level, note.values["limb"], note.values["frames"]) == ("warning", "left leg", 50)
-    assert 0.14 < note.values["share"] < 0.22
-
-
 @pytest.mark.parametrize(("stop_s", "counts"), [(5.06, True), (5.5, False)])
 def test_a_pelvis_without_markers_counts_for_a_few_frames_only(treadmill, whole, stop_s, counts):
-    result = processed(without_markers(treadmill, whole.body, ("pelvis",), 5.0, stop_s))
+    result = again(without_markers(treadmill, whole.body, ("pelvis",), 5.0, stop_s))
     gap = (result.motion.time > 5.0) & (result.motion.time < stop_s - 0.005)
     assert result.motion.converged.all()
     assert free_of(result.quality, Quality.POSE_UNKNOWN)[~gap].sum() >= (~gap).sum() - 2
@@ -237,8 +229,8 @@ def test_a_pelvis_without_markers_counts_for_a_few_frames_only(treadmill, whole,
 
 @pytest.fixture(scope="module")
 def overground(shared_data):
-    folder = shared_data / "overground_walks"
-    return read_c3d(folder / "HC030A05.c3d"), read_c3d(folder / "HC030A01.c3d")
+    walk, known = recorded.recorded(recorded.child("HC030"), shared_data)
+    return walk, known["static"]
 
 
 def half_beside(walk):

@@ -1,6 +1,5 @@
 """A walk generated from a scaled OpenSim model: joint centres, masses and residuals are known."""
 
-from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -11,16 +10,12 @@ from hbm.calibration_pose.functional import functional_hips
 from hbm.coordinates import MOVING
 from hbm.dynamics import filter_motion, inverse_dynamics
 from hbm.kinematics import solve_ik
-from hbm.markers import read_marker_set
 from hbm.overrides import SegmentOverride
 from hbm.poses import segment_frames
 from hbm.signals.filtering import butterworth
 from hbm.signals.resampling import resample
-from pipeline.io.opensim import read_opensim_trial
+from tests.recordings.recorded import MASS_KG, STATURE_M, generated, of_subjects, recorded
 
-MARKER_SETS = Path(__file__).resolve().parents[2] / "subjects" / "marker_sets"
-MASS_KG = 72.84
-STATURE_M = 1.808
 INNER = slice(20, -20)
 PARTS = {
     "pelvis": ("pelvis",),
@@ -35,14 +30,12 @@ PARTS = {
 
 @pytest.fixture(scope="module")
 def trial(shared_data):
-    folder = shared_data / "truth_walk"
-    return read_opensim_trial(folder / "markers.trc", folder / "grf.mot", "forward,up,right")
+    return recorded(generated, shared_data)[0]
 
 
 @pytest.fixture(scope="module")
 def marker_set():
-    text = (MARKER_SETS / "arnold2013.toml").read_text(encoding="utf-8")
-    return read_marker_set(text, "arnold2013")
+    return of_subjects("arnold2013")
 
 
 @pytest.fixture(scope="module")

@@ -14,6 +14,7 @@ from hbm.kinematics import solve_ik
 from hbm.markers import Markers, recognise_marker_set
 from hbm.spatial import unit
 from pipeline.io.c3d.read import read_c3d
+from tests.recordings.recorded import recorded, steps
 
 MASS_KG, STATURE_M = 85.0, 1.679
 ROD_M = 0.1
@@ -21,12 +22,12 @@ ROD_M = 0.1
 
 @pytest.fixture(scope="module")
 def static(shared_data):
-    return read_c3d(shared_data / "plug_in_gait" / "Static_trial.c3d")
+    return recorded(steps, shared_data)[1]["static"]
 
 
 @pytest.fixture(scope="module")
-def steps(shared_data):
-    return read_c3d(shared_data / "plug_in_gait" / "Movement_trial.c3d")
+def descent(shared_data):
+    return recorded(steps, shared_data)[0]
 
 
 @pytest.fixture(scope="module")
@@ -114,9 +115,9 @@ def test_hips_are_harrington_s_and_knees_lie_along_the_pelvis(anatomy, theirs, s
     assert half_width == pytest.approx(79, abs=5), "the distance that this angle explains"
 
 
-def test_the_knee_axes_of_the_thigh_markers_fit_the_steps_worse(static, steps):
+def test_the_knee_axes_of_the_thigh_markers_fit_the_steps_worse(static, descent):
     """Plug-in-Gait's own, shown by an alignment device, make the errors 1.45 times as large."""
-    ours = rms_mm(solve_ik(built(static), steps.markers))
+    ours = rms_mm(solve_ik(built(static), descent.markers))
     names, position = list(static.markers.names), [static.markers.position]
     for s in "LR":
         origin = static.model_outputs[f"{s}FEO"] / 1000
@@ -127,13 +128,13 @@ def test_the_knee_axes_of_the_thigh_markers_fit_the_steps_worse(static, steps):
             names.append(s + name)
             position.append((knee + rod)[:, None])
     pose = Markers(static.markers.time, tuple(names), np.concatenate(position, axis=1))
-    theirs = rms_mm(solve_ik(built(static, pose), steps.markers))
+    theirs = rms_mm(solve_ik(built(static, pose), descent.markers))
     assert theirs > 1.4 * ours
 
 
-def test_every_frame_of_the_steps_is_solved_with_all_39_markers(static, steps):
+def test_every_frame_of_the_steps_is_solved_with_all_39_markers(static, descent):
     body = built(static)
-    motion = solve_ik(body, steps.markers)
+    motion = solve_ik(body, descent.markers)
     assert body.marker_set.name == "pig"
     assert len(body.markers) == 39
     assert motion.converged.all()

@@ -10,11 +10,11 @@ from hbm.signals.filtering import butterworth
 from hbm.signals.resampling import resample
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.config.schema import Treadmill
-from pipeline.io.c3d.read import read_c3d
 from pipeline.trial.gait.detection import detect_events
 from pipeline.trial.gait.events import compare_events
 from pipeline.trial.ground.laboratory import Laboratory
 from tests.benchmarks.events import event_sources
+from tests.recordings.recorded import recorded, treadmill
 
 FEET = ("left_foot", "right_foot")
 EDGE = slice(50, -50)
@@ -22,7 +22,7 @@ EDGE = slice(50, -50)
 
 @pytest.fixture(scope="module")
 def recording(shared_data):
-    return read_c3d(shared_data / "treadmill_hbm2" / "treadmill_events.c3d")
+    return recorded(treadmill, shared_data)[0]
 
 
 @pytest.fixture(scope="module")

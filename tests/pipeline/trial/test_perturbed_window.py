@@ -147,18 +147,6 @@ def test_motion_of_a_platform_whose_pose_is_unknown_is_refused():
         perturbed_part(condition, CYCLES, ONSETS, TIME, None)
 
 
-@pytest.mark.parametrize(
-    ("stated", "message"),
-    [
-        ({"window": "motion"}, "state perturbed = true, or another window"),
-        ({"window": ["10 %", "140 %"], "perturbed": True}, "ends beyond 100 % of the gait cycle"),
-    ],
-)
-def test_what_the_text_alone_shows_to_be_wrong_is_refused_in_one_line(stated, message):
-    with pytest.raises(ValueError, match=message):
-        Condition(**stated)
-
-
 @pytest.fixture(scope="module")
 def sway(moving_study):
     """The swaying trial of the small study, by window; processed once."""

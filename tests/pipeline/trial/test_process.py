@@ -251,13 +251,6 @@ def test_an_excluded_trial_is_refused_with_its_reason(study):
         process_trial(changed, "sub01", "pitch")
 
 
-def test_events_that_plates_did_not_give_are_compared_with_the_forces_under_the_feet(walker):
-    result = process_recording(walker, PERSON, Settings(events="zeni"))
-    (note,) = [note for note in result.notes if note.code == "event_agreement"]
-    assert len(note.values["mean_ms"]) == 4
-    assert max(map(abs, note.values["mean_ms"].values())) < 60
-
-
 def test_a_moving_platform_changes_no_event_and_the_note_says_how_they_were_found(
     results, standing_still
 ):

@@ -13,7 +13,7 @@ from hbm.poses import marker_positions
 from pipeline.cli.app import main
 from pipeline.config.schema import Settings, Subject
 from pipeline.config.study import read_study
-from pipeline.config.toml_file import StudyFaults, read_segments
+from pipeline.config.toml_file import read_segments
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.opensim import read_sto
 from pipeline.io.stated import Stated
@@ -87,18 +87,6 @@ def swinging(body, sideways=30.0):
     """Star and arc movements of a body."""
     time, q = swings(sideways=sideways)
     return Markers(time, body.markers, marker_positions(body, q))
-
-
-def test_faults_of_a_segments_file_are_faults_of_the_study(study):
-    (study / "legs.toml").write_text("[left_shnk]\nmass_kg = 1\n[left_foot]\nmass_kg = -1\n")
-    state(study / "sub01.toml", "[trials", 'segments = "legs.toml"\n[trials')
-    state(study / "sub02.toml", "[trials", 'segments = "arms.toml"\n[trials')
-    with pytest.raises(StudyFaults) as caught:
-        read_study(study)
-    first, second = caught.value.faults
-    assert first.startswith("sub01.toml: segments: legs.toml: no segment 'left_shnk', did you mean")
-    assert "left_foot: mass_kg must be positive" in first
-    assert second.startswith("sub02.toml: segments: no file 'arms.toml'")
 
 
 def test_clinical_angles_are_exported_with_either_zero_of_the_ankle(walker, tmp_path):

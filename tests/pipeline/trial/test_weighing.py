@@ -123,16 +123,6 @@ def test_masses_are_compared_from_3_percent_on_and_never_below(stated, share, ca
         assert list(note.values["known_kg"].values()) == every
 
 
-def test_plates_that_do_not_carry_the_subject_throughout_give_no_mass():
-    time = np.arange(300) / 100
-    vertical = 700 + 100 * np.sin(4 * np.pi * time)
-    cycles = {"left": np.array([[0.0, 1.0], [1.0, 2.0]]), "right": np.empty((0, 2))}
-    assert carried_mass(time, vertical, cycles, time >= 0) == pytest.approx(700 / 9.81)
-    beside = (time > 0.5) & (time < 1.2)
-    assert carried_mass(time, np.where(beside, 0.0, vertical), cycles, ~beside) is None
-    assert carried_mass(time, vertical, {"left": np.empty((0, 2))}, time >= 0) is None
-
-
 def test_only_cycles_that_the_plates_carry_throughout_are_weighed_of_either_side():
     time = np.arange(300) / 100
     carried = time < 2.2

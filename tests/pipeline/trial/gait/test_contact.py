@@ -232,21 +232,6 @@ def test_a_person_s_word_overrules_the_centre_of_pressure():
     assert not found.ambiguous[frames].any()
 
 
-def test_on_a_plate_for_both_feet_a_statement_is_of_the_step_around_its_time():
-    feet, load, _, wrenches = on_own_belts()
-    plate = sum(wrenches)
-    before = share([plate], feet)
-    single = np.flatnonzero((load[:, RIGHT] == 0) & (np.arange(len(load)) > 150))
-    at_s = single[10] / RATE_HZ
-    found = share([plate], feet, stated=[PlateContact(plate=1, time_s=at_s, foot="right")])
-    changed = (found.by_foot["right_foot"] != before.by_foot["right_foot"]).any(axis=1)
-    assert changed[single[10]]
-    assert 0.3 < np.ptp(np.flatnonzero(changed)) / RATE_HZ < 0.8
-    np.testing.assert_array_equal(
-        found.by_foot["left_foot"][~changed], before.by_foot["left_foot"][~changed]
-    )
-
-
 def test_a_contact_that_is_stated_where_there_is_none_is_refused():
     feet, load, _, plates = on_own_belts()
     swing = np.flatnonzero(load[:, LEFT] == 0)[5] / RATE_HZ

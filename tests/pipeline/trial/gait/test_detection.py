@@ -93,12 +93,6 @@ def sources(walker):
     return event_sources(walker, Laboratory(Treadmill()), Subject(sex="male"))
 
 
-def test_a_file_without_events_gives_one_clear_line_where_only_its_own_are_wanted(sources):
-    events, _, note = detect_events(sources, "file")
-    assert events == ()
-    assert note.text.startswith("no gait events: the file has none")
-
-
 def test_who_stands_has_no_events_and_the_note_says_why(sources):
     motion = sources.motion
     pelvis, feet = np.zeros(len(motion.time)), np.zeros((len(motion.time), 2))

@@ -7,23 +7,17 @@ import pytest
 
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Compensation
-from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.wrenches import plate_artefacts
 from tests.pipeline import lab
-from tests.pipeline.trial.ground.grounds import ground_of
+from tests.pipeline.trial.ground.grounds import TREADMILL, ground_of
 
 DONE = Compensation("hbm-residuals 0.2.0", (1, 2))
 
 
 @pytest.fixture(scope="module")
-def laboratory():
-    treadmill = Treadmill(
-        accelerometers=lab.CHANNELS,
-        platform={"markers": list(lab.PLATFORM_MARKERS_M)},
-    )
-    empty = lab.on_platform(lab.without_people(20.0), lab.shaken(20.0))
-    return Laboratory(treadmill, fit_calibration(empty, treadmill))
+def laboratory(calibration):
+    return Laboratory(TREADMILL, calibration)
 
 
 @pytest.fixture(scope="module")

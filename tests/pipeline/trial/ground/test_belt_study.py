@@ -95,7 +95,3 @@ def test_compensation_leaves_a_tenth_of_the_pitch_moment_of_both_belts(folder):
     assert pulses > 10 * even
     assert compensated**2 - even**2 < (0.1 * pulses) ** 2
     assert even_compensated == pytest.approx(even, rel=0.05)
-
-
-def test_a_study_without_belt_settings_has_no_belt_compensation(folder):
-    assert len(residual_my(folder, "pulses", "")) == 1

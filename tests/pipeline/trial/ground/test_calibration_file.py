@@ -9,26 +9,20 @@ import pytest
 
 from compensation import Calibration, to_json
 from hbm.markers import Markers
-from pipeline.config.schema import Platform, Treadmill
+from pipeline.config.schema import Treadmill
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.stated import Stated
 from pipeline.trial.ground import laboratory
 from pipeline.trial.ground.calibration_recording import fit_calibration, read_empty
 from pipeline.trial.ground.laboratory import bind, read_calibration
 from tests.pipeline import lab
-
-ON_MARKERS = Platform(markers=tuple(lab.PLATFORM_MARKERS_M))
-TREADMILL = Treadmill(accelerometers=lab.CHANNELS, platform=ON_MARKERS)
+from tests.pipeline.trial.ground.grounds import TREADMILL
 
 
-@pytest.fixture(scope="module")
-def calibration():
-    return fit_calibration(lab.on_platform(lab.without_people(20.0), lab.shaken(20.0)), TREADMILL)
-
-
-def test_a_calibration_is_the_same_from_its_recording_and_from_its_file(tmp_path, calibration):
-    recording = lab.on_platform(lab.without_people(20.0), lab.shaken(20.0))
-    path = lab.save(recording, tmp_path / "empty.c3d")
+def test_a_calibration_is_the_same_from_its_recording_and_from_its_file(
+    tmp_path, empty, calibration
+):
+    path = lab.save(empty, tmp_path / "empty.c3d")
     fitted = read_calibration(path, TREADMILL)
     for name, model in calibration.plates.items():
         np.testing.assert_allclose(fitted.plates[name].sigma, model.sigma, rtol=0.02)
@@ -74,20 +68,11 @@ def test_a_calibration_recording_is_fitted_once_until_it_changes(tmp_path):
     assert read_calibration(path, TREADMILL) is not first
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "message"),
-    [
-        ("empty.json", "{", "empty.json: the calibration is not JSON"),
-        ("empty.json", "{}", "empty.json: the text is not a calibration"),
-        ("empty.c3d", "nothing", "empty.c3d: "),
-    ],
-)
-def test_a_calibration_that_cannot_be_read_is_refused_with_its_file_name(
-    tmp_path, name, content, message
-):
+@pytest.mark.parametrize("name", ["empty.json", "empty.c3d"])
+def test_a_calibration_that_cannot_be_read_is_refused_with_its_file_name(tmp_path, name):
     path = tmp_path / name
-    path.write_text(content, encoding="utf-8")
-    with pytest.raises(ValueError, match=re.escape(message)):
+    path.write_text("{", encoding="utf-8")
+    with pytest.raises(ValueError, match=re.escape(name)):
         read_calibration(path, TREADMILL)
 
 
@@ -109,15 +94,13 @@ def test_a_platform_that_only_shakes_under_a_person_is_no_calibration(walker, tm
 
 
 @pytest.mark.parametrize("axes", ["left,back,up", "up,left,back"])
-def test_an_empty_treadmill_without_markers_is_level(tmp_path, axes):
+def test_an_empty_treadmill_without_markers_is_level(tmp_path, empty, calibration, axes):
     """Its plates show the vertical; directions about it do not matter."""
-    empty = lab.on_platform(lab.without_people(5.0), lab.shaken(5.0))
     nobody = Markers(empty.markers.time, (), np.empty((len(empty.markers.time), 0, 3)))
     path = tmp_path / "empty.c3d"
     write_c3d(path, nobody, empty.plates, analog=empty.analog, axes=axes)
     recording = read_empty(path, Stated())
     for plate, expected in zip(recording.plates, empty.plates, strict=True):
         np.testing.assert_allclose(abs(plate.rotation[2]), abs(expected.rotation[2]), atol=1e-6)
-    whole = fit_calibration(empty, TREADMILL)
     for name, model in fit_calibration(recording, TREADMILL).plates.items():
-        np.testing.assert_allclose(model.gain, whole.plates[name].gain, atol=1e-3)
+        np.testing.assert_allclose(model.gain, calibration.plates[name].gain, atol=1e-3)

@@ -7,21 +7,17 @@ import pytest
 
 from compensation import estimate_delay
 from hbm.signals.filtering import low_pass
-from pipeline.config.schema import Platform, Settings, Subject, Treadmill
+from pipeline.config.schema import Settings, Subject, Treadmill
 from pipeline.io.c3d.read import read_c3d
-from pipeline.io.recording import Compensation
 from pipeline.trial.ground.calibration_recording import fit_calibration, plates_timed_apart
 from pipeline.trial.ground.corrected_plates import plate_delays_s, with_corrected_plates
 from pipeline.trial.ground.laboratory import Laboratory, read_calibration
 from pipeline.trial.ground.wrenches import plate_artefacts
 from pipeline.trial.process import process_recording
 from tests.pipeline import lab
-from tests.pipeline.trial.ground.grounds import ground_of
+from tests.pipeline.trial.ground.grounds import TREADMILL, ground_of
 from tests.pipeline.wrong_plates import correction_of, wrongly_measured
 
-TREADMILL = Treadmill(
-    accelerometers=lab.CHANNELS, platform=Platform(markers=tuple(lab.PLATFORM_MARKERS_M))
-)
 PERSON = Subject(sex="male", mass_kg=74.6)
 
 
@@ -49,11 +45,6 @@ def pitched(walker):
     return lab.on_platform(walker, lab.pitching(12.0))
 
 
-@pytest.fixture(scope="module")
-def empty():
-    return lab.on_platform(lab.without_people(20.0), lab.shaken(20.0))
-
-
 def test_a_calibration_that_changes_nothing_changes_no_bit_of_a_real_trial(shared_data):
     recording = read_c3d(shared_data / "plug_in_gait" / "Movement_trial.c3d")
     same = correction_of(recording, change=False)
@@ -73,22 +64,22 @@ def test_wrong_plates_corrected_give_the_residuals_of_right_ones(walker, right):
 
 
 def test_on_a_moving_platform_too_where_its_calibration_is_of_plates_corrected_alike(
-    pitched, empty
+    pitched, empty, calibration
 ):
     """The plates move, their errors with them; correction comes before compensation."""
     right = process_recording(
         pitched,
         PERSON,
         Settings(),
-        laboratory=Laboratory(TREADMILL, fit_calibration(empty, TREADMILL)),
+        laboratory=Laboratory(TREADMILL, calibration),
     )
     correction = correction_of(pitched)
-    calibration = fit_calibration(wrongly_measured(empty), TREADMILL, correction)
+    of_wrong = fit_calibration(wrongly_measured(empty), TREADMILL, correction)
     corrected = process_recording(
         wrongly_measured(pitched),
         PERSON,
         Settings(),
-        laboratory=Laboratory(TREADMILL, calibration, plates=correction),
+        laboratory=Laboratory(TREADMILL, of_wrong, plates=correction),
     )
     assert max(largest_difference(corrected, right).values()) < 1e-9
 
@@ -202,14 +193,6 @@ def test_plates_whose_place_is_unknown_are_corrected_about_their_calibrations_ce
     corrected = with_corrected_plates(replace(walker, plates=about_origin), correction_of(walker))
     for plate, right in zip(corrected.plates, walker.plates, strict=True):
         np.testing.assert_allclose(plate.wrench, right.wrench, atol=1e-9)
-
-
-def test_plates_that_are_compensated_already_are_not_corrected_a_second_time(walker):
-    done = replace(walker, compensation=Compensation("hbm-residuals 1.0", (1, 2)))
-    with pytest.raises(
-        ValueError, match=r"compensated or corrected already, by hbm-residuals 1\.0"
-    ):
-        with_corrected_plates(done, correction_of(walker))
 
 
 def test_each_plate_has_its_own_delay(walker, right):

@@ -107,16 +107,6 @@ def test_files_of_compensated_plates_hold_what_trials_are_computed_with(calibrat
         assert np.abs(load.force[500:-500]).mean() < 5 * LEFT_N
 
 
-def test_a_trial_names_the_model_and_every_frame_has_an_uncertainty(calibrated):
-    other = yielding(moving(2))
-    notes = []
-    ground = ground_of(other, calibrated[1], notes=notes)
-    assert "by the dynamic model of the accelerometers" in " ".join(n.text for n in notes)
-    sd = ground.uncertainty(np.zeros(3)).plates[0][INSIDE]
-    assert np.isfinite(sd).all()
-    assert (sd[:, :3] > 0.05).all()
-
-
 def test_a_stated_model_that_is_not_the_files_is_refused(calibrated, tmp_path):
     for fitted, stated in zip(calibrated, ("dynamic", "static"), strict=True):
         path = tmp_path / f"{stated}.json"

@@ -29,11 +29,6 @@ def beside(*plates, name="beside.c3d", share=1.0, seed=1):
     return lab.on_platform(people, lab.shaken(20.0, seed), seed=seed)
 
 
-@pytest.fixture(scope="module")
-def empty():
-    return lab.on_platform(lab.without_people(20.0), lab.shaken(20.0))
-
-
 def test_plates_are_fitted_to_the_recordings_in_which_they_are_empty(empty):
     alone = fit_calibration(empty, TREADMILL)
     others = [beside(2, name="right.c3d"), beside(name="boards.c3d", seed=2)]
@@ -83,15 +78,6 @@ def test_a_recording_cannot_confirm_itself(empty):
         fit_calibration(empty, TREADMILL, beside=[copy])
 
 
-def test_trials_say_whether_their_interval_knows_of_people(empty):
-    codes = {}
-    for others in ((), (beside(2),)):
-        known = Laboratory(TREADMILL, fit_calibration(empty, TREADMILL, beside=others))
-        codes[len(others)] = " ".join(note.text for note in notes_on(empty, known))
-    assert "no recording of people beside an empty plate" in codes[0]
-    assert "people" not in codes[1]
-
-
 def with_belts(recording, speed, unit="m/s"):
     """Add a channel with the speed of the belts."""
     analog = recording.analog
@@ -123,9 +109,3 @@ def test_a_calibration_of_which_one_belt_speed_is_unknown_says_so(empty):
     calibration = fit_calibration(with_belts(empty, 2.0), TREADMILL, beside=[beside(2)])
     found, *_ = belt_notes(with_belts(empty, 3.0), calibration)
     assert "belts faster than in beside.c3d, whose speed is unknown" in found.text
-
-
-def test_a_calibration_does_not_warn_of_the_speed_of_its_own_belts(empty):
-    """Belts that rest for a part of it: its speed and the trial's are the same mean."""
-    recording = with_belts(empty, 3.0 * (np.linspace(0, 1, len(empty.analog.time)) >= 0.5))
-    assert belt_notes(recording, fit_calibration(recording, TREADMILL)) == []
