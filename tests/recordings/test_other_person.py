@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from pipeline.config.schema import Settings, Subject
@@ -45,16 +44,3 @@ def test_markers_that_were_moved_are_not_another_person(shared_data, names):
         position[:, static.markers.names.index(name), :2] += 0.04
     moved = replace(static, markers=replace(static.markers, position=position))
     assert "static_of_another" not in notes_of(walk, moved)
-
-
-def test_a_virtual_persons_static_is_named_only_in_trials_of_another(tmp_path):
-    from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
-
-    trials = {}
-    for seed in (0, 1):
-        simulate_trial(tmp_path / f"{seed}.c3d", duration_s=6.0, seed=seed)
-        trials[seed] = read_c3d(tmp_path / f"{seed}.c3d")
-    small = trials[0].markers
-    scaled = replace(trials[0], markers=replace(small, position=np.asarray(0.93 * small.position)))
-    assert "static_of_another" not in notes_of(trials[1], trials[0])
-    assert "static_of_another" in notes_of(trials[0], scaled)

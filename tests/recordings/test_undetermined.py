@@ -5,10 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hbm.body import build_body
-from hbm.coordinates import COORDINATES
-from hbm.ik.problem import Problem
-from hbm.kinematics import solve_ik
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.c3d.read import read_c3d
 from pipeline.trial.process import process_recording
@@ -111,20 +107,3 @@ def test_a_warning_names_what_three_markers_of_the_trunk_do_not_determine(noisy_
     assert found["mass_not_shown"].level == "warning"
     assert 0.3 < found["mass_not_shown"].values["share"] < 0.5
     assert "mass_not_shown" not in codes(complete)
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "treadmill_hbm2/treadmill_events",
-        "full_body_standing/1min_CGM_HBM_static",
-    ],
-)
-def test_no_prior_pulls_where_markers_determine_all_that_they_show(shared_data, name):
-    recording = read_c3d(shared_data / f"{name}.c3d")
-    body = build_body(recording.markers, mass=70.0, limbs=recording.metadata.limbs)
-    problem = Problem(body, recording.markers)
-    pulled = np.array(COORDINATES)[problem.prior > 0]
-    assert set(pulled) == set(body.locked)
-    motion = solve_ik(body, recording.markers)
-    assert (motion.q[:, problem.prior > 0] == 0).all()

@@ -30,7 +30,8 @@ def held(markers, frames, names):
 
 
 def test_a_good_recording_is_not_doubted(walker):
-    assert warned(walker) == warned(walker, static=walker) == set()
+    found = zeni_events(walker.markers, marker_sets()["hbm2"])
+    assert warned(replace(walker, events=found), static=walker) == set()
 
 
 @pytest.mark.parametrize(
@@ -62,7 +63,6 @@ def test_a_static_pose_with_exchanged_labels_is_doubted_and_not_the_walk(walker)
 )
 def test_wrong_gait_events_are_doubted(walker, events, code):
     found = zeni_events(walker.markers, marker_sets()["hbm2"])
-    assert warned(replace(walker, events=found)) == set()
     assert warned(replace(walker, events=events(found))) == {code}
 
 

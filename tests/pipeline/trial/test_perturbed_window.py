@@ -165,14 +165,6 @@ def sway(moving_study):
     }
 
 
-def test_both_windows_are_reported_and_the_stated_one_is_the_headline(sway):
-    whole = residual_table(sway[None], "sway")
-    both = residual_table(sway["motion"], "sway")
-    assert (both["headline"] == (both["window"] == "motion")).all()
-    again = both[~both["headline"]].drop(columns="headline").reset_index(drop=True)
-    pd.testing.assert_frame_equal(again, whole.drop(columns="headline"))
-
-
 def test_while_the_platform_moves_the_uncompensated_residual_is_far_above_that_of_the_cycle(sway):
     """What accelerates the belts' assemblies lasts as long as the motion does."""
     table = residual_table(sway["motion"], "sway").set_index(["window", "compensated", "axis"])

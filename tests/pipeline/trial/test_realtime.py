@@ -9,7 +9,6 @@ from hbm.coordinates import LIMBS
 from hbm.markers import Markers
 from pipeline.config.schema import Settings, Subject
 from pipeline.config.study import read_study
-from pipeline.explain.processing_chain import processing_chain
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
@@ -84,19 +83,3 @@ def test_before_the_platforms_neutral_pose_is_known_nothing_counts(whole):
     assert np.isnan(whole.compensated.residual[:100]).all()
     assert not whole.counts[:125].any()
     assert whole.counts[130]
-
-
-def test_an_explanation_repeats_the_same_steps(pitch, laboratory, whole):
-    chain = processing_chain(pitch, laboratory, whole)
-    same = whole.compensated.residual
-    assert np.nanmax(np.abs(chain.residual - same)) < 1e-6
-
-
-def test_the_plates_are_as_late_as_without_it(walker):
-    late = [replace(plate, time=plate.time + 0.012) for plate in walker.plates]
-    walk = replace(walker, plates=tuple(late))
-    found = [
-        process_recording(walk, PERSON, Settings(filter=each)).delay_s
-        for each in ("zero_phase", "realtime")
-    ]
-    np.testing.assert_allclose(found, 0.012, atol=0.0025)

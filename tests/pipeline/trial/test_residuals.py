@@ -77,12 +77,6 @@ def test_percentages_are_of_body_weight_and_of_weight_times_stature(processed):
     np.testing.assert_allclose(table["rms_percent"], expected, rtol=1e-12)
 
 
-def test_where_nothing_counts_there_are_no_rows(processed):
-    result = replace(processed, cycles={"right": np.empty((0, 2))})
-    assert residual_table(result, "pitch").empty
-    assert threshold_table(result).empty
-
-
 def masked(result, *, plates):
     """The trial with other frames in which the plates carry the subject."""
     return replace(result, quality=np.where(plates, 0, int(Quality.NOT_CARRIED)))

@@ -13,7 +13,6 @@ from pipeline.trial.gait.cycles import cut_cycles
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality, settled_frames, settling_s
-from pipeline.trial.residuals import counted, residual_table
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
 from tests.pipeline import lab
 from tests.pipeline.settling import LIMIT, cycle_change
@@ -118,14 +117,6 @@ def test_a_cycle_with_too_little_left_is_left_out_by_name(last_s, left):
     assert len(cycles["left"]) == left
     assert len(left_out) == 2 - left
     assert set(left_out) <= {"an end or a gap too near for the filters to settle"}
-
-
-def test_cycles_without_a_frame_that_counts_are_not_counted(whole):
-    quality, (start, stop) = whole.quality.copy(), whole.cycles["right"][0]
-    quality[(whole.motion.time >= start) & (whole.motion.time < stop)] |= int(Quality.SETTLING)
-    result = replace(whole, cycles={"right": whole.cycles["right"]}, quality=quality)
-    assert set(residual_table(result, "level")["n_cycles"]) == {len(whole.cycles["right"]) - 1}
-    assert not counted(result)[(whole.motion.time >= start) & (whole.motion.time < stop)].any()
 
 
 def test_filters_that_follow_one_another_settle_as_the_slowest_of_them():

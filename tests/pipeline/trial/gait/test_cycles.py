@@ -126,13 +126,6 @@ def test_force_noise_at_the_threshold_and_spikes_in_swing_are_no_steps():
     np.testing.assert_allclose([e.time for e in noisy], [e.time for e in clean], atol=3e-3)
 
 
-def test_a_gap_in_the_force_makes_no_event():
-    force = steps([(0.5, 1.2), (1.6, 2.3)])
-    force[800:1400] = np.nan
-    events = force_events({"left": force}, plate_time, 20)
-    assert [e.label for e in events] == ["foot_strike", "foot_strike", "foot_off"]
-
-
 def test_agreement_of_shifted_events_is_their_shift():
     events = zeni(walker())
     jitter = np.random.default_rng(1).normal(0, 0.004, len(events))

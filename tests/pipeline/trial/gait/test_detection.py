@@ -102,15 +102,6 @@ def test_who_stands_has_no_events_and_the_note_says_why(sources):
     assert "no foot swings against the pelvis in" in note.text
 
 
-def test_a_walk_shorter_than_a_stride_has_no_events_and_the_note_says_how_long_it_is(sources):
-    motion = sources.motion
-    part = slice(600, 681)
-    short = FootMotion(*(getattr(motion, name)[part] for name in motion.__slots__))
-    events, _, note = detect_events(replace(sources, motion=short, contacts=()), None)
-    assert events == ()
-    assert "in 0.80 s; record two strikes" in note.text
-
-
 def test_plates_that_carry_nobody_alone_leave_the_motion_and_the_note_says_so(sources):
     events, _, note = detect_events(replace(sources, contacts=()), "auto")
     assert len(events) > 15

@@ -25,12 +25,6 @@ def pitching(walker):
     return lab.on_platform(walker, lab.pitching(12.0))
 
 
-def delayed(laboratory, seconds):
-    fitted = laboratory.calibration
-    late = tuple(replace(s, delay_s=seconds, delay_error_s=0.0) for s in fitted.sensors)
-    return replace(laboratory, calibration=replace(fitted, sensors=late))
-
-
 def test_after_the_low_pass_the_plates_are_those_that_were_compensated_after_it(
     pitching, laboratory
 ):
@@ -48,14 +42,6 @@ def test_after_the_low_pass_the_plates_are_those_that_were_compensated_after_it(
         assert (np.abs(found - expected) < 1e-9 * span).all()
         assert (np.abs(artefact[2000:, :3]).max(axis=0) > 20).any()
     assert notes == ()
-
-
-def test_a_delay_leaves_an_end_that_is_held(pitching, laboratory):
-    artefacts, _ = plate_artefacts(pitching, delayed(laboratory, 0.04))
-    for artefact in artefacts:
-        np.testing.assert_array_equal(artefact[-40:], np.tile(artefact[-41], (40, 1)))
-    without, _ = plate_artefacts(pitching, laboratory)
-    np.testing.assert_allclose(artefacts[0][:-40], without[0][40:], atol=1e-6)
 
 
 def test_a_gap_of_an_accelerometer_is_refused_with_its_time(pitching, laboratory):

@@ -11,7 +11,7 @@ from pipeline.config.schema import Settings, Subject, Treadmill
 from pipeline.io.c3d.read import read_c3d
 from pipeline.trial.ground.calibration_recording import fit_calibration, plates_timed_apart
 from pipeline.trial.ground.corrected_plates import plate_delays_s, with_corrected_plates
-from pipeline.trial.ground.laboratory import Laboratory, read_calibration
+from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.wrenches import plate_artefacts
 from pipeline.trial.process import process_recording
 from tests.pipeline import lab
@@ -154,17 +154,6 @@ def test_a_calibration_of_otherwise_corrected_plates_is_refused(empty, fitted_wi
     calibration = fit_calibration(empty, TREADMILL, of.get(fitted_with))
     with pytest.raises(ValueError, match=message):
         Laboratory(TREADMILL, calibration, plates=of.get(used))
-
-
-def test_a_calibration_fitted_in_passing_is_of_corrected_plates(moving_study):
-    """A study may name the recording of the empty treadmill itself."""
-    path = moving_study / "empty.c3d"
-    correction = correction_of(read_c3d(path, "left,back,up"))
-    raw = read_calibration(path, TREADMILL, "left,back,up")
-    corrected = read_calibration(path, TREADMILL, "left,back,up", correction)
-    assert corrected.provenance["plate_calibration"] == "lab.json"
-    for plate in ("plate 1", "plate 2"):
-        assert np.abs(corrected.plates[plate].gain / raw.plates[plate].gain - 1).max() > 0.01
 
 
 def test_plates_that_the_calibration_does_not_have_stay_as_they_are_with_a_warning(walker):

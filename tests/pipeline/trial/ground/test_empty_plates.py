@@ -103,9 +103,3 @@ def test_trials_whose_belts_are_faster_than_those_of_the_calibration_say_so(empt
     assert "at 2 m/s at most" in faster.text
     (unknown,) = belt_notes(empty, known)
     assert "belts faster than 2 m/s" in unknown.text
-
-
-def test_a_calibration_of_which_one_belt_speed_is_unknown_says_so(empty):
-    calibration = fit_calibration(with_belts(empty, 2.0), TREADMILL, beside=[beside(2)])
-    found, *_ = belt_notes(with_belts(empty, 3.0), calibration)
-    assert "belts faster than in beside.c3d, whose speed is unknown" in found.text

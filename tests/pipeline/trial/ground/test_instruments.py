@@ -58,10 +58,6 @@ def test_a_channel_in_another_unit_is_no_speed_of_a_belt(unit):
     )
 
 
-def test_the_speed_of_the_platform_is_not_that_of_its_belts():
-    assert fastest(Treadmill__Sway__Velocity=("m/s", SPEED)) is None
-
-
 def test_where_one_belt_is_unknown_the_other_counts():
     left, right = SPEED.copy(), np.full(FRAMES, 0.5)
     left[1], right[3], left[0] = np.nan, np.nan, np.nan
