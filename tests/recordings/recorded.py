@@ -11,6 +11,7 @@ from pipeline.io.opensim import read_opensim_trial, read_trc
 from pipeline.io.read import read_recording
 from pipeline.io.stated import Stated
 from pipeline.trial.process import process_recording
+from tests.hbm.motions import relabelled
 
 TESTS = Path(__file__).resolve().parents[1]
 AXES = "forward,up,right"
@@ -71,6 +72,15 @@ def child(number):
 def standing(folder):
     path = folder / "full_body_standing" / "1min_CGM_HBM_static.c3d"
     return pipeline.read_c3d(path), {"subject": Subject(sex="male")}
+
+
+def two_plates(folder):
+    """Overground walking over two plates; the file states no mass."""
+    walk = pipeline.read_c3d(folder / "c3d_samples" / "Gait.c3d")
+    chosen = (TESTS / "trunk_ends" / "two_plates.toml").read_text(encoding="utf-8")
+    known = {"marker_set": read_marker_set(chosen.replace("VSAC", "SACR"), "two_plates")}
+    walk = replace(walk, markers=relabelled(walk.markers, ("VSAC", "SACR")))
+    return walk, known | {"subject": Subject(mass_kg=72.0)}
 
 
 def later(recording, delay_s):

@@ -5,12 +5,10 @@ it is known: wherever frames count, the residual has to be that of the whole rec
 """
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from hbm.markers import read_marker_set
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.cli.app import main
 from pipeline.config.schema import Settings, Subject, Treadmill
@@ -22,11 +20,9 @@ from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import NO_SUPPORT, Quality, free_of
 from pipeline.trial.residuals import residual_table
-from tests.hbm.motions import relabelled
 from tests.pipeline.live.playing import arrivals, chain_of, play
 from tests.recordings import recorded
 
-TWO_PLATES = Path(__file__).resolve().parents[1] / "trunk_ends" / "two_plates.toml"
 WOMAN = Subject(sex="female", mass_kg=55.3)
 
 
@@ -159,15 +155,7 @@ def test_of_a_walk_over_two_plates_the_stride_on_them_counts(shared_data):
 
     The file states no mass: 72 kg are some 9 kg too much, which is 90 N of every residual.
     """
-    recording = read_c3d(shared_data / "c3d_samples" / "Gait.c3d")
-    chosen = TWO_PLATES.read_text(encoding="utf-8").replace("VSAC", "SACR")
-    walk = replace(recording, markers=relabelled(recording.markers, ("VSAC", "SACR")))
-    result = process_recording(
-        walk,
-        Subject(mass_kg=72.0),
-        Settings(),
-        marker_set=read_marker_set(chosen, "two_plates"),
-    )
+    result = recorded.processed(recorded.two_plates, shared_data)
     assert {side: len(spans) for side, spans in result.cycles.items()} == {"right": 1}
     (note,) = [note for note in result.notes if note.code == "cycles_left_out"]
     assert note.text.endswith("left out: 1 for plates that do not carry the subject")

@@ -4,9 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from hbm.markers import read_marker_set
 from pipeline.config.schema import Settings, Subject
-from pipeline.io.c3d.read import read_c3d
 from pipeline.trial.process import process_recording
 from tests.hbm.motions import exchanged, relabelled
 from tests.recordings.recorded import (
@@ -19,6 +17,7 @@ from tests.recordings.recorded import (
     standing,
     steps,
     treadmill,
+    two_plates,
 )
 
 DOUBTS = {
@@ -32,7 +31,10 @@ DOUBTS = {
 
 def doubts(recording, subject=None, **options):
     """The doubts about a recording, by their codes."""
-    result = process_recording(recording, subject or Subject(), Settings(), **options)
+    return doubts_of(process_recording(recording, subject or Subject(), Settings(), **options))
+
+
+def doubts_of(result):
     return {note.code: note for note in result.notes if note.code in DOUBTS}
 
 
@@ -54,7 +56,7 @@ def test_quiet_standing_is_not_doubted(shared_data):
 
 @pytest.mark.parametrize("read", [overground, generated])
 def test_overground_and_generated_walking_is_not_doubted(shared_data, read):
-    assert not DOUBTS & {note.code for note in processed(read, shared_data).notes}
+    assert doubts_of(processed(read, shared_data)) == {}
 
 
 def test_of_a_descent_of_steps_the_plates_zeros_are_doubted_and_the_mass_that_they_carry(
@@ -84,14 +86,7 @@ def test_exchanged_heels_are_doubted_throughout_a_trial_and_for_a_few_seconds(wa
 
 def test_a_plate_that_rests_below_zero_is_doubted(shared_data):
     """Overground walking over two plates; the second one reads −16 N before anybody steps on it."""
-    recording = read_c3d(shared_data / "c3d_samples" / "Gait.c3d")
-    chosen = (TESTS / "trunk_ends" / "two_plates.toml").read_text(encoding="utf-8")
-    walk = replace(recording, markers=relabelled(recording.markers, ("VSAC", "SACR")))
-    found = doubts(
-        walk,
-        Subject(mass_kg=72.0),
-        marker_set=read_marker_set(chosen.replace("VSAC", "SACR"), "two_plates"),
-    )
+    found = doubts_of(processed(two_plates, shared_data))
     assert list(found) == ["plates_not_zeroed"]
     rest_n = found["plates_not_zeroed"].values["rest_n"]
     assert rest_n == {"plate 1": pytest.approx(0, abs=1), "plate 2": pytest.approx(-16, abs=1)}
