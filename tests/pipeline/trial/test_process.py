@@ -12,10 +12,11 @@ from pipeline.config.schema import Condition, Settings, Subject, Treadmill
 from pipeline.config.study import read_study
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.recording import Metadata
-from pipeline.trial.ground.laboratory import Laboratory, read_calibration
+from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording, process_trial
 from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.residuals import residual_table
+from pipeline.trial.study_files import read_study_laboratory
 from pipeline.trial.subject import subject_body
 from tests.pipeline import lab
 from tests.pipeline.trial.ground.grounds import ground_of
@@ -131,9 +132,7 @@ def test_frames_without_accelerations_count_in_neither_variant(study, results):
     values = recording.analog.values.copy()
     values[8000:8100, 0] = np.nan
     broken = replace(recording, analog=replace(recording.analog, values=values))
-    treadmill = study.file.treadmill
-    calibration = read_calibration(study.path("empty.c3d"), treadmill)
-    laboratory = Laboratory(treadmill, calibration)
+    laboratory = read_study_laboratory(study)
     result = process_recording(broken, PERSON, Settings(), laboratory=laboratory)
     assert residual_table(result, "pitch")["rms"].notna().all()
     time, whole = result.motion.time, results["pitch"]
@@ -205,13 +204,7 @@ def test_widths_stand_in_for_medial_markers_as_stated_else_as_recorded_of_that_s
 
 def test_the_body_is_built_from_the_static_recording(walker, standing_still):
     """Built from the first seconds alone, the body is the same as from all of the trial."""
-    markers = walker.markers
-    first = replace(markers, time=markers.time[:200], position=markers.position[:200])
-    plates = tuple(
-        replace(p, time=p.time[:2000], wrench_in_plate=p.wrench_in_plate[:2000])
-        for p in walker.plates
-    )
-    static = replace(walker, markers=first, plates=plates)
+    static = lab.cropped(walker, 0, 199)
     result = process_recording(walker, PERSON, Settings(), static=static)
     for name, offset in standing_still.body.offsets.items():
         np.testing.assert_allclose(result.body.offsets[name], offset, atol=1e-3)

@@ -5,13 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compensation import PlatformPose
 from hbm.markers import Markers
 from hbm.notes import Note
 from pipeline.config.schema import Condition
 from pipeline.io.recording import Analog, Recording
-from pipeline.trial.gait.cycles import motion_onsets, pulse_onsets, select_cycles
-from tests.pipeline.lab import swaying
+from pipeline.trial.gait.cycles import pulse_onsets, select_cycles
 
 STRIDE_S = 1.1
 ONSETS = (17.0, 75.3, 112.4)
@@ -115,19 +113,3 @@ def test_a_train_of_pulses_is_one_perturbation():
 
 def test_a_channel_that_never_pulses_has_no_onset():
     assert not len(pulse_onsets(recording_with(pulses((), rest=1.0)), "Pulse"))
-
-
-def test_onsets_are_found_in_the_platforms_motion_too():
-    """Within a tenth of a second, in a millimetre of noise, and never at the slow return."""
-    onsets = (20.0, 40.0, 61.0)
-    motion = swaying(70, onsets)
-    time = motion.time[::10]
-    lateral = motion.sway[::10] + np.random.default_rng(0).normal(0, 0.001, len(time))
-    lateral[3000:3010] = np.nan
-    position = np.outer(lateral, [0.0, 1.0, 0.0])
-    rotation = np.where(np.isfinite(lateral)[:, None, None], np.eye(3), np.nan)
-    found = motion_onsets(time, PlatformPose(rotation, position))
-    assert len(found) == 3
-    late = found - onsets
-    assert (late > 0).all()
-    assert (late < 0.1).all()
