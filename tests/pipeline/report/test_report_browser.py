@@ -52,18 +52,13 @@ def test_the_page_raises_no_error_and_requests_nothing_but_itself(browser):
     ]
 
 
-def test_intervals_of_measurement_stand_below_their_values(browser):
-    cell = "[...document.querySelectorAll('.table3 td')].find(c => c.innerText.includes('['))"
-    assert re.fullmatch(r"\d+\.\d ± \d+\.\d\n\[[\d., ]+\]", browser.evaluate(f"{cell}.innerText"))
-
-
 def test_every_figure_is_drawn(browser):
     sizes = browser.evaluate("[...document.images].map(i => [i.complete, i.naturalWidth])")
     assert len(sizes) == 9
     assert all(complete and width > 500 for complete, width in sizes)
 
 
-@pytest.mark.parametrize("width", [320, 390, 768, 1024, 1100, 1280, 1920])
+@pytest.mark.parametrize("width", [320, 1024, 1920])
 def test_no_width_needs_horizontal_scrolling(browser, width):
     browser.resize(width)
     browser.evaluate("document.querySelectorAll('details').forEach(d => d.open = true)")
@@ -98,11 +93,3 @@ def test_text_has_enough_contrast(browser):
     for text, ground in pairs:
         light, dark = sorted((luminance(text), luminance(ground)), reverse=True)
         assert (light + 0.05) / (dark + 0.05) >= 4.5, (text, ground)
-
-
-def test_the_page_can_be_captured_and_printed(browser, tmp_path):
-    browser.resize(1200)
-    browser.screenshot(tmp_path / "report.png")
-    browser.pdf(tmp_path / "report.pdf")
-    assert (tmp_path / "report.png").stat().st_size > 100_000
-    assert (tmp_path / "report.pdf").read_bytes().startswith(b"%PDF")
