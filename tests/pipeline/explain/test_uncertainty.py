@@ -163,7 +163,7 @@ def test_draws_have_mean_and_deviation_of_the_delta_method(part, effects, walk):
 def test_bands_hold_two_thirds_of_the_draws(part, effects, walk):
     *_, bands = measured_uncertainty(part, effects, walk[1])
     drawn = np.array(
-        [residual[part.counts] for residual in draw_residuals(part.chain, part.causes, 40)]
+        [residual[part.counts] for residual in draw_residuals(part.chain, part.causes, 12)]
     )
     spread = (drawn - part.chain.residual[part.counts]).std(axis=0)
     ratio = np.sqrt((spread**2).mean(axis=0) / (bands.deviation**2).mean(axis=0))

@@ -78,6 +78,12 @@ def page(folder):
 
 @pytest.fixture
 def quick(monkeypatch):
+    """Draw no figures: they are not tested here."""
+    monkeypatch.setattr(report, "study_figures", lambda *given: iter(()))
+
+
+@pytest.fixture
+def unsaved(monkeypatch):
     """Save figures as empty files: their appearance is not tested here."""
 
     def save(figure, path):
@@ -177,7 +183,7 @@ def test_equal_results_give_an_equal_report_and_markup_in_a_name_is_text(
     ],
     ids=["one subject", "measured only", "gap"],
 )
-def test_incomplete_studies_are_reported_with_what_is_missing(tmp_path, quick, study, text):
+def test_incomplete_studies_are_reported_with_what_is_missing(tmp_path, unsaved, study, text):
     found = Page(write_report(write_fake_results(tmp_path, cycles=2, **study)))
     assert found.open == []
     assert text in found.text
@@ -229,7 +235,7 @@ def write_standing(folder, number, condition, **made):
     write_trial(replace(result, condition=condition, key="key"), path)
 
 
-def test_a_study_of_standing_is_reported_over_the_recordings(tmp_path, quick):
+def test_a_study_of_standing_is_reported_over_the_recordings(tmp_path, unsaved):
     for number in (1, 2):
         write_standing(tmp_path, number, "quiet")
     found = Page(write_report(tmp_path))
