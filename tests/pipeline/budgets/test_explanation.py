@@ -19,25 +19,27 @@ from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.residuals import residual_table
 
-DELAY_S, STATED_S = 0.012, 0.004
+DELAY_S, STATED_S, ZERO_N = 0.012, 0.004, 4.0
+ZERO = np.array([0, ZERO_N, 0, 0, 0, 0])
 STILL = Laboratory(Treadmill())
 
 
 @pytest.fixture(scope="module")
 def recording(walker):
-    """The walker's recording, its plates later than anyone states."""
-    plates = tuple(replace(p, time=p.time + DELAY_S) for p in walker.plates)
-    return replace(walker, plates=plates)
-
-
-def explained(recording, **settings):
-    result = process_recording(recording, Subject(sex="female"), Settings(**settings))
-    return explain(recording, STILL, result)
+    """The walker's recording, its plates later than anyone states, the first with a zero error."""
+    first, second = (replace(p, time=p.time + DELAY_S) for p in walker.plates)
+    first = replace(first, wrench_in_plate=first.wrench_in_plate + ZERO)
+    return replace(walker, plates=(first, second))
 
 
 @pytest.fixture(scope="module")
-def late(recording) -> Explanation:
-    return explained(recording, plate_delay_s=STATED_S)
+def result(recording):
+    return process_recording(recording, Subject(sex="female"), Settings(plate_delay_s=STATED_S))
+
+
+@pytest.fixture(scope="module")
+def late(recording, result) -> Explanation:
+    return explain(recording, STILL, result)
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +54,10 @@ def test_a_planted_delay_is_the_first_cause_and_stated_on_top_of_what_is_stated(
     assert first.name == "plates are late"
     assert first.size == pytest.approx(DELAY_S - STATED_S, abs=1.96 * first.deviation)
     assert first.deviation < 0.002
+    zero = next(each for each in late.budget.causes if each.name == "plate 1: zero of Fy")
+    assert zero.size == pytest.approx(ZERO_N, rel=0.35)
+    assert zero.size == pytest.approx(ZERO_N, abs=1.96 * zero.deviation)
+    assert (late.budget.held_out[:2] > 0.8).all()
     line = f"state plate_delay_s = {STATED_S + first.size:.3f} under [settings]"
     assert late.mending[0].action == line
 
@@ -63,6 +69,14 @@ def test_stating_the_line_takes_the_residual_to_what_was_promised(recording, lat
     rms = residual_table(result, "level").set_index("axis").loc[mending.axis, "rms"]
     assert rms == pytest.approx(mending.after, rel=0.1)
     assert mending.after < 0.6 * mending.before
+
+
+def test_the_headline_is_the_measured_residual(late, result):
+    side = max(result.cycles, key=lambda each: len(result.cycles[each]))
+    start, stop = result.cycles[side][0][0], result.cycles[side][-1][1]
+    inside = (result.motion.time >= start) & (result.motion.time < stop)
+    expected = np.sqrt(np.mean(result.measured.residual[inside] ** 2, axis=0))
+    np.testing.assert_allclose(late.budget.rms, expected, rtol=0.02)
 
 
 def test_shares_sum_to_the_whole(late):
