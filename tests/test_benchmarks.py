@@ -7,16 +7,13 @@ import numpy as np
 import pytest
 
 from hbm.engines.engine import ENGINES
-from hbm.kinematics import solve_ik
-from pipeline.io.c3d.read import read_c3d
 from pipeline.io.recording import Event
-from tests.benchmarks import commands, events, report
+from tests.benchmarks import events
 from tests.benchmarks.accuracy import check_optimum, force_error, kinematic_error
 from tests.benchmarks.comparison import COMPILED, MACHINE, implementations
-from tests.benchmarks.scaling import LEGS, on_segments, solved_share
+from tests.benchmarks.scaling import solved_share
 from tests.benchmarks.trial import export_trial, write_trial
 from tests.benchmarks.walker import walk, with_dropouts, with_random_gaps
-from tests.synthetic import synthetic_body
 
 FRAMES = 120
 OPENSIM = pytest.param("OpenSim", marks=pytest.mark.opensim)
@@ -71,11 +68,6 @@ def test_no_other_program_fits_the_markers_better(trial, result, name):
     assert ours <= theirs + 1e-6
 
 
-def test_the_compiler_changes_nothing(result):
-    compiled, machine = result(COMPILED, "ik"), result(MACHINE, "ik")
-    np.testing.assert_allclose(compiled, machine, rtol=0, atol=1e-9)
-
-
 @pytest.mark.parametrize(
     ("name", "task"),
     [
@@ -96,35 +88,6 @@ def test_with_markers_missing_every_frame_is_solved_or_marked(whole, tmp_path, r
     assert np.isnan(markers.position).any()
     share = solved_share(write_trial(tmp_path / "trial", whole, markers))
     assert share["solved"] + share["marked"] == share["frames"] == FRAMES
-
-
-def test_markers_of_the_legs_leave_the_arms_unobserved(whole):
-    motion = solve_ik(synthetic_body(), on_segments(whole.markers, LEGS))
-    observed = [
-        name for name, always in zip(motion.names, motion.observed.all(0), strict=True) if always
-    ]
-    assert len(observed) == 18
-    assert all(
-        part not in name for name in observed for part in ("Shoulder", "Elbow", "Trunk", "Head")
-    )
-
-
-def test_the_long_trials_file_holds_30_channels_at_1000_hz(whole, tmp_path):
-    commands.write_trial(whole, tmp_path / "trial.c3d")
-    recording = read_c3d(tmp_path / "trial.c3d")
-    assert len(recording.markers.names) == 46
-    assert 6 * len(recording.plates) + len(recording.analog.names) == 30
-    assert np.diff(recording.analog.time) == pytest.approx(1 / 1000)
-    for plate, wrench in zip(recording.plates, whole.wrenches.values(), strict=True):
-        np.testing.assert_allclose(plate.wrench[::10], wrench, atol=1e-3)
-
-
-def test_a_missed_target_is_reported_as_missed():
-    memory = {"memory": {"frames": 1, "solved": 1, "peak_bytes": 2e9, "seconds": 1.0}}
-    (target,) = report.targets(memory)
-    assert target.value == 2.0
-    assert not target.met
-    assert json.dumps(report.machine())
 
 
 def test_errors_of_events_count_what_is_late_missed_and_invented():

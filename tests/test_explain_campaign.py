@@ -10,11 +10,11 @@ import pytest
 from hbm.spatial import Array
 from pipeline.explain.budget import Budget, EstimatedCause, GroupShare
 from tests.campaign.explain import trial as campaign_trial
-from tests.campaign.explain.faults import KINDS, Seeded
+from tests.campaign.explain.faults import Seeded
 from tests.campaign.explain.plate_faults import PlateFault
-from tests.campaign.explain.rows import SHARES, Tables
-from tests.campaign.explain.summary import absent, overall, ranks
-from tests.campaign.explain.trial import Outcome, Plan, carried_out, planned, wrong_prior
+from tests.campaign.explain.rows import share_rows
+from tests.campaign.explain.summary import absent, found, overall
+from tests.campaign.explain.trial import Outcome, Plan, carried_out
 from tests.campaign.explain.virtual_trial import VirtualLaboratory
 
 HEAVY_ZERO = Seeded(
@@ -69,63 +69,36 @@ def test_a_fault_truly_makes_what_is_missing_without_it(monkeypatch: pytest.Monk
     assert done.budgets == {"as usual": found}
 
 
-def test_equal_seeds_plan_equal_trials_of_one_to_five_possible_faults() -> None:
-    plans = [planned(7, number) for number in range(60)]
-    assert [plan.name for plan in plans[:2]] == ["7.0", "7.1"]
-    assert {len(plan.faults) for plan in plans} == {1, 2, 3, 4, 5}
-    assert {plan.where for plan in plans} == {"still", "markers", "channels"}
-    with_places = {"still": set(), "markers": {"moving"}, "channels": {"moving", "channels"}}
-    for plan in plans:
-        places = {KINDS[name].where for name in plan.faults}
-        assert places <= {"anywhere"} | with_places[plan.where]
-    assert planned(7, 0).faults.keys() == plans[0].faults.keys()
-    assert planned(7, 0).wrong == plans[0].wrong
-
-
-def test_a_wrong_prior_is_right_again_afterwards() -> None:
-    known = campaign_trial.priors()
-    before = known["delay"]
-    with wrong_prior("delay", 3.0):
-        assert known["delay"].size == 3 * before.size
-    assert known["delay"] is before
-
-
 def test_intervals_that_are_too_narrow_do_not_hold() -> None:
     z = np.random.default_rng(0).standard_normal(4000)
     sizes = pd.DataFrame(
-        {"trial": np.arange(4000) // 40, "group": "zero", "usual": 1.0, "deviation": 0.5}
+        {"group": "zero", "usual": 1.0, "deviation": 0.5, "true": 1.0}, range(4000)
     )
-    sizes = sizes.assign(true=1.0, z=z, held=np.abs(z) <= 1.96)
-    assert next(overall(sizes, "usual")).startswith(
-        "usual: sizes of seeded faults of instruments: 95."
-    )
-    narrow = sizes.assign(held=np.abs(2 * z) <= 1.96)
-    assert next(overall(narrow, "usual")).startswith(
-        "usual: sizes of seeded faults of instruments: 6"
-    )
+    for width, held in ((1.96, "95."), (0.98, "6")):
+        line = next(overall(sizes.assign(held=np.abs(z) <= width), "usual"))
+        assert line.startswith(f"usual: sizes of seeded faults of instruments: {held}")
 
 
 @pytest.mark.parametrize(
-    ("groups", "first", "alone"),
+    ("groups", "is_first"),
     [
-        ({"zero": 0.8, "delay": 0.1}, "100.0", "100.0"),
-        ({"zero + place": 0.8, "delay": 0.1}, "100.0", "0.0"),
-        ({"zero": 0.3, "delay": 0.6}, "0.0", "100.0"),
+        ({"zero": 0.8, "delay": 0.1}, True),
+        ({"zero + place": 0.8, "delay": 0.1}, True),
+        ({"zero": 0.3, "delay": 0.6}, False),
     ],
 )
-def test_the_right_group_is_first_or_not(
-    tmp_path: Path, groups: dict[str, float], first: str, alone: str
-) -> None:
-    tables = Tables(tmp_path)
-    tables.add(outcome(budget({name: np.full(6, share) for name, share in groups.items()})))
-    row = ranks(tables.read(SHARES), "as usual").iloc[0]
-    assert (row["first %"], row["named alone %"]) == (first, alone)
+def test_the_right_group_is_first_or_not(groups: dict[str, float], is_first: bool) -> None:
+    said = budget({name: np.full(6, share) for name, share in groups.items()})
+    rows = share_rows(outcome(said))
+    (fault,) = found(rows[rows.prior.isna()], rows[rows.prior.notna()]).itertuples()
+    assert (fault.first, fault.instrument, fault.largest) == (is_first, True, True)
 
 
-def test_an_absent_group_that_is_claimed_is_counted(tmp_path: Path) -> None:
-    tables = Tables(tmp_path)
-    tables.add(outcome(budget({"zero": np.full(6, 0.5), "delay": np.full(6, 0.11)})))
-    tables.add(outcome(budget({"zero": np.full(6, 0.5), "delay": np.full(6, 0.09)}), number=2))
-    claimed, surely = absent(tables.read(SHARES), "as usual")
-    assert "50.0 % of 2: delay" in claimed
-    assert "0.0 % of 2: delay" in surely
+def test_an_absent_group_that_is_claimed_is_counted() -> None:
+    rows = [
+        share_rows(outcome(budget({"zero": np.full(6, 0.5), "delay": np.full(6, share)}), number))
+        for number, share in enumerate((0.11, 0.09))
+    ]
+    above, surely = absent(pd.concat(rows))
+    assert above.endswith("50.0 % of 2")
+    assert surely.endswith("50.0 % of 2")

@@ -17,11 +17,6 @@ def test_five_delays_are_found_within_three_tenths_of_a_millisecond(draws):
     assert sum(one.covered for one in draws) >= 3  # 2 or fewer: one in 860
 
 
-def test_draws_differ_in_contact_and_delay_and_come_back_by_their_seed(draws):
-    assert len({one.contact_s for one in draws}) == len({one.delay_s for one in draws}) == 5
-    assert draw(3) == draws[3]
-
-
 GOOD = [Draw(0.003, 0.004, 0.004, 0.0001)] * 95 + [Draw(0.003, 0.004, 0.0042, 0.0001)] * 5
 
 
@@ -36,8 +31,3 @@ GOOD = [Draw(0.003, 0.004, 0.004, 0.0001)] * 95 + [Draw(0.003, 0.004, 0.0042, 0.
 def test_a_quarter_of_wrong_estimates_misses_its_goal(change, goal):
     spoiled = [replace(one, **change) for one in GOOD[:25]] + GOOD[25:]
     assert any(goal in missed for missed in unmet(spoiled))
-
-
-def test_intervals_that_are_too_wide_are_no_good_intervals():
-    wide = [replace(one, uncertainty_s=0.01) for one in GOOD]
-    assert unmet(wide) == ["the 95 % interval holds 93 to 97 %"]

@@ -72,10 +72,6 @@ def whole_processes(folder: Path, frames: int, _: int) -> Measured:
 
 PARTS: dict[str, Callable[[Path, int, int], Measured]] = {
     "compare": compare,
-    "frames": lambda folder, _, repeats: {"frames": scaling.in_frames(folder, repeats)},
-    "coordinates": lambda folder, _, repeats: {
-        "coordinates": scaling.in_coordinates(folder, repeats)
-    },
     "gaps": lambda folder, _, repeats: {"gaps": scaling.gaps(folder, repeats)},
     "commands": whole_processes,
     "events": lambda folder, *_: events.race(folder),

@@ -18,8 +18,6 @@ TITLES = {
     "treadmill events": "Gait events of a treadmill recording by one method against another",
     "ik": "Inverse kinematics, per frame",
     "id": "Inverse dynamics with residuals, per frame",
-    "frames": "Ours by length of the trial",
-    "coordinates": "Ours by markers and the coordinates they observe",
     "gaps": "Ours with missing markers",
     "live": "Live frames, from their last sample to the result, on the clock",
 }

@@ -1,46 +1,19 @@
-"""Our time per frame by length of the trial, by coordinates, and with missing markers."""
+"""Our time per frame with missing markers."""
 
 from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 
-from hbm.coordinates import MOVING
 from hbm.kinematics import solve_ik
-from hbm.markers import Markers
 from tests.benchmarks.implementation import Implementation, Timing, ratio, time_alternately
 from tests.benchmarks.trial import Trial, write_trial
 from tests.benchmarks.walker import walk, with_dropouts, with_random_gaps
-from tests.synthetic import synthetic_body
 
-FRAMES = (1000, 6000, 30000, 72000)
 GAP_FRAMES = 8000
 ELSEWHERE = 1e-5
 """Distance from the optimum [rad or m] beyond which a solution belongs to another minimum."""
-LEG = ("thigh", "shank", "foot")
-LEGS = ("pelvis", *(f"{side}_{part}" for side in ("left", "right") for part in LEG))
-COORDINATES = {"whole body": MOVING, "legs and trunk": (*LEGS, "thorax"), "legs": LEGS}
 Row = dict[str, float | str]
-
-
-def in_frames(folder: Path, repeats: int, frames: tuple[int, ...] = FRAMES) -> list[Row]:
-    longest = walk(max(frames))
-    trials = {f"{n} frames": write_trial(folder / str(n), longest.first(n)) for n in frames}
-    return _compare(trials, repeats, ("ik", "id"))
-
-
-def in_coordinates(folder: Path, repeats: int, frames: int = GAP_FRAMES) -> list[Row]:
-    """Fewer markers observe fewer coordinates; the others are locked."""
-    whole = walk(frames)
-    trials = {
-        name: write_trial(folder / name, whole, on_segments(whole.markers, segments))
-        for name, segments in COORDINATES.items()
-    }
-    rows = _compare(trials, repeats, ("ik",))
-    for row, trial in zip(rows, trials.values(), strict=True):
-        row["markers"] = len(trial.markers.names)
-        row["coordinates"] = int(trial.optimum.observed.any(axis=0).sum())
-    return rows
 
 
 def gaps(folder: Path, repeats: int, frames: int = GAP_FRAMES) -> list[Row]:
@@ -52,7 +25,7 @@ def gaps(folder: Path, repeats: int, frames: int = GAP_FRAMES) -> list[Row]:
         "a marker out for every second": with_dropouts(whole.markers),
     }
     trials = {name: write_trial(folder / name, whole, markers) for name, markers in cases.items()}
-    rows = _compare(trials, repeats, ("ik",))
+    rows = _compare(trials, repeats)
     for row, trial in zip(rows, trials.values(), strict=True):
         row |= solved_share(trial)
     return rows
@@ -75,25 +48,16 @@ def solved_share(trial: Trial) -> Row:
     }
 
 
-def on_segments(markers: Markers, segments: tuple[str, ...]) -> Markers:
-    body = synthetic_body()
-    columns = [k for k, segment in enumerate(body.marker_segment) if segment in segments]
-    names = tuple(body.markers[k] for k in columns)
-    return Markers(markers.time, names, markers.position[:, columns])
-
-
-def _compare(trials: dict[str, Trial], repeats: int, tasks: tuple[str, ...]) -> list[Row]:
-    """Time ours on several trials; ratios are to the first, per frame."""
+def _compare(trials: dict[str, Trial], repeats: int) -> list[Row]:
+    """Time ours on several trials of the same length; ratios are to the first."""
     rows: list[Row] = [{"name": name} for name in trials]
     with ExitStack() as stack:
         running = [stack.enter_context(Implementation("ours", t.folder)) for t in trials.values()]
-        for task in tasks:
-            timings = [Timing(n, c, task) for n, c in zip(trials, running, strict=True)]
-            time_alternately(timings, repeats)
-            for row, timing, trial in zip(rows, timings, trials.values(), strict=True):
-                frames = len(trial.markers.time)
-                share = len(next(iter(trials.values())).markers.time) / frames
-                row[f"{task}_frames_per_s"] = frames / timing.median("wall")
-                row[f"{task}_cpu_us"] = 1e6 * timing.median("cpu") / frames
-                row[f"{task}_cpu_ratio"] = ratio(timing, timings[0], "cpu") * share
+        timings = [Timing(n, c, "ik") for n, c in zip(trials, running, strict=True)]
+        time_alternately(timings, repeats)
+        for row, timing, trial in zip(rows, timings, trials.values(), strict=True):
+            frames = len(trial.markers.time)
+            row["ik_frames_per_s"] = frames / timing.median("wall")
+            row["ik_cpu_us"] = 1e6 * timing.median("cpu") / frames
+            row["ik_cpu_ratio"] = ratio(timing, timings[0], "cpu")
     return rows

@@ -5,11 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hbm.coordinates import INDEX, N_Q, TREE
-from hbm.dynamics import filter_motion
 from hbm.kernels.native import kernels
-from hbm.kinematics import solve_ik
 from hbm.markers import Markers
-from hbm.motion import Motion
 from hbm.poses import marker_positions
 from hbm.spatial import Array
 from tests.synthetic import RATE_HZ, synthetic_body
@@ -40,16 +37,6 @@ class Walk:
     markers: Markers
     wrenches: dict[str, Array]
 
-    def first(self, frames: int) -> "Walk":
-        """Give the first frames of the same walk."""
-        loads = {foot: wrench[:frames] for foot, wrench in self.wrenches.items()}
-        parts = (x[:frames] for x in (self.time, self.q, self.v, self.a))
-        return Walk(*parts, first_frames(self.markers, frames), loads)
-
-
-def first_frames(markers: Markers, frames: int) -> Markers:
-    return Markers(markers.time[:frames], markers.names, markers.position[:frames])
-
 
 def walk(frames: int, seed: int = 1) -> Walk:
     """Every coordinate oscillates with the strides, whose rate varies; 4 mm of marker noise."""
@@ -70,11 +57,6 @@ def walk(frames: int, seed: int = 1) -> Walk:
     left = 0.5 + 0.5 * np.clip(1.5 * np.sin(phase), -1, 1)[:, None]
     wrenches = {"left_foot": left * needed, "right_foot": (1 - left) * needed}
     return Walk(time, q, v, a, Markers(time, body.markers, position), wrenches)
-
-
-def solved(trial: Walk) -> Motion:
-    """Give the filtered motion from which all inverse dynamics start."""
-    return filter_motion(solve_ik(synthetic_body(), trial.markers))
 
 
 def with_random_gaps(markers: Markers, share: float, seed: int = 2) -> Markers:

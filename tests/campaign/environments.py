@@ -68,7 +68,7 @@ ENVIRONMENTS: Final[Mapping[str, Environment]] = {
     "UTF-16": Environment({"PYTHONIOENCODING": "utf-16"}),
     **{
         f"COLUMNS={columns}": Environment({"COLUMNS": columns})
-        for columns in ("0", "1", "40", "100000", "-5", "many")
+        for columns in ("0", "100000", "many")
     },
     "LINES=0": Environment({"LINES": "0"}),
     "no HOME": Environment({"HOME": None, "XDG_CACHE_HOME": None}),

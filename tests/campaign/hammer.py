@@ -12,9 +12,10 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-from scipy.stats import binomtest
+import pandas as pd
 
 from compensation import hammer_delay
+from pipeline.io.write import markdown
 from pipeline.virtual_lab.machine.instruments import ANALOG_HZ, SAMPLES_PER_FRAME
 from pipeline.virtual_lab.protocol.known_weights import strike_belt
 
@@ -76,49 +77,27 @@ def answered(draws: Sequence[Draw]) -> list[Draw]:
     return [one for one in draws if one.answered]
 
 
-def share(holds: Sequence[bool]) -> str:
-    """Write a share with the 95 % interval that a number so small leaves."""
-    count, of = sum(holds), len(holds)
-    if not of:
-        return "–"
-    sure = binomtest(count, of).proportion_ci(method="wilson")
-    return f"{100 * count / of:.1f} % ({100 * sure.low:.1f} to {100 * sure.high:.1f})"
-
-
-def row(name: str, draws: Sequence[Draw]) -> str:
-    told = answered(draws)
-    error_ms = [1000 * one.error_s for one in told]
-    half_ms = [1000 * one.uncertainty_s for one in told]
-    cells = [
-        name,
-        str(len(draws)),
-        share([one.answered for one in draws]),
-        share([one.close for one in told]),
-        share([one.covered for one in told]),
-        f"{np.mean(error_ms):+.3f}" if told else "–",
-        f"{np.std(error_ms):.3f}" if told else "–",
-        f"{np.max(np.abs(error_ms)):.2f}" if told else "–",
-        f"{np.median(half_ms):.2f}" if told else "–",
-    ]
-    return f"| {' | '.join(cells)} |"
-
-
-def table(draws: Sequence[Draw]) -> list[str]:
+def table(draws: Sequence[Draw]) -> pd.DataFrame:
     """Give one row per duration of the contact and one over all."""
-    rows = [
-        row(
-            f"{1000 * low:g} to {1000 * high:g} ms",
-            [one for one in draws if low <= one.contact_s < high],
+    rows = []
+    for low, high in (*pairwise(BINS_S), CONTACT_S):
+        own = [one for one in draws if low <= one.contact_s < high]
+        told = answered(own)
+        error_ms = 1000 * np.array([one.error_s for one in told])
+        rows.append(
+            {
+                "contact (ms)": f"{1000 * low:g} to {1000 * high:g}",
+                "recordings": len(own),
+                "answered (%)": 100 * np.mean([one.answered for one in own]),
+                "within 0.3 ms (%)": 100 * np.mean([one.close for one in told]),
+                "interval holds it (%)": 100 * np.mean([one.covered for one in told]),
+                "mean error (ms)": error_ms.mean(),
+                "SD (ms)": error_ms.std(),
+                "largest (ms)": np.abs(error_ms).max(initial=0.0),
+                "median interval ± (ms)": 1000 * np.median([one.uncertainty_s for one in told]),
+            }
         )
-        for low, high in pairwise(BINS_S)
-    ]
-    return [
-        "| contact | recordings | answered | within 0.3 ms | interval holds it | mean error (ms) "
-        "| SD (ms) | largest (ms) | median interval ± (ms) |",
-        f"|---|{'---:|' * 8}",
-        *rows,
-        row("all", draws),
-    ]
+    return pd.DataFrame(rows)
 
 
 def unmet(draws: Sequence[Draw]) -> list[str]:
@@ -138,7 +117,7 @@ def main() -> int:
     parser.add_argument("--draws", type=int, default=DRAWS, help="a number of them")
     given = parser.parse_args()
     draws = [draw(seed) for seed in range(given.draws)]
-    print(*table(draws), sep="\n")
+    print(markdown(table(draws)))
     missed = unmet(draws)
     print(*(f"not met: {goal}" for goal in missed), sep="\n")
     return 1 if missed else 0

@@ -1,6 +1,6 @@
 """How often the 95 % intervals of compensated plates hold, and how wide they are.
 
-``python -m tests.campaign.inertia_intervals [--seeds N …] [--flexibility F] [--rate-hz R]``;
+``python -m tests.campaign.inertia_intervals [--seeds N …] [--rate-hz R]``;
 without seeds it takes the reserved ones, of which docs/inertia_intervals.md has the tables. Ends
 with 1 where the intervals do not do what is demanded of them.
 """
@@ -10,10 +10,12 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 from multiprocessing import Pool
 from typing import Final
 
 import numpy as np
+import pandas as pd
 
 from compensation import validation_signals
 from compensation.protocol import platform_signal
@@ -22,6 +24,7 @@ from hbm.signals.filtering import low_pass
 from hbm.spatial import WRENCH_COMPONENTS, Array, shift_wrench
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording
+from pipeline.io.write import markdown
 from pipeline.trial.ground.accelerometers import find_accelerometers
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory, bind
@@ -153,9 +156,9 @@ def laboratory(
                     yield Cell(flexibility, sensors, calibration, trial, cutoff_hz, *shares)
 
 
-def of_machines(seed: int, rate_hz: float, machines: Sequence[float]) -> list[Cell]:
+def of_machines(seed: int, rate_hz: float) -> list[Cell]:
     """Judge a laboratory on each machine."""
-    return [cell for machine in machines for cell in laboratory(seed, rate_hz, machine)]
+    return [cell for machine in FLEXIBILITIES for cell in laboratory(seed, rate_hz, machine)]
 
 
 def with_belts(signal: Signal, name: str, speed: float) -> Signal:
@@ -189,82 +192,33 @@ def covered(cells: Sequence[Cell]) -> Array:
     return np.mean([cell.covered for cell in cells], axis=0)
 
 
-def standard_error(cells: Sequence[Cell], laboratories: int) -> float:
-    """Give the standard error of the overall share, from its scatter between laboratories."""
-    if laboratories < 2:
-        return float("nan")
-    each = np.reshape([cell.covered.mean() for cell in cells], (laboratories, -1)).mean(axis=1)
-    return float(np.std(each, ddof=1) / np.sqrt(laboratories))
+SETUP: Final = ["flexibility", "sensors", "calibration"]
+KEYS: Final = [*SETUP, "trial", "cutoff_hz"]
 
 
-def setups(cells: Sequence[Cell]) -> Iterator[tuple[str, list[Cell]]]:
-    """Give the cells of each machine, number of accelerometers and calibration, with their name."""
-    for flexibility in FLEXIBILITIES:
-        for sensors in SENSORS:
-            for calibration in CALIBRATIONS:
-                own = chosen(
-                    cells, flexibility=flexibility, sensors=sensors, calibration=calibration
-                )
-                machine = "" if flexibility == 1 else f", machine {flexibility:g} times as soft"
-                if own:
-                    yield f"{sensors} accelerometers, {calibration}{machine}", own
+def table(cells: Sequence[Cell]) -> pd.DataFrame:
+    """Give how often intervals hold (%), and RMS of what is left and of σ, by component.
+
+    A row per setup, trial and filter, over laboratories.
+    """
+    rows = []
+    for cell in cells:
+        key = {name: getattr(cell, name) for name in KEYS}
+        for component, values in zip(
+            WRENCH_COMPONENTS, zip(cell.covered, cell.left, cell.stated, strict=True), strict=True
+        ):
+            held, left, stated = values
+            rows.append(key | {"component": component, "held": held, "left": left, "σ": stated})
+    means = pd.DataFrame(rows).groupby([*KEYS, "component"], sort=False).mean()
+    return means.assign(held=100 * means.held, left=means.left**0.5, σ=means["σ"] ** 0.5)
 
 
-def unmet(cells: Sequence[Cell]) -> list[str]:
+def unmet(found: pd.DataFrame) -> list[str]:
     """Give what the intervals should do and do not, with people in the calibration."""
-    missed = []
-    for name, own in setups(chosen(cells, calibration=CALIBRATIONS[1])):
-        share = float(covered(own).mean())
-        if not GOAL[0] <= share <= GOAL[1]:
-            missed.append(f"{name}: {100 * share:.1f} % of all")
-        for trial in BYSTANDERS:
-            for cutoff_hz in CUTOFFS_HZ:
-                shares = covered(chosen(own, trial=trial, cutoff_hz=cutoff_hz))
-                missed += [
-                    f"{name}, {trial}, {cutoff_hz:g} Hz, {component}: {100 * value:.1f} %"
-                    for component, value in zip(WRENCH_COMPONENTS, shares, strict=True)
-                    if not GOAL_OF_CELL[0] <= value <= GOAL_OF_CELL[1]
-                ]
-    return missed
-
-
-def table(cells: Sequence[Cell]) -> list[str]:
-    """Give one row per trial and filter: share, and RMS of σ and of what is left."""
-    lines = [
-        f"| trial | below | | {' | '.join(WRENCH_COMPONENTS)} |",
-        f"|---|---:|---|{'---:|' * 6}",
-    ]
-    for trial in BYSTANDERS:
-        for cutoff_hz in CUTOFFS_HZ:
-            own = chosen(cells, trial=trial, cutoff_hz=cutoff_hz)
-            left, stated = (
-                np.sqrt(np.mean([getattr(c, side) for c in own], axis=0))
-                for side in ("left", "stated")
-            )
-            for name, values, form in (
-                ("held (%)", 100 * covered(own), ".1f"),
-                ("left, RMS", left, ".2f"),
-                ("σ, RMS", stated, ".2f"),
-            ):
-                numbers = " | ".join(f"{value:{form}}" for value in values)
-                lines.append(f"| {trial} | {cutoff_hz:g} Hz | {name} | {numbers} |")
-    return lines
-
-
-def tables(cells: Sequence[Cell], laboratories: int) -> list[str]:
-    """Give a table of every setup with its heading."""
-    lines = []
-    for name, own in setups(cells):
-        lines += [
-            f"## {name}",
-            "",
-            f"All together {100 * covered(own).mean():.1f} % "
-            f"(standard error {100 * standard_error(own, laboratories):.1f} %).",
-            "",
-            *table(own),
-            "",
-        ]
-    return lines
+    held = found.held.xs(CALIBRATIONS[1], level="calibration", drop_level=False) / 100
+    every = held.groupby(SETUP).mean()
+    missed = pd.concat([every[~every.between(*GOAL)], held[~held.between(*GOAL_OF_CELL)]])
+    return [f"{key}: {100 * share:.1f} %" for key, share in missed.items()]
 
 
 def main() -> int:
@@ -272,20 +226,14 @@ def main() -> int:
         prog="python -m tests.campaign.inertia_intervals", description=__doc__
     )
     parser.add_argument("--seeds", type=int, nargs="+", help="other laboratories")
-    parser.add_argument("--flexibility", type=float, choices=FLEXIBILITIES, help="of the machine")
     parser.add_argument("--rate-hz", type=float, default=RATE_HZ, help="a multiple of 100")
     parser.add_argument("--jobs", type=int, default=1)
     given = parser.parse_args()
-    seeds = given.seeds or list(SEEDS)
-    machines = FLEXIBILITIES if given.flexibility is None else (given.flexibility,)
-    of_each = partial(of_machines, rate_hz=given.rate_hz, machines=machines)
-    cells: list[Cell] = []
+    of_each = partial(of_machines, rate_hz=given.rate_hz)
     with Pool(given.jobs) as pool:
-        for number, found in enumerate(pool.imap(of_each, seeds), 1):
-            cells += found
-            print(f"{number} of {len(seeds)}", file=sys.stderr, flush=True)
-    print(*tables(cells, len(seeds)), sep="\n")
-    missed = unmet(cells)
+        found = table(list(chain(*pool.imap(of_each, given.seeds or SEEDS))))
+    print(markdown(found.unstack("component").reset_index(), digits=1))
+    missed = unmet(found)
     print(*(f"not met: {goal}" for goal in missed), sep="\n")
     return 1 if missed else 0
 

@@ -1,7 +1,5 @@
 """Known delays and a known rotation of a plate are found again."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -24,8 +22,9 @@ def shifted_pair(laboratory, delay_s, seed, **options):
     return early.accelerations, late.wrench
 
 
-@pytest.mark.parametrize("delay_s", [0.0071, 0.0844])
-@pytest.mark.parametrize(("rate_hz", "cutoff_hz"), [(1000, None), (100, 20)])
+@pytest.mark.parametrize(
+    ("delay_s", "rate_hz", "cutoff_hz"), [(0.0071, 1000, None), (0.0844, 100, 20)]
+)
 def test_a_known_delay_between_sensors_and_plate_comes_back(
     laboratory, delay_s, rate_hz, cutoff_hz
 ):
@@ -35,7 +34,7 @@ def test_a_known_delay_between_sensors_and_plate_comes_back(
     assert found.standard_error < 5e-5
 
 
-@pytest.mark.parametrize("delay_s", [0.003, -0.02, 0.0844])
+@pytest.mark.parametrize("delay_s", [-0.02, 0.0844])
 def test_the_delay_of_slow_motion_comes_back_too(delay_s):
     """Whole samples of a turn in six seconds correlate alike over several of them."""
     time = np.arange(0, 30, 0.01)
@@ -69,25 +68,10 @@ def test_markers_and_plates_of_different_units_are_aligned_without_noise(delay_s
     assert found.seconds == pytest.approx(delay_s, abs=2e-5)
 
 
-def still(table, column):
-    table = table.copy()
-    table[:, column] = 1.0
-    return table
-
-
-def with_gap(table):
-    table = table.copy()
-    table[50:80] = np.nan
-    return table
-
-
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
         (lambda a, w: (a[:400], w[:400]), "400 samples are too few to seek delays up to 0.2 s"),
-        (lambda a, w: (a, w[::2]), "different rates"),
-        (lambda a, w: (with_gap(a), w), "reference: 30 of 1900 samples are not numbers"),
-        (lambda a, w: (still(a, 3), w), "reference: constant in channel 4"),
         (
             lambda a, w: (a, np.random.default_rng(0).normal(size=w.shape)),
             "of its variance only, .* one trial",
@@ -126,8 +110,7 @@ def impacts(seed, delay_s, contact_s=0.004, count=15, height_noise_m=2e-4):
     return camera, height + height_noise_m * rng.normal(size=len(camera)), plate, force
 
 
-@pytest.mark.parametrize("delay_s", [0.0844, -0.004])
-@pytest.mark.parametrize("contact_s", [0.001, 0.010])
+@pytest.mark.parametrize(("delay_s", "contact_s"), [(0.0844, 0.001), (-0.004, 0.010)])
 def test_a_known_delay_of_the_plate_comes_back_however_long_the_hammer_touches(delay_s, contact_s):
     found = hammer_delay(*impacts(1, delay_s, contact_s))
     assert found.seconds == pytest.approx(delay_s, abs=3e-4)
@@ -147,12 +130,6 @@ def test_the_95_percent_interval_of_a_delay_by_a_hammer_holds_it_19_times_in_20(
     assert 35 <= sum(holds) < 40
 
 
-def test_a_force_at_the_rate_of_the_cameras_is_refused():
-    camera, height, plate, force = impacts(1, 0.004)
-    with pytest.raises(ValueError, match="a force at 100 Hz misses impacts between its samples"):
-        hammer_delay(camera, height, plate[::10], force[::10])
-
-
 def test_a_bounce_is_no_impact_of_its_own_and_spoils_none():
     camera, height, plate, force = impacts(4, 0.004)
     again = np.interp(plate, plate + 0.08, force, left=0.0) * 0.3
@@ -169,21 +146,6 @@ def test_a_plate_that_rings_after_every_impact_shows_no_delay():
     rung = np.convolve(force, 0.3 * ringing)[: len(force)]
     with pytest.raises(ValueError, match="impacts found"):
         hammer_delay(camera, height, plate, rung)
-
-
-@pytest.mark.parametrize(
-    ("spoil", "message"),
-    [
-        (lambda t, h, s, f: (t[::-1], h, s, f), "marker times must increase"),
-        (lambda t, h, s, f: (t, np.where(t > 3, np.nan, h), s, f), "marker: .* not numbers"),
-        (lambda t, h, s, f: (t, h, s, 0 * f), "force: constant"),
-        (lambda t, h, s, f: (t, h, s + 100, f), "0 impacts found"),
-        (lambda t, h, s, f: (t, h, s, np.sin(s)), "0 impacts found"),
-    ],
-)
-def test_wrong_impacts_get_one_clear_error(spoil, message):
-    with pytest.raises(ValueError, match=message):
-        hammer_delay(*spoil(*impacts(3, 0.004)))
 
 
 # Plate to cameras -------------------------------------------------------------------------------
@@ -218,27 +180,12 @@ def test_any_rotation_and_offset_is_undone(angle, x, y):
     np.testing.assert_allclose(found.to_camera(plate), camera, atol=1e-12)
 
 
-def test_the_fit_is_a_minimum_of_the_squared_distances():
-    plate, camera = places(3)
-    found = fit_plate_alignment(plate, camera)
-
-    def cost(nudge):
-        other = replace(found, angle=found.angle + nudge[0], offset=found.offset + nudge[1:])
-        return np.sum((other.to_camera(plate) - camera) ** 2)
-
-    nudges = 1e-4 * np.vstack([np.eye(3), -np.eye(3)])
-    assert all(cost(n) > cost(np.zeros(3)) for n in nudges)
-
-
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
         (lambda p, c: (p[:2], c[:2]), "2 places are too few"),
-        (lambda p, c: (np.where(p > 0.7, np.nan, p), c), "plate points: .* not numbers"),
         (lambda p, c: (p, 1000 * c), "are both in metres"),
-        (lambda p, c: (p, c / 1000), "both in metres and in the same order"),
         (lambda p, c: (p, c * [1, -1]), "fit better when mirrored"),
-        (lambda p, c: (p, 0 * c), "expected the same"),
     ],
 )
 def test_wrong_places_get_one_clear_error(spoil, message):
@@ -246,7 +193,7 @@ def test_wrong_places_get_one_clear_error(spoil, message):
         fit_plate_alignment(*spoil(*places(4)))
 
 
-@pytest.mark.parametrize("share", [0.3, 0.7, 1.0, 1.6])
+@pytest.mark.parametrize("share", [0.3, 1.6])
 def test_steps_that_are_too_short_or_too_long_by_a_factor_lead_to_the_same_delay(share):
     """A plain repetition would need some sixty of the shortest ones."""
     best, tried = np.array([0.4, -1.7]), []

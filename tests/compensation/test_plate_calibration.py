@@ -55,14 +55,6 @@ def test_it_makes_no_difference_in_which_axes_and_about_which_point_a_file_holds
     np.testing.assert_allclose(corrected, in_plate(LOADS), rtol=1e-9, atol=1e-9)
 
 
-@given(angle=st.floats(-np.pi, np.pi), shift=st.floats(-2, 2))
-def test_a_correction_that_changes_nothing_leaves_every_bit(angle, shift):
-    same = plate(matrix=np.eye(6), offset=np.zeros(6))
-    rotation = rotation_about(np.array([0, 0.6, 0.8]), angle)
-    corrected = same.correct_in_plate(LOADS, rotation, CENTER + shift)
-    np.testing.assert_array_equal(corrected, LOADS)
-
-
 def test_every_number_survives_the_round_trip():
     written = PlateCalibrations((plate(), plate(2, delay_s=None)), {"study": "Größe"})
     read = from_json(to_json(written))
@@ -75,25 +67,15 @@ def test_every_number_survives_the_round_trip():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"plate": 0}, "numbered from 1 to 99, got 0"),
         ({"matrix": np.eye(5)}, r"plate 1: matrix must be numbers of shape \(6, 6\)"),
-        ({"matrix": np.full((6, 6), np.nan)}, "matrix must be numbers"),
         ({"matrix": 1000 * np.eye(6)}, "matrix holds 1e.03, expected 100 at most"),
-        ({"center": [0, 250, 0]}, "center holds 250, expected 20 at most"),
         ({"matrix": np.diag([1, 1, 0, 1, 1, 1])}, "singular"),
-        ({"examined": ("Fz", "Fw")}, "must be of Fx, .*, got Fz, Fw"),
         ({"delay_s": 4.0}, "delay_s must be within ±0.5 s, got 4.0"),
-        ({"delay_s": np.nan}, "delay_s must be within"),
     ],
 )
 def test_a_correction_that_cannot_be_one_is_refused(changes, message):
     with pytest.raises(ValueError, match=message):
         plate(**changes)
-
-
-def test_two_corrections_of_one_plate_are_refused():
-    with pytest.raises(ValueError, match="plate 1 is there more than once"):
-        PlateCalibrations((plate(), plate()))
 
 
 def spoilt(**changes):
@@ -107,7 +89,6 @@ def with_document(**changes):
     return json.dumps(json.loads(spoilt()) | changes)
 
 
-NESTED = "[" * 50 + "]" * 50
 HUGE = 10**400
 
 
@@ -115,24 +96,10 @@ HUGE = 10**400
     ("text", "message"),
     [
         (spoilt()[:100], "is not JSON"),
-        ("[" * 100_000, "is not JSON"),
-        ("[1, 2]", "not a plate calibration: its format should be"),
-        (with_document(format="hbm-residuals inertia calibration"), "its format should be"),
         (with_document(version=2), "has version 2, this program reads version 1"),
-        (with_document(plates={}), "corrects no plate"),
         (with_document(plates=[3]), "damaged"),
-        (with_document(provenance=["a"]), "damaged"),
-        (spoilt(gain=1), "damaged: .*gain"),
-        (spoilt(plate="1"), "numbered from 1 to 99, got '1'"),
-        (spoilt(plate=HUGE), "numbered from 1 to 99"),
-        (spoilt(examined=[["Fz"]]), "damaged"),
-        (spoilt(offset=["a"] * 6), "damaged"),
         (spoilt(offset=[None] * 6), "offset must be numbers"),
         (spoilt(offset=[HUGE] * 6), "damaged"),
-        (spoilt(offset=json.loads(NESTED)), "damaged|offset must be numbers"),
-        (spoilt(matrix=[[1.0] * 6] * 5 + [[1.0]]), "damaged"),
-        (spoilt(matrix=[[float("inf")] * 6] * 6), "matrix must be numbers"),
-        (spoilt(delay_s="4 ms"), "damaged"),
     ],
 )
 def test_a_damaged_file_gets_one_line(text, message):
@@ -140,8 +107,3 @@ def test_a_damaged_file_gets_one_line(text, message):
         from_json(text)
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 500
-
-
-def test_text_that_steers_a_terminal_is_made_harmless():
-    read = from_json(with_document(provenance={"study": "\x1b[31mred\n"}))
-    assert read.provenance["study"].isprintable()

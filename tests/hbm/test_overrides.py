@@ -96,26 +96,12 @@ def test_a_heavier_shank_raises_the_knee_moment_and_changes_no_geometry(changed)
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[right_shank", "overrides is not valid TOML"),
         ("[rigth_shank]\nmass_kg = 1.0", "no segment 'rigth_shank', did you mean 'right_shank'"),
-        ("[trunk]\nmass_kg = 20.0", "no segment 'trunk', write 'thorax' and 'mid_trunk'"),
-        ("right_shank = 2.0", "right_shank: must be a table with some of mass_kg"),
         ("[head]\nmas_kg = 1.0", "head: no key 'mas_kg', did you mean 'mass_kg'"),
-        ("[head]\nmass_kg = '4'", "head: mass_kg must be 1 number, got '4'"),
-        ("[head]\nmass_kg = true", "head: mass_kg must be 1 number, got True"),
         ("[head]\nmass_kg = -4", "head: mass_kg must be positive, got -4"),
-        (f"[head]\nmass_kg = {'9' * 400}", "head: mass_kg must be less than 1e.06, got 9+…$"),
-        (f"[head]\ncenter_m = [0, 0, {'9' * 400}]", "head: center_m must be less than 1e.06"),
-        (f"[head]\nmass_kg = {'9' * 5000}", "overrides is not valid TOML"),
-        (f"a = {'[' * 5000}", "overrides is not valid TOML"),
-        (f"[head]\nmass_kg = 0x{'F' * 6000}", "head: mass_kg must .* got a very large int$"),
-        (f"head = 0x{'F' * 6000}", "head: must be a table .* got a very large int$"),
         (f"[head]\n{'.'.join('a' * 5000)} = 1", "not valid TOML: it is nested too deeply"),
-        ("[head]\ncenter_m = [0.0, 1.0]", "head: center_m must be 3 numbers"),
         ("[head]\ncenter_m = [0.0, 1.0, nan]", "head: center_m must be .* finite numbers"),
-        ("[head]\ninertia_kg_m2 = [1.0, 1.0, 1.0, 1.0]", "inertia_kg_m2 must be 3 or 6 numbers"),
         ("[head]\ninertia_kg_m2 = [1.0, 1.0, 2.5]", "above the sum of the other two"),
-        ("[head]\ninertia_kg_m2 = [1.0, 1.0, -0.1]", "no negative principal moment"),
         ("[head.worn]\nmass_kg = 1.0", "head: worn needs mass_kg and center_m"),
     ],
 )
@@ -124,16 +110,6 @@ def test_faulty_overrides_are_refused(text, message):
         read_overrides(text)
 
 
-def test_all_faults_are_listed_at_once():
-    with pytest.raises(ValueError, match=r"no segment 'neck'.*head: mass_kg must be positive"):
-        read_overrides("[neck]\nmass_kg = 1.0\n[head]\nmass_kg = 0.0")
-
-
 def test_overrides_that_leave_no_mass_for_other_segments_are_refused():
     with pytest.raises(ValueError, match=r"weigh 80.00 kg, which leaves nothing of 74.6 kg"):
         built({"thorax": SegmentOverride(mass_kg=80.0)})
-
-
-def test_an_override_for_an_unknown_segment_is_refused():
-    with pytest.raises(ValueError, match="overrides: no segment 'left_leg', did you mean"):
-        built({"left_leg": SegmentOverride(mass_kg=8.0)})

@@ -50,9 +50,7 @@ def in_file(recording, axes, *, every=1, about=None):
     return recording.markers.position @ to_file.T, plates
 
 
-def write_dflow(
-    recording, path, *, missing="zero", stamps=None, frames=None, about=None, edit=None, extra=None
-):
+def write_dflow(recording, path, *, missing="zero", stamps=None, about=None, edit=None, extra=None):
     """Write D-Flow's mocap text; plates at the markers' rate; edit changes header and rows."""
     every = round(len(recording.plates[0].time) / len(recording.markers.time))
     position, plates = in_file(recording, "right,up,back", every=every, about=about)
@@ -64,7 +62,7 @@ def write_dflow(
             position[k, lost[k]] = position[k - 1, lost[k]]
     columns = {
         "TimeStamp": recording.markers.time + 200 if stamps is None else stamps,
-        "FrameNumber": recording.first_frame + np.arange(count) if frames is None else frames,
+        "FrameNumber": recording.first_frame + np.arange(count),
     }
     for k, name in enumerate(recording.markers.names):
         columns |= {f"{name}.Pos{a}": position[:, k, j] for j, a in enumerate(FRAME)}
@@ -74,8 +72,8 @@ def write_dflow(
     columns |= extra or {}
     lines = ["\t".join(columns)]
     lines += ["\t".join(f"{x:.6f}" for x in row) for row in zip(*columns.values(), strict=True)]
-    for change in edit or ():
-        lines = change(lines)
+    if edit is not None:
+        lines = edit(lines)
     path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="")
     return path
 

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-PATIENCE_S = 90
+PATIENCE_S = 60
 HARMLESS = re.compile("rasterizer|Docker")
 
 

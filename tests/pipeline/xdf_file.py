@@ -56,13 +56,8 @@ def plate_place(plate):
     )
 
 
-def stream(
-    name, content_type, stamps, values, desc="", *, rate, offset=(), kind=None, deduced=False
-):
-    """One stream: its samples, and how far its clock is behind the recorder's, [(time, s)].
-
-    Deduced: only the first sample of the recording has a time stamp.
-    """
+def stream(name, content_type, stamps, values, desc="", *, rate, offset=(), kind=None):
+    """One stream: its samples, and how far its clock is behind the recorder's, [(time, s)]."""
     values = np.asarray(values)
     return {
         "name": name,
@@ -73,7 +68,6 @@ def stream(
         "rate": rate,
         "offset": offset,
         "format": kind or FORMATS[values.dtype],
-        "deduced": deduced,
     }
 
 
@@ -92,8 +86,8 @@ def header(of):
 def samples(of, start, stop):
     content = b"\x04" + struct.pack("<I", stop - start)
     rows = zip(of["stamps"][start:stop], of["values"][start:stop], strict=True)
-    for k, (stamp, row) in enumerate(rows, start):
-        content += b"\x00" if of["deduced"] and k else b"\x08" + struct.pack("<d", stamp)
+    for stamp, row in rows:
+        content += b"\x08" + struct.pack("<d", stamp)
         if of["format"] == "string":
             content += b"".join(b"\x01" + bytes([len(t)]) + t.encode() for t in row)
         else:
@@ -101,42 +95,39 @@ def samples(of, start, stop):
     return content
 
 
-def write_xdf(path, streams, *, each=200, footers=True):
-    """Write a file; samples in chunks of `each`, streams in turn, boundaries between."""
+def write_xdf(path, streams):
+    """Write a file; samples in chunks of 200, streams in turn, boundaries between."""
     parts = [b"XDF:", chunk(1, b'<?xml version="1.0"?><info><version>1.0</version></info>')]
     identified = [(struct.pack("<I", k), of) for k, of in enumerate(streams, start=1)]
     parts += [chunk(2, k + header(of)) for k, of in identified]
     longest = max(len(of["stamps"]) for of in streams)
-    for start in range(0, longest, each):
+    for start in range(0, longest, 200):
         for k, of in identified:
-            stop = min(start + each, len(of["stamps"]))
+            stop = min(start + 200, len(of["stamps"]))
             if start < stop:
                 parts.append(chunk(3, k + samples(of, start, stop)))
         parts.append(chunk(5, BOUNDARY))
     for k, of in identified:
         parts += [chunk(4, k + struct.pack("<dd", *pair)) for pair in of["offset"]]
-    if footers:
-        parts += [
-            chunk(6, k + f"<info>{tags(sample_count=len(of['stamps']))}</info>".encode())
-            for k, of in identified
-        ]
+    parts += [
+        chunk(6, k + f"<info>{tags(sample_count=len(of['stamps']))}</info>".encode())
+        for k, of in identified
+    ]
     path.write_bytes(b"".join(parts))
     return path
 
 
-def recorded(recording, *, start_s=5000.0, unit="meters", jitter=None):
+def recorded(recording, *, start_s=5000.0, jitter=np.zeros):
     """The streams of a recording: markers, plates with their place, other channels."""
-    scale = {"meters": 1.0, "mm": 1e3}[unit]
     markers = recording.markers
-    jitter = jitter or (lambda count: np.zeros(count))
-    position = np.array(markers.position).reshape(len(markers.time), -1) * scale
+    position = np.array(markers.position).reshape(len(markers.time), -1)
     streams = [
         stream(
             "Cameras",
             "MoCap",
             start_s + markers.time + jitter(len(markers.time)),
             position,
-            described(marker_channels(markers.names, unit), tags(axes="forward,left,up")),
+            described(marker_channels(markers.names), tags(axes="forward,left,up")),
             rate=markers.rate_hz,
         )
     ]

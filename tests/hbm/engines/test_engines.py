@@ -9,21 +9,17 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from hbm import dynamics
-from hbm.coordinates import INDEX, LAST_Q, MOVING, N_Q, support
-from hbm.dynamics import inverse_dynamics, inverse_dynamics_variants
+from hbm.coordinates import INDEX, LAST_Q, N_Q
+from hbm.dynamics import inverse_dynamics
 from hbm.engines.engine import (
-    CHECKED_FRAMES,
     ENGINES,
     Engine,
-    EngineUsed,
     choose_engine,
     engine_identity,
-    frames_to_check,
     other_engine,
     require_agreement,
 )
 from hbm.model import Body
-from hbm.poses import segment_frames
 from tests.hbm.motions import any_pose, swinging
 from tests.synthetic import synthetic_body
 
@@ -64,7 +60,9 @@ def assert_same(one, other):
 
 
 @given(seed=st.integers(0, 2**32 - 1), speed=st.floats(0, 10), segment=st.sampled_from([*LAST_Q]))
-@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 def test_both_engines_agree_in_any_pose_at_any_speed_wherever_a_wrench_acts(
     body, seed, speed, segment
 ):
@@ -75,7 +73,7 @@ def test_both_engines_agree_in_any_pose_at_any_speed_wherever_a_wrench_acts(
     assert_same(*by_both(body, replace(pose, v=v, a=10 * a), wrench))
 
 
-@pytest.mark.parametrize("pitch", [89.9, 90.0, -90.0, 90.0 + 1e-9, 270.0])
+@pytest.mark.parametrize("pitch", [90.0, -90.0, 90.0 + 1e-9])
 def test_the_residual_moment_is_right_where_two_axes_of_the_pelvis_coincide(
     body, motion, wrenches, pitch
 ):
@@ -114,11 +112,6 @@ def test_stating_pinocchio_where_it_is_missing_is_one_line(without_pinocchio):
     assert engine_identity("pinocchio") == "pinocchio, missing"
 
 
-def test_an_unknown_engine_is_refused():
-    with pytest.raises(ValueError, match="one of pinocchio, kernels, got 'opensim'"):
-        choose_engine("opensim")
-
-
 # -- the check by the other engine ----------------------------------------------------------------
 
 
@@ -129,8 +122,8 @@ MASS, TENSOR = slice(0, 1), slice(4, 10)
 @pytest.mark.parametrize(
     ("segment", "numbers"),
     [
-        *((s, MASS) for s in ("pelvis", "head", "left_thigh", "right_shank", "left_hand")),
-        *((s, TENSOR) for s in ("left_thigh", "right_shank")),
+        *((s, MASS) for s in ("pelvis", "left_hand")),
+        ("right_shank", TENSOR),
     ],
 )
 def test_an_inertia_that_is_a_millionth_off_in_one_engine_is_found(
@@ -157,27 +150,6 @@ def test_a_wrong_jacobian_in_one_engine_is_found(body, motion, wrenches, monkeyp
         inverse_dynamics(body, motion, wrenches)
 
 
-def test_every_variant_is_checked(body, motion, wrenches, monkeypatch):
-    compared = []
-
-    def count(*inputs):
-        compared.append(inputs)
-        return require_agreement(*inputs)
-
-    monkeypatch.setattr(dynamics, "require_agreement", count)
-    inverse_dynamics_variants(body, motion, [wrenches, {}, wrenches])
-    assert len(compared) == 3
-
-
-def test_a_disagreement_says_where_how_large_and_what_next():
-    forces = np.ones((2, N_Q + 6))
-    other = forces.copy()
-    other[1, INDEX["RKneeFlexion"]] = 1 + 2e-8
-    with pytest.raises(ValueError, match="disagree") as caught:
-        require_agreement(forces, other, ("A", "B"), np.array([7, 30]), np.array([0.07, 0.3]))
-    assert "frame 30 (0.300 s), RKneeFlexion: 1 N·m by A, 1.00000002 N·m by B" in str(caught.value)
-
-
 @given(size=st.floats(1, 1e5), share=st.floats(0, 3e-8))
 def test_differences_are_relative_to_the_frames_largest_force_and_moment(size, share):
     forces = np.ones((1, N_Q + 6))
@@ -198,45 +170,3 @@ def test_an_undefined_number_of_one_engine_is_a_disagreement():
     undefined = np.where(np.arange(N_Q + 6) == 3, np.nan, forces)
     with pytest.raises(ValueError, match="PelvisYaw"):
         require_agreement(forces, undefined, ("A", "B"), np.array([0]), np.array([0.0]))
-
-
-@given(st.lists(st.booleans(), min_size=1, max_size=200))
-def test_the_checked_frames_are_spread_over_the_defined_ones(defined):
-    forces = np.where(np.array(defined)[:, None], 1.0, np.nan) * np.ones((1, N_Q + 6))
-    frames, possible = frames_to_check([forces, np.ones_like(forces)]), np.flatnonzero(defined)
-    assert len(frames) == len(set(frames)) == min(CHECKED_FRAMES, len(possible))
-    if len(possible):
-        assert frames[0] == possible[0]
-        assert frames[-1] == possible[-1] or len(frames) == 1
-        assert np.diff(np.searchsorted(possible, frames), prepend=0).max() <= len(possible) / 15 + 1
-    assert np.isin(frames, possible).all()
-
-
-def test_where_no_frame_is_defined_there_is_nothing_to_check(body, motion):
-    undefined = np.full_like(motion.q, np.nan)
-    found = inverse_dynamics(body, replace(motion, q=undefined, v=undefined, a=undefined), {})
-    assert found.engine == EngineUsed("pinocchio", pinocchio.__version__)
-
-
-def test_the_jacobian_has_the_velocities_of_points_on_the_segment(body, motion):
-    """Shown by moving one coordinate after the other a little."""
-    step = 1e-6
-    for engine in ENGINES:
-        free = choose_engine(engine).free_dynamics
-        q, zero = motion.q[:1], np.zeros((1, N_Q))
-        jacobian = free(body, q, zero, zero, ["left_foot"], 1)[2]["left_foot"][0]
-        point = np.array([0.1, 0.2, 0.3])
-        for row, i in zip(jacobian, support(LAST_Q["left_foot"]), strict=True):
-            velocity = row[:3] + np.cross(row[3:], point)
-            moved = [_carried(body, q[0], i, sign * step, point) for sign in (1, -1)]
-            np.testing.assert_allclose(velocity, (moved[0] - moved[1]) / (2 * step), atol=1e-8)
-
-
-def _carried(body, q, coordinate, change, point):
-    """Where a lab point goes that is fixed to the left foot while a coordinate changes."""
-    foot = MOVING.index("left_foot")
-    changed = q.copy()
-    changed[coordinate] += change
-    rotation, origin = segment_frames(body, np.array([q, changed]))
-    local = rotation[0, foot].T @ (point - origin[0, foot])
-    return origin[1, foot] + rotation[1, foot] @ local

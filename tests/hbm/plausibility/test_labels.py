@@ -13,7 +13,7 @@ from hbm.plausibility.labels import (
     repeated_positions,
     sides_exchanged,
 )
-from tests.hbm.motions import exchanged, markers_of, relabelled, swinging, with_noise, without
+from tests.hbm.motions import exchanged, markers_of, relabelled, swinging, with_noise
 from tests.hbm.people import moved
 from tests.synthetic import synthetic_body, synthetic_t_pose
 
@@ -33,11 +33,7 @@ def found(markers):
     return [note.values for note in labels_exchanged(markers, BODY.markers)]
 
 
-def test_a_walk_exchanges_no_labels(long_walk):
-    assert found(long_walk) == []
-
-
-@settings(deadline=None)
+@settings(deadline=None, max_examples=30)
 @given(
     pair=st.sampled_from(PAIRS),
     start=st.integers(5, 100),
@@ -54,14 +50,6 @@ def test_every_pair_is_found_with_its_times_however_short(long_walk, pair, start
     assert values["last_s"] == pytest.approx((start + duration) / 100)
 
 
-@pytest.mark.parametrize(("gap", "expected"), [(5, 1), (30, 0)])
-def test_a_short_gap_at_the_exchange_does_not_hide_it(long_walk, gap, expected):
-    """After a long gap the motion is unknown, and nothing is claimed."""
-    swapped = exchanged(long_walk, slice(100, None), ("LHEE", "RHEE"))
-    gone = without(swapped, ["LHEE", "RHEE"], slice(100 - gap, 100))
-    assert len(found(gone)) == expected
-
-
 @settings(deadline=None, max_examples=30)
 @given(cm=st.floats(3.5, 80), frame=st.integers(5, 190), seed=st.integers(0, 99))
 def test_a_marker_that_jumps_alone_has_exchanged_nothing(long_walk, cm, frame, seed):
@@ -69,12 +57,6 @@ def test_a_marker_that_jumps_alone_has_exchanged_nothing(long_walk, cm, frame, s
     position = long_walk.position.copy()
     heel = long_walk.names.index("LHEE")
     position[frame:, heel] += cm / 100 * direction / np.linalg.norm(direction)
-    assert found(Markers(long_walk.time, long_walk.names, position)) == []
-
-
-def test_the_end_of_a_drop_out_is_no_exchange(long_walk):
-    position = long_walk.position.copy()
-    position[60:160] = position[60]
     assert found(Markers(long_walk.time, long_walk.names, position)) == []
 
 
@@ -108,7 +90,7 @@ def test_where_the_subject_faces_does_not_matter(walk, yaw, pairs):
     assert named(moved(walk, yaw)) == []
 
 
-@settings(deadline=None)
+@settings(deadline=None, max_examples=30)
 @given(cm=st.floats(-20, 20))
 def test_a_left_marker_is_on_the_wrong_side_from_4_cm_on_and_never_below(walk, cm):
     position = walk.position.copy()
@@ -129,17 +111,6 @@ def test_hands_held_on_each_other_s_side_are_not_exchanged(walk):
     assert named(relabelled(walk, *crossing)) == []
 
 
-def test_markers_that_are_missing_are_not_judged(walk):
-    assert named(without(walk, ["LHEE"])) == []
-    assert named(without(relabelled(walk, ("LHEE", "RHEE")), ["LASIS", "RASIS"])) == []
-    nothing = without(relabelled(walk, ("LHEE", "RHEE")), list(walk.names))
-    assert named(nothing) == []
-
-
-def test_skin_and_noise_change_no_distance_noticeably(walk):
-    assert changed_distances(synthetic_body(), walk) == ()
-
-
 def test_a_marker_that_moved_is_noticed(walk):
     position = walk.position.copy()
     position[:, walk.names.index("RLTHI"), 2] += 0.08
@@ -147,11 +118,6 @@ def test_a_marker_that_moved_is_noticed(walk):
     assert (note.code, note.level) == ("marker_distances_changed", "warning")
     assert note.values["segment"] == "right_thigh"
     assert all("RLTHI" in pair for pair in note.values["largest_m"])
-
-
-def test_gaps_do_not_count_as_changes(walk):
-    gone = without(without(walk, ["RLTHI"]), ["LLTHI"], slice(0, 30))
-    assert changed_distances(synthetic_body(), gone) == ()
 
 
 def held(markers, frames, names=None):
@@ -166,11 +132,7 @@ def codes(markers):
     return [note.code for note in repeated_positions(BODY, markers)]
 
 
-def test_a_walk_repeats_no_position(long_walk):
-    assert repeated_positions(BODY, long_walk) == ()
-
-
-@settings(deadline=None)
+@settings(deadline=None, max_examples=30)
 @given(start=st.integers(0, 100), repeats=st.integers(1, 90))
 def test_a_drop_out_is_found_from_a_twentieth_of_a_second_on_and_never_below(
     long_walk, start, repeats
@@ -183,24 +145,7 @@ def test_a_drop_out_is_found_from_a_twentieth_of_a_second_on_and_never_below(
     np.testing.assert_array_equal(frozen, expected)
 
 
-def test_markers_of_others_do_not_matter(long_walk):
-    """A platform's markers move on while the subject's are frozen, or stand still all the time."""
-    frozen = held(long_walk, slice(40, 91))
-    for size_m in (0.0, 0.01):
-        platform = np.random.default_rng(0).normal(scale=size_m, size=(200, 1, 3))
-        position = np.concatenate([frozen.position, platform], axis=1)
-        both = Markers(frozen.time, (*frozen.names, "PLAT1"), position)
-        assert codes(both) == ["markers_frozen"]
-
-
-def test_frames_without_markers_are_gaps_and_not_frozen(long_walk):
-    gone = without(long_walk, long_walk.names, slice(50, 120))
-    assert codes(gone) == []
-    some = without(held(long_walk, slice(40, 91)), ["LHEE"], slice(60, 80))
-    assert codes(some) == ["markers_frozen"]
-
-
-@settings(deadline=None)
+@settings(deadline=None, max_examples=30)
 @given(name=st.sampled_from(BODY.markers), repeats=st.integers(2, 150))
 def test_a_marker_held_alone_is_found_from_half_a_second_on_and_never_below(
     long_walk, name, repeats

@@ -13,7 +13,6 @@ from hbm.ik.continuity import BALL_JOINTS
 from hbm.ik.problem import ROTATES, covariance
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers
-from hbm.notes import Note
 from hbm.plausibility.motion import (
     RANGE_DEG,
     implausible,
@@ -28,13 +27,8 @@ from tests.synthetic import MASS_KG, T_POSE_MM, synthetic_body, synthetic_t_pose
 
 BODY = synthetic_body()
 OF_FOREARM = ("LFRM", "LMW", "LFIN", "LLW")
-ARM = ("left_upper_arm", "left_forearm", "left_hand")
 CLUSTER = ("LLEK", "RLEK"), ("LMEK", "RMEK"), ("LLTHI", "RLTHI")
 MILLIMETRES = st.floats(0.1, 300.0)
-
-
-def test_a_plausible_body_raises_no_warning():
-    assert implausible(synthetic_body()) == ()
 
 
 def test_legs_of_different_length_are_noticed():
@@ -69,28 +63,11 @@ def test_the_uncertainty_is_the_scatter_of_solutions_with_errors_of_10_mm(pose):
     np.testing.assert_allclose(solved.q.std(axis=0)[shown], expected[shown], rtol=0.2)
 
 
-def test_of_markers_that_show_everything_else_only_the_toes_are_named(pose):
-    (note,) = undetermined_notes(BODY, solve_ik(BODY, pose))
-    assert note == Note.of("coordinates_held", coordinates=("RToeFlexion", "LToeFlexion"))
-
-
 def test_an_angle_whose_markers_lie_near_its_axis_is_named(pose):
     hidden = [name for name in OF_FOREARM[:-1] if name in BODY.markers]
     (note,) = undetermined_notes(BODY, solve_ik(BODY, without(pose, hidden)))
     assert "LForeArmPronation" in note.values["coordinates"]
     assert all(name[0] == "L" or "Toe" in name for name in note.values["coordinates"])
-
-
-def test_an_arm_that_no_marker_shows_is_locked_and_its_mass_is_named(pose):
-    own = zip(BODY.markers, BODY.marker_segment, strict=True)
-    arm = [name for name, segment in own if segment in ARM]
-    motion = solve_ik(BODY, without(pose, arm))
-    assert not motion.observed[:, INDEX["LElbowFlexion"]].any()
-    locked, mass = undetermined_notes(BODY, motion)
-    assert "LElbowFlexion" in locked.values["coordinates"]
-    assert mass.code == "mass_not_shown"
-    assert mass.values["segments"] == ARM
-    assert mass.values["share"] == pytest.approx(0.0494, abs=1e-3)
 
 
 @pytest.fixture(scope="module")
@@ -123,7 +100,7 @@ def test_a_thigh_s_markers_exchanged_with_the_other_s_turn_leg_joints_beyond_the
     assert note.values["share"] > 0.5
 
 
-@settings(deadline=None)
+@settings(deadline=None, max_examples=30)
 @given(degrees=st.floats(-150, 150), turns=st.integers(-2, 2))
 def test_a_hip_s_rotation_is_impossible_beyond_its_range_and_never_within(still, degrees, turns):
     low, high = RANGE_DEG["HipInternalRotation"]
@@ -138,7 +115,7 @@ def test_a_hip_s_rotation_is_impossible_beyond_its_range_and_never_within(still,
         assert note.values["extreme_deg"]["LHipInternalRotation"] == pytest.approx(degrees)
 
 
-@settings(deadline=None)
+@settings(deadline=None, max_examples=30)
 @given(st.data())
 def test_neither_full_turns_nor_a_ball_joint_s_other_angles_matter(still, data):
     """(a, b, c) and (a + π, π − b, c + π) are one rotation about three axes at right angles."""
@@ -148,38 +125,6 @@ def test_neither_full_turns_nor_a_ball_joint_s_other_angles_matter(still, data):
     knee = INDEX["LKneeFlexion"]
     q[:, knee] += 2 * np.pi * data.draw(st.integers(-2, 2))
     assert impossible_angles(BODY, replace(still, q=q)) == ()
-
-
-@pytest.mark.parametrize("frames", [1, 10, 100])
-def test_the_share_of_frames_and_the_extreme_are_named(still, frames):
-    motion = turned(still, slice(0, frames), RKneeFlexion=-50.0)
-    motion = turned(motion, slice(0, 1), RKneeFlexion=-60.0)
-    (note,) = impossible_angles(BODY, motion)
-    assert note.values["share"] == pytest.approx(frames / 100)
-    assert note.values["extreme_deg"] == {"RKneeFlexion": pytest.approx(-60.0)}
-    assert f"in {frames:.1f} % of the frames" in note.text
-    assert "RKneeFlexion -60°" in note.text
-
-
-def test_an_angle_that_the_markers_hardly_show_does_not_count(still):
-    """One marker, 5 mm from the forearm's axis: 10 mm of error turn it half-way round."""
-    pronation = turned(still, LForeArmPronation=-120.0)
-    assert len(impossible_angles(BODY, pronation)) == 1
-    hidden = [name for name in BODY.markers if name in ("LFRM", "LMW", "LFIN")]
-    position, k = BODY.marker_position.copy(), BODY.markers.index("LLW")
-    position[k, :2] = [0.0, 0.005]
-    near_axis = replace(BODY, marker_position=position)
-    error = pronation.marker_error.copy()
-    error[:, [pronation.markers.index(name) for name in hidden]] = np.nan
-    assert impossible_angles(near_axis, replace(pronation, marker_error=error)) == ()
-
-
-def test_an_angle_that_no_marker_shows_does_not_count(still):
-    unseen = still.observed.copy()
-    unseen[:, INDEX["LKneeFlexion"]] = False
-    bent = turned(still, LKneeFlexion=-90.0)
-    assert len(impossible_angles(BODY, bent)) == 1
-    assert impossible_angles(BODY, replace(bent, observed=unseen)) == ()
 
 
 @pytest.fixture(scope="module")
@@ -200,16 +145,6 @@ def named(motion):
     return [name for note in notes for name in note.values["farthest_m"]]
 
 
-def test_a_walk_with_noise_of_4_mm_is_fitted_well(motion):
-    assert large_marker_errors(BODY, motion) == ()
-
-
-def test_exchanged_heels_are_far_from_the_model(walk):
-    motion = solve_ik(BODY, relabelled(walk, ("LHEE", "RHEE")))
-    (note,) = large_marker_errors(BODY, motion)
-    assert {"left_foot", "right_foot", "LHEE", "RHEE"} <= set(note.values["farthest_m"])
-
-
 @given(size=MILLIMETRES)
 def test_a_marker_is_named_from_40_mm_on_and_never_below(motion, size):
     assume(abs(size - 40) > 1e-6)
@@ -221,8 +156,3 @@ def test_a_segment_is_named_from_20_mm_on_and_never_below(motion, size):
     assume(abs(size - 20) > 1e-6)
     found = named(with_errors(motion, LHEE=size, LMT2=size, LMT5=size))
     assert ("left_foot" in found) == (size > 20)
-
-
-def test_a_segment_with_one_marker_is_judged_by_the_limit_of_a_marker(motion):
-    assert named(with_errors(motion, LSHO=35.0)) == []
-    assert named(with_errors(motion, LSHO=45.0)) == ["LSHO"]

@@ -6,7 +6,7 @@ import pytest
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers
 from hbm.plausibility.outliers import solve_without_outliers
-from tests.hbm.motions import exchanged, relabelled
+from tests.hbm.motions import exchanged
 from tests.synthetic import synthetic_body
 
 BODY = synthetic_body()
@@ -37,7 +37,7 @@ def test_of_a_walk_with_noise_no_position_is_left_out(walk):
     np.testing.assert_array_equal(motion.q, solve_ik(BODY, walk).q)
 
 
-@pytest.mark.parametrize("name", ["C7", "LHEE", "RASIS", "LLEK"])
+@pytest.mark.parametrize("name", ["LHEE", "RASIS"])
 def test_a_jump_of_one_marker_leaves_the_pose_as_the_others_show_it(walk, name):
     """As if the marker had not been seen."""
     gap = displaced(walk, name, np.nan)
@@ -74,8 +74,3 @@ def test_heels_that_are_exchanged_for_some_frames_are_left_out_there(walk):
     )
     assert set(notes[0].values["of_marker"]) == {"LHEE", "RHEE"}
     assert motion.marker_error[np.isfinite(motion.marker_error)].max() < 0.03
-
-
-def test_labels_that_are_exchanged_throughout_are_no_outliers(walk):
-    _, _, notes = solve_without_outliers(BODY, relabelled(walk, ("LHEE", "RHEE")), jobs=1)
-    assert notes == ()

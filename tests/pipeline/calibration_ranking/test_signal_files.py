@@ -15,7 +15,6 @@ from compensation.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
 from pipeline.calibration_ranking import signal_files
 from pipeline.calibration_ranking.signal_files import (
     protocol_signals,
-    signal_figure,
     write_signals,
 )
 from pipeline.cli.app import main
@@ -47,14 +46,6 @@ def test_signals_that_a_machine_cannot_do_are_named_with_their_limit():
     assert ADVISED_BELT_SIGNAL in names(found)
     assert len(found[1]) == 8
     assert all("belt_m_per_s reaches 3, the machine allows 2.5" in line for line in found[1])
-
-
-def test_moves_that_take_longer_than_the_signal_are_named():
-    """From one end to the other at 1 mm/s takes 95 s, in a signal of 300 s that does it often."""
-    found = protocol_signals("pitch_sway", 1, MachineLimits(sway_m_per_s=0.001))
-    assert "random_300s_3mps" in names(found)
-    assert "square_sway_300s_3mps" not in names(found)
-    assert any(line.startswith("square_sway_300s_3mps: its moves take") for line in found[1])
 
 
 @given(
@@ -99,9 +90,3 @@ def test_a_machine_that_can_do_nothing_gives_one_clear_line(written, capsys):
     said = capsys.readouterr().err
     assert "the machine can do none of these: belt_random_60s_1mps: belt_m_per_s must" in said
     assert written == {}
-
-
-def test_the_picture_shows_the_limits():
-    figure = signal_figure(pitch_and_sway_signals(1, 0.0)[6], MachineLimits())
-    dashed = [line.get_ydata()[0] for line in figure.axes[0].lines if line.get_linestyle() == "--"]
-    assert sorted(dashed) == [-0.05, 0.05]

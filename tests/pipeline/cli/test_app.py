@@ -1,6 +1,5 @@
 """The command line: what it loads, its exit codes, and its one line for every mistake."""
 
-import os
 import subprocess
 import sys
 
@@ -52,16 +51,12 @@ def folder(tmp_path_factory):
     write_c3d(folder / "still.c3d", person, still)
     write_c3d(folder / "no_plates.c3d", person)
     foreign = tuple(f"M{k}" for k in range(len(person.names)))
-    write_c3d(folder / "foreign.c3d", Markers(person.time, foreign, person.position), still)
-    short = Markers(person.time[:5], person.names, person.position[:5])
-    write_c3d(folder / "short.c3d", short, [plate(1, half[:50]), plate(2, half[:50])])
+    strange = Markers(person.time, foreign, person.position)
+    write_c3d(folder / "foreign.c3d", strange, still)
     bouncing = half * (1 + 0.2 * np.sin(12 * still[0].time))
     write_c3d(folder / "bouncing.c3d", person, [plate(1, bouncing), plate(2, bouncing)])
-    strange = Markers(person.time, foreign, person.position)
-    write_c3d(folder / "foreign_bouncing.c3d", strange, [plate(1, bouncing), plate(2, bouncing)])
     write_c3d(folder / "empty.c3d", strange, [plate(1, 0 * half), plate(2, 0 * half)])
     (folder / "renamed.c3d").write_text("time\tLASIS\n0.0\t1.0\n" * 100)
-    (folder / "nothing.c3d").touch()
     (folder / "still.txt").write_text("a person stands still")
     return folder
 
@@ -82,29 +77,17 @@ def refused(capsys, *arguments):
     [
         ("absent.c3d", MASS, ["absent.c3d", "no such file"]),
         ("renamed.c3d", MASS, ["renamed.c3d", "not a C3D file"]),
-        ("nothing.c3d", MASS, ["nothing.c3d", "empty"]),
         ("still.txt", MASS, ["still.txt", "C3D", "TRC", "D-Flow", ".mox", "Nexus"]),
         ("no_plates.c3d", MASS, ["no_plates.c3d", "no force plates"]),
         ("foreign.c3d", [*MASS, *LAB_AXES], ["foreign.c3d", "match no known set", "rename"]),
-        ("foreign_bouncing.c3d", LAB_AXES, ["match no known set", "--mass-kg"]),
-        ("foreign.c3d", MASS, ["foreign.c3d: the markers match no known set", "--rename"]),
-        ("empty.c3d", MASS, ["empty.c3d: nobody is in it", "M0, M1", "--rename"]),
-        ("short.c3d", MASS, ["short.c3d", "at least 17 samples", "got 5"]),
+        ("empty.c3d", MASS, ["match no known set", "M0, M1", "plates without a person"]),
         ("bouncing.c3d", [], ["bouncing.c3d", "mass missing", "state the mass", "kg"]),
         ("still.c3d", ["--mass-kg", "74600"], ["--mass-kg", "400", "grams", "kilograms"]),
         ("still.c3d", ["--height-m", "178"], ["--height-m", "centimetres", "metres"]),
-        ("still.c3d", ["--sex", "m"], ["--sex", "'male', 'female' or 'unspecified'"]),
         ("still.c3d", ["--filter", "butter"], ["--filter", "'realtime' or 'zero_phase'"]),
-        ("still.c3d", ["--events", "heel"], ["--events", "'zeni', 'plates' or 'auto'"]),
-        ("still.c3d", ["--marker-set", "hbm3"], ["'hbm3'", "hbm2"]),
         ("still.c3d", ["--axes", "left,up"], ["--axes", "'left,up'", "three of"]),
-        ("still.c3d", ["--static", "pose.c3d"], ["pose.c3d", "no such file"]),
         ("still.c3d", ["--plate-delay-ms", "5000"], ["--plate-delay-ms", "500"]),
-        ("still.c3d", ["--marker-offset-m", "9"], ["--marker-offset-m", "0.05", "metres"]),
-        ("still.c3d", ["--contact-threshold-n", "-1"], ["--contact-threshold-n", "-1"]),
-        ("still.c3d", ["--knee-width-m", "10.5"], ["--knee-width-m", "centimetres", "metres"]),
-        ("still.c3d", ["--ankle-width-m", "72"], ["--ankle-width-m", "millimetres", "metres"]),
-        ("still.c3d", ["--mass-kg", "heavy"], ["--mass-kg"]),
+        ("still.c3d", ["--mass-kg", "2", "--cutoff-hz", "600"], ["--mass-kg", "--cutoff-hz"]),
         ("still.c3d", ["--colour", "red"], ["--colour", "--help"]),
     ],
 )
@@ -117,42 +100,6 @@ def test_a_mistake_gives_one_line_with_what_is_wrong(
     assert not (tmp_path / "out").exists()
 
 
-def test_all_faults_of_the_options_are_listed_at_once(folder, capsys):
-    options = {"--mass-kg": 2, "--cutoff-hz": 600, "--hip": "left"}
-    words = [word for pair in options.items() for word in pair]
-    line = refused(capsys, "residuals", folder / "still.c3d", *words)
-    for option in options:
-        assert option in line
-
-
-def test_an_unknown_command_gives_one_line(capsys):
-    line = refused(capsys, "residual", "still.c3d")
-    assert "residual" in line
-    assert "--help" in line
-
-
-def test_a_command_without_its_argument_gives_one_line_that_names_its_help(capsys):
-    line = refused(capsys, "calibration", "fit")
-    assert "'recording'" in line
-    assert "'hbm calibration fit --help'" in line
-
-
-def test_a_result_is_not_processed_again(capsys):
-    line = refused(capsys, "residuals", "results/trials/sub01_sway.parquet")
-    assert "is a result already; 'hbm view' shows it" in line
-
-
-@pytest.mark.parametrize("command", [["view"], ["export", "--osim", "body.osim"]])
-def test_a_result_that_is_not_there_gives_one_line(capsys, tmp_path, command):
-    line = refused(capsys, *command, tmp_path / "absent.parquet")
-    assert "absent.parquet: no such file" in line
-
-
-def test_a_recording_cannot_be_viewed_before_it_is_processed(folder, capsys):
-    line = refused(capsys, "view", folder / "still.c3d")
-    assert "still.c3d: is neither a results folder nor a result (.parquet)" in line
-
-
 def test_a_file_in_place_of_the_output_folder_is_refused_before_processing(
     folder, capsys, monkeypatch
 ):
@@ -160,21 +107,6 @@ def test_a_file_in_place_of_the_output_folder_is_refused_before_processing(
     for out in (folder / "still.txt", folder / "still.txt" / "deeper"):
         line = refused(capsys, "residuals", folder / "still.c3d", "--out", out)
         assert "still.txt is a file, not a folder" in line
-
-
-def test_a_folder_without_permission_is_refused_before_processing(
-    folder, tmp_path, capsys, monkeypatch
-):
-    monkeypatch.setattr(os, "access", lambda _, mode: mode != os.W_OK)
-    monkeypatch.setattr(one_trial, "process_request", lambda *_: pytest.fail("processing began"))
-    line = refused(capsys, "residuals", folder / "still.c3d", "--out", tmp_path / "results")
-    assert f"no permission to write into {tmp_path}" in line
-
-
-def test_debug_shows_where_an_error_arose(folder):
-    with pytest.raises(ValueError, match="not a C3D file") as caught:
-        main(["residuals", str(folder / "renamed.c3d"), "--debug"])
-    assert caught.traceback[-1].path.name != "cli.py"
 
 
 @pytest.mark.parametrize(
@@ -197,21 +129,6 @@ def test_help_loads_nothing_heavy(commands, absent):
     assert done.stdout.splitlines()[-1].strip() == "loaded:"
 
 
-def test_processes_that_a_command_starts_do_not_load_the_command_line():
-    """They import the script that was started, and with it this package."""
-    code = "import sys, pipeline.cli; print(any(name in sys.modules for name in ('typer', 'rich')))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "False"
-
-
-@pytest.mark.parametrize(("words", "command"), [([], "residuals"), (["calibration"], "rank")])
-def test_a_group_of_commands_alone_prints_its_help(capsys, words, command):
-    assert main(words) == 0
-    out, err = capsys.readouterr()
-    assert f"\n  {command} " in out
-    assert err == ""
-
-
 def test_an_interrupt_ends_with_130_and_one_line(monkeypatch, capsys):
     def interrupted(*_):
         raise KeyboardInterrupt
@@ -222,17 +139,13 @@ def test_an_interrupt_ends_with_130_and_one_line(monkeypatch, capsys):
 
 
 FAULTS = (
-    ZeroDivisionError("division by zero"),
     RuntimeError("first line\nsecond \x1b[31mline " + "x" * 5000),
-    KeyError("axes"),
     KeyError(),
     AssertionError(),
-    ValueError(),
-    StopIteration(),
 )
 
 
-@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: repr(fault)[:30])
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: type(fault).__name__)
 def test_what_nobody_expects_is_one_line_that_says_it_is_a_fault_of_the_program(
     fault, monkeypatch, capsys
 ):
@@ -256,24 +169,6 @@ def test_an_error_is_printable_and_short_whatever_is_typed(capsys, tmp_path):
     assert refused_line[:-1].isprintable()
     assert "a?[31m??b.c3d" in refused_line
     assert len(refused(capsys, "residuals", "--axes", "x" * 100_000, tmp_path)) < 1100
-
-
-def test_doctor_names_versions_the_backend_its_speed_and_the_engines(capsys):
-    pytest.importorskip("pinocchio", reason="Pinocchio has no wheel for this system")
-    assert main(["doctor"]) == 0
-    out = capsys.readouterr().out
-    for words in ("Python 3.", "pin ", "casadi ", "kernels: ", "newton_step: ", "frames/s"):
-        assert words in out
-    assert "missing" not in out
-    assert "inverse dynamics: pinocchio unless another engine is stated" in out
-
-
-def test_doctor_says_which_engine_is_missing(capsys, monkeypatch):
-    monkeypatch.setitem(sys.modules, "pinocchio", None)
-    assert main(["doctor"]) == 0
-    out = capsys.readouterr().out
-    assert "inverse dynamics: kernels unless another engine is stated" in out
-    assert '  pinocchio: engine = "pinocchio" is stated, but Pinocchio cannot be imported' in out
 
 
 def test_doctor_says_that_there_are_no_compiled_kernels_and_what_to_do(capsys, monkeypatch):
@@ -308,9 +203,6 @@ def test_a_study_of_excluded_trials_only_has_nothing_to_process(tmp_path, capsys
     (tmp_path / "a.toml").write_text('id = "a"\n[trials.walk]\nexclude = "ill"\n')
     assert main(["run", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
     assert "nothing to process" in capsys.readouterr().err
-    (tmp_path / "a.toml").write_text('id = "a"\n[trials]\n')
-    assert main(["run", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
-    assert "no subject has a trial" in capsys.readouterr().err
 
 
 @pytest.fixture
@@ -336,23 +228,14 @@ def test_options_that_contradict_the_study_in_the_folder_are_refused(simulated, 
     assert "its study is simulated with subjects = 3 (not subjects = 9)" in line
 
 
-def test_what_was_written_and_what_was_there_is_printed(simulated, capsys):
+def test_what_was_there_is_not_written_again(simulated):
     for name in study_files(Setting(protocol=Protocol(subjects=3))):
         (simulated / name).touch()
     before = {path: path.stat().st_mtime_ns for path in simulated.rglob("*")}
     assert main(["simulate", str(simulated), "--subjects", "3"]) == 0
-    line = capsys.readouterr().out.splitlines()[-1]
-    assert line.startswith(f"0 recordings and 0 other files written to {simulated} in ")
-    assert line.endswith(f"s, 38 were there already; next: hbm run {simulated}")
     assert {path: path.stat().st_mtime_ns for path in simulated.rglob("*")} == before
 
 
-@pytest.mark.parametrize("command", ["check", "run"])
-def test_of_a_simulated_study_without_recordings_the_next_command_is_named(
-    simulated, capsys, command
-):
-    line = refused(capsys, command, simulated)
+def test_of_a_simulated_study_without_recordings_the_next_command_is_named(simulated, capsys):
+    line = refused(capsys, "run", simulated)
     assert f"{simulated}: no recordings yet; 'hbm simulate {simulated}' writes them" in line
-    (simulated / "sub01_sway.c3d").touch()
-    assert main([command, str(simulated)]) == 2
-    assert "no file 'sub02_sway.c3d'" in capsys.readouterr().err

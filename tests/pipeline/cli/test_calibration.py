@@ -3,7 +3,6 @@
 import json
 import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -48,9 +47,8 @@ def fit(recording, folder, *options):
     return from_json(out.read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_late_sensor_is_found_and_corrected_and_a_wrong_gain_does_no_harm(tmp_path, capsys, seed):
-    perfect, late = empty(seed), empty(seed, accelerometer_delay_s=0.005)
+def test_a_late_sensor_is_found_and_corrected_and_a_wrong_gain_does_no_harm(tmp_path):
+    perfect, late = empty(1), empty(1, accelerometer_delay_s=0.005)
     rear, front = SENSORS.values()
 
     def spoil(values):
@@ -58,10 +56,7 @@ def test_a_late_sensor_is_found_and_corrected_and_a_wrong_gain_does_no_harm(tmp_
         values[:, front] *= 1.03
 
     expected = fit(perfect, tmp_path)
-    capsys.readouterr()
     found = fit(with_values(perfect, spoil), tmp_path)
-    printed = " ".join(capsys.readouterr().out.split())
-    assert "rear_left" in printed
     first, second = found.sensors
     assert abs(first.delay_s - 0.005) < 1.96 * first.delay_error_s
     assert abs(second.delay_s) < 1.96 * second.delay_error_s
@@ -71,15 +66,11 @@ def test_a_late_sensor_is_found_and_corrected_and_a_wrong_gain_does_no_harm(tmp_
         )
 
 
-def test_people_beside_an_empty_plate_are_fitted_too(tmp_path, capsys):
+def test_people_beside_an_empty_plate_are_fitted_too(tmp_path):
     boards = lab.save(empty(2), tmp_path / "boards.c3d")
     found = fit(empty(1), tmp_path, *STATED, "--beside", str(boards))
     alone = fit(empty(1), tmp_path)
     assert found.plates["plate 1"].samples > 1.9 * alone.plates["plate 1"].samples
-    printed = " ".join(capsys.readouterr().out.split())
-    assert "fitted too: boards.c3d: plate 1, plate 2 empty; weight" in printed
-    assert found.provenance["beside"] == "boards.c3d: plate 1, plate 2 empty"
-    assert "beside" not in alone.provenance
 
 
 def renamed(recording):
@@ -98,28 +89,27 @@ def test_channels_of_any_name_are_stated(tmp_path, capsys):
     assert main([*command, *stated]) == 0
     assert from_json(out.read_text(encoding="utf-8")).plates["plate 1"].sensors == ("rear", "front")
     assert main(["calibration", "check", str(out), str(path)]) == 0
-    for wrong in ("rear=ch1,ch2", "ch1,ch2,ch3", "=ch1,ch2,ch3", "rear=ch1,,ch3"):
-        assert main([*command, "--accelerometer", wrong]) == 2
-        assert "expected a name and three channels" in capsys.readouterr().err
+    assert main([*command, "--accelerometer", "rear=ch1,ch2"]) == 2
+    assert "expected a name and three channels" in capsys.readouterr().err
 
 
-def test_a_trial_needs_the_channels_of_its_calibration(moving_study, tmp_path, capsys):
-    fitted, out = tmp_path / "lab.json", tmp_path / "out"
-    fit(empty(1), tmp_path)
-    trial = ["residuals", str(moving_study / "sub01_pitch.c3d"), "--out", str(out)]
+def test_a_trial_needs_the_channels_of_its_calibration(fitted, moving_study, tmp_path, capsys):
+    trial = ["residuals", str(moving_study / "sub01_pitch.c3d"), "--out", str(tmp_path / "out")]
     (one, first), (two, second) = lab.CHANNELS.items()
     exchanged = [f"{one}={','.join(second)}", f"{two}={','.join(first)}"]
     options = ["--calibration", str(fitted)]
     for text in exchanged:
         options += ["--accelerometer", text]
     assert main([*trial, *options]) == 2
-    line = capsys.readouterr().err
-    assert "recording and calibration need the same channels" in line
-    assert line.count("\n") == 1
-    assert main([*trial, "--calibration", str(fitted), "--accelerometer", exchanged[0]]) == 2
-    assert "name all of them and no others" in capsys.readouterr().err
-    assert main([*trial, "--accelerometer", exchanged[0]]) == 2
-    assert "no effect without --calibration" in capsys.readouterr().err
+    assert "recording and calibration need the same channels" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory):
+    """The file of a calibration."""
+    folder = tmp_path_factory.mktemp("fitted")
+    fit(empty(1), folder)
+    return folder / "lab.json"
 
 
 def turned(values):
@@ -127,17 +117,8 @@ def turned(values):
     values[:, rear] = values[:, rear] @ rotation_about(np.array([0.0, 0, 1]), np.radians(4)).T
 
 
-def inverted(values):
-    values[:, SENSORS["rear_left"]] *= -1
-
-
 def dead(values):
     values[:, SENSORS["rear_left"]] = 0.0
-
-
-def exchanged(values):
-    one, other = SENSORS.values()
-    values[:, one], values[:, other] = values[:, other].copy(), values[:, one].copy()
 
 
 @pytest.mark.parametrize(
@@ -145,32 +126,21 @@ def exchanged(values):
     [
         (lambda values: None, 0, "the calibration is still valid by day2.c3d"),
         (turned, 1, "the calibration is no longer valid by day2.c3d: plate 1: Fx left"),
-        (inverted, 1, "turned since the calibration: rear_left 180°"),
         (dead, 1, "constant in a channel while others move: rear_left 0 m/s²"),
-        (exchanged, 1, "look swapped: exchanged, they match the calibration"),
     ],
 )
 def test_a_recording_of_another_day_says_whether_a_calibration_is_valid(
-    tmp_path, capsys, change, code, said
+    fitted, tmp_path, capsys, change, code, said
 ):
-    fit(empty(1), tmp_path)
     day2 = lab.save(with_values(empty(2), change), tmp_path / "day2.c3d")
-    assert main(["calibration", "check", str(tmp_path / "lab.json"), str(day2)]) == code
+    assert main(["calibration", "check", str(fitted), str(day2)]) == code
     assert said in " ".join(capsys.readouterr().out.split())
 
 
-def test_a_recording_with_somebody_on_it_checks_nothing(walker, tmp_path, capsys):
-    fit(empty(1), tmp_path)
-    day2 = lab.save(lab.on_platform(walker, lab.shaken(12.0)), tmp_path / "day2.c3d")
-    assert main(["calibration", "check", str(tmp_path / "lab.json"), str(day2)]) == 2
-    assert "was somebody on the boards?" in capsys.readouterr().err
-
-
 def test_a_study_names_a_recording_of_another_day_and_its_trials_carry_the_verdict(
-    moving_study, tmp_path, capsys
+    moving_study, tmp_path
 ):
-    study = tmp_path / "study"
-    shutil.copytree(moving_study, study)
+    study = shutil.copytree(moving_study, tmp_path / "study")
     text = (study / "study.toml").read_text(encoding="utf-8")
     stated = text.replace("[treadmill]\n", '[treadmill]\ncheck = "day2.c3d"\n')
     (study / "study.toml").write_text(stated, encoding="utf-8")
@@ -179,20 +149,6 @@ def test_a_study_names_a_recording_of_another_day_and_its_trials_carry_the_verdi
     remarks = [r.said.code for r in check_study(loaded).remarks if r.place == "day2.c3d"]
     assert remarks == ["calibration_outdated"]
     assert [n.code for n in read_study_laboratory(loaded).notes] == ["calibration_outdated"]
-    run = ["run", str(study), "--subject", "sub01", "--condition", "pitch", "--out"]
-    assert main([*run, str(tmp_path / "results")]) == 0
-    assert "no longer valid by day2.c3d" in " ".join(capsys.readouterr().out.split())
-
-
-def test_a_calibration_that_does_not_know_its_belts_says_so_when_it_is_fitted_and_checked(
-    moving_study, tmp_path, capsys
-):
-    fit(empty(1), tmp_path)
-    assert "belts faster than in empty.c3d, whose speed is unknown" in " ".join(
-        capsys.readouterr().out.split()
-    )
-    codes = [getattr(r.said, "code", "") for r in check_study(read_study(moving_study)).remarks]
-    assert "uncertainty_limited" in codes
 
 
 def poor(recording):
@@ -209,24 +165,26 @@ BEYOND = "calibration above its limits"
 PITCH = 4  # My: plates that are not yet in a file have the lab's axes
 
 
-@pytest.fixture(params=["poor", "good"])
-def judged(request, moving_study, tmp_path):
-    """A study with one trial whose calibration fails its limits, or passes, and which it is."""
-    study = tmp_path / "study"
-    shutil.copytree(moving_study, study)
-    (study / "sub02.toml").unlink(missing_ok=True)
-    if request.param == "poor":
-        lab.save(poor(lab.on_platform(lab.without_people(20.0), lab.shaken(20.0))),
-                 study / "empty.c3d")  # fmt: skip
-    return study, request.param == "poor"
+def spoilt(moving_study, tmp_path):
+    """A study with one trial whose calibration fails its limits."""
+    study = shutil.copytree(moving_study, tmp_path / "study")
+    (study / "sub02.toml").unlink()
+    lab.save(poor(lab.on_platform(lab.without_people(20.0), lab.shaken(20.0))), study / "empty.c3d")
+    return study
+
+
+def failed(file):
+    verdict = from_json(file.read_text(encoding="utf-8")).verdict
+    return {
+        (plate, row.component) for plate, rows in verdict.items() for row in rows if not row.passed
+    }
 
 
 def test_the_verdict_on_a_fitted_file_is_said_by_fit_check_residuals_and_export(
-    judged, tmp_path, capsys
+    fitted, moving_study, tmp_path, capsys
 ):
-    study, fails = judged
+    study = spoilt(moving_study, tmp_path)
     file, trial, empty_again = tmp_path / "lab.json", study / "sub01_pitch.c3d", study / "empty.c3d"
-    said = {}
     for command in (
         ["calibration", "fit", str(study / "empty.c3d"), "-o", str(file), *STATED],
         ["calibration", "check", str(file), str(empty_again)],
@@ -234,68 +192,38 @@ def test_the_verdict_on_a_fitted_file_is_said_by_fit_check_residuals_and_export(
         ["export", str(trial), "--c3d", "--calibration", str(file), "--out", str(tmp_path / "c")],
     ):
         assert main(command) == 0
-        said[command[0] + command[1]] = " ".join(capsys.readouterr().out.split())
-    assert {name: BEYOND in text for name, text in said.items()} == dict.fromkeys(said, fails)
-    fitted = from_json(file.read_text(encoding="utf-8"))
-    failed = {(p, row.component) for p, rows in fitted.verdict.items() for row in rows
-              if not row.passed}  # fmt: skip
-    assert failed == ({("plate 1", "Mx"), ("plate 2", "Mx")} if fails else set())
-    assert ("not fit for trials" in said["calibrationfit"]) == fails
+        assert BEYOND in " ".join(capsys.readouterr().out.split())
+    assert failed(file) == {("plate 1", "Mx"), ("plate 2", "Mx")}
+    assert failed(fitted) == set()
 
 
 def test_the_verdict_on_a_recording_of_the_study_is_in_everything_that_a_run_leaves(
-    judged, tmp_path, capsys
+    moving_study, tmp_path, capsys
 ):
-    study, fails = judged
-    out = tmp_path / "results"
+    study, out = spoilt(moving_study, tmp_path), tmp_path / "results"
     main(["check", str(study)])
-    assert (BEYOND in " ".join(capsys.readouterr().out.split())) == fails
+    assert BEYOND in " ".join(capsys.readouterr().out.split())
     chosen = ["--subject", "sub01", "--condition", "pitch"]
     for _ in range(2):  # the second time the trial is there already
         assert main(["run", str(study), *chosen, "--out", str(out)]) == 0
-        assert " ".join(capsys.readouterr().out.split()).count(BEYOND) == fails
+        assert " ".join(capsys.readouterr().out.split()).count(BEYOND) == 1
     assert main(["report", str(out)]) == 0
     stated = json.loads((out / "study.json").read_text(encoding="utf-8"))["calibration"]
-    assert [note["code"] for note in stated] == ["calibration_leaves_much"] * fails
+    assert [note["code"] for note in stated] == ["calibration_leaves_much"]
     summary = read_trial(out / "trials" / "sub01_pitch.parquet", frames=False)
-    assert [n.level for n in summary.of_calibration] == ["warning"] * fails
-    page = (out / "report.html").read_text(encoding="utf-8")
-    assert (BEYOND in page) == fails
-    assert any(BEYOND in note.text for note in prepare(study, "sub01").notes) == fails
+    assert [n.level for n in summary.of_calibration] == ["warning"]
+    assert BEYOND in (out / "report.html").read_text(encoding="utf-8")
+    assert any(BEYOND in note.text for note in prepare(study, "sub01").notes)
 
 
-@pytest.fixture(scope="module")
-def demo_calibration():
-    """What `hbm calibration fit` makes of the demo's calibration recording, and without belts."""
-
+@pytest.mark.slow
+def test_what_the_calibration_of_the_demo_leaves_of_the_pitch_moment_is_of_its_belts():
     def fitted(belts):
         setting = Setting(protocol=DEMO, faults=Faults(belts=belts))
         recording = run_calibration(setting, make_treadmill(setting.faults, setting.seed))
         channels = {s: tuple(f"{s}.{a}" for a in "XYZ") for s in ("rear_left", "front_right")}
         return fit_calibration(recording, Treadmill(accelerometers=channels))
 
-    return fitted(BeltFaults()), fitted(BeltFaults(unbalance_kg_per_m=0, roughness=0))
-
-
-@pytest.mark.slow
-def test_the_verdict_on_the_calibration_of_the_demo_is_what_the_docs_say(demo_calibration):
-    calibration, _ = demo_calibration
-    docs = (Path(__file__).parents[3] / "docs" / "calibration.md").read_text(encoding="utf-8")
-    assert "**The calibration of `hbm demo` passes.**" in docs
-    assert calibration.notes == ()
-    verdict = calibration.verdict.values()
-    first, second = (rows[PITCH].left for rows in verdict)
-    assert f"leaves most of the pitch moment: {first:.1f} and {second:.1f} N·m of plates" in docs
-    limits = {
-        f"{row.limit:.1f} {row.unit}" for rows in calibration.verdict.values() for row in rows
-    }
-    assert limits == {"3.8 N", "14.3 N", "3.8 N·m", "1.0 N·m"}
-    assert all(f"| {limit} |" in docs for limit in limits)
-
-
-@pytest.mark.slow
-def test_what_the_calibration_of_the_demo_leaves_of_the_pitch_moment_is_of_its_belts(
-    demo_calibration,
-):
-    for with_belts, without in zip(*(c.verdict.values() for c in demo_calibration), strict=True):
+    demo, even = fitted(BeltFaults()), fitted(BeltFaults(unbalance_kg_per_m=0, roughness=0))
+    for with_belts, without in zip(demo.verdict.values(), even.verdict.values(), strict=True):
         assert without[PITCH].left < 0.15 * with_belts[PITCH].left

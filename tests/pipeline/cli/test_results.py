@@ -6,9 +6,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 from pipeline.cli.app import main
-from pipeline.run.store import FORMAT_VERSION, read_trial
-
-VERSION = f'"version":{FORMAT_VERSION}'.encode()
+from pipeline.run.store import read_trial
 
 
 @pytest.fixture
@@ -57,38 +55,3 @@ def test_a_result_is_exported_as_its_recording_is_without_processing_it_again(
     monkeypatch.setattr("pipeline.run.one_trial.process_request", None)
     export(tmp_path / "result", stored)
     assert contents(tmp_path / "result") == contents(tmp_path / "recording")
-    assert len(contents(tmp_path / "result")) == 8
-
-
-def test_bids_needs_the_recording_itself(stored, tmp_path, capsys):
-    assert main(["export", str(stored), "--bids", str(tmp_path / "set")]) == 2
-    assert (
-        "is a result; BIDS holds what was recorded: give the recording" in capsys.readouterr().err
-    )
-    assert not (tmp_path / "set").exists()
-
-
-def test_options_of_a_trial_that_is_processed_already_are_refused(stored, tmp_path, capsys):
-    asked = ["export", str(stored), "--tables", str(tmp_path), "--mass-kg", "70", "--hip", "bell"]
-    assert main(asked) == 2
-    assert "leave out --mass-kg, --hip, or give the recording" in capsys.readouterr().err
-
-
-def test_a_single_result_is_shown_without_a_study(stored, monkeypatch):
-    shown = []
-    monkeypatch.setattr("pipeline.viewer.serve.view", lambda path, **_: shown.append(path))
-    assert main(["view", str(stored)]) == 0
-    assert shown == [stored.parent / "viewer" / f"{stored.stem}.rrd"]
-    assert shown[0].stat().st_size > 0
-
-
-def test_a_trial_is_prepared_for_the_viewer_once(moved, monkeypatch):
-    times = []
-    monkeypatch.setattr(
-        "pipeline.viewer.serve.view",
-        lambda path, **_: times.append(path.stat().st_mtime_ns),
-    )
-    for _ in range(2):
-        assert main(["view", str(moved), "--subject", "sub01", "--condition", "sway"]) == 0
-    assert times[0] == times[1]
-    assert (moved / "viewer" / "sub01_sway.rrd").is_file()

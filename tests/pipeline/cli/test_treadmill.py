@@ -40,11 +40,6 @@ def test_a_calibration_fitted_to_a_recording_compensates_its_trials(
     assert "taken as level" not in capsys.readouterr().out
 
 
-def test_a_platform_without_a_stated_pose_is_taken_as_level(moving_study, fitted, tmp_path, capsys):
-    assert residuals(moving_study, tmp_path, "--calibration", fitted) is not None
-    assert "the platform is taken as level" in " ".join(capsys.readouterr().out.split())
-
-
 def test_a_recording_given_as_a_calibration_is_refused_with_how_to_fit_one(
     moving_study, tmp_path, capsys
 ):
@@ -71,9 +66,6 @@ def test_a_unit_that_the_file_states_wrongly_can_be_stated(moving_study, fitted,
     command = ["calibration", "fit", str(path), "-o", str(out)]
     assert main(command) == 2
     assert "use --accelerometer-unit g" in capsys.readouterr().err
-    assert main([*command, "--accelerometer-unit", "stones"]) == 2
-    assert "unknown acceleration unit 'stones'" in capsys.readouterr().err
-    assert not out.exists()
     assert main([*command, "--accelerometer-unit", "g"]) == 0
     assert '"accelerometer_unit": "g"' in out.read_text(encoding="utf-8")
 
@@ -91,8 +83,5 @@ def test_a_recording_with_someone_on_the_treadmill_is_refused_as_a_calibration(
     path = changed(moving_study, tmp_path / "person.c3d", plates=stood_on)
     out = tmp_path / "lab.json"
     assert main(["calibration", "fit", str(path), "-o", str(out)]) == 2
-    line = capsys.readouterr().err
-    assert "was somebody on the boards?" in line
-    assert "record the empty treadmill while it follows a calibration signal" in line
-    assert line.count("\n") == 1
+    assert "was somebody on the boards?" in capsys.readouterr().err
     assert not out.exists()

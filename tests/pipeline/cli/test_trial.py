@@ -10,7 +10,7 @@ from pipeline.cli.app import main
 from pipeline.io.opensim import read_sto
 from pipeline.run.store import read_trial
 from pipeline.trial.quality import free_of
-from pipeline.trial.residuals import marker_table, residual_table, threshold_table
+from pipeline.trial.residuals import marker_table, residual_table
 
 AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
@@ -78,10 +78,6 @@ def test_every_gait_cycle_has_its_own_rows(result):
     """Numbered from 1; only frames that count count."""
     out, frames, summary, _ = result
     table = pd.read_csv(out / "treadmill_events_cycles.csv")
-    assert table.columns.tolist() == [
-        *("subject", "condition", "compensated", "side", "cycle", "start_s", "stop_s"),
-        *("axis", "unit", "rms", "peak", "valid_share"),
-    ]
     counts = free_of(frames["quality"].to_numpy())
     for side, spans in summary.cycles.items():
         own = table[(table["side"] == side) & (table["axis"] == "Fy")]
@@ -107,30 +103,10 @@ def test_percentages_are_of_body_weight_and_of_body_weight_times_stature(result)
     np.testing.assert_allclose(table["rms_percent"], 100 * table["rms"] / scale, rtol=1e-4)
 
 
-def test_the_readme_shows_what_the_command_prints(result):
-    """Within a tenth: rounding may differ, no number may be out of date."""
-    readme = (Path(__file__).parents[3] / "README.md").read_text(encoding="utf-8")
-    rows = [line.split("│")[1:-1] for line in readme.splitlines() if line.startswith("│")]
-    shown = {axis.strip(): float(rms) for _, axis, rms, *_ in rows}
-    table = result[-1]
-    assert shown == pytest.approx(dict(zip(AXES, table["rms"], strict=True)), rel=0.1, abs=0.1)
-    assert f"{table['n_cycles'].iloc[0]} of 10 gait cycles" in readme
-
-
-def test_no_other_file_is_written(result):
-    assert sorted(path.name for path in result[0].iterdir()) == [
-        "treadmill_events.parquet",
-        "treadmill_events_cycles.csv",
-        "treadmill_events_residuals.csv",
-        "treadmill_events_residuals.png",
-        "treadmill_events_residuals.svg",
-    ]
-
-
 def test_what_is_printed_is_what_is_in_the_table(real_trial, tmp_path, capsys):
-    *_, summary, table = processed(
-        real_trial, tmp_path, "--mass-kg", "55.3", "--filter", "realtime", "--cutoff-hz", "8"
-    )
+    filtered = ["--filter", "realtime", "--cutoff-hz", "8", "--plate-delay-ms", "-4"]
+    *_, summary, table = processed(real_trial, tmp_path, "--mass-kg", "55.3", *filtered)
+    assert summary.settings.plate_delay_s == -0.004
     out = capsys.readouterr().out
     assert f"{table['n_cycles'].iloc[0]} of {summary.found_cycles} gait cycles" in out
     assert "(realtime 8 Hz)" in out
@@ -138,31 +114,10 @@ def test_what_is_printed_is_what_is_in_the_table(real_trial, tmp_path, capsys):
     assert [cells[2].strip() for cells in lines] == list(AXES)
     assert [cells[3].strip() for cells in lines] == [f"{rms:.1f}" for rms in table["rms"]]
     assert [cells[4].strip() for cells in lines] == [f"{mean:.1f}" for mean in table["mean"]]
-    for limit in threshold_table(summary).itertuples():
-        verdict = "passes" if limit.passed else "FAILS"
-        assert f"{verdict} Hicks (2015): peak residual {limit.quantity}" in out
     for note in summary.notes:
         assert str(note) in out
     markers = marker_table(summary).set_index("marker")["rms_mm"][:-1]
     assert f"{markers.idxmax()} {markers.max():.1f}" in out
-
-
-def test_what_is_typed_is_stored_with_the_result(real_trial, tmp_path):
-    stated = {
-        "--contact-threshold-n": 50.0,
-        "--cutoff-hz": 8.0,
-        "--marker-offset-m": 0.012,
-        "--mass-kg": 55.3,
-        "--knee-width-m": 0.1,
-        "--ankle-width-m": 0.07,
-        "--plate-delay-ms": -4.0,
-    }
-    words = [str(word) for pair in stated.items() for word in pair]
-    _, summary, _ = processed(real_trial, tmp_path, *words)
-    settings, subject = summary.settings, summary.subject
-    assert (settings.contact_threshold_n, settings.cutoff_hz) == (50.0, 8.0)
-    assert (settings.marker_offset_m, settings.plate_delay_s) == (0.012, -0.004)
-    assert (subject.mass_kg, subject.knee_width_m, subject.ankle_width_m) == (55.3, 0.1, 0.07)
 
 
 def test_a_trial_in_opensims_files_runs_the_same_way(shared_data, tmp_path):

@@ -26,14 +26,10 @@ def test_channels_of_a_plate_are_those_stated_and_of_others_the_usual_ones(tmp_p
 @pytest.mark.parametrize(
     ("stated", "fault"),
     [
-        ('markers = ""', "live.markers: string should have at least 1 character"),
         ("wait_s = 20", "live.wait_s: input should be less than or equal to 2, got 20"),
         ('analog = ["A", "A"]', "live: stream A is named more than once"),
         ('plates.1 = ["Fx", "Fy"]', "live.plates.1"),
-        ('listen = "cameras"', "live.listen: 'cameras' is no IPv4 address of this computer"),
         ('listen = "0.0.0.0"', "live.listen: '0.0.0.0' is no IPv4 address of this computer"),
-        ('listen = "239.1.2.3"', "live.listen: '239.1.2.3' is no IPv4 address of this computer"),
-        ('listen = "::1"', "live.listen: '::1' is no IPv4 address of this computer"),
     ],
 )
 def test_faults_are_named(tmp_path, stated, fault):

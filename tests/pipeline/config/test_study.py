@@ -77,17 +77,6 @@ def test_all_faults_of_all_files_are_reported_at_once(write):
 @pytest.mark.parametrize(
     ("typed", "message"),
     [
-        ("mass_kg = 74600", "grams; give kilograms"),
-        ("height_m = 178.0", "centimetres; give metres"),
-    ],
-)
-def test_a_number_in_another_unit_is_recognised(write, typed, message):
-    assert f"that looks like {message}" in only_fault_of(write(sub01=f"{typed}\n{PERSON}"))
-
-
-@pytest.mark.parametrize(
-    ("typed", "message"),
-    [
         ("plate_delay_s = 4.0", "(that looks like milliseconds; give seconds)"),
         ("cutoff_hz = nan", "finite"),
         ("marker_set = 'hbm3'", "neither a file here nor one of hbm2"),
@@ -103,30 +92,16 @@ def test_an_impossible_setting_is_refused_with_its_value(write, typed, message):
     ("typed", "message"),
     [
         ('axes = "left,up,up"', "axes: axes 'left,up,up' are not right-handed"),
-        ('[treadmill]\naccelerometer_unit = "V"', "treadmill.accelerometer_unit: unknown acc"),
         ('[treadmill]\ncalibration = "a.c3d"', "treadmill: accelerometers: is missing"),
-        ('[treadmill.accelerometers]\na = ["x", "y"]', "treadmill.accelerometers.a.2: is missing"),
         (
             '[treadmill.accelerometers]\na = ["x", "y", "z"]\nb = ["u", "v", "x"]',
             "treadmill.accelerometers: each channel belongs to one axis of one sensor, but x is",
-        ),
-        (
-            '[treadmill]\ncalibration = "a.csv"\naccelerometers.a = ["x", "y", "z"]',
-            "treadmill: calibration must be a .c3d or .json file, got 'a.csv'",
         ),
         (
             '[treadmill]\ncalibration = "a.c3d"\naccelerometers.a = ["x", "y", "z"]',
             "treadmill.calibration: no file 'a.c3d'",
         ),
         ("[treadmill.platform]", "treadmill.platform: give its markers, or its sway_channel"),
-        (
-            '[treadmill.platform]\nmarkers = ["A", "B"]',
-            "treadmill.platform.markers: at least 3 different markers are needed, got A, B",
-        ),
-        (
-            '[treadmill.platform]\nmarkers = ["A", "B", "C"]\nsway_channel = "S"',
-            "treadmill.platform: give either markers or channels, not both",
-        ),
         (
             '[treadmill.platform]\nsway_channel = "S"\npivot_m = [0, 0, -300]',
             "treadmill.platform.pivot_m.2: input should be greater than or equal to -2, got -300 "
@@ -139,61 +114,20 @@ def test_an_impossible_laboratory_is_refused(write, typed, message):
 
 
 @pytest.mark.parametrize(
-    ("conditions", "message"),
+    ("person", "message"),
     [
-        ("[conditions]", "conditions: dictionary should have at least 1 item"),
-        ('[conditions."a b"]', "conditions.a b: must be letters, digits"),
-        ("[conditions.walk]\nperturbed = true", "conditions.walk: perturbed needs a pulse_channel"),
-        (
-            '[conditions.walk]\npulse_channel = "P"',
-            "conditions.walk: pulse_channel has no effect without perturbed = true",
-        ),
+        ('id = "s"\n[trials.walk]\n', "trials.walk: needs a file, or exclude ="),
+        ('static = "no.c3d"\n' + PERSON, "static: no file 'no.c3d'"),
+        (f"a = {'[' * 5000}", "not valid TOML: it is nested too deeply"),
     ],
 )
-def test_an_impossible_condition_is_refused(write, conditions, message):
-    faults = faults_of(write(conditions))
-    assert faults[0].startswith(f"study.toml: {message}"), faults
-
-
-@pytest.mark.parametrize(
-    ("person", "messages"),
-    [
-        ("", ["sub01.toml: id: is missing", "sub01.toml: trials: is missing"]),
-        ('id = "s"\n[trials.walk]\n', ["trials.walk: needs a file, or exclude ="]),
-        ('id = "s"\n[trials.walk]\nfile = 5\n', ["trials.walk.file: input should be a valid str"]),
-        (
-            'id = "s"\nstatic = "no.c3d"\n[trials.walk]\nexclude = "ill"\n',
-            ["static: no file 'no.c3d'"],
-        ),
-        (
-            'id = "s"\nid = "t"\n[trials.walk]\nexclude = "ill"\n',
-            ["not valid TOML: Cannot overwrite a value"],
-        ),
-        (f"a = {'[' * 5000}", ["not valid TOML: it is nested too deeply"]),
-        (
-            f'id = "s"\nheight_m = {"9" * 5000}\n[trials.walk]\nexclude = "ill"\n',
-            ["not valid TOML: Exceeds the limit"],
-        ),
-        (
-            f'id = "s"\nsex = 0x{"F" * 6000}\n[trials.walk]\nexclude = "ill"\n',
-            ["sex: input should be 'male', 'female' or 'unspecified', got a very large int"],
-        ),
-    ],
-)
-def test_an_impossible_subject_file_is_refused(write, person, messages):
-    faults = faults_of(write(sub01=person))
-    assert len(faults) == len(messages), faults
-    assert all(line in fault for line, fault in zip(messages, faults, strict=True)), faults
+def test_an_impossible_subject_file_is_refused(write, person, message):
+    assert message in only_fault_of(write(sub01=person))
 
 
 def test_what_a_person_writes_reaches_nobody_with_characters_that_steer_a_terminal(write):
     folder = write(sub01='id = "s"\n[trials.walk]\nexclude = "\\u001b[2J ill\\nfor a\\tday"\n')
     assert read_study(folder).subjects["s"].trials["walk"].exclude == "?[2J ill for a day"
-
-
-def test_two_files_with_one_subject_are_refused(write):
-    fault = only_fault_of(write(a=PERSON, b=PERSON))
-    assert fault == "b.toml: id: 'sub01' is already taken by another file"
 
 
 def test_two_trials_with_the_same_result_file_are_refused(write):
@@ -203,21 +137,21 @@ def test_two_trials_with_the_same_result_file_are_refused(write):
     assert "would both be called" in only_fault_of(write(study, one=one, other=other))
 
 
-def test_another_encoding_is_reported(write):
+def test_a_file_in_another_encoding_is_refused(write):
     folder = write()
     (folder / "sub01.toml").write_bytes(PERSON.encode("utf-16"))
     assert "sub01.toml: is not saved as UTF-8" in only_fault_of(folder)
 
 
+def test_a_template_is_never_written_over_a_study(tmp_path):
+    (tmp_path / "sub01.toml").write_text(PERSON)
+    with pytest.raises(ValueError, match=r"sub01.toml is already there; nothing was written"):
+        write_template(tmp_path)
+    assert not (tmp_path / "study.toml").exists()
+
+
 def test_a_folder_without_a_study_says_how_to_start_one(tmp_path):
     assert "no study.toml here; write one with 'hbm init" in only_fault_of(tmp_path)
-    assert "no study.toml here" in only_fault_of(tmp_path / "nowhere")
-
-
-def test_a_study_without_subjects_is_refused(tmp_path):
-    (tmp_path / "study.toml").write_text(PLAIN, encoding="utf-8")
-    (tmp_path / "._sub01.toml").write_text("\0", encoding="utf-8")
-    assert "no subject files" in only_fault_of(tmp_path)
 
 
 def test_a_marker_set_in_the_folder_is_not_a_subject_and_its_faults_are_reported(write):
@@ -230,11 +164,9 @@ def test_a_marker_set_in_the_folder_is_not_a_subject_and_its_faults_are_reported
     )
 
 
-@pytest.mark.parametrize(
-    "name", ["con", "COM1.a", "lpt9.b.c", "a.", "../s", "x" * 65, "y" * 300, "b "]
-)
+@pytest.mark.parametrize("name", ["COM1.a", "../s", "y" * 300])
 def test_a_name_that_no_file_may_have_on_every_system_is_refused(write, name):
-    study, subject = faults = faults_of(
+    study, subject = faults_of(
         write(
             f'[conditions."{name}"]\n[conditions.walk]\n',
             a=f'id = "{name}"\n[trials.walk]\nexclude = "ill"\n',
@@ -242,7 +174,6 @@ def test_a_name_that_no_file_may_have_on_every_system_is_refused(write, name):
     )
     assert study.startswith("study.toml: conditions.")
     assert subject.startswith("a.toml: id: ")
-    assert max(map(len, faults)) < 300
 
 
 def test_the_template_is_valid_but_for_the_missing_recordings(tmp_path):
@@ -256,14 +187,6 @@ def test_the_template_is_valid_but_for_the_missing_recordings(tmp_path):
     study = read_study(tmp_path)
     assert study.file.conditions["sway"].perturbed
     assert study.subjects["sub01"].trials["pitch"].exclude == "not recorded yet"
-
-
-def test_the_template_is_never_written_over_a_study(tmp_path):
-    write_template(tmp_path)
-    (tmp_path / "study.toml").unlink()
-    with pytest.raises(ValueError, match=r"sub01.toml is already there; nothing was written"):
-        write_template(tmp_path)
-    assert not (tmp_path / "study.toml").exists()
 
 
 def test_the_template_with_every_key_uncommented_is_valid(tmp_path):

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from pipeline.config.study import read_study
-from pipeline.config.toml_file import StudyFaults
 from pipeline.run.check import check_study
 from pipeline.run.job import trial_key
 from pipeline.run.provenance import input_digests
@@ -72,12 +71,3 @@ def test_a_change_in_an_accompanying_file_changes_the_trials_key(folder):
         path.write_bytes(path.read_bytes() + b"\n")
     after = [trial_key(study, "sub01", name) for name in ("trc", "dflow")]
     assert all(a != b for a, b in zip(before, after, strict=True))
-
-
-def test_a_missing_accompanying_file_is_reported(folder, tmp_path):
-    (tmp_path / "study.toml").write_text(STUDY, encoding="utf-8")
-    (tmp_path / "sub01.toml").write_text(SUBJECT, encoding="utf-8")
-    with pytest.raises(StudyFaults) as caught:
-        read_study(tmp_path)
-    assert "sub01.toml: trials.trc.forces: no file 'walk.mot'" in "\n".join(caught.value.faults)
-    assert "sub01.toml: trials.dflow.record: no file" in "\n".join(caught.value.faults)

@@ -23,17 +23,13 @@ class Oracle:
     def answers(self):
         self.run_inverse_kinematics()
         self.run_inverse_dynamics()
-        trc = opensim.TimeSeriesTableVec3(str(self.folder / "markers.trc"))
         out = {
             "markers": self.markers,
-            "mass": self.model.getTotalMass(self.model.initSystem()),
             "positions": self.positions(),
             "falling": self.falling(),
             "tau": self.inverse_dynamics(),
-            "trc_unit": trc.getTableMetaDataString("Units"),
-            **table("markers.trc", trc.flatten()),
         }
-        for name in ("coordinates.mot", "forces.sto", "grf.mot", "ik.mot", "id.sto"):
+        for name in ("ik.mot", "id.sto"):
             out |= table(name, opensim.TimeSeriesTable(str(self.folder / name)))
         return out
 
@@ -117,7 +113,6 @@ def vector(values):
 
 def table(name, content):
     return {
-        f"{name}: time": content.getIndependentColumn(),
         f"{name}: labels": content.getColumnLabels(),
         f"{name}: values": content.getMatrix().to_numpy(),
     }

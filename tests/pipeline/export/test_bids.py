@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.export.bids import _no_formula, write_bids
+from pipeline.export.bids import write_bids
 from pipeline.io.recording import Event
 
 VALIDATOR = shutil.which("bids-validator-deno", path=str(Path(sys.executable).parent))
@@ -58,10 +58,3 @@ def test_the_official_validator_finds_no_error(data_set):
     assert [issue for issue in issues if issue["severity"] == "error"] == []
     assert done.returncode == 0
     assert len(issues) > 0
-
-
-@pytest.mark.parametrize(
-    ("cell", "written"), [("=1+1", "'=1+1"), ("@x", "'@x"), ("-", "-"), ("V", "V"), (-1.5, -1.5)]
-)
-def test_no_cell_is_a_formula_for_a_spreadsheet(cell, written):
-    assert _no_formula(cell) == written

@@ -73,25 +73,6 @@ def test_pinocchio_finds_our_generalized_forces(body, path, q):
         np.testing.assert_allclose(theirs, ours[k, order], rtol=0, atol=1e-9)
 
 
-def test_mujoco_puts_segments_and_markers_where_we_do(body, path, q, poses, marker_positions):
-    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
-    model = mujoco.MjModel.from_xml_path(str(path))
-    assert model.nq == model.nv == N_Q
-    state = mujoco.MjData(model)
-    for k in range(POSES):
-        for name, value in zip(COORDINATES, q[k], strict=True):
-            state.joint(name).qpos = value
-        mujoco.mj_kinematics(model, state)
-        for segment, j in NUMBER.items():
-            link = state.body(segment)
-            np.testing.assert_allclose(
-                link.xmat.reshape(3, 3), poses[k, j, :3].T, rtol=0, atol=1e-12
-            )
-            np.testing.assert_allclose(link.xpos, poses[k, j, 3], rtol=0, atol=1e-12)
-        theirs = [state.body(name).xpos for name in body.markers]
-        np.testing.assert_allclose(theirs, marker_positions[k], rtol=0, atol=1e-12)
-
-
 def test_mujoco_finds_our_generalized_forces(body, path, q):
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
     rng = np.random.default_rng(7)

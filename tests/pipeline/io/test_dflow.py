@@ -1,8 +1,3 @@
-import subprocess
-import sys
-from dataclasses import replace
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -10,8 +5,6 @@ from hbm.notes import Note
 from pipeline.io.dflow import read_dflow, read_record
 from pipeline.io.read import read_recording
 from tests.pipeline.other_formats import excerpt, write_dflow
-
-ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture
@@ -38,7 +31,6 @@ def write_record(folder, time, change=lambda text: text):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda text: text.replace("\t1.", "\t1,", 1), "decimal comma"),
         (lambda text: text[:70], "truncated"),
         (lambda text: text.replace("Time", "Date", 1), "not a D-Flow record file"),
         (lambda text: text.replace("0.05", "9.05", 1), "with increasing times"),
@@ -55,8 +47,6 @@ def test_time_follows_the_frame_number_whatever_the_time_stamps(trial, tmp_path,
     late[100:110] += np.linspace(0.1, 0.01, 10)
     read = read_dflow(write_dflow(trial, tmp_path / "t.txt", stamps=np.arange(300) / 100 + late))
     np.testing.assert_allclose(read.markers.time, np.arange(300) / 100, atol=1e-12)
-    (clock,) = (note for note in read.notes if note.code == "sample_clock")
-    assert clock.values["rate_hz"] == 100.0
 
 
 def test_dropped_frames_are_gaps_in_markers_plates_and_channels(trial, tmp_path):
@@ -64,7 +54,7 @@ def test_dropped_frames_are_gaps_in_markers_plates_and_channels(trial, tmp_path)
         return [line for k, line in enumerate(lines) if k not in (51, 52, 200)]
 
     channel = {"Channel13.Anlg": np.sin(np.arange(300))}
-    read = read_dflow(write_dflow(trial, tmp_path / "t.txt", edit=[drop], extra=channel))
+    read = read_dflow(write_dflow(trial, tmp_path / "t.txt", edit=drop, extra=channel))
     gone = [50, 51, 199]
     empty = np.isnan(read.markers.position).all(axis=(1, 2))
     assert np.flatnonzero(empty).tolist() == gone
@@ -73,17 +63,6 @@ def test_dropped_frames_are_gaps_in_markers_plates_and_channels(trial, tmp_path)
     assert Note.of("samples_dropped", of="frames", dropped=3, samples=300) in read.notes
     kept = np.delete(np.arange(300), gone)
     np.testing.assert_allclose(read.markers.position[kept], trial.markers.position[kept], atol=1e-6)
-
-
-@pytest.mark.parametrize("way", ["zero", "held"])
-def test_markers_that_no_camera_saw_are_gaps_with_their_count(trial, tmp_path, way):
-    position = trial.markers.position.copy()
-    position[20:27, 4] = np.nan
-    position[90, 0] = np.nan
-    gappy = replace(trial, markers=replace(trial.markers, position=position))
-    read = read_dflow(write_dflow(gappy, tmp_path / "t.txt", missing=way))
-    assert np.array_equal(np.isnan(read.markers.position), np.isnan(position))
-    assert Note.of("markers_unseen", samples=8) in read.notes
 
 
 def test_moments_about_another_point_are_located_by_the_centres_of_pressure(trial, tmp_path):
@@ -104,7 +83,7 @@ def test_moments_that_no_centre_of_pressure_explains_are_refused(trial, tmp_path
                 row[k] = f"{2 * float(row[k]):.6f}"
         return [lines[0], *("\t".join(row) for row in rows)]
 
-    path = write_dflow(trial, tmp_path / "t.txt", edit=[doubled])
+    path = write_dflow(trial, tmp_path / "t.txt", edit=doubled)
     with pytest.raises(ValueError, match=r"plate 1: moments and centres of pressure disagree by"):
         read_dflow(path)
 
@@ -123,12 +102,10 @@ def test_other_columns_are_channels_and_the_failed_body_model_is_a_gap(trial, tm
         "Channel1.Anlg": np.linspace(0, 5, 300),
         "LHipFlex.Ang": angle,
         "LHipFlex.Mom": moment,
-        "HBM.COM.X": np.ones(300),
-        "pelvis.PosX": np.ones(300),
     }
     read = read_dflow(write_dflow(trial, tmp_path / "t.txt", extra=extra))
     assert read.analog.names == tuple(extra)
-    assert read.analog.units == ("V", "deg", "N·m", "", "")
+    assert read.analog.units == ("V", "deg", "N·m")
     assert np.flatnonzero(np.isnan(read.analog.channel("LHipFlex.Ang"))).tolist() == [7]
     assert read.markers.names == trial.markers.names
 
@@ -146,16 +123,6 @@ def test_a_record_is_interpolated_onto_the_markers_clock(trial, tmp_path, rng):
     assert np.isnan(speed[(clock < time[0] - 0.01) | (clock > time[-1] + 0.01)]).all()
 
 
-@pytest.mark.parametrize(("rows", "short"), [(310, False), (280, False), (200, True)])
-def test_a_record_that_ends_long_before_the_markers_is_named(trial, tmp_path, rows, short):
-    mocap = write_dflow(trial, tmp_path / "t.txt", stamps=np.arange(300) / 100)
-    record = write_record(tmp_path, np.arange(rows) / 100)
-    notes = [note for note in read_dflow(mocap, record=record).notes if note.code == "record_short"]
-    assert bool(notes) == short
-    for note in notes:
-        assert "record.txt covers only 0.00 to 1.99 s" in note.text
-
-
 def test_a_record_of_another_time_is_refused(trial, tmp_path):
     mocap = write_dflow(trial, tmp_path / "t.txt")
     record = write_record(tmp_path, 3600 + np.arange(12) / 100)
@@ -163,77 +130,15 @@ def test_a_record_of_another_time_is_refused(trial, tmp_path):
         read_dflow(mocap, record=record)
 
 
-def millimetres(lines):
-    header = lines[0].split("\t")
-    scale = [1000 if ".Pos" in name else 1 for name in header]
-    rows = (
-        "\t".join(f"{s * float(x):.6f}" for s, x in zip(scale, line.split("\t"), strict=True))
-        for line in lines[1:]
-    )
-    return [lines[0], *rows]
-
-
 @pytest.mark.parametrize(
     ("edit", "message"),
     [
-        (millimetres, "correct the unit"),
-        (lambda lines: [lines[0].replace("FrameNumber", "Frame"), *lines[1:]], "Nexus"),
         (lambda lines: [lines[0].replace(".PosY", ".PosQ", 1), *lines[1:]], "PosY is absent"),
-        (lambda lines: [*lines[:9], lines[9].rpartition("\t")[0], *lines[10:]], "line 10 holds"),
-        (lambda lines: [*lines[:9], lines[9] + "\t1", *lines[10:]], "line 10 holds"),
-        (lambda lines: [*lines[:9], lines[9].replace(".", ",", 1), *lines[10:]], "line 10.*comma"),
         (lambda lines: [*lines[:9], *lines[2:9]], "does not count upward"),
-        (lambda lines: lines[:2], "FrameNumber spans 1 frames"),
         (lambda lines: [lines[0], *lines[1::9]], "FrameNumber spans"),
     ],
 )
 def test_a_broken_mocap_file_is_refused_in_one_line(trial, tmp_path, edit, message):
-    path = write_dflow(trial, tmp_path / "t.txt", edit=[edit])
+    path = write_dflow(trial, tmp_path / "t.txt", edit=edit)
     with pytest.raises(ValueError, match=rf"^t\.txt: .*{message}"):
         read_recording(path)
-
-
-def test_axes_that_contradict_the_markers_are_refused(trial, tmp_path):
-    path = write_dflow(trial, tmp_path / "t.txt")
-    with pytest.raises(ValueError, match="is up by the stated axes, but down by the load on"):
-        read_dflow(path, "forward,down,left")
-
-
-READ_AND_MEASURE = """
-import re, sys
-from pathlib import Path
-from pipeline.io.read import read_recording
-
-def peak_kib():
-    return int(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1])
-
-read_recording(sys.argv[2])
-before = peak_kib()
-recording = read_recording(sys.argv[1])
-print(peak_kib() - before, len(recording.markers.time))
-"""
-KIB = 1024
-
-
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems have no /proc")
-def test_a_large_file_needs_less_than_four_times_its_size_of_memory(tmp_path):
-    """So that 500 MB are read in less than 2 GB; here 14 MB of them."""
-    names = ["LASIS", "RASIS", "LHEE", "RHEE", *(f"M{k}" for k in range(60))]
-    columns = ["TimeStamp", "FrameNumber", *(f"{n}.Pos{a}" for n in names for a in "XYZ")]
-    feet_and_pelvis = ["-0.1", "1.0", "0.0", "0.1", "1.0", "0.0", "-0.1", "0.0", "0.0", "0.1"]
-    place = [f"{float(x):.6f}" for x in [*feet_and_pelvis, *[0.0] * 2, *[0.5] * 180]]
-    frames = 8_000
-    path = tmp_path / "large.txt"
-    with path.open("w", encoding="utf-8") as file:
-        file.write("\t".join(columns) + "\n")
-        for k in range(frames):
-            at = [f"{float(x) + k / 1e6:.6f}" if j % 3 else x for j, x in enumerate(place)]
-            file.write("\t".join([f"{k / 100:.6f}", str(k), *at]) + "\n")
-    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
-    short = tmp_path / "short.txt"
-    short.write_text("".join(lines[:100]), encoding="utf-8")
-    asked = [sys.executable, "-c", READ_AND_MEASURE, str(path), str(short)]
-    done = subprocess.run(asked, capture_output=True, text=True, check=True, cwd=ROOT)
-    used_kib, read_frames = map(int, done.stdout.split())
-    assert read_frames == frames
-    assert used_kib * KIB < 4 * path.stat().st_size

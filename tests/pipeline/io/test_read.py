@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from hbm.markers import MarkerSet, marker_sets
-from hbm.notes import Note
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.read import file_format, read_recording
@@ -13,10 +12,10 @@ from pipeline.trial.process import process_recording
 from tests.pipeline.other_formats import excerpt, write_dflow, write_mox, write_nexus, write_opensim
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def trial(walker):
-    """Four seconds of walking with gaps, plates and markers only."""
-    whole = excerpt(walker, 400, 800, first_frame=17)
+    """Two seconds and a half of walking with gaps, plates and markers only."""
+    whole = excerpt(walker, 400, 650, first_frame=17)
     position = whole.markers.position.copy()
     position[30:42, 3] = np.nan
     position[100, [5, 7]] = np.nan
@@ -24,7 +23,7 @@ def trial(walker):
     return replace(whole, markers=replace(whole.markers, position=position))
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def formats(trial, tmp_path_factory):
     """Format -> the arguments that read the trial from it; the suffixes mean nothing."""
     folder = tmp_path_factory.mktemp("formats")
@@ -68,25 +67,19 @@ def test_the_same_trial_in_each_format_is_the_same_recording(formats, trial, nam
         np.testing.assert_allclose(ours.wrench, true.wrench[::step], atol=atol)
 
 
-MAX_CHARACTERS = 300
-"""Of a refusal: a line or two of a terminal."""
-
-
 def one_line(error):
     text = str(error.value)
     assert text.isprintable()
-    assert len(text) < MAX_CHARACTERS
+    assert len(text) < 300
     return text
 
 
 def test_unknown_content_is_refused_with_the_formats_that_are_read(tmp_path):
-    for content in (b"time\tLASIS\n0\t1\n", bytes(range(256)) * 40, b"hello", b"\0" * 999, b"{}"):
-        path = tmp_path / "trial.c3d"
+    path = tmp_path / "trial.c3d"
+    for content in (b"time\tLASIS\n0\t1\n", bytes(range(256)) * 40):
         path.write_bytes(content)
-        with pytest.raises(ValueError, match="trial") as error:
+        with pytest.raises(ValueError, match=r"trial\.c3d: .*not a C3D file.*TRC.*D-Flow"):
             read_recording(path)
-        for word in ("trial.c3d", "not a C3D file", "TRC", "D-Flow", ".mox", "Nexus"):
-            assert word in one_line(error)
 
 
 def test_a_file_of_forces_or_signals_alone_names_the_file_it_needs(formats, tmp_path):
@@ -96,15 +89,6 @@ def test_a_file_of_forces_or_signals_alone_names_the_file_it_needs(formats, tmp_
     path.write_text("Time\tBelt\n0.0\t1.0\n0.1\t1.0\n")
     with pytest.raises(ValueError, match="no markers; give it beside a D-Flow mocap file"):
         read_recording(path)
-    path.write_bytes(b"")
-    with pytest.raises(ValueError, match=r"record\.txt: the file is empty"):
-        read_recording(path)
-
-
-def test_a_second_file_of_another_format_is_refused(formats):
-    for key, its in (("forces", "TRC"), ("record", "D-Flow")):
-        with pytest.raises(ValueError, match=f"goes with a {its} file, this is MOX"):
-            read_recording(formats["MOX"]["path"], **{key: formats["TRC"]["forces"]})
 
 
 @pytest.mark.parametrize("name", ["D-Flow", "MOX", "Nexus", "TRC"])
@@ -116,8 +100,8 @@ def test_line_ends_and_byte_order_marks_change_nothing(formats, tmp_path, name):
     variants = {"crlf": "\r\n".join(lines).encode(), "mixed": mixed.encode()}
     variants["bom"] = b"\xef\xbb\xbf" + text.encode()
     variants["utf16"] = text.encode("utf-16") if name != "MOX" else variants["bom"]
-    for variant, content in variants.items():
-        path = tmp_path / f"{variant}.x"
+    path = tmp_path / "variant.x"
+    for content in variants.values():
         path.write_bytes(content)
         again = read_recording(path)
         np.testing.assert_array_equal(again.markers.position, plain.markers.position)
@@ -133,25 +117,22 @@ def test_decimal_commas_are_recognised_and_refused(formats, tmp_path, name):
         text = head + body.replace(".", ",")
     path = tmp_path / "comma.txt"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(ValueError, match="decimal comma") as error:
+    with pytest.raises(ValueError, match=r"^comma\.txt: .*decimal comma"):
         read_recording(path)
-    assert one_line(error).startswith("comma.txt: ")
 
 
 @pytest.mark.parametrize(("name", "separator"), [("D-Flow", "\t"), ("Nexus", ","), ("TRC", "\t")])
-@pytest.mark.parametrize("how", ["less", "more"])
 def test_a_row_with_another_number_of_columns_is_refused_with_its_line(
-    formats, tmp_path, name, separator, how
+    formats, tmp_path, name, separator
 ):
     lines = formats[name]["path"].read_text(encoding="utf-8").splitlines()
     fields = lines[200].split(separator)
-    fields[5:6] = [] if how == "less" else [fields[5], "0.5"]
+    del fields[5]
     lines[200] = separator.join(fields)
     path = tmp_path / "columns.txt"
     path.write_text("\n".join(lines), encoding="utf-8")
-    with pytest.raises(ValueError, match=r"line 201 holds .* fields for") as error:
+    with pytest.raises(ValueError, match=r"^columns\.txt: .*line 201 holds .* fields for"):
         read_recording(path)
-    assert one_line(error).startswith("columns.txt: ")
 
 
 WRITERS = {
@@ -176,8 +157,6 @@ def test_stated_units_are_used_in_every_format(trial, tmp_path, name):
     WRITERS[name](replace(trial, markers=markers), path)
     read = read_recording(path, Stated(units=unit))
     np.testing.assert_allclose(read.markers.position, trial.markers.position, atol=2e-6)
-    (note,) = [note for note in read.notes if note.code == "units_stated"]
-    assert note.values["stated"] == unit
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -190,17 +169,6 @@ def test_stated_units_of_plates_are_used_in_every_format(formats, name):
     for ours, true in zip(read.plates, plain.plates, strict=True):
         size = np.abs(true.wrench).max(axis=0)
         assert (np.abs(ours.wrench / 1000 - true.wrench) < 1e-6 * size).all()
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_labels_are_renamed_in_every_format(formats, name):
-    read = read_recording(
-        **formats[name], stated=Stated(rename={"LHEE": "heel_left", "LHEEL": "LHEE"})
-    )
-    assert "heel_left" in read.markers.names
-    assert Note.of("labels_not_renamed", labels=["LHEEL"]) in read.notes
-    plain = read_recording(**formats[name])
-    np.testing.assert_array_equal(read.markers.position, plain.markers.position)
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -221,19 +189,16 @@ def test_the_prefix_of_a_subject_is_chosen_in_every_format(trial, tmp_path, name
         read_recording(path)
     with pytest.raises(ValueError, match=r"no label begins .* it has 3, numbered from 1") as none:
         read_recording(path, Stated(label_prefix="S03"))
-    for prefix in ("S01", "1"):
-        read = read_recording(path, Stated(label_prefix=prefix))
-        assert read.markers.names == (*names, "PLAT1")
-        np.testing.assert_allclose(read.markers.position[:, :-1], position, atol=2e-6)
-        assert Note.of("points_of_other_subjects", points=5) in read.notes
+    read = read_recording(path, Stated(label_prefix="S01"))
+    assert read.markers.names == (*names, "PLAT1")
+    np.testing.assert_allclose(read.markers.position[:, :-1], position, atol=2e-6)
     said = f"{one_line(several)} {one_line(none)} {' '.join(map(str, read.notes))}"
     assert "S01" not in said
-    assert "S02" not in said
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_table_shows_the_axes_in_every_format_and_has_to_fit(formats, trial, tmp_path, name):
-    """Labels that mean nothing by themselves; another laboratory's table is named as such."""
+    """Labels that are renamed and mean nothing; another laboratory's table is named as such."""
     labels = {label: f"m{k}" for k, label in enumerate(trial.markers.names)}
     known = marker_sets()["hbm2"]
     markers = known.present(labels).markers
@@ -246,33 +211,32 @@ def test_a_table_shows_the_axes_in_every_format_and_has_to_fit(formats, trial, t
         read_recording(**formats[name], stated=Stated(marker_set=table))
 
 
-@pytest.mark.parametrize("scale", [1000.0, 0.001], ids=["a walker of a mile", "a walker of an ant"])
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize(
+    ("name", "scale"), [("C3D", 1e3), ("TRC", 1e-3), ("D-Flow", 1e3), ("MOX", 1e-3), ("Nexus", 1e3)]
+)
 def test_a_length_unit_that_contradicts_the_markers_is_refused(trial, tmp_path, name, scale):
     markers = replace(trial.markers, position=scale * trial.markers.position)
     path = tmp_path / "unit.dat"
     WRITERS[name](replace(trial, markers=markers), path)
-    with pytest.raises(ValueError, match="correct the unit in the file") as error:
+    with pytest.raises(ValueError, match=r"^unit\.dat: .*correct the unit in the file"):
         read_recording(path)
-    assert one_line(error).startswith("unit.dat: ")
 
 
 def test_residuals_do_not_depend_on_the_format(walker, tmp_path):
     """D-Flow keeps the plates at the markers' rate only, so a filtered newton may differ."""
-    whole = replace(walker, analog=None, events=())
+    whole = excerpt(walker, 0, 700)
     settings = Settings(marker_set="hbm2")
-    forces = {}
-    for name, path in {
-        "Nexus": write_nexus(whole, tmp_path / "walk.csv"),
-        "D-Flow": write_dflow(whole, tmp_path / "walk.txt"),
-    }.items():
-        result = process_recording(read_recording(path), Subject(mass_kg=75), settings)
-        forces[name] = result.measured.residual[100:-100]
-    true = process_recording(whole, Subject(mass_kg=75), settings).measured.residual[100:-100]
+
+    def residual(recording):
+        result = process_recording(recording, Subject(mass_kg=75), settings)
+        return result.measured.residual[100:-100]
+
+    true = residual(whole)
     size = np.sqrt(np.nanmean(true**2, axis=0))
-    for name, residual in forces.items():
-        away = np.sqrt(np.nanmean((residual - true) ** 2, axis=0))
-        assert (away < (0.001 if name == "Nexus" else 0.1) * size + 0.01).all(), (name, away, size)
+    for write, share in ((write_nexus, 0.001), (write_dflow, 0.1)):
+        found = residual(read_recording(write(whole, tmp_path / "walk")))
+        away = np.sqrt(np.nanmean((found - true) ** 2, axis=0))
+        assert (away < share * size + 0.01).all(), (write, away, size)
 
 
 @pytest.mark.parametrize(

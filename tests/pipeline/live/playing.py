@@ -4,26 +4,17 @@ from itertools import pairwise
 
 import numpy as np
 
-from pipeline.config.live import COMPONENTS, Live
-from pipeline.live.frames.chain import LiveChain
-from pipeline.live.stream import Samples, StreamDescription
+from pipeline.config.live import Live
+from pipeline.live.frames.chain import LiveChain, LiveFrame
+from pipeline.live.replay import recorded_streams
+from pipeline.live.stream import Samples
+from pipeline.trial.quality import Quality
+from pipeline.trial.residuals import reported
 
 
 def streams_of(recording):
     """Give each stream of a recording: description, times and values."""
-    markers, plates, analog = recording.markers, recording.plates, recording.analog
-    names = markers.names
-    described = StreamDescription("Markers", "markers", names, ("m",) * len(names), markers.rate_hz)
-    streams = [(described, markers.time, markers.position.reshape(len(markers.time), -1))]
-    labels = tuple(f"FP{plate.number}.{c}" for plate in plates for c in COMPONENTS)
-    units = ("N", "N", "N", "Nm", "Nm", "Nm") * len(plates)
-    described = StreamDescription("Plates", "analog", labels, units, plates[0].rate_hz)
-    values = np.hstack([plate.wrench_in_plate for plate in plates])
-    streams.append((described, plates[0].time, values))
-    if analog is not None:
-        described = StreamDescription("Analog", "analog", analog.names, analog.units, 1000.0)
-        streams.append((described, analog.time, analog.values))
-    return streams
+    return [(each.description, each.time, each.values) for each in recorded_streams(recording)]
 
 
 def chain_of(body, laboratory, settings, recording, wait_s=0.2):
@@ -54,3 +45,23 @@ def arrivals(recording, chunk_s=0.01, late_s=None, start_s=0.0):
 def play(chain, samples):
     """Push samples into a chain; gives all frames."""
     return [frame for each in samples for frame in chain.push(each)] + chain.finish()
+
+
+def frames_of(result, gain=lambda time: np.ones(2)):
+    """A trial's frames as they would be known live, with plates under the feet of such gains."""
+    residual = reported(result.measured.residual)
+    ground = np.stack([result.ground["measured"][f"{s}_foot"] for s in ("left", "right")], 1)
+    for k, time in enumerate(result.motion.time):
+        by_foot = ground[k] * np.reshape(gain(time), (2, 1))
+        yield LiveFrame(
+            number=k,
+            time=float(time),
+            q=result.motion.q[k],
+            tau={"measured": result.measured.tau[k]},
+            residual={"measured": residual[k]},
+            by_foot={"measured": by_foot},
+            contact=by_foot[:, 2] > result.settings.contact_threshold_n,
+            marker_error=result.motion.marker_error[k],
+            quality=Quality(0) if result.counts[k] else Quality.SETTLING,
+            computing_s=1e-4,
+        )

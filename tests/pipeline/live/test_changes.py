@@ -74,7 +74,6 @@ def same(after, before):
 @pytest.mark.parametrize(
     ("after", "other"),
     [
-        (markers(MARKERS[:3]), CHANNELS),
         (markers(MARKERS[3:] + MARKERS[:3]), CHANNELS),
         (markers(tuple(replace(channel, unit="m") for channel in MARKERS)), CHANNELS),
         (markers(MARKERS, 200.0), "rate"),
@@ -95,15 +94,8 @@ def test_axes_of_the_sender_do_not_matter_where_a_person_states_them():
     same(markers(MARKERS, form="double64"), markers(MARKERS))
 
 
-@pytest.mark.parametrize("sent", [[plate(center=(0.01, 0, 0))], []])
-def test_a_plate_that_lies_elsewhere_is_refused(sent):
+def test_a_plate_that_lies_elsewhere_is_refused():
     before = plates(SIX, 1000.0, plates=[plate()])
     same(plates(SIX, 1000.0, plates=[plate(center=(1e-9, 0, 0))]), before)
     with pytest.raises(ValueError, match=PLATES):
-        same(plates(SIX, 1000.0, plates=sent), before)
-
-
-def test_types_of_channels_are_compared():
-    swapped = (replace(SIX[0], type="ForceY"), replace(SIX[1], type="ForceX"), *SIX[2:])
-    with pytest.raises(ValueError, match=CHANNELS):
-        same(plates(swapped, 1000.0), plates(SIX, 1000.0))
+        same(plates(SIX, 1000.0, plates=[plate(center=(0.01, 0, 0))]), before)

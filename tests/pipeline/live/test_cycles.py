@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from pipeline.config.schema import Settings, Subject
-from pipeline.live.cycles import MAX_CYCLE_S, ConditionSoFar, GaitTracker
-from pipeline.live.frames.chain import LiveFrame
+from pipeline.live.cycles import ConditionSoFar, GaitTracker
 from pipeline.trial.gait.events import MIN_CONTACT_S, event_times
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import reported
+from tests.pipeline.live.playing import frames_of
 
 FRAME_S = 0.01
 
@@ -23,25 +23,7 @@ def result(walker):
 
 @pytest.fixture(scope="module")
 def frames(result):
-    """The trial's frames, as they would be known live."""
-    ground = np.stack([result.ground["measured"][f"{s}_foot"] for s in ("left", "right")], 1)
-    residual = reported(result.measured.residual)
-    threshold_n = result.settings.contact_threshold_n
-    return [
-        LiveFrame(
-            number=k,
-            time=float(time),
-            q=result.motion.q[k],
-            tau={"measured": result.measured.tau[k]},
-            residual={"measured": residual[k]},
-            by_foot={"measured": ground[k]},
-            contact=ground[k, :, 2] > threshold_n,
-            marker_error=result.motion.marker_error[k],
-            quality=Quality(0) if result.counts[k] else Quality.SETTLING,
-            computing_s=1e-4,
-        )
-        for k, time in enumerate(result.motion.time)
-    ]
+    return list(frames_of(result))
 
 
 @pytest.fixture(scope="module")
@@ -109,21 +91,11 @@ def test_gait_cycles_of_which_the_plates_carry_too_little_are_left_out_and_count
     assert so_far.cycles > 2
 
 
-def test_limits_are_shares_of_the_ground_reaction(result, followed):
-    so_far = so_far_of(result)
-    for _, cycles in followed:
-        for cycle in cycles:
-            so_far.add(cycle)
-    limits = so_far.limits(1.0)["measured"]
-    assert limits.max_force_n == pytest.approx(5 * limits.max_moment_nm)
-
-
-def test_a_subject_who_stands_makes_no_cycle_and_no_memory_grows(frames):
+def test_a_subject_who_stands_makes_no_cycle(frames):
     tracker = GaitTracker()
-    for k in range(2000):
+    for k in range(1000):
         standing = replace(frames[0], time=k * FRAME_S, contact=np.ones(2, bool))
         assert tracker.add(standing) == []
-    assert len(tracker._frames) <= (MAX_CYCLE_S + 2 * MIN_CONTACT_S) / FRAME_S + 2
 
 
 def test_a_pause_is_no_gait_cycle(frames):

@@ -2,7 +2,6 @@
 
 import itertools
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -18,22 +17,18 @@ import numpy as np
 import pytest
 
 from pipeline.config.live import Live
-from pipeline.io.read import read_recording
 from pipeline.io.recording import Analog, Metadata
 from pipeline.io.stated import Stated
-from tests.pipeline import xdf_file as xdf
 from tests.pipeline.other_formats import excerpt
 
 pytest.importorskip("pylsl", reason="the extra live is not installed")
 
 from pipeline.io.xdf.channels import Channel, parse_channels
 from pipeline.live.arrival import known
-from pipeline.live.frames.chain import LiveFrame
-from pipeline.live.outlet import Outlet, load_lsl, result_channels, result_outlet, result_row
+from pipeline.live.outlet import Outlet, load_lsl, result_channels, result_outlet
 from pipeline.live.replay import Replay, recorded_streams
 from pipeline.live.sources import lsl
 from pipeline.live.sources.lsl import ClockOffset, LslSource
-from pipeline.trial.quality import Quality
 
 AXES = Stated(axes="forward,left,up")
 NAMES = ("LASIS", "RASIS", "SACR")
@@ -202,10 +197,8 @@ def receive_nothing(source, outlet, values, timeout_s=10.0):
         assert source.receive(0.02) == []
 
 
-@pytest.mark.parametrize("channels", [MARKERS[3:6] + MARKERS[:3] + MARKERS[6:], MARKERS[:6]])
-def test_no_sample_of_a_sender_that_comes_back_with_other_channels_is_taken(
-    channels, prefix, opened
-):
+def test_no_sample_of_a_sender_that_comes_back_with_other_channels_is_taken(prefix, opened):
+    channels = MARKERS[3:6] + MARKERS[:3] + MARKERS[6:]
     first = Outlet(prefix, "MoCap", MARKERS, 100.0)
     source = LslSource(prefix, stated=AXES)
     opened.append(source)
@@ -214,10 +207,7 @@ def test_no_sample_of_a_sender_that_comes_back_with_other_channels_is_taken(
     first.close()
     second = Outlet(prefix, "MoCap", channels, 100.0)
     opened.append(second)
-    expected = (
-        f"stream '{prefix}' came back with another description of its channels; begin a new session"
-    )
-    with pytest.raises(ValueError, match=re.escape(expected)):
+    with pytest.raises(ValueError, match="came back with another description of its channels"):
         receive_nothing(source, second, np.full((1, len(channels)), 7.0))
 
 
@@ -260,24 +250,6 @@ def test_a_sender_that_hangs_is_replaced_by_one_of_its_name(prefix, opened):
             hung.kill()
 
 
-def test_streams_that_come_later_are_waited_for_and_meanwhile_named(prefix, opened):
-    told = []
-
-    def searching(absent, there):
-        told.append((absent, [name for name in there if name.startswith(prefix)]))
-        if len(told) == 20:
-            opened.append(Outlet(f"{prefix}m", "MoCap", MARKERS, 100.0))
-        if len(told) > 20 and len(opened) == 1 and told[-1][1]:
-            opened.append(Outlet(f"{prefix}a", "", (Channel("Fz", "N"),), 1000.0))
-
-    source = LslSource(
-        f"{prefix}m", [f"{prefix}a"], stated=AXES, timeout_s=20.0, searching=searching
-    )
-    opened.append(source)
-    assert told[0] == ([f"{prefix}m", f"{prefix}a"], [])
-    assert ([f"{prefix}a"], [f"{prefix}m"]) in told
-
-
 def test_a_stream_that_states_no_rate_has_the_one_of_its_time_stamps(prefix, opened):
     outlet = Outlet(prefix, "MoCap", MARKERS, 0.0)
     opened.append(outlet)
@@ -300,44 +272,23 @@ def test_a_stream_that_states_no_rate_has_the_one_of_its_time_stamps(prefix, ope
     assert source.streams[0].rate_hz == pytest.approx(128, rel=1e-6)
 
 
-def refused(match, markers, kind=ValueError, stated=AXES, **options):
-    with pytest.raises(kind, match=match) as error:
-        LslSource(markers, stated=stated, timeout_s=1.0, **options)
-    assert str(error.value).isprintable()
+def refused(match, markers, kind=ValueError, stated=AXES):
+    with pytest.raises(kind, match=match):
+        LslSource(markers, stated=stated, timeout_s=1.0)
 
 
-def test_streams_that_are_absent_or_not_told_apart_are_one_line(prefix, opened):
+def test_streams_that_are_absent_not_told_apart_or_lack_something_are_one_line(prefix, opened):
     opened.append(Outlet(f"{prefix}there", "MoCap", MARKERS, 100.0))
     absent = "no stream is called '.*' within 1 s; streams there: .*there"
     refused(absent, prefix, ConnectionError)
-    refused("named more than once", prefix, analog=[prefix])
     same = load_lsl().StreamInfo(f"{prefix}there", "", 1, 1, "float32", "another")
     other = load_lsl().StreamOutlet(same)
     refused("2 streams are called .*; close all but one of the programs", f"{prefix}there")
     del other
-
-
-def test_streams_that_lack_something_are_one_line(prefix, opened):
-    words = load_lsl().StreamOutlet(load_lsl().StreamInfo(f"{prefix}w", "", 1, 0, "string", "w"))
-    opened += [
-        Outlet(f"{prefix}b", "", (Channel("Fz", "N"),), 10.0),
-        Outlet(f"{prefix}c", "MoCap", MARKERS, 10.0),
-    ]
-    refused("it sends text, not numbers", f"{prefix}w")
+    opened.append(Outlet(f"{prefix}b", "", (Channel("Fz", "N"),), 10.0))
     refused("no markers: no channel of type PositionX", f"{prefix}b")
+    opened.append(Outlet(f"{prefix}c", "MoCap", MARKERS, 10.0))
     refused("axes of its markers are not known", f"{prefix}c", stated=Stated())
-    del words
-
-
-def test_an_address_that_cannot_be_listened_on_is_one_line(prefix):
-    refused("no IPv4 address", prefix, listen="everywhere")
-    load_lsl()
-    refused("listens on 127.0.0.1 already, not on 10.0.0.1", prefix, listen="10.0.0.1")
-
-
-def test_an_address_of_another_computer_is_one_line(prefix, monkeypatch):
-    monkeypatch.setattr("pipeline.live.outlet._listening", [])
-    refused("192.0.2.1 is not an address of this computer", prefix, listen="192.0.2.1")
 
 
 def test_the_missing_extra_is_named(monkeypatch):
@@ -348,45 +299,21 @@ def test_the_missing_extra_is_named(monkeypatch):
         load_lsl()
 
 
-def test_results_are_described_by_labels_and_units(prefix, opened):
+def test_results_arrive_as_they_were_sent_with_their_labels_and_times(prefix, opened):
     delays = {"filter_delay_s": 0.0375, "resampling_delay_s": 0.02}
     outlet = result_outlet(100.0, **delays, name=prefix)
     opened.append(outlet)
-    library = load_lsl()
-    (info,) = library.resolve_byprop("name", prefix, timeout=5.0)
-    inlet = library.StreamInlet(info)
-    info = ElementTree.fromstring(inlet.info(5.0).as_xml())
-    assert {name: float(info.findtext(f"desc/{name}")) for name in delays} == delays
-    described = parse_channels(info, 106)
-    assert described == result_channels()
+    (info,) = load_lsl().resolve_byprop("name", prefix, timeout=5.0)
+    inlet = load_lsl().StreamInlet(info)
+    said = ElementTree.fromstring(inlet.info(5.0).as_xml())
+    assert {name: float(said.findtext(f"desc/{name}")) for name in delays} == delays
+    assert parse_channels(said, 106) == result_channels()
     inlet.open_stream(5.0)
-    q, tau, measured = np.arange(46.0), 100 + np.arange(46.0), np.arange(6.0)
-    uncompensated = LiveFrame(
-        number=0,
-        time=123.26,
-        q=q,
-        tau={"measured": tau},
-        residual={"measured": measured},
-        by_foot={},
-        contact=np.zeros(2, bool),
-        marker_error=np.zeros(1),
-        quality=Quality(0),
-        computing_s=0.0004,
-    )
-    both = {"measured": measured, "compensated": -measured}
-    tau_of = {"measured": -tau, "compensated": tau}
-    compensated = replace(uncompensated, residual=both, tau=tau_of, quality=Quality(3))
-    outlet.push_one(123.25, result_row(compensated))
-    outlet.push_one(123.26, result_row(uncompensated))
-    values, stamps = inlet.pull_chunk(2.0, min_samples=2, as_numpy=True)
-    by_label = dict(zip((c.label for c in described), values[0], strict=True))
-    assert by_label["q.PelvisX"] == 0
-    assert by_label["tau.PelvisY"] == 101
-    assert by_label["residual.measured.Fz"] == 2
-    assert by_label["residual.compensated.Mz"] == -5
-    assert (by_label["quality"], by_label["computing_time"]) == (3, 0.0004)
-    assert np.isnan(values[1]).sum() == 6
-    np.testing.assert_allclose(stamps, [123.25, 123.26])
+    row = np.arange(106.0)
+    outlet.push_one(123.25, row)
+    values, stamps = inlet.pull_chunk(2.0, min_samples=1, as_numpy=True)
+    np.testing.assert_array_equal(values, [row])
+    np.testing.assert_allclose(stamps, [123.25])
 
 
 @pytest.mark.skipif(not Path("/proc/net/udp").exists(), reason="lists sockets as Linux does")
@@ -404,54 +331,6 @@ def test_discovery_listens_on_the_loopback_alone(prefix, opened):
     assert set(discovery) == {f"0100007F:{16571:04X}"}
 
 
-def test_what_labrecorder_writes_of_a_replay_is_the_recording(trial, prefix, tmp_path, opened):
-    """The descriptions are those that the replay sends."""
-    replay = Replay(trial, prefix=prefix)
-    opened.append(replay)
-    library = load_lsl()
-    streams = []
-    for name, stream in zip(replay.names, recorded_streams(trial), strict=True):
-        (info,) = library.resolve_byprop("name", name, timeout=5.0)
-        said = library.StreamInlet(info).info(5.0).as_xml()
-        assert "Anna" not in said
-        sent = ElementTree.fromstring(said).find("desc")
-        desc = "".join(ElementTree.tostring(part, encoding="unicode") for part in sent)
-        own = stream.description
-        content = "MoCap" if own.kind == "markers" else "Analog"
-        streams.append(
-            xdf.stream(own.name, content, stream.time, stream.values, desc, rate=own.rate_hz)
-        )
-    read = read_recording(xdf.write_xdf(tmp_path / "replay.xdf", streams))
-    assert read.markers.names == trial.markers.names
-    np.testing.assert_array_equal(read.markers.position, trial.markers.position)
-    for ours, true in zip(read.plates, trial.plates, strict=True):
-        assert ours.number == true.number
-        np.testing.assert_allclose(ours.wrench, true.wrench, atol=1e-12)
-    np.testing.assert_array_equal(read.analog.values, trial.analog.values)
-    assert read.analog.names == trial.analog.names
-
-
-def test_the_bridge_of_the_documentation_sends_what_is_understood(prefix, opened):
-    page = Path(__file__).parents[3] / "docs" / "live.md"
-    (code,) = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
-    load_lsl()
-    bridge = {}
-    exec(code.replace('"Cameras"', f'"{prefix}C"').replace('"Plates"', f'"{prefix}P"'), bridge)
-    source = LslSource(f"{prefix}C", [f"{prefix}P"])
-    opened.append(source)
-    markers, plates = source.streams
-    assert (markers.labels, markers.rate_hz) == (("LASIS", "RASIS"), 100)
-    assert plates.labels[:4] == ("FP1.ForX", "FP1.ForY", "FP1.ForZ", "FP1.MomX")
-    assert plates.units == ("N",) * 3 + ("N·m",) * 3 + ("m",) * 3
-    bridge["cameras"].push_sample([10, 20, 30, 40, 50, 60], 1.0)
-    bridge["plates"].push_sample(np.arange(1.0, 10.0), 1.0)
-    found = receive(source, 1)
-    _, values = found[f"{prefix}C"]
-    np.testing.assert_allclose(values, [[-0.03, -0.01, 0.02, -0.06, -0.04, 0.05]], atol=1e-9)
-    _, values = found[f"{prefix}P"]
-    np.testing.assert_allclose(values, [[-3, -1, 2, -6, -4, 5, -9, -7, 8]], atol=1e-9)
-
-
 def test_a_replay_does_not_wait_for_receivers_of_streams_that_nobody_wants(trial, prefix, opened):
     replay = Replay(trial, 20.0, prefix=prefix)
     source = LslSource(replay.names[0], replay.names[1:-1])
@@ -459,18 +338,6 @@ def test_a_replay_does_not_wait_for_receivers_of_streams_that_nobody_wants(trial
     assert not replay.start(60.0)
     assert replay.without_receiver == (replay.names[-1],)
     assert set(receive(source, 1)) == set(replay.names[:-1])
-
-
-@pytest.mark.parametrize("letter", ["\x07", "\x1b", "\x01"])
-def test_a_control_character_in_a_label_is_shown_as_a_question_mark(prefix, opened, letter):
-    channels = (Channel(f"F{letter}z", "N"), Channel("Belt", f"m{letter}/s"))
-    outlet = Outlet(f"{prefix}a", "", channels, 1000.0)
-    markers = Outlet(f"{prefix}m", "MoCap", MARKERS, 100.0)
-    opened += [outlet, markers]
-    source = LslSource(f"{prefix}m", [f"{prefix}a"], stated=AXES)
-    opened.append(source)
-    assert source.streams[1].labels == ("F?z", "Belt")
-    assert source.streams[1].units == ("N", "m?/s")
 
 
 def test_infinite_values_arrive_as_gaps_without_a_warning(prefix, opened):

@@ -5,7 +5,6 @@ import subprocess
 import sys
 import time
 from contextlib import closing
-from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -55,7 +54,7 @@ def write(path, streams, each=7):
     return path
 
 
-@pytest.mark.parametrize("each", [1, 7, 200])
+@pytest.mark.parametrize("each", [1, 200])
 def test_recorded_streams_are_the_trial(trial, streams, tmp_path, each):
     read = read_recording(write(tmp_path / "a.xdf", streams, each))
     np.testing.assert_array_equal(read.markers.position, trial.markers.position)
@@ -64,7 +63,7 @@ def test_recorded_streams_are_the_trial(trial, streams, tmp_path, each):
     assert {note.code for note in read.notes} == {"axes", "sample_clock"}
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(share=st.floats(0.1, 1, exclude_max=True))
 def test_a_recording_cut_short_holds_all_complete_chunks(streams, trial, tmp_path_factory, share):
     """As after a kill: the file ends anywhere."""
@@ -84,43 +83,6 @@ def test_a_file_that_exists_is_not_overwritten(streams, tmp_path):
     with pytest.raises(FileExistsError):
         XdfWriter(path, described(streams))
     assert path.read_bytes() == before
-
-
-def test_the_recorder_writes_streams_and_results(trial, streams, tmp_path):
-    with closing(Recorder(tmp_path / "live", described(streams), COLUMNS)) as recorder:
-        for number, samples in enumerate(in_chunks(streams, 10)):
-            recorder.samples(samples)
-            recorder.frame(np.array([number, 0.0]))
-    assert (recorder.fault, recorder.lost) == (None, 0)
-    read = read_recording(tmp_path / "live" / STREAMS)
-    np.testing.assert_array_equal(read.markers.position, trial.markers.position)
-    table = pd.read_parquet(tmp_path / "live" / RESULTS)
-    assert tuple(table.columns) == COLUMNS
-    assert table.time_s.tolist() == list(range(40))
-
-
-def test_a_folder_with_a_recording_is_refused(streams, tmp_path):
-    Recorder(tmp_path, described(streams), COLUMNS).close()
-    with pytest.raises(ValueError, match="holds a recording already; choose another folder"):
-        Recorder(tmp_path, described(streams), COLUMNS)
-
-
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
-def test_a_full_disk_ends_the_recording_in_words_and_nothing_waits_for_it(
-    streams, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(module, "EVERY_S", 0.01)
-    recorder = Recorder(tmp_path, described(streams), COLUMNS)
-    recorder._streams._file.close()
-    recorder._streams._file = Path("/dev/full").open("wb")  # noqa: SIM115
-    every = list(in_chunks(streams, 10))
-    recorder.samples(every[0])
-    recorder._thread.join(5)
-    for samples in every[1:]:
-        recorder.samples(samples)
-    recorder.close()
-    assert recorder.fault == "recording stopped: No space left on device"
-    assert recorder.lost == len(every) - 1
 
 
 def test_memory_stays_bounded_where_the_disk_stalls(streams, tmp_path, monkeypatch):
@@ -166,7 +128,7 @@ def test_of_a_killed_process_at_most_the_last_second_is_missing(tmp_path):
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         process.stdout.readline()
-        time.sleep(2.3)
+        time.sleep(1.6)
         process.send_signal(signal.SIGKILL)
         frames = 2 + process.stdout.read().count("\n")
     read = read_recording(tmp_path / "live" / STREAMS)

@@ -12,6 +12,7 @@ from pipeline.live.monitor import Monitor
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
+from tests.pipeline import lab
 from tests.pipeline.live.playing import arrivals, chain_of, play
 from tests.pipeline.viewer_frames import shown_frames
 
@@ -32,6 +33,7 @@ class View:
 def test_a_view_is_shown_of_live_frames_what_it_is_shown_of_the_trial(moving_study):
     study = read_study(moving_study)
     laboratory, walk = read_study_laboratory(study), read_study_file(study, "sub01_pitch.c3d")
+    walk = lab.cropped(walk, 0, 800)
     whole = process_recording(walk, Subject(sex="male"), REALTIME, laboratory=laboratory)
     chain = chain_of(whole.body, laboratory, REALTIME, walk)
     frames, view = play(chain, arrivals(walk)), View()

@@ -40,9 +40,9 @@ def significant(found):
     return set(tests[tests["p"] < 0.001]["effect"])
 
 
-@pytest.mark.parametrize("factor", ["belt", "profile", "speed_mps", "position_m", "mass_kg"])
+@pytest.mark.parametrize("factor", ["belt", "speed_mps", "mass_kg"])
 def test_the_condition_that_errors_depend_on_is_found_and_no_other(factor):
-    worse = {"belt": "right", "profile": "sine", "speed_mps": 0.3, "position_m": 0.15}
+    worse = {"belt": "right", "speed_mps": 0.3}
     level = worse.get(factor, 13.44)
     found = condition_effects(errors(times=lambda row: 1.5 if row[factor] == level else 1.0))
     assert significant(found) == {factor}
@@ -73,12 +73,6 @@ def test_equal_thirds_differ_significantly_in_one_of_twenty():
     p = np.array([tests.set_index("effect")["p"]["zone"] for tests in each])
     assert np.sum(p < 0.05) <= 3  # 4 or more: one in 450
     assert 0.3 < np.mean(p) < 0.7
-
-
-def test_log_normal_errors_need_no_remark():
-    tests, _, remarks = condition_effects(errors(seed=3))
-    assert remarks == []
-    assert tests["exponent"].abs().max() < 2
 
 
 def test_what_cannot_be_tested_is_said():

@@ -8,7 +8,6 @@ import pytest
 
 from pipeline.cli.app import main
 from pipeline.config.plate_study import read_plates_study
-from pipeline.config.toml_file import StudyFaults
 from pipeline.io.c3d.read import read_c3d
 from pipeline.plate_accuracy.accuracy import check_plates
 from pipeline.plate_accuracy.trials import (
@@ -98,21 +97,6 @@ def test_where_a_plate_is_has_to_be_stated_where_the_files_do_not_say_it(in_text
     assert "static_left.txt: does not say where plate 1 is; state the edges of the left belt" in (
         error
     )
-
-
-@pytest.mark.parametrize(
-    ("edges", "message"),
-    [
-        ("x_m = [0.9, -0.9]\ny_m = [0.0, 0.5]", "surface.left.x_m: must be two edges at least 0.1"),
-        ("x_m = [-900, 900]\ny_m = [0.0, 0.5]", "surface.left.x_m.0: input should be greater"),
-        ("x_m = [-0.9, 0.9]", "surface.left.y_m: is missing"),
-        ("x_m = [-0.9, 0.0, 0.9]\ny_m = [0.0, 0.5]", "surface.left.x_m: "),
-    ],
-)
-def test_a_surface_that_cannot_be_one_is_refused(in_text, tmp_path, edges, message):
-    folder = edited(in_text, tmp_path, LEFT_BELT, f"\n[surface.left]\n{edges}\n")
-    with pytest.raises(StudyFaults, match=re.escape(f"plates.toml: {message}")):
-        read_plates_study(folder)
 
 
 def test_a_stated_surface_is_taken_in_place_of_that_of_the_file(in_c3d, tmp_path):

@@ -153,16 +153,6 @@ def test_the_last_ten_cycles_of_the_right_foot_stay_drawn(trial, tmp_path):
     assert height == pytest.approx(13 / 15 * SIZE[1] / 2, abs=1e-3)
 
 
-def test_frames_that_do_not_count_break_the_curves_of_a_cycle(trial, tmp_path):
-    part = dict.fromkeys(VARIANTS, np.ones((101, 6)))
-    part["measured"] = part["measured"].copy()
-    part["measured"][40:50, 2] = np.nan
-    scene = scene_of(trial)
-    stored = draw(scene, tmp_path / "live.rrd", [news([("right", part)])])
-    lengths = [len(strip) for strip in curves_of(stored)]
-    assert lengths == [101, 101, 40, 51, 101, 101, 101] + [101] * 6
-
-
 @given(st.lists(st.floats(-1e5, 1e5), min_size=1, max_size=4))
 def test_every_curve_of_a_cycle_lies_in_its_plot(sizes):
     cycles = [{"measured": np.full((101, 6), size)} for size in sizes]

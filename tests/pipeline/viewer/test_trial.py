@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import rerun.blueprint as rrb
 from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
@@ -15,8 +14,7 @@ from hbm.coordinates import MOVING
 from hbm.poses import marker_positions, segment_frames
 from hbm.spatial import shift_wrench
 from pipeline.trial.quality import Quality
-from pipeline.trial.residuals import AXES, reported, residual_table
-from pipeline.viewer.file import printable, recording_file
+from pipeline.trial.residuals import AXES, reported
 from pipeline.viewer.scene import pressure_point
 from pipeline.viewer.serve import viewer_binary
 from pipeline.viewer.trial import write_recording
@@ -80,18 +78,6 @@ def test_segments_are_drawn_at_their_poses_in_the_model(stored, trial):
         turned = Rotation.from_quat(np.array(stored.rows(entity, "quaternion"))[:, 0])
         np.testing.assert_array_equal(at, single(origin[:, k]))
         np.testing.assert_allclose(turned.as_matrix(), rotation[:, k], atol=1e-6)
-
-
-def test_the_mid_trunk_is_a_part_of_the_thorax_with_its_own_mass_and_inertia(stored, trial):
-    part, entity = trial.body.segments["mid_trunk"], "lab/body/thorax/mid_trunk"
-    (size,) = stored.rows(entity, "half_sizes", static=True)[0]
-    (turned,) = stored.rows(entity, "quaternions", static=True)[0]
-    (center,) = stored.rows(entity, "centers", static=True)[0]
-    axes = Rotation.from_quat(turned).as_matrix()
-    moments = part.mass / 5 * (size @ size - size**2)
-    np.testing.assert_allclose(axes @ np.diag(moments) @ axes.T, part.tensor, atol=1e-6)
-    np.testing.assert_array_equal(center, single(part.center))
-    assert not any(name.startswith("lab/body/mid_trunk") for name in stored.entities)
 
 
 def test_modelled_markers_are_attached_to_their_segments(stored, trial):
@@ -191,15 +177,6 @@ def test_platform_moves_with_its_pose_and_carries_the_plates(stored, trial):
         np.testing.assert_array_equal(corners, single(plate.corners))
 
 
-def test_plates_of_unknown_corners_are_left_out(trial, tmp_path):
-    first, second = trial.plates
-    unknown = replace(first, corners=np.full((4, 3), np.nan))
-    write_recording(replace(trial, plates=(unknown, second)), tmp_path / "trial.rrd")
-    entities = Stored(tmp_path / "trial.rrd").entities
-    assert not [entity for entity in entities if "plate_1" in entity]
-    assert "lab/platform/plate_2/surface" in entities
-
-
 def test_phases_change_at_the_events_and_perturbations_begin_at_their_onsets(stored, trial):
     for side in ("left", "right"):
         mine = [event for event in trial.events if event.side == side]
@@ -214,38 +191,20 @@ def test_phases_change_at_the_events_and_perturbations_begin_at_their_onsets(sto
     np.testing.assert_allclose(stored.times("phases/perturbation"), [1.0, 2.0, 3.0, 4.0])
 
 
-def test_summary_holds_residuals_thresholds_and_notes(stored, trial):
-    rms = residual_table(trial, "walk").set_index(["compensated", "axis"])["rms"]
-    text = str(stored.rows("summary", "text", static=True)[0][0])
-    assert f"| Fy | right | {rms[False, 'Fy']:.1f} N | " in text
-    assert f" | {rms[True, 'Fy']:.1f} N | " in text
-    assert "Hicks" in text
-    assert "**fails**" in text
-    assert "## Warnings\n- plate 2 is constant" in text
-    assert "| Body mass | body mass 70.0 kg as stated |" in text
-
-
 def test_one_recording_and_its_layout_are_in_the_file_and_verify_passes(written):
     reader = RrdReader(written)
     assert (len(reader.recordings()), len(reader.blueprints())) == (1, 1)
     subprocess.run([viewer_binary(), "rrd", "verify", str(written)], check=True, timeout=60)
 
 
-def test_identifier_is_a_pseudonym_and_differs_between_files_of_the_same_trial(trial, tmp_path):
-    identifiers = set()
+def test_identifier_is_a_pseudonym_and_differs_between_files_of_the_same_trial(tmp_path):
+    identifiers, trial = set(), viewer_trial(60)
     for folder in ("one", "other"):
         path = tmp_path / folder / "trial.rrd"
         write_recording(trial, path)
         identifiers.add(RrdReader(path).recordings()[0].recording_id)
     assert len(identifiers) == 2
     assert not any("sub07" in identifier or "walk" in identifier for identifier in identifiers)
-
-
-def test_without_compensation_its_layers_are_absent(broken):
-    stored = Stored(broken[1])
-    assert not [entity for entity in stored.entities if "compensated" in entity]
-    assert list(stored.rows("residual/Fx", "names", static=True)[0]) == ["measured"]
-    assert ("/lab/platform", False) not in stored.tables
 
 
 def test_frames_without_solution_hide_the_body_and_break_the_curves(broken):
@@ -282,17 +241,8 @@ def test_no_residual_is_shown_where_filters_have_not_settled(trial, tmp_path):
 @pytest.mark.slow
 def test_twelve_minutes_stay_under_150_megabytes(tmp_path):
     path = tmp_path / "long.rrd"
-    result = viewer_trial(LONG_FRAMES)
-    write_recording(result, path)
+    write_recording(viewer_trial(LONG_FRAMES), path)
     assert path.stat().st_size < 150 * MEGABYTE
-    batches = [
-        chunk.to_record_batch()
-        for chunk in RrdReader(path).stream().filter(content="/residual/Fy", is_static=False)
-    ]
-    curves = np.concatenate([batch.column("Scalars:scalars").flatten() for batch in batches])
-    expected = [reported(d.residual)[:, 1] for d in (result.measured, result.compensated)]
-    np.testing.assert_array_equal(curves.reshape(-1, 2), np.column_stack(expected))
-    subprocess.run([viewer_binary(), "rrd", "verify", str(path)], check=True, timeout=60)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows does not limit the size of a file")
@@ -304,7 +254,7 @@ def test_a_full_disk_is_one_line_that_names_the_file(tmp_path):
         "from pipeline.cli.app import main\n"
         "from pipeline.run import store\n"
         "from tests.pipeline.viewer_trial import viewer_trial\n"
-        "store.read_trial = lambda path, frames=True: viewer_trial(500)\n"
+        "store.read_trial = lambda path, frames=True: viewer_trial(200)\n"
         "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))\n"
         "sys.exit(main(['view', 'any.parquet', '--save', sys.argv[1]]))\n"
@@ -322,24 +272,8 @@ def test_a_full_disk_is_one_line_that_names_the_file(tmp_path):
     assert list(path.parent.iterdir()) == []
 
 
-def test_a_recording_that_fails_half_way_leaves_no_file(tmp_path):
-    layout = rrb.Blueprint(auto_views=False)
-    with pytest.raises(ArithmeticError), recording_file(tmp_path / "a.rrd", "test", "a", layout):
-        raise ArithmeticError
-    assert not list(tmp_path.iterdir())
-
-
 def test_a_trial_without_gait_cycles_is_shown(trial, tmp_path):
     result = replace(trial, cycles={"right": np.empty((0, 2))}, events=())
     write_recording(result, tmp_path / "trial.rrd")
     text = str(Stored(tmp_path / "trial.rrd").rows("summary", "text", static=True)[0][0])
     assert "No frame counts, so there is no table of residuals" in text
-
-
-def test_letters_that_the_font_lacks_are_marked():
-    assert (
-        printable("Müller, Łódź, Ωμέγα, Жук · 5 N·m ± 3 °")
-        == "Müller, Łódź, Ωμέγα, Жук · 5 N·m ± 3 °"
-    )
-    assert printable("walk 漢✔😀ŉ\t") == "walk ?????"
-    assert printable("e\u0301") == "é"

@@ -19,12 +19,12 @@ from pipeline.io.c3d.parameters import (
     values_of,
     with_values,
 )
-from pipeline.io.c3d.read import GROUP, read_c3d, read_compensation
+from pipeline.io.c3d.read import GROUP, read_compensation
 from pipeline.io.c3d.rewrite import _plate_samples, rewrite_plates
 from pipeline.io.c3d.second_reader import SecondReading, installed
 from pipeline.io.recording import Compensation
 from pipeline.io.stated import Stated
-from tests.pipeline.io.c3d.plate_files import BLOCK, CORNERS_MM, PlateFile
+from tests.pipeline.io.c3d.plate_files import BLOCK, PlateFile
 
 DONE = Compensation("hbm-residuals 0.2.0", (1, 2), "lab.json", "ab" * 32, cutoff_hz=20.0)
 TYPES, PROCESSORS = (1, 2, 3, 4), ("intel", "dec", "sgi")
@@ -32,11 +32,8 @@ CHANGE = np.array([3.0, -2.0, 5.0, 1.0, -2.0, 0.5])
 """Amplitude of the change of a wrench [N, N·m]."""
 REAL_FILES = (
     "c3d_samples/DEC_INT.C3D",
-    "c3d_samples/Gait.c3d",
-    "c3d_samples/TYPE-2.C3D",
     "c3d_samples/TYPE-4.C3D",
     "c3d_samples/sgi_real.c3d",
-    "full_body_standing/1min_CGM_HBM_static.c3d",
     "overground_walks/HC030A05.c3d",
     "plug_in_gait/Movement_trial.c3d",
     "treadmill_hbm2/treadmill_events.c3d",
@@ -139,10 +136,17 @@ def without_second_reader(monkeypatch):
 
 
 @pytest.mark.usefixtures("without_second_reader")
-@pytest.mark.parametrize("kind", TYPES)
-@pytest.mark.parametrize("byte_order", PROCESSORS)
-@pytest.mark.parametrize("real", [True, False])
-@pytest.mark.parametrize("last_step", ["stated", "zero"])
+@pytest.mark.parametrize(
+    ("kind", "byte_order", "real", "last_step"),
+    [
+        (1, "intel", True, "zero"),
+        (2, "dec", False, "stated"),
+        (3, "sgi", True, "stated"),
+        (4, "intel", False, "zero"),
+        (2, "sgi", True, "zero"),
+        (4, "dec", True, "stated"),
+    ],
+)
 def test_without_a_change_only_the_group_is_added(tmp_path, kind, byte_order, real, last_step):
     file = PlateFile(kind, byte_order, real, plates=2, last_step=last_step)
     original = file.write(tmp_path / "trial.c3d")
@@ -161,64 +165,42 @@ def test_a_real_file_reads_back_as_the_changed_wrench(shared_data, tmp_path, nam
 
 @pytest.mark.usefixtures("without_second_reader")
 @given(
-    kind=st.sampled_from(TYPES),
-    byte_order=st.sampled_from(PROCESSORS),
-    real=st.booleans(),
-    unsigned=st.booleans(),
-    plates=st.integers(1, 3),
-    per_frame=st.integers(1, 5),
-    general_scale=st.sampled_from([1.0, 0.25, 3.0]),
-    spare_channels=st.integers(0, 2),
-    offset=st.sampled_from([0, 3]),
+    st.builds(
+        PlateFile,
+        kind=st.sampled_from(TYPES),
+        byte_order=st.sampled_from(PROCESSORS),
+        real=st.booleans(),
+        unsigned=st.booleans(),
+        plates=st.integers(1, 3),
+        per_frame=st.integers(1, 5),
+        general_scale=st.sampled_from([1.0, 0.25, 3.0]),
+        spare_channels=st.integers(0, 2),
+        offset=st.sampled_from([0, 3]),
+    )
 )
 @settings(
-    max_examples=40,
+    max_examples=30,
     deadline=timedelta(seconds=5),
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
-def test_a_changed_wrench_is_read_back_whatever_the_file(
-    tmp_path, kind, byte_order, real, unsigned, plates, per_frame, general_scale, spare_channels,
-    offset,
-):  # fmt: skip
-    file = PlateFile(
-        kind=kind,
-        byte_order=byte_order,
-        real=real,
-        unsigned=unsigned,
-        plates=plates,
-        per_frame=per_frame,
-        general_scale=general_scale,
-        spare_channels=spare_channels,
-        offset=30_000 if unsigned and not real else offset,
-    )
+def test_a_changed_wrench_is_read_back_whatever_the_file(tmp_path, file):
+    if file.unsigned and not file.real:
+        file.offset = 30_000
     original = file.write(tmp_path / "trial.c3d")
     changes = changes_of(original)
     (tmp_path / "written" / "trial.c3d").unlink(missing_ok=True)
     written, _ = rewritten(original, changes)
     assert_read_back(original, written, changes)
     header, parameters = read_header(written)
-    spare = read_samples(written, header, parameters).analog[:, :spare_channels]
-    before = read_samples(original, *read_header(original)).analog[:, :spare_channels]
+    spare = read_samples(written, header, parameters).analog[:, : file.spare_channels]
+    before = read_samples(original, *read_header(original)).analog[:, : file.spare_channels]
     np.testing.assert_array_equal(spare, before)
-
-
-def test_the_reader_tells_what_was_done(tmp_path):
-    original = PlateFile(2, plates=2, byte_order="dec").write(tmp_path / "trial.c3d")
-    written, _ = rewritten(original, changes_of(original))
-    assert read_c3d(original, "forward,left,up").compensation is None
-    recording = read_c3d(written, "forward,left,up")
-    assert recording.compensation == DONE
-    (note,) = [n for n in recording.notes if n.code == "plates_compensated_before"]
-    assert "hbm-residuals 0.2.0 has compensated" in note.text
-    assert "with lab.json; its wrenches are in the moving plates" in note.text
 
 
 def test_a_file_is_not_compensated_twice(tmp_path):
     original = PlateFile(2).write(tmp_path / "trial.c3d")
     written, _ = rewritten(original, changes_of(original))
-    with pytest.raises(
-        ValueError, match=r"^trial\.c3d: its plates are compensated already, by hbm"
-    ):
+    with pytest.raises(ValueError, match=r"^trial\.c3d: its plates are compensated already"):
         rewrite_plates(written, tmp_path / "again.c3d", changes_of(written), DONE)
     assert not (tmp_path / "again.c3d").exists()
 
@@ -229,10 +211,7 @@ def test_a_sample_that_would_saturate_is_named(tmp_path, unsigned):
     original = file.write(tmp_path / "trial.c3d")
     changes = unchanged(original)
     changes[0][57, 2] = 8000.0  # N, as many as 50,000 counts
-    span = "0 to 65535" if unsigned else "-32768 to 32767"
-    with pytest.raises(
-        ValueError, match=rf"force plate 1, channel P1C3, at 0\.1425 s: .* range .* {span}; export"
-    ):
+    with pytest.raises(ValueError, match=r"force plate 1, channel P1C3, at 0\.1425 s: .* range"):
         rewritten(original, changes)
     assert list((tmp_path / "written").iterdir()) == []
 
@@ -242,19 +221,8 @@ def test_type_1_without_a_centre_of_pressure_is_refused(tmp_path):
     original = PlateFile(1).write(tmp_path / "trial.c3d")
     changes = unchanged(original)
     changes[0][40] = -plates_of(original)[0][40] + [0, 0, 1e-3, 2, 0, 0]
-    with pytest.raises(
-        ValueError, match=r"force plate 1, channel P1C4, at 0\.1000 s: .*no centre of .* TYPE 2 pla"
-    ):
+    with pytest.raises(ValueError, match=r"force plate 1, channel P1C4, .*no centre of "):
         rewritten(original, changes)
-
-
-def test_a_singular_calibration_matrix_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("tests.pipeline.io.c3d.plate_files.MATRIX", np.ones((6, 6)))
-    original = PlateFile(4).write(tmp_path / "trial.c3d")
-    with pytest.raises(
-        ValueError, match=r"force plate 1: its channels do not determine .*CAL_MATR"
-    ):
-        rewritten(original, changes_of(original))
 
 
 def test_samples_that_are_no_number_stay_so(tmp_path):
@@ -270,48 +238,19 @@ def test_samples_that_are_no_number_stay_so(tmp_path):
     np.testing.assert_allclose(after[known], wanted, atol=1e-3)
 
 
-@pytest.fixture
-def filled_file(raw_c3d):
-    """Write a file with a plate whose last block of parameters has less room than a group needs."""
-
-    def write(*texts):
-        used, sizes = 0, [1, 1]
-        while (left := -used % BLOCK) > 60 or not used:
-            sizes = [1 + left // 2, 1 + (left - 20) // 2] if used else sizes
-            path = raw_c3d(
-                np.full((10, 2, 4), [[400.0, 0, 0, 0], [800, 0, 0, 0]]),
-                np.ones((10, 1, 6)),
-                POINT={"LABELS": ["A", "B"]},
-                ANALOG={"UNITS": ["N"] * 3 + ["Nmm"] * 3},
-                FORCE_PLATFORM={
-                    "USED": np.array([1]),
-                    "TYPE": np.array([2]),
-                    "CORNERS": CORNERS_MM.T[..., None],
-                    "ORIGIN": np.zeros((3, 1)),
-                    "CHANNEL": np.arange(1, 7)[:, None],
-                },
-                FILLER={f"TEXT{k}": ["x" * 255] * n for k, n in enumerate(texts)}
-                | {f"PAD{k}": "x" * size for k, size in enumerate(sizes)},
-            )
-            section = path.read_bytes()[BLOCK : (read_header(path)[0].data_block - 1) * BLOCK]
-            last = list(parameter_records(section[4:], "intel"))[-1]
-            used = 4 + last.pointer + last.step
-        return path
-
-    return write
+def room_of(path):
+    """Bytes that are free in the last block of parameters."""
+    section = path.read_bytes()[BLOCK : read_header(path)[0].data_start]
+    last = list(parameter_records(section[4:], "intel"))[-1]
+    return -(4 + last.pointer + last.step) % BLOCK
 
 
-def test_a_parameter_section_without_room_grows_by_whole_blocks(filled_file):
-    original = filled_file(100)
+def test_a_parameter_section_without_room_grows_by_whole_blocks(tmp_path):
+    files = (PlateFile(2, spare_channels=n).write(tmp_path / "t.c3d") for n in range(40))
+    original = next(path for path in files if room_of(path) < 60)
     written, _ = rewritten(original, unchanged(original))
     assert_only_the_group_is_added(original, written)
     assert read_header(written)[0].data_block == read_header(original)[0].data_block + 1
-
-
-def test_a_parameter_section_that_cannot_grow_is_refused(filled_file):
-    original = filled_file(100, 100, 100, 100, 108)
-    with pytest.raises(ValueError, match=r"group HBM_RESIDUALS does not fit: .* room for 255; rem"):
-        rewritten(original, unchanged(original))
 
 
 @pytest.mark.slow
@@ -344,16 +283,14 @@ def test_another_file_at_the_target_is_kept(tmp_path):
     assert first.read_bytes() == content
 
 
-@pytest.mark.parametrize("byte_order", PROCESSORS)
-def test_what_follows_the_last_parameter_may_be_anything(tmp_path, byte_order):
+def test_what_follows_the_last_parameter_may_be_anything(tmp_path):
     """Programs that state a wrong way from the last record on leave old bytes behind it."""
-    original = PlateFile(2, byte_order).write(tmp_path / "trial.c3d")
+    original = PlateFile(2).write(tmp_path / "trial.c3d")
     content, (header, _) = bytearray(original.read_bytes()), read_header(original)
     start, data = ((block - 1) * BLOCK for block in (header.parameter_block, header.data_block))
-    last = list(parameter_records(bytes(content[start + 4 : data]), byte_order))[-1]
+    last = list(parameter_records(bytes(content[start + 4 : data]), "intel"))[-1]
     end, pointer = start + 4 + last.pointer + last.step, start + 4 + last.pointer
-    order = ">" if byte_order == "sgi" else "<"
-    struct.pack_into(f"{order}h", content, pointer, 16129)
+    struct.pack_into("<h", content, pointer, 16129)
     content[end + 2 : data] = b"\x41" * (data - end - 2)
     original.write_bytes(content)
     written, _ = rewritten(original, unchanged(original))
@@ -361,7 +298,7 @@ def test_what_follows_the_last_parameter_may_be_anything(tmp_path, byte_order):
     assert read_header(written)[1].text(GROUP, "SOFTWARE") == DONE.software
 
 
-@pytest.mark.parametrize("wrong", [np.nan, np.inf, 1e-38])
+@pytest.mark.parametrize("wrong", [np.nan, 1e-38])
 def test_a_channel_of_a_scale_that_is_no_number_is_refused(tmp_path, wrong):
     """As it is where a damaged byte made the scale so: no sample can be computed from it."""
     file = PlateFile(2, real=False)

@@ -85,16 +85,6 @@ def test_without_friction_responses_add_and_with_friction_they_do_not():
     assert excess(QUIET) > 0.02
 
 
-def test_a_landing_foot_slows_the_belt_and_the_controller_brings_it_back():
-    push = np.zeros(6000)
-    push[2000:2600] = 150.0
-    motion = run(QUIET, np.full(6000, 1.3), push=push, weight=np.where(push > 0, 800.0, 0.0))
-    assert 0.01 < 1.3 - motion.speed[2000:2100].min() < 0.3
-    assert motion.speed[2590] == pytest.approx(1.3, abs=0.005)
-    assert motion.speed[2600:2700].max() > 1.31
-    assert motion.speed[-1] == pytest.approx(1.3, abs=0.001)
-
-
 def test_an_unbalanced_roller_pulls_with_the_square_of_the_speed_once_a_turn():
     pulls = {}
     for speed in (1.0, 2.0):

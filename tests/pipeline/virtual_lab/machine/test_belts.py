@@ -5,7 +5,6 @@ import pytest
 
 from pipeline.virtual_lab.faults import BeltFaults
 from pipeline.virtual_lab.machine.belts import (
-    belt_moment,
     carried_of_belts,
     drive_belt,
     make_drives,
@@ -30,14 +29,6 @@ def test_a_linear_belt_follows_its_command_late_and_does_not_overshoot():
     assert 0.5 / Machine().servo_hz < reached < 1.0 / Machine().servo_hz
     late = drive_belt(Machine(), time, RATE_HZ)
     assert time[-1] - late[-1] == pytest.approx(2 / (2 * np.pi * Machine().servo_hz), rel=1e-3)
-
-
-def test_a_linear_belt_at_constant_speed_leaves_no_moment_and_an_accelerating_one_does():
-    acceleration = np.zeros(4000)
-    acceleration[1000:3000] = 2.0
-    moment = belt_moment(Machine(), acceleration, RATE_HZ)
-    assert np.abs(moment[:999]).max() == 0
-    assert moment[2900] == pytest.approx(-2 * Machine().belt_moment_kg_m, rel=1e-3)
 
 
 def test_accelerating_balanced_belts_load_their_plates_in_pitch_alone():

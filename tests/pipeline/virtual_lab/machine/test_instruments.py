@@ -12,7 +12,6 @@ from pipeline.virtual_lab.machine.instruments import (
     ForcePlate,
     Stream,
     interpolated,
-    jitter,
     make_accelerometers,
     make_force_plate,
     measure_markers,
@@ -39,13 +38,6 @@ def test_between_samples_a_cubic_is_exact_and_a_sine_of_80_hz_nearly():
     assert np.abs(found - np.sin(2 * np.pi * 0.08 * wanted)).max() < 0.003
 
 
-def test_jitter_of_the_instants_is_as_large_as_stated_and_bounded():
-    time = np.arange(100_000) / RATE_HZ
-    found = Clock(jitter_s=0.0003).sample(time[:, None], RATE_HZ, rng())[:, 0]
-    assert np.std((found - time)[10:-10]) == pytest.approx(0.0003, rel=0.01)
-    assert np.abs(jitter(100_000, 0.001, rng())).max() == 0.002
-
-
 def test_a_wandering_zero_is_slow_and_as_large_as_stated():
     drawn = wander(600_000, RATE_HZ, 6, rng())
     assert drawn.std() == pytest.approx(1.0, rel=0.1)
@@ -53,11 +45,10 @@ def test_a_wandering_zero_is_slow_and_as_large_as_stated():
     assert fast.std() < 0.02
 
 
-@pytest.mark.parametrize(("rate_hz", "held"), [(1000.0, 5), (200.0, 1), (100.0, 1)])
-def test_belt_speed_is_held_between_updates_at_200_hz(rate_hz, held):
+def test_belt_speed_is_held_between_updates_at_200_hz():
     speed = np.arange(52.0)
-    reported = Stream(held=True).sample(speed[:, None], rate_hz, rng())[:, 0]
-    np.testing.assert_array_equal(reported, speed // held * held)
+    reported = Stream(held=True).sample(speed[:, None], 1000.0, rng())[:, 0]
+    np.testing.assert_array_equal(reported, speed // 5 * 5)
 
 
 def test_a_stream_reads_at_jittering_instants():
@@ -68,11 +59,10 @@ def test_a_stream_reads_at_jittering_instants():
     assert late.std() == pytest.approx(0.0003, rel=0.03)
 
 
-@pytest.mark.parametrize("plate", ["default", "drawn"])
-def test_a_plate_without_faults_reports_the_truth(plate):
+def test_a_plate_without_faults_reports_the_truth():
     rng = np.random.default_rng(0)
     wrench = rng.normal(size=(50, 6))
-    perfect = ForcePlate() if plate == "default" else make_force_plate(Faults.none().plates, rng)
+    perfect = make_force_plate(Faults.none().plates, rng)
     np.testing.assert_array_equal(perfect.measure(wrench, 1000.0, rng), wrench)
 
 

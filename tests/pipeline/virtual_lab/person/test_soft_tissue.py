@@ -46,9 +46,8 @@ def test_the_skin_of_every_segment_moves_by_its_published_size_in_walking(part, 
     assert rms(displacement(segment, 4000, 6, seed=1)) == pytest.approx(size_m, rel=0.3)
 
 
-@pytest.mark.parametrize("segment", ["pelvis", "right_thigh"])
-def test_the_skin_does_not_move_in_standing(segment):
-    assert np.abs(displacement(segment, 4000, 6, seed=1, standing=True)).max() == 0
+def test_the_skin_does_not_move_in_standing():
+    assert np.abs(displacement("right_thigh", 4000, 6, seed=1, standing=True)).max() == 0
 
 
 def test_markers_of_a_segment_move_partly_together():

@@ -29,7 +29,8 @@ from tests.virtual_gait.realism import (
 SUBJECTS = range(9)
 WALKS = [
     *((subject, "baseline") for subject in SUBJECTS),
-    *((subject, condition) for subject in (0, 4, 8) for condition in ("sway", "pitch")),
+    (0, "sway"),
+    (0, "pitch"),
 ]
 
 

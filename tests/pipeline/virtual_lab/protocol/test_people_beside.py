@@ -1,18 +1,14 @@
-"""People beside an empty plate: where they are, and that a simulated study is fitted to them."""
+"""People beside an empty plate: who carries them."""
 
 import numpy as np
 import pytest
 
 from hbm.spatial import GRAVITY_MPS2
-from pipeline.config.study import read_study
-from pipeline.trial.ground.calibration_recording import BESIDE as FITTED_TOO
-from pipeline.trial.study_files import read_study_laboratory
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
 from pipeline.virtual_lab.person.bystander import MASS_KG
 from pipeline.virtual_lab.protocol.calibration_trial import BESIDE, run_beside
 from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
-from pipeline.virtual_lab.protocol.walking_study import simulate_study
 
 SHORT = Setting(protocol=Protocol(beside_s=12.0))
 EMPTY = {"right": {1}, "left": {2}, "boards": {1, 2}}
@@ -35,23 +31,3 @@ def test_a_person_is_carried_by_one_plate_or_by_the_frame(recorded):
             assert np.abs(upward).max() < 0.01
         else:  # one of the fifteen to twenty-two steps is cut by the end of the window
             assert upward.mean() == pytest.approx(MASS_KG * GRAVITY_MPS2, rel=1 / 15)
-
-
-@pytest.mark.slow
-def test_a_simulated_study_is_calibrated_with_people_beside_every_plate(tmp_path):
-    protocol = Protocol(
-        conditions=("baseline",),
-        subjects=1,
-        baseline_s=2.0,
-        calibration="square_sway_60s_3mps",
-        beside_s=12.0,
-    )
-    study = read_study(simulate_study(tmp_path / "study", Setting(protocol=protocol), jobs=1))
-    calibration = read_study_laboratory(study).calibration
-    empty = {
-        source: {int(name.rpartition(" ")[2]) for name in plates.removesuffix(" empty").split(",")}
-        for source, plates in (
-            part.split(": ") for part in calibration.provenance[FITTED_TOO].split("; ")
-        )
-    }
-    assert empty == {name: EMPTY[planned.place] for name, planned in BESIDE.items()}

@@ -3,26 +3,18 @@
 import numpy as np
 import pytest
 
-from compensation import check_trial, low_pass, pitch_and_sway_signals
 from hbm.coordinates import INDEX
-from pipeline.config.schema import Treadmill
-from pipeline.trial.ground.accelerometers import accelerations
-from pipeline.trial.ground.calibration_recording import fit_calibration
-from pipeline.virtual_lab.faults import Faults, MachineFaults
+from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import PULSE_CHANNEL, make_treadmill
-from pipeline.virtual_lab.machine.instruments import SENSOR_NAMES
-from pipeline.virtual_lab.machine.platform import BeltRamp, TreadmillMotion, move_platform
 from pipeline.virtual_lab.person.gait import StepParameters, schedule
 from pipeline.virtual_lab.protocol.walking_protocol import (
-    DEMO,
     ONSET_PHASE,
     SWAY_M,
     Protocol,
     perturbations,
-    pitch_command,
     sway_command,
 )
-from pipeline.virtual_lab.protocol.walking_trial import record, run_signal
+from pipeline.virtual_lab.protocol.walking_trial import record
 
 
 @pytest.fixture(scope="module")
@@ -85,46 +77,3 @@ def test_a_pulse_marks_the_onset_of_every_perturbation(walked):
     moved = np.abs(motion.platform.sway[0]) > 1e-5
     starts = motion.time[1:][moved[1:] & ~moved[:-1]]
     assert 0 < np.min(starts[:1] - rises[:1]) < 0.02
-
-
-def perturbed_on(faults):
-    """The demo's treadmill with nobody on it, and its accelerometers in sway and in pitch."""
-    treadmill, rate_hz = make_treadmill(faults, 1), 1000.0
-    time = np.arange(0, DEMO.duration("pitch"), 1 / rate_hz)
-    sway = sway_command(np.array([12.0, 26.0]), np.array([1.0, -1.0]), time)
-    belt = BeltRamp(DEMO.speed_mps, DEMO.standing_s, DEMO.starting_s).speed(time)
-    commands = {"sway": (sway, 0 * time), "pitch": (0 * time, pitch_command(DEMO, time))}
-    trials = {}
-    for name, command in commands.items():
-        platform = move_platform(treadmill.machine, *command, rate_hz)
-        motion = TreadmillMotion(time, platform, belt, np.empty(0))
-        recording = record(treadmill, motion, None, name, np.random.default_rng(1))
-        trials[name] = filtered(recording)
-    return treadmill, trials
-
-
-TREADMILL = Treadmill(
-    accelerometers={name: tuple(f"{name}.{axis}" for axis in "XYZ") for name in SENSOR_NAMES[:2]}
-)
-
-
-def filtered(recording):
-    readings = accelerations(recording, TREADMILL)[1]
-    return low_pass(readings, 1000.0, TREADMILL.cutoff_hz, "zero_phase")
-
-
-def beyond(perturbed, signal):
-    """Conditions whose accelerations leave the range of a calibration with a signal."""
-    treadmill, trials = perturbed
-    recording = run_signal(treadmill, signal, np.random.default_rng(2))
-    model = fit_calibration(recording, TREADMILL).plates["plate 1"]
-    return [name for name, trial in trials.items() if check_trial(model, trial)]
-
-
-@pytest.mark.slow
-def test_the_demos_calibration_covers_its_own_perturbations_on_a_rigid_machine():
-    """A flexible one is shaken more by the jerk of a sway than by its calibration."""
-    drawn = {signal.name: signal for signal in pitch_and_sway_signals(1, 3.0)}
-    for flexibility, uncovered in ((0.0, []), (1.0, ["sway"])):
-        machine = perturbed_on(Faults(machine=MachineFaults(flexibility=flexibility)))
-        assert beyond(machine, drawn[DEMO.calibration]) == uncovered
