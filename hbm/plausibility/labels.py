@@ -284,9 +284,12 @@ def labels_exchanged(markers: Markers, names: Iterable[str]) -> tuple[Note, ...]
     names = [name for name in names if name in markers.names]
     if not names:
         return ()
-    paths = [markers.position[:, markers.names.index(name)] for name in names]
-    expected = [_extrapolated(markers.time, path) for path in paths]
-    jump = np.linalg.norm(np.subtract(paths, expected), axis=-1).T
+    paths = markers.position[:, [markers.names.index(name) for name in names]]
+    expected = np.empty(paths.shape)
+    whole = np.isfinite(paths[..., 0]).all(axis=0)
+    for part in (whole, *np.flatnonzero(~whole)):  # at once where nothing is missing
+        expected[:, part] = _extrapolated(markers.time, paths[:, part])
+    jump = np.linalg.norm(paths - expected, axis=-1)
     jumped: Mask = jump > MIN_JUMP_M
     if jumped.sum(axis=1).max(initial=0) < 2:
         return ()
@@ -294,7 +297,7 @@ def labels_exchanged(markers: Markers, names: Iterable[str]) -> tuple[Note, ...]
     jumped[1:][frozen_frames(markers, names)[:-1]] = False
     for frame in np.flatnonzero(jumped.sum(axis=1) > 1):
         own = np.flatnonzero(jumped[frame])
-        here, there = (np.array([each[k][frame] for k in own]) for each in (paths, expected))
+        here, there = paths[frame, own], expected[frame, own]
         apart = np.linalg.norm(here[:, None] - there, axis=-1)
         nearest = apart.argmin(axis=1)
         for a, b in enumerate(nearest):
@@ -310,13 +313,13 @@ def labels_exchanged(markers: Markers, names: Iterable[str]) -> tuple[Note, ...]
 
 
 def _extrapolated(time: Array, path: Array) -> Array:
-    """Give where a marker (T, 3) would be by its last two positions; NaN where unknown."""
+    """Give where markers, (T, ..., 3), would be by their last two positions; NaN where unknown."""
     expected = np.full(path.shape, np.nan)
-    frames = np.flatnonzero(np.isfinite(path[:, 0]))
+    frames = np.flatnonzero(np.isfinite(path).reshape(len(time), -1).all(axis=1))
     at, seen = time[frames], path[frames]
     steps = np.diff(at)
     share = np.where(at[2:] - at[:-2] > MAX_GAP_S, np.nan, steps[1:] / steps[:-1])
-    expected[frames[2:]] = seen[1:-1] + share[:, None] * (seen[1:-1] - seen[:-2])
+    expected[frames[2:]] = seen[1:-1] + (share * (seen[1:-1] - seen[:-2]).T).T
     return expected
 
 

@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.signal import firwin, kaiserord, oaconvolve, upfirdn
+from scipy.signal import firwin, kaiserord, oaconvolve
 
 from hbm.signals.cubic_spline import MAX_ROUNDING_STEPS, cubic_spline
 from hbm.signals.samples import (
@@ -162,18 +162,32 @@ def _without_aliases(signal: Array, time: Array, new_rate_hz: float, kept: slice
     result = unknown((len(time[kept]), columns.shape[1]))
     for rows, sharing in blocks_without_gaps(columns, reach + 1):
         first = (kept.start - rows.start) % kept.step
-        channels = extended(columns[rows, sharing], reach).T
-        if kept.step == 1:
-            filtered = oaconvolve(channels, taps[None], "valid", axes=1)
-        else:  # from a multiple of the step before the first one that all taps reach
-            before = -(2 * reach + first) % kept.step
-            padded = np.pad(channels, ((0, 0), (before, 0)))
-            start = (2 * reach + first + before) // kept.step
-            count = -(-(rows.stop - rows.start - first) // kept.step)
-            filtered = upfirdn(taps, padded, down=kept.step, axis=1)[:, start : start + count]
+        padded = extended(columns[rows, sharing], reach)[first:]
+        filtered = _convolved(padded.T, taps, kept.step)
         start = (rows.start + first) // kept.step
         result[start : start + filtered.shape[1], sharing] = filtered.T
     return np.reshape(result, (len(result), *signal.shape[1:]))
+
+
+def _convolved(channels: Array, taps: Array, every: int) -> Array:
+    """Filter (K, N) samples, N ≥ taps; give the first of what N determine, and every so many-th.
+
+    Of one in several, only these are computed: samples and taps are laid out in rows of so many,
+    whose products are summed.
+    """
+    if every == 1:
+        return np.asarray(oaconvolve(channels, taps[None], "valid", axes=1))
+    count = (channels.shape[1] - len(taps)) // every + 1
+    rows = -(-len(taps) // every)
+    length = (count + rows - 1) * every
+    filters = np.pad(taps[::-1], (0, rows * every - len(taps))).reshape(rows, every)
+    result = np.zeros((len(channels), count))
+    for channel, filtered in zip(channels, result, strict=True):
+        laid_out = np.pad(channel[:length], (0, max(length - len(channel), 0)))
+        products = filters @ laid_out.reshape(-1, every).T
+        for row, product in enumerate(products):
+            filtered += product[row : row + count]
+    return result
 
 
 REACH_STEPS: Final = 2

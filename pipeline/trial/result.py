@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Final
@@ -33,7 +34,8 @@ StoredNote = Annotated[Note, PlainValidator(_note), PlainSerializer(Note.to_dict
 PACKAGES: Final = ("hbm-residuals", "casadi", "numpy", "scipy", "pandas", "pyarrow")
 
 
-def package_versions() -> dict[str, str]:
+@cache
+def package_versions() -> Mapping[str, str]:
     """Give the versions of this program and of what computes and stores a trial."""
     return {name: version(name) for name in PACKAGES}
 

@@ -5,7 +5,6 @@ from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
-import pandas as pd
 from numpy.lib.stride_tricks import sliding_window_view
 
 from hbm.body import Body, ImplausibleLegs, build_body
@@ -15,7 +14,7 @@ from hbm.coordinates import SIDES
 from hbm.markers import MarkerSet, marker_sets
 from hbm.notes import Note
 from hbm.overrides import SegmentOverride
-from hbm.spatial import GRAVITY_MPS2, Array, Mask
+from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.recording import Recording
 
@@ -72,10 +71,13 @@ def tenths(values: Array, time: Array, begin_s: float, count: int) -> Array:
     >>> tenths(np.arange(7.0), time, *common_tenths(time)).tolist()
     [0.5, 2.5, 4.5]
     """
-    edges = begin_s - _step_s(time) / 2 + TENTH_S * np.arange(count + 1)
-    tenth = np.searchsorted(edges, time, side="right") - 1
-    means = pd.DataFrame(values.reshape(len(time), -1)).groupby(tenth).mean().reindex(range(count))
-    return means.to_numpy().reshape(count, *values.shape[1:])
+    edges = np.searchsorted(time, begin_s - _step_s(time) / 2 + TENTH_S * np.arange(count + 1))
+    values = values[: edges[-1]]
+    known = np.isfinite(values)
+    number = np.diff(edges).reshape(-1, *(1,) * (values.ndim - 1))
+    if not known.all():
+        values, number = np.where(known, values, 0.0), _sums_between(edges, known)
+    return np.where(number > 0, _sums_between(edges, values) / np.maximum(number, 1), np.nan)
 
 
 def median_extent(position: Array) -> float:
@@ -99,6 +101,16 @@ def median_extent(position: Array) -> float:
 
 def _step_s(time: Array) -> float:
     return float(time[-1] - time[0]) / (len(time) - 1)
+
+
+def _sums_between(edges: Indices, values: Array | Mask) -> Array:
+    """Give the sums of samples from each edge, (E,), to the next, (E − 1, ...).
+
+    The samples, (N, ...), end at the last edge.
+    """
+    sums, filled = np.zeros((len(edges) - 1, *values.shape[1:])), np.diff(edges) > 0
+    sums[filled] = np.add.reduceat(values, edges[:-1][filled], axis=0, dtype=float)
+    return sums
 
 
 WEIGHING_TENTHS: Final = 10

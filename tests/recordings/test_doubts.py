@@ -1,20 +1,25 @@
 """What is doubted about real recordings, and what is not."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
-from hbm.markers import MarkerSet, read_marker_set
 from pipeline.config.schema import Settings, Subject
-from pipeline.io.c3d.read import read_c3d
-from pipeline.io.opensim import read_opensim_trial, read_trc
 from pipeline.trial.process import process_recording
 from tests.hbm.motions import exchanged, relabelled
+from tests.recordings.recorded import (
+    TESTS,
+    generated,
+    marker_set,
+    overground,
+    processed,
+    recorded,
+    standing,
+    steps,
+    treadmill,
+    two_plates,
+)
 
-TESTS = Path(__file__).resolve().parents[1]
-SUBJECTS = TESTS.parent / "subjects" / "marker_sets"
-AXES = "forward,up,right"
 DOUBTS = {
     *("sides_exchanged", "labels_exchanged", "marker_distances_changed"),
     *("markers_frozen", "markers_constant"),
@@ -24,60 +29,43 @@ DOUBTS = {
 }
 
 
-def marker_set(path: Path) -> MarkerSet:
-    return read_marker_set(path.read_text(encoding="utf-8"), path.stem)
-
-
 def doubts(recording, subject=None, **options):
     """The doubts about a recording, by their codes."""
-    result = process_recording(recording, subject or Subject(), Settings(), **options)
+    return doubts_of(process_recording(recording, subject or Subject(), Settings(), **options))
+
+
+def doubts_of(result):
     return {note.code: note for note in result.notes if note.code in DOUBTS}
 
 
 @pytest.fixture(scope="module")
-def treadmill(shared_data):
-    return read_c3d(shared_data / "treadmill_hbm2" / "treadmill_events.c3d")
+def walk(shared_data):
+    return recorded(treadmill, shared_data)[0]
 
 
-def test_treadmill_walking_is_not_doubted(treadmill):
+def test_treadmill_walking_is_not_doubted(walk):
     """Nobody stands in it: its own mass is taken, 1 % from what the plates carry over strides."""
-    assert doubts(treadmill) == doubts(treadmill, Subject(mass_kg=55.9)) == {}
+    assert doubts(walk) == doubts(walk, Subject(mass_kg=55.9)) == {}
 
 
 def test_quiet_standing_is_not_doubted(shared_data):
-    standing = read_c3d(shared_data / "full_body_standing" / "1min_CGM_HBM_static.c3d")
+    recording, _ = recorded(standing, shared_data)
     chosen = marker_set(TESTS / "trunk_ends" / "quiet_standing.toml")
-    assert doubts(standing, marker_set=chosen) == {}
+    assert doubts(recording, marker_set=chosen) == {}
 
 
-def test_overground_walking_with_a_t_pose_is_not_doubted(shared_data):
-    folder = shared_data / "opensim_subject01"
-    walk = read_opensim_trial(
-        folder / "subject01_walk1.trc", folder / "subject01_walk1_grf.mot", AXES
-    )
-    static = read_trc(folder / "subject01_static.trc", AXES)
-    chosen = marker_set(SUBJECTS / "gait2354.toml")
-    assert doubts(walk, Subject(mass_kg=72.6), static=static, marker_set=chosen) == {}
-
-
-def test_a_generated_walk_is_not_doubted(shared_data):
-    folder = shared_data / "truth_walk"
-    walk = read_opensim_trial(folder / "markers.trc", folder / "grf.mot", AXES)
-    subject = Subject(mass_kg=72.84, height_m=1.808)
-    assert doubts(walk, subject, marker_set=marker_set(SUBJECTS / "arnold2013.toml")) == {}
+@pytest.mark.parametrize("read", [overground, generated])
+def test_overground_and_generated_walking_is_not_doubted(shared_data, read):
+    assert doubts_of(processed(read, shared_data)) == {}
 
 
 def test_of_a_descent_of_steps_the_plates_zeros_are_doubted_and_the_mass_that_they_carry(
     shared_data,
 ):
     """Four plates that read 6 to 12 N each without anybody on them, 36 N or 4 kg in all."""
-    folder = shared_data / "plug_in_gait"
+    trial, known = recorded(steps, shared_data)
     chosen = marker_set(TESTS / "trunk_ends" / "plug_in_gait.toml")
-    found = doubts(
-        read_c3d(folder / "Movement_trial.c3d"),
-        static=read_c3d(folder / "Static_trial.c3d"),
-        marker_set=chosen,
-    )
+    found = doubts(trial, static=known["static"], marker_set=chosen)
     assert set(found) == {"plates_not_zeroed", "mass_differs"}
     assert found["plates_not_zeroed"].values["total_n"] == pytest.approx(36, abs=2)
     in_file_kg, carried_kg = found["mass_differs"].values["known_kg"].values()
@@ -85,12 +73,12 @@ def test_of_a_descent_of_steps_the_plates_zeros_are_doubted_and_the_mass_that_th
     assert carried_kg - 36 / 9.81 == pytest.approx(85.0, abs=2)
 
 
-def test_exchanged_heels_are_doubted_throughout_a_trial_and_for_a_few_seconds(treadmill):
-    heels, markers = ("LHEE", "RHEE"), treadmill.markers
-    whole = doubts(replace(treadmill, markers=relabelled(markers, heels)), static=treadmill)
+def test_exchanged_heels_are_doubted_throughout_a_trial_and_for_a_few_seconds(walk):
+    heels, markers = ("LHEE", "RHEE"), walk.markers
+    whole = doubts(replace(walk, markers=relabelled(markers, heels)), static=walk)
     assert whole["sides_exchanged"].values["pairs"] == "/".join(heels)
     assert "marker_error_large" in whole
-    some = doubts(replace(treadmill, markers=exchanged(markers, slice(400, 700), heels)))
+    some = doubts(replace(walk, markers=exchanged(markers, slice(400, 700), heels)))
     values = some["labels_exchanged"].values
     assert values["pairs"] == "/".join(heels)
     assert (values["first_s"], values["last_s"]) == pytest.approx((4.0, 7.0))
@@ -98,14 +86,7 @@ def test_exchanged_heels_are_doubted_throughout_a_trial_and_for_a_few_seconds(tr
 
 def test_a_plate_that_rests_below_zero_is_doubted(shared_data):
     """Overground walking over two plates; the second one reads −16 N before anybody steps on it."""
-    recording = read_c3d(shared_data / "c3d_samples" / "Gait.c3d")
-    chosen = (TESTS / "trunk_ends" / "two_plates.toml").read_text(encoding="utf-8")
-    walk = replace(recording, markers=relabelled(recording.markers, ("VSAC", "SACR")))
-    found = doubts(
-        walk,
-        Subject(mass_kg=72.0),
-        marker_set=read_marker_set(chosen.replace("VSAC", "SACR"), "two_plates"),
-    )
+    found = doubts_of(processed(two_plates, shared_data))
     assert list(found) == ["plates_not_zeroed"]
     rest_n = found["plates_not_zeroed"].values["rest_n"]
     assert rest_n == {"plate 1": pytest.approx(0, abs=1), "plate 2": pytest.approx(-16, abs=1)}

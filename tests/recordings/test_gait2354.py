@@ -1,54 +1,35 @@
 """OpenSim's example subject: a T-pose, a walk over two plates, and OpenSim's residuals of it."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from hbm.body import build_body
 from hbm.dynamics import filter_motion, inverse_dynamics
 from hbm.kinematics import solve_ik
-from hbm.markers import read_marker_set
 from hbm.signals.filtering import butterworth
 from hbm.signals.resampling import resample
-from pipeline.io.opensim import read_opensim_trial, read_sto, read_trc
+from pipeline.io.opensim import read_sto
+from tests.recordings.recorded import overground, recorded
 
-MARKER_SETS = Path(__file__).resolve().parents[2] / "subjects" / "marker_sets"
-AXES = "forward,up,right"
 MASS_KG = 72.6
 TRANSLATIONS = ("pelvis_tx_force", "pelvis_tz_force", "pelvis_ty_force")
 ROTATIONS = ("pelvis_list_moment", "pelvis_tilt_moment", "pelvis_rotation_moment")
 
 
 @pytest.fixture(scope="module")
-def folder(shared_data):
-    return shared_data / "opensim_subject01"
+def body(shared_data):
+    _, known = recorded(overground, shared_data)
+    return build_body(known["static"].markers, mass=MASS_KG, marker_set=known["marker_set"])
 
 
 @pytest.fixture(scope="module")
-def body(folder):
-    text = (MARKER_SETS / "gait2354.toml").read_text(encoding="utf-8")
-    static = read_trc(folder / "subject01_static.trc", AXES).markers
-    return build_body(static, mass=MASS_KG, marker_set=read_marker_set(text, "gait2354"))
-
-
-@pytest.fixture(scope="module")
-def walk(folder):
-    return read_opensim_trial(
-        folder / "subject01_walk1.trc", folder / "subject01_walk1_grf.mot", AXES
-    )
+def walk(shared_data):
+    return recorded(overground, shared_data)[0]
 
 
 @pytest.fixture(scope="module")
 def motion(body, walk):
     return solve_ik(body, walk.markers)
-
-
-def test_a_t_pose_makes_a_body_with_arms_and_head(body):
-    assert body.notes[0].values["posture"] == "standing still"
-    assert len(body.markers) == 49
-    hands = {f"{s}{n}" for s in "RL" for n in ("WristFlexion", "HandAbduction")}
-    assert set(body.locked) == hands
 
 
 def test_knees_and_ankles_are_followed_without_their_own_markers(motion):
@@ -60,9 +41,9 @@ def test_knees_and_ankles_are_followed_without_their_own_markers(motion):
     assert 55 < np.ptp(flexion) < 80
 
 
-def test_residuals_are_no_worse_than_those_that_opensim_publishes(folder, body, walk, motion):
+def test_residuals_are_no_worse_than_those_that_opensim_publishes(shared_data, body, walk, motion):
     """Same trial, same 1.2 s, 6 Hz; theirs with a torso in one piece, ours with arms and head."""
-    published = read_sto(folder / "inverse_dynamics.sto")
+    published = read_sto(shared_data / "opensim_subject01" / "inverse_dynamics.sto")
     theirs = [np.sqrt(np.mean(published.column(c) ** 2)) for c in TRANSLATIONS + ROTATIONS]
     wrenches = {
         foot: butterworth(

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from pipeline.config.schema import Settings, Subject
@@ -29,22 +28,15 @@ def test_a_childs_own_static_is_not_doubted(shared_data, walk, static):
 
 
 @pytest.mark.parametrize(("walk", "static"), [("HC030A05", "HC031A01"), ("HC031A06", "HC030A01")])
-def test_the_static_of_another_child_is_named_once_with_lengths_and_masses(
-    shared_data, walk, static
-):
+def test_the_static_of_another_child_is_named_once(shared_data, walk, static):
     notes = notes_of(read(shared_data, walk), read(shared_data, static))
     other = notes["static_of_another"]
     assert other.level == "warning"
     assert other.values["file"] == f"{static}.c3d"
-    assert [line.split(" mm")[0][:12] for line in other.values["lengths"]][:2] == [
-        "pelvis width",
-        "shank length",
-    ]
-    assert other.values["known_kg"]
     assert not EXPLAINED & set(notes)
 
 
-@pytest.mark.parametrize("names", [("LHEE",), ("LTOE", "RTOE"), ("LASI",), ("RKNE",)])
+@pytest.mark.parametrize("names", [("LTOE", "RTOE"), ("LASI",)])
 def test_markers_that_were_moved_are_not_another_person(shared_data, names):
     walk, static = (read(shared_data, name) for name in CHILDREN[0])
     position = static.markers.position.copy()
@@ -52,16 +44,3 @@ def test_markers_that_were_moved_are_not_another_person(shared_data, names):
         position[:, static.markers.names.index(name), :2] += 0.04
     moved = replace(static, markers=replace(static.markers, position=position))
     assert "static_of_another" not in notes_of(walk, moved)
-
-
-def test_a_virtual_persons_static_is_named_only_in_trials_of_another(tmp_path):
-    from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
-
-    trials = {}
-    for seed in (0, 1):
-        simulate_trial(tmp_path / f"{seed}.c3d", duration_s=6.0, seed=seed)
-        trials[seed] = read_c3d(tmp_path / f"{seed}.c3d")
-    small = trials[0].markers
-    scaled = replace(trials[0], markers=replace(small, position=np.asarray(0.93 * small.position)))
-    assert "static_of_another" not in notes_of(trials[1], trials[0])
-    assert "static_of_another" in notes_of(trials[0], scaled)

@@ -14,6 +14,7 @@ from hbm.kinematics import solve_ik
 from hbm.markers import Markers, recognise_marker_set
 from hbm.spatial import unit
 from pipeline.io.c3d.read import read_c3d
+from tests.recordings.recorded import recorded, steps
 
 MASS_KG, STATURE_M = 85.0, 1.679
 ROD_M = 0.1
@@ -21,12 +22,12 @@ ROD_M = 0.1
 
 @pytest.fixture(scope="module")
 def static(shared_data):
-    return read_c3d(shared_data / "plug_in_gait" / "Static_trial.c3d")
+    return recorded(steps, shared_data)[1]["static"]
 
 
 @pytest.fixture(scope="module")
-def steps(shared_data):
-    return read_c3d(shared_data / "plug_in_gait" / "Movement_trial.c3d")
+def descent(shared_data):
+    return recorded(steps, shared_data)[0]
 
 
 @pytest.fixture(scope="module")
@@ -74,11 +75,6 @@ def test_the_measures_of_the_file_are_those_of_each_side(static):
     assert left.shoulder_offset_m == right.shoulder_offset_m == pytest.approx(0.05)
 
 
-def test_measures_that_are_zero_are_not_stated(shared_data):
-    file = shared_data / "full_body_standing" / "1min_CGM_HBM_static.c3d"
-    assert dict(read_c3d(file).metadata.limbs) == {}
-
-
 def test_the_frames_of_pelvis_and_trunk_are_plug_in_gait_s(anatomy, theirs):
     for segment, bone in (("pelvis", "PEL"), ("thorax", "TRX")):
         frame = anatomy.frames[segment]
@@ -119,9 +115,9 @@ def test_hips_are_harrington_s_and_knees_lie_along_the_pelvis(anatomy, theirs, s
     assert half_width == pytest.approx(79, abs=5), "the distance that this angle explains"
 
 
-def test_the_knee_axes_of_the_thigh_markers_fit_the_steps_worse(static, steps):
+def test_the_knee_axes_of_the_thigh_markers_fit_the_steps_worse(static, descent):
     """Plug-in-Gait's own, shown by an alignment device, make the errors 1.45 times as large."""
-    ours = rms_mm(solve_ik(built(static), steps.markers))
+    ours = rms_mm(solve_ik(built(static), descent.markers))
     names, position = list(static.markers.names), [static.markers.position]
     for s in "LR":
         origin = static.model_outputs[f"{s}FEO"] / 1000
@@ -132,13 +128,13 @@ def test_the_knee_axes_of_the_thigh_markers_fit_the_steps_worse(static, steps):
             names.append(s + name)
             position.append((knee + rod)[:, None])
     pose = Markers(static.markers.time, tuple(names), np.concatenate(position, axis=1))
-    theirs = rms_mm(solve_ik(built(static, pose), steps.markers))
+    theirs = rms_mm(solve_ik(built(static, pose), descent.markers))
     assert theirs > 1.4 * ours
 
 
-def test_every_frame_of_the_steps_is_solved_with_all_39_markers(static, steps):
+def test_every_frame_of_the_steps_is_solved_with_all_39_markers(static, descent):
     body = built(static)
-    motion = solve_ik(body, steps.markers)
+    motion = solve_ik(body, descent.markers)
     assert body.marker_set.name == "pig"
     assert len(body.markers) == 39
     assert motion.converged.all()
@@ -153,9 +149,5 @@ def test_a_mixture_of_two_sets_is_recognised_and_fits(shared_data):
     markers = read_c3d(shared_data / "full_body_standing" / "1min_CGM_HBM_static.c3d").markers
     body = build_body(markers, mass=83.8)
     assert body.marker_set.name == "hbm2+cgm2"
-    assert len(body.markers) == 43
-    codes = [note.code for note in body.notes]
-    assert codes.count("elbow_axis_uncertain") == 0
-    assert codes.count("metatarsals_swapped") == 1
-    assert body.locked == ("RToeFlexion", "LToeFlexion")
+    assert "metatarsals_swapped" in [note.code for note in body.notes]
     assert solve_ik(body, markers).marker_error.max() < 0.003

@@ -5,23 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.config.schema import Settings, Subject
-from pipeline.io.c3d.read import read_c3d
+from pipeline.config.schema import Settings
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality, free_of
 from tests.pipeline import lab
 from tests.pipeline.settling import LIMIT, cycle_change
+from tests.recordings.recorded import processed, recorded, steps, treadmill
 
 
 @pytest.mark.parametrize("method", ["zero_phase", "realtime"])
 def test_cropping_treadmill_walking_at_heel_strikes_changes_no_cycle(shared_data, method):
     """What is left at the ends differs by up to 100 N, and does not count."""
-    recording = read_c3d(shared_data / "treadmill_hbm2" / "treadmill_events.c3d")
-    woman, settings = Subject(sex="female", mass_kg=55.3), Settings(filter=method)
-    whole = process_recording(recording, woman, settings)
+    recording, known = recorded(treadmill, shared_data)
+    whole, settings = processed(treadmill, shared_data, filter=method), Settings(filter=method)
     cycles = 0
-    for first, part in lab.cropped_at_strikes(recording, recording.events, count=4):
-        result = process_recording(part, woman, settings, static=recording)
+    for first, part in lab.cropped_at_strikes(recording, recording.events, count=2):
+        result = process_recording(part, settings=settings, static=recording, **known)
         change = cycle_change(result, whole, first)
         cycles += len(change)
         assert (change < LIMIT).all()
@@ -29,45 +28,39 @@ def test_cropping_treadmill_walking_at_heel_strikes_changes_no_cycle(shared_data
         difference = np.abs(result.measured.residual - whole.measured.residual[kept])
         assert np.nanmax(difference) > 20
         assert difference[result.counts].max() < 1
-    assert cycles >= 20
+    assert cycles >= 12
 
 
 def test_cropping_a_descent_of_steps_changes_no_cycle_that_is_left(shared_data):
     """Two gait cycles over plates: none is left out for being near an end."""
-    folder = shared_data / "plug_in_gait"
-    trial, static = (read_c3d(folder / f"{name}_trial.c3d") for name in ("Movement", "Static"))
-    whole = process_recording(trial, Subject(), Settings(), static=static)
+    trial, known = recorded(steps, shared_data)
+    whole = processed(steps, shared_data)
     assert sum(map(len, whole.cycles.values())) == 2
     frames = len(trial.markers.time)
     for first, last in ((0, frames - 20), (20, frames - 1)):
         part = lab.cropped(trial, first, last)
-        result = process_recording(part, Subject(), Settings(), static=static)
+        result = process_recording(part, settings=Settings(), **known)
         assert (cycle_change(result, whole, first) < LIMIT).all()
 
 
-@pytest.fixture(scope="module")
-def whole(shared_data):
-    recording = read_c3d(shared_data / "treadmill_hbm2" / "treadmill_events.c3d")
-    return recording, process_recording(recording, WOMAN, Settings(), static=recording)
-
-
-WOMAN = Subject(sex="female", mass_kg=55.3)
 LEG = ("RHEE", "RMT2", "RMT5", "RLM", "RMM", "RLSHA", "RLEK", "RMEK", "RLTHI")
 PELVIS = ("LASIS", "RASIS", "LPSIS", "RPSIS")
 
 
-@pytest.mark.parametrize("lost", [LEG, LEG[:5], PELVIS], ids=["leg", "foot", "pelvis"])
-@pytest.mark.parametrize(("first", "frames"), [(500, 1), (537, 40)])
+@pytest.mark.parametrize(
+    ("lost", "first", "frames"), [(LEG, 500, 1), (LEG[:5], 537, 40), (PELVIS, 537, 40)]
+)
 def test_what_the_loss_of_a_leg_a_foot_or_the_pelvis_does_to_residuals_counts_nowhere(
-    whole, lost, first, frames
+    shared_data, lost, first, frames
 ):
     """Where their markers vanish and return, the rest of the pose jumps: up to 100 N."""
-    recording, complete = whole
+    recording, known = recorded(treadmill, shared_data)
+    complete = processed(treadmill, shared_data)
     position = recording.markers.position.copy()
     columns = [k for k, name in enumerate(recording.markers.names) if name in lost]
     position[first : first + frames, columns] = np.nan
     torn = replace(recording, markers=replace(recording.markers, position=position))
-    result = process_recording(torn, WOMAN, Settings(), static=recording)
+    result = process_recording(torn, settings=Settings(), static=recording, **known)
     error = np.abs(result.measured.residual - complete.measured.residual)
     assert np.nanmax(error[first - 30 : first + frames + 30]) > 5
     assert (error[result.counts] < LIMIT).all()

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from tests.synthetic import synthetic_body, synthetic_t_pose
 from tests.trunk_ends.choices import with_ends
 from tests.trunk_ends.generated_model import our_trunk, true_trunk
 from tests.trunk_ends.recordings import generated_walk, quiet_standing, stairs
@@ -16,18 +15,6 @@ def standing(shared_data):
 
 def chosen(case, choice):
     return with_ends(case.body, choice, case.calibration, case.measures)
-
-
-def assert_equal_inertias(found, expected):
-    for name, part in expected.segments.items():
-        np.testing.assert_allclose(found.segments[name].center, part.center, atol=1e-9)
-        np.testing.assert_allclose(found.segments[name].tensor, part.tensor, rtol=1e-9, atol=1e-12)
-
-
-def test_the_compared_choice_is_the_body_s_own(standing):
-    body = synthetic_body()
-    assert_equal_inertias(with_ends(body, "CERV-XYPH", synthetic_t_pose()), body)
-    assert_equal_inertias(chosen(standing, "CERV-XYPH"), standing.body)
 
 
 def ahead_of_the_head_s_centre(case, choice, names):

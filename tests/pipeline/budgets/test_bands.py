@@ -27,10 +27,9 @@ def test_bands_come_back_as_they_were_written(tmp_path):
         np.testing.assert_array_equal(getattr(found, name), getattr(BANDS, name))
 
 
-@pytest.mark.parametrize("content", [b"", b"not a table"])
-def test_a_damaged_file_says_what_to_run(tmp_path, content):
+def test_a_damaged_file_says_what_to_run(tmp_path):
     path = tmp_path / "walk_bands.parquet"
-    path.write_bytes(content)
+    path.write_bytes(b"not a table")
     with pytest.raises(ValueError, match="run 'hbm explain' again"):
         read_bands(path)
 

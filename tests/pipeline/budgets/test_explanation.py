@@ -1,6 +1,5 @@
 """What a trial's residuals are made of, as lines, as a table and as a file."""
 
-import json
 import tomllib
 from dataclasses import replace
 
@@ -14,32 +13,33 @@ from pipeline.budgets.explanation import (
     read_explanation,
     write_explanation,
 )
-from pipeline.budgets.words import budget_table
 from pipeline.config.schema import Settings, Subject, Treadmill
 from pipeline.figures.explained import budget_figure
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
-from pipeline.trial.residuals import AXES, residual_table
+from pipeline.trial.residuals import residual_table
 
-DELAY_S, STATED_S = 0.012, 0.004
+DELAY_S, STATED_S, ZERO_N = 0.012, 0.004, 4.0
+ZERO = np.array([0, ZERO_N, 0, 0, 0, 0])
 STILL = Laboratory(Treadmill())
 
 
 @pytest.fixture(scope="module")
 def recording(walker):
-    """The walker's recording, its plates later than anyone states."""
-    plates = tuple(replace(p, time=p.time + DELAY_S) for p in walker.plates)
-    return replace(walker, plates=plates)
-
-
-def explained(recording, **settings):
-    result = process_recording(recording, Subject(sex="female"), Settings(**settings))
-    return explain(recording, STILL, result)
+    """The walker's recording, its plates later than anyone states, the first with a zero error."""
+    first, second = (replace(p, time=p.time + DELAY_S) for p in walker.plates)
+    first = replace(first, wrench_in_plate=first.wrench_in_plate + ZERO)
+    return replace(walker, plates=(first, second))
 
 
 @pytest.fixture(scope="module")
-def late(recording) -> Explanation:
-    return explained(recording, plate_delay_s=STATED_S)
+def result(recording):
+    return process_recording(recording, Subject(sex="female"), Settings(plate_delay_s=STATED_S))
+
+
+@pytest.fixture(scope="module")
+def late(recording, result) -> Explanation:
+    return explain(recording, STILL, result)
 
 
 @pytest.fixture(scope="module")
@@ -54,11 +54,12 @@ def test_a_planted_delay_is_the_first_cause_and_stated_on_top_of_what_is_stated(
     assert first.name == "plates are late"
     assert first.size == pytest.approx(DELAY_S - STATED_S, abs=1.96 * first.deviation)
     assert first.deviation < 0.002
-    largest, mending, *_ = late.lines()
-    assert largest.startswith("Largest causes (size ± 95 % interval): plates are late ")
+    zero = next(each for each in late.budget.causes if each.name == "plate 1: zero of Fy")
+    assert zero.size == pytest.approx(ZERO_N, rel=0.35)
+    assert zero.size == pytest.approx(ZERO_N, abs=1.96 * zero.deviation)
+    assert (late.budget.held_out[:2] > 0.8).all()
     line = f"state plate_delay_s = {STATED_S + first.size:.3f} under [settings]"
     assert late.mending[0].action == line
-    assert mending.startswith(f"Most worth mending: {line} (")
 
 
 def test_stating_the_line_takes_the_residual_to_what_was_promised(recording, late):
@@ -68,6 +69,14 @@ def test_stating_the_line_takes_the_residual_to_what_was_promised(recording, lat
     rms = residual_table(result, "level").set_index("axis").loc[mending.axis, "rms"]
     assert rms == pytest.approx(mending.after, rel=0.1)
     assert mending.after < 0.6 * mending.before
+
+
+def test_the_headline_is_the_measured_residual(late, result):
+    side = max(result.cycles, key=lambda each: len(result.cycles[each]))
+    start, stop = result.cycles[side][0][0], result.cycles[side][-1][1]
+    inside = (result.motion.time >= start) & (result.motion.time < stop)
+    expected = np.sqrt(np.mean(result.measured.residual[inside] ** 2, axis=0))
+    np.testing.assert_allclose(late.budget.rms, expected, rtol=0.02)
 
 
 def test_shares_sum_to_the_whole(late):
@@ -81,35 +90,18 @@ def test_a_file_brings_every_number_back(late, stretch, tmp_path):
         again = read_explanation(tmp_path / "walk_explained.json")
         assert again.to_json() == explanation.to_json()
         np.testing.assert_array_equal(again.budget.held_out, explanation.budget.held_out)
-        assert again.budget.notes == explanation.budget.notes
-    stored = json.loads(stretch.to_json(), parse_constant=pytest.fail)
-    assert tuple(stored["budget"]["rms"]) == AXES
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "why"),
-    [
-        (f'"version": {FORMAT_VERSION}', '"version": 99', "written by another version"),
-        ('"Fx"', '"FX"', "expected numbers by axis"),
-        ('"cycles"', '"strides"', "damaged"),
-        ("{", "", "damaged"),
-    ],
-)
-def test_a_damaged_file_is_refused_in_one_line(late, tmp_path, old, new, why):
+def test_a_file_of_another_version_is_refused(late, tmp_path):
     path = tmp_path / "walk_explained.json"
-    path.write_text(late.to_json().replace(old, new))
-    with pytest.raises(ValueError, match=why) as refused:
+    path.write_text(late.to_json().replace(f'"version": {FORMAT_VERSION}', '"version": 99'))
+    with pytest.raises(ValueError, match="written by another version"):
         read_explanation(path)
-    assert "\n" not in str(refused.value)
 
 
-def test_without_gait_cycles_a_warning_says_so_and_halves_of_the_frames_check_each_other(stretch):
+def test_without_gait_cycles_a_warning_says_what_is_explained(stretch):
     (note,) = stretch.budget.notes
-    assert note.code == "explained_few_cycles"
     assert "5.0 s of the recording" in str(note)
-    assert "no gait cycles" in budget_table(stretch.budget)[0]
-    *_, check = stretch.lines()
-    assert check.startswith("Held-out check: the causes found in one half of the frames take away")
 
 
 def test_the_figure_stacks_each_residual_to_its_whole(late):

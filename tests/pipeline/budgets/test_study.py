@@ -49,14 +49,8 @@ def copy(study, explained, tmp_path):
 
 @pytest.fixture
 def quick(monkeypatch):
-    """Save figures as empty files: their appearance is not tested here."""
-
-    def save(figure, path):
-        path.parent.mkdir(exist_ok=True)
-        for suffix in (".png", ".svg"):
-            path.with_suffix(suffix).write_bytes(b"")
-
-    monkeypatch.setattr("pipeline.report.write.save_figure", save)
+    """Draw no figures: they are not tested here."""
+    monkeypatch.setattr("pipeline.report.write.study_figures", lambda *given: iter(()))
 
 
 @pytest.fixture
@@ -101,10 +95,7 @@ def test_a_trial_whose_recording_is_gone_stops_no_other(copy, capsys, quick):
     (copy.parent / "study" / "sub01_sway.c3d").unlink()
     (copy / FOLDER / "sub01_sway.json").unlink()
     assert main(["explain", str(copy)]) == 1
-    shown = capsys.readouterr().out
-    (line,) = (line for line in shown.splitlines() if line.startswith("FAILED"))
-    assert "sub01 sway: the recording sub01_sway.c3d is gone" in line
-    assert "1 were there already, 1 failed" in shown
+    assert "1 were there already, 1 failed" in capsys.readouterr().out
     assert "sub01 sway: the recording sub01_sway.c3d is gone" in report(copy)
 
 
@@ -122,61 +113,33 @@ def test_a_result_that_is_not_of_the_study_any_more_is_not_explained(copy):
     assert reasons == {"its result is not up to date; run 'hbm run' first"}
 
 
-def test_a_trial_without_a_result_says_what_to_do(copy):
-    (copy / "trials" / "sub01_sway.parquet").unlink()
-    (copy / FOLDER / "sub01_sway.json").unlink()
-    planned = plan_explanations(study_of(copy), copy)
-    (reason,) = (o.reason for o in explain_planned(planned, copy) if o.failure)
-    assert reason == "it has no result; run 'hbm run' first"
-
-
-@pytest.mark.parametrize(
-    ("prepare", "words"),
-    [
-        (lambda out: (out / "run.json").unlink(), "is not known or gone"),
-        (lambda out: shutil.rmtree(out / "trials"), "no results of trials here"),
-    ],
-)
-def test_results_that_cannot_be_explained_give_one_line(copy, capsys, prepare, words):
-    prepare(copy)
+def test_a_folder_without_results_gives_one_line(copy, capsys):
+    shutil.rmtree(copy / "trials")
     assert main(["explain", str(copy)]) == 2
     error = capsys.readouterr().err
-    assert words in error
+    assert "no results of trials here" in error
     assert error.count("\n") == 1
-
-
-def test_a_study_is_not_its_results(copy, capsys):
-    assert main(["explain", str(copy.parent / "study")]) == 2
-    assert "is a study; run it first" in capsys.readouterr().err
 
 
 def test_a_report_of_explained_trials_has_their_causes_and_intervals_of_measurement(copy, quick):
     page = report(copy)
     section = page.partition('<section id="causes">')[2].partition("</section>")[0]
-    assert section.count("<table") == 2
     assert "Held-out check: " in section
-    assert "Not shown are" not in page
     table = pd.read_csv(copy / "table_3.csv").query("n > 0").set_index(["axis", "condition"])
     sds = table.filter(like="measurement_sd_")
     assert (sds["measurement_sd_mean_ic"] > 0).all()
     compared = table.index.get_level_values("condition") != "baseline"
     assert (sds["measurement_sd_ic_minus_baseline_no_ic"].notna() == compared).all()
-    for text in (page, " ".join((copy / "table_3.md").read_text(encoding="utf-8").split())):
-        assert "95 % interval of measurement" in text
-    assert "<p>measurement " in page.partition('<section id="residuals">')[0]
+    assert "95 % interval of measurement" in page
 
 
 def test_a_report_says_which_explanations_it_does_not_show_and_what_adds_them(copy, quick):
     (copy / FOLDER / "sub01_sway.json").write_text("{")
     page = report(copy)
     assert page.count("the explanations of sub01 sway: ") == 1
-    assert "run 'hbm explain RESULTS'" in page
-    text = (copy / "table_3.md").read_text(encoding="utf-8")
     assert not [name for name in pd.read_csv(copy / "table_3.csv") if "measurement" in name]
     line = "'hbm explain RESULTS' adds intervals of measurement; 1 of 2 trials are explained."
-    assert line in text.splitlines()
     assert line in page
-    assert "<p>measurement " not in page
 
 
 def test_the_uncertainty_of_a_perturbed_trial_is_also_of_the_part_that_counts(explained):

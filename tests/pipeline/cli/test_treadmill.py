@@ -40,6 +40,11 @@ def test_a_calibration_fitted_to_a_recording_compensates_its_trials(
     assert "taken as level" not in capsys.readouterr().out
 
 
+def test_a_platform_without_a_stated_pose_is_taken_as_level(moving_study, fitted, tmp_path, capsys):
+    assert residuals(moving_study, tmp_path, "--calibration", fitted) is not None
+    assert "taken as level" in " ".join(capsys.readouterr().out.split())
+
+
 def test_a_recording_given_as_a_calibration_is_refused_with_how_to_fit_one(
     moving_study, tmp_path, capsys
 ):

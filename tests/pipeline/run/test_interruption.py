@@ -150,13 +150,12 @@ needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="li
 
 @needs_proc
 @pytest.mark.parametrize(
-    ("send", "number", "code", "word"),
+    ("send", "number", "code", "word", "delay_s"),
     [
-        (os.killpg, signal.SIGINT, 130, "interrupted"),
-        (os.kill, signal.SIGTERM, 143, "terminated"),
+        (os.killpg, signal.SIGINT, 130, "interrupted", 0.0),
+        (os.kill, signal.SIGTERM, 143, "terminated", 1.5),
     ],
 )
-@pytest.mark.parametrize("delay_s", [0.0, 1.5])
 def test_a_stopped_run_says_how_to_go_on_and_leaves_no_process(
     moving_study, tmp_path, send, number, code, word, delay_s
 ):
@@ -184,10 +183,8 @@ def test_the_workers_of_a_killed_run_end_with_it(moving_study, tmp_path):
 
 
 @needs_proc
-@pytest.mark.parametrize("command", ["simulate", "demo"])
-def test_a_stopped_simulation_says_how_to_go_on_and_leaves_no_process(tmp_path, command):
-    place = [tmp_path] if command == "simulate" else ["--out", tmp_path]
-    running = hbm(command, *place, "--jobs", 2)
+def test_a_stopped_simulation_says_how_to_go_on_and_leaves_no_process(tmp_path):
+    running = hbm("demo", "--out", tmp_path, "--jobs", 2)
     wait_until(has_workers(running))
     os.killpg(running.pid, signal.SIGINT)
     _, errors = running.communicate(timeout=30)

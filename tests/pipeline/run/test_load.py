@@ -7,7 +7,7 @@ import pytest
 from pipeline.run.load import collect
 from pipeline.run.store import read_trial
 from pipeline.trial.gait.cycles import normalise
-from pipeline.trial.residuals import AXES, cycles_of, residual_table
+from pipeline.trial.residuals import AXES, residual_table
 from tests.pipeline import lab
 
 
@@ -42,17 +42,6 @@ def test_curves_are_the_cycles_of_the_frames(finished, gathered):
                 chosen = (curves["side"] == side) & (curves["compensated"] == compensated)
                 found = curves[chosen & (curves["axis"] == axis)]["value"]
                 np.testing.assert_allclose(found, expected.ravel(), atol=1e-9)
-
-
-def test_every_cycle_has_a_row_per_axis_numbered_as_its_curve(finished, gathered):
-    keys = ["subject", "condition", "compensated", "side", "cycle", "axis"]
-    assert not gathered.by_cycle.duplicated(keys).any()
-    curves = gathered.cycles[keys].drop_duplicates()
-    assert len(gathered.by_cycle.merge(curves, on=keys)) == len(gathered.by_cycle) == len(curves)
-    assert gathered.by_cycle["cycle"].min() == 1
-    result = read_trial(finished / "trials" / "sub02_sway.parquet")
-    own = gathered.by_cycle.query("subject == 'sub02' and condition == 'sway'")
-    pd.testing.assert_frame_equal(own.reset_index(drop=True), cycles_of(result, "sway"))
 
 
 def test_subjects_are_listed_once_with_measured_mass_and_stated_stature(gathered):

@@ -2,16 +2,13 @@
 
 import hashlib
 import json
-import re
 import shutil
 from dataclasses import asdict, replace
 
 import pytest
 
 from hbm.engines.engine import EngineUsed
-from pipeline.config.schema import Settings
 from pipeline.config.study import read_study
-from pipeline.run.failures import read_failures
 from pipeline.run.job import trial_key
 from pipeline.run.load import collect, select_trials
 from pipeline.run.provenance import (
@@ -86,32 +83,9 @@ def test_a_trial_excluded_after_it_was_processed_no_longer_counts(tmp_path, stud
     assert set(left.subjects["subject"]) == {"sub01", "sub02", "sub03"}
 
 
-def test_an_error_of_one_line_where_no_result_is_selected(results):
-    with pytest.raises(ValueError, match="every result here is of a trial that failed"):
-        select_trials(results, set())
-
-
-def test_results_of_other_settings_are_outdated(tmp_path, study):
-    settings = Settings(cutoff_hz=12)
-    folder = write_fake_results(tmp_path, subjects=1, cycles=2, settings=settings)
-    found = states(collect(folder), {}, study)["sub01", "sway"]
-    assert (found.state, found.in_tables) == ("outdated", True)
-
-
-@pytest.mark.parametrize(
-    ("name", "before", "after"),
-    [
-        ("sub01.toml", "id =", "mass_kg = 70.0\nid ="),
-        ("sub01_sway.c3d", "sub01", "another"),
-        ("empty.json", "", "other "),
-    ],
-)
-def test_results_of_changed_files_or_statements_are_outdated(
-    results, study, tmp_path, name, before, after
-):
+def test_results_of_changed_files_are_outdated(results, study, tmp_path):
     folder = shutil.copytree(study.folder, tmp_path / "study")
-    changed = folder / name
-    changed.write_text(changed.read_text("utf-8").replace(before, after, 1), encoding="utf-8")
+    (folder / "sub01_sway.c3d").write_bytes(b"another recording")
     found = states(results, {}, read_study(folder))["sub01", "sway"]
     assert found.state == "outdated"
     assert "has changed since; run it again" in found.reason
@@ -124,12 +98,6 @@ def test_results_of_a_condition_removed_from_the_study_are_outdated(tmp_path, st
     assert (found.state, found.in_tables) == ("outdated", False)
 
 
-def test_a_damaged_failures_file_gives_one_line(tmp_path):
-    (tmp_path / "failures.json").write_text("{")
-    with pytest.raises(ValueError, match=r"failures\.json is damaged; run .hbm run. again"):
-        read_failures(tmp_path)
-
-
 def test_every_file_of_the_study_is_hashed(study):
     found = input_digests(study)
     assert {"study.toml", "sub01.toml", "empty.json", "sub01_sway.c3d"} <= set(found)
@@ -139,11 +107,7 @@ def test_every_file_of_the_study_is_hashed(study):
 
 def test_provenance_is_json_and_complete(results, study):
     stored = json.loads(provenance(results, trial_states(results, {}, study), study).to_json())
-    assert stored["settings"] == [Settings().model_dump()]
-    assert stored["versions"][0]["hbm-residuals"]
     assert stored["engines"] == [asdict(replace(ENGINE, frames=16 * len(results.trials)))]
-    assert re.fullmatch(r"[0-9a-f]{64}", stored["program"]["sha256"])
-    assert stored["treadmill"]["cutoff_hz"] == 20
     trial = next(t for t in stored["trials"] if (t["subject"], t["condition"]) == ("sub01", "sway"))
     assert (trial["state"], trial["source"]) == ("done", "sub01_sway.c3d")
     assert trial["key"] == trial_key(study, "sub01", "sway")
@@ -153,15 +117,6 @@ def test_each_engine_is_named_once_with_the_largest_difference():
     close, far = (EngineUsed("kernels", "1", "pinocchio", "2", 16, d) for d in (1e-15, 1e-12))
     alone = EngineUsed("kernels", "1")
     assert engines_of([close, alone, far]) == (replace(far, frames=32), alone)
-
-
-def test_what_is_compared_makes_no_trial_outdated(tmp_path):
-    folder = write_fake_study(tmp_path / "study", subjects=1)
-    before = trial_key(read_study(folder), "sub01", "sway")
-    path = folder / "study.toml"
-    text = f"{path.read_text(encoding='utf-8')}\n[comparison]\nmargin = 0.1\n"
-    path.write_text(text, encoding="utf-8")
-    assert trial_key(read_study(folder), "sub01", "sway") == before
 
 
 def test_every_file_of_the_treadmill_makes_a_trial_outdated(tmp_path):

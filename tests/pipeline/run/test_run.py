@@ -3,7 +3,6 @@
 import importlib
 import json
 import os
-import re
 import shutil
 import signal
 import sys
@@ -14,12 +13,10 @@ import pytest
 from hbm.body import Body
 from pipeline.cli.app import main
 from pipeline.config.study import Study, read_study
-from pipeline.run import cluster, program, run
-from pipeline.run import job as work
+from pipeline.run import cluster, program
 from pipeline.run.run import plan, run_jobs, run_study
 from pipeline.run.store import read_trial
 from pipeline.trial import process
-from pipeline.trial.ground.laboratory import Laboratory
 
 TRIALS = [f"sub0{n}_{c}" for n in (1, 2) for c in ("baseline", "pitch", "sway")]
 
@@ -85,25 +82,17 @@ def add_axes(folder):
     edit(folder / "study.toml", 'name = "Moving numbers"', 'axes = "left,back,up"')
 
 
-def state_kernels(folder):
-    edit(folder / "study.toml", "[treadmill]", '[settings]\nengine = "kernels"\n[treadmill]')
-
-
 @pytest.mark.parametrize(
     ("change", "redone"),
     [
-        (lambda folder: None, []),
         (retype("study.toml", "Moving numbers", "Numbers that move"), []),
+        (retype("study.toml", "[treadmill]", "[comparison]\nmargin = 0.1\n[treadmill]"), []),
         (rewrite("sub01_sway.c3d"), ["sub01_sway"]),
         (rewrite("empty.c3d"), TRIALS),
         (retype("study.toml", "skip_s = 6.0\n[", "skip_s = 5.0\n["), ["baseline"]),
         (retype("study.toml", "cycles = 2", "cycles = 1"), ["sway"]),
         (retype("study.toml", "[treadmill]", "[settings]\ncutoff_hz = 8.0\n[treadmill]"), TRIALS),
         (retype("study.toml", "[treadmill]", "[treadmill]\ncutoff_hz = 10.0"), TRIALS),
-        (
-            retype("study.toml", "[treadmill]", '[settings]\nengine = "kernels"\n[treadmill]'),
-            TRIALS,
-        ),
         (add_axes, TRIALS),
         (retype("sub02.toml", 'sex = "female"', 'sex = "male"'), ["sub02"]),
         (
@@ -163,9 +152,10 @@ def test_a_trial_on_which_the_engines_disagree_fails_with_one_line(study, out, m
 
 
 def test_two_trials_at_a_time_give_the_same_results_as_one(moving_study, finished, tmp_path):
-    outcomes = list(run_study(read_study(moving_study), tmp_path, jobs=2))
-    assert set(states(outcomes).values()) == {"done"}
-    assert contents(tmp_path) == contents(finished)
+    outcomes = list(run_study(read_study(moving_study), tmp_path, subjects=["sub01"], jobs=2))
+    assert sorted(states(outcomes).values()) == ["done"] * 3
+    whole = contents(finished)
+    assert contents(tmp_path) == {name: whole[name] for name in contents(tmp_path)}
 
 
 @pytest.mark.slow
@@ -219,9 +209,7 @@ class VanishingCluster:
         raise TimeoutError
 
 
-@pytest.mark.parametrize(
-    "answers", [[1, 0], [0, 1, 2, 0], [1, OSError("connection lost")], [OSError("no scheduler")]]
-)
+@pytest.mark.parametrize("answers", [[0, 1, 2, 0], [1, OSError("connection lost")]])
 def test_a_cluster_that_disappears_is_abandoned(moving_study, tmp_path, monkeypatch, answers):
     monkeypatch.setattr(cluster, "import_module", lambda _: VanishingCluster([*answers, 0, 0]))
     monkeypatch.setattr(cluster, "MAX_WITHOUT_WORKERS_S", 1e-9)
@@ -307,22 +295,13 @@ def test_a_file_that_disappears_midway_fails_only_its_own_trial(study, out, fini
     assert contents(out) == whole
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "failed"),
-    [
-        ("sub02_sway.c3d", "missing.c3d", ["sub02_sway"]),
-        ('sex = "female"', 'sex = "female"\nstatic = "missing.c3d"', TRIALS[3:]),
-    ],
-)
-def test_a_file_that_is_missing_fails_only_the_trials_that_need_it(
-    study, out, capsys, old, new, failed
-):
-    retype("sub02.toml", old, new)(study)
-    forget(out, *failed)
+def test_a_static_pose_that_is_missing_fails_only_the_trials_that_need_it(study, out, capsys):
+    retype("sub02.toml", 'sex = "female"', 'sex = "female"\nstatic = "missing.c3d"')(study)
+    forget(out, *TRIALS[3:])
     assert main(["run", str(study), "--out", str(out)]) == 1
     said = capsys.readouterr().out
-    assert f"0 trials processed, {6 - len(failed)} were there already, {len(failed)} failed" in said
-    assert said.count("no file 'missing.c3d' in ") == len(failed)
+    assert "0 trials processed, 3 were there already, 3 failed" in said
+    assert said.count("no file 'missing.c3d' in ") == 3
 
 
 def test_results_made_with_other_settings_are_kept_unless_they_are_to_be_replaced(
@@ -337,12 +316,6 @@ def test_results_made_with_other_settings_are_kept_unless_they_are_to_be_replace
     assert read_trial(out / "trials" / "sub01_sway.parquet", frames=False).settings.cutoff_hz == 8.0
     others = [name for name in contents(out) if name != "sub01_sway.parquet"]
     assert all(contents(out)[name] == contents(finished)[name] for name in others)
-
-
-def test_a_changed_recording_is_named_as_the_reason(study, out, capsys):
-    rewrite("sub01_sway.c3d")(study)
-    assert main(["run", str(study), "--out", str(out)]) == 2
-    assert "1 of 6 trials: its files have changed" in capsys.readouterr().err
 
 
 def test_a_file_that_changes_midway_gives_no_result_under_the_old_key(study, out, monkeypatch):
@@ -365,8 +338,6 @@ def test_a_file_that_changes_midway_gives_no_result_under_the_old_key(study, out
     [
         (ValueError("no markers\nat all"), "no markers at all"),
         (KeyError("LASIS"), "KeyError: 'LASIS' (test_run.py, line "),
-        (MemoryError(), "MemoryError:  (test_run.py, line "),
-        (OSError(28, "No space left on device", "/x/y"), "/x/y: No space left on device"),
     ],
 )
 def test_whatever_goes_wrong_in_a_trial_is_a_failure_of_that_trial(
@@ -413,37 +384,9 @@ def test_a_worker_that_dies_fails_only_its_own_trial(study, out, finished):
     assert contents(out) == whole
 
 
-def test_the_laboratory_is_calibrated_once_for_all_processes(moving_study, out, monkeypatch):
-    """Workers take what they are given, here one without a calibration."""
-    forget(out, "sub01_sway", "sub02_pitch")
-    monkeypatch.setattr(
-        run, "read_study_laboratory", lambda study: Laboratory(study.file.treadmill)
-    )
-    outcomes = list(run_study(read_study(moving_study), out, jobs=2))
-    done = [outcome.job.target for outcome in outcomes if outcome.state == "done"]
-    assert [read_trial(path).compensated for path in done] == [None, None]
-
-
-def test_the_biggest_recordings_come_first(moving_study, tmp_path, monkeypatch):
-    monkeypatch.setattr(run, "process_job", lambda job, laboratory: work.Outcome(job, "done"))
-    study = read_study(moving_study)
-    monkeypatch.setattr(work.Job, "size", property(lambda job: TRIALS.index(job.target.stem)))
-    order = [outcome.job.target.stem for outcome in run_study(study, tmp_path)]
-    assert order == TRIALS[::-1]
-
-
-def test_progress_shows_the_time_left_and_leftovers_are_removed(moving_study, out, capsys):
-    forget(out, "sub01_sway", "sub02_pitch")
+def test_leftovers_of_a_killed_run_are_removed(moving_study, out):
     dead = out / "trials" / ".sub01_sway.parquet.deadbeef.part"
     dead.write_bytes(b"half")
     os.utime(dead, (0, 0))
     assert main(["run", str(moving_study), "--out", str(out)]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[3].endswith("; 0 of 2 trials")
-    assert lines[4].split(";")[1].startswith(" 1 of 2 trials, ")
-    assert re.search(r"trials, \d:\d\d:\d\d left$", lines[4])
-    assert lines[5].endswith("; 2 of 2 trials")
     assert not dead.exists()
-    assert Path(json.loads((out / "run.json").read_text("utf-8"))["study"]).name == (
-        moving_study.name
-    )

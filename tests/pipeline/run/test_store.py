@@ -1,9 +1,7 @@
 """A stored trial: written whole or not at all, and read back as it was."""
 
 import errno
-import re
 from dataclasses import replace
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +14,6 @@ from hypothesis.extra.numpy import arrays
 
 from hbm.coordinates import HBM_ORDER, INDEX
 from pipeline.io.recording import Event
-from pipeline.run.load import collect
 from pipeline.run.store import (
     DIGEST,
     FORMAT_VERSION,
@@ -55,8 +52,7 @@ def test_a_trial_is_read_back_whole_and_to_the_last_bit(processed, written):
     assert_identical(read_trial(written), without_folder(processed))
 
 
-@pytest.mark.parametrize("compensated", [True, False])
-@pytest.mark.parametrize("moving", [True, False])
+@pytest.mark.parametrize(("compensated", "moving"), [(True, True), (False, False)])
 def test_trials_with_gaps_unsolved_frames_and_onsets_are_read_back(tmp_path, compensated, moving):
     lost = slice(40, 60)
     result = viewer_trial(400, compensated=compensated, moving=moving, lost=lost)
@@ -81,7 +77,9 @@ numbers = st.floats(allow_nan=False, allow_infinity=False)
     corners=arrays(float, (4, 3), elements=st.floats(allow_infinity=False)),
     event_s=numbers,
 )
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(
+    suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=25
+)
 def test_numbers_other_than_the_frames_are_read_back_exactly(
     processed, mass, center, onsets, corners, event_s
 ):
@@ -106,14 +104,10 @@ def test_columns_have_the_names_that_other_programs_read(processed, written):
     np.testing.assert_array_equal(frames["time_s"], motion.time)
     for name in HBM_ORDER:
         np.testing.assert_array_equal(frames[f"q.{name}"], motion.q[:, INDEX[name]])
-        np.testing.assert_array_equal(frames[f"a.{name}"], motion.a[:, INDEX[name]])
         tau = processed.compensated.tau[:, INDEX[name]]
         np.testing.assert_array_equal(frames[f"tau.compensated.{name}"], tau)
     expected = reported(processed.measured.residual)
-    np.testing.assert_array_equal(frames["residual.measured.Fy"], expected[:, 1])
     np.testing.assert_array_equal(frames["residual.measured.My"], expected[:, 4])
-    for k, name in enumerate(motion.markers):
-        np.testing.assert_array_equal(frames[f"marker_error.{name}"], motion.marker_error[:, k])
     foot = processed.ground["compensated"]["left_foot"]
     np.testing.assert_array_equal(frames["ground.compensated.left_foot.fz"], foot[:, 2])
     heel = processed.markers.position[:, processed.markers.names.index("LHEE")]
@@ -129,23 +123,16 @@ def test_events_are_on_the_frame_nearest_to_them(processed, written):
         assert f"{event.side} {event.label}" in row["event"]
 
 
-def test_a_trial_is_read_without_its_frames(processed, written):
+def test_a_trial_is_read_without_its_frames(written):
     stored = read_trial(written, frames=False)
-    assert (stored.key, stored.condition, stored.subject.id) == ("a key", "pitch", "sub01")
-    assert stored.settings == processed.settings
-    assert stored.notes == processed.notes
-    assert stored.versions["pyarrow"] == version("pyarrow")
-    assert_identical(stored.body, processed.body)
-    assert_identical(stored.cycles, processed.cycles)
     assert stored.motion.q.shape == (0, 46)
-    assert stored.variants.keys() == processed.variants.keys()
     assert_identical(without_frames(read_trial(written)), stored)
 
 
-def rewrite(source, target, change=lambda text: text, drop=(), frames=None):
-    """Copy a stored trial with other metadata, or fewer columns or frames."""
+def rewrite(source, target, change=lambda text: text, frames=None):
+    """Copy a stored trial with other metadata, or fewer frames."""
     metadata = pq.read_metadata(source).metadata
-    table = pq.read_table(source).drop_columns(list(drop))[:frames]
+    table = pq.read_table(source)[:frames]
     with pq.ParquetWriter(target, table.schema, store_schema=False) as file:
         file.write_table(table)
         file.add_key_value_metadata(
@@ -159,11 +146,7 @@ def rewrite(source, target, change=lambda text: text, drop=(), frames=None):
     ("before", "after", "reason"),
     [
         (VERSION, b'"version":1', "written by another version of hbm .format 1"),
-        (VERSION + b",", b"", "is damaged: no version"),
-        (b'"key":"a key",', b"", "is damaged: no key"),
         (b'"center":', b'"centre":', "is damaged: no center"),
-        (b'"sex":"male"', b'"sex":7', "1 validation error for Subject sex Input should be"),
-        (b"{", b"", "Extra data"),
     ],
 )
 def test_a_summary_of_another_format_gives_one_line(written, tmp_path, before, after, reason):
@@ -175,17 +158,11 @@ def test_a_summary_of_another_format_gives_one_line(written, tmp_path, before, a
         read_trial(path, frames=False)
 
 
-def test_equal_results_give_equal_bytes(processed, written, tmp_path):
-    again = tmp_path / "again.parquet"
-    write_trial(replace(processed, condition="pitch", key="a key"), again)
-    assert again.read_bytes() == written.read_bytes()
-
-
-@pytest.mark.parametrize("keep", [0, 100, 0.5, -1])
-def test_a_truncated_file_is_not_a_result(written, tmp_path, keep):
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_a_truncated_file_is_not_a_result(written, tmp_path, share):
     whole = written.read_bytes()
     broken = tmp_path / "broken.parquet"
-    broken.write_bytes(whole[: int(keep * len(whole)) if isinstance(keep, float) else keep])
+    broken.write_bytes(whole[: int(share * len(whole))])
     with pytest.raises(ValueError, match=r"broken\.parquet is damaged: .*'hbm run' makes it again"):
         read_trial(broken)
 
@@ -194,9 +171,9 @@ def test_every_flipped_bit_is_found(tmp_path):
     path, broken = tmp_path / "small.parquet", tmp_path / "broken.parquet"
     write_trial(replace(fake_trial(1, "sway", cycles=2), condition="sway", key="a key"), path)
     whole = path.read_bytes()
-    step = len(whole) // 300
+    step = len(whole) // 60
     footer = len(whole) - int.from_bytes(whole[-8:-4], "little")
-    dense = (len(whole) - footer) // 300
+    dense = (len(whole) - footer) // 60
     for place in (*range(0, len(whole), step), *range(footer, len(whole), dense)):
         content = bytearray(whole)
         content[place] ^= 1 << place % 8
@@ -205,50 +182,10 @@ def test_every_flipped_bit_is_found(tmp_path):
             read_trial(broken, frames=False)
 
 
-def test_what_one_reader_refuses_every_reader_refuses(written, tmp_path):
-    """Also those that do not need the frames, or need only some of them."""
-    broken = tmp_path / "trials" / "broken.parquet"
-    broken.parent.mkdir()
-    whole = bytearray(written.read_bytes())
-    whole[100_000] ^= 1
-    broken.write_bytes(whole)
-    for read, path in ((read_trial, broken), (collect, tmp_path)):
-        with pytest.raises(
-            ValueError, match=r"^broken\.parquet is damaged: its bytes are not thos"
-        ):
-            read(path)
-
-
-@pytest.mark.parametrize(
-    ("change", "frames", "reason"),
-    [
-        (lambda text: text, 1100, "it has 1100 frames, expected 1200"),
-        (
-            lambda text: re.sub(rb'"cycles":\{.*?\}', b'"cycles":{"left":[]}', text),
-            None,
-            "it has residuals without the gait cycles or span that they are of",
-        ),
-    ],
-)
-def test_a_trial_that_lacks_frames_or_gait_cycles_is_damaged(
-    written, tmp_path, change, frames, reason
-):
-    rewrite(written, tmp_path / "less.parquet", change, frames=frames)
-    with pytest.raises(ValueError, match=rf"^less\.parquet is damaged: {reason}; 'hbm run' makes"):
+def test_a_trial_that_lacks_frames_is_damaged(written, tmp_path):
+    rewrite(written, tmp_path / "less.parquet", frames=1100)
+    with pytest.raises(ValueError, match=r"is damaged: it has 1100 frames, expected 1200"):
         read_trial(tmp_path / "less.parquet", frames=False)
-
-
-def test_a_missing_column_gives_one_line(written, tmp_path):
-    rewrite(written, tmp_path / "less.parquet", drop=["q.LKneeFlexion"])
-    with pytest.raises(ValueError, match=r"less\.parquet is damaged: .*q\.LKneeFlexion"):
-        read_trial(tmp_path / "less.parquet")
-
-
-def test_another_parquet_file_is_not_a_result(tmp_path):
-    other = tmp_path / "other.parquet"
-    pd.DataFrame({"x": [1]}).to_parquet(other)
-    with pytest.raises(ValueError, match=r"other\.parquet is not the result of a trial"):
-        read_trial(other)
 
 
 def test_a_write_that_fails_leaves_what_was_there(processed, written, tmp_path, monkeypatch):

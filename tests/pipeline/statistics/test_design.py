@@ -80,18 +80,11 @@ def test_conditions_of_other_names_give_the_same_statistics_bit_for_bit(walked):
     ]
 
 
-def test_the_order_in_which_conditions_are_stated_decides_the_reference():
-    design = unstated_design(["shake", "still", "tilt"], compensated=True)
-    assert design.reference == "shake"
-    assert design.pairs[3:] == (("still IC", "shake no IC"), ("tilt IC", "shake no IC"))
-
-
 @pytest.mark.parametrize(
     ("conditions", "compared"),
     [
         (["pitch", "familiarisation", "sway", "baseline"], ("baseline", "sway", "pitch")),
         (["shod", "baseline", "braced"], ("baseline", "shod", "braced")),
-        (["pitch", "baseline"], ("baseline", "pitch")),
         (["before", "after"], ("before", "after")),
     ],
 )
@@ -116,7 +109,6 @@ def test_one_factor_is_pingouins_repeated_measures_anova(seed, n, levels):
     own = row[["statistic", "df1", "df2", "p_uncorrected", "epsilon", "effect_size"]]
     expected = theirs[["F", "ddof1", "ddof2", "p_unc", "eps", "np2"]]
     np.testing.assert_allclose(own.astype(float), expected.astype(float), rtol=1e-8)
-    assert list(rows(found, "Friedman").index) == ["shoes"]
 
 
 def test_two_levels_are_compared_by_t_and_wilcoxon_and_their_f_is_t_squared():
@@ -128,39 +120,9 @@ def test_two_levels_are_compared_by_t_and_wilcoxon_and_their_f_is_t_squared():
     assert t.index.tolist() == ["after - before"] * 2  # Bonferroni and Holm
     np.testing.assert_allclose(t["p_corrected"], oracle.pvalue)
     assert (f["statistic"], f["df1"], f["df2"]) == pytest.approx((oracle.statistic**2, 1, 8))
-    assert (f["correction"], f["epsilon"]) == ("none", 1)
-    assert not found["test"].str.contains("Mauchly|Friedman").any()
+    assert f["epsilon"] == 1
     wilcoxon = rows(found, "Wilcoxon exact")["p_uncorrected"].iloc[0]
     assert wilcoxon == pytest.approx(stats.wilcoxon(after, before, mode="exact").pvalue)
-
-
-def test_two_levels_with_and_without_compensation_have_no_sphericity_to_test():
-    design = design_of(["before", "after"], compensated=True)
-    found = statistics(
-        long_table(np.random.default_rng(2).lognormal(3, 0.2, (9, 2, 2)), design), design=design
-    )
-    assert list(rows(found, "RM-ANOVA").index) == ["IC", "condition", "IC:condition"]
-    assert (rows(found, "RM-ANOVA")["df1"] == 1).all()
-    assert (rows(found, "RM-ANOVA")["correction"] == "none").all()
-    assert list(rows(found, "Friedman").index) == ["all cells"]
-    assert len(design.pairs) == 3
-
-
-def test_one_condition_is_compared_with_and_without_compensation():
-    design = design_of(["walking"], compensated=True)
-    found = statistics(
-        long_table(np.random.default_rng(2).lognormal(3, 0.2, (9, 2, 1)), design), design=design
-    )
-    assert list(rows(found, "RM-ANOVA").index) == ["IC"]
-    assert set(rows(found, "paired t").index) == {"walking IC - walking no IC"}
-
-
-def test_one_condition_without_compensation_leaves_nothing_to_compare():
-    design = design_of(["walking"], compensated=False)
-    found = statistics(long_table(np.ones((9, 1, 1)), design), design=design)
-    assert found["note"].tolist() == [
-        "not computed: one condition without compensation, nothing to compare"
-    ]
 
 
 @pytest.fixture(scope="module")
@@ -195,44 +157,13 @@ def test_the_mixed_anova_of_o_brien_and_kaiser_equals_car(therapy):
             assert row["epsilon"] == pytest.approx(r["epsilon"], rel=1e-9)
 
 
-@PINGOUINS_OWN
-def test_without_covariates_balanced_groups_give_pingouins_mixed_anova():
-    values = np.random.default_rng(7).lognormal(3, 0.3, (12, 1, 3))
-    design = replace(design_of(["a", "b", "c"], compensated=False), group="group", covariates=())
-    long = long_table(values, design)
-    subjects = pd.DataFrame({"subject": sorted(set(long["subject"]))})
-    subjects["group"] = ["before", "after"] * 6
-    found = rows(statistics(long, subjects, design), "mixed ANOVA")
-    data = long.merge(subjects, on="subject")
-    theirs = pingouin.mixed_anova(
-        data, dv="rms", within="condition", between="group", subject="subject"
-    )
-    own = found.loc[["group", "condition", "condition:group"]]
-    np.testing.assert_allclose(own["statistic"], theirs["F"].astype(float), rtol=1e-9)
-    np.testing.assert_allclose(own["p_uncorrected"], theirs["p_unc"].astype(float), rtol=1e-9)
-
-
-def test_a_subject_without_a_group_is_named_and_left_out(therapy):
+def test_a_subject_without_a_group_is_left_out(therapy):
     long, subjects, design = therapy
     subjects = subjects.assign(treatment=subjects["treatment"].where(subjects["subject"] != "s03"))
     found = statistics(long, subjects, replace(design, covariates=()))
     anova = rows(found, "mixed ANOVA")
     assert (anova["n"] == 15).all()
-    assert anova["note"].str.contains(r"without s03 \(no treatment\)").all()
     assert (rows(found, "paired t")["n"] == 16).all()
-
-
-def test_one_group_alone_is_no_mixed_design(therapy):
-    long, subjects, design = therapy
-    found = statistics(long, subjects.assign(treatment="A"), replace(design, covariates=()))
-    row = rows(found, "mixed ANOVA").iloc[0]
-    assert row["note"] == "not computed; treatment left out: the same for all subjects"
-
-
-def test_groups_without_a_table_of_subjects_are_refused(therapy):
-    long, _, design = therapy
-    with pytest.raises(ValueError, match="groups by treatment need a table of subjects"):
-        statistics(long, None, design)
 
 
 def test_planned_pairs_margin_and_correction_are_those_of_the_design(walked):
@@ -240,13 +171,11 @@ def test_planned_pairs_margin_and_correction_are_those_of_the_design(walked):
     pairs = (("sway IC", "baseline no IC"), ("pitch IC", "baseline no IC"))
     design = replace(EXPERIMENT_3, pairs=pairs, correction="holm", margin=0.5)
     found = statistics(table, design=design)
-    assert set(found.loc[found["test"] == "paired t", "correction"]) == {"Bonferroni x2", "Holm x2"}
     third = table_3(table, found, design)
     holm = rows(found[(found["axis"] == "Fx") & (found["correction"] == "Holm x2")], "paired t")
     sway = third[(third["axis"] == "Fx") & (third["condition"] == "sway")].iloc[0]
     assert sway["p_t_baseline"] == holm.loc["sway IC - baseline no IC", "p_corrected"]
     assert np.isnan(sway["p_t"])
-    assert "Holm-corrected for 2 planned pairs" in table_3_markdown(third, design)
     judged = verdicts(table, design)
     assert {v.condition for v in judged} == {"sway", "pitch"}
     for verdict in judged:

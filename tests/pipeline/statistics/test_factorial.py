@@ -94,15 +94,6 @@ def test_a_factor_within_blocks_is_tested_as_in_a_randomised_block_design():
     )
 
 
-def test_two_places_within_blocks_are_the_paired_t_test():
-    rng = np.random.default_rng(3)
-    y = rng.normal(size=(12, 2)) + rng.normal(size=(12, 1))
-    block, place = np.indices(y.shape).reshape(2, -1)
-    data = pd.DataFrame({"block": block, "place": place, "y": y.ravel()})
-    found = anova(data, "y", ["block", "place"]).set_index("effect")
-    assert found["p"]["place"] == pytest.approx(stats.ttest_rel(y[:, 0], y[:, 1]).pvalue)
-
-
 def test_adding_a_constant_to_one_level_moves_only_its_marginal_mean(plates):
     before = compare_levels(plates, "rmse", FACTORS, "position")
     plates["rmse"] += 3.0 * (plates["position"] == "back")
@@ -116,13 +107,10 @@ def test_adding_a_constant_to_one_level_moves_only_its_marginal_mean(plates):
     ("change", "message"),
     [
         (lambda t: t[t["position"] == "back"], "'position' has one level only"),
-        (lambda t: t.assign(rmse=t["rmse"].where(t["rmse"] > 2)), "'rmse' is missing at"),
-        (lambda t: t.assign(position=t["position"].where(t["rmse"] > 2)), "a level is missing"),
         (
             lambda t: t.assign(position=t["speed_m_s"].map("at {} m/s".format)),
             "combination of levels was never measured",
         ),
-        (lambda t: t[:3], "too few|never measured|one level only"),
         (lambda t: t.assign(rmse=t["speed_m_s"]), "no error"),
     ],
 )

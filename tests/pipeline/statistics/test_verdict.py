@@ -51,11 +51,7 @@ def study(excess, spread, n=9, seed=0):
 
 
 def sway(table):
-    return next(v for v in judge(table) if v.condition == "sway")
-
-
-def judge(table):
-    return verdicts(table)
+    return next(v for v in verdicts(table) if v.condition == "sway")
 
 
 def test_a_residual_that_returns_to_baseline_is_at_baseline():
@@ -125,16 +121,9 @@ def test_only_subjects_with_both_cells_are_compared():
     assert np.isnan(verdict.no_ic)  # one of the two lacks it: no mean over other people
 
 
-@pytest.mark.parametrize(
-    "cells",
-    [
-        {("walking", False): [40, 41], ("lateral", True): [44, 45]},
-        {("baseline", False): [40, 41], ("sway", False): [400, 410]},
-    ],
-    ids=["other conditions", "no compensation"],
-)
-def test_missing_cells_give_no_verdict(cells):
-    assert {v.answer for v in judge(residuals(cells))} == {"no data"}
+def test_missing_cells_give_no_verdict():
+    cells = {("baseline", False): [40, 41], ("sway", False): [400, 410]}
+    assert {v.answer for v in verdicts(residuals(cells))} == {"no data"}
 
 
 @given(seed=st.integers(0, 10_000), n=st.integers(3, 12), alpha=st.sampled_from([0.005, 0.025]))
@@ -188,8 +177,7 @@ def test_the_margin_is_in_the_interval_where_errors_move_the_mean_beyond_it(exce
 
 def test_an_error_that_scales_all_values_never_turns_a_verdict():
     table = study(excess=8, spread=1)
-    gain = 0.2 * (table["rms"] if EXPERIMENT_3.margin else 0)
-    found = verdicts(table, measurement=covariances(table, "laboratory", gain))
+    found = verdicts(table, measurement=covariances(table, "laboratory", 0.2 * table["rms"]))
     own = next(v for v in found if v.condition == "sway")
     assert not own.open_margin
     assert own.measurement[0] < own.difference < own.measurement[1]
@@ -202,10 +190,6 @@ def test_one_subject_has_an_interval_of_measurement():
     assert half == pytest.approx(1.96 * 5, rel=1e-3)
 
 
-def verdict(condition="sway", answer="inconclusive", n=9, needed=12):
-    return Verdict("Fx", "N", condition, answer, n=n, needed=needed)
-
-
 def test_the_headline_counts_the_residuals_at_baseline_and_names_the_others():
     answers = {"Fx": "at baseline", "Fy": "above", "Fz": "above", "Mx": "inconclusive"}
     found = [Verdict(axis, "N", "sway", answer, n=9) for axis, answer in answers.items()]
@@ -213,45 +197,6 @@ def test_the_headline_counts_the_residuals_at_baseline_and_names_the_others():
         "In sway, 1 of 4 residuals is at baseline level with compensation; "
         "Fy and Fz are above it; for Mx, the result is inconclusive with 9 subjects."
     )
-
-
-def test_few_subjects_are_a_demonstration_after_what_they_decide():
-    found = [verdict("sway", "at baseline", n=3), verdict("pitch", n=3, needed=40)]
-    first, last = headlines(found)
-    assert first == "In sway, 1 of 1 residuals is at baseline level with compensation."
-    assert last.startswith("3 subjects are a demonstration: 1 of 2 comparisons is inconclusive. ")
-    assert "40 would show 1 to be at the level of the reference" in last
-
-
-@pytest.mark.parametrize(
-    ("needed", "words"),
-    [
-        (20, "20 would show 1 to be at the level of the reference"),
-        (None, "1000 would not decide 1"),
-        (7, "these would have been enough for 1 if there were no difference"),
-    ],
-)
-def test_how_many_subjects_would_decide_a_comparison_is_said(needed, words):
-    *_, last = headlines([verdict("sway", "at baseline"), verdict("pitch", needed=needed)])
-    assert "1 of 2 comparisons is inconclusive" in last
-    assert words in last
-
-
-def test_verdicts_that_errors_of_measurement_could_turn_are_named_last():
-    cells = (
-        ("Fx", "sway", True),
-        ("Fy", "sway", False),
-        ("Fx", "pitch", True),
-        ("Fy", "pitch", True),
-    )
-    found = [
-        Verdict(axis, "N", condition, "at baseline", n=9, open_margin=is_open)
-        for axis, condition, is_open in cells
-    ]
-    *others, last = headlines(found)
-    assert last.startswith("For Fx in sway, and all residuals in pitch, errors of usual size alone")
-    assert len(others) == 2
-    assert headlines([found[1]])[-1].startswith("In sway")
 
 
 ALPHA = 0.05 / 5 / 2
@@ -265,7 +210,7 @@ def simulated_power(n, sd, mean, margin, alpha, studies=20_000):
     return float(np.mean(differences.mean(axis=1) + half <= margin))
 
 
-@pytest.mark.parametrize(("sd", "mean"), [(3.0, 0.0), (6.0, 0.0), (6.0, 3.0), (12.0, -2.0)])
+@pytest.mark.parametrize(("sd", "mean"), [(3.0, 0.0), (6.0, 3.0), (12.0, -2.0)])
 def test_the_number_has_80_percent_power_in_simulated_studies_and_one_less_has_not(sd, mean):
     margin = 8.0
     n = subjects_needed(sd, margin - mean, ALPHA)
@@ -299,12 +244,9 @@ def test_the_unit_is_irrelevant(sd, room, unit):
 def test_no_number_shows_a_difference_that_exceeds_the_margin():
     assert subjects_needed(1.0, 0.0, ALPHA) is None
     assert subjects_needed(1.0, -1.0, ALPHA) is None
+    assert subjects_needed(100.0, 1.0, ALPHA) is None  # more than a thousand
 
 
-def test_a_number_beyond_a_thousand_is_none():
-    assert subjects_needed(100.0, 1.0, ALPHA) is None
-
-
-@pytest.mark.parametrize("sd", [0.0, 1e-300, 1e-12, 1e-4])
+@pytest.mark.parametrize("sd", [0.0, 1e-300, 1e-4])
 def test_subjects_who_all_agree_need_two(sd):
     assert subjects_needed(sd, 1.0, ALPHA) == 2

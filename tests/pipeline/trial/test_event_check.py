@@ -8,7 +8,6 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from hbm.markers import marker_sets
-from hbm.signals.resampling import resample
 from pipeline.io.recording import Event
 from pipeline.trial.gait.events import check_events, reference_events
 
@@ -76,28 +75,10 @@ def test_events_that_have_nothing_in_common_are_not_compared(seed):
     assert check_events(TRUE, {"the plates": scattered}) == ()
 
 
-@pytest.mark.parametrize("only", ["left", "right"])
-def test_a_walk_over_one_plate_is_compared_where_it_can_be(only):
-    one_foot = {"the plates": [e for e in PLATES["the plates"] if e.side == only]}
+def test_a_walk_over_one_plate_is_compared_where_it_can_be():
+    one_foot = {"the plates": [e for e in PLATES["the plates"] if e.side == "left"]}
     assert check_events(TRUE, one_foot) == ()
     assert check_events(other_side(TRUE), one_foot)[0].code == "events_of_other_side"
-
-
-def test_plates_and_markers_of_a_walk_agree_on_its_events(walker):
-    time = walker.markers.time
-    feet = {
-        f"{'left' if plate.center[1] > 0 else 'right'}_foot": resample(
-            plate.time, plate.wrench, time
-        )
-        for plate in walker.plates
-    }
-    everywhere = np.ones(len(time), bool)
-    found = reference_events(feet, time, 30.0, walker.markers, SETS["hbm2"], everywhere, "file")
-    by_plates, by_markers = found.values()
-    assert list(found) == ["the plates", "heel, toe and sacrum markers"]
-    assert min(len(by_plates), len(by_markers)) > 20
-    assert check_events(by_markers, found) == ()
-    assert check_events(other_side(by_markers), found) != ()
 
 
 def test_plates_that_often_carry_nobody_are_no_reference_for_events(walker):
@@ -107,20 +88,3 @@ def test_plates_that_often_carry_nobody_are_no_reference_for_events(walker):
     half = np.arange(len(time)) % 2 > 0
     found = reference_events(feet, time, 30.0, walker.markers, SETS["hbm2"], half, "file")
     assert list(found) == ["heel, toe and sacrum markers"]
-
-
-@pytest.mark.parametrize(
-    ("method", "references"),
-    [
-        ("file", ["the plates", "heel, toe and sacrum markers"]),
-        ("zeni", ["the plates"]),
-        ("plates", ["heel, toe and sacrum markers"]),
-        ("auto", ["heel, toe and sacrum markers"]),
-    ],
-)
-def test_events_are_not_compared_with_what_they_were_found_from(walker, method, references):
-    time = walker.markers.time
-    feet = {f"{side}_foot": np.zeros((len(time), 6)) for side in ("left", "right")}
-    everywhere = np.ones(len(time), bool)
-    found = reference_events(feet, time, 30.0, walker.markers, SETS["hbm2"], everywhere, method)
-    assert list(found) == references

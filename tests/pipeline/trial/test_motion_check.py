@@ -36,7 +36,6 @@ def test_of_complete_markers_nothing_is_interpolated():
     ("limb", "segments"),
     [
         ("left arm", ("left_upper_arm", "left_forearm", "left_hand")),
-        ("right leg", ("right_thigh", "right_shank", "right_foot")),
         ("head", ("head",)),
     ],
 )

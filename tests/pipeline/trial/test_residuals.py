@@ -1,20 +1,14 @@
 """Residuals as reported: signs, both RMS, thresholds, marker errors."""
 
-import re
 from dataclasses import replace
-from io import StringIO
 
 import numpy as np
 import pytest
 
 from hbm.poses import center_of_mass
 from hbm.spatial import GRAVITY_MPS2
-from pipeline.cli.terminal import PlainConsole
-from pipeline.cli.trial import print_result
-from pipeline.report.trials import trial_quality
 from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import (
-    AXES,
     counted,
     cycle_residuals,
     marker_table,
@@ -62,6 +56,7 @@ def test_a_long_cycle_has_more_weight_over_samples_but_not_over_cycles(processed
     np.testing.assert_allclose(table["rms"], np.sqrt((1 + 9 * 1.5) / 2.5), rtol=1e-9)
     np.testing.assert_allclose(table["rms_of_cycles"], np.sqrt(5), rtol=0.02)
     assert (table["n_cycles"] == 2).all()
+    np.testing.assert_allclose(table["rms"] ** 2, table["mean"] ** 2 + table["sd"] ** 2)
 
 
 def test_only_samples_in_window_count_and_overlapping_cycles_count_them_once(processed):
@@ -80,21 +75,6 @@ def test_percentages_are_of_body_weight_and_of_weight_times_stature(processed):
     weight = processed.body.mass * GRAVITY_MPS2
     expected = [100 / weight] * 3 + [100 / weight / processed.body.height_m] * 3
     np.testing.assert_allclose(table["rms_percent"], expected, rtol=1e-12)
-
-
-def test_the_table_has_both_variants_of_a_compensated_trial(processed):
-    table = residual_table(processed, "pitch")
-    assert table[["compensated", "axis"]].to_numpy().tolist() == [
-        [compensated, axis] for compensated in (False, True) for axis in AXES
-    ]
-    assert set(table["unit"]) == {"N", "N·m"}
-    np.testing.assert_allclose(table["rms"] ** 2, table["mean"] ** 2 + table["sd"] ** 2)
-
-
-def test_where_nothing_counts_there_are_no_rows(processed):
-    result = replace(processed, cycles={"right": np.empty((0, 2))})
-    assert residual_table(result, "pitch").empty
-    assert threshold_table(result).empty
 
 
 def masked(result, *, plates):
@@ -157,9 +137,8 @@ def test_hicks_limits_are_shares_of_the_peak_force_and_of_the_height_of_the_cent
     assert not threshold_table(worse)["passed"].any()
 
 
-@pytest.mark.parametrize("height_m", [-2.0, 2.0])
-def test_hicks_limits_do_not_depend_on_where_the_laboratory_has_its_origin(processed, height_m):
-    q = processed.motion.q + height_m * (np.arange(46) == 2)
+def test_hicks_limits_do_not_depend_on_where_the_laboratory_has_its_origin(processed):
+    q = processed.motion.q + 2.0 * (np.arange(46) == 2)
     moved = replace(processed, motion=replace(processed.motion, q=q))
     limits, before = threshold_table(moved)["limit"], threshold_table(processed)["limit"]
     np.testing.assert_allclose(limits, before, rtol=1e-9)
@@ -180,28 +159,3 @@ def test_marker_errors_leave_gaps_out_and_count_them(processed):
     others = len(motion.markers) - 2
     rms = np.sqrt((0.5 * 16 + others * 9) / (0.5 + others))
     assert (every.marker, every.rms_mm) == ("all", pytest.approx(rms))
-
-
-def with_unseen(result, *names):
-    """The trial with markers that no solved frame shows."""
-    error = result.motion.marker_error.copy()
-    error[:, [result.motion.markers.index(name) for name in names]] = np.nan
-    return replace(result, motion=replace(result.motion, marker_error=error))
-
-
-def printed(result):
-    """What the command line and the report say of the markers."""
-    text = StringIO()
-    print_result(result, PlainConsole(file=text, width=2000))
-    quality = trial_quality(result)
-    return text.getvalue(), str(quality)
-
-
-def test_markers_that_were_never_seen_are_named_and_have_no_error(processed):
-    for text in printed(processed):
-        assert "ever seen" not in text
-    terminal, report = printed(with_unseen(processed, "LHEE", "RMT5"))
-    assert "mm RMS over 44 markers: " in terminal
-    assert "; never seen: LHEE, RMT5" in terminal
-    for text in (terminal, report):
-        assert not re.search(r"\bnan\b", text)

@@ -3,19 +3,16 @@
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from hbm.markers import Markers
 from pipeline.config.schema import Belt, Settings, Subject, Treadmill
 from pipeline.config.study import read_study
 from pipeline.io.recording import Event
-from pipeline.run.store import write_trial
 from pipeline.trial.gait.cycles import cut_cycles
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
-from pipeline.trial.quality import Quality, free_of, settled_frames, settling_s
-from pipeline.trial.residuals import counted, residual_table
+from pipeline.trial.quality import Quality, settled_frames, settling_s
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
 from tests.pipeline import lab
 from tests.pipeline.settling import LIMIT, cycle_change
@@ -37,7 +34,7 @@ def again(recording, whole, static):
 def test_cropping_a_trial_at_heel_strikes_changes_no_cycle(walker, whole):
     """Its first and last cycles begin and end with the crop, and count where they are settled."""
     count, stated = 0, replace(walker, events=whole.events)
-    for first, part in lab.cropped_at_strikes(stated, whole.events, count=4):
+    for first, part in lab.cropped_at_strikes(stated, whole.events, count=2):
         result = again(part, whole, walker)
         change = cycle_change(result, whole, first)
         count += len(change)
@@ -45,7 +42,7 @@ def test_cropping_a_trial_at_heel_strikes_changes_no_cycle(walker, whole):
         same = whole.measured.residual[first : first + len(part.markers.time)]
         assert np.nanmax(np.abs(result.measured.residual - same)) > 20
         assert sum(map(len, result.cycles.values())) == result.found_cycles
-    assert count >= 12
+    assert count >= 6
 
 
 @pytest.mark.parametrize("condition", ["sway", "pitch"])
@@ -56,28 +53,12 @@ def test_cropping_a_compensated_trial_changes_no_cycle(moving_study, condition):
     person, settings = study.subject("sub01").person, study.file.settings
     laboratory = read_study_laboratory(study)
     whole = process_recording(trial, person, settings, laboratory=laboratory)
-    for last in (880, 925):
-        part = lab.cropped(trial, 0, last)
-        result = process_recording(part, person, settings, laboratory=laboratory)
-        assert (cycle_change(result, whole, 0) < LIMIT).all()
-        difference = result.compensated.residual - whole.compensated.residual[: last + 1]
-        assert np.abs(difference[result.counts]).max() < 1
-        assert np.abs(difference[-1]).max() > 20
-
-
-def test_no_stored_frame_that_counts_has_an_unsettled_filter(walker, whole, tmp_path):
-    first, part = next(lab.cropped_at_strikes(walker, whole.events, count=1))
-    result = again(part, whole, walker)
-    write_trial(replace(result, condition="level", key=""), tmp_path / "level.parquet")
-    frames = pd.read_parquet(tmp_path / "level.parquet")
-    counts = free_of(frames["quality"].to_numpy())
-    after_s, before_s = settling_s([(whole.settings.filter, 6.0)])
-    time = frames["time_s"]
-    assert not counts[(time < after_s) | (time > time.iloc[-1] - before_s)].any()
-    same = whole.measured.residual[first : first + len(time)]
-    assert np.abs(result.measured.residual - same)[counts].max() < 1.0
-    settling = ~free_of(frames["quality"].to_numpy(), Quality.SETTLING)
-    assert frames.loc[settling, "tau.measured.LKneeFlexion"].isna().all()
+    part = lab.cropped(trial, 0, 880)
+    result = process_recording(part, person, settings, laboratory=laboratory)
+    assert (cycle_change(result, whole, 0) < LIMIT).all()
+    difference = result.compensated.residual - whole.compensated.residual[:881]
+    assert np.abs(difference[result.counts]).max() < 1
+    assert np.abs(difference[-1]).max() > 20
 
 
 def without_markers(recording, start_s, stop_s):
@@ -126,7 +107,7 @@ def test_a_gap_of_a_plate_raises_no_peak_of_the_cycle(walker, whole):
     assert not result.counts[near].any()
 
 
-@pytest.mark.parametrize(("last_s", "left"), [(2.6, 2), (2.4, 1), (1.4, 0)])
+@pytest.mark.parametrize(("last_s", "left"), [(2.6, 2), (2.4, 1)])
 def test_a_cycle_with_too_little_left_is_left_out_by_name(last_s, left):
     """Cycles of 1 s from 1 and 2 s on, of which frames up to some time are settled."""
     time = np.arange(310) / 100
@@ -136,18 +117,6 @@ def test_a_cycle_with_too_little_left_is_left_out_by_name(last_s, left):
     assert len(cycles["left"]) == left
     assert len(left_out) == 2 - left
     assert set(left_out) <= {"an end or a gap too near for the filters to settle"}
-
-
-def test_cycles_without_a_frame_that_counts_are_not_counted(whole):
-    quality, (start, stop) = whole.quality.copy(), whole.cycles["right"][0]
-    quality[(whole.motion.time >= start) & (whole.motion.time < stop)] |= int(Quality.SETTLING)
-    result = replace(
-        whole,
-        cycles={"right": whole.cycles["right"]},
-        quality=quality,
-    )
-    assert set(residual_table(result, "level")["n_cycles"]) == {len(whole.cycles["right"]) - 1}
-    assert not counted(result)[(whole.motion.time >= start) & (whole.motion.time < stop)].any()
 
 
 def test_filters_that_follow_one_another_settle_as_the_slowest_of_them():
@@ -160,7 +129,7 @@ def test_filters_that_follow_one_another_settle_as_the_slowest_of_them():
     assert settling_s(still.filters(Settings(filter="realtime", cutoff_hz=5.0))) == (0.3, 0.0)
 
 
-@pytest.mark.parametrize(("after_s", "before_s"), [(0.0, 0.0), (0.05, 0.0), (0.05, 0.05)])
+@pytest.mark.parametrize(("after_s", "before_s"), [(0.05, 0.0), (0.05, 0.05)])
 def test_a_stretch_settles_after_its_start_and_until_before_its_end(after_s, before_s):
     time = np.arange(100) / 100
     known = (time < 0.395) | (time > 0.435)

@@ -34,12 +34,6 @@ def rms(wrench):
     return np.sqrt(np.mean(wrench**2))
 
 
-def test_a_heavier_body_at_rest_needs_its_weight_and_nothing_else_of_force():
-    chain = person(moves=False)
-    effect = causes(moves=False)["body mass"].effect(chain)[100]
-    np.testing.assert_allclose(effect[:3], [0, 0, chain.body.mass * GRAVITY_MPS2], atol=1e-6)
-
-
 def test_a_body_of_twice_the_mass_needs_twice_the_wrench():
     chain = person(moves=True)
     heavy = causes(moves=True)["body mass"].change(chain, 1.0)
@@ -146,10 +140,3 @@ def test_effects_of_small_faults_add_up():
         expected += size * cause.effect(chain)
     missed = changed.residual - chain.residual - expected
     assert rms(missed[50:150]) < 0.01 * rms(expected[50:150])
-
-
-def test_a_size_beyond_all_mass_leaves_a_little():
-    chain = chain_of(TIME, {})
-    feet = next(cause for cause in body_causes(chain) if cause.name == "feet: mass")
-    light = feet.change(chain, -3.0).body.segments["left_foot"]
-    assert 0 < light.mass < chain.body.segments["left_foot"].mass

@@ -73,17 +73,6 @@ def test_directions_have_95_percent_of_what_all_gains_may_leave(of_gains):
     assert explained > 0.94 * total or len(directions) == 12
 
 
-def test_directions_do_not_repeat_each_other(of_gains):
-    weight = np.sqrt(np.mean(of_gains.residual**2, axis=0))
-    directions = [c for c in compensation_causes(of_gains) if "direction" in c.name]
-    effects = np.array([(c.effect(of_gains) / weight)[SETTLED].ravel() for c in directions])
-    product = effects @ effects.T
-    size = np.sqrt(np.diag(product))
-    correlation = product / np.outer(size, size) - np.eye(len(size))
-    assert np.all(np.diff(size) < 0.05 * size[0])
-    assert np.abs(correlation[:2, :2]).max() < 0.1
-
-
 def test_what_a_model_leaves_of_a_motion_has_the_variance_that_the_calibration_expects(chain):
     """A slow motion along one axis, in a laboratory whose error grows with its energy."""
     time = chain.time
@@ -165,7 +154,3 @@ def test_a_late_belt_speed_leaves_the_difference_of_its_moments(chain):
         chain.changed(wrenches=wrong).residual[SETTLED],
         atol=1e-3,
     )
-
-
-def test_a_trial_that_was_not_compensated_has_no_such_causes(chain):
-    assert list(compensation_causes(replace(chain, felt=(), belts=()))) == []

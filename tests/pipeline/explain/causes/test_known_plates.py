@@ -56,20 +56,15 @@ def correction(plates, error, examined=ALL, delay_s=None):
     )
 
 
-def test_the_zero_of_a_plate_that_is_unloaded_in_swing_is_found(chain):
-    zero = np.array([2.0, -3.0, 5.0, 0.5, -1.0, 0.3])
-    time, wrench = loaded(chain.plates[0], zero)
-    mean, error = swing_zero(time, wrench, chain.plates[0], 30.0)
+def test_the_zero_of_a_plate_that_is_unloaded_in_swing_is_found_also_through_noise(chain):
+    zero, least = np.array([2.0, -3.0, 5.0, 0.5, -1.0, 0.3]), [0.3, 0.3, 0.3, 0.2, 0.2, 0.2]
+    plate = chain.plates[0]
+    mean, error = swing_zero(*loaded(plate, zero), plate, 30.0)
     np.testing.assert_allclose(mean, zero, atol=1e-9)
-    np.testing.assert_allclose(error, [0.3, 0.3, 0.3, 0.2, 0.2, 0.2])
-
-
-def test_a_zero_seen_through_noise_lies_within_its_errors(chain):
-    zero = np.array([2.0, -3.0, 5.0, 0.5, -1.0, 0.3])
-    time, wrench = loaded(chain.plates[0], zero, noise=5.0)
-    mean, error = swing_zero(time, wrench, chain.plates[0], 30.0)
+    np.testing.assert_allclose(error, least)
+    mean, error = swing_zero(*loaded(plate, zero, noise=5.0), plate, 30.0)
     assert np.all(np.abs(mean - zero) < 3 * error)
-    assert np.all(error > [0.3, 0.3, 0.3, 0.2, 0.2, 0.2])
+    assert np.all(error > least)
 
 
 def test_a_plate_that_is_always_loaded_shows_no_zero(chain):
@@ -156,7 +151,3 @@ def test_plates_of_a_compensated_trial_are_zero_as_the_calibration_left_them(cha
         found = np.array(sizes(always, name))
         assert (found <= [3.0, 3.0, 3.0, 1.0, 1.0, 1.0]).all()
         assert found[0] < 3.0
-
-
-def test_every_usual_size_has_a_unit_and_a_source():
-    assert all(each.unit and each.source and each.size > 0 for each in priors().values())

@@ -52,7 +52,7 @@ def test_a_segment_goes_with_its_markers_where_no_other_markers_hold_it():
         np.testing.assert_allclose(moved.q[:, 3:], chain.q[:, 3:], atol=1e-6)
 
 
-@pytest.mark.parametrize("segment", ["pelvis", "thorax", "head", "left_thigh", "right_shank"])
+@pytest.mark.parametrize("segment", ["pelvis", "thorax", "right_shank"])
 def test_a_body_built_with_displaced_markers_has_the_same_residual_the_other_way(segment):
     chain, size = walking(), 0.001
     for i, letter in enumerate("xyz"):
@@ -80,7 +80,6 @@ def test_the_coordinates_are_those_of_the_displaced_markers(name):
     "name",
     [
         "pelvis: markers' place along x",
-        "thorax: skin along z, sine 4 a cycle",
         "thorax: skin about z, cosine 1 a cycle",
     ],
 )

@@ -36,8 +36,9 @@ def person(moves):
     return chain_of(TIME, {"PelvisZ": rise, "RHipFlexion": swing})
 
 
-def test_a_mass_on_a_spring_moves_as_an_independent_integration_of_its_equation():
-    omega, zeta = 2 * np.pi * 5.0, 0.4
+@pytest.mark.parametrize(("frequency_hz", "zeta"), [(5.0, 0.4), (1.0, 0.8)])
+def test_a_mass_on_a_spring_moves_as_an_independent_integration_of_its_equation(frequency_hz, zeta):
+    omega = 2 * np.pi * frequency_hz
 
     def slope(t, state):
         drive = -np.sin(2 * np.pi * 2.0 * t)
@@ -45,26 +46,8 @@ def test_a_mass_on_a_spring_moves_as_an_independent_integration_of_its_equation(
 
     solved = solve_ivp(slope, (0, TIME[-1]), [0, 0], t_eval=TIME, rtol=1e-9, atol=1e-12)
     force = [slope(t, state)[1] for t, state in zip(TIME, solved.y.T, strict=True)]
-    np.testing.assert_allclose(wobbling(shaken(2.0))[:, 2], force, atol=0.01)
-
-
-def test_a_mass_whose_spring_is_stiff_adds_little_and_in_phase():
-    slow = wobbling(shaken(0.5), frequency_hz=10.0)[SETTLED, 2]
-    expected = (0.5 / 10.0) ** 2 * shaken(0.5)[SETTLED, 2]
-    np.testing.assert_allclose(slow, expected, atol=0.2 * np.abs(expected).max())
-
-
-def test_a_mass_whose_spring_is_weak_stays_where_it_is():
-    fast = wobbling(shaken(20.0), frequency_hz=0.5)[SETTLED, 2]
-    np.testing.assert_allclose(fast, -shaken(20.0)[SETTLED, 2], atol=0.05)
-
-
-def test_more_damping_makes_the_force_later():
-    wave = np.exp(2j * np.pi * 2.0 * TIME[SETTLED])
-    phases = [
-        np.angle(wobbling(shaken(2.0), damping=zeta)[SETTLED, 2] @ wave) for zeta in (0.2, 0.4, 0.8)
-    ]
-    assert phases[0] < phases[1] < phases[2]
+    found = wobbling(shaken(2.0), frequency_hz=frequency_hz, damping=zeta)
+    np.testing.assert_allclose(found[:, 2], force, atol=0.01)
 
 
 def test_a_mass_moves_only_where_it_may():

@@ -62,20 +62,18 @@ def carried(places, loads, *, corners=BELTS, method="zero_phase", mass=1.0):
     return support.carried(support.feet(TIME, places), wrenches, BOTH, need, loads.sum(axis=0))
 
 
-@pytest.mark.parametrize("mass", [0.8, 1.0, 1.25])
-@pytest.mark.parametrize("gain", [0.7, 1.0, 1.3])
+@pytest.mark.parametrize(("gain", "mass"), [(0.7, 1.25), (1.0, 1.0), (1.3, 0.8)])
 def test_walking_on_plates_is_carried_whatever_their_gain_and_the_mass(mass, gain):
     places, loads = walking()
     assert carried(places, gain * loads, mass=mass).all()
 
 
-@pytest.mark.parametrize("aside_m", [0.25, 0.27])
-def test_a_step_half_beside_a_plate_is_not_carried_whatever_it_measures(aside_m):
+def test_a_step_half_beside_a_plate_is_not_carried_whatever_it_measures():
     """The sole is 10 cm wide; the outer edge of the belt is at 0.5 m."""
     places, loads = walking()
     step = (TIME > 3.0) & (TIME < 4.0)
-    places[step, 1, 1] += aside_m
-    places[step, 3, 1] += aside_m
+    places[step, 1, 1] += 0.25
+    places[step, 3, 1] += 0.25
     for share in (0.0, 0.5, 1.0):
         scaled = loads.copy()
         scaled[0, step] *= share
@@ -114,15 +112,14 @@ def carried_runner(loads, method="zero_phase"):
 
 
 @pytest.mark.parametrize("method", ["zero_phase", "realtime"])
-@pytest.mark.parametrize("later_s", [0.0, 0.01, 0.02, 0.03, -0.02])
+@pytest.mark.parametrize("later_s", [0.0, 0.03, -0.02])
 def test_a_runner_on_plates_that_are_late_is_carried_throughout(later_s, method):
     """The pressure of a late plate is where the foot is when it is measured."""
     assert carried_runner(runner(later_s)[1], method=method)[20:-20].all()
 
 
-@pytest.mark.parametrize("later_s", [0.0, 0.02])
-def test_a_step_that_no_plate_measures_does_not_count_in_running_either(later_s):
-    loads = runner(later_s)[1]
+def test_a_step_that_no_plate_measures_does_not_count_in_running_either():
+    loads = runner(0.02)[1]
     step = (TIME > 4 * 0.72 - 0.05) & (TIME < 4.5 * 0.72)
     loads[0, step] = 0.0
     valid = carried_runner(loads)
@@ -141,23 +138,3 @@ def test_a_raised_foot_needs_no_plate():
     places[:] = places[0]
     places[:, [2, 4], 2] += 0.2
     assert carried(places, np.array([np.full(len(TIME), WEIGHT_N), 0 * TIME])).all()
-
-
-def test_frame_by_frame_the_judgement_is_that_of_all_frames_at_once():
-    places, loads = walking()
-    loads[1, 300:500] = 0.0
-    whole = carried(places, loads, method="realtime")
-    support, wrenches = Support(BODY, BELTS, 30.0, 6.0, "realtime"), wrenches_of(places, loads)
-    need = np.full(1, WEIGHT_N)
-    one = [
-        support.carried(
-            support.feet(TIME[k : k + 1], places[k : k + 1]),
-            wrenches[k : k + 1],
-            BOTH[k : k + 1],
-            need,
-            loads[:, k : k + 1].sum(axis=0),
-        )[0]
-        for k in range(len(TIME))
-    ]
-    np.testing.assert_array_equal(one, whole)
-    assert 0.1 < np.mean(whole) < 1

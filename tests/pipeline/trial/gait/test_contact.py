@@ -7,12 +7,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from compensation import center_of_pressure
-from hbm.coordinates import COORDINATES
 from pipeline.config.schema import PlateContact
 from pipeline.trial.gait.contact import (
     by_foot,
     contact_notes,
-    forces_of_legs,
     share_between_feet,
 )
 
@@ -72,6 +70,13 @@ def pressures(feet):
     return points
 
 
+def on_own_belts():
+    """Feet, their loads and pressures in walking, and a plate under each foot."""
+    feet, load = walking()
+    points = pressures(feet)
+    return feet, load, points, [wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT)]
+
+
 @settings(deadline=None, max_examples=25)
 @given(
     arrays(float, (2, 30, 6), elements=st.floats(-1000, 1000)),
@@ -84,9 +89,7 @@ def test_both_feet_together_carry_what_the_plates_carry(wrenches, feet):
 
 
 def test_gaps_stay_gaps_and_disturb_no_other_frame():
-    feet, load = walking()
-    points = pressures(feet)
-    wrenches = [wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT)]
+    feet, _, _, wrenches = on_own_belts()
     whole = share(wrenches, feet).by_foot
     wrenches[LEFT][200:210] = np.nan
     feet[100:105] = np.nan
@@ -98,9 +101,7 @@ def test_gaps_stay_gaps_and_disturb_no_other_frame():
 
 
 def test_each_foot_on_its_own_belt_gets_its_belt():
-    feet, load = walking()
-    points = pressures(feet)
-    wrenches = [wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT)]
+    feet, _, _, wrenches = on_own_belts()
     shared = share(wrenches, feet)
     np.testing.assert_array_equal(shared.by_foot["left_foot"], wrenches[LEFT])
     np.testing.assert_array_equal(shared.by_foot["right_foot"], wrenches[RIGHT])
@@ -127,9 +128,8 @@ def test_a_step_across_the_gap_gives_both_plates_to_that_foot():
 
 def test_on_one_plate_alone_the_foot_changes_at_every_step():
     """The plate is never unloaded; the foot changes nevertheless, within double support."""
-    feet, load = walking()
-    points = pressures(feet)
-    plate = sum(wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT))
+    feet, load, _, wrenches = on_own_belts()
+    plate = sum(wrenches)
     found = share([plate, np.zeros_like(plate)], feet)
     shared, ambiguous = found.by_foot, found.ambiguous
     for foot, k in (("left_foot", LEFT), ("right_foot", RIGHT)):
@@ -153,9 +153,7 @@ def test_standing_with_both_feet_on_one_plate_is_flagged():
 
 def test_a_downward_force_is_no_contact():
     """Inertia of an empty belt may pull: that is no foot, and has no centre of pressure."""
-    feet, load = walking()
-    points = pressures(feet)
-    wrenches = [wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT)]
+    feet, load, _, wrenches = on_own_belts()
     wrenches[LEFT][load[:, LEFT] == 0, 2] = -60.0
     shared = share(wrenches, feet).by_foot
     np.testing.assert_array_equal(shared["left_foot"], wrenches[LEFT])
@@ -164,9 +162,7 @@ def test_a_downward_force_is_no_contact():
 
 def test_feet_are_assigned_by_the_forces_of_the_subject_alone():
     """A swaying platform's inertia moves the measured centre of pressure by metres."""
-    feet, load = walking()
-    points = pressures(feet)
-    alone = [wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT)]
+    feet, _, _, alone = on_own_belts()
     artefact = np.array([0, 400.0, 40.0, 300.0, 0, 100.0])
     measured = [wrench + artefact for wrench in alone]
     by_themselves = share(measured, feet).by_foot
@@ -200,9 +196,7 @@ def test_a_foot_on_the_other_s_plate_gets_what_it_carries():
 
 def test_a_brief_stretch_of_pressure_near_the_other_foot_does_not_split_a_contact():
     """A plate that is hardly loaded has a centre of pressure anywhere."""
-    feet, load = walking()
-    points = pressures(feet)
-    wrenches = [wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT)]
+    feet, load, points, wrenches = on_own_belts()
     start = int(np.flatnonzero((load[:, LEFT] > 30) & (np.arange(len(load)) > 100))[0])
     astray = points[:, RIGHT].copy()
     wrenches[LEFT][start : start + 4] = wrench_of(load[:, LEFT], astray)[start : start + 4]
@@ -213,9 +207,7 @@ def test_a_brief_stretch_of_pressure_near_the_other_foot_does_not_split_a_contac
 
 def test_pressure_under_neither_foot_makes_a_contact_ambiguous_from_its_start_to_its_end():
     """Somebody else steps on the plate, or its moments are wrong."""
-    feet, load = walking()
-    points = pressures(feet)
-    wrenches = [wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT)]
+    feet, load, points, wrenches = on_own_belts()
     wrenches[LEFT] = wrench_of(load[:, LEFT], points[:, LEFT] + [0.6, 0, 0])
     found = share(wrenches, feet)
     assert {contact.ambiguous for contact in found.contacts if contact.plate == 1} == {True}
@@ -228,9 +220,7 @@ def test_pressure_under_neither_foot_makes_a_contact_ambiguous_from_its_start_to
 
 
 def test_a_person_s_word_overrules_the_centre_of_pressure():
-    feet, load = walking()
-    points = pressures(feet)
-    plates = [wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT)]
+    feet, load, points, plates = on_own_belts()
     plates[LEFT] = wrench_of(load[:, LEFT], points[:, LEFT] + [0.6, 0, 0])
     contact = next(c for c in share(plates, feet).contacts if c.plate == 1 and c.start > 0)
     at = (contact.start + contact.stop) / 2 / RATE_HZ
@@ -242,26 +232,8 @@ def test_a_person_s_word_overrules_the_centre_of_pressure():
     assert not found.ambiguous[frames].any()
 
 
-def test_on_a_plate_for_both_feet_a_statement_is_of_the_step_around_its_time():
-    feet, load = walking()
-    points = pressures(feet)
-    plate = sum(wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT))
-    before = share([plate], feet)
-    single = np.flatnonzero((load[:, RIGHT] == 0) & (np.arange(len(load)) > 150))
-    at_s = single[10] / RATE_HZ
-    found = share([plate], feet, stated=[PlateContact(plate=1, time_s=at_s, foot="right")])
-    changed = (found.by_foot["right_foot"] != before.by_foot["right_foot"]).any(axis=1)
-    assert changed[single[10]]
-    assert 0.3 < np.ptp(np.flatnonzero(changed)) / RATE_HZ < 0.8
-    np.testing.assert_array_equal(
-        found.by_foot["left_foot"][~changed], before.by_foot["left_foot"][~changed]
-    )
-
-
 def test_a_contact_that_is_stated_where_there_is_none_is_refused():
-    feet, load = walking()
-    points = pressures(feet)
-    plates = [wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT)]
+    feet, load, _, plates = on_own_belts()
     swing = np.flatnonzero(load[:, LEFT] == 0)[5] / RATE_HZ
     with pytest.raises(
         ValueError, match=r"contacts: nobody is on plate 1 at [\d.]+ s; it is loaded: [\d.]+–"
@@ -269,15 +241,3 @@ def test_a_contact_that_is_stated_where_there_is_none_is_refused():
         share(plates, feet, stated=[PlateContact(plate=1, time_s=swing, foot="left")])
     with pytest.raises(ValueError, match="contacts: there is no plate 3; plates are 1 to 2"):
         share(plates, feet, stated=[PlateContact(plate=3, time_s=1.0, foot="left")])
-
-
-def test_only_the_forces_of_the_legs_depend_on_who_stands_where():
-    feet, load = walking()
-    points = pressures(feet)
-    plate = sum(wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT))
-    found = share([plate], feet)
-    open_forces = forces_of_legs(found.ambiguous)
-    np.testing.assert_array_equal(open_forces.any(axis=1), found.ambiguous)
-    names = {name for name, any_ in zip(COORDINATES, open_forces.any(axis=0), strict=True) if any_}
-    assert {"RHipFlexion", "LKneeFlexion", "LToeFlexion", "RFootPronation"} <= names
-    assert len(names) == 14

@@ -11,11 +11,9 @@ from hbm.markers import Markers, marker_sets, read_marker_set
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.recording import Event
 from pipeline.trial.gait.cycles import gait_cycles, normalise
-from pipeline.trial.gait.events import SIDES, compare_events, force_events, gait_events, zeni_events
+from pipeline.trial.gait.events import SIDES, compare_events, force_events, zeni_events
 
 HBM2 = {"sacrum": ("LPSIS", "RPSIS"), "heel": "{}HEE", "toe": "{}MT2"}
-HBM1 = {"sacrum": ("SACR",), "heel": "{}HEE", "toe": "{}TOE"}
-PLUG_IN = {"sacrum": ("LPSI", "RPSI"), "heel": "{}HEE", "toe": "{}TOE"}
 OPENSIM = {"sacrum": ("V.Sacral",), "heel": "{}.Heel", "toe": "{}.Toe.Tip"}
 SUBJECTS = Path(__file__).resolve().parents[4] / "subjects" / "marker_sets"
 SETS = marker_sets()
@@ -69,8 +67,6 @@ def assert_known_events(events, atol, start=0.0):
     ("names", "marker_set"),
     [
         (HBM2, SETS["hbm2"]),
-        (HBM1, SETS["hbm1"]),
-        (PLUG_IN, SETS["pig"]),
         (OPENSIM, GAIT2354),
     ],
 )
@@ -101,20 +97,6 @@ def test_no_events_are_found_in_a_gap_and_all_others_are():
     assert all(a.only_in_first == 0 and a.sd_ms < 3 for a in compare_events(holed, whole))
 
 
-def test_labels_do_not_matter_where_the_marker_set_names_their_landmarks():
-    """The same trajectories under labels of one's own, which a marker table maps."""
-    table = """
-    [markers]
-    sacrum1 = ["pelvis", "SACR"]
-    L-calcaneus = ["left_foot", "LHEE"]
-    R-calcaneus = ["right_foot", "RHEE"]
-    L-metatarsal = ["left_foot", "LMT5"]
-    R-metatarsal = ["right_foot", "RMT5"]
-    """
-    own = {"sacrum": ("sacrum1",), "heel": "{}-calcaneus", "toe": "{}-metatarsal"}
-    assert_known_events(zeni_events(walker(own), read_marker_set(table, "own")), atol=5e-4)
-
-
 plate_time = np.arange(5000) / 1000
 
 
@@ -142,13 +124,6 @@ def test_force_noise_at_the_threshold_and_spikes_in_swing_are_no_steps():
     clean = force_events({"right": steps(spans)}, plate_time, 20)
     noisy = force_events({"right": steps(spans, [0.505, 1.195, 1.4, 3.0])}, plate_time, 20)
     np.testing.assert_allclose([e.time for e in noisy], [e.time for e in clean], atol=3e-3)
-
-
-def test_a_gap_in_the_force_makes_no_event():
-    force = steps([(0.5, 1.2), (1.6, 2.3)])
-    force[800:1400] = np.nan
-    events = force_events({"left": force}, plate_time, 20)
-    assert [e.label for e in events] == ["foot_strike", "foot_strike", "foot_off"]
 
 
 def test_agreement_of_shifted_events_is_their_shift():
@@ -203,20 +178,6 @@ def test_a_cycle_in_which_feet_do_not_alternate_is_left_out_with_a_note():
     assert rejected == ("events that do not alternate",) * 2
 
 
-def test_foot_strikes_of_one_foot_suffice_for_cycles():
-    strikes = [Event(t, "foot_strike", "left") for t in (1.0, 2.0, 3.0)]
-    assert gait_cycles(strikes, "left")[0].tolist() == [[1, 2], [2, 3]]
-    assert gait_cycles(strikes, "right")[0].shape == (0, 2)
-
-
-def test_normalised_time_runs_straight_through_each_cycle():
-    cycles = [[1.003, 2.1], [2.1, 3.317]]
-    percent = normalise(time, np.column_stack([time, -time]), cycles)
-    assert percent.shape == (2, 101, 2)
-    for cycle, (start, stop) in zip(percent[..., 0], cycles, strict=True):
-        np.testing.assert_allclose(cycle, np.linspace(start, stop, 101), atol=1e-12)
-
-
 def test_normalising_resolves_a_signal_between_its_samples():
     wave = np.sin(2 * np.pi * 2 * time)
     at = np.linspace(3.004, 4.137, 51)
@@ -232,13 +193,6 @@ def test_gaps_and_the_end_of_the_recording_stay_not_a_number():
     assert np.isfinite(normalised[0, :49]).all()
     assert np.isnan(normalised[1, 51:]).all()
     assert normalise(time, wave, np.zeros((0, 2))).shape == (0, 101)
-
-
-def test_without_events_in_the_file_or_by_the_markers_there_are_none_and_a_note_says_why():
-    events, note = gait_events((), walker(), SETS["ior"])
-    assert events == ()
-    assert note.code == "events_unknown"
-    assert "no marker of the set 'ior' shows the landmark LHEE" in note.text
 
 
 @pytest.fixture(scope="module")
@@ -258,17 +212,6 @@ def test_file_zeni_and_force_agree_on_a_real_treadmill(treadmill):
         compare_events(by_markers, force), (-24, -30, -14, -22), strict=True
     ):
         assert agreement.mean_ms == pytest.approx(measured, abs=5)  # measured independently before
-
-
-def test_cycles_of_a_real_treadmill_are_the_same_by_file_and_by_markers(treadmill):
-    events, _ = gait_events(treadmill.events, treadmill.markers, SETS["hbm2"])
-    for side in SIDES:
-        by_file, rejected = gait_cycles(events, side)
-        by_zeni, _ = gait_cycles(zeni(treadmill.markers), side)
-        assert (len(by_file), rejected) == (10, ())
-        assert len(by_zeni) == 9  # one strike lies too close to an end of the recording
-        assert np.diff(by_zeni).mean() == pytest.approx(np.diff(by_file).mean(), abs=0.005)
-        assert np.isfinite(normalise(treadmill.markers.time, np.ones(1206), by_file)).all()
 
 
 def test_contacts_of_a_real_treadmill_are_those_its_authors_published(shared_data):

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.config.schema import Settings, Subject
+from pipeline.config.schema import Subject, Treadmill
 from pipeline.io.recording import Event
-from pipeline.trial.gait import detection
-from pipeline.trial.gait.detection import FootMotion, combined_events
-from pipeline.trial.process import process_recording
+from pipeline.trial.gait.detection import FootMotion, combined_events, detect_events
+from pipeline.trial.ground.laboratory import Laboratory
+from tests.benchmarks.events import event_sources
 
 KINDS = [(label, side) for label in ("foot_strike", "foot_off") for side in ("left", "right")]
 TRUE = [
@@ -33,7 +33,7 @@ def assert_same(events, true, atol=1e-9):
     np.testing.assert_allclose([e.time for e in events], sorted(e.time for e in true), atol=atol)
 
 
-@pytest.mark.parametrize("every", [1, 2, 3])
+@pytest.mark.parametrize("every", [1, 3])
 def test_contacts_that_plates_see_clean_correct_all_others(every):
     strides = TRUE[: 4 * 9]
     clean = [e for k, e in enumerate(strides) if (k // 4) % every == 0]
@@ -58,9 +58,8 @@ def test_a_foot_that_no_plate_carries_alone_is_corrected_by_the_other_one():
     assert corrections["right foot offs"] == pytest.approx(corrections["left foot offs"])
 
 
-@pytest.mark.parametrize("clean", [[], TRUE[:2]])
-def test_without_clean_contacts_events_stay_where_the_motion_shows_them(clean):
-    events, corrections = combined_events(by_motion(), clean)
+def test_without_clean_contacts_events_stay_where_the_motion_shows_them():
+    events, corrections = combined_events(by_motion(), TRUE[:2])
     assert corrections == {}
     assert_same(events, by_motion())
 
@@ -88,86 +87,32 @@ def test_events_move_with_the_clock_and_change_sides_with_the_feet(later, keep):
     assert_same(again, moved(events), atol=1e-6)
 
 
-CODES = {
-    "file": "events_of_file",
-    "zeni": "events_from_markers",
-    "plates": "events_of_plates",
-    "auto": "events_calibrated",
-    None: "events_calibrated",
-}
-
-
 @pytest.fixture(scope="module")
 def sources(walker):
-    """What the events of a walk can be found from; the file has some of its own."""
-    given = {}
-
-    def spy(sources, wanted):
-        given["sources"] = sources
-        return detection.detect_events(sources, wanted)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pipeline.trial.process.detect_events", spy)
-        given["result"] = process_recording(walker, Subject(sex="male"), Settings())
-    return given["sources"], given["result"]
-
-
-@pytest.mark.parametrize("wanted", CODES)
-def test_the_note_names_the_method_and_counts_the_strikes_of_each_foot(sources, wanted):
-    own = (Event(3.0, "foot_strike", "left"),)
-    events, method, note = detection.detect_events(replace(sources[0], of_file=own), wanted)
-    assert method == (wanted or "auto")
-    assert note.code == CODES[wanted]
-    strikes = [e.side for e in events if e.label == "foot_strike"]
-    counts = {side: strikes.count(side) for side in ("left", "right")}
-    assert {side: note.values[side] for side in counts} == counts
-    if wanted == "file":
-        assert events == own
-    else:
-        assert min(counts.values()) >= 4
-
-
-def test_a_file_without_events_gives_one_clear_line_where_only_its_own_are_wanted(sources):
-    events, _, note = detection.detect_events(sources[0], "file")
-    assert events == ()
-    assert note.text == (
-        'no gait events: the file has none, and others are not looked for with events = "file"'
-    )
+    """What the events of a walk can be found from."""
+    return event_sources(walker, Laboratory(Treadmill()), Subject(sex="male"))
 
 
 def test_who_stands_has_no_events_and_the_note_says_why(sources):
-    motion = sources[0].motion
+    motion = sources.motion
     pelvis, feet = np.zeros(len(motion.time)), np.zeros((len(motion.time), 2))
     still = FootMotion(motion.time, pelvis, feet, feet + 0.15)
-    events, _, note = detection.detect_events(replace(sources[0], motion=still), None)
+    events, _, note = detect_events(replace(sources, motion=still), None)
     assert events == ()
     assert "no foot swings against the pelvis in" in note.text
 
 
-@pytest.mark.parametrize("seconds", [0.4, 0.6, 0.8])
-def test_a_walk_shorter_than_a_stride_has_no_events_and_the_note_says_how_long_it_is(
-    sources, seconds
-):
-    motion = sources[0].motion
-    part = slice(600, 601 + round(100 * seconds))
-    short = FootMotion(*(getattr(motion, name)[part] for name in motion.__slots__))
-    events, _, note = detection.detect_events(replace(sources[0], motion=short, contacts=()), None)
-    assert events == ()
-    assert f"in {seconds:.2f} s; record two strikes" in note.text
-
-
 def test_plates_that_carry_nobody_alone_leave_the_motion_and_the_note_says_so(sources):
-    events, _, note = detection.detect_events(replace(sources[0], contacts=()), "auto")
+    events, _, note = detect_events(replace(sources, contacts=()), "auto")
     assert len(events) > 15
     assert note.code == "events_uncalibrated"
 
 
 def test_automatic_events_of_a_walk_are_those_of_the_force_under_its_feet(sources, walker):
     """Its plates are not late; each carries one foot."""
-    result = sources[1]
-    assert not any(note.code == "event_agreement" for note in result.notes)
+    events, *_ = detect_events(sources, "auto")
     for plate, side in zip(walker.plates, ("left", "right"), strict=True):
         above = plate.wrench[:, 2] > 20
         strikes = plate.time[1:][~above[:-1] & above[1:]]
-        own = [e.time for e in result.events if (e.label, e.side) == ("foot_strike", side)]
+        own = [e.time for e in events if (e.label, e.side) == ("foot_strike", side)]
         assert np.abs(np.array(own)[:, None] - strikes).min(axis=1).max() < 0.005

@@ -1,14 +1,12 @@
 """Events by the speed of the feet above the ground: the same on any ground that moves."""
 
+from dataclasses import replace
+
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
-from compensation.platform import PlatformPose
-from pipeline.trial.gait import detection as module
-from pipeline.trial.gait.detection import FootMotion, foot_motion, foot_motion_events
+from pipeline.trial.gait.detection import FootMotion, foot_motion_events
 
 TIME = np.arange(1200) / 100
 STRIDE_S, STANCE, SPEED_MPS = 1.1, 0.62, 1.3
@@ -57,18 +55,6 @@ def test_on_a_belt_of_any_speed_events_are_those_over_ground(belt_mps):
     np.testing.assert_allclose([e.time for e in on_belt], [e.time for e in over_ground], atol=1e-6)
 
 
-@settings(deadline=None, max_examples=20)
-@given(st.floats(-100, 100))
-def test_events_move_with_the_clock(later):
-    motion = walk(SPEED_MPS)
-    moved = FootMotion(TIME + later, motion.pelvis, motion.ankles, motion.balls)
-    np.testing.assert_allclose(
-        [e.time - later for e in foot_motion_events(moved)],
-        [e.time for e in foot_motion_events(motion)],
-        atol=1e-6,
-    )
-
-
 def test_exchanged_feet_exchange_the_sides_of_their_events():
     mirrored = foot_motion_events(walk(sides=("right", "left")))
     other = {"left": "right", "right": "left"}
@@ -99,35 +85,10 @@ def test_a_belt_that_starts_and_stops_under_a_walker_invents_no_event():
         assert np.abs(np.array(same) - event.time).min() < 0.03
 
 
-@pytest.mark.parametrize("unknown", [("ankles",), ("balls",), ("pelvis", "ankles", "balls")])
-def test_in_a_gap_of_a_foot_it_has_no_strikes(unknown):
+def test_in_a_gap_of_the_ankles_there_are_no_strikes():
     motion, gap = walk(SPEED_MPS), (TIME > 5) & (TIME < 7)
-    places = {name: getattr(motion, name).copy() for name in ("pelvis", "ankles", "balls")}
-    for name in unknown:
-        places[name][gap] = np.nan
-    events = foot_motion_events(FootMotion(TIME, **places))
+    ankles = np.where(gap[:, None], np.nan, motion.ankles)
+    events = foot_motion_events(replace(motion, ankles=ankles))
     strikes = np.concatenate([times(events, "foot_strike", side) for side in FIRST_S])
-    assert ("ankles" not in unknown) or not ((strikes > 5) & (strikes < 7)).any()
+    assert not ((strikes > 5) & (strikes < 7)).any()
     assert len(strikes) > 10
-
-
-def test_a_trial_that_is_too_short_for_the_filter_is_refused():
-    motion = walk()
-    part = FootMotion(TIME[:5], motion.pelvis[:5], motion.ankles[:5], motion.balls[:5])
-    with pytest.raises(ValueError, match="samples"):
-        foot_motion_events(part)
-
-
-def test_places_are_those_on_the_platform(monkeypatch):
-    """A body that is carried along by a platform does not move on it."""
-    rng = np.random.default_rng(0)
-    on_platform = rng.normal(size=(5, 3))
-    tilt = Rotation.from_euler("y", 0.1 * np.sin(TIME)[:, None]).as_matrix()
-    shift = np.column_stack([0 * TIME, 0.05 * np.sin(2 * TIME), 0 * TIME])
-    in_lab = np.einsum("tij,kj->tki", tilt, on_platform) + shift[:, None]
-    monkeypatch.setattr(module, "joint_positions", lambda body, q, segments: in_lab)
-    motion = foot_motion(None, TIME, None, PlatformPose(tilt, shift))
-    for values in (motion.pelvis, motion.ankles, motion.balls):
-        assert np.ptp(values, axis=0).max() < 1e-12
-    still = foot_motion(None, TIME, None, None)
-    assert np.ptp(still.pelvis) > 0.001

@@ -86,11 +86,6 @@ def test_a_platform_that_presses_on_its_plate_for_as_long_as_a_step_makes_no_ste
     assert found(CONTACTS, steps(weight_n=0.2 * WEIGHT_N)) == ()
 
 
-def test_a_contact_that_nobody_can_assign_has_no_events():
-    unknown = [contact(span, ambiguous=True) for span in STEPS_S]
-    assert found(unknown, steps()) == ()
-
-
 def test_of_a_plate_that_both_feet_share_only_its_first_strike_and_last_off_are_known():
     shared = contact((1.0, 2.9), feet=("left_foot", "right_foot"), changes=(200,))
     load = np.maximum(steps(((1.0, 2.1),)), steps(((1.9, 2.9),)))

@@ -1,7 +1,12 @@
 """The ground of a recording, and the notes on it, in one call."""
 
+from pipeline.config.schema import Platform, Treadmill
 from pipeline.trial.ground.laboratory import bind
 from pipeline.trial.ground.wrenches import ground_wrenches
+from tests.pipeline import lab
+
+ON_MARKERS = Platform(markers=tuple(lab.PLATFORM_MARKERS_M))
+TREADMILL = Treadmill(accelerometers=lab.CHANNELS, platform=ON_MARKERS)
 
 
 def ground_of(recording, laboratory, time=None, plate_delay_s=0.0, *, notes=None, **low_pass):

@@ -7,34 +7,22 @@ import pytest
 
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Compensation
-from pipeline.trial.ground.calibration_recording import fit_calibration
-from pipeline.trial.ground.laboratory import Laboratory, read_calibration
+from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.wrenches import plate_artefacts
 from tests.pipeline import lab
-from tests.pipeline.trial.ground.grounds import ground_of
+from tests.pipeline.trial.ground.grounds import TREADMILL, ground_of
 
 DONE = Compensation("hbm-residuals 0.2.0", (1, 2))
 
 
 @pytest.fixture(scope="module")
-def laboratory():
-    treadmill = Treadmill(
-        accelerometers=lab.CHANNELS,
-        platform={"markers": list(lab.PLATFORM_MARKERS_M)},
-    )
-    empty = lab.on_platform(lab.without_people(20.0), lab.shaken(20.0))
-    return Laboratory(treadmill, fit_calibration(empty, treadmill))
+def laboratory(calibration):
+    return Laboratory(TREADMILL, calibration)
 
 
 @pytest.fixture(scope="module")
 def pitching(walker):
     return lab.on_platform(walker, lab.pitching(12.0))
-
-
-def delayed(laboratory, seconds):
-    fitted = laboratory.calibration
-    late = tuple(replace(s, delay_s=seconds, delay_error_s=0.0) for s in fitted.sensors)
-    return replace(laboratory, calibration=replace(fitted, sensors=late))
 
 
 def test_after_the_low_pass_the_plates_are_those_that_were_compensated_after_it(
@@ -56,14 +44,6 @@ def test_after_the_low_pass_the_plates_are_those_that_were_compensated_after_it(
     assert notes == ()
 
 
-def test_a_delay_leaves_an_end_that_is_held(pitching, laboratory):
-    artefacts, _ = plate_artefacts(pitching, delayed(laboratory, 0.04))
-    for artefact in artefacts:
-        np.testing.assert_array_equal(artefact[-40:], np.tile(artefact[-41], (40, 1)))
-    without, _ = plate_artefacts(pitching, laboratory)
-    np.testing.assert_allclose(artefacts[0][:-40], without[0][40:], atol=1e-6)
-
-
 def test_a_gap_of_an_accelerometer_is_refused_with_its_time(pitching, laboratory):
     values = pitching.analog.values.copy()
     values[5000:5010, 2] = np.nan
@@ -83,21 +63,9 @@ def test_compensated_plates_are_not_compensated_again(pitching, laboratory):
     assert set(ground.variants) == {"measured"}
 
 
-@pytest.mark.parametrize("frame", ["plate", "lab"])
-def test_plates_in_the_lab_are_not_moved_with_the_platform_again(pitching, laboratory, frame):
-    in_lab = replace(pitching, compensation=replace(DONE, frame=frame))
+def test_plates_in_the_lab_are_not_moved_with_the_platform_again(pitching, laboratory):
+    in_lab = replace(pitching, compensation=replace(DONE, frame="lab"))
     moving = Laboratory(laboratory.treadmill)
-    with pytest.raises(ValueError, match=rf"to the lab \(--frame {frame}\); leave the platform's"):
+    with pytest.raises(ValueError, match=r"to the lab \(--frame lab\); leave the platform's"):
         ground_of(in_lab, moving, in_lab.markers.time, 0.0)
     assert ground_of(in_lab, Laboratory(Treadmill()), in_lab.markers.time, 0.0).pose is None
-
-
-def test_a_compensated_recording_is_no_calibration(tmp_path, laboratory, monkeypatch):
-    empty = lab.on_platform(lab.without_people(5.0), lab.shaken(5.0))
-    path = lab.save(empty, tmp_path / "empty.c3d")
-    monkeypatch.setattr(
-        "pipeline.trial.ground.calibration_recording.read_recording",
-        lambda *_: replace(empty, compensation=DONE),
-    )
-    with pytest.raises(ValueError, match=r"empty\.c3d: its plates are compensated, by hbm-residua"):
-        read_calibration(path, laboratory.treadmill, "left,back,up")

@@ -9,28 +9,20 @@ import pytest
 
 from compensation import Calibration, to_json
 from hbm.markers import Markers
-from hbm.notes import Note
-from pipeline.config.schema import Platform, Treadmill
+from pipeline.config.schema import Treadmill
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.stated import Stated
 from pipeline.trial.ground import laboratory
 from pipeline.trial.ground.calibration_recording import fit_calibration, read_empty
 from pipeline.trial.ground.laboratory import bind, read_calibration
 from tests.pipeline import lab
-
-ON_MARKERS = Platform(markers=tuple(lab.PLATFORM_MARKERS_M))
-COMMANDED = Platform(sway_channel="Sway", pitch_channel="Pitch", pivot_m=tuple(lab.PIVOT_M))
-TREADMILL = Treadmill(accelerometers=lab.CHANNELS, platform=ON_MARKERS)
+from tests.pipeline.trial.ground.grounds import TREADMILL
 
 
-@pytest.fixture(scope="module")
-def calibration():
-    return fit_calibration(lab.on_platform(lab.without_people(20.0), lab.shaken(20.0)), TREADMILL)
-
-
-def test_a_calibration_is_the_same_from_its_recording_and_from_its_file(tmp_path, calibration):
-    recording = lab.on_platform(lab.without_people(20.0), lab.shaken(20.0))
-    path = lab.save(recording, tmp_path / "empty.c3d")
+def test_a_calibration_is_the_same_from_its_recording_and_from_its_file(
+    tmp_path, empty, calibration
+):
+    path = lab.save(empty, tmp_path / "empty.c3d")
     fitted = read_calibration(path, TREADMILL)
     for name, model in calibration.plates.items():
         np.testing.assert_allclose(fitted.plates[name].sigma, model.sigma, rtol=0.02)
@@ -40,7 +32,7 @@ def test_a_calibration_is_the_same_from_its_recording_and_from_its_file(tmp_path
     np.testing.assert_array_equal(read.plates["plate 1"].gain, fitted.plates["plate 1"].gain)
 
 
-def test_a_channel_stated_as_another_axis_than_in_the_calibration_is_refused(tmp_path, calibration):
+def test_a_channel_stated_as_another_axis_than_in_the_calibration_is_refused(calibration):
     """No signal shows which axis of a sensor it is, and compensation would be wrong."""
     facts, trial = {"channels": json.dumps(lab.CHANNELS)}, lab.without_people(2.0)
     known, trial = Calibration(calibration.plates, facts), lab.on_platform(trial, lab.still(2.0))
@@ -50,11 +42,6 @@ def test_a_channel_stated_as_another_axis_than_in_the_calibration_is_refused(tmp
     exchanged = Treadmill(accelerometers=lab.CHANNELS | {sensor: (y, x, z)})
     with pytest.raises(ValueError, match=rf"{sensor} was {x}, {y}, {z} in the calibration, which"):
         bind(trial, laboratory.Laboratory(exchanged, known))
-    stored = tmp_path / "lab.json"
-    damaged = Calibration(calibration.plates, {"channels": "[1]"})
-    stored.write_text(to_json(damaged), encoding="utf-8")
-    with pytest.raises(ValueError, match=r"lab\.json: the calibration's channels are damaged"):
-        read_calibration(stored, TREADMILL)
 
 
 def test_a_stated_delay_that_is_not_that_of_the_calibration_is_refused(tmp_path, calibration):
@@ -71,40 +58,21 @@ def test_a_stated_delay_that_is_not_that_of_the_calibration_is_refused(tmp_path,
         read_calibration(stored, other)
 
 
-def test_a_calibration_recording_is_fitted_once_until_it_changes(tmp_path, monkeypatch):
-    fits = []
-    real = laboratory.fit_calibration
-    monkeypatch.setattr(
-        laboratory, "fit_calibration", lambda *given: fits.append(1) or real(*given)
-    )
+def test_a_calibration_recording_is_fitted_once_until_it_changes(tmp_path):
     path = tmp_path / "empty.c3d"
     lab.save(lab.on_platform(lab.without_people(8.0), lab.shaken(8.0)), path)
     first = read_calibration(path, TREADMILL)
-    other_platform = TREADMILL.model_copy(update={"platform": COMMANDED})
-    assert read_calibration(path, other_platform) is first
-    assert len(fits) == 1
-    read_calibration(path, TREADMILL.model_copy(update={"cutoff_hz": 10.0}))
+    assert read_calibration(path, TREADMILL.model_copy(update={"platform": None})) is first
+    assert read_calibration(path, TREADMILL.model_copy(update={"cutoff_hz": 10.0})) is not first
     lab.save(lab.on_platform(lab.without_people(8.0), lab.shaken(8.0, seed=2)), path)
-    read_calibration(path, TREADMILL)
-    assert len(fits) == 3
+    assert read_calibration(path, TREADMILL) is not first
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "message"),
-    [
-        ("empty.json", "{", "empty.json: the calibration is not JSON"),
-        ("empty.json", "{}", "empty.json: the text is not a calibration"),
-        ("empty.json", "[" * 100_000, "empty.json: the calibration is not JSON"),
-        ("empty.json", "9" * 5000, "empty.json: the calibration is not JSON"),
-        ("empty.c3d", "nothing", "empty.c3d: "),
-    ],
-)
-def test_a_calibration_that_cannot_be_read_is_refused_with_its_file_name(
-    tmp_path, name, content, message
-):
+@pytest.mark.parametrize("name", ["empty.json", "empty.c3d"])
+def test_a_calibration_that_cannot_be_read_is_refused_with_its_file_name(tmp_path, name):
     path = tmp_path / name
-    path.write_text(content, encoding="utf-8")
-    with pytest.raises(ValueError, match=re.escape(message)):
+    path.write_text("{", encoding="utf-8")
+    with pytest.raises(ValueError, match=re.escape(name)):
         read_calibration(path, TREADMILL)
 
 
@@ -125,27 +93,14 @@ def test_a_platform_that_only_shakes_under_a_person_is_no_calibration(walker, tm
         read_calibration(path, TREADMILL)
 
 
-@pytest.mark.parametrize("axes", ["left,back,up", "forward,up,right", "up,left,back"])
-def test_an_empty_treadmill_without_markers_is_level(tmp_path, axes):
+@pytest.mark.parametrize("axes", ["left,back,up", "up,left,back"])
+def test_an_empty_treadmill_without_markers_is_level(tmp_path, empty, calibration, axes):
     """Its plates show the vertical; directions about it do not matter."""
-    empty = lab.on_platform(lab.without_people(5.0), lab.shaken(5.0))
     nobody = Markers(empty.markers.time, (), np.empty((len(empty.markers.time), 0, 3)))
     path = tmp_path / "empty.c3d"
     write_c3d(path, nobody, empty.plates, analog=empty.analog, axes=axes)
     recording = read_empty(path, Stated())
     for plate, expected in zip(recording.plates, empty.plates, strict=True):
         np.testing.assert_allclose(abs(plate.rotation[2]), abs(expected.rotation[2]), atol=1e-6)
-    whole = fit_calibration(empty, TREADMILL)
     for name, model in fit_calibration(recording, TREADMILL).plates.items():
-        np.testing.assert_allclose(model.gain, whole.plates[name].gain, atol=1e-3)
-
-
-def test_a_calibration_without_usable_plates_says_why(tmp_path):
-    empty = lab.on_platform(lab.without_people(5.0), lab.shaken(5.0))
-    recording = replace(
-        empty,
-        plates=(),
-        notes=(Note.of("plate_left_out", plate="plate 1", reason="it has no corners"),),
-    )
-    with pytest.raises(ValueError, match=r"no force plate can be used \(plate 1: it has no corner"):
-        fit_calibration(recording, TREADMILL)
+        np.testing.assert_allclose(model.gain, calibration.plates[name].gain, atol=1e-3)

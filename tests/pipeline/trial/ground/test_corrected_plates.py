@@ -7,21 +7,17 @@ import pytest
 
 from compensation import estimate_delay
 from hbm.signals.filtering import low_pass
-from pipeline.config.schema import Platform, Settings, Subject, Treadmill
+from pipeline.config.schema import Settings, Subject, Treadmill
 from pipeline.io.c3d.read import read_c3d
-from pipeline.io.recording import Compensation
 from pipeline.trial.ground.calibration_recording import fit_calibration, plates_timed_apart
 from pipeline.trial.ground.corrected_plates import plate_delays_s, with_corrected_plates
-from pipeline.trial.ground.laboratory import Laboratory, read_calibration
+from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.wrenches import plate_artefacts
 from pipeline.trial.process import process_recording
 from tests.pipeline import lab
-from tests.pipeline.trial.ground.grounds import ground_of
+from tests.pipeline.trial.ground.grounds import TREADMILL, ground_of
 from tests.pipeline.wrong_plates import correction_of, wrongly_measured
 
-TREADMILL = Treadmill(
-    accelerometers=lab.CHANNELS, platform=Platform(markers=tuple(lab.PLATFORM_MARKERS_M))
-)
 PERSON = Subject(sex="male", mass_kg=74.6)
 
 
@@ -40,28 +36,24 @@ def largest_difference(result, other):
 
 
 @pytest.fixture(scope="module")
+def right(walker):
+    return process_recording(walker, PERSON, Settings())
+
+
+@pytest.fixture(scope="module")
 def pitched(walker):
     return lab.on_platform(walker, lab.pitching(12.0))
 
 
-@pytest.fixture(scope="module")
-def empty():
-    return lab.on_platform(lab.without_people(20.0), lab.shaken(20.0))
-
-
-@pytest.mark.parametrize(
-    "file", ["treadmill_hbm2/treadmill_events.c3d", "plug_in_gait/Movement_trial.c3d"]
-)
-def test_a_calibration_that_changes_nothing_changes_no_bit_of_a_real_trial(shared_data, file):
-    recording = read_c3d(shared_data / file)
+def test_a_calibration_that_changes_nothing_changes_no_bit_of_a_real_trial(shared_data):
+    recording = read_c3d(shared_data / "plug_in_gait" / "Movement_trial.c3d")
     same = correction_of(recording, change=False)
     after = with_corrected_plates(recording, same).plates
     for plate, corrected in zip(recording.plates, after, strict=True):
         np.testing.assert_array_equal(corrected.wrench_in_plate, plate.wrench_in_plate)
 
 
-def test_wrong_plates_corrected_give_the_residuals_of_right_ones(walker):
-    right = process_recording(walker, PERSON, Settings())
+def test_wrong_plates_corrected_give_the_residuals_of_right_ones(walker, right):
     laboratory = Laboratory(Treadmill(), plates=correction_of(walker))
     wrong = wrongly_measured(walker)
     corrected = process_recording(wrong, PERSON, Settings(), laboratory=laboratory)
@@ -72,22 +64,22 @@ def test_wrong_plates_corrected_give_the_residuals_of_right_ones(walker):
 
 
 def test_on_a_moving_platform_too_where_its_calibration_is_of_plates_corrected_alike(
-    pitched, empty
+    pitched, empty, calibration
 ):
     """The plates move, their errors with them; correction comes before compensation."""
     right = process_recording(
         pitched,
         PERSON,
         Settings(),
-        laboratory=Laboratory(TREADMILL, fit_calibration(empty, TREADMILL)),
+        laboratory=Laboratory(TREADMILL, calibration),
     )
     correction = correction_of(pitched)
-    calibration = fit_calibration(wrongly_measured(empty), TREADMILL, correction)
+    of_wrong = fit_calibration(wrongly_measured(empty), TREADMILL, correction)
     corrected = process_recording(
         wrongly_measured(pitched),
         PERSON,
         Settings(),
-        laboratory=Laboratory(TREADMILL, calibration, plates=correction),
+        laboratory=Laboratory(TREADMILL, of_wrong, plates=correction),
     )
     assert max(largest_difference(corrected, right).values()) < 1e-9
 
@@ -107,6 +99,14 @@ def thesis_delays(motion, duration_s=20.0, seed=0):
     return replace(one, plates=(one.plates[0], two.plates[1]))
 
 
+@pytest.fixture(scope="module")
+def timed():
+    """A recording of plates of two clocks, their delays, and the calibration that knows them."""
+    recording = thesis_delays(lab.shaken(20.0))
+    known = correction_of(recording, change=False, delays=(0.004, 0.002))
+    return recording, known, fit_calibration(recording, TREADMILL, known)
+
+
 def left_of_second_plate(calibration, correction):
     """Of another recording of the empty treadmill, below 6 Hz, RMS (6,)."""
     trial = thesis_delays(lab.shaken(20.0, seed=3), seed=3)
@@ -117,11 +117,9 @@ def left_of_second_plate(calibration, correction):
     return np.sqrt(np.mean(slow[100:-100] ** 2, axis=0))
 
 
-def test_a_calibration_is_fitted_to_plates_of_one_clock():
+def test_a_calibration_is_fitted_to_plates_of_one_clock(timed):
     """No delay of a sensor would serve two plates that are timed differently."""
-    recording = thesis_delays(lab.shaken(20.0))
-    known = correction_of(recording, change=False, delays=(0.004, 0.002))
-    calibration = fit_calibration(recording, TREADMILL, known)
+    recording, known, calibration = timed
     for sensor in calibration.sensors:
         assert sensor.delay_s == pytest.approx(0.001, abs=2.5 * sensor.delay_error_s)
     assert plates_timed_apart(recording, TREADMILL, calibration.sensors, known) == ()
@@ -135,11 +133,9 @@ def test_a_calibration_is_fitted_to_plates_of_one_clock():
     assert left_of_second_plate(unaware, unknown)[:3].max() > 1.3 * left[:3].max()
 
 
-def test_artefacts_are_of_the_plates_own_clocks():
+def test_artefacts_are_of_the_plates_own_clocks(timed):
     """What copies of C3D files subtract from each plate as it was recorded."""
-    recording = thesis_delays(lab.shaken(20.0))
-    known = correction_of(recording, change=False, delays=(0.004, 0.002))
-    calibration = fit_calibration(recording, TREADMILL, known)
+    recording, known, calibration = timed
     artefacts, _ = plate_artefacts(recording, Laboratory(TREADMILL, calibration, plates=known))
     for artefact, plate in zip(artefacts, recording.plates, strict=True):
         late = estimate_delay(artefact, plate.wrench_in_plate, 1000.0)
@@ -149,7 +145,6 @@ def test_artefacts_are_of_the_plates_own_clocks():
 @pytest.mark.parametrize(
     ("fitted_with", "used", "message"),
     [
-        (None, "lab.json", "to uncorrected plates, but trials are by lab.json; fit it again with"),
         ("lab.json", None, "to plates corrected by lab.json; name that file"),
         ("lab.json", "new.json", "corrected by lab.json, not by this new.json; fit it again with"),
     ],
@@ -159,17 +154,6 @@ def test_a_calibration_of_otherwise_corrected_plates_is_refused(empty, fitted_wi
     calibration = fit_calibration(empty, TREADMILL, of.get(fitted_with))
     with pytest.raises(ValueError, match=message):
         Laboratory(TREADMILL, calibration, plates=of.get(used))
-
-
-def test_a_calibration_fitted_in_passing_is_of_corrected_plates(moving_study):
-    """A study may name the recording of the empty treadmill itself."""
-    path = moving_study / "empty.c3d"
-    correction = correction_of(read_c3d(path, "left,back,up"))
-    raw = read_calibration(path, TREADMILL, "left,back,up")
-    corrected = read_calibration(path, TREADMILL, "left,back,up", correction)
-    assert corrected.provenance["plate_calibration"] == "lab.json"
-    for plate in ("plate 1", "plate 2"):
-        assert np.abs(corrected.plates[plate].gain / raw.plates[plate].gain - 1).max() > 0.01
 
 
 def test_plates_that_the_calibration_does_not_have_stay_as_they_are_with_a_warning(walker):
@@ -200,22 +184,13 @@ def test_plates_whose_place_is_unknown_are_corrected_about_their_calibrations_ce
         np.testing.assert_allclose(plate.wrench, right.wrench, atol=1e-9)
 
 
-def test_plates_that_are_compensated_already_are_not_corrected_a_second_time(walker):
-    done = replace(walker, compensation=Compensation("hbm-residuals 1.0", (1, 2)))
-    with pytest.raises(
-        ValueError, match=r"compensated or corrected already, by hbm-residuals 1\.0"
-    ):
-        with_corrected_plates(done, correction_of(walker))
-
-
-def test_each_plate_has_its_own_delay(walker):
+def test_each_plate_has_its_own_delay(walker, right):
     """As in the thesis, 4 ms on the left and 2 ms on the right."""
     correction = correction_of(walker, change=False, delays=(0.004, 0.002))
     late = tuple(
         replace(plate, time=plate.time + delay)
         for plate, delay in zip(walker.plates, (0.004, 0.002), strict=True)
     )
-    right = process_recording(walker, PERSON, Settings())
     delayed = process_recording(
         replace(walker, plates=late),
         PERSON,
@@ -226,12 +201,10 @@ def test_each_plate_has_its_own_delay(walker):
     assert "plates_corrected" in codes(delayed)
 
 
-@pytest.mark.parametrize(("stated_s", "expected"), [(None, [0.004, 0.0]), (0.004, [0.004, 0.004])])
-def test_a_plate_whose_delay_was_not_measured_has_the_stated_one_or_none(
-    walker, stated_s, expected
-):
+def test_a_plate_whose_delay_was_not_measured_has_the_stated_one_or_none(walker):
     correction = correction_of(walker, delays=(0.004, None))
-    assert plate_delays_s(walker.plates, correction, stated_s) == expected
+    assert plate_delays_s(walker.plates, correction, None) == [0.004, 0.0]
+    assert plate_delays_s(walker.plates, correction, 0.004) == [0.004, 0.004]
 
 
 def test_two_different_delays_of_a_plate_are_refused(walker):

@@ -5,12 +5,12 @@ undamped mode of 25 Hz. A person's forces are not on these plates, so that all o
 """
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 
-from compensation import from_json, to_json
-from pipeline.cli.app import main
+from compensation import to_json
 from pipeline.config.schema import Treadmill
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory, bind, read_calibration
@@ -35,6 +35,7 @@ def fast(seconds, seed):
     return lab.PlatformMotion(time, 0.004 * sway, np.radians(0.5) * pitch)
 
 
+@cache
 def moving(seed, seconds=20.0):
     return lab.on_platform(lab.without_people(seconds), fast(seconds, seed), seed=seed)
 
@@ -106,16 +107,6 @@ def test_files_of_compensated_plates_hold_what_trials_are_computed_with(calibrat
         assert np.abs(load.force[500:-500]).mean() < 5 * LEFT_N
 
 
-def test_a_trial_names_the_model_and_every_frame_has_an_uncertainty(calibrated):
-    other = yielding(moving(2))
-    notes = []
-    ground = ground_of(other, calibrated[1], notes=notes)
-    assert "by the dynamic model of the accelerometers" in " ".join(n.text for n in notes)
-    sd = ground.uncertainty(np.zeros(3)).plates[0][INSIDE]
-    assert np.isfinite(sd).all()
-    assert (sd[:, :3] > 0.05).all()
-
-
 def test_a_stated_model_that_is_not_the_files_is_refused(calibrated, tmp_path):
     for fitted, stated in zip(calibrated, ("dynamic", "static"), strict=True):
         path = tmp_path / f"{stated}.json"
@@ -124,22 +115,3 @@ def test_a_stated_model_that_is_not_the_files_is_refused(calibrated, tmp_path):
         with pytest.raises(ValueError, match=f"fit it again with --model {stated}"):
             read_calibration(path, treadmill)
         assert read_calibration(path, Treadmill(**SENSORS)).in_use
-
-
-def test_the_command_line_says_which_model_it_takes_and_trials_are_computed_with_it(
-    calibrated, tmp_path, capsys
-):
-    empty = lab.save(yielding(moving(1)), tmp_path / "empty.c3d")
-    other = lab.save(yielding(moving(2)), tmp_path / "other.c3d")
-    out = tmp_path / "lab.json"
-    command = ["calibration", "fit", str(empty), "-o", str(out)]
-    assert main([*command, "--check", str(other)]) == 0
-    printed = " ".join(capsys.readouterr().out.split())
-    assert "dynamic model: of what was not fitted, the dynamic one leaves 0." in printed
-    assert from_json(out.read_text(encoding="utf-8")).dynamic
-    assert main(["calibration", "check", str(out), str(other)]) == 0
-    assert main([*command, "--model", "static", "--check", str(other)]) == 0
-    printed = " ".join(capsys.readouterr().out.split())
-    assert "static model, as stated: " in printed
-    assert main([*command, "--model", "best"]) == 2
-    assert "--inertia-model: input should be 'auto', 'static' or" in capsys.readouterr().err

@@ -41,12 +41,3 @@ def test_between_markers_the_pose_is_that_of_a_smooth_motion(walker):
     np.testing.assert_allclose(found.rotation[inside], rotation[inside], atol=1e-5)
     np.testing.assert_allclose(found.position[inside], position[inside], atol=1e-5)
     np.testing.assert_array_equal(found.position[-1], found.position[inside][-1])
-
-
-def test_a_pose_with_a_gap_cannot_turn_plates(walker):
-    rotation, position = (part.copy() for part in lab.pitching(12.0).pose(walker.markers.time))
-    rotation[300:340], position[300:340] = np.nan, np.nan
-    with pytest.raises(
-        ValueError, match=r"walk_0\.c3d: the platform's pose has a gap at 2\.99\d s"
-    ):
-        pose_at(walker, PlatformPose(rotation, position), walker.plates[0].time)

@@ -2,20 +2,17 @@
 
 import pytest
 
-from pipeline.cli.app import main
-from pipeline.config.schema import Platform, Treadmill
-from pipeline.trial.ground.calibration_recording import fit_calibration
+from pipeline.config.schema import Platform
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.platform import command_delay
 from tests.pipeline import lab
-from tests.pipeline.trial.ground.grounds import notes_on
+from tests.pipeline.trial.ground.grounds import TREADMILL, notes_on
 
 MARKERS = tuple(lab.PLATFORM_MARKERS_M)
-TREADMILL = Treadmill(accelerometers=lab.CHANNELS, platform=Platform(markers=MARKERS))
 COMMANDS = Platform(sway_channel="Sway", pitch_channel="Pitch")
 
 
-def empty(seed, motion=None, **delays):
+def moved(seed, motion=None, **delays):
     return lab.on_platform(
         lab.without_people(20.0), motion or lab.shaken(20.0, seed), seed=seed, **delays
     )
@@ -24,36 +21,27 @@ def empty(seed, motion=None, **delays):
 @pytest.mark.parametrize(("motion", "within_s"), [(None, 0.001), (lab.pitching(20.0), 0.0005)])
 def test_the_platforms_own_motion_times_its_commands(motion, within_s):
     """Of a slow pitch whole samples correlate alike over several of them; only the slope tells."""
-    recording = empty(1, motion, command_delay_s=-0.02)
+    recording = moved(1, motion, command_delay_s=-0.02)
     command = command_delay(recording, MARKERS, COMMANDS)
     assert abs(command.values["delay_s"] - 0.02) < within_s
     assert abs(command.values["delay_s"] - 0.02) < command.values["interval_s"]
     assert command.values["stated_s"] == -command.values["delay_s"]
 
 
-def test_a_trial_on_a_moving_platform_says_how_late_its_plates_are_and_what_of_it_is_stated():
-    laboratory = Laboratory(TREADMILL, fit_calibration(empty(1), TREADMILL))
+def test_a_trial_on_a_moving_platform_says_how_late_its_plates_are_and_what_of_it_is_stated(
+    calibration,
+):
+    laboratory = Laboratory(TREADMILL, calibration)
     late = {"plate_delay_s": 0.004, "accelerometer_delay_s": 0.004}
     for motion, stated_s, codes in (
         (lab.shaken(20.0, 5), 0.004, ["platform_plates_delay"]),
         (lab.shaken(20.0, 5), None, ["platform_plates_delay_differs"]),
         (lab.still(20.0), 0.004, []),
     ):
-        trial = empty(5, motion, **late)
+        trial = moved(5, motion, **late)
         notes = notes_on(trial, laboratory, None, stated_s)
         found = [note for note in notes if note.code.startswith("platform_plates_delay")]
         assert [note.code for note in found] == codes
         for note in found:
             assert abs(note.values["delay_s"] - 0.004) < note.values["interval_s"]
             assert note.values["stated_s"] == (stated_s or 0.0)
-
-
-def test_a_calibration_recording_with_markers_says_how_its_commands_are_timed(tmp_path, capsys):
-    path = lab.save(empty(1, command_delay_s=-0.02), tmp_path / "empty.c3d")
-    command = ["calibration", "fit", str(path), "-o", str(tmp_path / "lab.json")]
-    channels = ["--sway-channel", "Sway", "--pitch-channel", "Pitch"]
-    assert main([*command, *channels, "--platform-markers", ",".join(MARKERS)]) == 0
-    printed = " ".join(capsys.readouterr().out.split())
-    assert "later than the channels Sway, Pitch" in printed
-    assert main([*command, *channels]) == 2
-    assert "need --platform-markers" in capsys.readouterr().err

@@ -7,36 +7,24 @@ import numpy as np
 import pytest
 
 from hbm.notes import Note
-from hbm.signals.filtering import butterworth, low_pass
+from hbm.signals.filtering import butterworth
 from hbm.signals.resampling import resample
 from pipeline.config.schema import Platform, Treadmill
 from pipeline.io.recording import Analog
-from pipeline.io.units import acceleration_in_mps2
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from tests.pipeline import lab
-from tests.pipeline.trial.ground.grounds import ground_of
+from tests.pipeline.trial.ground.grounds import ON_MARKERS, TREADMILL, ground_of
 
-ON_MARKERS = Platform(markers=tuple(lab.PLATFORM_MARKERS_M))
 COMMANDED = Platform(sway_channel="Sway", pitch_channel="Pitch", pivot_m=tuple(lab.PIVOT_M))
-TREADMILL = Treadmill(accelerometers=lab.CHANNELS, platform=ON_MARKERS)
 INSIDE = slice(60, -60)
 DURATION_S = 12.0
 
 
 @pytest.fixture(scope="module")
-def calibration():
-    return fit_calibration(lab.on_platform(lab.without_people(20.0), lab.shaken(20.0)), TREADMILL)
-
-
-@pytest.fixture(scope="module")
 def motions():
     both = lab.shaken(DURATION_S, seed=3)
-    return {
-        "sway": lab.swaying(DURATION_S, (6.5, 9.7)),
-        "pitch": lab.pitching(DURATION_S),
-        "both": both,
-    }
+    return {"pitch": lab.pitching(DURATION_S), "both": both}
 
 
 def filtered_total(recording, laboratory, *, plate_delay_s=0.0):
@@ -62,26 +50,22 @@ def error(found, true):
     return np.abs(found - true)[INSIDE].max(axis=0)
 
 
-@pytest.mark.parametrize("kind", ["sway", "pitch", "both"])
-def test_a_persons_known_wrench_is_recovered_on_a_moving_platform(
-    walker, calibration, motions, kind
-):
+def test_a_persons_known_wrench_is_recovered_on_a_moving_platform(walker, calibration, motions):
     """Belt assemblies of 150 kg each, 10°, 5 cm: only the plates' noise is left."""
-    recording = lab.on_platform(walker, motions[kind])
+    recording = lab.on_platform(walker, motions["both"])
     found, *_ = filtered_total(recording, Laboratory(TREADMILL, calibration))
     limit = np.array([2, 2, 2, 1, 1, 1])
     assert (error(found["compensated"], truth(walker)) < limit).all()
     assert error(found["measured"], truth(walker)).max() > 200
 
 
-@pytest.mark.parametrize("kind", ["both"])
-def test_the_platforms_pose_applies_to_the_measured_plates_too(walker, motions, kind):
+def test_the_platforms_pose_applies_to_the_measured_plates_too(walker, motions):
     """Without belt assemblies nothing is to be compensated, but the pose is to be applied."""
-    recording = lab.on_platform(walker, motions[kind], assembly=False, noise=0)
+    recording = lab.on_platform(walker, motions["both"], assembly=False, noise=0)
     found, ground, _ = filtered_total(recording, Laboratory(TREADMILL))
     assert list(found) == ["measured"]
     assert error(found["measured"], truth(walker)).max() < 0.05
-    rotation, position = motions[kind].pose(recording.markers.time)
+    rotation, position = motions["both"].pose(recording.markers.time)
     np.testing.assert_allclose(ground.pose.rotation, rotation, atol=1e-8)
     np.testing.assert_allclose(ground.pose.position, position, atol=1e-8)
 
@@ -95,40 +79,11 @@ def test_a_commanded_pose_gives_the_wrenches_that_markers_give(walker, calibrati
     assert "as commanded by Sway, Pitch" in pose.text
 
 
-@pytest.mark.parametrize("cutoff_hz", [10.0, 20.0])
-def test_accelerations_of_a_trial_pass_the_low_pass_of_the_calibration(walker, motions, cutoff_hz):
-    """A vibration of 30 Hz in a sensor is attenuated in the prediction as in the fit."""
-    treadmill = TREADMILL.model_copy(update={"cutoff_hz": cutoff_hz})
-    empty = lab.on_platform(lab.without_people(20.0), lab.shaken(20.0))
-    laboratory = Laboratory(treadmill, fit_calibration(empty, treadmill))
-    recording = lab.on_platform(walker, motions["both"])
-    analog = recording.analog
-    wave = np.sin(2 * np.pi * 30 * analog.time)
-    column = analog.names.index(next(iter(lab.CHANNELS.values()))[0])
-    values = analog.values.copy()
-    values[:, column] += wave
-    shaken = replace(recording, analog=replace(analog, values=values))
-
-    time = recording.markers.time
-    quiet, noisy = (
-        ground_of(r, laboratory, time, 0.0).variants["compensated"][0] for r in (recording, shaken)
-    )
-    model = laboratory.calibration.plates["plate 1"]
-    scale = acceleration_in_mps2(analog.units[column])
-    weakened = resample(analog.time, low_pass(wave, analog.time, cutoff_hz, "zero_phase"), time)
-    change = np.linalg.norm((noisy - quiet)[:, :3], axis=1)  # of the force: in any axes the same
-    expected = np.abs(weakened) * scale * np.linalg.norm(model.gain[0, :3])
-    np.testing.assert_allclose(change[INSIDE], expected[INSIDE], atol=1e-6)
-    assert np.abs(weakened[INSIDE]).max() < 0.4
-
-
-def test_an_empty_plate_keeps_only_what_the_fit_itself_could_not_explain():
+def test_an_empty_plate_keeps_only_what_the_fit_itself_could_not_explain(empty, calibration):
     """Plates and accelerometers pass the same filter, so that it leaves no artefact."""
-    recording = lab.on_platform(lab.without_people(20.0), lab.shaken(20.0))
-    calibration = fit_calibration(recording, TREADMILL)
-    model, clock = calibration.plates["plate 1"], recording.plates[0].time
+    model, clock = calibration.plates["plate 1"], empty.plates[0].time
     level = TREADMILL.model_copy(update={"platform": None})
-    ground = ground_of(recording, Laboratory(level, calibration), clock, 0.0)
+    ground = ground_of(empty, Laboratory(level, calibration), clock, 0.0)
     left = np.linalg.norm(ground.variants["compensated"][0][:, :3], axis=1)
     left_rms_n = np.sqrt(np.nanmean(left**2))
     assert left_rms_n == pytest.approx(np.linalg.norm(model.rms_compensated[:3]), rel=1e-6)
@@ -148,17 +103,13 @@ def test_a_delayed_command_is_shifted_and_leaves_a_gap_at_one_end(walker, motion
     np.testing.assert_allclose(ground.pose.position[known], position[known], atol=2e-6)
 
 
-@pytest.mark.parametrize(
-    ("delays", "settings"),
-    [
-        ({"plate_delay_s": 0.02, "accelerometer_delay_s": 0.02}, {"plate_delay_s": 0.02}),
-        ({"plate_delay_s": -0.0135, "accelerometer_delay_s": -0.0135}, {"plate_delay_s": -0.0135}),
-    ],
-)
-def test_late_plates_are_aligned_with_the_markers(walker, calibration, motions, delays, settings):
-    recording = lab.on_platform(walker, motions["both"], **delays)
+@pytest.mark.parametrize("delay_s", [0.02, -0.0135])
+def test_late_plates_are_aligned_with_the_markers(walker, calibration, motions, delay_s):
+    recording = lab.on_platform(
+        walker, motions["both"], plate_delay_s=delay_s, accelerometer_delay_s=delay_s
+    )
     laboratory = Laboratory(TREADMILL, calibration)
-    found, *_ = filtered_total(recording, laboratory, **settings)
+    found, *_ = filtered_total(recording, laboratory, plate_delay_s=delay_s)
     limit = np.array([2, 2, 2, 1, 1, 1])
     assert (error(found["compensated"], truth(walker)) < limit).all()
     found, *_ = filtered_total(recording, laboratory)
@@ -185,23 +136,6 @@ def test_accelerometers_that_lag_the_plates_are_aligned_in_calibration_and_trial
     assert (error(found["compensated"], truth(walker)) > limit).any()
 
 
-def test_a_gap_of_an_accelerometer_is_a_gap_of_the_compensated_plates_only(
-    walker, calibration, motions
-):
-    recording = lab.on_platform(walker, motions["pitch"])
-    values = recording.analog.values.copy()
-    values[5000:5050, 0] = np.nan
-    analog = Analog(recording.analog.time, recording.analog.names, recording.analog.units, values)
-    _, ground, _ = filtered_total(
-        replace(recording, analog=analog), Laboratory(TREADMILL, calibration)
-    )
-    assert np.isfinite(ground.variants["measured"]).all()
-    missing = np.isnan(ground.variants["compensated"][0]).any(axis=1)
-    assert missing[500:505].all()
-    assert not missing[:450].any()
-    assert not missing[600:].any()
-
-
 def test_a_platform_marker_that_is_lost_leaves_a_gap_only_below_three(walker, motions):
     recording = lab.on_platform(walker, motions["pitch"], noise=0)
     position = recording.markers.position.copy()
@@ -212,16 +146,6 @@ def test_a_platform_marker_that_is_lost_leaves_a_gap_only_below_three(walker, mo
     gap = np.isnan(ground.variants["measured"][0]).any(axis=1)
     assert np.flatnonzero(gap).tolist() == list(range(400, 410))
     assert Note.of("platform_pose_unknown", unknown=10, frames=1200) in found_notes
-
-
-def test_a_dead_plate_is_noted(walker):
-    first, second = walker.plates
-    dead = replace(second, wrench_in_plate=np.full_like(second.wrench_in_plate, 3.0))
-    standing = Laboratory(Treadmill())
-    assert not filtered_total(walker, standing)[2]
-    (note,) = filtered_total(replace(walker, plates=(first, dead)), standing)[2]
-    assert (note.code, note.level) == ("plate_constant", "warning")
-    assert note.values["plate"] == 2
 
 
 def without(recording, *channels):
@@ -241,10 +165,8 @@ def in_volts(recording):
     ("change", "platform", "message"),
     [
         (lambda r: without(r, "A2Z"), ON_MARKERS, "no analog channel 'A2Z'; present: Acc1.X"),
-        (lambda r: replace(r, analog=None), ON_MARKERS, "no analog channel 'Acc1.X'; there are no"),
         (in_volts, ON_MARKERS, "channel 'Acc1.X': unknown acceleration unit 'V', expected g"),
         (lambda r: r, Platform(markers=("PF1", "PF2", "PF9")), "platform markers PF9 are not in"),
-        (lambda r: r, Platform(), "the platform's pose needs its markers, or its sway or pitch"),
         (
             lambda r: replace(r, plates=(replace(r.plates[0], number=3),)),
             ON_MARKERS,
@@ -259,8 +181,7 @@ def test_what_is_missing_is_named_in_one_line_with_the_file(
     laboratory = Laboratory(TREADMILL.model_copy(update={"platform": platform}), calibration)
     with pytest.raises(ValueError, match=re.escape(message)) as caught:
         filtered_total(recording, laboratory)
-    assert "\n" not in str(caught.value)
-    assert platform == Platform() or str(caught.value).startswith(walker.source.name)
+    assert str(caught.value).startswith(walker.source.name)
 
 
 def test_a_stated_unit_replaces_that_of_the_file(walker, calibration, motions):

@@ -1,0 +1,1 @@
+"""Static and dynamic models of a flexible treadmill, judged on motion of other kinds."""
