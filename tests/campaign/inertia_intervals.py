@@ -217,8 +217,8 @@ def unmet(found: pd.DataFrame) -> list[str]:
     """Give what the intervals should do and do not, with people in the calibration."""
     held = found.held.xs(CALIBRATIONS[1], level="calibration", drop_level=False) / 100
     every = held.groupby(SETUP).mean()
-    missed = pd.concat([every[~every.between(*GOAL)], held[~held.between(*GOAL_OF_CELL)]])
-    return [f"{key}: {100 * share:.1f} %" for key, share in missed.items()]
+    missed = [*every[~every.between(*GOAL)].items(), *held[~held.between(*GOAL_OF_CELL)].items()]
+    return [f"{', '.join(map(str, key))}: {100 * share:.1f} %" for key, share in missed]
 
 
 def main() -> int:
