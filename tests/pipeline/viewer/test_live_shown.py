@@ -123,6 +123,7 @@ def test_body_residuals_and_gait_cycles_are_seen_while_frames_come(trial, frames
         assert hidden < 0.1 * seen, (hidden, seen)
 
 
+@pytest.mark.slow
 @needs_chromium
 def test_a_page_shows_what_comes_and_requests_only_what_is_served_here(trial, frames, tmp_path):
     with live_view(trial, "browser") as view, open_browser() as browser:

@@ -88,6 +88,7 @@ def served(path):
             process.terminate()
 
 
+@pytest.mark.slow
 @needs_chromium
 def test_the_page_shows_the_trial_at_its_start_and_requests_only_what_is_served_here(
     recording, tmp_path
