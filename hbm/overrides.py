@@ -233,7 +233,7 @@ def apply_overrides(
         factor = stated[s] / part.mass if s in stated else share
         center, tensor = override.center_m, override.inertia_kg_m2
         result[s] = Inertia(
-            factor * part.mass,
+            float(factor * part.mass),
             part.center if center is None else center,
             factor * part.tensor if tensor is None else tensor,
         )

@@ -85,7 +85,7 @@ class MarkerGaps:
     --------
     >>> gaps = MarkerGaps(["LASIS"])
     >>> gaps.add(np.array([0.0, 0.2, 0.4, 0.6]), np.full((4, 1, 3), np.nan))
-    [Note(code='live_marker_gone', values=mappingproxy({'marker': 'LASIS', 'gone_s': 0.4}))]
+    [Note(code='live_marker_gone', values={'marker': 'LASIS', 'gone_s': 0.4})]
     >>> gaps.add(np.array([0.8]), np.full((1, 1, 3), np.nan))
     []
     """

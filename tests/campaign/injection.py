@@ -43,7 +43,6 @@ OF_RECORDING: Final[dict[str, Callable[[Recording, str], Recording]]] = {
     "label": lambda walk, text: _labelled(walk, lambda name: text if name == "LFHD" else name),
     "subject": lambda walk, text: _said(walk, subject=text),
     "software": lambda walk, text: _said(walk, software=text, manufacturer=text),
-    "comments": lambda walk, text: _said(walk, comments=text, date=text),
     "marker set": lambda walk, text: _said(walk, marker_set=text),
     "channel": lambda walk, text: replace(walk, analog=_channel(walk, text, "V")),
     "unit": lambda walk, text: replace(walk, analog=_channel(walk, "A", text)),
@@ -63,7 +62,7 @@ OF_STUDY: Final[dict[str, Callable[[str], tuple[str, str, str]]]] = {
     "key": lambda text: (f"{_toml(text)} = 1\n{STUDY}", "sub01", SUBJECT),
 }
 """Where in a study's files a text may stand: study.toml, the subject's id, the subject's file."""
-OF_PEOPLE: Final = frozenset({"label prefix", "subject", "software", "comments", "marker set"})
+OF_PEOPLE: Final = frozenset({"label prefix", "subject", "software", "marker set"})
 """Where people's names stand in files, which nobody who processes them has typed."""
 
 
