@@ -5,7 +5,8 @@ measured in a gait laboratory.
 """
 
 from collections.abc import Callable
-from typing import Annotated, Final
+from functools import cache
+from typing import Annotated, Any, Final
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
@@ -45,10 +46,16 @@ class InputModel(BaseModel):
 
 def bounds_of(kind: type[InputModel], name: str) -> str:
     """Give the numbers that a setting may have, such as "0.1 to 50"; empty for other settings."""
-    field = kind.model_json_schema()["properties"][name]
+    field = _schema(kind)["properties"][name]
     stated = field["anyOf"][0] if "anyOf" in field else field
     least = stated.get("minimum", stated.get("exclusiveMinimum"))
     return "" if least is None else f"{least:g} to {stated['maximum']:g}"
+
+
+@cache
+def _schema(kind: type[InputModel]) -> dict[str, Any]:
+    """Give the JSON schema of a model, which takes longer than all that is read from it."""
+    return kind.model_json_schema()
 
 
 def _file_name(name: str) -> str:
