@@ -8,7 +8,9 @@ from hbm.body import Body, build_body
 from hbm.coordinates import COORDINATES, PARENT, SEGMENTS, SUBJECT_AXES
 from hbm.markers import Markers
 from hbm.model import joints_of
-from pipeline.virtual_lab.person.subject import VirtualSubject, t_pose_markers
+from hbm.spatial import Array
+from pipeline.virtual_lab.person.body import marker_positions
+from pipeline.virtual_lab.person.subject import VirtualSubject
 
 
 def true_body(subject: VirtualSubject) -> Body:
@@ -48,3 +50,10 @@ def true_body(subject: VirtualSubject) -> Body:
         segments={s: skeleton.inertias[s] for s in SEGMENTS},
         marker_position=skeleton.marker_position,
     )
+
+
+def t_pose_markers(subject: VirtualSubject) -> Array:
+    """Give a person's markers in the T-pose, (M, 3) [m]."""
+    still = np.zeros(1)
+    q = subject.extra_joints.extend(subject.t_pose[:, None], still, still)
+    return np.asarray(marker_positions(subject.skeleton, q)[0])

@@ -22,10 +22,9 @@ from pipeline.virtual_lab.trajectories import smooth_step
 
 STANCE: Final = 0.605
 """Stance phase as a share of the gait cycle, from initial contact to foot off, at 1.3 m/s."""
-LANDING: Final = 0.97, 1.0
 LEAVING: Final = 0.565, 0.615
-"""Phases of the gait cycle between which the floor gradually begins to hold a foot, and releases it
-again: about initial contact and foot off; assumed."""
+"""Phases of the gait cycle between which the floor gradually releases a foot, about foot off;
+assumed."""
 ROLL_OVER: Final = (
     (0.0, 0.08, 0.20, 0.50, 0.80, 0.92, 1.0),
     (0.22, 0.30, 0.44, 0.63, 0.81, 0.90, 0.95),

@@ -11,7 +11,7 @@ from hbm.markers import MarkerSet, marker_sets
 from hbm.spatial import Array
 from pipeline.virtual_lab.faults import BodyFaults, Faults
 from pipeline.virtual_lab.person.anatomy import Proportions, axes_of, locate, offsets_of, t_pose
-from pipeline.virtual_lab.person.body import Skeleton, marker_positions
+from pipeline.virtual_lab.person.body import Skeleton
 from pipeline.virtual_lab.person.feet import SIDES, Sole, sole_of
 from pipeline.virtual_lab.person.gait import STEP_M, StepParameters, size_of
 from pipeline.virtual_lab.person.momentum import WobblingMass, draw_wobbling_masses
@@ -202,13 +202,6 @@ def make_subject(
         step_parameters,
         style,
     )
-
-
-def t_pose_markers(subject: VirtualSubject) -> Array:
-    """Give a person's markers in the T-pose, (M, 3) [m]."""
-    still = np.zeros(1)
-    q = subject.extra_joints.extend(subject.t_pose[:, None], still, still)
-    return np.asarray(marker_positions(subject.skeleton, q)[0])
 
 
 def _body(
