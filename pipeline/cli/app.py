@@ -57,17 +57,17 @@ CALIBRATION: Final = {
 class Group(TyperGroup):
     """All commands; each is imported when it is asked for, none for the help of the group."""
 
-    stated: Mapping[str, tuple[str, str]] = COMMANDS
+    listed: Mapping[str, tuple[str, str]] = COMMANDS
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Give the names of the commands."""
-        return list(self.stated)
+        return list(self.listed)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Import a command; one that does not exist ends with the nearest one."""
-        if cmd_name not in self.stated:
-            ctx.fail(f"no command {short(cmd_name)!r}{did_you_mean(cmd_name, self.stated)}")
-        module, sentence = self.stated[cmd_name]
+        if cmd_name not in self.listed:
+            ctx.fail(f"no command {short(cmd_name)!r}{did_you_mean(cmd_name, self.listed)}")
+        module, sentence = self.listed[cmd_name]
         if not module:
             return CalibrationGroup(name=cmd_name, help=sentence, rich_markup_mode=None)
         one = typer.Typer(add_completion=False, rich_markup_mode=None)
@@ -77,13 +77,13 @@ class Group(TyperGroup):
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """List the commands with a sentence on each."""
         with formatter.section("Commands"):
-            formatter.write_dl([(name, sentence) for name, (_, sentence) in self.stated.items()])
+            formatter.write_dl([(name, sentence) for name, (_, sentence) in self.listed.items()])
 
 
 class CalibrationGroup(Group):
     """The commands of ``hbm calibration``."""
 
-    stated = CALIBRATION
+    listed = CALIBRATION
 
 
 app = typer.Typer(
