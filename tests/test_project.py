@@ -93,8 +93,8 @@ def test_commands_and_options_in_the_readme_exist():
     for line in shown:
         words = line.split()
         command = typer.main.get_command(app)
-        while hasattr(command, "stated"):
-            assert words[0] in command.stated, line
+        while hasattr(command, "list_commands"):
+            assert words[0] in command.list_commands(None), line
             command = command.get_command(None, words.pop(0))
         known = {option for parameter in command.params for option in parameter.opts}
         assert {word for word in words if word.startswith("--")} <= known, line
