@@ -94,7 +94,11 @@ def recorded(read, folder):
     return read(folder)
 
 
-@cache
 def processed(read, folder, delay_s=0.0, **settings):
+    return _processed(read, folder, delay_s, Settings(**settings))
+
+
+@cache
+def _processed(read, folder, delay_s, settings):
     recording, known = recorded(read, folder)
-    return process_recording(later(recording, delay_s), settings=Settings(**settings), **known)
+    return process_recording(later(recording, delay_s), settings=settings, **known)
