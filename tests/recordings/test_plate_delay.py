@@ -1,6 +1,5 @@
 """How much later plates are than markers: what is put in is found, and what is stated taken off."""
 
-
 import numpy as np
 import pytest
 
@@ -23,6 +22,7 @@ from tests.recordings.recorded import (
     steps,
     treadmill,
 )
+
 
 def test_plates_of_a_real_treadmill_lag_its_markers_by_ten_to_twenty_milliseconds(shared_data):
     """As measured there with another model, of segment mid-points and de Leva's masses."""
