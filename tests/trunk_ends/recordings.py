@@ -19,7 +19,7 @@ from hbm.signals.filtering import butterworth
 from hbm.signals.resampling import resample
 from hbm.spatial import GRAVITY_MPS2, Array
 from pipeline.io.c3d.read import read_c3d
-from pipeline.io.opensim import read_opensim_trial, read_trc
+from pipeline.io.read import read_recording
 
 HERE: Final = Path(__file__).resolve().parent
 SUBJECTS: Final = HERE.parents[1] / "subjects" / "marker_sets"
@@ -86,9 +86,9 @@ def quiet_standing(data: Path) -> Case:
 def gait2354(data: Path) -> Case:
     """OpenSim's example: overground walking over two plates; C7, T10 and xiphoid are not shown."""
     folder = data / "opensim_subject01"
-    static = read_trc(folder / "subject01_static.trc", OPENSIM_AXES).markers
-    walk = read_opensim_trial(
-        folder / "subject01_walk1.trc", folder / "subject01_walk1_grf.mot", OPENSIM_AXES
+    static = read_recording(folder / "subject01_static.trc", OPENSIM_AXES).markers
+    walk = read_recording(
+        folder / "subject01_walk1.trc", OPENSIM_AXES, folder / "subject01_walk1_grf.mot"
     )
     chosen = _read(SUBJECTS / "gait2354.toml")
     window = (0.4, 1.6)  # that of OpenSim's own published residuals
@@ -130,7 +130,7 @@ def stairs(data: Path) -> Case:
 def generated_walk(data: Path) -> Case:
     """A walk generated from an OpenSim model with rigid markers; T10 and xiphoid are not shown."""
     folder = data / "truth_walk"
-    walk = read_opensim_trial(folder / "markers.trc", folder / "grf.mot", OPENSIM_AXES)
+    walk = read_recording(folder / "markers.trc", OPENSIM_AXES, folder / "grf.mot")
     chosen = _read(SUBJECTS / "arnold2013.toml")
     return _case(
         walk.markers,

@@ -202,7 +202,7 @@ def read_c3d(
     """
     path = Path(path)
     with naming(path):
-        return _read(path, as_stated(stated), max_frames)
+        return read_c3d_file(path, as_stated(stated), max_frames)
 
 
 def preview_c3d(path: Path, stated: Stated) -> Preview:
@@ -215,7 +215,8 @@ def preview_c3d(path: Path, stated: Stated) -> Preview:
     return Preview(beginning, header.frames, missing)
 
 
-def _read(path: Path, stated: Stated, max_frames: int | None) -> Recording:
+def read_c3d_file(path: Path, stated: Stated, max_frames: int | None = None) -> Recording:
+    """Read a C3D file as `read_c3d` does; errors do not name it."""
     header, parameters = read_header(path)
     samples = read_samples(path, header, parameters, max_frames)
     labels = sort_labels(parameters, header.frame.points, stated)
