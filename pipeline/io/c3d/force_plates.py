@@ -1,6 +1,5 @@
 """Force plates of a C3D file, TYPE 1 to 4: how they are described, their channels as wrenches."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -9,6 +8,7 @@ import numpy as np
 from hbm.notes import Note
 from hbm.spatial import Array, shift_wrench
 from hbm.spelling import short
+from pipeline.io.c3d.data import Header
 from pipeline.io.c3d.parameters import Parameters
 from pipeline.io.stated import Quantity, Stated
 
@@ -110,17 +110,13 @@ class PlateLayout:
         return shift_wrench(values, self.origin)
 
 
-def plate_layouts(
-    parameters: Parameters, names: Sequence[str], units: Sequence[str], stated: Stated
-) -> tuple[list[PlateLayout], list[Note]]:
+def plate_layouts(header: Header, stated: Stated) -> tuple[list[PlateLayout], list[Note]]:
     """Read how a file describes its force plates.
 
     Parameters
     ----------
-    parameters
-        Parameters of the file.
-    names, units
-        Label and unit of each analog channel as the file writes them.
+    header
+        What the file says of itself.
     stated
         Units that a person states.
 
@@ -136,18 +132,18 @@ def plate_layouts(
     ValueError
         A unit is unknown.
     """
+    parameters = header.parameters
     used = parameters.integer("FORCE_PLATFORM", "USED", 0)
     types = parameters.integers("FORCE_PLATFORM", "TYPE").ravel()
     if used > MAX_PLATES:
         raise ValueError(f"FORCE_PLATFORM:USED says {used} plates: the file is damaged")
-    labelled = list(zip(names, units, strict=True))
     plates: list[PlateLayout] = []
     notes: list[Note] = []
     for k in range(used):
         try:
             if k >= len(types):
                 raise Undescribed("FORCE_PLATFORM:TYPE does not name its type")
-            plates.append(_plate_layout(k, int(types[k]), parameters, labelled, stated))
+            plates.append(_plate_layout(k, int(types[k]), header, stated))
             halves = plates[-1].corners[:2] + plates[-1].corners[2:]  # equal in a rectangle
             error_m = np.linalg.norm(halves[0] - halves[1])
             if error_m > MAX_CORNER_ERROR_M:
@@ -159,9 +155,8 @@ def plate_layouts(
     return plates, notes
 
 
-def _plate_layout(
-    k: int, kind: int, parameters: Parameters, labelled: list[Channel], stated: Stated
-) -> PlateLayout:
+def _plate_layout(k: int, kind: int, header: Header, stated: Stated) -> PlateLayout:
+    parameters, labelled = header.parameters, header.channels
     if kind not in QUANTITIES:
         raise Undescribed(
             f"plates of TYPE {kind} are not supported, only TYPE 1 to 4; export the file with "

@@ -10,10 +10,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pipeline.io.c3d.data import read_samples
+from pipeline.io.c3d.data import read_header, read_samples
 from pipeline.io.c3d.force_plates import plate_layouts
-from pipeline.io.c3d.header import read_header
-from pipeline.io.c3d.labels import channel_labels
 from pipeline.io.c3d.parameters import (
     parameter_records,
     values_of,
@@ -42,10 +40,9 @@ REAL_FILES = (
 
 def plates_of(path):
     """Wrenches of a file's plates, without the axes that a recording needs."""
-    header, parameters = read_header(path)
-    samples = read_samples(path, header, parameters)
-    names, units = channel_labels(parameters, samples.analog.shape[1])
-    plates, _ = plate_layouts(parameters, names, units, Stated())
+    header = read_header(path)
+    samples = read_samples(header)
+    plates, _ = plate_layouts(header, Stated())
     return [plate.wrench(samples.analog[:, plate.channels]) for plate in plates]
 
 
@@ -78,7 +75,7 @@ def assert_only_the_group_is_added(original, written):
 
     Free are also the length of the section, and the way from its last record on.
     """
-    (before, _), (after, parameters) = map(read_header, (original, written))
+    before, after = map(read_header, (original, written))
     first, second = bytearray(original.read_bytes()), bytearray(written.read_bytes())
     assert second[after.data_start :] == first[before.data_start :]
     start = (before.parameter_block - 1) * BLOCK
@@ -94,13 +91,13 @@ def assert_only_the_group_is_added(original, written):
     for k in free:
         first[k] = second[k] = 0
     assert second[:last] == first[:last]
-    assert read_compensation(parameters) == DONE
+    assert read_compensation(after.parameters) == DONE
 
 
 def assert_read_back(original, written, changes):
     """Real samples: to 1e-6 of the largest component. Whole ones: half a count in every channel."""
-    header, parameters = read_header(original)
-    samples = _plate_samples(header, parameters, Stated())
+    header = read_header(original)
+    samples = _plate_samples(header, Stated())
     for plate, before, after, change in zip(
         samples.plates, plates_of(original), plates_of(written), changes, strict=True
     ):
@@ -191,9 +188,9 @@ def test_a_changed_wrench_is_read_back_whatever_the_file(tmp_path, file):
     (tmp_path / "written" / "trial.c3d").unlink(missing_ok=True)
     written, _ = rewritten(original, changes)
     assert_read_back(original, written, changes)
-    header, parameters = read_header(written)
-    spare = read_samples(written, header, parameters).analog[:, : file.spare_channels]
-    before = read_samples(original, *read_header(original)).analog[:, : file.spare_channels]
+    header = read_header(written)
+    spare = read_samples(header).analog[:, : file.spare_channels]
+    before = read_samples(read_header(original)).analog[:, : file.spare_channels]
     np.testing.assert_array_equal(spare, before)
 
 
@@ -240,7 +237,7 @@ def test_samples_that_are_no_number_stay_so(tmp_path):
 
 def room_of(path):
     """Bytes that are free in the last block of parameters."""
-    section = path.read_bytes()[BLOCK : read_header(path)[0].data_start]
+    section = path.read_bytes()[BLOCK : read_header(path).data_start]
     last = list(parameter_records(section[4:], "intel"))[-1]
     return -(4 + last.pointer + last.step) % BLOCK
 
@@ -250,7 +247,7 @@ def test_a_parameter_section_without_room_grows_by_whole_blocks(tmp_path):
     original = next(path for path in files if room_of(path) < 60)
     written, _ = rewritten(original, unchanged(original))
     assert_only_the_group_is_added(original, written)
-    assert read_header(written)[0].data_block == read_header(original)[0].data_block + 1
+    assert read_header(written).data_block == read_header(original).data_block + 1
 
 
 @pytest.mark.slow
@@ -286,7 +283,7 @@ def test_another_file_at_the_target_is_kept(tmp_path):
 def test_what_follows_the_last_parameter_may_be_anything(tmp_path):
     """Programs that state a wrong way from the last record on leave old bytes behind it."""
     original = PlateFile(2).write(tmp_path / "trial.c3d")
-    content, (header, _) = bytearray(original.read_bytes()), read_header(original)
+    content, header = bytearray(original.read_bytes()), read_header(original)
     start, data = ((block - 1) * BLOCK for block in (header.parameter_block, header.data_block))
     last = list(parameter_records(bytes(content[start + 4 : data]), "intel"))[-1]
     end, pointer = start + 4 + last.pointer + last.step, start + 4 + last.pointer
@@ -295,7 +292,7 @@ def test_what_follows_the_last_parameter_may_be_anything(tmp_path):
     original.write_bytes(content)
     written, _ = rewritten(original, unchanged(original))
     assert written.read_bytes()[-len(content) + data :] == content[data:]
-    assert read_header(written)[1].text(GROUP, "SOFTWARE") == DONE.software
+    assert read_header(written).parameters.text(GROUP, "SOFTWARE") == DONE.software
 
 
 @pytest.mark.parametrize("wrong", [np.nan, 1e-38])
@@ -315,27 +312,27 @@ def test_a_channel_of_a_scale_that_is_no_number_is_refused(tmp_path, wrong):
 def test_a_plate_that_is_left_out_keeps_its_samples_and_corners(tmp_path):
     """Of two plates the first one has a type that is unknown: the second is the one that moves."""
     original = PlateFile(2, plates=2).write(tmp_path / "trial.c3d")
-    header, _ = read_header(original)
+    header = read_header(original)
     content = original.read_bytes()
     start = BLOCK * (header.parameter_block - 1)
     section = content[start : header.data_start]
     section = with_values(section, "intel", "FORCE_PLATFORM", "TYPE", np.array([5, 2]))
     original.write_bytes(content[:start] + section + content[header.data_start :])
-    (layout,) = _plate_samples(*read_header(original), Stated()).plates
+    (layout,) = _plate_samples(read_header(original), Stated()).plates
     assert layout.number == 2
     corners = (layout.corners - layout.corners.mean(axis=0)) @ layout.rotation + [0, 0, 0.05]
 
     changes = changes_of(original)
     target = tmp_path / "written" / original.name
     rewrite_plates(original, target, changes, DONE, [corners])
-    (moved,) = _plate_samples(*read_header(target), Stated()).plates
+    (moved,) = _plate_samples(read_header(target), Stated()).plates
     np.testing.assert_allclose(
         moved.corners, layout.corners + 0.05 * layout.rotation[:, 2], atol=1e-7
     )
-    first, second = (read_header(path)[1] for path in (original, target))
+    first, second = (read_header(path).parameters for path in (original, target))
     before, after = (each.numbers("FORCE_PLATFORM", "CORNERS")[..., 0] for each in (first, second))
     np.testing.assert_array_equal(before, after)
-    samples = [read_samples(path, *read_header(path)).analog for path in (original, target)]
+    samples = [read_samples(read_header(path)).analog for path in (original, target)]
     np.testing.assert_array_equal(samples[0][:, :7], samples[1][:, :7])
     np.testing.assert_allclose(plates_of(target)[0], plates_of(original)[0] + changes[0], atol=1e-3)
 
