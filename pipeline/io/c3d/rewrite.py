@@ -46,10 +46,6 @@ FRAMES_PER_SLICE: Final = 4096
 """Some megabytes at a time: large enough for NumPy, small beside the trial."""
 DATA_BLOCK: Final = 8
 """Word of the header that says where the data section begins."""
-NO_CENTRE: Final = (
-    "the compensated force has no centre of pressure on the plate's surface, and plates of TYPE 1 "
-    "store no other moment; export the recording with TYPE 2 plates"
-)
 LABEL_RANGE: Final = 147
 LABEL_RANGE_KEY: Final = 12345
 """This number in this word of the header: the file has a section of labels and ranges."""
@@ -62,7 +58,6 @@ class _PlateSamples:
     header: Header
     plates: list[PlateLayout]
     names: list[str]
-    offset: NDArray[np.float64]
     scale: NDArray[np.float64]
     rate_hz: float
     unsigned: bool
@@ -99,15 +94,13 @@ class _PlateSamples:
         if real:
             before = floats(stored.tobytes(), order).reshape(stored.shape).astype(float)
         known = np.isfinite(before).all(axis=1)
-        values = (before[known] - self.offset[chosen]) * scale
         change = np.zeros(before.shape)
-        change[known] = channel_change(plate, values, wrench_change[known])
+        change[known] = channel_change(plate, wrench_change[known])
         with np.errstate(divide="ignore", invalid="ignore"):
             after = np.where(change == 0, before, before + change / scale)
         after = after if real else np.rint(after)
         low, high = self._limits
         for wrong, reason in (
-            (np.isnan(change), NO_CENTRE),
             ((change != 0) & ((scale == 0) | ~np.isfinite(scale)), "its scale is 0 or no number"),
             (
                 (change != 0) & ~((after >= low) & (after <= high)),
@@ -150,10 +143,10 @@ def _plate_samples(header: Header, stated: Stated) -> _PlateSamples:
     owners = Counter(channel for plate in plates for channel in plate.channels)
     if shared := [names[channel] for channel, count in owners.items() if count > 1]:
         raise ValueError(f"FORCE_PLATFORM:CHANNEL names {shared[0]} twice")
-    offset, scale, _ = analog_scaling(header)
+    _, scale, _ = analog_scaling(header)
     rate_hz = frame_rate_hz(header)[0] * header.frame.per_channel
     unsigned = is_unsigned(header)
-    return _PlateSamples(header, plates, names, offset, scale, rate_hz, unsigned)
+    return _PlateSamples(header, plates, names, scale, rate_hz, unsigned)
 
 
 def rewrite_plates(
