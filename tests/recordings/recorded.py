@@ -76,7 +76,7 @@ def standing(folder):
 def two_plates(folder):
     """Overground walking over two plates; the file states no mass."""
     walk = pipeline.read_c3d(folder / "c3d_samples" / "Gait.c3d")
-    chosen = (TESTS / "trunk_ends" / "two_plates.toml").read_text(encoding="utf-8")
+    chosen = (TESTS / "recordings" / "two_plates.toml").read_text(encoding="utf-8")
     known = {"marker_set": read_marker_set(chosen.replace("VSAC", "SACR"), "two_plates")}
     walk = replace(walk, markers=relabelled(walk.markers, ("VSAC", "SACR")))
     return walk, known | {"subject": Subject(mass_kg=72.0)}
@@ -93,7 +93,11 @@ def recorded(read, folder):
     return read(folder)
 
 
-@cache
 def processed(read, folder, delay_s=0.0, **settings):
+    return _processed(read, folder, delay_s, Settings(**settings))
+
+
+@cache
+def _processed(read, folder, delay_s, settings):
     recording, known = recorded(read, folder)
-    return process_recording(later(recording, delay_s), settings=Settings(**settings), **known)
+    return process_recording(later(recording, delay_s), settings=settings, **known)
