@@ -290,7 +290,7 @@ def read_opensim_trial(
     --------
     >>> import numpy as np, pipeline
     >>> from pipeline.export.tables import write_external_loads, write_trc
-    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
     >>> walk = simulate_trial("walk.c3d", duration_s=8.0)
     >>> write_trc(pipeline.read_c3d("walk.c3d").markers, "walk.trc")
     >>> feet = {"left_foot": walk.left, "right_foot": walk.right}

@@ -387,34 +387,6 @@ CHUNK_SAMPLES: Final = 8_000
 
 
 @dataclass(frozen=True, slots=True)
-class Loads:
-    """What acts on the treadmill beside its own inertia and weight, in platform axes.
-
-    Attributes
-    ----------
-    drives
-        What the left and the right plate have to carry of belts, rollers and motors, about the
-        platform's origin, (N, 6) each [N, N·m].
-    people
-        Ground reaction of the left and the right plate on people, likewise; None for nobody.
-    on_frame
-        Action of people on the frame beside the belts, likewise, (N, 6); None for nobody.
-    """
-
-    drives: Pair
-    people: Pair | None = None
-    on_frame: Array | None = None
-
-    @property
-    def shaking(self) -> list[Array]:
-        """What makes the structure vibrate: on the left and the right plate, and on the frame."""
-        on_plates = list(self.drives)
-        if self.people is not None:
-            on_plates = [drive + load for drive, load in zip(on_plates, self.people, strict=True)]
-        return on_plates if self.on_frame is None else [*on_plates, self.on_frame]
-
-
-@dataclass(frozen=True, slots=True)
 class Response:
     """What the treadmill's parts undergo, sample by sample.
 
@@ -454,7 +426,9 @@ def respond(
     structure: Structure | None,
     assemblies: tuple[Assembly, Assembly],
     motion: PlatformMotion,
-    loads: Loads,
+    drives: Pair,
+    people: Pair | None,
+    on_frame: Array | None,
     places: tuple[Array, ...],
     rate_hz: float,
     step: int,
@@ -469,8 +443,13 @@ def respond(
         Left and right belt assembly, those of the structure.
     motion
         Of the platform as its actuators move it, N samples.
-    loads
-        Of people and drives.
+    drives
+        What the left and the right plate have to carry of belts, rollers and motors, in platform
+        axes about the platform's origin, (N, 6) each [N, N·m].
+    people
+        Ground reaction of the left and the right plate on people, likewise; None for nobody.
+    on_frame
+        Action of people on the frame beside the belts, likewise, (N, 6); None for nobody.
     places
         Of accelerometers on the frame, (3,) each [m].
     rate_hz
@@ -495,13 +474,17 @@ def respond(
     count = len(range(0, len(terms), step))
     if structure is None:
         plates = np.stack(
-            [terms @ wrench.T + own for wrench, own in zip(by_terms, loads.drives, strict=True)]
+            [terms @ wrench.T + own for wrench, own in zip(by_terms, drives, strict=True)]
         )
-        if loads.people is not None:
-            plates += loads.people
-        return Response((plates[0], plates[1]), sensors, np.zeros((count, FRAME)), loads.people)
+        if people is not None:
+            plates += people
+        return Response((plates[0], plates[1]), sensors, np.zeros((count, FRAME)), people)
 
-    series = [terms, *loads.shaking]
+    series = [terms, *drives]
+    if people is not None:
+        series[1:] = [drive + load for drive, load in zip(drives, people, strict=True)]
+    if on_frame is not None:
+        series.append(on_frame)
     by_inputs = _load_of_inputs(by_terms, motion.pivot)[:, : sum(part.shape[1] for part in series)]
     modes = Modes.of(structure, by_inputs, rate_hz)
     output, through = _output(structure, by_inputs, places)
@@ -526,7 +509,7 @@ def respond(
             own = found[24 + 6 * k : 30 + 6 * k]
             felt = sensor[now].T
             sensor[now] = (felt + own[:3] - _cross(own[3:], felt)).T
-    return Response((plates[0], plates[1]), sensors, frame, loads.people)
+    return Response((plates[0], plates[1]), sensors, frame, people)
 
 
 def _load_of_inputs(by_terms: list[Array], pivot: Array) -> Array:

@@ -22,9 +22,9 @@ from pipeline.config.input_model import InputModel
 from pipeline.config.toml_file import describe_faults
 from pipeline.io.input_file import read_text
 from pipeline.virtual_lab.faults import Faults
+from pipeline.virtual_lab.machine.platform import smooth_step
 from pipeline.virtual_lab.person.gait import Steps
 from pipeline.virtual_lab.person.subject import Person
-from pipeline.virtual_lab.trajectories import smooth_step
 
 ConditionName = Literal["baseline", "sway", "pitch"]
 CONDITIONS: Final[tuple[ConditionName, ...]] = ("baseline", "sway", "pitch")

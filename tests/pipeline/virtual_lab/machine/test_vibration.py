@@ -9,6 +9,7 @@ from pipeline.virtual_lab.machine.platform import (
     inertial_wrench,
     motion_terms,
     move_platform,
+    smooth_step,
     specific_force,
 )
 from pipeline.virtual_lab.machine.structure import (
@@ -17,12 +18,10 @@ from pipeline.virtual_lab.machine.structure import (
     FRAME_KG,
     FRAME_NODES_M,
     Elasticity,
-    Loads,
     frame_shape,
     make_structure,
     respond,
 )
-from pipeline.virtual_lab.trajectories import smooth_step
 
 RATE_HZ = 1000.0
 ASSEMBLIES = Machine().assemblies
@@ -44,10 +43,9 @@ def smooth_loads(count, seed=0):
     return loads[0], loads[1]
 
 
-def response(structure, motion, loads=None, **more):
-    count = motion.sway.shape[1]
-    drives = (np.zeros((count, 6)), np.zeros((count, 6)))
-    return respond(structure, ASSEMBLIES, motion, Loads(drives, loads, **more), PLACES, RATE_HZ, 10)
+def response(structure, motion, loads=None, on_frame=None):
+    drives = (np.zeros((motion.sway.shape[1], 6)),) * 2
+    return respond(structure, ASSEMBLIES, motion, drives, loads, on_frame, PLACES, RATE_HZ, 10)
 
 
 @pytest.fixture(scope="module")
