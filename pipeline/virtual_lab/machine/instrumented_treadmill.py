@@ -29,7 +29,7 @@ from pipeline.virtual_lab.machine.instruments import (
     noise_sd_at,
     recorded_plate,
 )
-from pipeline.virtual_lab.machine.platform import Machine, Pair, TreadmillMotion, make_machine
+from pipeline.virtual_lab.machine.platform import Machine, Pair, TreadmillMotion
 from pipeline.virtual_lab.machine.structure import (
     Response,
     Structure,
@@ -103,9 +103,9 @@ def make_treadmill(
     of_left, of_right, of_sensors, of_clocks, of_drives = np.random.default_rng(
         (seed, INSTRUMENT_STREAM)
     ).spawn(5)
-    machine = machine or make_machine(faults.machine)
+    machine = machine or Machine(sway_hz=faults.machine.sway_hz)
     flexibility = faults.machine.flexibility
-    structure = make_structure(machine.assemblies, flexibility=flexibility) if flexibility else None
+    structure = make_structure(flexibility=flexibility) if flexibility else None
     left, right, *of_each = _clocks(faults, of_clocks)
     plates = (
         make_force_plate(faults.plates, of_left, left),
@@ -148,7 +148,6 @@ def undergo(
     belts = run_belts(treadmill.machine, treadmill.drives, motion.belt, rate_hz, rng, people)
     response = respond(
         treadmill.structure,
-        treadmill.machine.assemblies,
         motion.platform,
         carried_of_belts(belts),
         people,

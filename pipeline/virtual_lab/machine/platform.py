@@ -16,7 +16,6 @@ from scipy.signal import cont2discrete, lfilter
 from compensation.platform import PlatformPose
 from compensation.signals import MachineLimits
 from hbm.spatial import GRAVITY_MPS2, Array, skew
-from pipeline.virtual_lab.faults import MachineFaults
 
 DEGREE: Final = 5
 """Of the splines: accelerations are still twice continuously differentiable."""
@@ -288,11 +287,6 @@ class Assembly:
     center: tuple[float, float, float]
     tensor: tuple[tuple[float, ...], ...]
 
-    def weighing(self, mass: float) -> "Assembly":
-        """Give an assembly of another mass [kg], distributed as this one's."""
-        x, y, z = (mass / self.mass * np.array(self.tensor)).tolist()
-        return Assembly(mass, self.center, (tuple(x), tuple(y), tuple(z)))
-
 
 LEFT_ASSEMBLY: Final = Assembly(
     150.0, (0.34, 0.27, -0.12), ((5.2, 0.3, -0.6), (0.3, 46.0, 0.2), (-0.6, 0.2, 47.0))
@@ -300,6 +294,7 @@ LEFT_ASSEMBLY: Final = Assembly(
 RIGHT_ASSEMBLY: Final = Assembly(
     150.0, (0.31, -0.26, -0.13), ((5.0, -0.4, 0.5), (-0.4, 45.0, -0.2), (0.5, -0.2, 46.0))
 )
+BELT_ASSEMBLIES: Final = (LEFT_ASSEMBLY, RIGHT_ASSEMBLY)
 """150 kg each is what the thesis states. Centres and tensors are assumed: the motor and the driving
 roller are at the front, and the tensors are about those of a box of 1.9 m by 0.6 m by 0.2 m with
 small products of inertia, so that no axis of the platform is a principal axis."""
@@ -311,8 +306,6 @@ class Machine:
 
     Attributes
     ----------
-    assemblies
-        Belt assemblies of the left and the right plate.
     pivot_m
         A point of the pitch axis with the platform in neutral, (3,) [m]; its height is assumed.
     limits
@@ -330,7 +323,6 @@ class Machine:
         Pitch moment per belt acceleration in the steady state [N·m per m/s²]; assumed.
     """
 
-    assemblies: tuple[Assembly, Assembly] = (LEFT_ASSEMBLY, RIGHT_ASSEMBLY)
     pivot_m: tuple[float, float, float] = (0.0, 0.0, -0.25)
     limits: MachineLimits = field(default_factory=MachineLimits)
     sway_hz: float = 7.0
@@ -339,17 +331,6 @@ class Machine:
     belt_hz: float = 9.0
     belt_damping: float = 0.4
     belt_moment_kg_m: float = 4.0
-
-
-def make_machine(faults: MachineFaults) -> Machine:
-    """Give the treadmill whose mechanical properties a setting states."""
-    return Machine(
-        assemblies=(
-            LEFT_ASSEMBLY.weighing(faults.assembly_kg),
-            RIGHT_ASSEMBLY.weighing(faults.assembly_kg),
-        ),
-        sway_hz=faults.sway_hz,
-    )
 
 
 @dataclass(frozen=True, slots=True)

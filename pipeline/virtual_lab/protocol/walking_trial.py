@@ -189,7 +189,6 @@ def study_subject(setting: Setting, number: int) -> VirtualSubject:
         marker_set=protocol.marker_set,
         individuality=protocol.individuality,
         faults=setting.faults.body,
-        forward_m=protocol.place_forward_m,
         rng=np.random.default_rng((setting.seed, number)),
     )
 
