@@ -215,13 +215,16 @@ def recordings(seed: int, *, rate_hz: float = ANALOG_HZ) -> Iterator[tuple[str, 
     for folder, signal, person in planned_trials(seed):
         load = None if person is None else person(sample_times(signal, rate_hz), rng)
         beside, noise = person in BESIDE_THE_BELTS, int(rng.integers(2**31))
-        of_person = {"on_frame" if beside else "load": load}
-        yield (
-            folder,
-            record_signal_trial(
-                signal, seed=noise, rate_hz=rate_hz, treadmill=treadmill, **of_person
-            ),
+        on_belt, on_frame = (None, load) if beside else (load, None)
+        recording = record_signal_trial(
+            signal,
+            seed=noise,
+            rate_hz=rate_hz,
+            treadmill=treadmill,
+            load=on_belt,
+            on_frame=on_frame,
         )
+        yield folder, recording
 
 
 def simulate_ranking(folder: Path, seed: int, rate_hz: float = ANALOG_HZ) -> Iterator[Path]:
