@@ -243,7 +243,7 @@ def rank(
     """Rank calibration trials by how well they compensate the validation trials."""
     from pipeline.calibration_ranking.report import write_results
     from pipeline.calibration_ranking.trials import RankingSettings, read_trials
-    from pipeline.virtual_lab.protocol.ranking_study import TRIALS, simulate_ranking
+    from pipeline.virtual_lab.protocol.calibration_trial import TRIALS, simulate_ranking
 
     console = PlainConsole()
     settings = RankingSettings(

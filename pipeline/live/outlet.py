@@ -13,7 +13,7 @@ from hbm.coordinates import TREE
 from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.config.live import LOOPBACK, own_address
 from pipeline.io.recording import Plate
-from pipeline.io.xdf.channels import Channel
+from pipeline.io.streams import Channel
 from pipeline.live.frames.chain import LiveFrame
 from pipeline.live.recording import describe
 

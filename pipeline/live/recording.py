@@ -15,10 +15,10 @@ import pyarrow.parquet as pq
 
 from hbm.spatial import Array
 from pipeline.config.live import Live
+from pipeline.io.columns import DFLOW_PLATE
 from pipeline.io.recording import Plate
+from pipeline.io.streams import AXES, COMPONENTS, PLACE, Channel
 from pipeline.io.write import whole_file
-from pipeline.io.xdf.channels import AXES, Channel
-from pipeline.io.xdf.plates import COMPONENTS, DFLOW_PLATE, PLACE
 from pipeline.live.stream import LAB_AXES, Samples, StreamDescription
 
 PARTS = "label", "unit", "type", "marker", "plate"
