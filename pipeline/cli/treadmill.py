@@ -229,7 +229,7 @@ def rank(
     """Ranks with intervals, and between which trials there is no difference, go to --out."""
     from pipeline.calibration_ranking.report import write_results
     from pipeline.calibration_ranking.trials import RankingSettings, read_trials
-    from pipeline.virtual_lab.protocol.ranking_study import TRIALS, simulate_ranking
+    from pipeline.virtual_lab.protocol.calibration_trial import TRIALS, simulate_ranking
 
     console = PlainConsole()
     settings = RankingSettings(

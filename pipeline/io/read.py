@@ -79,7 +79,7 @@ def read_recording(
     Examples
     --------
     >>> import pipeline
-    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
     >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
     >>> pipeline.read_recording("walk.c3d").markers.position.shape
     (800, 46, 3)

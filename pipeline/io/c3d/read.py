@@ -291,7 +291,7 @@ def read_c3d(
     Examples
     --------
     >>> import pipeline
-    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
     >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
     >>> recording = pipeline.read_c3d("walk.c3d")
     >>> len(recording.markers.names), recording.plates[0].rate_hz
