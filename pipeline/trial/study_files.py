@@ -12,9 +12,8 @@ from pipeline.config.study import Study
 from pipeline.config.toml_file import require_file
 from pipeline.io.read import read_recording
 from pipeline.io.recording import Recording
-from pipeline.trial.ground.belt_calibration import read_belts
-from pipeline.trial.ground.calibration_check import read_check
-from pipeline.trial.ground.laboratory import Laboratory, read_calibration
+from pipeline.trial.ground.calibrations import read_belts, read_calibration, read_check
+from pipeline.trial.ground.laboratory import Laboratory
 
 
 def read_study_file(
