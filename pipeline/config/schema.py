@@ -220,15 +220,10 @@ class Treadmill(InputModel):
     platform: Platform | None = None
 
     @property
-    def files(self) -> dict[str, str]:
-        """Names of the files that are stated, by the key that states them."""
-        stated = {
-            "calibration": self.calibration,
-            "check": self.check,
-            "belt.calibration": self.belt.calibration if self.belt is not None else None,
-        }
-        stated |= {f"beside[{number}]": name for number, name in enumerate(self.beside)}
-        return {key: name for key, name in stated.items() if name}
+    def files(self) -> tuple[str, ...]:
+        """Names of the files that are stated."""
+        of_belt = self.belt.calibration if self.belt is not None else None
+        return tuple(filter(None, (self.calibration, self.check, of_belt, *self.beside)))
 
     @property
     def calibrated(self) -> bool:

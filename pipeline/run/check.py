@@ -359,7 +359,7 @@ def _check_ground(
 
 def study_recordings(study: Study) -> tuple[Path, ...]:
     """Give every recording that a study uses: trials, poses, hip trials, calibrations."""
-    names: list[str | None] = [*study.file.treadmill.files.values()]
+    names: list[str | None] = [*study.file.treadmill.files]
     for person in study.subjects.values():
         names += [person.static, person.hip_trial]
         for trial in person.trials.values():
