@@ -176,12 +176,10 @@ def without_frames(result: TrialResult) -> TrialResult:
 
 def _metadata(result: TrialResult) -> bytes:
     """Give what a trial has besides its frames as JSON; numbers come back exactly."""
-    stored = {"version": FORMAT_VERSION, "frames": len(result.motion.time)}
-    stored |= {"engine": _plain(result.engine)}
-    stored |= {
-        f.name: _plain(getattr(result, f.name)) for f in fields(result) if f.name not in OF_FRAMES
-    }
-    return json.dumps(stored, ensure_ascii=False, separators=(",", ":")).encode()
+    rest = {f.name: getattr(result, f.name) for f in fields(result) if f.name not in OF_FRAMES}
+    first = {"version": FORMAT_VERSION, "frames": len(result.motion.time), "engine": result.engine}
+    text = json.dumps(first | rest, ensure_ascii=False, separators=(",", ":"), default=_plain)
+    return text.encode()
 
 
 def _of_this_format(text: bytes) -> dict[str, Any]:
@@ -196,20 +194,20 @@ def _of_this_format(text: bytes) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Give a value in the types of JSON."""
+    """Give what JSON does not know in types that it knows."""
     if isinstance(value, Note):
         return value.to_dict()
     if isinstance(value, BaseModel):
         return value.model_dump()
     if is_dataclass(value):
-        return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+        return {field.name: getattr(value, field.name) for field in fields(value)}
     if isinstance(value, Mapping):
-        return {name: _plain(inner) for name, inner in value.items()}
-    if isinstance(value, tuple):
-        return [_plain(inner) for inner in value]
+        return dict(value)
     if isinstance(value, np.ndarray):
         return value.tolist()
-    return value.name if isinstance(value, Path) else value
+    if isinstance(value, Path):
+        return value.name
+    raise TypeError(f"no place in JSON for {type(value).__name__}")
 
 
 def _typed(kind: Any, stored: Any) -> Any:
