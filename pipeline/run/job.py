@@ -2,9 +2,10 @@
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Final, Literal
 
@@ -23,10 +24,6 @@ from pipeline.trial.result import TrialResult
 KEY_DIGITS: Final = 16
 """Of each SHA-256 in a trial's key: two differ but for a chance of 1 in 10¹⁹."""
 WORKER_DIED: Final = "the process that worked on it died; too little memory?"
-FileVersion = tuple[Path, tuple[int, int]]
-"""A file, and what changes when it is written anew (`pipeline.io.input_file.last_written`)."""
-known_digests: Final[dict[FileVersion, str]] = {}
-"""SHA-256 of files that were hashed in this process, or in the one that started it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,13 +82,6 @@ class Outcome:
     def failure(self) -> str | None:
         """Why the trial failed; None if it did not."""
         return self.reason if self.state == "failed" else None
-
-
-def prepare_processing(digests: Mapping[FileVersion, str]) -> None:
-    """Import what processes a trial, heavy and not needed for keys; know digests of files."""
-    import pipeline.trial.process  # noqa: F401
-
-    known_digests.update(digests)
 
 
 def process_job(job: Job, laboratory: Laboratory | None = None) -> Outcome:
@@ -223,13 +213,16 @@ def file_digest(path: Path) -> str:
     It is hashed once, until it is written to again.
     """
     try:
-        file = path, last_written(path)
-        if file not in known_digests:
-            with path.open("rb") as content:
-                known_digests[file] = hashlib.file_digest(content, "sha256").hexdigest()
-        return known_digests[file]
+        return _sha256(path, last_written(path))
     except OSError as error:
         return f"unreadable: {error.strerror}"
+
+
+@cache
+def _sha256(path: Path, version: tuple[int, int]) -> str:
+    """Hash a file; the version changes when it is written anew."""
+    with path.open("rb") as content:
+        return hashlib.file_digest(content, "sha256").hexdigest()
 
 
 FAILURES: Final = "failures.json"
