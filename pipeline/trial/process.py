@@ -47,7 +47,6 @@ from pipeline.trial.study_files import (
 )
 from pipeline.trial.subject import (
     ON_PLATES,
-    BodyMass,
     body_mass,
     carried_mass,
     differing_masses,
@@ -134,7 +133,9 @@ def process_recording(
     notes += recording.notes
 
     # body: segments and joints from the calibration pose, scaled by mass and stature
-    mass = _body_mass(subject, settings, standing, recording, marker_set)
+    if marker_set is None and settings.marker_set is None:
+        marker_set = recognise_marker_set(standing.markers.names)
+    mass = body_mass(subject, standing, recording)
     body = subject_body(
         standing,
         subject,
@@ -287,27 +288,6 @@ def process_trial(
             contacts=trial.contacts,
             jobs=jobs,
         )
-
-
-def _body_mass(
-    subject: Subject,
-    settings: Settings,
-    pose: Recording,
-    recording: Recording,
-    marker_set: MarkerSet | None,
-) -> BodyMass:
-    """Give the body mass; where it is missing and the labels are unknown, name these first."""
-    try:
-        return body_mass(subject, pose, recording)
-    except ValueError as error:
-        if marker_set is None and settings.marker_set is None:
-            try:
-                recognise_marker_set(pose.markers.names)
-            except ValueError as unknown:
-                raise ValueError(
-                    f"{pose.source.name}: {unknown}; the mass is missing too (--mass-kg)"
-                ) from error
-        raise
 
 
 def _require_plates(recording: Recording) -> None:
