@@ -15,7 +15,7 @@ from hbm.spatial import Array, Mask
 from pipeline.io.input_file import naming
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.accelerometers import at_plate_times, hold_ends, mean_belt_speed
-from pipeline.trial.ground.belts import belt_wrenches, belt_wrenches_in_real_time
+from pipeline.trial.ground.belts import belt_wrenches
 from pipeline.trial.ground.calibration_recording import FILTER, samples_of, setup_of
 from pipeline.trial.ground.corrected_plates import relative_delays_s
 from pipeline.trial.ground.laboratory import BoundLaboratory, Laboratory, bind
@@ -223,8 +223,7 @@ def ground_wrenches(
         variants["compensated"] = [_compensated(*one) for one in each]
         notes += _compensation_notes(lab, method)
     if laboratory.belts and belt is not None:
-        in_time = belt_wrenches_in_real_time if live else belt_wrenches
-        added = in_time(recording, laboratory.belts, belt, times)
+        added = belt_wrenches(recording, laboratory.belts, belt, times, method)
         shaken = variants.get("compensated", measured)
         variants["compensated"] = [w - own for w, own in zip(shaken, added, strict=True)]
         notes.append(Note.of("belts_compensated", channels=belt.speed_channels))
