@@ -25,7 +25,6 @@ from pipeline.live.session import RECEIVE_S, Session
 from pipeline.live.sources.lsl import LslSource
 from pipeline.live.sources.qualisys import QualisysSource
 from pipeline.live.stream import Source
-from pipeline.trial.result import PlateSurface
 from pipeline.viewer.live import ShownFrame
 
 if TYPE_CHECKING:
@@ -116,10 +115,9 @@ def run_session(
         if shown or web:
             from pipeline.viewer.live import LiveScene, LiveView
 
-            surfaces = [PlateSurface(plate.number, plate.center, plate.corners) for plate in plates]
             scene = LiveScene(
                 chain.body,
-                surfaces,
+                plates,
                 chain.stream.labels,
                 chain.ground.variants,
                 "browser" if web else "window",

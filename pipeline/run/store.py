@@ -31,12 +31,12 @@ from hbm.notes import Note
 from hbm.spatial import Array, Indices, Mask
 from hbm.spelling import short
 from pipeline.io.input_file import open_file
-from pipeline.io.recording import Event
+from pipeline.io.recording import Event, Plate
 from pipeline.io.write import whole_file, write_text
 from pipeline.trial.residuals import AXES, reported
-from pipeline.trial.result import CompensationUncertainty, PlateSurface, TrialResult
+from pipeline.trial.result import CompensationUncertainty, TrialResult
 
-FORMAT_VERSION: Final = 9
+FORMAT_VERSION: Final = 10
 """Of stored trials; raised with every change of what they hold."""
 METADATA: Final = b"hbm"
 DIGEST: Final = b"hbm.sha256"
@@ -219,6 +219,8 @@ def _typed(kind: Any, stored: Any) -> Any:
         return _typed(next(each for each in inner if each is not NoneType), stored)
     if kind is Note:
         return Note.from_dict(stored)
+    if kind is Plate:  # no samples have no shape in JSON
+        stored = stored | {"wrench_in_plate": np.empty((0, 6))}
     if is_dataclass(kind):
         record: Any = kind
         return record(**{name: _typed(own, stored[name]) for name, own in _types(record).items()})
@@ -305,7 +307,7 @@ def frame_table(result: TrialResult) -> pa.Table:
     return pa.table({name: pa.array(column) for name, column in columns.items()})
 
 
-def _frames(table: pa.Table, engine: EngineUsed, plates: Sequence[PlateSurface]) -> dict[str, Any]:
+def _frames(table: pa.Table, engine: EngineUsed, plates: Sequence[Plate]) -> dict[str, Any]:
     """Read the columns of `frame_table` back, equal to the last bit; KeyError if one is missing."""
 
     def read(prefix: str, names: Iterable[str]) -> Array:

@@ -29,7 +29,7 @@ from pipeline.trial.ground.laboratory import BoundLaboratory, Laboratory, bind
 from pipeline.trial.ground.uncertainty import uncertainty_notes
 from pipeline.trial.ground.wrenches import Ground, ground_wrenches, plate_loads
 from pipeline.trial.quality import NO_SUPPORT, carried_notes, free_of, settling_s
-from pipeline.trial.result import PlateSurface, TrialResult
+from pipeline.trial.result import TrialResult
 from pipeline.trial.stages import (
     Loads,
     Pose,
@@ -196,7 +196,7 @@ def process_recording(
         body=body,
         markers=recording.markers,
         first_frame=recording.first_frame,
-        plates=tuple(PlateSurface(p.number, p.center, p.corners) for p in recording.plates),
+        plates=tuple(plate.place for plate in recording.plates),
         motion=motion,
         variants=known_forces(loads.dynamics, quality),
         ground=loads.wrenches,

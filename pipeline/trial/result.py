@@ -19,9 +19,9 @@ from hbm.engines.engine import EngineUsed
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.notes import Note
-from hbm.spatial import Array, Indices, Mask, read_only
+from hbm.spatial import Array, Indices, Mask
 from pipeline.config.schema import Settings, Subject
-from pipeline.io.recording import Event
+from pipeline.io.recording import Event, Plate
 from pipeline.trial.quality import free_of
 
 
@@ -38,34 +38,6 @@ PACKAGES: Final = ("hbm-residuals", "casadi", "numpy", "scipy", "pandas", "pyarr
 def package_versions() -> Mapping[str, str]:
     """Give the versions of this program and of what computes and stores a trial."""
     return {name: version(name) for name in PACKAGES}
-
-
-@dataclass(frozen=True, slots=True)
-class PlateSurface:
-    """Where a force plate is, with the platform in neutral.
-
-    Attributes
-    ----------
-    number
-        The plate's number in its file, from 1.
-    center
-        Centre of its surface, (3,) [m].
-    corners
-        Corners of its surface, (4, 3) [m]; NaN where the file does not state them.
-    """
-
-    number: int
-    center: Array
-    corners: Array
-
-    def __post_init__(self) -> None:
-        for name, shape in (("center", (3,)), ("corners", (4, 3))):
-            value = read_only(getattr(self, name))
-            if value.shape != shape:
-                raise ValueError(
-                    f"plate {self.number}: {name} must have shape {shape}, got {value.shape}"
-                )
-            object.__setattr__(self, name, value)
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +106,7 @@ class TrialResult:
     first_frame
         Number of the first frame in the recording's own counting.
     plates
-        Where the force plates are.
+        Where the force plates are with the platform in neutral: without samples.
     motion
         Filtered motion with marker errors.
     variants
@@ -196,7 +168,7 @@ class TrialResult:
     body: Body
     markers: Markers
     first_frame: int
-    plates: tuple[PlateSurface, ...]
+    plates: tuple[Plate, ...]
     motion: Motion
     variants: Mapping[str, Dynamics]
     ground: dict[str, dict[str, Array]]
