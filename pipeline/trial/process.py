@@ -167,7 +167,7 @@ def process_recording(
     quality = frame_quality(body, pose, ground, loads, recording.plates, settings, settling)
     counts = free_of(quality)
     uncertainty = ground.uncertainty(motion.q[:, :3])
-    notes += uncertainty_notes(uncertainty.residual[counts]) if uncertainty else ()
+    notes += () if uncertainty is None else uncertainty_notes(uncertainty[counts])
     notes += carried_notes(quality, motion.time, loads.need, loads.measured)
 
     # gait: events, the cycles that count, and the delay that the residuals show

@@ -72,22 +72,6 @@ class CyclePart:
 
 
 @dataclass(frozen=True, slots=True)
-class CompensationUncertainty:
-    """One standard deviation of compensated wrenches due to the compensation.
-
-    Attributes
-    ----------
-    plates
-        Per plate, in the order of the plates, lab axes about the lab origin, (T, 6) [N, N·m].
-    residual
-        Of the residuals with compensation, about the pelvis origin, (T, 6) [N, N·m].
-    """
-
-    plates: tuple[Array, ...]
-    residual: Array
-
-
-@dataclass(frozen=True, slots=True)
 class TrialResult:
     """Everything that is known of a trial once it has been processed.
 
@@ -142,7 +126,8 @@ class TrialResult:
     part
         The part of the gait cycles that the condition asks for; None for all of them.
     uncertainty
-        Of the compensation; None without a calibration of the platform.
+        One standard deviation of the residual with compensation, due to the compensation, lab axes
+        about the pelvis origin, (T, 6) [N, N·m]; None without a calibration of the platform.
     condition, key
         Name of the condition, and digest of everything that the trial depends on
         (`pipeline.run.job.trial_key`); empty outside a study.
@@ -184,7 +169,7 @@ class TrialResult:
     overridden_segments: tuple[str, ...] = ()
     onsets: Array = field(default_factory=lambda: np.empty(0))
     part: CyclePart | None = None
-    uncertainty: CompensationUncertainty | None = None
+    uncertainty: Array | None = None
     condition: str = ""
     key: str = ""
     versions: Mapping[str, str] = field(default_factory=package_versions)

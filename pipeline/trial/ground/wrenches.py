@@ -33,7 +33,6 @@ from pipeline.trial.ground.uncertainty import (
     uncertainty_limits,
     wrench_spread,
 )
-from pipeline.trial.result import CompensationUncertainty
 
 
 def plate_artefacts(
@@ -143,16 +142,12 @@ class Ground:
         every = np.stack([wrench for each in self.variants.values() for wrench in each])
         return np.asarray(np.isfinite(every).all(axis=(0, 2)))
 
-    def uncertainty(self, pelvis: Array) -> CompensationUncertainty | None:
-        """Give what the compensation makes uncertain, residuals about the pelvis, (T, 3) [m]."""
-        if not self.spreads:
-            return None
-        plates = []
-        for k, spread in enumerate(self.spreads):
-            own = slice(6 * k, 6 * k + 6)
-            plates.append(sum_deviation([spread], self.correlation[own, own], np.zeros(3)))
-        residual = sum_deviation(self.spreads, self.correlation, pelvis)
-        return CompensationUncertainty(tuple(plates), residual)
+    def uncertainty(self, pelvis: Array) -> Array | None:
+        """Give what the compensation makes uncertain of residuals about the pelvis, (T, 3) [m].
+
+        One standard deviation, (T, 6) [N, N·m].
+        """
+        return sum_deviation(self.spreads, self.correlation, pelvis) if self.spreads else None
 
 
 def ground_wrenches(
