@@ -15,8 +15,7 @@ from hbm.spatial import Array
 from hbm.spelling import listed, printable, short
 from pipeline.config.live import LOOPBACK
 from pipeline.io.stated import Stated
-from pipeline.io.xdf.channels import Channel, parse_channels, parse_xml
-from pipeline.io.xdf.clock import find_clock
+from pipeline.io.streams import Channel, find_clock, parse_channels, parse_xml
 from pipeline.live.output import load_lsl
 from pipeline.live.stream import (
     Convert,

@@ -19,10 +19,10 @@ import pyarrow.parquet as pq
 from hbm.coordinates import TREE
 from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.config.live import LOOPBACK, Live, own_address
+from pipeline.io.columns import DFLOW_PLATE
 from pipeline.io.recording import Plate
+from pipeline.io.streams import AXES, COMPONENTS, PLACE, Channel
 from pipeline.io.write import whole_file
-from pipeline.io.xdf.channels import AXES, Channel
-from pipeline.io.xdf.plates import COMPONENTS, DFLOW_PLATE, PLACE
 from pipeline.live.chain import LiveFrame
 from pipeline.live.stream import LAB_AXES, Samples, StreamDescription
 

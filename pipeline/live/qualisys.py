@@ -19,8 +19,8 @@ from pipeline.io.axes import parse_axes
 from pipeline.io.c3d.force_plates import plate_axes
 from pipeline.io.recording import Plate
 from pipeline.io.stated import Stated
+from pipeline.io.streams import AXES, Channel, parse_xml
 from pipeline.io.units import length_in_m
-from pipeline.io.xdf.channels import AXES, Channel, parse_xml
 from pipeline.live.output import import_extra
 from pipeline.live.stream import (
     LAB_AXES,

@@ -10,10 +10,10 @@ import numpy as np
 from hbm.spatial import Array
 from hbm.spelling import short
 from pipeline.io.axes import parse_axes
+from pipeline.io.columns import DFLOW_PLATE
 from pipeline.io.recording import Plate
 from pipeline.io.stated import Stated
-from pipeline.io.xdf.channels import AXES, Channel, marker_layout, si_units
-from pipeline.io.xdf.plates import DFLOW_PLATE, find_plates
+from pipeline.io.streams import AXES, Channel, find_plates, marker_layout, si_units
 
 LAB_AXES: Final = "forward,left,up"
 """Axes of all positions, as descriptions state them."""
@@ -249,7 +249,7 @@ def describe_markers(
     """Describe a stream of markers, and give what brings its samples to lab axes and m.
 
     A marker that is not seen becomes NaN. The sender's axes are empty where it does not state them;
-    a ValueError says that nobody does, or as `pipeline.io.xdf.channels.marker_layout`.
+    a ValueError says that nobody does, or as `pipeline.io.streams.marker_layout`.
     """
     layout = marker_layout(channels, stated)
     known = stated.axes or axes
@@ -310,7 +310,7 @@ def describe_plates(
 ) -> tuple[StatedPlate, ...]:
     """Describe the plates of a stream, from its description, whose root is ``info``.
 
-    They are those that channels name, as `pipeline.io.xdf.plates.find_plates` finds them, and those
+    They are those that channels name, as `pipeline.io.streams.find_plates` finds them, and those
     whose channels are named as D-Flow names them: these are about the lab's origin, in lab axes as
     `describe_signals` gives them. The axes, in which places are stated, are the markers'. A
     ValueError says that channels of a plate have no labels of their own, by which they are found.

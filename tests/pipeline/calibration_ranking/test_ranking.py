@@ -27,7 +27,7 @@ from pipeline.calibration_ranking.verdict import (
 from pipeline.cli.app import main
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.person import bystander
-from pipeline.virtual_lab.protocol import ranking_study
+from pipeline.virtual_lab.protocol import calibration_trial
 from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
 
 RATE = 200.0
@@ -190,9 +190,9 @@ def test_real_belts_lose_82_percent_of_their_pitch_moment(shared_data):
 
 @pytest.mark.slow
 def test_one_command_simulates_fits_and_ranks(tmp_path, monkeypatch, capsys):
-    every = list(ranking_study.planned_trials(0))
+    every = list(calibration_trial.planned_trials(0))
     few = [every[k] for k in (0, 14, 28, 29, 54, 55, 56, 57)]
-    monkeypatch.setattr(ranking_study, "planned_trials", lambda seed: iter(few))
+    monkeypatch.setattr(calibration_trial, "planned_trials", lambda seed: iter(few))
     folder, out = tmp_path / "lab", tmp_path / "out"
     assert main(["calibration", "rank", str(folder), "--simulate", "--out", str(out)]) == 0
     advice = " ".join(capsys.readouterr().out.split())

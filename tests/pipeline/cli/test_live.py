@@ -16,7 +16,7 @@ import pytest
 from pipeline.cli.app import main
 from pipeline.io.read import read_recording
 from pipeline.live.output import RESULTS_FOLDER, STREAMS
-from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
 
 DURATION_S = 14.0
 PATIENCE_S = 60

@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.io.recording import Plate
 from pipeline.io.stated import Stated
-from pipeline.io.xdf.channels import Channel
+from pipeline.io.streams import Channel
 from pipeline.live.lsl import read_description, require_like
 from pipeline.live.output import describe
 

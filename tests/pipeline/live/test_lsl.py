@@ -23,7 +23,7 @@ from tests.pipeline.other_formats import excerpt
 
 pytest.importorskip("pylsl", reason="the extra live is not installed")
 
-from pipeline.io.xdf.channels import Channel, parse_channels
+from pipeline.io.streams import Channel, parse_channels
 from pipeline.live import lsl
 from pipeline.live.lsl import ClockOffset, LslSource
 from pipeline.live.output import Outlet, load_lsl, result_channels, result_outlet

@@ -15,7 +15,7 @@ from pipeline.config.live import Live
 from pipeline.config.schema import Settings, Treadmill
 from pipeline.io.axes import parse_axes
 from pipeline.io.read import read_recording
-from pipeline.io.xdf.channels import Channel, parse_channels
+from pipeline.io.streams import Channel, parse_channels
 from pipeline.live.ground import AnalogStreams, LiveGround
 from pipeline.live.output import XdfWriter, described_streams
 from pipeline.live.preparation import place_plates
