@@ -102,11 +102,11 @@ def rank_platform(
     )
     scores = []
     for trial in validation:
-        if not (moving := trial.wrench.any(axis=0)).all():
-            dead = ", ".join(
-                c for c, any_ in zip(WRENCH_COMPONENTS, moving, strict=True) if not any_
+        dead = [c for c, rms in zip(WRENCH_COMPONENTS, _rms(trial.wrench), strict=True) if rms == 0]
+        if dead:
+            raise ValueError(
+                f"{trial.name}: the plate's {', '.join(dead)} is 0 throughout; is it connected?"
             )
-            raise ValueError(f"{trial.name}: the plate's {dead} is 0 throughout; is it connected?")
         left = {n: trial.wrench - m.predict(trial.accelerations) for n, m in models.items()}
         scores.append(_scores(trial.name, WRENCH_COMPONENTS, trial.wrench, left))
     resampled = _resampled(list(models.values()), validation, np.random.default_rng(seed))
