@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.virtual_lab.protocol.ranking_study import BYSTANDERS
+from pipeline.virtual_lab.protocol.calibration_trial import BYSTANDERS
 from tests.campaign.inertia_intervals import (
     CALIBRATIONS,
     CUTOFFS_HZ,

@@ -133,7 +133,7 @@ def read_trial(path: Path, *, frames: bool = True) -> TrialResult:
     Examples
     --------
     >>> import pipeline
-    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
     >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
     >>> _ = Path("study.toml").write_text("[conditions.level]")
     >>> trials = '[trials.level]\nfile = "walk.c3d"'

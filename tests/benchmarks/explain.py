@@ -19,7 +19,7 @@ import pipeline
 from pipeline.config.schema import Settings, Subject, Treadmill
 from pipeline.explain.explain import explain_trial
 from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
 
 DURATIONS_S: Final = {"12 s": 12.0, "12 min": 720.0}
 LIMITS_S: Final = {"12 s": 5.0, "12 min": 30.0}

@@ -20,7 +20,7 @@ from compensation.protocol import ADVISED_PLATFORM_SIGNAL
 from hbm.spatial import WRENCH_COMPONENTS
 from pipeline.calibration_ranking.ranking import Ranking, rank_platform
 from pipeline.calibration_ranking.trials import RankingSettings, factors, platform_trial
-from pipeline.virtual_lab.protocol.ranking_study import recordings
+from pipeline.virtual_lab.protocol.calibration_trial import recordings
 from tests.campaign.pages import renew
 
 SEEDS: Final = range(9100, 9110)

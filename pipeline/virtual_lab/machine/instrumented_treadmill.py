@@ -1,13 +1,15 @@
 """The treadmill with its instruments: what these undergo when it moves, and what they record."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from hbm.markers import Markers
 from hbm.spatial import Array, shift_wrench
-from pipeline.io.recording import Plate
+from pipeline.io.recording import Analog, Metadata, Plate, Recording
 from pipeline.io.units import acceleration_in_mps2
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.belts import Drives, carried_of_belts, make_drives, run_belts
@@ -27,9 +29,8 @@ from pipeline.virtual_lab.machine.instruments import (
     noise_sd_at,
     recorded_plate,
 )
-from pipeline.virtual_lab.machine.platform import Machine, Pair, TreadmillMotion, make_machine
+from pipeline.virtual_lab.machine.platform import Machine, Pair, TreadmillMotion
 from pipeline.virtual_lab.machine.structure import (
-    Loads,
     Response,
     Structure,
     frame_shape,
@@ -102,9 +103,9 @@ def make_treadmill(
     of_left, of_right, of_sensors, of_clocks, of_drives = np.random.default_rng(
         (seed, INSTRUMENT_STREAM)
     ).spawn(5)
-    machine = machine or make_machine(faults.machine)
+    machine = machine or Machine(sway_hz=faults.machine.sway_hz)
     flexibility = faults.machine.flexibility
-    structure = make_structure(machine.assemblies, flexibility=flexibility) if flexibility else None
+    structure = make_structure(flexibility=flexibility) if flexibility else None
     left, right, *of_each = _clocks(faults, of_clocks)
     plates = (
         make_force_plate(faults.plates, of_left, left),
@@ -145,12 +146,12 @@ def undergo(
     """
     rate_hz = motion.rate_hz
     belts = run_belts(treadmill.machine, treadmill.drives, motion.belt, rate_hz, rng, people)
-    loads = Loads(carried_of_belts(belts), people, on_frame)
     response = respond(
         treadmill.structure,
-        treadmill.machine.assemblies,
         motion.platform,
-        loads,
+        carried_of_belts(belts),
+        people,
+        on_frame,
         tuple(sensor.place for sensor in treadmill.sensors),
         rate_hz,
         round(rate_hz / FRAME_HZ),
@@ -189,6 +190,64 @@ Channels = tuple[tuple[str, ...], tuple[str, ...], Array]
 """Names, units and values, (N, C), of analog channels."""
 
 
+Streams = tuple[np.random.Generator, np.random.Generator, np.random.Generator]
+"""Sources of the noise of plates, accelerometers and belts."""
+
+
+def recorded(
+    name: str,
+    treadmill: InstrumentedTreadmill,
+    motion: TreadmillMotion,
+    response: Response,
+    belts: tuple[str, ...],
+    streams: Streams,
+    markers: Markers | None = None,
+    more: Sequence[Channels] = (),
+    metadata: Metadata | None = None,
+) -> Recording:
+    """Record plates, accelerometers and the speed of belts, by the names of their channels.
+
+    Parameters
+    ----------
+    name
+        Of the file.
+    treadmill, motion, response
+        The instruments, how the treadmill moved, and what they underwent.
+    belts
+        Channels of belt speed, the left one first.
+    streams
+        Sources of noise.
+    markers
+        What the cameras recorded; by default frames at their rate without a marker.
+    more
+        Other channels.
+    metadata
+        What the file states of a person.
+
+    Returns
+    -------
+    Recording
+        Plates and channels at the motion's rate.
+    """
+    of_plates, of_sensors, of_belts = streams
+    names, units, columns = zip(
+        measure_accelerations(treadmill, response, motion.rate_hz, of_sensors),
+        measure_belts(treadmill, response, motion.rate_hz, belts, of_belts),
+        *more,
+        strict=True,
+    )
+    if markers is None:
+        frames = motion.time[:: round(motion.rate_hz / FRAME_HZ)]
+        markers = Markers(frames, (), np.empty((len(frames), 0, 3)))
+    return Recording(
+        Path(name),
+        markers,
+        measure_plates(treadmill, motion, response, of_plates),
+        Analog(motion.time, sum(names, ()), sum(units, ()), np.hstack(columns)),
+        metadata=metadata or Metadata(),
+    )
+
+
 def measure_plates(
     treadmill: InstrumentedTreadmill,
     motion: TreadmillMotion,
@@ -210,14 +269,11 @@ def measure_plates(
 
 
 def measure_accelerations(
-    treadmill: InstrumentedTreadmill,
-    motion: TreadmillMotion,
-    response: Response,
-    rng: np.random.Generator,
+    treadmill: InstrumentedTreadmill, response: Response, rate_hz: float, rng: np.random.Generator
 ) -> Channels:
     """Record the accelerometers, in g."""
     readings = [
-        sensor.measure(felt, motion.rate_hz, own)
+        sensor.measure(felt, rate_hz, own)
         for sensor, felt, own in zip(
             treadmill.sensors, response.sensors, rng.spawn(len(treadmill.sensors)), strict=True
         )
@@ -228,13 +284,13 @@ def measure_accelerations(
 
 def measure_belts(
     treadmill: InstrumentedTreadmill,
-    motion: TreadmillMotion,
     response: Response,
+    rate_hz: float,
     names: tuple[str, ...],
     rng: np.random.Generator,
 ) -> Channels:
     """Record the speed of as many belts as there are names, the left one first."""
-    faults, rate_hz = treadmill.faults, motion.rate_hz
+    faults = treadmill.faults
     # a motor's reports are uneven already
     jitter_s = faults.clocks.scale * STREAM_JITTER_S if treadmill.drives is None else 0.0
     stream = Stream(0.0, jitter_s, faults.clocks.scale * DOUBLED_PER_MINUTE, held=True)

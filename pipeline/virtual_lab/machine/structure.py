@@ -17,8 +17,7 @@ from scipy.signal import lfilter
 from hbm.spatial import Array, skew
 from pipeline.virtual_lab.machine.belts import BeltMotion
 from pipeline.virtual_lab.machine.platform import (
-    LEFT_ASSEMBLY,
-    RIGHT_ASSEMBLY,
+    BELT_ASSEMBLIES,
     TERMS,
     Assembly,
     Pair,
@@ -57,9 +56,6 @@ CELLS_M: Final = tuple(
     for side in (1, -1)
 )
 """Load cells of the left and the right assembly: below the corners of the plate; assumed."""
-
-BUILT_FOR: Final = (LEFT_ASSEMBLY, RIGHT_ASSEMBLY)
-"""Assemblies with which the structure has the natural frequencies that are stated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,17 +151,11 @@ class Structure:
     cells: tuple[tuple[Array, Array], ...]
 
 
-def make_structure(
-    assemblies: tuple[Assembly, Assembly] = (LEFT_ASSEMBLY, RIGHT_ASSEMBLY),
-    elasticity: Elasticity | None = None,
-    flexibility: float = 1.0,
-) -> Structure:
+def make_structure(elasticity: Elasticity | None = None, flexibility: float = 1.0) -> Structure:
     """Assemble the structure from its parts.
 
     Parameters
     ----------
-    assemblies
-        Left and right belt assembly; load cells and base are as stiff whatever they weigh.
     elasticity
         How stiff the structure is; by default `Elasticity`.
     flexibility
@@ -179,7 +169,7 @@ def make_structure(
     """
     elastic = elasticity or Elasticity()
     cells = []
-    for part, assembly, places in zip(ASSEMBLIES, BUILT_FOR, CELLS_M, strict=True):
+    for part, assembly, places in zip(ASSEMBLIES, BELT_ASSEMBLIES, CELLS_M, strict=True):
         stretch = np.zeros((len(places), 3, COORDINATES))
         stretch[:, :, part] = [rigid_shape(place)[:3] for place in places]
         stretch[:, :, :FRAME] = [-frame_shape(place)[:3] for place in places]
@@ -188,7 +178,8 @@ def make_structure(
         cells.append(
             Springs.of(stretch.reshape(-1, COORDINATES), inertia, hz, elastic.cell_damping)
         )
-    carried = _inertia_of_frame(_mass_matrix(BUILT_FOR), cells)
+    mass = _mass_matrix()
+    carried = _inertia_of_frame(mass, cells)
     at_base = np.zeros((6, COORDINATES))
     at_base[:, :6] = rigid_shape(BASE_M)
     from_base = np.linalg.inv(rigid_shape(BASE_M))
@@ -202,7 +193,7 @@ def make_structure(
     for part, own in zip(ASSEMBLIES, springs[2:], strict=True):
         by_displacement, by_velocity = own.matrices()
         wrenches.append((-by_displacement[part], -by_velocity[part]))
-    return Structure(_mass_matrix(assemblies), damping, stiffness, tuple(wrenches))
+    return Structure(mass, damping, stiffness, tuple(wrenches))
 
 
 def natural_modes(structure: Structure) -> tuple[Array, Array]:
@@ -288,13 +279,13 @@ def inertia_about_origin(assembly: Assembly) -> Array:
     return shape.T @ center @ shape
 
 
-def _mass_matrix(assemblies: tuple[Assembly, Assembly]) -> Array:
+def _mass_matrix() -> Array:
     """Give the mass matrix of frame and assemblies, (21, 21)."""
     mass = np.zeros((COORDINATES, COORDINATES))
     for node in FRAME_NODES_M:
         shape = frame_shape(node)[:3]
         mass[:FRAME, :FRAME] += FRAME_KG / len(FRAME_NODES_M) * shape.T @ shape
-    for part, assembly in zip(ASSEMBLIES, assemblies, strict=True):
+    for part, assembly in zip(ASSEMBLIES, BELT_ASSEMBLIES, strict=True):
         mass[part, part] = inertia_about_origin(assembly)
     return mass
 
@@ -347,7 +338,7 @@ class Modes:
         if np.count_nonzero(one) != COORDINATES:
             raise ValueError(
                 f"the structure vibrates in {np.count_nonzero(one)} modes, expected {COORDINATES}; "
-                "lower assembly_kg or flexibility"
+                "lower flexibility"
             )
         value = values[one].astype(complex)
         x = np.asarray(value / rate_hz, complex)
@@ -384,34 +375,6 @@ class Modes:
 
 CHUNK_SAMPLES: Final = 8_000
 """Computed at a time, so that all modes stay in the processor's cache."""
-
-
-@dataclass(frozen=True, slots=True)
-class Loads:
-    """What acts on the treadmill beside its own inertia and weight, in platform axes.
-
-    Attributes
-    ----------
-    drives
-        What the left and the right plate have to carry of belts, rollers and motors, about the
-        platform's origin, (N, 6) each [N, N·m].
-    people
-        Ground reaction of the left and the right plate on people, likewise; None for nobody.
-    on_frame
-        Action of people on the frame beside the belts, likewise, (N, 6); None for nobody.
-    """
-
-    drives: Pair
-    people: Pair | None = None
-    on_frame: Array | None = None
-
-    @property
-    def shaking(self) -> list[Array]:
-        """What makes the structure vibrate: on the left and the right plate, and on the frame."""
-        on_plates = list(self.drives)
-        if self.people is not None:
-            on_plates = [drive + load for drive, load in zip(on_plates, self.people, strict=True)]
-        return on_plates if self.on_frame is None else [*on_plates, self.on_frame]
 
 
 @dataclass(frozen=True, slots=True)
@@ -452,9 +415,10 @@ class Response:
 
 def respond(
     structure: Structure | None,
-    assemblies: tuple[Assembly, Assembly],
     motion: PlatformMotion,
-    loads: Loads,
+    drives: Pair,
+    people: Pair | None,
+    on_frame: Array | None,
     places: tuple[Array, ...],
     rate_hz: float,
     step: int,
@@ -465,12 +429,15 @@ def respond(
     ----------
     structure
         None for a rigid one.
-    assemblies
-        Left and right belt assembly, those of the structure.
     motion
         Of the platform as its actuators move it, N samples.
-    loads
-        Of people and drives.
+    drives
+        What the left and the right plate have to carry of belts, rollers and motors, in platform
+        axes about the platform's origin, (N, 6) each [N, N·m].
+    people
+        Ground reaction of the left and the right plate on people, likewise; None for nobody.
+    on_frame
+        Action of people on the frame beside the belts, likewise, (N, 6); None for nobody.
     places
         Of accelerometers on the frame, (3,) each [m].
     rate_hz
@@ -490,24 +457,28 @@ def respond(
     damping force of their cells, so that a constant load is carried exactly.
     """
     terms = motion_terms(motion)
-    by_terms = [inertial_wrench(assembly, motion.pivot) for assembly in assemblies]
+    by_terms = [inertial_wrench(assembly, motion.pivot) for assembly in BELT_ASSEMBLIES]
     sensors = tuple(specific_force(motion, place) for place in places)
     count = len(range(0, len(terms), step))
     if structure is None:
         plates = np.stack(
-            [terms @ wrench.T + own for wrench, own in zip(by_terms, loads.drives, strict=True)]
+            [terms @ wrench.T + own for wrench, own in zip(by_terms, drives, strict=True)]
         )
-        if loads.people is not None:
-            plates += loads.people
-        return Response((plates[0], plates[1]), sensors, np.zeros((count, FRAME)), loads.people)
+        if people is not None:
+            plates += people
+        return Response((plates[0], plates[1]), sensors, np.zeros((count, FRAME)), people)
 
-    series = [terms, *loads.shaking]
+    series = [terms, *drives]
+    if people is not None:
+        series[1:] = [drive + load for drive, load in zip(drives, people, strict=True)]
+    if on_frame is not None:
+        series.append(on_frame)
     by_inputs = _load_of_inputs(by_terms, motion.pivot)[:, : sum(part.shape[1] for part in series)]
     modes = Modes.of(structure, by_inputs, rate_hz)
     output, through = _output(structure, by_inputs, places)
     readout = modes.readout(output)
     of_frame = modes.readout(np.eye(FRAME, 2 * COORDINATES))
-    weights = [weight_of(assembly) for assembly in assemblies]
+    weights = [weight_of(assembly) for assembly in BELT_ASSEMBLIES]
     plates, frame = np.empty((2, len(terms), 6)), np.empty((count, FRAME))
     chunk = CHUNK_SAMPLES // step * step
     state: Complex | None = None
@@ -526,7 +497,7 @@ def respond(
             own = found[24 + 6 * k : 30 + 6 * k]
             felt = sensor[now].T
             sensor[now] = (felt + own[:3] - _cross(own[3:], felt)).T
-    return Response((plates[0], plates[1]), sensors, frame, loads.people)
+    return Response((plates[0], plates[1]), sensors, frame, people)
 
 
 def _load_of_inputs(by_terms: list[Array], pivot: Array) -> Array:

@@ -139,7 +139,6 @@ def make_subject(
     marker_set: str = "hbm2",
     individuality: float = 0.0,
     faults: BodyFaults | None = None,
-    forward_m: float = 0.0,
     rng: np.random.Generator | None = None,
 ) -> VirtualSubject:
     """Give a person a body and a gait.
@@ -155,8 +154,6 @@ def make_subject(
     faults
         How the body differs from what markers and the Human Body Model suggest; by default not at
         all.
-    forward_m
-        How far ahead of the lab's origin the person stands [m].
     rng
         Source of everything individual.
 
@@ -174,9 +171,7 @@ def make_subject(
         }
     )
     worn = marker_sets()[marker_set]
-    skeleton, extra_joints, wobbling, soles, q = _body(
-        person, worn, proportions, faults, forward_m, body_rng
-    )
+    skeleton, extra_joints, wobbling, soles, q = _body(person, worn, proportions, faults, body_rng)
     standing = q.copy()
     for side in "RL":
         for name, angle in HANGING_ARM_DEG.items():
@@ -209,14 +204,13 @@ def _body(
     worn: MarkerSet,
     proportions: Proportions,
     faults: BodyFaults,
-    forward_m: float,
     rng: np.random.Generator,
 ) -> tuple[Skeleton, ExtraJoints, tuple[WobblingMass, ...], dict[str, Sole], Array]:
     """Give a person's skeleton, extra joints, soft tissue, soles and T-pose."""
     names = tuple(worn.segment)
     points = tuple(dict.fromkeys((*marker_sets()["hbm2"].segment, *names, *ANATOMICAL)))
     position = t_pose(points, person.height_m, person.sex, proportions)
-    position += [forward_m, 0.0, 0.0 if faults.same_body else faults.shoe_scale * SOLE_M]
+    position[:, 2] += 0.0 if faults.same_body else faults.shoe_scale * SOLE_M
     at = dict(zip(points, position, strict=True))
     shown = frozenset(worn.landmark)
     suggested = locate(at, shown, person.sex, navel_share(person.sex))

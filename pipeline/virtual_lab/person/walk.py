@@ -16,7 +16,13 @@ from compensation.platform import PlatformPose
 from hbm.coordinates import INDEX
 from hbm.spatial import Array, transform_wrench
 from pipeline.io.recording import Event
-from pipeline.virtual_lab.machine.platform import BeltRamp, PlatformTrajectory
+from pipeline.virtual_lab.machine.platform import (
+    BeltRamp,
+    PlatformTrajectory,
+    Trajectory,
+    fit_trajectory,
+    smooth_step,
+)
 from pipeline.virtual_lab.person.balance import (
     RATE_HZ,
     Plan,
@@ -41,7 +47,6 @@ from pipeline.virtual_lab.person.gait import (
 )
 from pipeline.virtual_lab.person.momentum import center_of_mass, ground_wrench, oscillators_of
 from pipeline.virtual_lab.person.subject import VirtualSubject
-from pipeline.virtual_lab.trajectories import Trajectory, fit_trajectory, smooth_step
 
 ARMS_DOWN: Final = 0.48, 0.35
 """When lowering the arms begins, and how long it takes, as shares of the time before walking."""
