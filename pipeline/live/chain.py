@@ -20,8 +20,7 @@ from hbm.spelling import listed
 from pipeline.config.live import Live
 from pipeline.config.schema import Settings
 from pipeline.io.recording import Plate
-from pipeline.live.frames.channels import AnalogStreams, SampleBuffer
-from pipeline.live.frames.ground import LiveGround, Pose
+from pipeline.live.ground import AnalogStreams, LiveGround, Pose, SampleBuffer
 from pipeline.live.stream import Samples, StreamDescription
 from pipeline.trial.checks import LEGS, MAX_UNSEEN_PELVIS_S
 from pipeline.trial.gait.carried import PLACES, Feet, Support
