@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.benchmarks import commands, events, live, report, scaling
+from tests.benchmarks import commands, events, live, report
 from tests.benchmarks.accuracy import check_optimum
 from tests.benchmarks.comparison import (
     COMPILED,
@@ -72,7 +72,6 @@ def whole_processes(folder: Path, frames: int, _: int) -> Measured:
 
 PARTS: dict[str, Callable[[Path, int, int], Measured]] = {
     "compare": compare,
-    "gaps": lambda folder, _, repeats: {"gaps": scaling.gaps(folder, repeats)},
     "commands": whole_processes,
     "events": lambda folder, *_: events.race(folder),
     "live": lambda folder, *_: live.live_frames(folder),
