@@ -10,6 +10,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -22,10 +23,10 @@ from pipeline.config.study import Study, read_study
 from pipeline.io.recording import Event, Recording
 from pipeline.trial.gait.contact import feet_of, share_between_feet
 from pipeline.trial.gait.detection import (
-    EventSources,
     detect_events,
     foot_motion,
     foot_motion_events,
+    plate_events,
 )
 from pipeline.trial.gait.events import LABELS, SIDES, event_times
 from pipeline.trial.ground.laboratory import Laboratory, bind
@@ -49,6 +50,8 @@ MOTION = "auto, without plates"
 PEER_PYTHON = "HBM_GAITKIT_PYTHON"
 NOBODY, DEFAULTS = Subject(), Settings()
 Found = Mapping[str, Sequence[Event]]
+Sources = dict[str, Any]
+"""What the events of a trial can be found from: arguments of `detect_events`."""
 
 
 @dataclass(frozen=True)
@@ -77,11 +80,11 @@ def race(folder: Path) -> dict[str, list[dict[str, float | str]]]:
     return {"events": tabulate(trials)}
 
 
-def ours(sources: EventSources) -> dict[str, Sequence[Event]]:
+def ours(sources: Sources) -> dict[str, Sequence[Event]]:
     """Give the events of one trial by our methods."""
-    found = {method: detect_events(sources, method)[0] for method in OURS}
+    found = {method: detect_events(**sources, wanted=method)[0] for method in OURS}
     return {f"hbm, {name}": events for name, events in found.items()} | {
-        f"hbm, {MOTION}": foot_motion_events(sources.motion)
+        f"hbm, {MOTION}": foot_motion_events(sources["motion"])
     }
 
 
@@ -174,7 +177,7 @@ def event_sources(
     laboratory: Laboratory,
     person: Subject = NOBODY,
     rules: Settings = DEFAULTS,
-) -> EventSources:
+) -> Sources:
     """Process a recording as far as its events need it."""
     mass_kg = body_mass(person, recording, recording).mass_kg
     body = subject_body(recording, person, rules, mass_kg)
@@ -189,18 +192,17 @@ def event_sources(
         feet_of(body, motion),
         rules.contact_threshold_n,
     ).contacts
-    return EventSources(
-        recording.events,
-        markers,
-        body.marker_set,
-        foot_motion(body, motion.time, motion.q, ground.pose),
-        contacts,
-        plate_loads(lab),
-        body.mass * GRAVITY_MPS2,
-    )
+    weight_n = body.mass * GRAVITY_MPS2
+    return {
+        "of_file": recording.events,
+        "of_plates": plate_events(contacts, plate_loads(lab), motion.time, weight_n),
+        "motion": foot_motion(body, motion.time, motion.q, ground.pose),
+        "markers": markers,
+        "marker_set": body.marker_set,
+    }
 
 
-def _sources(study: Study) -> Iterator[tuple[str, str, EventSources]]:
+def _sources(study: Study) -> Iterator[tuple[str, str, Sources]]:
     laboratory, rules = read_study_laboratory(study), study.file.settings
     for person in study.subjects.values():
         for condition, trial in person.trials.items():
