@@ -13,6 +13,7 @@ import numpy as np
 
 from tests.benchmarks import commands, events, live, report
 from tests.benchmarks.accuracy import check_optimum
+from tests.benchmarks.commands import LONG_FRAMES
 from tests.benchmarks.comparison import (
     COMPILED,
     MACHINE,
@@ -75,7 +76,7 @@ PARTS: dict[str, Callable[[Path, int, int], Measured]] = {
     "commands": whole_processes,
     "events": lambda folder, *_: events.race(folder),
     "live": lambda folder, *_: live.live_frames(folder),
-    "memory": lambda folder, *_: {"memory": commands.peak_memory(folder)},
+    "memory": lambda folder, *_: {"memory": commands.residuals_time(folder, LONG_FRAMES)},
 }
 
 if __name__ == "__main__":
