@@ -146,7 +146,7 @@ def test_a_study_names_a_recording_of_another_day_and_its_trials_carry_the_verdi
     (study / "study.toml").write_text(stated, encoding="utf-8")
     lab.save(with_values(empty(2), turned), study / "day2.c3d")
     loaded = read_study(study)
-    remarks = [r.said.code for r in check_study(loaded).remarks if r.place == "day2.c3d"]
+    remarks = [r.said.code for r in check_study(loaded).remarks if r.place == "study.toml"]
     assert remarks == ["calibration_outdated"]
     assert [n.code for n in read_study_laboratory(loaded).notes] == ["calibration_outdated"]
 
