@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.virtual_lab.protocol.ranking_study import BYSTANDERS
+from pipeline.virtual_lab.protocol.calibration_trial import BYSTANDERS
 from tests.campaign.inertia_models import BEST, COMPONENTS, MACHINES, judge, pooled, unmet
 
 LEFT = np.array([3.0, 0, 4, 0, 0.6, 0.8])

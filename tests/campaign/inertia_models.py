@@ -31,8 +31,12 @@ from pipeline.virtual_lab.machine.instrumented_treadmill import (
     make_treadmill,
 )
 from pipeline.virtual_lab.person import bystander
-from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
-from pipeline.virtual_lab.protocol.ranking_study import BESIDE_THE_BELTS, BYSTANDERS
+from pipeline.virtual_lab.protocol.calibration_trial import (
+    BESIDE_THE_BELTS,
+    BYSTANDERS,
+    record_signal_trial,
+    sample_times,
+)
 
 RATE_HZ: Final = 200.0
 EDGE: Final = 200

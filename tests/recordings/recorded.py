@@ -7,7 +7,6 @@ from pathlib import Path
 import pipeline
 from hbm.markers import read_marker_set
 from pipeline.config.schema import Settings, Subject
-from pipeline.io.opensim import read_opensim_trial, read_trc
 from pipeline.io.read import read_recording
 from pipeline.io.stated import Stated
 from pipeline.trial.process import process_recording
@@ -42,15 +41,15 @@ def steps(folder):
 def overground(folder):
     folder = folder / "opensim_subject01"
     forces = folder / "subject01_walk1_grf.mot"
-    walk = read_opensim_trial(folder / "subject01_walk1.trc", forces, AXES)
-    static = read_trc(folder / "subject01_static.trc", AXES)
+    walk = read_recording(folder / "subject01_walk1.trc", AXES, forces)
+    static = read_recording(folder / "subject01_static.trc", AXES)
     known = {"subject": Subject(mass_kg=72.6), "static": static}
     return walk, known | {"marker_set": of_subjects("gait2354")}
 
 
 def generated(folder):
     folder = folder / "truth_walk"
-    walk = read_opensim_trial(folder / "markers.trc", folder / "grf.mot", AXES)
+    walk = read_recording(folder / "markers.trc", AXES, folder / "grf.mot")
     person = Subject(sex="male", mass_kg=MASS_KG, height_m=STATURE_M)
     return walk, {"subject": person, "marker_set": of_subjects("arnold2013")}
 

@@ -5,11 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.virtual_lab.machine.belts import (
-    RotatingLine,
-    identified_drive,
-    scattered_drive,
-)
+from pipeline.virtual_lab.machine.belts import RotatingLine, identified_drive, scattered_drive
 from tests.virtual_machine import identify_belt
 from tests.virtual_machine.belt_recording import simulate_recording
 from tests.virtual_machine.identify_belt import FITTED, find_lines, fit

@@ -316,7 +316,7 @@ def test_a_file_that_changes_midway_gives_no_result_under_the_old_key(study, out
     ("error", "message"),
     [
         (ValueError("no markers\nat all"), "no markers at all"),
-        (KeyError("LASIS"), "KeyError: 'LASIS' (test_run.py, line "),
+        (KeyError("LASIS"), "a fault of this program: KeyError: LASIS (test_run.py, line "),
     ],
 )
 def test_whatever_goes_wrong_in_a_trial_is_a_failure_of_that_trial(
