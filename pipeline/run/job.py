@@ -14,7 +14,7 @@ from pydantic import TypeAdapter
 from hbm.engines.engine import engine_identity
 from hbm.notes import Note
 from pipeline.config.study import Study
-from pipeline.io.input_file import last_written
+from pipeline.io.input_file import describe_error, last_written
 from pipeline.io.write import write_text
 from pipeline.run.program import computation_digest
 from pipeline.run.store import FORMAT_VERSION, read_trial, write_trial
@@ -121,21 +121,6 @@ def _outcome(job: Job, state: Literal["done", "kept"], result: TrialResult) -> O
     if result.shortage:
         return Outcome(job, "failed", result.shortage)
     return Outcome(job, state, of_calibration=result.of_calibration)
-
-
-def describe_error(error: BaseException) -> str:
-    """Describe an error in one line; an unforeseen one with its type and where it arose."""
-    text = " ".join("; ".join([str(error), *getattr(error, "__notes__", ())]).split())
-    if isinstance(error, OSError) and error.strerror:
-        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
-    if isinstance(error, ValueError) and text:
-        return text
-    trace = error.__traceback__
-    while trace is not None and trace.tb_next is not None:
-        trace = trace.tb_next
-    name = Path(trace.tb_frame.f_code.co_filename).name if trace is not None else ""
-    where = f" ({name}, line {trace.tb_lineno})" if trace is not None else ""
-    return f"{type(error).__name__}: {text}{where}"
 
 
 def trial_key(study: Study, subject: str, condition: str) -> str:
