@@ -130,7 +130,7 @@ FRAMES_AT_ONCE: Final = 4000
 
 
 class Problem:
-    """One trial's markers against one body; arguments as of `hbm.kinematics.solve_ik`."""
+    """One trial's markers against one body; arguments as of `hbm.ik.tracking.solve_ik`."""
 
     def __init__(
         self,

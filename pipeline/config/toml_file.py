@@ -8,7 +8,7 @@ from typing import Any, Final, TypeVar
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from hbm.overrides import SegmentOverride, read_overrides
+from hbm.segments import SegmentOverride, read_overrides
 from hbm.spelling import Table, did_you_mean, parse_toml, short, shown
 from pipeline.io.input_file import fault_line, is_file, naming, read_text
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from tests.benchmarks.implementation import Implementation, Timing, ratio, time_alternately
 from tests.benchmarks.trial import Trial, write_trial
 from tests.benchmarks.walker import walk, with_dropouts, with_random_gaps

@@ -9,8 +9,7 @@ from scipy.optimize import least_squares
 from hbm.coordinates import COORDINATES, INDEX, LIMBS, N_Q, TREE
 from hbm.ik import descent, problem
 from hbm.ik.problem import Problem
-from hbm.ik.tracking import solve_trial
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik, solve_trial
 from hbm.markers import Markers
 from hbm.poses import marker_positions
 from tests.hbm.motions import (

@@ -6,8 +6,7 @@ import pytest
 from hbm.body import build_body
 from hbm.coordinates import INDEX, SEGMENTS
 from hbm.dynamics import inverse_dynamics
-from hbm.overrides import SegmentOverride, read_overrides
-from hbm.segments import Inertia
+from hbm.segments import Inertia, SegmentOverride, read_overrides
 from tests.hbm.motions import swinging
 from tests.synthetic import MASS_KG, synthetic_body, synthetic_t_pose
 

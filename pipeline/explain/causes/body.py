@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from hbm.coordinates import FIRST_Q, FIXED_TO, INDEX, MOVING, PARENT, SIDES, UP
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from hbm.model import Body
 from hbm.poses import segment_frames
 from hbm.segments import NO_INERTIA, Inertia
