@@ -21,7 +21,7 @@ from hbm.coordinates import COORDINATES, LAST_Q, MOVING, SEGMENTS, SIDES, suppor
 from hbm.ik.problem import undetermined
 from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers, MarkerSet, marker_sets, recognise_marker_set
-from hbm.model import Body, joints_of, pin_model
+from hbm.model import Body, pin_model
 from hbm.notes import Note
 from hbm.plausibility.motion import mass_not_shown
 from hbm.poses import segment_frames
@@ -198,7 +198,8 @@ def build_body(
         markers=markers,
         marker_segment=segments,
         marker_position=np.array([shape.markers[name] for name in markers]),
-        joints=joints_of(shape.offsets, shape.axes),
+        offsets=shape.offsets,
+        axes=shape.axes,
         segments=apply_overrides(_inertias(shape.ends, table, mass), overrides or {}, mass),
         lengths={s: distance(proximal, distal) for s, (proximal, distal, _) in shape.ends.items()},
         locked=_never_shown(set(segments)),
