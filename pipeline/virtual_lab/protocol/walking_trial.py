@@ -177,11 +177,10 @@ class WalkingTrial:
 
 def study_subject(setting: Setting, number: int) -> VirtualSubject:
     """Give a subject of the study, numbered from 0."""
-    protocol = setting.protocol
     return make_subject(
         PERSONS[number],
-        marker_set=protocol.marker_set,
-        individuality=protocol.individuality,
+        marker_set=setting.protocol.marker_set,
+        individuality=1.0,
         faults=setting.faults.body,
         rng=np.random.default_rng((setting.seed, number)),
     )
