@@ -9,11 +9,9 @@ import gc
 import io
 import os
 import sys
-import traceback
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 from inspect import getdoc
-from pathlib import Path
 from typing import Annotated, Any, Final
 
 import typer
@@ -22,14 +20,13 @@ from typer.exceptions import TyperException
 
 from hbm.spelling import both_ends, did_you_mean, printable, short
 from pipeline.cli.stopping import Stopped
+from pipeline.io.input_file import describe_error
 
 USAGE: Final = 2
 """Exit code for wrong usage or input."""
 INTERRUPTED: Final = 130
 UNREAD: Final = 141
 """As in a shell: ended by the signal of a pipe that nobody reads (128 + 13)."""
-MAX_REASON: Final = 200
-"""Characters of Python's own message about a fault."""
 MAX_LINE: Final = 290
 """Characters of an error, some lines of a terminal: names and texts out of files may have any
 length."""
@@ -151,34 +148,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def one_line(error: BaseException) -> str:
     """Put an error into one line, with the notes that were added on its way up."""
-    if isinstance(error, TyperException):
-        context: typer.Context | None = getattr(error, "ctx", None)
-        command = context.command_path if context is not None else "hbm"
-        text = f"{error.format_message().rstrip('.')}; see '{command} --help'"
-    elif isinstance(error, FileExistsError | NotADirectoryError) and error.filename:
-        text = f"{error.filename}: a file stands where a folder should be"
-    elif isinstance(error, OSError) and error.strerror and error.filename:
-        text = f"{error.filename}: {error.strerror.lower()}"
-    elif isinstance(error, OSError) and error.strerror:
-        text = error.strerror.lower()
-    elif _is_sentence(error):
-        text = str(error.args[0] if isinstance(error, KeyError) else error)
-    else:
-        place = traceback.extract_tb(error.__traceback__)[-1]
-        text = (
-            f"a fault of this program: {type(error).__name__}: {str(error)[:MAX_REASON]} "
-            f"({Path(place.filename).name}, line {place.lineno}); please report it with what "
-            "--debug shows"
-        )
-    parts = [text, *getattr(error, "__notes__", [])]
-    return "; ".join(" ".join(part.split()) for part in parts)
-
-
-def _is_sentence(error: BaseException) -> bool:
-    """Whether an error was raised for people to read."""
-    if isinstance(error, KeyError):
-        return bool(error.args) and isinstance(error.args[0], str) and " " in error.args[0]
-    return isinstance(error, ValueError | OSError) and bool(str(error))
+    if not isinstance(error, TyperException):
+        return describe_error(error)
+    context: typer.Context | None = getattr(error, "ctx", None)
+    command = context.command_path if context is not None else "hbm"
+    return f"{' '.join(error.format_message().split()).rstrip('.')}; see '{command} --help'"
 
 
 def accept_any_letter() -> None:

@@ -32,7 +32,6 @@ from pipeline.live.preparation import PlacedPlates, PoseFinder, Preparation, pla
 from pipeline.live.qualisys import QualisysSource
 from pipeline.live.session import RECEIVE_S, Session
 from pipeline.live.stream import Source
-from pipeline.trial.result import PlateSurface
 from pipeline.viewer.live import ShownFrame
 
 if TYPE_CHECKING:
@@ -123,10 +122,9 @@ def run_session(
         if shown or web:
             from pipeline.viewer.live import LiveScene, LiveView
 
-            surfaces = [PlateSurface(plate.number, plate.center, plate.corners) for plate in plates]
             scene = LiveScene(
                 chain.body,
-                surfaces,
+                plates,
                 chain.stream.labels,
                 chain.ground.variants,
                 "browser" if web else "window",

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from compensation import Calibration
     from hbm.notes import Note
     from pipeline.io.recording import Recording
-    from pipeline.trial.ground.calibration_check import CalibrationCheck
+    from pipeline.trial.ground.calibrations import CalibrationCheck
 
 
 @takes(RecordingRequest)
@@ -296,9 +296,8 @@ def check(
     """Exit code 1 if it is not valid any more."""
     from pipeline.config.plate_correction import read_plate_correction
     from pipeline.trial.ground.accelerometers import stated_accelerometers
-    from pipeline.trial.ground.calibration_check import check_recording
     from pipeline.trial.ground.calibration_recording import read_empty
-    from pipeline.trial.ground.laboratory import read_laboratory
+    from pipeline.trial.ground.calibrations import check_recording, read_laboratory
 
     plates = read_plate_correction(plate_calibration) if plate_calibration else None
     channels = stated_accelerometers(request.accelerometer)

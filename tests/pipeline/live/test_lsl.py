@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from pipeline.config.live import Live
-from pipeline.io.recording import Analog, Metadata
+from pipeline.io.recording import Analog
 from pipeline.io.stated import Stated
 from tests.pipeline.other_formats import excerpt
 
@@ -51,7 +51,7 @@ def trial(walker):
     clock = np.arange(250) / 250
     analog = Analog(clock, ("Belt",), ("m/s",), np.sin(clock)[:, None])
     some = excerpt(walker, 500, 600)
-    return replace(some, analog=analog, metadata=Metadata(subject="Anna"), source=Path("Anna.c3d"))
+    return replace(some, analog=analog, source=Path("Anna.c3d"))
 
 
 @pytest.fixture
