@@ -23,7 +23,7 @@ import pipeline
 from hbm.markers import Markers
 from pipeline.config.live import Live
 from pipeline.config.schema import Treadmill
-from pipeline.live.frames.chain import LiveChain
+from pipeline.live.chain import LiveChain
 from pipeline.live.monitor import Monitor
 from pipeline.live.replay import RecordedSource
 from pipeline.trial.ground.laboratory import Laboratory

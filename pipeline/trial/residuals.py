@@ -237,7 +237,7 @@ def _summary(result: TrialResult, condition: str, window: Window, variant: str) 
     rms = np.sqrt(np.mean(value**2, axis=0))
     spread = np.full(len(AXES), np.nan)
     if variant == "compensated" and result.uncertainty is not None:
-        spread = np.sqrt(np.mean(result.uncertainty.residual[counts] ** 2, axis=0))
+        spread = np.sqrt(np.mean(result.uncertainty[counts] ** 2, axis=0))
     return pd.DataFrame(
         {
             "subject": result.subject.id,

@@ -9,7 +9,7 @@ import numpy as np
 
 from hbm.markers import Markers
 from hbm.spatial import Array, shift_wrench
-from pipeline.io.recording import Analog, Metadata, Plate, Recording
+from pipeline.io.recording import Analog, Metadata, Recording
 from pipeline.io.units import acceleration_in_mps2
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.belts import Drives, carried_of_belts, make_drives, run_belts
@@ -230,77 +230,53 @@ def recorded(
         Plates and channels at the motion's rate.
     """
     of_plates, of_sensors, of_belts = streams
+    rate_hz, faults = motion.rate_hz, treadmill.faults
+    readings = [
+        sensor.measure(felt, rate_hz, own) / acceleration_in_mps2("g")
+        for sensor, felt, own in zip(
+            treadmill.sensors,
+            response.sensors,
+            of_sensors.spawn(len(treadmill.sensors)),
+            strict=True,
+        )
+    ]
+    sensors = tuple(f"{sensor.name}.{axis}" for sensor in treadmill.sensors for axis in "XYZ")
+    # a motor's reports are uneven already
+    jitter_s = faults.clocks.scale * STREAM_JITTER_S if treadmill.drives is None else 0.0
+    stream = Stream(0.0, jitter_s, faults.clocks.scale * DOUBLED_PER_MINUTE, held=True)
+    noise, speeds = noise_sd_at(faults.belts.roughness * NOISE_MPS, rate_hz), []
+    for belt, own, _ in zip(response.belts, of_belts.spawn(2), belts, strict=False):
+        speeds.append(stream.sample(belt.reported_speed[:, None], rate_hz, own.spawn(1)[0]))
+        add_noise(speeds[-1], noise, own)
     names, units, columns = zip(
-        measure_accelerations(treadmill, response, motion.rate_hz, of_sensors),
-        measure_belts(treadmill, response, motion.rate_hz, belts, of_belts),
+        (sensors, ("g",) * len(sensors), np.hstack(readings)),
+        (belts, ("m/s",) * len(belts), np.hstack(speeds)),
         *more,
         strict=True,
     )
+    plates = [
+        recorded_plate(
+            number,
+            motion.time,
+            shift_wrench(plate.measure(misplaced(wrench, faults.plates), rate_hz, own), center),
+        )
+        for number, (plate, wrench, own, center) in enumerate(
+            zip(
+                treadmill.plates, response.plates, of_plates.spawn(2), PLATE_CENTERS_M, strict=True
+            ),
+            start=1,
+        )
+    ]
     if markers is None:
-        frames = motion.time[:: round(motion.rate_hz / FRAME_HZ)]
+        frames = motion.time[:: round(rate_hz / FRAME_HZ)]
         markers = Markers(frames, (), np.empty((len(frames), 0, 3)))
     return Recording(
         Path(name),
         markers,
-        measure_plates(treadmill, motion, response, of_plates),
+        tuple(plates),
         Analog(motion.time, sum(names, ()), sum(units, ()), np.hstack(columns)),
         metadata=metadata or Metadata(),
     )
-
-
-def measure_plates(
-    treadmill: InstrumentedTreadmill,
-    motion: TreadmillMotion,
-    response: Response,
-    rng: np.random.Generator,
-) -> tuple[Plate, ...]:
-    """Record what the plates' load cells carry."""
-    faults = treadmill.faults.plates
-    measured = [
-        plate.measure(misplaced(wrench, faults), motion.rate_hz, own)
-        for plate, wrench, own in zip(treadmill.plates, response.plates, rng.spawn(2), strict=True)
-    ]
-    return tuple(
-        recorded_plate(number, motion.time, shift_wrench(wrench, center))
-        for number, (wrench, center) in enumerate(
-            zip(measured, PLATE_CENTERS_M, strict=True), start=1
-        )
-    )
-
-
-def measure_accelerations(
-    treadmill: InstrumentedTreadmill, response: Response, rate_hz: float, rng: np.random.Generator
-) -> Channels:
-    """Record the accelerometers, in g."""
-    readings = [
-        sensor.measure(felt, rate_hz, own)
-        for sensor, felt, own in zip(
-            treadmill.sensors, response.sensors, rng.spawn(len(treadmill.sensors)), strict=True
-        )
-    ]
-    names = tuple(f"{sensor.name}.{axis}" for sensor in treadmill.sensors for axis in "XYZ")
-    return names, ("g",) * len(names), np.hstack(readings) / acceleration_in_mps2("g")
-
-
-def measure_belts(
-    treadmill: InstrumentedTreadmill,
-    response: Response,
-    rate_hz: float,
-    names: tuple[str, ...],
-    rng: np.random.Generator,
-) -> Channels:
-    """Record the speed of as many belts as there are names, the left one first."""
-    faults = treadmill.faults
-    # a motor's reports are uneven already
-    jitter_s = faults.clocks.scale * STREAM_JITTER_S if treadmill.drives is None else 0.0
-    stream = Stream(0.0, jitter_s, faults.clocks.scale * DOUBLED_PER_MINUTE, held=True)
-    noise = noise_sd_at(faults.belts.roughness * NOISE_MPS, rate_hz)
-    columns = []
-    for belt, own, _ in zip(response.belts, rng.spawn(len(response.belts)), names, strict=False):
-        reported = stream.sample(belt.reported_speed[:, None], rate_hz, own.spawn(1)[0])
-        add_noise(reported, noise, own)
-        columns.append(reported)
-    return names, ("m/s",) * len(names), np.hstack(columns)
 
 
 def measure_platform(

@@ -7,6 +7,7 @@ accelerates the structure and turns it in gravity; people and drives push it. It
 commanded motion: load cells, accelerometers and markers go with it.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -58,78 +59,35 @@ CELLS_M: Final = tuple(
 """Load cells of the left and the right assembly: below the corners of the plate; assumed."""
 
 
-@dataclass(frozen=True, slots=True)
-class Elasticity:
-    """How stiff a structure is, stated by natural frequencies, which people can imagine.
+BASE_HZ: Final = (30.0, 13.0, 40.0, 35.0, 16.0, 30.0)
+BASE_DAMPING: Final = (0.05, 0.3, 0.05, 0.05, 0.3, 0.05)
+"""Natural frequencies and damping ratios of the whole, rigid structure on its base (forward, left,
+up, roll, pitch, yaw): lowest where actuators hold it, sideways and in pitch, with more damping than
+bolted steel. People then shake the plates about as much as those of a real treadmill: in the middle
+of swing, below 10 Hz, while somebody walks on the other plate, the sideways force varies by two
+times and the vertical by half of what a recording of python-gaitalytics shows (a treadmill that
+does not move; the recording is filtered and says nothing of higher frequencies), and feet leave the
+plates 2 ms later than on a rigid machine. On actuators of 7 Hz with 5 % damping steps let the
+plates swing by 56 N (SD), which no recording shows."""
+SHAPE_HZ: Final = (45.0, 40.0, 50.0)
+"""Of `SHAPES` with the frame's middle held and the assemblies on it; assumed."""
+CELL_HZ: Final = (68.0, 67.0, 138.0)
+"""Of an assembly that moves forward, sideways or up on its load cells, the frame being held: a belt
+assembly of 90 kg on a force plate reached 88, 87 and 178 Hz (Kram et al. 1998, J Appl Physiol
+85:764); one of 150 kg on cells as stiff reaches these."""
+STEEL_DAMPING: Final = 0.02
+"""Of both; assumed."""
 
-    The base is chosen so that people shake the plates about as much as those of a real treadmill:
-    in the middle of swing, below 10 Hz, while somebody walks on the other plate, the sideways force
-    varies by two times and the vertical by half of what a recording of python-gaitalytics shows
-    (a treadmill that does not move; the recording is filtered and says nothing of higher
-    frequencies), and feet leave the plates 2 ms later than on a rigid machine. On actuators of
-    7 Hz with 5 % damping steps let the plates swing by 56 N (SD), which no recording shows.
 
-    Attributes
-    ----------
-    base_hz
-        Natural frequencies of the whole, rigid structure on its base (forward, left, up, roll,
-        pitch, yaw) [Hz]: lowest where actuators hold it, sideways and in pitch.
-    base_damping
-        Damping ratios of these; of actuators more than of bolted steel.
-    shape_hz, shape_damping
-        Natural frequencies of `SHAPES` with the frame's middle held and the assemblies on it [Hz],
-        and damping ratio; assumed.
-    cell_hz, cell_damping
-        Natural frequencies of an assembly that moves forward, sideways or up on its load cells, the
-        frame being held [Hz], and damping ratio: a belt assembly of 90 kg on a force plate reached
-        88, 87 and 178 Hz (Kram et al. 1998, J Appl Physiol 85:764); one of 150 kg on cells as
-        stiff reaches these. The damping is assumed.
+def springs(stretch: Array, inertia: Array, hz: Array, ratio: float | Array) -> tuple[Array, Array]:
+    """Give stiffness and damping matrix of springs with dampers beside them, (21, 21) each.
+
+    Their elongations by the structure's coordinates are ``stretch``, (n, 21); on them inertias have
+    natural frequencies [Hz] and damping ratios.
     """
-
-    base_hz: tuple[float, ...] = (30.0, 13.0, 40.0, 35.0, 16.0, 30.0)
-    base_damping: tuple[float, ...] = (0.05, 0.3, 0.05, 0.05, 0.3, 0.05)
-    shape_hz: tuple[float, ...] = (45.0, 40.0, 50.0)
-    shape_damping: float = 0.02
-    cell_hz: tuple[float, ...] = (68.0, 67.0, 138.0)
-    cell_damping: float = 0.02
-
-
-@dataclass(frozen=True, slots=True)
-class Springs:
-    """Springs with dampers beside them.
-
-    Attributes
-    ----------
-    stretch
-        Their elongations by the structure's coordinates, (n, 21).
-    stiffness, damping
-        Of each, (n,) [N/m or N·m/rad; N·s/m or N·m·s/rad].
-    """
-
-    stretch: Array
-    stiffness: Array
-    damping: Array
-
-    @classmethod
-    def of(
-        cls, stretch: Array, inertia: Array, hz: tuple[float, ...], ratio: float | Array
-    ) -> "Springs":
-        """Give springs on which inertias have natural frequencies [Hz] and damping ratios."""
-        omega = 2 * np.pi * np.array(hz)
-        return cls(stretch, inertia * omega**2, 2 * ratio * omega * inertia)
-
-    def softer(self, flexibility: float) -> "Springs":
-        """Give springs that yield more by a factor, with the same damping ratios."""
-        return Springs(
-            self.stretch, self.stiffness / flexibility, self.damping / np.sqrt(flexibility)
-        )
-
-    def matrices(self) -> tuple[Array, Array]:
-        """Give their part of the stiffness and of the damping matrix, (21, 21) each."""
-        return (
-            self.stretch.T @ (self.stiffness[:, None] * self.stretch),
-            self.stretch.T @ (self.damping[:, None] * self.stretch),
-        )
+    omega = 2 * np.pi * hz
+    stiffness, damping = inertia * omega**2, 2 * ratio * omega * inertia
+    return stretch.T @ (stiffness[:, None] * stretch), stretch.T @ (damping[:, None] * stretch)
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,48 +109,47 @@ class Structure:
     cells: tuple[tuple[Array, Array], ...]
 
 
-def make_structure(elasticity: Elasticity | None = None, flexibility: float = 1.0) -> Structure:
+def make_structure(
+    flexibility: float = 1.0,
+    base_hz: Sequence[float] = BASE_HZ,
+    base_damping: Sequence[float] = BASE_DAMPING,
+) -> Structure:
     """Assemble the structure from its parts.
 
     Parameters
     ----------
-    elasticity
-        How stiff the structure is; by default `Elasticity`.
     flexibility
         By which every displacement under a constant load is multiplied, above 0; natural
         frequencies fall with its square root.
+    base_hz, base_damping
+        Of the whole on its base.
 
     Returns
     -------
     Structure
         Its matrices are symmetric, and positive definite but for the damping of the assemblies.
     """
-    elastic = elasticity or Elasticity()
-    cells = []
+    softness, mass, cells = np.sqrt(flexibility), _mass_matrix(), []
     for part, assembly, places in zip(ASSEMBLIES, BELT_ASSEMBLIES, CELLS_M, strict=True):
         stretch = np.zeros((len(places), 3, COORDINATES))
         stretch[:, :, part] = [rigid_shape(place)[:3] for place in places]
         stretch[:, :, :FRAME] = [-frame_shape(place)[:3] for place in places]
         inertia = np.full(3 * len(places), assembly.mass / len(places))
-        hz = elastic.cell_hz * len(places)
-        cells.append(
-            Springs.of(stretch.reshape(-1, COORDINATES), inertia, hz, elastic.cell_damping)
-        )
-    mass = _mass_matrix()
-    carried = _inertia_of_frame(mass, cells)
+        hz = np.array(CELL_HZ * len(places)) / softness
+        cells.append(springs(stretch.reshape(-1, COORDINATES), inertia, hz, STEEL_DAMPING))
+    carried = _inertia_of_frame(mass, [stiffness for stiffness, _ in cells])
     at_base = np.zeros((6, COORDINATES))
     at_base[:, :6] = rigid_shape(BASE_M)
     from_base = np.linalg.inv(rigid_shape(BASE_M))
     about_base = np.diag(from_base.T @ carried[:6, :6] @ from_base)
-    base = Springs.of(at_base, about_base, elastic.base_hz, np.array(elastic.base_damping))
-    bending = np.eye(COORDINATES)[6:FRAME]
-    shapes = Springs.of(bending, np.diag(carried)[6:], elastic.shape_hz, elastic.shape_damping)
-    springs = [part.softer(flexibility) for part in (base, shapes, *cells)]
-    stiffness, damping = np.sum([part.matrices() for part in springs], axis=0)
-    wrenches = []
-    for part, own in zip(ASSEMBLIES, springs[2:], strict=True):
-        by_displacement, by_velocity = own.matrices()
-        wrenches.append((-by_displacement[part], -by_velocity[part]))
+    base = springs(at_base, about_base, np.array(base_hz) / softness, np.array(base_damping))
+    bending, hz = np.eye(COORDINATES)[6:FRAME], np.array(SHAPE_HZ) / softness
+    shapes = springs(bending, np.diag(carried)[6:], hz, STEEL_DAMPING)
+    stiffness, damping = np.sum([base, shapes, *cells], axis=0)
+    wrenches = [
+        (-by_displacement[part], -by_velocity[part])
+        for part, (by_displacement, by_velocity) in zip(ASSEMBLIES, cells, strict=True)
+    ]
     return Structure(mass, damping, stiffness, tuple(wrenches))
 
 
@@ -290,11 +247,10 @@ def _mass_matrix() -> Array:
     return mass
 
 
-def _inertia_of_frame(mass: Array, cells: list[Springs]) -> Array:
+def _inertia_of_frame(mass: Array, cells: list[Array]) -> Array:
     """Give the frame's mass matrix with the assemblies fixed to it, (9, 9)."""
     total = mass[:FRAME, :FRAME].copy()
-    for part, own in zip(ASSEMBLIES, cells, strict=True):
-        stiffness = own.matrices()[0]
+    for part, stiffness in zip(ASSEMBLIES, cells, strict=True):
         follow = -np.linalg.solve(stiffness[part, part], stiffness[part, :FRAME])
         total += follow.T @ mass[part, part] @ follow
     return total

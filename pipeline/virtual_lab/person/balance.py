@@ -26,7 +26,7 @@ from pipeline.virtual_lab.person.body import (
 )
 from pipeline.virtual_lab.person.feet import FootPlacement, Sole, orientation, rolled
 from pipeline.virtual_lab.person.gait import LEAVING, STANCE, foot_angles, sole_weights
-from pipeline.virtual_lab.person.momentum import ground_wrench, oscillators_of
+from pipeline.virtual_lab.person.momentum import Oscillator, ground_wrench
 from pipeline.virtual_lab.person.subject import VirtualSubject
 from pipeline.virtual_lab.person.variation import ExtraJoints
 
@@ -354,7 +354,7 @@ def _correction(plan: Plan, reference: Array, rate_hz: float) -> tuple[Array, Ar
         if correction == 0:
             shift[2] = plan.walking * (q - reference)[2, plan.steady].mean()
         motion = _differentiated(plan.moved(q, rate_hz), rate_hz)
-        oscillators = oscillators_of(subject.wobbling, rate_hz)
+        oscillators = [Oscillator(mass, rate_hz) for mass in subject.wobbling]
         wrench = ground_wrench(subject.skeleton, motion, oscillators)
         found = in_lab(pressure_on_platform(wrench, plan.pose), plan.pose)[:, :2]
         error = np.clip(np.nan_to_num(plan.pressure - found), -MAX_ERROR_M, MAX_ERROR_M)

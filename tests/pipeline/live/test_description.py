@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from pipeline.config.live import Live
 from pipeline.io.streams import Channel, parse_channels
-from pipeline.live.recording import describe, described_streams, stream_channels
+from pipeline.live.output import describe, described_streams, stream_channels
 from pipeline.live.replay import RecordedSource, recorded_streams
 from pipeline.live.stream import LAB_AXES
 

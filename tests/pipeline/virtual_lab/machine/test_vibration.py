@@ -18,14 +18,13 @@ from pipeline.virtual_lab.machine.structure import (
     FRAME,
     FRAME_KG,
     FRAME_NODES_M,
-    Elasticity,
     frame_shape,
     make_structure,
     respond,
 )
 
 RATE_HZ = 1000.0
-SOFT = Elasticity(base_hz=(25.0, 7.0, 30.0, 22.0, 7.0, 25.0), base_damping=(0.05,) * 6)
+SOFT = {"base_hz": (25.0, 7.0, 30.0, 22.0, 7.0, 25.0), "base_damping": (0.05,) * 6}
 """Much softer than the default, so that vibration is large."""
 PLACES = (np.array([-0.9, 0.62, -0.2]), np.array([0.95, -0.58, -0.2]))
 
@@ -73,7 +72,7 @@ def test_the_stiffer_it_is_the_nearer_it_is_to_rigid(moving):
     loads = smooth_loads(motion.sway.shape[1])
     rigid, off = response(None, motion, loads), []
     for flexibility in (0.1, 0.05, 0.025):
-        found = response(make_structure(elasticity=SOFT, flexibility=flexibility), motion, loads)
+        found = response(make_structure(flexibility, **SOFT), motion, loads)
         off.append(
             [
                 *(np.abs(f - r).max() for f, r in zip(found.plates, rigid.plates, strict=True)),
@@ -116,7 +115,7 @@ def test_the_modes_agree_with_a_direct_integration_in_time():
         Machine(), 0.02 * np.sin(20 * time) ** 2, 0.01 * np.sin(15 * time) ** 2, RATE_HZ
     )
     loads = smooth_loads(len(time), seed=4)
-    structure = make_structure(elasticity=SOFT)
+    structure = make_structure(**SOFT)
     terms = motion_terms(motion)
     load = np.zeros((len(time), COORDINATES))
     for node in FRAME_NODES_M:
