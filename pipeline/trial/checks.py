@@ -171,16 +171,12 @@ def shown_frames(body: Body, motion: Motion) -> Mask:
         return, the pose of what they helped to show jumps, and the filters have to settle as beside
         a gap of all markers.
     """
-    gaps = [_no_pelvis_marker(body, motion)]
-    for _, share, lost, _ in _lost_limbs(body, motion):
-        if share >= MIN_HEAVY_SHARE:
-            gaps.append(lost)
-    for limb in LEGS:
-        for part in LIMBS[limb]:
-            own = np.array([c.segment == part for c in TREE])
-            missing: Mask = np.asarray(_unseen(body, motion)[:, own].any(axis=1))
-            if missing.mean() < MAX_MISSING_SHARE:
-                gaps.append(missing)
+    unseen, gaps = _unseen(body, motion), [_no_pelvis_marker(body, motion)]
+    gaps += [lost for _, share, lost, _ in _lost_limbs(body, motion) if share >= MIN_HEAVY_SHARE]
+    for part in (part for leg in LEGS for part in LIMBS[leg]):
+        missing: Mask = np.asarray(unseen[:, [c.segment == part for c in TREE]].any(axis=1))
+        if missing.mean() < MAX_MISSING_SHARE:
+            gaps.append(missing)
     return np.asarray(~np.any(gaps, axis=0))
 
 
