@@ -159,12 +159,12 @@ def process_recording(
     notes += check_plates(recording, ground.variants[ground.best], mass.mass_kg)
 
     # dynamics: joint forces and pelvis residual of every variant
-    loads = dynamics_under_feet(body, pose, ground, recording.plates, settings, contacts, jobs)
+    loads = dynamics_under_feet(body, pose, ground, settings, contacts, jobs)
     notes += (loads.dynamics[ground.best].engine.note, *contact_notes(loads.shared, motion.time))
 
     # quality: in which frames pose and support are known and filters have settled
     settling = settling_s(laboratory.filters(settings))
-    quality = frame_quality(body, pose, ground, loads, recording.plates, settings, settling)
+    quality = frame_quality(body, pose, ground, loads, settings, settling)
     counts = free_of(quality)
     uncertainty = ground.uncertainty(motion.q[:, :3])
     notes += () if uncertainty is None else uncertainty_notes(uncertainty[counts])
