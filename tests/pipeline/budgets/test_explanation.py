@@ -13,7 +13,7 @@ from pipeline.budgets.explanation import (
     read_explanation,
     write_explanation,
 )
-from pipeline.config.schema import Settings, Subject, Treadmill
+from pipeline.config.schema import Condition, Settings, Subject, Treadmill
 from pipeline.figures.explained import budget_figure
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
@@ -45,7 +45,9 @@ def late(recording, result) -> Explanation:
 @pytest.fixture(scope="module")
 def stretch(walker) -> Explanation:
     """Of five seconds in which no gait cycle counts."""
-    result = process_recording(walker, Subject(sex="female"), Settings(), window=(3.0, 8.0))
+    result = process_recording(
+        walker, Subject(sex="female"), Settings(), condition=Condition(window=(3.0, 8.0))
+    )
     return explain(walker, STILL, replace(result, cycles={}))
 
 
