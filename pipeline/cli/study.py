@@ -158,24 +158,20 @@ def view(
     result = results if results.suffix == RESULT else _result_of(results, subject, condition)
     summary = read_trial(result, frames=False)
     bands = bands_of(result, summary)
-    if save is not None:
+    folder = result.parent.parent if result.parent.name == "trials" else result.parent
+    recording = save or folder / "viewer" / f"{result.stem}.rrd"
+    shown = recording.with_suffix(".key")
+    # of what the recording is made: the key of a result does not cover the viewer
+    made = f"{summary.key} {program_digest()} {bands is not None}"
+    there = summary.key and recording.is_file() and shown.is_file() and shown.read_text() == made
+    if save or not there:
         with console.status(Text(f"preparing {result.stem}")):
-            save.parent.mkdir(parents=True, exist_ok=True)
-            write_recording(read_trial(result), save, bands=bands)
+            recording.parent.mkdir(parents=True, exist_ok=True)
+            write_recording(read_trial(result), recording, bands=bands)
+    if save:
         console.say(f"recording: {save}")
         return
-    folder = result.parent.parent if result.parent.name == "trials" else result.parent
-    stem = folder / "viewer" / result.stem
-    recording, shown = Path(f"{stem}.rrd"), Path(f"{stem}.key")
-    made = (
-        f"{summary.key} {program_digest()} {bands is not None}"  # a key does not cover the viewer
-    )
-    there = recording.is_file() and shown.is_file()
-    if not (summary.key and there and shown.read_text() == made):
-        with console.status(Text(f"preparing {result.stem}")):
-            stem.parent.mkdir(parents=True, exist_ok=True)
-            write_recording(read_trial(result), recording, bands=bands)
-        write_text(made, shown)
+    write_text(made, shown)
     show(recording, web=web, announce=console.say)
 
 

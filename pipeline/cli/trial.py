@@ -222,7 +222,7 @@ def export(
     bids: Annotated[Path | None, Option(help="BIDS data set to add the recording to.")] = None,
     subject: Annotated[str, Option(help="BIDS label of the subject.")] = "01",
     task: Annotated[str, Option(help="BIDS label of the task.")] = "walk",
-    c3d: Annotated[bool, Option("--c3d", help="Write the C3D with compensated plates.")] = False,
+    c3d: Annotated[Path | None, Option(help="Folder for C3D with compensated plates.")] = None,
     frame: Annotated[
         Literal["plate", "lab"] | None,
         Option(
@@ -230,7 +230,6 @@ def export(
             "in the lab frame (lab); default: only the plates' samples change."
         ),
     ] = None,
-    out: Annotated[Path | None, Option(help="Folder for the files of --c3d.")] = None,
 ) -> int:
     """At least one of --osim, --urdf, --tables, --bids and --c3d says what is written.
 
@@ -238,23 +237,21 @@ def export(
     With --c3d, TRIAL may be a study's folder: the recordings of all its trials are written.
     """
     models = osim or urdf or tables
+    processed = request.trial.suffix == RESULT
     if not (models or bids or c3d):
         raise ValueError(
             "nothing to export; name --osim FILE, --urdf FILE, --tables DIR, --bids DIR or "
-            "--c3d --out DIR"
+            "--c3d DIR"
         )
-    if not c3d and (out or frame):
-        raise ValueError(f"{'--out' if out else '--frame'} goes with --c3d")
+    if frame and not c3d:
+        raise ValueError("--frame goes with --c3d")
     if c3d:
-        if out is None:
-            raise ValueError("--c3d needs a folder for its files: name --out DIR")
-        require_folder(out)
-        if request.trial.is_dir():
-            require_no_options(request, "a study, whose files state everything")
-            if models or bids:
-                raise ValueError("of a whole study only --c3d is exported; leave the others out")
-            return _export_study(request.trial, out, frame)
-    processed = request.trial.suffix == RESULT
+        require_folder(c3d, "--c3d")
+    if c3d and request.trial.is_dir():
+        require_no_options(request, "a study, whose files state everything")
+        if models or bids:
+            raise ValueError("of a whole study only --c3d is exported; leave the others out")
+        return _export_study(request.trial, c3d, frame)
     if processed:
         require_no_options(request, "a result that has been processed already")
     if processed and (bids or c3d):
@@ -263,8 +260,8 @@ def export(
             "recorded: give the recording instead"
         )
     console, written = PlainConsole(), list[Path]()
-    if c3d and out:
-        written.append(_export_trial(request, out, frame, console))
+    if c3d:
+        written.append(_export_trial(request, c3d, frame, console))
     if bids:
         from pipeline.export.bids import write_bids
         from pipeline.run.one_trial import read_requested
