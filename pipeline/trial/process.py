@@ -6,8 +6,8 @@ from hbm.body import Body
 from hbm.engines.engine import choose_engine
 from hbm.markers import MarkerSet, recognise_marker_set
 from hbm.notes import Note
-from hbm.overrides import SegmentOverride
 from hbm.plausibility.motion import implausible
+from hbm.segments import SegmentOverride
 from hbm.spatial import GRAVITY_MPS2, Indices
 from pipeline.config.schema import (
     Condition,

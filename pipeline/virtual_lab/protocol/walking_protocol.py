@@ -72,8 +72,6 @@ MAX_SPEED_MPS: Final = 1.8
 """Walking speeds to which the gait pattern of 1.3 m/s may be scaled; assumed."""
 MIN_BESIDE_S: Final = 12.0
 """Of a recording of people beside an empty plate: 10 s are needed, and its ends are lost."""
-MAX_SCALE: Final = 2.0
-"""Of the differences between people: twice those of the population."""
 
 Seconds = Annotated[float, Field(gt=0)]
 Window = Annotated[float, Field(gt=0, le=1.0)]
@@ -94,7 +92,6 @@ class Protocol(InputModel):
     channels, or has none, so that forces stay in the plates' axes; ``filter`` is how it filters,
     and ``sway_window`` what of a perturbed gait cycle counts: "motion", "cycle", or seconds from
     the onset on.
-    ``individuality`` scales the differences between people.
     """
 
     conditions: Annotated[tuple[ConditionName, ...], Field(strict=False)] = CONDITIONS
@@ -111,7 +108,6 @@ class Protocol(InputModel):
     sway_window: Literal["motion", "cycle"] | Window = "motion"
     calibration: CalibrationSignal = "square_sway_300s_3mps"
     beside_s: Annotated[float, Field(ge=0)] = 60.0
-    individuality: Annotated[float, Field(ge=0, le=MAX_SCALE)] = 1.0
 
     @model_validator(mode="after")
     def _motion_needs_pose(self) -> "Protocol":

@@ -150,13 +150,7 @@ def _with_person(
 
 def stated(subject: VirtualSubject) -> Metadata:
     """Give what a file states of a person."""
-    person = subject.person
-    return Metadata(
-        subject=person.name,
-        mass_kg=person.mass_kg,
-        height_m=person.height_m,
-        marker_set=subject.marker_set,
-    )
+    return Metadata(mass_kg=subject.person.mass_kg, height_m=subject.person.height_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,11 +177,10 @@ class WalkingTrial:
 
 def study_subject(setting: Setting, number: int) -> VirtualSubject:
     """Give a subject of the study, numbered from 0."""
-    protocol = setting.protocol
     return make_subject(
         PERSONS[number],
-        marker_set=protocol.marker_set,
-        individuality=protocol.individuality,
+        marker_set=setting.protocol.marker_set,
+        individuality=1.0,
         faults=setting.faults.body,
         rng=np.random.default_rng((setting.seed, number)),
     )
