@@ -12,12 +12,12 @@ from compensation import marker_plate_delay
 from hbm.notes import Note
 from hbm.signals.filtering import acceleration_lag_s
 from hbm.signals.samples import stretches
-from hbm.spatial import GRAVITY_MPS2, Array
+from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array
 from pipeline.io.recording import Plate
 from pipeline.live.chain import LiveChain, LiveFrame
 from pipeline.live.cycles import ConditionSoFar, GaitTracker, Limits, LiveCycle
 from pipeline.live.stream import Samples, StreamDescription
-from pipeline.trial.checks import COMPONENTS, MAX_REST_N, rest_level
+from pipeline.trial.checks import MAX_REST_N, rest_level
 from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import AXES, REPORTED_SIGN, height_of_mass
 from pipeline.trial.subject import differing_masses
@@ -261,7 +261,7 @@ class PlateWatch:
         before, self._not_zero = self._not_zero, abs(rest_n or 0.0) > MAX_REST_N
         if self._not_zero and not before:
             notes.append(Note.of("live_plate_not_zero", plate=self._number, rest_n=rest_n or 0.0))
-        for name, values, least in zip(COMPONENTS, np.abs(wrench).T, EXTREME, strict=True):
+        for name, values, least in zip(WRENCH_COMPONENTS, np.abs(wrench).T, EXTREME, strict=True):
             if name not in self._saturated and _is_limited(values, least):
                 self._saturated.add(name)
                 plate, limit = self._number, float(np.nanmax(values))

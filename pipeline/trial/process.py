@@ -52,7 +52,7 @@ from pipeline.trial.subject import (
     differing_masses,
     subject_body,
 )
-from pipeline.trial.window import WantedWindow, what_counts
+from pipeline.trial.window import what_counts
 
 
 def process_recording(
@@ -67,7 +67,6 @@ def process_recording(
     marker_set: MarkerSet | None = None,
     laboratory: Laboratory | None = None,
     condition: Condition | None = None,
-    window: WantedWindow = None,
     contacts: Sequence[PlateContact] = (),
     jobs: int = 1,
 ) -> TrialResult:
@@ -92,11 +91,9 @@ def process_recording(
     laboratory
         The treadmill and its calibrations; by default one that stands still.
     condition
-        Which gait cycles count; by default all of the right foot, or of the left one if the right
-        has none.
-    window
-        What counts: "cycle", "recording", or a span (start, stop) [s]; by default gait cycles, and
-        the whole recording where there is none.
+        What counts: which gait cycles, the recording, or a span of it; by default all cycles of the
+        right foot, or of the left one if the right has none, and the whole recording where there is
+        none.
     contacts
         Whose foot was on a plate, where a person knows better.
     jobs
@@ -159,12 +156,12 @@ def process_recording(
     notes += check_plates(recording, ground.variants[ground.best], mass.mass_kg)
 
     # dynamics: joint forces and pelvis residual of every variant
-    loads = dynamics_under_feet(body, pose, ground, recording.plates, settings, contacts, jobs)
+    loads = dynamics_under_feet(body, pose, ground, settings, contacts, jobs)
     notes += (loads.dynamics[ground.best].engine.note, *contact_notes(loads.shared, motion.time))
 
     # quality: in which frames pose and support are known and filters have settled
     settling = settling_s(laboratory.filters(settings))
-    quality = frame_quality(body, pose, ground, loads, recording.plates, settings, settling)
+    quality = frame_quality(body, pose, ground, loads, settings, settling)
     counts = free_of(quality)
     uncertainty = ground.uncertainty(motion.q[:, :3])
     notes += () if uncertainty is None else uncertainty_notes(uncertainty[counts])
@@ -177,7 +174,6 @@ def process_recording(
         events,
         quality,
         condition or Condition(),
-        window,
         settling,
         ground.pose,
         notes,
@@ -284,7 +280,6 @@ def process_trial(
             marker_set=study.marker_set,
             laboratory=laboratory or read_study_laboratory(study),
             condition=rule,
-            window=rule.wanted,
             contacts=trial.contacts,
             jobs=jobs,
         )
