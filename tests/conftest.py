@@ -1,10 +1,14 @@
-"""Fixtures for all tests: the real recordings; tests that need them skip where they are missing."""
+"""For all tests: the real recordings, without which tests of them skip; no test by the clock."""
 
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 SHARED_DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
+
+settings.register_profile("untimed", deadline=None)
+settings.load_profile("untimed")
 
 
 @pytest.fixture(scope="session")

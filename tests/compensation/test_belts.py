@@ -95,7 +95,7 @@ def test_a_delayed_speed_is_undone_by_reading_ahead(acceleration):
     assert rms((model.predict(late) - moment)[100:-100]) < 1e-5 * rms(moment)
 
 
-@settings(deadline=None, max_examples=8)
+@settings(max_examples=8)
 @given(seed=st.integers(0, 10_000))
 def test_the_fit_is_stable_whatever_the_data(seed):
     rng = np.random.default_rng(seed)

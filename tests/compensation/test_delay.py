@@ -56,7 +56,7 @@ def test_stated_uncertainty_of_a_delay_covers_its_error(laboratory):
     assert 0.5 < np.sqrt(np.mean(np.square(scores))) < 1.6  # 16 draws of about 1: ± 18 %
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(delay_s=st.floats(-0.15, 0.15))
 def test_markers_and_plates_of_different_units_are_aligned_without_noise(delay_s):
     time = np.arange(3000) / 100
@@ -172,7 +172,7 @@ def test_rotation_and_offset_of_the_thesis_are_found_within_their_stated_uncerta
     assert np.all(found.standard_error[1:] < 2e-4)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(angle=st.floats(-3.1, 3.1), x=st.floats(-1, 1), y=st.floats(-1, 1))
 def test_any_rotation_and_offset_is_undone(angle, x, y):
     plate, camera = places(2, error_m=0, angle=angle, offset=np.array([x, y]))

@@ -37,7 +37,7 @@ def error_of_the_model(seed, scale_n=10.0):
     return scale_n * smooth / smooth.std()
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(delay_s=st.floats(-0.12, 0.12))
 def test_a_known_delay_is_found_positive_where_plates_are_late(delay_s):
     found = marker_plate_delay(plates_later_by(delay_s), walking_force(time), time)

@@ -77,7 +77,7 @@ def test_positive_pitch_lowers_the_front():
 # Wrenches in the lab ----------------------------------------------------------------------------
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 10_000))
 def test_a_force_through_a_point_of_the_platform_stays_a_force_through_it(seed):
     rng = np.random.default_rng(seed)
@@ -101,7 +101,7 @@ def test_ignoring_the_pose_causes_the_error_that_mechanics_predicts():
 # Centre of pressure -----------------------------------------------------------------------------
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(
     x=st.floats(-1, 1), y=st.floats(-0.5, 0.5), height=st.floats(-0.1, 0.1), free=st.floats(-20, 20)
 )
@@ -128,7 +128,7 @@ def test_an_unloaded_plate_has_no_center_of_pressure():
 # Pose from markers ------------------------------------------------------------------------------
 
 
-@settings(deadline=None, max_examples=10)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 10_000))
 def test_any_rigid_motion_is_found(seed):
     rng = np.random.default_rng(seed)

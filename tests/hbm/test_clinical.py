@@ -47,7 +47,7 @@ def orientation(values, names, sequence, side):
 
 
 @pytest.mark.parametrize("side", ["R", "L"])
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(a=angles, f=angles, i=angles)
 def test_the_arm_has_the_same_orientation_in_both_sequences(side, a, f, i):
     names = [f"{side}Shoulder{t}" for t in ("Abduction", "Flexion", "InternalRotation")]

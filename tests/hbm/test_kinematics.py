@@ -318,7 +318,7 @@ def test_dropping_a_tracking_marker_moves_coordinates_by_what_the_noise_explains
 # -- errors ---------------------------------------------------------------------------------------
 
 
-@settings(deadline=None, max_examples=4)
+@settings(max_examples=4)
 @given(seed=st.integers(0, 2**31))
 def test_any_motion_with_any_gaps_is_solved_or_marked(seed):
     rng = np.random.default_rng(seed)

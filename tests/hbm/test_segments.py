@@ -63,7 +63,7 @@ def test_the_foot_s_long_axis_is_horizontal():
     np.testing.assert_allclose(foot.center, [0.4415 * 0.26, 0, 0])
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(a=points, b=points, shift=points, angle=st.floats(-3, 3))
 def test_joining_two_parts_and_changing_the_frame_commute(a, b, shift, angle):
     R = rotation_about([0.6, 0.0, 0.8], angle)

@@ -106,7 +106,7 @@ def test_slow_tilt_is_predicted_by_the_weight_alone(bending):
     np.testing.assert_allclose(dynamic.gain[:6], GAIN, atol=0.01 * MASS_KG)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     offset=st.floats(-20, 20), rate=st.floats(-5, 5), seed=st.integers(0, 100), hz=st.just(RATE_HZ)
 )

@@ -37,7 +37,7 @@ def test_two_sensors_take_pitch_and_sway_away_exactly(laboratory, assemblies, si
     assert left_over(model, other).max() < 1e-9
 
 
-@settings(deadline=None, max_examples=10)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 10_000))
 def test_two_sensors_anywhere_off_a_common_pitch_axis_suffice(laboratory, seed):
     positions = np.random.default_rng(seed).uniform(-1, 1, (2, 3))

@@ -73,7 +73,7 @@ def test_the_upper_trunk_s_centre_is_51_percent_of_the_way_from_c7_s_level_to_th
     assert body.lengths["thorax"] == pytest.approx(c7[2] - xiphoid[2], abs=1e-12)
 
 
-@settings(deadline=None, max_examples=5)
+@settings(max_examples=5)
 @given(pitch=st.floats(-0.5, 0.5), roll=st.floats(-0.3, 0.3))
 def test_a_person_who_bends_the_trunk_in_the_pose_has_the_same_upper_trunk(pitch, roll):
     """The levels are taken along the trunk, not along the lab's vertical."""

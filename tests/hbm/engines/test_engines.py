@@ -60,9 +60,7 @@ def assert_same(one, other):
 
 
 @given(seed=st.integers(0, 2**32 - 1), speed=st.floats(0, 10), segment=st.sampled_from([*LAST_Q]))
-@settings(
-    deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_both_engines_agree_in_any_pose_at_any_speed_wherever_a_wrench_acts(
     body, seed, speed, segment
 ):

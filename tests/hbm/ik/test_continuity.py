@@ -34,7 +34,7 @@ def scrambled(q, rng):
     return equivalent
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 2**31))
 def test_smooth_motion_is_recovered_from_any_equivalent_coordinates(seed):
     q = swings(seed=seed)
@@ -74,7 +74,7 @@ def test_recordings_of_no_or_one_frame_work(frames):
 
 
 @given(st.integers(0, 1000))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_the_equivalent_nearest_to_a_frame_is_the_one_that_was_scrambled(seed):
     rng = np.random.default_rng(seed)
     q = swings(size=1.4)

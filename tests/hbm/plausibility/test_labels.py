@@ -33,7 +33,7 @@ def found(markers):
     return [note.values for note in labels_exchanged(markers, BODY.markers)]
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(
     pair=st.sampled_from(PAIRS),
     start=st.integers(5, 100),
@@ -50,7 +50,7 @@ def test_every_pair_is_found_with_its_times_however_short(long_walk, pair, start
     assert values["last_s"] == pytest.approx((start + duration) / 100)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(cm=st.floats(3.5, 80), frame=st.integers(5, 190), seed=st.integers(0, 99))
 def test_a_marker_that_jumps_alone_has_exchanged_nothing(long_walk, cm, frame, seed):
     direction = np.random.default_rng(seed).normal(size=3)
@@ -82,7 +82,7 @@ def test_every_single_pair_is_named(walk, pair):
         assert named(exchanged) == ["/".join(pair)]
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(yaw=st.floats(-np.pi, np.pi), pairs=st.sets(st.sampled_from(LEGS), min_size=1, max_size=3))
 def test_where_the_subject_faces_does_not_matter(walk, yaw, pairs):
     found = named(moved(relabelled(walk, *pairs), yaw, (3.0, -2.0, 0.0)))
@@ -90,7 +90,7 @@ def test_where_the_subject_faces_does_not_matter(walk, yaw, pairs):
     assert named(moved(walk, yaw)) == []
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(cm=st.floats(-20, 20))
 def test_a_left_marker_is_on_the_wrong_side_from_4_cm_on_and_never_below(walk, cm):
     position = walk.position.copy()
@@ -132,7 +132,7 @@ def codes(markers):
     return [note.code for note in repeated_positions(BODY, markers)]
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(start=st.integers(0, 100), repeats=st.integers(1, 90))
 def test_a_drop_out_is_found_from_a_twentieth_of_a_second_on_and_never_below(
     long_walk, start, repeats
@@ -145,7 +145,7 @@ def test_a_drop_out_is_found_from_a_twentieth_of_a_second_on_and_never_below(
     np.testing.assert_array_equal(frozen, expected)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(name=st.sampled_from(BODY.markers), repeats=st.integers(2, 150))
 def test_a_marker_held_alone_is_found_from_half_a_second_on_and_never_below(
     long_walk, name, repeats

@@ -32,7 +32,7 @@ def displaced(markers, name, offset_m, frames):
 
 
 @given(st.integers(0, 1000))
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_it_finds_the_optima_that_the_whole_trial_gives(seed):
     markers = swinging_markers(seed)
     whole, found = solve_ik(BODY, markers), tracked(markers)
@@ -43,7 +43,7 @@ def test_it_finds_the_optima_that_the_whole_trial_gives(seed):
 
 
 @given(st.integers(1, 119), st.integers(0, 5))
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 def test_later_frames_change_nothing(last, case):
     markers = swinging_markers()
     leg = [n for n, s in BODY.segment_of.items() if s in LIMBS["left leg"]]

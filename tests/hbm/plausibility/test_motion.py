@@ -100,7 +100,7 @@ def test_a_thigh_s_markers_exchanged_with_the_other_s_turn_leg_joints_beyond_the
     assert note.values["share"] > 0.5
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(degrees=st.floats(-150, 150), turns=st.integers(-2, 2))
 def test_a_hip_s_rotation_is_impossible_beyond_its_range_and_never_within(still, degrees, turns):
     low, high = RANGE_DEG["HipInternalRotation"]
@@ -115,7 +115,7 @@ def test_a_hip_s_rotation_is_impossible_beyond_its_range_and_never_within(still,
         assert note.values["extreme_deg"]["LHipInternalRotation"] == pytest.approx(degrees)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.data())
 def test_neither_full_turns_nor_a_ball_joint_s_other_angles_matter(still, data):
     """(a, b, c) and (a + π, π − b, c + π) are one rotation about three axes at right angles."""

@@ -107,7 +107,7 @@ def test_zero_phase_leaves_a_straight_line_straight_to_its_ends(length):
     np.testing.assert_allclose(line.acceleration, 0, atol=1e-5)
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(gain=st.floats(-100, 100), offset=st.floats(-1e3, 1e3), method=st.sampled_from(METHODS))
 def test_filter_is_linear_and_passes_offsets(gain, offset, method):
     signal = walk_like()
@@ -285,7 +285,7 @@ def assert_same(signal, time, cutoff_hz):
 
 
 @given(st.integers(0, 1000), st.floats(1, 20))
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 def test_steps_that_jitter(seed, cutoff_hz):
     random = np.random.default_rng(seed)
     time = 1e5 + np.cumsum(random.uniform(0.007, 0.013, 200))
@@ -293,7 +293,7 @@ def test_steps_that_jitter(seed, cutoff_hz):
 
 
 @given(st.lists(st.tuples(st.integers(0, 99), st.integers(0, 2)), max_size=30))
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 def test_gaps_of_any_column_even_around_a_single_sample(missing):
     signal = np.random.default_rng(1).normal(size=(100, 3))
     for row, column in missing:

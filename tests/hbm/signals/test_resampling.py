@@ -41,7 +41,7 @@ def test_samples_at_the_frames_of_an_equal_rate_are_unchanged():
 
 
 @given(st.integers(0, 10_000), st.sampled_from([100.0, 300.0, 1000.0]))
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 def test_a_straight_line_passes_whatever_the_jitter_of_the_time_stamps(seed, rate_hz):
     time = np.arange(0, 2, 1 / rate_hz)
     time = time + np.random.default_rng(seed).uniform(-0.2, 0.2, len(time)) / rate_hz
@@ -50,7 +50,7 @@ def test_a_straight_line_passes_whatever_the_jitter_of_the_time_stamps(seed, rat
 
 
 @given(st.lists(st.floats(0.3, 1.7), min_size=1, max_size=20), st.integers(1, 400))
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 def test_later_samples_change_nothing_and_instants_do_not_depend_on_each_other(at, more):
     time = np.arange(0, 2, 0.001)
     values = np.random.default_rng(0).normal(size=(len(time), 3))

@@ -53,7 +53,7 @@ def test_signals_that_a_machine_cannot_do_are_named_with_their_limit():
     slow=st.sampled_from(list(MachineLimits.__dataclass_fields__)),
     share=st.floats(0.02, 1),
 )
-@settings(max_examples=3, deadline=None)
+@settings(max_examples=3)
 def test_every_signal_of_the_protocol_is_either_possible_or_named(kind, slow, share):
     limits = MachineLimits()
     found = protocol_signals(kind, 0, replace(limits, **{slow: share * getattr(limits, slow)}))

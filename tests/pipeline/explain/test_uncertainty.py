@@ -66,7 +66,7 @@ def test_the_rms_of_a_longer_time_is_surer_of_noise_and_no_surer_of_a_cause():
     np.testing.assert_allclose(long, short / 2, rtol=0.02)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(
     st.lists(st.floats(0.1, 5.0), min_size=1, max_size=5),
     st.floats(0.0, 10.0),

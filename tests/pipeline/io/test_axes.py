@@ -131,9 +131,7 @@ def test_a_table_overrules_what_labels_usually_mean(subject):
     component=st.integers(0, 2),
     bit=st.integers(0, 31),
 )
-@settings(
-    max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_one_flipped_bit_of_a_marker_never_turns_the_axes(
     subject, axes, frame, marker, component, bit
 ):

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pipeline.io.streams import find_clock
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 @given(
     seed=st.integers(0, 2**32 - 1),
     nominal=st.sampled_from([60.0, 100.0, 300.0, 1000.0]),

@@ -13,7 +13,7 @@ TRIALS = {
     "truth_walk": ("markers.trc", "grf.mot", 72.84),
 }
 MADE_TO_ORDER = settings(
-    max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 
 

@@ -70,7 +70,7 @@ def in_time(frames):
     st.lists(st.sampled_from([0.001, 0.004, 0.01, 0.033, 0.1]), min_size=3, max_size=3),
     st.lists(st.floats(0, 0.09), min_size=3, max_size=3),
 )
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=4)
 def test_chunks_and_their_order_change_no_number(recording, new_chain, expected, chunks, late_s):
     late = dict(zip(("Markers", "Plates", "Analog"), late_s, strict=True))
     chain = new_chain()

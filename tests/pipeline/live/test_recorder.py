@@ -63,7 +63,7 @@ def test_recorded_streams_are_the_trial(trial, streams, tmp_path, each):
     assert {note.code for note in read.notes} == {"axes", "sample_clock"}
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(share=st.floats(0.1, 1, exclude_max=True))
 def test_a_recording_cut_short_holds_all_complete_chunks(streams, trial, tmp_path_factory, share):
     """As after a kill: the file ends anywhere."""

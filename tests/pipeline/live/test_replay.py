@@ -38,7 +38,7 @@ def test_plates_of_several_rates_are_several_streams(trial):
     assert names == ["Markers", "Plates", "Plates 2", "Analog"]
 
 
-@settings(deadline=None, max_examples=10)
+@settings(max_examples=10)
 @given(chunk_s=st.floats(1e-4, 2.0))
 def test_every_sample_comes_once_and_in_order_whatever_the_chunks(trial, chunk_s):
     found = gather(RecordedSource(trial, chunk_s))

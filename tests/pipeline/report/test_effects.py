@@ -1,26 +1,11 @@
 """The tests on the page are those of the table of statistics, each in words."""
 
-import json
-from pathlib import Path
-
-import pandas as pd
 import pytest
 
 from pipeline.report.effects import residual_tests
 from pipeline.statistics.comparison import statistics
 from pipeline.statistics.design import EXPERIMENT_3
-
-FIXTURES = Path(__file__).parents[1] / "fixtures" / "statistics"
-ORACLE = json.loads((FIXTURES / "oracle.json").read_text())
-STUDY = pd.read_csv(FIXTURES / "study.csv")
-
-
-def long_table(study=STUDY):
-    cells = study.drop(columns=["sex", "height_m"]).melt("subject", value_name="rms")
-    compensation, condition = zip(*cells["variable"].str.rsplit("_", n=1), strict=True)
-    return cells.assign(
-        condition=condition, compensated=[c == "ic" for c in compensation], axis="Fx", unit="N"
-    )
+from tests.pipeline.statistics.fixtures import ORACLE, STUDY, long_table
 
 
 @pytest.fixture(scope="module")

@@ -76,9 +76,7 @@ numbers = st.floats(allow_nan=False, allow_infinity=False)
     corners=arrays(float, (4, 3), elements=st.floats(allow_infinity=False)),
     event_s=numbers,
 )
-@settings(
-    suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=25
-)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=25)
 def test_numbers_other_than_the_frames_are_read_back_exactly(
     processed, mass, center, onsets, corners, event_s
 ):

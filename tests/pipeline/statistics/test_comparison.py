@@ -1,28 +1,14 @@
 """The table of statistics of experiment 3: its numbers, its corrections, and its notes."""
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
 
 from pipeline.statistics.comparison import statistics
+from tests.pipeline.statistics.fixtures import FIXTURES, ORACLE, STUDY, long_table
 
-FIXTURES = Path(__file__).parents[1] / "fixtures" / "statistics"
-ORACLE = json.loads((FIXTURES / "oracle.json").read_text())
-STUDY = pd.read_csv(FIXTURES / "study.csv")
 SUBJECTS = STUDY[["subject", "sex", "height_m"]]
 IN_R = {"IC": "a", "condition": "b", "sex": "sex", "height_m": "height"}
-
-
-def long_table(study=STUDY, axes=("Fx",)):
-    cells = study.drop(columns=["sex", "height_m"]).melt("subject", value_name="rms")
-    compensation, condition = zip(*cells["variable"].str.rsplit("_", n=1), strict=True)
-    cells["condition"] = condition
-    cells["compensated"] = [name == "ic" for name in compensation]
-    tables = [cells.assign(axis=axis, unit="N", n_cycles=50) for axis in axes]
-    return pd.concat(tables, ignore_index=True).drop(columns="variable")
 
 
 @pytest.fixture(scope="module")

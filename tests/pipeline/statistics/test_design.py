@@ -1,8 +1,6 @@
 """Statistics of any design: renamed conditions, one factor, two levels, groups."""
 
-import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -16,9 +14,8 @@ from pipeline.statistics.comparison import statistics
 from pipeline.statistics.design import EXPERIMENT_3, design_of, unstated_design
 from pipeline.statistics.table_3 import table_3, table_3_markdown
 from pipeline.statistics.verdict import verdicts
+from tests.pipeline.statistics.fixtures import FIXTURES, ORACLE
 
-FIXTURES = Path(__file__).parents[1] / "fixtures" / "statistics"
-ORACLE = json.loads((FIXTURES / "oracle.json").read_text())
 NEW_NAMES = {"baseline": "still", "sway": "tilt", "pitch": "shake"}
 
 
@@ -97,7 +94,7 @@ PINGOUINS_OWN = pytest.mark.filterwarnings("ignore:The inplace keyword in DataFr
 
 @PINGOUINS_OWN
 @given(st.integers(0, 10_000), st.integers(4, 12), st.integers(3, 5))
-@settings(deadline=None, max_examples=10)
+@settings(max_examples=10)
 def test_one_factor_is_pingouins_repeated_measures_anova(seed, n, levels):
     names = [f"shoe{k}" for k in range(levels)]
     design = replace(design_of(names, compensated=False), factor="shoes")

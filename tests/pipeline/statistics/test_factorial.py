@@ -1,17 +1,13 @@
 """Factorial analysis of variance and marginal means against R's car and emmeans."""
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
 from scipy import stats
 
 from pipeline.statistics.factorial import anova, compare_levels, residuals
+from tests.pipeline.statistics.fixtures import FIXTURES, ORACLE
 
-FIXTURES = Path(__file__).parents[1] / "fixtures" / "statistics"
-ORACLE = json.loads((FIXTURES / "oracle.json").read_text())
 FACTORS = ["speed_m_s", "position", "weight_kg"]
 IN_R = {"speed": "speed_m_s", "position": "position", "weight": "weight_kg"}
 

@@ -1,10 +1,6 @@
 """Paired comparisons against R, SPSS' column in the thesis, and pingouin."""
 
-import json
-from pathlib import Path
-
 import numpy as np
-import pandas as pd
 import pingouin
 import pytest
 from hypothesis import given, settings
@@ -12,9 +8,8 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from pipeline.statistics.paired import compare_paired
+from tests.pipeline.statistics.fixtures import ORACLE, STUDY
 
-FIXTURES = Path(__file__).parents[1] / "fixtures" / "statistics"
-ORACLE = json.loads((FIXTURES / "oracle.json").read_text())
 COLUMNS = {
     "IC - no IC, baseline": ("ic_baseline", "no_ic_baseline"),
     "IC - no IC, sway": ("ic_sway", "no_ic_sway"),
@@ -36,9 +31,8 @@ def ranks_with_sum(w, n=9):
 
 @pytest.mark.parametrize("pair", COLUMNS)
 def test_a_planned_pair_equals_r(pair):
-    table = pd.read_csv(FIXTURES / "study.csv")
     first, second = COLUMNS[pair]
-    found, expected = compare_paired(table[first] - table[second]), ORACLE["pairs"][pair]
+    found, expected = compare_paired(STUDY[first] - STUDY[second]), ORACLE["pairs"][pair]
     assert found.t == pytest.approx(expected["t"], rel=1e-9)
     assert found.p_t == pytest.approx(expected["p_t"], rel=1e-9)
     assert found.p_exact == pytest.approx(expected["p_wilcoxon_exact"], rel=1e-9)
@@ -65,7 +59,7 @@ def test_exact_p_makes_the_near_misses_of_the_thesis_significant(w, corrected):
 
 
 @given(st.integers(0, 10_000), st.integers(4, 30))
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 def test_scipy_and_pingouin_agree(seed, n):
     differences = np.random.default_rng(seed).normal(0.4, size=n)
     found = compare_paired(differences)
@@ -96,7 +90,7 @@ def test_differences_equal_but_for_rounding_are_ties():
 
 
 @given(st.integers(0, 10_000), st.floats(0.01, 1000))
-@settings(deadline=None, max_examples=10)
+@settings(max_examples=10)
 def test_changing_the_unit_scales_the_estimates_and_nothing_else(seed, unit):
     differences = np.random.default_rng(seed).normal(0.4, size=9)
     one, other = compare_paired(differences), compare_paired(unit * differences)

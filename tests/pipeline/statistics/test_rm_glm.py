@@ -1,8 +1,5 @@
 """The repeated-measures general linear model against R, SPSS, pingouin and its invariances."""
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pingouin
@@ -16,9 +13,7 @@ from pipeline.statistics.rm_glm import (
     partial_eta_squared_interval,
     repeated_measures_glm,
 )
-
-FIXTURES = Path(__file__).parents[1] / "fixtures" / "statistics"
-ORACLE = json.loads((FIXTURES / "oracle.json").read_text())
+from tests.pipeline.statistics.fixtures import FIXTURES, ORACLE
 
 
 def cells(name, columns, *levels):
@@ -92,7 +87,7 @@ def test_mauchly_p_with_four_contrasts_is_what_r_gives_for_the_contrasts_alone()
 
 
 @given(st.integers(0, 10_000), st.integers(3, 12))
-@settings(deadline=None, max_examples=10)
+@settings(max_examples=10)
 def test_without_covariates_pingouin_agrees(seed, n):
     values = np.random.default_rng(seed).normal(size=(n, 2, 3)) + 0.3
     index = pd.MultiIndex.from_product([range(n), range(2), range(3)], names=["s", "a", "b"])
@@ -187,7 +182,7 @@ def test_the_interval_of_partial_eta_squared_is_that_of_rs_effectsize(f, df, low
     st.integers(1, 100),
 )
 @example(7.000641807206912e16, 8, 65)  # both bounds are 1 but for rounding
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_the_interval_of_partial_eta_squared_excludes_zero_where_f_is_significant(f, df1, df2):
     low, high = partial_eta_squared_interval(f, df1, df2)
     assert 0 <= low <= high <= 1

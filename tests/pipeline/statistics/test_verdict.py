@@ -85,7 +85,7 @@ def test_a_significant_but_small_increase_within_the_margin_is_at_baseline():
     assert verdict.answer == "at baseline"
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(
     excess=st.floats(-20, 40), spread=st.floats(0.5, 30), n=st.integers(2, 12), seed=st.integers(0)
 )
@@ -127,7 +127,7 @@ def test_missing_cells_give_no_verdict():
 
 
 @given(seed=st.integers(0, 10_000), n=st.integers(3, 12), alpha=st.sampled_from([0.005, 0.025]))
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 def test_a_ratio_is_in_its_interval_where_a_paired_t_test_does_not_refuse_it(seed, n, alpha):
     rng = np.random.default_rng(seed)
     second = rng.normal(40, 4, n)
@@ -225,7 +225,7 @@ def test_the_number_has_80_percent_power_in_simulated_studies_and_one_less_has_n
     st.floats(0.5, 20),
     st.floats(0.5, 20),
 )
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 def test_power_grows_with_subjects_and_room_and_falls_with_variance(n, sd, room):
     power = noninferiority_power(np.array(n), sd, room, ALPHA)
     assert 0 <= power <= 1
@@ -236,7 +236,7 @@ def test_power_grows_with_subjects_and_room_and_falls_with_variance(n, sd, room)
 
 
 @given(st.floats(0.05, 20), st.floats(0.05, 20), st.floats(1, 1000))
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 def test_the_unit_is_irrelevant(sd, room, unit):
     assert subjects_needed(sd, room, ALPHA) == subjects_needed(unit * sd, unit * room, ALPHA)
 

@@ -58,7 +58,7 @@ def test_motion_is_from_each_onset_until_the_platform_is_slow_again():
         np.testing.assert_allclose(np.diff(own)[:, 0], 1 / 6, atol=0.025)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(duration_s=st.floats(0.12, 0.8), direction=st.sampled_from([-1, 1]))
 def test_the_end_of_a_motion_is_found_whatever_its_length_and_direction(duration_s, direction):
     platform = swaying(duration_s=duration_s)

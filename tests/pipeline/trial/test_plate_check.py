@@ -88,7 +88,7 @@ def test_samples_that_are_zero_while_a_plate_is_loaded_are_named():
     assert note.values["first_s"] == pytest.approx(plate.time[loaded])
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(rest_n=st.floats(-60, 60))
 def test_a_belt_is_not_zeroed_from_10_n_on_and_never_below(rest_n):
     assume(abs(abs(rest_n) - 10) > 1)
@@ -120,7 +120,7 @@ def test_a_plate_that_is_always_loaded_has_no_level_of_rest():
 
 
 @pytest.mark.parametrize("plate", [0, 1])
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(begin_s=st.floats(0.6, 11.4), rest_n=st.floats(-5, 5))
 def test_a_plate_that_begins_late_while_the_subject_stands_is_found(plate, begin_s, rest_n):
     (note,) = check(standing(loads_n=late(plate, begin_s, rest_n)))
@@ -131,7 +131,7 @@ def test_a_plate_that_begins_late_while_the_subject_stands_is_found(plate, begin
     assert note.values["after_n"] == pytest.approx(WEIGHT_N, abs=2)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(share=st.floats(0.05, 0.95))
 def test_loads_jump_from_a_fifth_of_the_weight_on_and_never_below(share):
     """In a plate that loses a share of the subject's weight."""

@@ -36,7 +36,7 @@ def test_a_stated_mass_is_taken_as_it_is():
     assert list(mass.known_kg.values()) == pytest.approx([70.0, 80.0, 81.0], abs=0.01)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(begin_s=st.floats(0, 10), noise_n=st.floats(0, 40))
 def test_the_plates_weigh_in_a_second_of_standing_wherever_it_is(begin_s, noise_n):
     loads = walk_and_stand(begin_s, begin_s + 1.3)
@@ -49,7 +49,7 @@ def test_the_plates_weigh_in_a_second_of_standing_wherever_it_is(begin_s, noise_
 
 
 @pytest.mark.parametrize("plate", [0, 1])
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(begin_s=st.floats(0.5, 9.5))
 def test_a_plate_that_begins_late_does_not_spoil_the_weighing(plate, begin_s):
     mass = body_mass(NOBODY, standing(loads_n=late(plate, begin_s)))

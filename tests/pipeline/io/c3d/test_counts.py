@@ -93,9 +93,7 @@ def stated_frames(place, frames):
     place=st.sampled_from(["header", "POINT:FRAMES", "POINT:LONG_FRAMES", "TRIAL"]),
     more=st.integers(1, 100_000),
 )
-@settings(
-    max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_file_shorter_than_any_of_its_counts_is_refused(raw_c3d, place, more):
     path = made(raw_c3d, stated_frames(place, FRAMES + more))
     with pytest.raises(ValueError, match=r"but its size holds 120: it is truncated or damaged"):
@@ -103,9 +101,7 @@ def test_a_file_shorter_than_any_of_its_counts_is_refused(raw_c3d, place, more):
 
 
 @given(lost=st.integers(1, 60_000), counted_by=st.sampled_from(["TRIAL", "POINT:LONG_FRAMES"]))
-@settings(
-    max_examples=3, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=3, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_long_file_cut_short_is_refused_however_many_frames_remain(raw_c3d, lost, counted_by):
     """Its 16-bit counts have stopped and would allow for any number of frames above 65,535."""
     frames = 130_000
@@ -124,9 +120,7 @@ def test_a_long_file_cut_short_is_refused_however_many_frames_remain(raw_c3d, lo
     per_frame=st.integers(1, 12),
     too_few=st.integers(1, 11),
 )
-@settings(
-    max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_wrong_number_of_points_is_never_read_as_if_it_were_right(
     raw_c3d, frames, points, channels, per_frame, too_few
 ):

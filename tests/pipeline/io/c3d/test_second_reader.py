@@ -186,9 +186,7 @@ def test_what_was_to_change_may_differ(everything):
 
 
 @given(place=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7))
-@settings(
-    max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_no_bit_of_header_and_samples_may_change(everything, place, bit):
     """Free are bytes 17 and 18, which say where the data begin."""
     header = read_header(everything)

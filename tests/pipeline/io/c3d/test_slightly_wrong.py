@@ -14,7 +14,7 @@ RNG = np.random.default_rng(3)
 POSITION = RNG.normal(500, 400, (FRAMES, 2, 4)) * [1, 1, 1, 0]
 SAMPLES = RNG.normal(size=(FRAMES, PER_FRAME, CHANNELS))
 MADE_TO_ORDER = settings(
-    max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 
 

@@ -83,7 +83,7 @@ def on_own_belts():
     return feet, load, points, [wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT)]
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(
     arrays(float, (2, 30, 6), elements=st.floats(-1000, 1000)),
     arrays(float, (30, 2, 3), elements=st.floats(-1, 1)),

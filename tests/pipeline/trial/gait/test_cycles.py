@@ -78,7 +78,7 @@ def test_feet_strike_and_leave_where_they_change_direction_against_the_sacrum(na
     assert_known_events(zeni_events(walker(names), marker_set), atol=5e-4)  # 1/20 of a frame
 
 
-@settings(deadline=None, max_examples=8)
+@settings(max_examples=8)
 @given(drift=st.floats(-0.3, 0.3), sway=st.floats(-0.1, 0.1))
 def test_events_do_not_depend_on_where_on_the_belt_the_subject_walks(drift, sway):
     here, there = zeni(walker()), zeni(walker(drift=drift, sway=sway))

@@ -73,7 +73,7 @@ def test_the_correction_follows_gait_that_changes():
     assert np.sqrt(np.mean(error_s**2)) < 0.01
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(later=st.floats(-20, 20), keep=st.lists(st.booleans(), min_size=40, max_size=40))
 def test_events_move_with_the_clock_and_change_sides_with_the_feet(later, keep):
     other = {"left": "right", "right": "left"}

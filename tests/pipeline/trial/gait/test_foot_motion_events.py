@@ -47,7 +47,7 @@ def test_a_foot_strikes_when_it_comes_to_rest_and_leaves_when_it_begins_to_move(
             assert np.std(own - nearest) < 0.005
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.floats(-2, 3))
 def test_on_a_belt_of_any_speed_events_are_those_over_ground(belt_mps):
     over_ground, on_belt = foot_motion_events(walk()), foot_motion_events(walk(belt_mps))

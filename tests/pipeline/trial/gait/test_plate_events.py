@@ -51,7 +51,7 @@ def test_a_foot_strikes_and_leaves_where_its_load_passes_20_n():
     assert len(events) == 6
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(later=st.floats(-50, 50), right=st.booleans())
 def test_events_move_with_the_clock_and_change_side_with_the_foot(later, right):
     foot, side = ("right_foot", "right") if right else ("left_foot", "left")
@@ -67,7 +67,7 @@ def test_events_move_with_the_clock_and_change_side_with_the_foot(later, right):
 
 
 @given(st.floats(-60, 60))
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 def test_what_an_unloaded_plate_reads_does_not_move_events(level_n):
     """An unweighted platform that tilts adds tens of newtons, slowly."""
     slow = level_n * np.sin(2 * np.pi * CLOCK / 30)

@@ -38,7 +38,7 @@ def test_a_belt_that_is_not_commanded_stays_and_loads_nothing():
 
 
 @given(speed=st.floats(0.3, 3.0), weight=st.floats(0.0, 1200.0), push=st.floats(-80.0, 80.0))
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 def test_steady_speed_needs_friction_alone_and_loads_no_plate(speed, weight, push):
     drive = replace(QUIET, stretch_n=np.inf)
     count = 4000
@@ -51,7 +51,7 @@ def test_steady_speed_needs_friction_alone_and_loads_no_plate(speed, weight, pus
 
 
 @given(start=st.floats(-2.0, 2.0), end=st.floats(-2.0, 2.0), weight=st.floats(0.0, 800.0))
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 def test_the_moments_impulse_is_the_change_of_angular_momentum(start, end, weight):
     command = ramp(start, end)
     motion = run(replace(QUIET, stretch_n=np.inf), command, weight=np.full(len(command), weight))
