@@ -13,7 +13,7 @@ from hbm.poses import segment_frames
 from hbm.segments import proportions
 from tests.hbm.motions import markers_of, motion_of, swinging, with_noise, without
 from tests.hbm.people import hbm1_person, mirrored, moved, person, standing
-from tests.synthetic import MASS_KG, RATE_HZ, STATURE_M, T_POSE_MM, synthetic_body, synthetic_t_pose
+from tests.synthetic import MASS_KG, RATE_HZ, STATURE_M, T_POSE_MM, synthetic_t_pose
 
 ARM = ("LLEE", "LMEE", "LDELT", "LFRM", "LLW", "LMW", "LFIN")
 HIPS = {"right": np.array([-0.05, -0.085, -0.08]), "left": np.array([-0.05, 0.085, -0.08])}
@@ -21,11 +21,6 @@ HIPS = {"right": np.array([-0.05, -0.085, -0.08]), "left": np.array([-0.05, 0.08
 
 def built(markers, **options):
     return build_body(markers, **{"mass": MASS_KG, "sex": "male", "height_m": STATURE_M} | options)
-
-
-@pytest.fixture(scope="module")
-def body():
-    return synthetic_body()
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from hbm.engines.engine import ENGINES
 from hbm.poses import center_of_mass, segment_frames
 from hbm.spatial import GRAVITY_MPS2, rotation_about, shift_wrench, transform_wrench
 from tests.hbm.motions import motion_of, swinging
-from tests.synthetic import MASS_KG, synthetic_body
+from tests.synthetic import MASS_KG
 
 PELVIS = slice(0, 3)
 RELATIVE = 1e-9
@@ -32,16 +32,6 @@ def engine(request, monkeypatch):
     choose = engines.choose_engine
     monkeypatch.setattr(dynamics, "choose_engine", lambda stated: choose(stated or request.param))
     return request.param
-
-
-@pytest.fixture(scope="module")
-def body():
-    return synthetic_body()
-
-
-@pytest.fixture(scope="module")
-def motion():
-    return swinging(np.random.default_rng(1))
 
 
 @pytest.fixture(scope="module")
@@ -191,19 +181,6 @@ def test_residual_equals_newton_and_euler_summed_by_hand(body, motion, wrenches)
 
 
 # -- Pinocchio, on the body's own model -----------------------------------------------------------
-
-
-def test_pinocchio_finds_the_same_generalized_forces(pin, body, motion, wrenches):
-    model, data = body.model, body.model.createData()
-    expected = []
-    for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
-        pin.forwardKinematics(model, data, q)
-        external = [pin.Force.Zero() for _ in range(model.njoints)]
-        for segment, wrench in wrenches.items():
-            joint = LAST_Q[segment] + 1
-            external[joint] = data.oMi[joint].actInv(pin.Force(wrench[k]))
-        expected.append(pin.rnea(model, data, q, v, a, external))
-    agree(inverse_dynamics(body, motion, wrenches).tau, np.array(expected))
 
 
 def test_pinocchio_and_the_kernels_give_the_same_segment_frames(pin, body, motion):

@@ -30,11 +30,6 @@ LEG = ("LEK", "MEK", "LTHI", "LM", "MM", "LSHA", "HEE", "MT2", "MT5")
 
 
 @pytest.fixture(scope="module")
-def body():
-    return synthetic_body()
-
-
-@pytest.fixture(scope="module")
 def truth():
     return swinging(np.random.default_rng(10), frames=240)
 

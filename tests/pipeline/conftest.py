@@ -11,6 +11,7 @@ from pipeline.io.c3d.parameters import parameter_section
 from pipeline.io.recording import Plate
 from pipeline.run.run import run_study
 from pipeline.trial.process import process_trial
+from pipeline.trial.study_files import read_study_laboratory
 from tests.pipeline import lab
 
 BLOCK = 512
@@ -134,6 +135,18 @@ def walker(tmp_path_factory):
 def moving_study(tmp_path_factory):
     """Folder of a small study on a moving platform; tests that change it take a copy."""
     return lab.write_study(tmp_path_factory.mktemp("study"))
+
+
+@pytest.fixture(scope="session")
+def study(moving_study):
+    """That study as it is read."""
+    return read_study(moving_study)
+
+
+@pytest.fixture(scope="session")
+def laboratory(moving_study):
+    """Its laboratory, with the calibration."""
+    return read_study_laboratory(read_study(moving_study))
 
 
 @pytest.fixture(scope="session")

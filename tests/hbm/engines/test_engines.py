@@ -20,22 +20,11 @@ from hbm.engines.engine import (
     require_agreement,
 )
 from hbm.model import Body
-from tests.hbm.motions import any_pose, swinging
-from tests.synthetic import synthetic_body
+from tests.hbm.motions import any_pose
 
 pinocchio = pytest.importorskip("pinocchio", reason="Pinocchio has no wheel for this system")
 FEET = ("left_foot", "right_foot")
 ROUNDING = 1e-11
-
-
-@pytest.fixture(scope="module")
-def body():
-    return synthetic_body()
-
-
-@pytest.fixture(scope="module")
-def motion():
-    return swinging(np.random.default_rng(1))
 
 
 @pytest.fixture

@@ -8,7 +8,6 @@ import pytest
 from compensation import to_lab
 from hbm.signals.filtering import low_pass
 from hbm.spatial import rotation_about
-from pipeline.config.study import read_study
 from pipeline.export.compensated_c3d import (
     Calibrations,
     write_compensated,
@@ -29,11 +28,6 @@ from tests.pipeline.wrong_plates import correction_of, wrongly_measured
 FRAMES = (None, "plate", "lab")
 RANGE_SHARE = 1e-6
 CUTOFF_HZ = 20.0
-
-
-@pytest.fixture(scope="module")
-def study(moving_study):
-    return read_study(moving_study)
 
 
 @pytest.fixture(scope="module")

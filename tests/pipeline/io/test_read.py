@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 
 from hbm.markers import MarkerSet, marker_sets
-from pipeline.config.schema import Settings, Subject
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.read import file_format, read_recording
 from pipeline.io.stated import Stated
-from pipeline.trial.process import process_recording
 from tests.pipeline.other_formats import excerpt, write_dflow, write_mox, write_nexus, write_opensim
 
 
@@ -220,23 +218,6 @@ def test_a_length_unit_that_contradicts_the_markers_is_refused(trial, tmp_path, 
     WRITERS[name](replace(trial, markers=markers), path)
     with pytest.raises(ValueError, match=r"^unit\.dat: .*correct the unit in the file"):
         read_recording(path)
-
-
-def test_residuals_do_not_depend_on_the_format(walker, tmp_path):
-    """D-Flow keeps the plates at the markers' rate only, so a filtered newton may differ."""
-    whole = excerpt(walker, 0, 700)
-    settings = Settings(marker_set="hbm2")
-
-    def residual(recording):
-        result = process_recording(recording, Subject(mass_kg=75), settings)
-        return result.measured.residual[100:-100]
-
-    true = residual(whole)
-    size = np.sqrt(np.nanmean(true**2, axis=0))
-    for write, share in ((write_nexus, 0.001), (write_dflow, 0.1)):
-        found = residual(read_recording(write(whole, tmp_path / "walk")))
-        away = np.sqrt(np.nanmean((found - true) ** 2, axis=0))
-        assert (away < share * size + 0.01).all(), (write, away, size)
 
 
 @pytest.mark.parametrize(

@@ -9,14 +9,13 @@ from compensation import BeltModel
 from hbm.coordinates import LIMBS
 from hbm.markers import Markers
 from pipeline.config.schema import Belt, Platform, Settings, Subject, Treadmill
-from pipeline.config.study import read_study
 from pipeline.io.c3d.read import read_c3d
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import reported
-from pipeline.trial.study_files import read_study_file, read_study_laboratory
+from pipeline.trial.study_files import read_study_file
 from tests.pipeline import lab
 from tests.pipeline.live.playing import arrivals, chain_of, play
 from tests.pipeline.wrong_plates import correction_of, wrongly_measured
@@ -74,16 +73,6 @@ def assert_same(recording, laboratory, settings=REALTIME, start_s=0.0, body=None
     np.testing.assert_array_equal(counts[in_time], whole.counts[in_time])
     assert counts.any()
     return whole, frames
-
-
-@pytest.fixture(scope="module")
-def study(moving_study):
-    return read_study(moving_study)
-
-
-@pytest.fixture(scope="module")
-def laboratory(study):
-    return read_study_laboratory(study)
 
 
 @pytest.fixture(scope="module")

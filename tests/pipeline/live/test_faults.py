@@ -14,17 +14,12 @@ from pipeline.live.chain import LiveChain
 from pipeline.live.stream import Arrivals, Samples
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality
-from pipeline.trial.study_files import read_study_file, read_study_laboratory
+from pipeline.trial.study_files import read_study_file
 from tests.pipeline import lab
 from tests.pipeline.live.playing import arrivals, chain_of, play, streams_of
 
 REALTIME = Settings(filter="realtime")
 SECONDS = 4.0
-
-
-@pytest.fixture(scope="module")
-def laboratory(moving_study):
-    return read_study_laboratory(read_study(moving_study))
 
 
 @pytest.fixture(scope="module")

@@ -13,56 +13,13 @@ from pathlib import Path
 import pytest
 
 from pipeline.cli.app import main
+from tests.campaign.kills import environment, kills, undisturbed
 
-ROOT = Path(__file__).resolve().parents[3]
 COMMAND = [sys.executable, "-m", "pipeline.cli"]
-KILLS = 6
+
+needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="lists processes")
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="process groups and signals")
-
-FORKING = """
-import os, random, signal, sys, time
-from pathlib import Path
-from hbm.kernels.native import kernels
-import pipeline.trial.process, pipeline.run.store
-from pipeline.run.program import computation_digest
-from pipeline.cli.study import run
-import pipeline.cli.terminal, pipeline.run.run
-
-study, out, kills, seed = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4])
-kernels()
-computation_digest()
-chance = random.Random(seed)
-
-def there():
-    return {path: path.stat().st_mtime_ns for path in (out / "trials").glob("*.parquet")}
-
-while kills:
-    before = there()
-    child = os.fork()
-    if child == 0:
-        os.setsid()
-        os._exit(run(study, out=out))
-    time.sleep(chance.uniform(0.0, 1.5))
-    if os.waitpid(child, os.WNOHANG)[0]:
-        for path in before:
-            path.unlink()
-        continue
-    try:
-        os.killpg(child, signal.SIGKILL)
-    except ProcessLookupError:  # it has no group of its own yet
-        os.kill(child, signal.SIGKILL)
-    os.waitpid(child, 0)
-    kills -= 1
-    after = there()
-    harmed = [path.name for path in before if after.get(path) != before[path]]
-    print(f"killed: {len(after)} there, harmed {harmed}", flush=True)
-"""
-
-
-def environment():
-    paths = [str(ROOT), os.environ.get("PYTHONPATH", "")]
-    return os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
 
 
 def hbm(*arguments, before=lambda: None):
@@ -81,7 +38,7 @@ def hbm(*arguments, before=lambda: None):
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        env=environment(),
+        env=environment("test of interruption"),
         start_new_session=True,
         preexec_fn=start,
     )
@@ -92,20 +49,18 @@ def results(out):
 
 
 @pytest.mark.slow
-def test_a_run_killed_six_times_still_ends_with_the_same_results(moving_study, finished, tmp_path):
-    """Every kill hits the whole process group; what was finished before is never redone."""
-    seed = random.randrange(10**6)
-    script = [sys.executable, "-c", FORKING, moving_study, tmp_path, KILLS, seed]
-    done = subprocess.run(
-        [*map(str, script)], capture_output=True, text=True, env=environment(), check=False
-    )
-    killed = [line for line in done.stdout.splitlines() if line.startswith("killed:")]
-    assert len(killed) == KILLS, (seed, done.stderr)
-    assert all(line.endswith("harmed []") for line in killed), (seed, killed)
-
-    assert main(["run", str(moving_study), "--out", str(tmp_path)]) == 0
-    assert results(tmp_path) == results(finished)
-    assert json.loads((tmp_path / "failures.json").read_text("utf-8")) == {}
+@needs_proc
+def test_a_killed_run_harms_nothing_and_the_next_one_ends_with_the_same_results(
+    moving_study, finished, tmp_path
+):
+    """Six runs, killed at random instants as the campaign does."""
+    known, seed = undisturbed(moving_study, tmp_path / "known"), random.randrange(10**6)
+    assert known.results == results(finished)
+    for attack in kills(known, 6):
+        folder = tmp_path / str(attack.number)
+        folder.mkdir()
+        outcome = attack.act(folder, attack.chance(seed))
+        assert outcome.kind == "fine", (seed, str(outcome))
 
 
 @pytest.mark.slow
@@ -141,9 +96,6 @@ def wait_until(condition, patience_s=60.0):
 
 def has_workers(running):
     return lambda: sum("LokyProcess" in each for each in members(running.pid)) == 2
-
-
-needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="lists processes")
 
 
 @needs_proc

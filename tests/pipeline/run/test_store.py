@@ -12,7 +12,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from hbm.coordinates import HBM_ORDER, INDEX
 from pipeline.io.recording import Event, Plate
 from pipeline.run.store import (
     DIGEST,
@@ -24,7 +23,6 @@ from pipeline.run.store import (
     write_digest,
     write_trial,
 )
-from pipeline.trial.residuals import reported
 from tests.pipeline.equality import assert_identical
 from tests.pipeline.fake_results import fake_trial
 from tests.pipeline.viewer_trial import viewer_trial
@@ -93,22 +91,6 @@ def test_numbers_other_than_the_frames_are_read_back_exactly(
     back = without_frames(result)
     for name in ("body", "onsets", "plates", "events"):
         assert_identical(getattr(back, name), getattr(result, name))
-
-
-def test_columns_have_the_names_that_other_programs_read(processed, written):
-    frames = pd.read_parquet(written)
-    motion = processed.motion
-    np.testing.assert_array_equal(frames["time_s"], motion.time)
-    for name in HBM_ORDER:
-        np.testing.assert_array_equal(frames[f"q.{name}"], motion.q[:, INDEX[name]])
-        tau = processed.compensated.tau[:, INDEX[name]]
-        np.testing.assert_array_equal(frames[f"tau.compensated.{name}"], tau)
-    expected = reported(processed.measured.residual)
-    np.testing.assert_array_equal(frames["residual.measured.My"], expected[:, 4])
-    foot = processed.ground["compensated"]["left_foot"]
-    np.testing.assert_array_equal(frames["ground.compensated.left_foot.fz"], foot[:, 2])
-    heel = processed.markers.position[:, processed.markers.names.index("LHEE")]
-    np.testing.assert_array_equal(frames["marker.LHEE.y"], heel[:, 1])
 
 
 def test_events_are_on_the_frame_nearest_to_them(processed, written):

@@ -9,7 +9,6 @@ from hbm.calibration_pose.anatomy import LimbMeasures
 from hbm.ik.tracking import solve_ik
 from hbm.signals.filtering import butterworth
 from pipeline.config.schema import Condition, Settings, Subject, Treadmill
-from pipeline.config.study import read_study
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.recording import Metadata
 from pipeline.trial.ground.laboratory import Laboratory
@@ -23,11 +22,6 @@ from tests.pipeline.trial.ground.grounds import ground_of
 
 PERSON = Subject(id="sub01", sex="male")
 MASS_KG = lab.PEOPLE[0].mass_kg
-
-
-@pytest.fixture(scope="module")
-def study(moving_study):
-    return read_study(moving_study)
 
 
 @pytest.fixture(scope="module")

@@ -11,17 +11,12 @@ from pipeline.config.schema import Settings, Subject
 from pipeline.config.study import read_study
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality, free_of
-from pipeline.trial.study_files import read_study_file, read_study_laboratory
+from pipeline.trial.study_files import read_study_file
 from tests.pipeline import lab
 
 PERSON = Subject(sex="male", mass_kg=74.6)
 REALTIME = Settings(filter="realtime")
 REACH_FRAMES = 3
-
-
-@pytest.fixture(scope="module")
-def laboratory(moving_study):
-    return read_study_laboratory(read_study(moving_study))
 
 
 @pytest.fixture(scope="module")
