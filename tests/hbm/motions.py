@@ -49,6 +49,21 @@ def without(markers, names, frames=slice(None)):
     return Markers(markers.time, markers.names, position)
 
 
+def displaced(markers, name, offset_m, frames=slice(None)):
+    """The same markers, one of them elsewhere in some frames."""
+    position = markers.position.copy()
+    position[frames, markers.names.index(name)] += offset_m
+    return Markers(markers.time, markers.names, position)
+
+
+def held(markers, frames, names=None):
+    """The same markers, some of them held at the first of these frames."""
+    position = markers.position.copy()
+    own = [markers.names.index(name) for name in names or markers.names]
+    position[frames, own] = position[frames.start, own]
+    return Markers(markers.time, markers.names, position)
+
+
 def relabelled(markers, *pairs):
     """The same markers, the labels of each pair exchanged throughout."""
     other = {a: b for pair in pairs for a, b in (pair, pair[::-1])}

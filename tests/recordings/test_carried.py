@@ -20,6 +20,7 @@ from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import NO_SUPPORT, Quality, free_of
 from pipeline.trial.residuals import residual_table
+from tests.hbm import motions
 from tests.pipeline.live.playing import arrivals, chain_of, play
 from tests.recordings import recorded
 
@@ -198,11 +199,10 @@ def test_nobody_counts_who_stands_with_one_foot_beside_the_plates(shared_data):
 
 def without_markers(recording, body, segments, start_s, stop_s):
     """The recording with gaps in all markers of some segments."""
-    own = zip(body.markers, body.marker_segment, strict=True)
-    gone = [recording.markers.names.index(m) for m, s in own if s in segments]
-    position, time = recording.markers.position.copy(), recording.markers.time
-    position[np.ix_((time >= start_s) & (time < stop_s), gone)] = np.nan
-    return replace(recording, markers=replace(recording.markers, position=position))
+    gone = [m for m, s in body.segment_of.items() if s in segments]
+    time = recording.markers.time
+    rows = (time >= start_s) & (time < stop_s)
+    return replace(recording, markers=motions.without(recording.markers, gone, rows))
 
 
 @pytest.mark.parametrize(("stop_s", "counts"), [(5.06, True), (5.5, False)])

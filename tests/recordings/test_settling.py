@@ -8,6 +8,7 @@ import pytest
 from pipeline.config.schema import Settings
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality, free_of
+from tests.hbm.motions import without
 from tests.pipeline import lab
 from tests.pipeline.settling import LIMIT, cycle_change
 from tests.recordings.recorded import processed, recorded, steps, treadmill
@@ -56,10 +57,8 @@ def test_what_the_loss_of_a_leg_a_foot_or_the_pelvis_does_to_residuals_counts_no
     """Where their markers vanish and return, the rest of the pose jumps: up to 100 N."""
     recording, known = recorded(treadmill, shared_data)
     complete = processed(treadmill, shared_data)
-    position = recording.markers.position.copy()
-    columns = [k for k, name in enumerate(recording.markers.names) if name in lost]
-    position[first : first + frames, columns] = np.nan
-    torn = replace(recording, markers=replace(recording.markers, position=position))
+    markers = without(recording.markers, lost, slice(first, first + frames))
+    torn = replace(recording, markers=markers)
     result = process_recording(torn, settings=Settings(), static=recording, **known)
     error = np.abs(result.measured.residual - complete.measured.residual)
     assert np.nanmax(error[first - 30 : first + frames + 30]) > 5

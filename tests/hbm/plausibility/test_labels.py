@@ -13,7 +13,15 @@ from hbm.plausibility.labels import (
     repeated_positions,
     sides_exchanged,
 )
-from tests.hbm.motions import exchanged, markers_of, relabelled, swinging, with_noise
+from tests.hbm.motions import (
+    displaced,
+    exchanged,
+    held,
+    markers_of,
+    relabelled,
+    swinging,
+    with_noise,
+)
 from tests.hbm.people import moved
 from tests.synthetic import synthetic_body, synthetic_t_pose
 
@@ -54,10 +62,8 @@ def test_every_pair_is_found_with_its_times_however_short(long_walk, pair, start
 @given(cm=st.floats(3.5, 80), frame=st.integers(5, 190), seed=st.integers(0, 99))
 def test_a_marker_that_jumps_alone_has_exchanged_nothing(long_walk, cm, frame, seed):
     direction = np.random.default_rng(seed).normal(size=3)
-    position = long_walk.position.copy()
-    heel = long_walk.names.index("LHEE")
-    position[frame:, heel] += cm / 100 * direction / np.linalg.norm(direction)
-    assert found(Markers(long_walk.time, long_walk.names, position)) == []
+    offset_m = cm / 100 * direction / np.linalg.norm(direction)
+    assert found(displaced(long_walk, "LHEE", offset_m, slice(frame, None))) == []
 
 
 def named(markers):
@@ -112,20 +118,10 @@ def test_hands_held_on_each_other_s_side_are_not_exchanged(walk):
 
 
 def test_a_marker_that_moved_is_noticed(walk):
-    position = walk.position.copy()
-    position[:, walk.names.index("RLTHI"), 2] += 0.08
-    (note,) = changed_distances(synthetic_body(), Markers(walk.time, walk.names, position))
+    (note,) = changed_distances(synthetic_body(), displaced(walk, "RLTHI", [0, 0, 0.08]))
     assert (note.code, note.level) == ("marker_distances_changed", "warning")
     assert note.values["segment"] == "right_thigh"
     assert all("RLTHI" in pair for pair in note.values["largest_m"])
-
-
-def held(markers, frames, names=None):
-    """The same markers, some of them held at the first of these frames."""
-    position = markers.position.copy()
-    own = [markers.names.index(name) for name in names or markers.names]
-    position[frames, own] = position[frames.start, own]
-    return Markers(markers.time, markers.names, position)
 
 
 def codes(markers):

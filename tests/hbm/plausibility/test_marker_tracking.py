@@ -9,7 +9,7 @@ from hbm.coordinates import INDEX, LIMBS, TREE
 from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers
 from hbm.plausibility.outliers import MAX_ROUNDS, MarkerTracker, track_motion
-from tests.hbm.motions import markers_of, swinging, with_noise, without
+from tests.hbm.motions import displaced, held, markers_of, swinging, with_noise, without
 from tests.synthetic import synthetic_body
 
 BODY = synthetic_body()
@@ -23,12 +23,6 @@ def swinging_markers(seed=3, frames=120, degrees=40.0):
 
 def tracked(markers):
     return track_motion(BODY, markers)[1]
-
-
-def displaced(markers, name, offset_m, frames):
-    position = markers.position.copy()
-    position[frames, markers.names.index(name)] += offset_m
-    return Markers(markers.time, markers.names, position)
 
 
 @given(st.integers(0, 1000))
@@ -97,10 +91,7 @@ def test_a_marker_that_jumps_is_left_out_from_the_first_frame_on_and_used_when_i
 
 
 def test_markers_that_all_stand_still_exactly_were_not_measured():
-    markers = swinging_markers()
-    position = markers.position.copy()
-    position[50:80] = position[50]
-    found = tracked(Markers(markers.time, markers.names, position))
+    found = tracked(held(swinging_markers(), slice(50, 80)))
     np.testing.assert_array_equal(np.flatnonzero(~found.converged), np.arange(55, 80))
 
 

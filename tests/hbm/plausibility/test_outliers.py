@@ -6,17 +6,11 @@ import pytest
 from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers
 from hbm.plausibility.outliers import solve_without_outliers
-from tests.hbm.motions import exchanged
+from tests.hbm.motions import displaced, exchanged
 from tests.synthetic import synthetic_body
 
 BODY = synthetic_body()
 FRAMES = slice(10, 16)
-
-
-def displaced(markers, name, offset_m, frames=FRAMES):
-    position = markers.position.copy()
-    position[frames, markers.names.index(name)] += offset_m
-    return Markers(markers.time, markers.names, position)
 
 
 def noisy(markers, segments, size_m, frames=FRAMES):
@@ -40,8 +34,8 @@ def test_of_a_walk_with_noise_no_position_is_left_out(walk):
 @pytest.mark.parametrize("name", ["LHEE", "RASIS"])
 def test_a_jump_of_one_marker_leaves_the_pose_as_the_others_show_it(walk, name):
     """As if the marker had not been seen."""
-    gap = displaced(walk, name, np.nan)
-    solved, motion, notes = solve_without_outliers(BODY, displaced(walk, name, 0.3), jobs=1)
+    gap = displaced(walk, name, np.nan, FRAMES)
+    solved, motion, notes = solve_without_outliers(BODY, displaced(walk, name, 0.3, FRAMES), jobs=1)
     np.testing.assert_array_equal(solved.position, gap.position)
     np.testing.assert_array_equal(motion.q, solve_ik(BODY, gap).q)
     (note,) = notes

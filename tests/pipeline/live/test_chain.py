@@ -7,7 +7,6 @@ import pytest
 
 from compensation import BeltModel
 from hbm.coordinates import LIMBS
-from hbm.markers import Markers
 from pipeline.config.schema import Belt, Platform, Settings, Subject, Treadmill
 from pipeline.io.c3d.read import read_c3d
 from pipeline.trial.ground.calibration_recording import fit_calibration
@@ -16,6 +15,7 @@ from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import reported
 from pipeline.trial.study_files import read_study_file
+from tests.hbm import motions
 from tests.pipeline import lab
 from tests.pipeline.live.playing import arrivals, chain_of, play
 from tests.pipeline.wrong_plates import correction_of, wrongly_measured
@@ -86,11 +86,9 @@ def walk(walker):
 
 
 def without(recording, names, start_s, stop_s):
-    position, time = recording.markers.position.copy(), recording.markers.time
+    time = recording.markers.time
     rows = (time >= start_s) & (time < stop_s)
-    for name in names:
-        position[rows, recording.markers.names.index(name)] = np.nan
-    return replace(recording, markers=Markers(time, recording.markers.names, position))
+    return replace(recording, markers=motions.without(recording.markers, names, rows))
 
 
 @pytest.mark.parametrize("condition", ["sway", "pitch"])
@@ -119,10 +117,8 @@ def test_with_a_limb_unseen_for_a_second(pitch, laboratory, limb):
 
 def test_without_markers_for_a_while_and_with_one_that_jumps(pitch, laboratory):
     gone = without(pitch, pitch.markers.names, 4.0, 4.3)
-    position = gone.markers.position.copy()
-    position[700:720, gone.markers.names.index("RHEE")] += 0.4
-    jumped = replace(gone, markers=Markers(gone.markers.time, gone.markers.names, position))
-    _, frames = assert_same(jumped, laboratory)
+    jumped = motions.displaced(gone.markers, "RHEE", 0.4, slice(700, 720))
+    _, frames = assert_same(replace(gone, markers=jumped), laboratory)
     left_out = [k for k, f in enumerate(frames) if f.quality & Quality.MARKERS_LEFT_OUT]
     assert left_out == list(range(700, 720))
     assert all(frame.quality & Quality.POSE_UNKNOWN for frame in frames[400:430])

@@ -19,6 +19,7 @@ from pipeline.run import check
 from pipeline.run.check import check_study
 from pipeline.run.run import run_study
 from pipeline.trial.process import process_trial
+from tests.hbm.motions import without
 from tests.pipeline import lab
 from tests.pipeline.lab import edit
 
@@ -106,10 +107,8 @@ def test_what_a_check_predicts_is_what_processing_finds(study, tmp_path):
 
 def test_markers_that_are_often_missing_are_named(sway):
     def gaps(recording):
-        position = recording.markers.position.copy()
-        position[600:, recording.markers.names.index("LHEAD")] = np.nan
-        position[700:760, recording.markers.names.index("RHEAD")] = np.nan
-        return replace(recording.markers, position=position)
+        half = without(recording.markers, ["LHEAD"], slice(600, None))
+        return without(half, ["RHEAD"], slice(700, 760))
 
     change(sway, "sub01_sway", markers=gaps)
     found = findings(sway)
@@ -237,12 +236,7 @@ def test_a_marker_hidden_at_the_beginning_is_not_a_fault(sway, monkeypatch):
     """Where the beginning alone has a fault, the whole file decides: LASIS is hidden for 3 s."""
     monkeypatch.setattr("pipeline.io.c3d.read.BEGINNING_FRAMES", 300)
 
-    def covered(recording):
-        position = recording.markers.position.copy()
-        position[:300, recording.markers.names.index("LASIS")] = np.nan
-        return replace(recording.markers, position=position)
-
-    change(sway, "sub01_sway", markers=covered)
+    change(sway, "sub01_sway", markers=lambda r: without(r.markers, ["LASIS"], slice(300)))
     assert findings(sway).faults == []
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from hbm.markers import Markers, marker_sets
+from hbm.markers import marker_sets
 from pipeline.cli.app import main
 from pipeline.config.schema import PlateContact, Settings, Subject
 from pipeline.config.study import read_study
@@ -24,15 +24,9 @@ CONTACT = '[[trials.quiet.contacts]]\nplate = {}\ntime_s = {}\nfoot = "{}"\n'
 
 def first(recording, seconds, *, loaded=True):
     """The beginning of a recording, in which the subject stands; or nobody is on its plates."""
-    markers, frames = recording.markers, round(100 * seconds)
-    plates = tuple(
-        replace(
-            p, time=p.time[: 10 * frames], wrench_in_plate=loaded * p.wrench_in_plate[: 10 * frames]
-        )
-        for p in recording.plates
-    )
-    cut = Markers(markers.time[:frames], markers.names, markers.position[:frames])
-    return replace(recording, markers=cut, plates=plates, analog=None)
+    part = lab.cropped(recording, 0, round(100 * seconds) - 1)
+    plates = tuple(replace(p, wrench_in_plate=loaded * p.wrench_in_plate) for p in part.plates)
+    return replace(part, plates=plates, analog=None)
 
 
 @pytest.fixture

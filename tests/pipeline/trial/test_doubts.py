@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import pytest
 
-from hbm.markers import Markers, marker_sets
+from hbm.markers import marker_sets
 from pipeline.config.schema import Settings, Subject
 from pipeline.trial.gait.events import zeni_events
 from pipeline.trial.process import process_recording
-from tests.hbm.motions import relabelled, without
+from tests.hbm.motions import held, relabelled, without
 from tests.pipeline.trial.test_event_check import other_side, shifted
 
 PERSON = Subject(id="sub01", sex="male")
@@ -20,13 +20,6 @@ def warned(recording, *, static=None):
     """Codes of the warnings on a recording."""
     result = process_recording(recording, PERSON, Settings(), static=static)
     return {note.code for note in result.notes if note.level == "warning"}
-
-
-def held(markers, frames, names):
-    position = markers.position.copy()
-    own = [markers.names.index(name) for name in names]
-    position[frames, own] = position[frames.start, own]
-    return Markers(markers.time, markers.names, position)
 
 
 def test_a_good_recording_is_not_doubted(walker):

@@ -3,9 +3,9 @@
 import numpy as np
 
 from hbm.ik.tracking import solve_ik
-from hbm.markers import Markers
 from pipeline.config.schema import Settings, Subject
 from pipeline.trial.subject import subject_body
+from tests.hbm.motions import without
 from tests.pipeline import lab
 
 SHOULDER = ("LSHO", "LDELT")
@@ -18,9 +18,5 @@ def test_an_arm_without_markers_of_its_shoulder_is_solved_in_all_frames(tmp_path
     """
     walk = lab.walk(tmp_path, duration_s=4.0)
     body = subject_body(walk, Subject(sex="male"), Settings(), 74.6)
-    names = walk.markers.names
-    position = walk.markers.position.copy()
-    position[20:, [names.index(name) for name in SHOULDER]] = np.nan
-    markers = Markers(walk.markers.time, names, position)
-    motion = solve_ik(body, markers)
+    motion = solve_ik(body, without(walk.markers, SHOULDER, slice(20, None)))
     assert np.isfinite(motion.marker_error[:, motion.markers.index("LLEE")]).all()

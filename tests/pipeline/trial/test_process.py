@@ -17,6 +17,7 @@ from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.residuals import residual_table
 from pipeline.trial.study_files import read_study_laboratory
 from pipeline.trial.subject import subject_body
+from tests.hbm.motions import displaced
 from tests.pipeline import lab
 from tests.pipeline.trial.ground.grounds import ground_of
 
@@ -156,10 +157,7 @@ def test_a_stated_mass_that_the_plates_contradict_is_noted(walker, results):
 
 
 def test_a_marker_that_moved_since_the_calibration_pose_is_noted(walker):
-    markers = walker.markers
-    position = markers.position.copy()
-    position[:, markers.names.index("LLTHI")] += [0.0, 0.0, 0.06]
-    moved = replace(walker, markers=replace(markers, position=position))
+    moved = replace(walker, markers=displaced(walker.markers, "LLTHI", [0.0, 0.0, 0.06]))
     notes = warnings(process_recording(moved, PERSON, Settings(), static=walker))
     changed = [note for note in notes if note.code == "marker_distances_changed"]
     assert "left_thigh" in [note.values["segment"] for note in changed]

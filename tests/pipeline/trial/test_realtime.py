@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from hbm.coordinates import LIMBS
-from hbm.markers import Markers
 from pipeline.config.schema import Settings, Subject
 from pipeline.config.study import read_study
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.study_files import read_study_file
+from tests.hbm.motions import without
 from tests.pipeline import lab
 
 PERSON = Subject(sex="male", mass_kg=74.6)
@@ -49,9 +49,7 @@ def test_a_trial_that_ends_earlier_is_the_same_until_then(pitch, laboratory, who
 def test_a_limb_that_returns_changes_nothing_before(pitch, laboratory):
     whole = process(pitch, laboratory, pitch)
     names = [n for n, s in whole.body.segment_of.items() if s in LIMBS["left leg"]]
-    position = pitch.markers.position.copy()
-    position[600:, [pitch.markers.names.index(name) for name in names]] = np.nan
-    markers = Markers(pitch.markers.time, pitch.markers.names, position)
+    markers = without(pitch.markers, names, slice(600, None))
     gone = process(replace(pitch, markers=markers), laboratory, pitch)
     np.testing.assert_array_equal(gone.motion.q[:600], whole.motion.q[:600])
     assert (

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hbm.markers import Markers
 from pipeline.config.schema import Belt, Settings, Subject, Treadmill
 from pipeline.config.study import read_study
 from pipeline.io.recording import Event
@@ -14,6 +13,7 @@ from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality, settled_frames, settling_s
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
+from tests.hbm.motions import without
 from tests.pipeline import lab
 from tests.pipeline.settling import LIMIT, cycle_change
 
@@ -61,12 +61,6 @@ def test_cropping_a_compensated_trial_changes_no_cycle(moving_study, condition):
     assert np.abs(difference[-1]).max() > 20
 
 
-def without_markers(recording, start_s, stop_s):
-    position, time = recording.markers.position.copy(), recording.markers.time
-    position[(time >= start_s) & (time < stop_s)] = np.nan
-    return replace(recording, markers=Markers(time, recording.markers.names, position))
-
-
 def peaks(result, spans):
     """Largest residuals of each cycle, (C, 6), over the frames that count."""
     time, counts = result.motion.time, result.counts
@@ -81,8 +75,10 @@ def test_a_gap_of_50_ms_of_all_markers_raises_no_peak_of_the_cycles_beside_it(wa
     """The cycle with the gap is left out; a causal filter carries it only to the one after it."""
     causal = whole.settings.filter == "realtime"
     gap_s = whole.cycles["right"][2, 0] + (-0.06 if causal else 0.01)
-    stated = replace(walker, events=whole.events)
-    result = again(without_markers(stated, gap_s, gap_s + 0.05), whole, walker)
+    time = walker.markers.time
+    gap = (time >= gap_s) & (time < gap_s + 0.05)
+    markers = without(walker.markers, walker.markers.names, gap)
+    result = again(replace(walker, markers=markers, events=whole.events), whole, walker)
     spans = result.cycles["right"]
     assert len(spans) == len(whole.cycles["right"]) - 1
     assert (peaks(result, spans) - peaks(whole, spans) < LIMIT).all()

@@ -8,11 +8,11 @@ import pytest
 
 from hbm.coordinates import MOVING
 from hbm.ik.tracking import solve_ik
-from hbm.markers import Markers
 from hbm.poses import segment_frames
 from hbm.signals.filtering import butterworth
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.explain.causes.markers import HARMONICS, cycle_phase, marker_causes
+from tests.hbm.motions import without
 from tests.pipeline.explain.chains import chain_of
 
 TIME = np.arange(300) / 100
@@ -147,9 +147,7 @@ def test_an_arm_that_hangs_forward_unseen_pitches_the_body_by_its_weight():
 
 def test_a_gap_of_a_marker_stays_a_gap_and_the_others_still_tell():
     chain = walking()
-    position = chain.markers.position.copy()
-    position[100:110, chain.markers.names.index("LASIS")] = np.nan
-    gappy = replace(chain, markers=Markers(TIME, chain.markers.names, position))
+    gappy = replace(chain, markers=without(chain.markers, ["LASIS"], slice(100, 110)))
     cause = next(marker_causes(gappy, SPANS))
     effect = cause.effect(gappy)
     assert np.isfinite(effect).all()
