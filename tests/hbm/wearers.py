@@ -11,10 +11,10 @@ import numpy as np
 from hbm.calibration_pose.anatomy import MARKER_OFFSET_M, LimbMeasures
 from hbm.coordinates import INDEX, MOVING
 from hbm.ik.tracking import solve_ik
-from hbm.markers import Markers
+from hbm.markers import Markers, marker_sets
 from hbm.poses import marker_positions, segment_frames
-from tests.hbm.people import HBM1_ONLY_MM
-from tests.synthetic import synthetic_body, synthetic_t_pose
+from tests.hbm.people import HBM1_NAMES, HBM1_ONLY_MM
+from tests.synthetic import T_POSE_MM, synthetic_body, synthetic_t_pose
 
 BENT_RAD = np.radians(70.0)
 OTHER_MM = HBM1_ONLY_MM | {
@@ -32,6 +32,11 @@ OTHER_MM = HBM1_ONLY_MM | {
 
 def _either_side(labels):
     return {s + label: s + point for s in "LR" for label, point in labels.items()}
+
+
+def _of_hbm1(name):
+    other = {label: point for point, label in HBM1_NAMES.items()}
+    return {label: other.get(label, label) for label in marker_sets()[name].segment}
 
 
 PIG_LOWER = {"LASI": "LASIS", "RASI": "RASIS", "LPSI": "LPSIS", "RPSI": "RPSIS"} | _either_side(
@@ -63,6 +68,9 @@ IOR_TRUNK = {
 }
 
 SETS = {
+    "hbm2": {name: name for name in T_POSE_MM},
+    "hbm1_lower": _of_hbm1("hbm1_lower"),
+    "hbm1": _of_hbm1("hbm1"),
     "pig_lower": PIG_LOWER,
     "pig": PIG,
     "cgm2_lower": PIG_LOWER | CGM2_LEGS,

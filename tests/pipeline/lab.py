@@ -287,6 +287,15 @@ def save(recording, path):
     return path
 
 
+def without_channels(recording, *channels):
+    """The recording without some of its analog channels."""
+    analog = recording.analog
+    kept = [k for k, name in enumerate(analog.names) if name not in channels]
+    names, units = (tuple(x[k] for k in kept) for x in (analog.names, analog.units))
+    fewer = replace(analog, names=names, units=units, values=analog.values[:, kept])
+    return replace(recording, analog=fewer)
+
+
 def cropped(recording, first, last):
     """The frames ``first`` to ``last`` of a recording, from time zero on, with its events."""
     markers = recording.markers

@@ -4,14 +4,22 @@ import base64
 import io
 import re
 import time
+from ctypes.util import find_library
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
 
 PATIENCE_S = 60
 HARMLESS = re.compile("rasterizer|Docker")
+
+needs_vulkan = pytest.mark.skipif(
+    not (find_library("vulkan") and [*Path("/usr/share/vulkan/icd.d").glob("*.json")]),
+    reason="no Vulkan driver (apt-get install mesa-vulkan-drivers libvulkan1)",
+)
 
 
 def settled(viewer, views):

@@ -24,24 +24,22 @@ COMMAND = "import sys; from pipeline.cli.app import main; raise SystemExit(main(
 AGREEMENT = 1e-8
 
 
-def with_and_without_pinocchio(trial, folder, *options):
-    """Give what ``hbm residuals`` prints and stores, with Pinocchio and with its import blocked."""
+def assert_only_the_engine_differs(trial, folder):
+    """Run ``hbm residuals`` with Pinocchio and with its import blocked; compare all that is left.
+
+    The results name the engine and agree in all else.
+    """
     pytest.importorskip("pinocchio", reason="Pinocchio has no wheel for this system")
     found = []
     for name, code in (("with", COMMAND), ("without", BLOCKED + COMMAND)):
-        words = ["residuals", str(trial), "--out", str(folder / name), *options]
+        words = ["residuals", str(trial), "--out", str(folder / name)]
         done = subprocess.run(
             [sys.executable, "-c", code, *words], capture_output=True, text=True, check=False
         )
         assert done.returncode == 0, done.stderr
         path = folder / name / f"{trial.stem}.parquet"
         found.append((done.stdout, read_trial(path), pq.read_table(path)))
-    return found
-
-
-def assert_only_the_engine_differs(trial, folder, *options):
-    """Require that the results name the engine and agree in all else."""
-    with_it, without = with_and_without_pinocchio(trial, folder, *options)
+    with_it, without = found
     for (printed, result, _), engine in ((with_it, "Pinocchio"), (without, "kernels")):
         assert f"inverse dynamics by {engine}" in " ".join(printed.split())
         assert str(result.engine).startswith(engine)

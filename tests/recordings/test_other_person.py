@@ -8,6 +8,7 @@ from pipeline.config.schema import Settings, Subject
 from pipeline.io.c3d.read import read_c3d
 from pipeline.trial.checks import EXPLAINED
 from pipeline.trial.process import process_recording
+from tests.hbm.motions import displaced
 
 AXES = "left,back,up"
 CHILDREN = [("HC030A05", "HC030A01"), ("HC031A06", "HC031A01")]
@@ -39,8 +40,7 @@ def test_the_static_of_another_child_is_named_once(shared_data, walk, static):
 @pytest.mark.parametrize("names", [("LTOE", "RTOE"), ("LASI",)])
 def test_markers_that_were_moved_are_not_another_person(shared_data, names):
     walk, static = (read(shared_data, name) for name in CHILDREN[0])
-    position = static.markers.position.copy()
+    markers = static.markers
     for name in names:
-        position[:, static.markers.names.index(name), :2] += 0.04
-    moved = replace(static, markers=replace(static.markers, position=position))
-    assert "static_of_another" not in notes_of(walk, moved)
+        markers = displaced(markers, name, [0.04, 0.04, 0.0])
+    assert "static_of_another" not in notes_of(walk, replace(static, markers=markers))

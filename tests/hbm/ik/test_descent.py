@@ -73,13 +73,18 @@ def test_a_kilometre_from_the_origin_the_pose_is_the_same(problem):
     np.testing.assert_allclose(away.q[:, :3] - far, here.q[:, :3], atol=1e-7)
 
 
-def test_compiled_and_interpreted_descent_find_the_same_optima(problem, monkeypatch):
+def by_both(monkeypatch, problem, **options):
+    """Solve a problem by the compiled and by the interpreted descent."""
     ready = kernels()
     if ready.solve_frames is None:
         pytest.skip("no compiler here: there is only the interpreted descent")
-    compiled = solve(problem)
+    compiled = solve(problem, **options)
     monkeypatch.setattr(descent, "kernels", lambda: replace(ready, solve_frames=None))
-    interpreted = solve(problem)
+    return compiled, solve(problem, **options)
+
+
+def test_compiled_and_interpreted_descent_find_the_same_optima(problem, monkeypatch):
+    compiled, interpreted = by_both(monkeypatch, problem)
     np.testing.assert_allclose(interpreted.q, compiled.q, atol=TIGHT)
     np.testing.assert_allclose(interpreted.error, compiled.error, atol=TIGHT)
     np.testing.assert_array_equal(interpreted.converged, compiled.converged)
@@ -102,32 +107,22 @@ def test_compiled_and_interpreted_descent_use_the_same_constants(
     problem, monkeypatch, constant, value
 ):
     """Far from the optimum and after a few iterations, every constant has left its mark."""
-    ready = kernels()
-    if ready.solve_frames is None:
-        pytest.skip("no compiler here: there is only the interpreted descent")
     away = np.random.default_rng(4).normal(0, 0.7, problem[1].shape)
     start = problem[1] + np.where(problem[2] > 0, 0, away)
     monkeypatch.setattr(descent, "MAX_ITERATIONS", 12)
     usual = solve(problem, start=start)
     monkeypatch.setattr(descent, constant, value)
-    compiled = solve(problem, start=start)
-    monkeypatch.setattr(descent, "kernels", lambda: replace(ready, solve_frames=None))
-    interpreted = solve(problem, start=start)
+    compiled, interpreted = by_both(monkeypatch, problem, start=start)
     assert np.abs(compiled.q - usual.q).max() > 1e-6
     np.testing.assert_allclose(interpreted.q, compiled.q, atol=TIGHT)
     np.testing.assert_array_equal(interpreted.converged, compiled.converged)
 
 
 def test_compiled_and_interpreted_descent_end_slow_frames_alike(problem, monkeypatch):
-    ready = kernels()
-    if ready.solve_frames is None:
-        pytest.skip("no compiler here: there is only the interpreted descent")
     start, rising = problem[1] + 0.1, 1e-4
     monkeypatch.setattr(descent, "MAX_ABSOLUTE_RISE", rising)
     usual = solve(problem, start=start)
     monkeypatch.setattr(descent, "SLOW", 2)
-    compiled = solve(problem, start=start)
-    monkeypatch.setattr(descent, "kernels", lambda: replace(ready, solve_frames=None))
-    interpreted = solve(problem, start=start)
+    compiled, interpreted = by_both(monkeypatch, problem, start=start)
     assert np.abs(compiled.q - usual.q).max() > 1e-6
     np.testing.assert_allclose(interpreted.q, compiled.q, atol=TIGHT)

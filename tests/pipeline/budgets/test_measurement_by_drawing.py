@@ -7,12 +7,11 @@ import pandas as pd
 import pytest
 
 from pipeline.budgets.explanation import explain, study_covariances
-from pipeline.config.study import read_study
 from pipeline.explain.cause import groups
 from pipeline.explain.linearise import explained_part, left_by_filter, linearised
 from pipeline.statistics.measurement import deviation, mean_covariance
 from pipeline.trial.process import process_trial
-from pipeline.trial.study_files import read_study_file, read_study_laboratory
+from pipeline.trial.study_files import read_study_file
 
 DRAWS = 4000
 CONDITIONS = ("baseline", "pitch")
@@ -21,10 +20,8 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def trials(moving_study):
+def trials(study, laboratory):
     """Recording, laboratory and result of two gait cycles each of two trials of a subject."""
-    study = read_study(moving_study)
-    laboratory = read_study_laboratory(study)
     files = {name: study.subject("sub01").trials[name].file for name in CONDITIONS}
     found = {}
     for name, file in files.items():

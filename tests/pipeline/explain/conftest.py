@@ -5,10 +5,9 @@ import pytest
 
 import pipeline
 from pipeline.config.schema import Treadmill
-from pipeline.config.study import read_study
 from pipeline.explain.processing_chain import processing_chain
 from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.study_files import read_study_file, read_study_laboratory
+from pipeline.trial.study_files import read_study_file
 
 
 @pytest.fixture(scope="session")
@@ -25,11 +24,10 @@ def chain(walk):
 
 
 @pytest.fixture(scope="session")
-def moving(moving_study, processed):
+def moving(study, laboratory, processed):
     """Recording, laboratory and result of a trial on a platform that pitches, compensated."""
-    study = read_study(moving_study)
     recording = read_study_file(study, study.subject("sub01").trials["pitch"].file)
-    return recording, read_study_laboratory(study), processed
+    return recording, laboratory, processed
 
 
 @pytest.fixture

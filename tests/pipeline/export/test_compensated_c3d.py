@@ -36,8 +36,8 @@ def original(study):
 
 
 @pytest.fixture(scope="module")
-def calibrations(study):
-    return Calibrations(read_study_laboratory(study), study.path("empty.c3d"))
+def calibrations(study, laboratory):
+    return Calibrations(laboratory, study.path("empty.c3d"))
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from pipeline.config.live import Live
 from pipeline.config.schema import Platform, Settings, Subject
-from pipeline.config.study import read_study
 from pipeline.live.chain import LiveChain
 from pipeline.live.stream import Arrivals, Samples
 from pipeline.trial.process import process_recording
@@ -23,8 +22,8 @@ SECONDS = 4.0
 
 
 @pytest.fixture(scope="module")
-def recording(moving_study):
-    whole = read_study_file(read_study(moving_study), "sub01_pitch.c3d")
+def recording(study):
+    whole = read_study_file(study, "sub01_pitch.c3d")
     return lab.cropped(whole, 0, round(100 * SECONDS))
 
 

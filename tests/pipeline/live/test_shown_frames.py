@@ -7,11 +7,10 @@ import numpy as np
 
 from pipeline.cli.live_session import take_new
 from pipeline.config.schema import Settings, Subject
-from pipeline.config.study import read_study
 from pipeline.live.monitor import Monitor
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality
-from pipeline.trial.study_files import read_study_file, read_study_laboratory
+from pipeline.trial.study_files import read_study_file
 from tests.pipeline import lab
 from tests.pipeline.live.playing import arrivals, chain_of, play
 from tests.pipeline.viewer_frames import shown_frames
@@ -30,10 +29,8 @@ class View:
         self.cycles.append(side)
 
 
-def test_a_view_is_shown_of_live_frames_what_it_is_shown_of_the_trial(moving_study):
-    study = read_study(moving_study)
-    laboratory, walk = read_study_laboratory(study), read_study_file(study, "sub01_pitch.c3d")
-    walk = lab.cropped(walk, 0, 800)
+def test_a_view_is_shown_of_live_frames_what_it_is_shown_of_the_trial(study, laboratory):
+    walk = lab.cropped(read_study_file(study, "sub01_pitch.c3d"), 0, 800)
     whole = process_recording(walk, Subject(sex="male"), REALTIME, laboratory=laboratory)
     chain = chain_of(whole.body, laboratory, REALTIME, walk)
     frames, view = play(chain, arrivals(walk)), View()

@@ -15,8 +15,6 @@ import pytest
 from pipeline.cli.app import main
 from tests.campaign.kills import environment, kills, undisturbed
 
-COMMAND = [sys.executable, "-m", "pipeline.cli"]
-
 needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="lists processes")
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="process groups and signals")
@@ -34,7 +32,7 @@ def hbm(*arguments, before=lambda: None):
         before()
 
     return subprocess.Popen(
-        [*COMMAND, *map(str, arguments)],
+        [sys.executable, "-m", "pipeline.cli", *map(str, arguments)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

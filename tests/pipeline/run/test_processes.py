@@ -31,13 +31,6 @@ except KeyboardInterrupt:
 """
 
 
-@pytest.mark.skipif(os.name == "nt", reason="signals")
-def test_no_interrupt_is_lost_while_libraries_of_linear_algebra_are_searched():
-    command = [sys.executable, "-c", INTERRUPTED_IN_THE_SEARCH]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.stdout == "interrupted\n", done.stderr
-
-
 STOPPED_AS_PROCESSES_START = """
 import os, signal, threading, time
 from joblib import delayed
@@ -62,11 +55,18 @@ except Request:
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals")
-def test_a_request_to_end_waits_until_processes_have_started():
+@pytest.mark.parametrize(
+    ("program", "printed"),
+    [
+        (INTERRUPTED_IN_THE_SEARCH, "interrupted\n"),
+        (STOPPED_AS_PROCESSES_START, "started\nstopped\n"),
+    ],
+    ids=["while libraries of linear algebra are searched", "while processes start"],
+)
+def test_no_request_to_end_is_lost_and_processes_that_start_are_awaited(program, printed):
     """Half-started, they could not be ended; any other thread may be the one that it reaches."""
-    command = [sys.executable, "-c", STOPPED_AS_PROCESSES_START]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.stdout == "started\nstopped\n", done.stderr
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.stdout == printed, done.stderr
 
 
 def threads_of_linear_algebra():

@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 from compensation import PlatformPose
 from hbm.spatial import Array
 from pipeline.config.schema import Condition
-from pipeline.config.study import read_study
 from pipeline.figures.residuals import mean_part
 from pipeline.run.store import read_trial, write_trial
 from pipeline.trial.gait.cycles import motion_onsets, motion_stops
@@ -148,9 +147,8 @@ def test_motion_of_a_platform_whose_pose_is_unknown_is_refused():
 
 
 @pytest.fixture(scope="module")
-def sway(moving_study):
+def sway(study):
     """The swaying trial of the small study, by window; processed once."""
-    study = read_study(moving_study)
     rule = study.condition("sway").model_copy(update={"window": "motion"})
     file = study.file.model_copy(update={"conditions": study.file.conditions | {"sway": rule}})
     motion = process_trial(replace(study, file=file), "sub01", "sway")

@@ -15,7 +15,6 @@ from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording, process_trial
 from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.residuals import residual_table
-from pipeline.trial.study_files import read_study_laboratory
 from pipeline.trial.subject import subject_body
 from tests.hbm.motions import displaced
 from tests.pipeline import lab
@@ -121,13 +120,12 @@ def test_the_delay_of_the_plates_is_estimated_and_removed(walker, standing_still
     assert (rms(aware, False) - rms(standing_still, False)).abs().max() < 0.5
 
 
-def test_frames_without_accelerations_count_in_neither_variant(study, results):
+def test_frames_without_accelerations_count_in_neither_variant(study, laboratory, results):
     """Frames that only one variant defines would compare different parts of steps."""
     recording = read_c3d(study.path("sub01_pitch.c3d"))
     values = recording.analog.values.copy()
     values[8000:8100, 0] = np.nan
     broken = replace(recording, analog=replace(recording.analog, values=values))
-    laboratory = read_study_laboratory(study)
     result = process_recording(broken, PERSON, Settings(), laboratory=laboratory)
     assert residual_table(result, "pitch")["rms"].notna().all()
     time, whole = result.motion.time, results["pitch"]

@@ -7,7 +7,6 @@ import pytest
 
 from hbm.coordinates import LIMBS
 from pipeline.config.schema import Settings, Subject
-from pipeline.config.study import read_study
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.study_files import read_study_file
@@ -20,8 +19,8 @@ REACH_FRAMES = 3
 
 
 @pytest.fixture(scope="module")
-def pitch(moving_study):
-    return read_study_file(read_study(moving_study), "sub01_pitch.c3d")
+def pitch(study):
+    return read_study_file(study, "sub01_pitch.c3d")
 
 
 @pytest.fixture(scope="module")

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from pipeline.config.schema import Belt, Settings, Subject, Treadmill
-from pipeline.config.study import read_study
 from pipeline.io.recording import Event
 from pipeline.trial.gait.cycles import cut_cycles
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality, settled_frames, settling_s
-from pipeline.trial.study_files import read_study_file, read_study_laboratory
+from pipeline.trial.study_files import read_study_file
 from tests.hbm.motions import without
 from tests.pipeline import lab
 from tests.pipeline.settling import LIMIT, cycle_change
@@ -46,12 +45,10 @@ def test_cropping_a_trial_at_heel_strikes_changes_no_cycle(walker, whole):
 
 
 @pytest.mark.parametrize("condition", ["sway", "pitch"])
-def test_cropping_a_compensated_trial_changes_no_cycle(moving_study, condition):
+def test_cropping_a_compensated_trial_changes_no_cycle(study, laboratory, condition):
     """Accelerometers and plates pass a filter of 20 Hz before; it settles sooner."""
-    study = read_study(moving_study)
     trial = read_study_file(study, f"sub01_{condition}.c3d")
     person, settings = study.subject("sub01").person, study.file.settings
-    laboratory = read_study_laboratory(study)
     whole = process_recording(trial, person, settings, laboratory=laboratory)
     part = lab.cropped(trial, 0, 880)
     result = process_recording(part, person, settings, laboratory=laboratory)

@@ -21,18 +21,10 @@ from pipeline.run.check import check_study
 from pipeline.run.job import trial_key
 from pipeline.trial.process import process_trial
 from pipeline.trial.subject import subject_body
+from tests.campaign.study_files import SEGMENTS
 from tests.hbm.calibration_pose.test_functional import swings
 from tests.pipeline import lab
-
-SEGMENTS = """\
-[left_shank]
-mass_kg = 1.9
-center_m = [0.0, 0.0, -0.11]
-inertia_kg_m2 = [0.021, 0.021, 0.002]
-[right_foot.worn]
-mass_kg = 0.4
-center_m = [0.05, 0.0, -0.05]
-"""
+from tests.pipeline.lab import edit
 
 
 @pytest.fixture
@@ -41,16 +33,10 @@ def study(moving_study, tmp_path):
     return shutil.copytree(moving_study, tmp_path / "study")
 
 
-def state(path, before, after):
-    text = path.read_text("utf-8")
-    assert before in text
-    path.write_text(text.replace(before, after, 1), encoding="utf-8")
-
-
 def test_a_prosthesis_and_a_shoe_stated_in_a_file_are_in_the_body(study, processed):
     (study / "sub01_segments.toml").write_text(SEGMENTS, encoding="utf-8")
     before = trial_key(read_study(study), "sub01", "pitch")
-    state(study / "sub01.toml", "[trials", 'segments = "sub01_segments.toml"\n[trials')
+    edit(study / "sub01.toml", 'id = "sub01"', 'id = "sub01"\nsegments = "sub01_segments.toml"')
     read = read_study(study)
     result = process_trial(read, "sub01", "pitch")
     shank = result.body.segments["left_shank"]
@@ -71,9 +57,9 @@ def test_functional_hips_come_from_the_trial_that_is_named(study):
     read = read_study(study)
     usual = process_trial(read, "sub01", "baseline").body
     write_c3d(study / "star.c3d", swinging(usual))
-    state(study / "study.toml", "[treadmill]", '[settings]\nhip = "functional"\n[treadmill]')
+    edit(study / "study.toml", "[treadmill]", '[settings]\nhip = "functional"\n[treadmill]')
     for name in ("sub01", "sub02"):
-        state(study / f"{name}.toml", "[trials", 'hip_trial = "star.c3d"\n[trials')
+        edit(study / f"{name}.toml", f'id = "{name}"', f'id = "{name}"\nhip_trial = "star.c3d"')
     body = process_trial(read_study(study), "sub01", "baseline").body
     for side in ("right", "left"):
         off = body.offsets[f"{side}_thigh"] - usual.offsets[f"{side}_thigh"]

@@ -7,7 +7,6 @@ import time
 import urllib.error
 import urllib.request
 from contextlib import contextmanager
-from ctypes.util import find_library
 from dataclasses import replace
 from itertools import count, cycle, islice
 from pathlib import Path
@@ -27,6 +26,7 @@ from tests.pipeline.viewer_pictures import (
     PATIENCE_S,
     assert_no_fault,
     count_pixels,
+    needs_vulkan,
     page_state,
     settled,
     settled_page,
@@ -40,10 +40,6 @@ MEGABYTE = 1e6
 SIGSTOP = getattr(signal, "SIGSTOP", None)
 
 needs_signals = pytest.mark.skipif(SIGSTOP is None, reason="no SIGSTOP on this system")
-needs_vulkan = pytest.mark.skipif(
-    not (find_library("vulkan") and [*Path("/usr/share/vulkan/icd.d").glob("*.json")]),
-    reason="no Vulkan driver (apt-get install mesa-vulkan-drivers libvulkan1)",
-)
 
 
 @pytest.fixture(scope="module")

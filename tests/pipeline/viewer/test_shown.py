@@ -7,7 +7,6 @@ import sys
 import time
 import urllib.request
 from contextlib import contextmanager
-from ctypes.util import find_library
 from http.client import HTTPConnection
 from itertools import islice
 from pathlib import Path
@@ -28,6 +27,7 @@ from tests.pipeline.viewer_pictures import (
     PAUSED,
     assert_no_fault,
     count_pixels,
+    needs_vulkan,
     settled,
     settled_page,
 )
@@ -162,18 +162,10 @@ def test_a_page_that_opens_late_gets_the_start_and_the_end_of_a_live_recording()
     assert [*islice(early, 3)] == [b"start", b"f", b"g"]
 
 
-def headless_port():
-    """A port for a viewer without a screen, which needs Vulkan."""
-    drivers = [*Path("/usr/share/vulkan/icd.d").glob("*.json")]
-    if not (find_library("vulkan") and drivers):
-        pytest.skip("no Vulkan driver (apt-get install mesa-vulkan-drivers libvulkan1)")
-    return free_port()
-
-
 @contextmanager
 def headless(*paths):
     """Open recordings in a viewer without a screen, which draws with Mesa's software Vulkan."""
-    port = headless_port()
+    port = free_port()
     viewer = ViewerClient.spawn(
         headless=True, port=port, hide_welcome_screen=True, executable_path=viewer_binary()
     )
@@ -185,8 +177,9 @@ def headless(*paths):
         viewer.quit()
 
 
+@needs_vulkan
 def test_the_window_opens_with_the_trial_and_every_view_is_without_fault(recording):
-    port = headless_port()
+    port = free_port()
     program = (
         "import sys; from pathlib import Path; from pipeline.viewer import serve; "
         "run = serve.running_viewer; serve.running_viewer = lambda words: run("
@@ -225,6 +218,7 @@ def connected(port):
             time.sleep(0.2)
 
 
+@needs_vulkan
 def test_frames_without_solution_and_missing_layers_are_not_faults(broken):
     with headless(broken) as viewer:
         settled(viewer, 9)
@@ -237,6 +231,7 @@ def test_frames_without_solution_and_missing_layers_are_not_faults(broken):
         assert count_pixels(picture, COLOURS["compensated"]) < PIXELS
 
 
+@needs_vulkan
 def test_the_viewer_has_every_letter_that_counts_as_printable(tmp_path):
     every = "".join(map(chr, range(0x20, 0x3000))) + "漢😀"
     marks = str.maketrans("", "", "|`<>\\*_~[]#&")

@@ -39,10 +39,9 @@ def test_the_real_trial_is_in_metres_and_lab_axes(shared_data):
     assert position["LMT2"][0] > position["LHEE"][0]
 
 
-def test_markers_channels_and_untouched_outputs_of_other_programs_equal_ezc3d(shared_data):
+def test_outputs_of_other_programs_are_untouched(shared_data):
     path = shared_data / "treadmill_hbm2" / "treadmill_events.c3d"
-    recording = read_c3d(path, AXES)
-    outputs, markers = recording.model_outputs, recording.markers
+    outputs = read_c3d(path, AXES).model_outputs
     oracle = ezc3d.c3d(str(path))
     labels = oracle["parameters"]["POINT"]["LABELS"]["value"]
     for name in ("LKneeAngles", "RKneeMoment", "LHipPower", "LGroundReactionForce", "PELO"):
@@ -50,14 +49,6 @@ def test_markers_channels_and_untouched_outputs_of_other_programs_equal_ezc3d(sh
         valid = ~np.isnan(outputs[name])
         np.testing.assert_array_equal(outputs[name][valid], expected[valid])
         assert valid.any()
-    at = [labels.index(name) for name in markers.names]
-    theirs = oracle["data"]["points"][:3, at].transpose(2, 1, 0) / 1000
-    seen = ~np.isnan(markers.position)
-    np.testing.assert_allclose(markers.position[seen], theirs[seen], rtol=1e-6)
-    names = oracle["parameters"]["ANALOG"]["LABELS"]["value"]
-    for label in recording.analog.names:
-        theirs = oracle["data"]["analogs"][0, names.index(label)]
-        np.testing.assert_allclose(recording.analog.channel(label), theirs, rtol=1e-6, atol=1e-9)
 
 
 def test_foot_strikes_follow_the_rise_of_the_force_within_two_frames(shared_data):

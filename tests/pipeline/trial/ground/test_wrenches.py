@@ -10,7 +10,6 @@ from hbm.notes import Note
 from hbm.signals.filtering import butterworth
 from hbm.signals.resampling import resample
 from pipeline.config.schema import Platform, Treadmill
-from pipeline.io.recording import Analog
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from tests.pipeline import lab
@@ -148,13 +147,6 @@ def test_a_platform_marker_that_is_lost_leaves_a_gap_only_below_three(walker, mo
     assert Note.of("platform_pose_unknown", unknown=10, frames=1200) in found_notes
 
 
-def without(recording, *channels):
-    analog = recording.analog
-    kept = [k for k, name in enumerate(analog.names) if name not in channels]
-    names, units = (tuple(x[k] for k in kept) for x in (analog.names, analog.units))
-    return replace(recording, analog=Analog(analog.time, names, units, analog.values[:, kept]))
-
-
 def in_volts(recording):
     analog = recording.analog
     units = ("V",) * len(analog.names)
@@ -164,7 +156,11 @@ def in_volts(recording):
 @pytest.mark.parametrize(
     ("change", "platform", "message"),
     [
-        (lambda r: without(r, "A2Z"), ON_MARKERS, "no analog channel 'A2Z'; present: Acc1.X"),
+        (
+            lambda r: lab.without_channels(r, "A2Z"),
+            ON_MARKERS,
+            "no analog channel 'A2Z'; present: Acc1.X",
+        ),
         (in_volts, ON_MARKERS, "channel 'Acc1.X': unknown acceleration unit 'V', expected g"),
         (lambda r: r, Platform(markers=("PF1", "PF2", "PF9")), "platform markers PF9 are not in"),
         (
