@@ -20,10 +20,12 @@ from pipeline.config.study import Study
 from pipeline.config.toml_file import read_segments
 from pipeline.io.recording import Event, Recording
 from pipeline.trial.checks import check_markers, check_motion, check_plates, other_person
+from pipeline.trial.gait.carried import places_of
 from pipeline.trial.gait.contact import contact_notes
 from pipeline.trial.gait.cycles import found_cycles
 from pipeline.trial.gait.detection import EventSources, detect_events, foot_motion
 from pipeline.trial.gait.events import (
+    SIDES,
     TIMED_BY_PLATES,
     agreement_with_plates,
     check_events,
@@ -31,6 +33,7 @@ from pipeline.trial.gait.events import (
 )
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import BoundLaboratory, Laboratory, bind
+from pipeline.trial.ground.plate_faults import Witnesses, plate_faults, weight_of_steps
 from pipeline.trial.ground.uncertainty import uncertainty_notes
 from pipeline.trial.ground.wrenches import Ground, ground_wrenches, plate_loads
 from pipeline.trial.quality import NO_SUPPORT, carried_notes, free_of, settling_s
@@ -54,7 +57,6 @@ from pipeline.trial.subject import (
     ON_PLATES,
     BodyMass,
     body_mass,
-    carried_mass,
     differing_masses,
     subject_body,
 )
@@ -174,6 +176,21 @@ def process_recording(
     notes += uncertainty_notes(uncertainty.residual[counts]) if uncertainty else ()
     notes += carried_notes(quality, motion.time, loads.need, loads.measured)
 
+    # plates: each by itself, against its raw samples, the motion and the feet
+    witnesses = Witnesses.of(
+        motion.time,
+        ground.variants[ground.best],
+        loads.dynamics[ground.best].residual,
+        motion.q[:, :3],
+        counts,
+        places_of(body, pose.solved.q),
+        [body.lengths[f"{side}_foot"] for side in SIDES],
+        body.mass * GRAVITY_MPS2,
+        settings.cutoff_hz,
+        settings.filter,
+    )
+    notes += plate_faults(recording.plates, witnesses, still=ground.pose is None)
+
     # gait: events, the cycles that count, and the delay that the residuals show
     events = _events(lab, body, pose, ground, loads, quality, notes, settings)
     counted = what_counts(
@@ -187,7 +204,7 @@ def process_recording(
         notes,
         settings.min_valid_share,
     )
-    carried_kg = carried_mass(motion.time, loads.measured, counted.usable, counts)
+    carried_kg = weight_of_steps(witnesses)
     notes += differing_masses(mass.known_kg, carried_kg)
     delay_s, delay_uncertainty_s = plate_delay(loads, ground.best, counts, settings, notes)
     if static is not None:

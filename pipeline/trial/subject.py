@@ -125,7 +125,7 @@ MIN_WHOLE_SHARE: Final = 0.9
 """Of that mean, or of the mass in a file: plates that carry less do not carry the whole subject."""
 MAX_MASS_DIFFERENCE: Final = 0.03
 """Of the smallest: more than clothes, shoes, a meal and a plate's gain error together."""
-ON_PLATES: Final = "on the plates over gait cycles"
+ON_PLATES: Final = "on the plates over steps"
 MIN_HEIGHT_M: Final = 0.5
 MAX_HEIGHT_M: Final = 2.6
 """Bounds of stature that the body builder takes; a file that says otherwise has another unit."""
@@ -208,7 +208,8 @@ def differing_masses(known_kg: Mapping[str, float], carried_kg: float | None) ->
     known_kg
         Where a mass comes from -> that mass; the one that is used is the first.
     carried_kg
-        What the plates carry over gait cycles, as `carried_mass` gives it.
+        What the plates carry over steps, as
+        `pipeline.trial.ground.plate_faults.weight_of_steps` gives it.
 
     Returns
     -------
@@ -274,33 +275,6 @@ def _nothing_known(name: str, recordings: tuple[Recording, ...]) -> str:
         f"{name}: mass missing: {why}; state the mass (--mass-kg, mass_kg of the subject)"
         f"{hint if mean_kg > MIN_MASS_KG else ''}"
     )
-
-
-def carried_mass(
-    time: Array, vertical: Array, cycles: Mapping[str, Array], valid: Mask
-) -> float | None:
-    """Give the mass that the plates carry over whole gait cycles, to compare a stated one with.
-
-    Parameters
-    ----------
-    time
-        (T,) [s].
-    vertical
-        Vertical force of all plates on the subject, filtered, (T,) [N].
-    cycles
-        Side -> start and stop of each gait cycle, (C, 2) [s].
-    valid
-        Frames in which the plates carry the subject, (T,).
-
-    Returns
-    -------
-    float or None
-        Mean vertical force by gravity, over those cycles of either side in which the plates carry
-        the subject throughout: over whole cycles a body gains no vertical speed. None without any.
-    """
-    edges = [np.searchsorted(time, span) for spans in cycles.values() for span in spans]
-    carried = [vertical[a:b] for a, b in edges if a < b and valid[a:b].all()]
-    return float(np.concatenate(carried).mean()) / GRAVITY_MPS2 if carried else None
 
 
 EXPECTED_HIP_DISTANCE_M: Final = 0.03
