@@ -27,6 +27,7 @@ from pipeline.config.input_model import (
     InputModel,
     Labels,
     LengthUnit,
+    MendingText,
     Name,
     PlateUnitsText,
     PointM,
@@ -120,6 +121,8 @@ class RecordingRules(InputModel):
     plate_units: PlateUnitsText | None = Field(default=None, examples=["N,Nmm"])
     """Units of the plates' forces, moments and, where given, centres of pressure, e.g. N,Nmm or
     N,Nmm,mm; default: the files'."""
+    mend_plates: tuple[MendingText, ...] = Field(default=(), examples=[["2: turn 90"]])
+    """Mend a plate: '3: reverse Fx', '2: turn 90', '1: exchange 2', '2: unwrap Mz'; repeatable."""
     label_prefix: Text | None = Field(default=None, examples=["S01"])
     """Label prefix of the subject, or its number, where several carry the same labels."""
     marker_stream: Text | None = Field(default=None, examples=["Cameras"])

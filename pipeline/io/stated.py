@@ -49,6 +49,8 @@ class Stated:
     rename
         Label in the files, without subject prefix -> label wanted. A label that a file does not
         have is a note.
+    mend_plates
+        What is done to single plates, such as "2: turn 90" (`pipeline.io.mended_plates`).
     label_prefix
         Prefix of the subject wanted, or its number, where several carry the same labels.
     units
@@ -76,6 +78,7 @@ class Stated:
     plate_units: str | None = None
     marker_set: MarkerSet | None = field(default=None, hash=False)
     marker_stream: str | None = None
+    mend_plates: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "rename", MappingProxyType(dict(self.rename)))

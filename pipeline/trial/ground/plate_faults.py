@@ -30,6 +30,7 @@ from hbm.spatial import (
     rotate_wrench,
     shift_wrench,
 )
+from pipeline.io.mended_plates import reversing, turning
 from pipeline.io.recording import Plate
 from pipeline.trial.checks import rest_level
 
@@ -38,6 +39,8 @@ NEAR_SAMPLES: Final = 8
 JUMP: Final = 12.0
 """By the upper quartile of the changes near it. The onset of a load is up to 6 times as steep, as
 the low-pass before the converter spreads it over some samples."""
+ISOLATED: Final = 4.0
+"""By the change in the same direction in the sample before or after it: an impact lasts longer."""
 MIN_JUMP: Final = np.array([0.08, 0.08, 0.15, 0.012, 0.012, 0.012])
 """Of body weight, of body weight × 1 m for moments: smaller ones hardly change a residual."""
 FULL_RANGE: Final = 1.06
@@ -73,7 +76,12 @@ def find_jumps(channel: Array, least: float) -> Jumps:
     usual = percentile_filter(np.abs(change), 75, size=span, mode="nearest")
     known = (channel[1:] != 0) & (channel[:-1] != 0)
     at = np.flatnonzero(known & (np.abs(change) > np.maximum(least, JUMP * usual)))
-    return Jumps(at, change[at], len(at) > 0 and _wraps(channel, change[at], least))
+    if len(at) and _wraps(channel, change[at], least):
+        return Jumps(at, change[at], True)
+    same = np.maximum(np.sign(change[1:]) * change[:-1], 0.0), np.sign(change[:-1]) * change[1:]
+    beside = np.maximum(np.append(0.0, same[0]), np.append(np.maximum(same[1], 0.0), 0.0))
+    at = at[np.abs(change[at]) > ISOLATED * beside[at]]
+    return Jumps(at, change[at], False)
 
 
 def _wraps(channel: Array, jumps: Array, least: float) -> bool:
@@ -246,23 +254,12 @@ MAX_LEFT: Final = 0.4
 """Of the misfit, that the other state may leave: it has to explain what is wrong."""
 
 
-def _states() -> dict[str, Array]:
-    """Give what may have happened to the channels of a plate, (6, 6): it undoes it."""
-    states = {"": np.eye(6)}
-    for turn in (90, 180, 270):
-        angle = np.radians(turn)
-        cos, sin = round(np.cos(angle)), round(np.sin(angle))
-        about_z = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
-        states[f"turn {turn}"] = np.kron(np.eye(2), about_z)
-    for k, component in enumerate(WRENCH_COMPONENTS):
-        flipped = np.eye(6)
-        flipped[k, k] = -1
-        states[f"reverse {component}"] = flipped
-    states["reverse all"] = -np.eye(6)
-    return states
-
-
-STATES: Final = _states()
+STATES: Final[dict[str, Array]] = {
+    "": np.eye(6),
+    **{f"turn {degrees}": turning(degrees) for degrees in (90, 180, 270)},
+    **{f"reverse {what}": reversing(what) for what in (*WRENCH_COMPONENTS, "all")},
+}
+"""What may have to be done to the channels of a plate, as `pipeline.io.mended_plates` does it."""
 
 
 def misfit(
@@ -592,19 +589,23 @@ def plate_faults(plates: Sequence[Plate], witnesses: Witnesses, *, still: bool) 
     states, pairs = find_states(plates, witnesses, stances)
     for one, other in pairs:
         first, second = plates[one].number, plates[other].number
-        notes.append(Note.of("plates_exchanged", first=first, second=second))
+        remedy = _remedy(first, f"exchange {second}")
+        notes.append(Note.of("plates_exchanged", first=first, second=second, remedy=remedy))
         explained |= {one, other}
     for k, state in states.items():
         if k not in explained:
             kind, what = state.split()
             code = "plate_turned" if kind == "turn" else "plate_reversed"
-            notes.append(Note.of(code, plate=plates[k].number, what=what))
+            remedy = _remedy(plates[k].number, state)
+            notes.append(Note.of(code, plate=plates[k].number, what=what, remedy=remedy))
             explained.add(k)
     for gain in find_gains(plates, witnesses, explained):
         explained.add(gain.plate)
         if gain.share < 0:
             what = WRENCH_COMPONENTS[gain.axis]
-            notes.append(Note.of("plate_reversed", plate=plates[gain.plate].number, what=what))
+            number = plates[gain.plate].number
+            remedy = _remedy(number, f"reverse {what}")
+            notes.append(Note.of("plate_reversed", plate=number, what=what, remedy=remedy))
             continue
         along = np.abs(plates[gain.plate].rotation[:, gain.axis])
         notes.append(
@@ -632,6 +633,11 @@ def plate_faults(plates: Sequence[Plate], witnesses: Witnesses, *, still: bool) 
     return notes
 
 
+def _remedy(number: int, what: str) -> str:
+    """Give what to state, in a study and as an option."""
+    return f'mend_plates = ["{number}: {what}"] (--mend-plates "{number}: {what}")'
+
+
 def _jump_notes(plate: Plate, weight_n: float) -> list[Note]:
     """Name the channels of a plate that wrap, and those that jump."""
     found = {
@@ -648,5 +654,8 @@ def _jump_notes(plate: Plate, weight_n: float) -> list[Note]:
             first = min(int(each.at[0]) for each in these.values())
             count = sum(len(each.at) for each in these.values())
             values = {"sizes": sizes, "first_s": plate.time[first], "jumps": count}
+            if wraps:
+                unwrap = [_remedy(plate.number, f"unwrap {name}") for name in these]
+                values["remedy"] = " and ".join(unwrap)
             notes.append(Note.of(code, plate=plate.number, **values))
     return notes

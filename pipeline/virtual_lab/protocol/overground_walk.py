@@ -142,7 +142,7 @@ def simulate_overground(
                     )
                 ]
             ),
-            metadata=Metadata(person.name, subject.marker_set, height_m=person.height_m),
+            metadata=Metadata(height_m=person.height_m),
         )
 
     standing = np.mean([subject.soles[side].standing for side in SIDES], axis=0) * [1, 1, 0]
@@ -172,8 +172,8 @@ def _under(walk: Walk, side: str, time: Array, shift: Array, centers: Array) -> 
         place = walk.placement.soles[side].standing[:2] if standing else _middle(walk, int(step))
         middle[number == step] = place
     away = np.abs(middle[:, None] - shift[:2] - centers[:, :2])
-    within = (away <= np.array(PLATE_M) / 2).all(axis=2)
-    return np.where(within.any(axis=1), within.argmax(axis=1), -1)
+    within = np.all(away <= np.array(PLATE_M) / 2, axis=2)
+    return np.asarray(np.where(np.any(within, axis=1), np.argmax(within, axis=1), -1))
 
 
 def _markers(walk: Walk, frames: Array, cameras: CameraFaults, rng: np.random.Generator) -> Array:
