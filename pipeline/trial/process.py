@@ -27,7 +27,13 @@ from pipeline.trial.gait.detection import detect_events, foot_motion, plate_even
 from pipeline.trial.gait.events import SIDES, check_events, reference_events
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import BoundLaboratory, Laboratory, bind
-from pipeline.trial.ground.plate_faults import Witnesses, plate_faults, weight_of_steps
+from pipeline.trial.ground.plate_faults import (
+    Witnesses,
+    misweigh,
+    plate_faults,
+    weight_of_steps,
+    without_explained,
+)
 from pipeline.trial.ground.uncertainty import uncertainty_notes
 from pipeline.trial.ground.wrenches import Ground, ground_wrenches, plate_loads
 from pipeline.trial.quality import NO_SUPPORT, carried_notes, free_of, settling_s
@@ -184,7 +190,10 @@ def process_recording(
         settings.cutoff_hz,
         settings.filter,
     )
-    notes += plate_faults(recording.plates, witnesses, still=ground.pose is None)
+    faults = plate_faults(recording.plates, witnesses, still=ground.pose is None)
+    notes = [*without_explained(notes, faults), *faults]
+    carried_kg = None if misweigh(faults) else weight_of_steps(witnesses)
+    notes += differing_masses(mass.known_kg, carried_kg)
 
     # gait: events, the cycles that count, and the delay that the residuals show
     events = _events(lab, body, pose, ground, loads, quality, notes, settings)
@@ -199,8 +208,6 @@ def process_recording(
         notes,
         settings.min_valid_share,
     )
-    carried_kg = weight_of_steps(witnesses)
-    notes += differing_masses(mass.known_kg, carried_kg)
     delay_s, delay_uncertainty_s = plate_delay(loads, ground.best, counts, settings, notes)
     if static is not None:
         known_kg = {**mass.known_kg, **({ON_PLATES: carried_kg} if carried_kg else {})}

@@ -28,7 +28,7 @@ from tests.recordings import recorded
 
 CODES = {
     *("plate_wraps", "plate_jumps", "plates_exchanged", "plate_turned", "plate_reversed"),
-    *("plate_elsewhere", "plate_askew", "plate_gain", "mass_differs"),
+    *("plate_elsewhere", "plate_askew", "plate_gain", "mass_differs", "pressure_far_from_feet"),
 }
 UP = np.array([0.0, 0.0, 1.0])
 SPEEDS_MPS = (1.0, 1.2, 1.4, 1.6)
@@ -76,10 +76,8 @@ def real(data: Path) -> Iterator[Base]:
             known = {"subject": Subject(), "static": read_recording(pose, Stated())}
             yield Base(child + trial, walk, known)
     steps, known = recorded.steps(data)
-    chosen = recorded.marker_set(recorded.TESTS / "trunk_ends" / "plug_in_gait.toml")
-    # its four plates read 36 N in all without anybody on them: the mass is what is left
-    known |= {"marker_set": chosen, "subject": Subject(mass_kg=88.5, height_m=1.679, sex="male")}
-    yield Base("steps", steps, known)
+    chosen = recorded.marker_set(recorded.TESTS / "recordings" / "plug_in_gait.toml")
+    yield Base("steps", steps, known | {"marker_set": chosen})
 
 
 def virtual(count: int, first: int = 0) -> Iterator[Base]:

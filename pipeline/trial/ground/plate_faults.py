@@ -633,6 +633,21 @@ def plate_faults(plates: Sequence[Plate], witnesses: Witnesses, *, still: bool) 
     return notes
 
 
+EXPLAINED: Final = {"pressure_far_from_feet", "carried_in_part"}
+"""Notes that say less than those of single plates."""
+RAW: Final = {"plate_wraps", "plate_jumps", "plate_reversed"}
+
+
+def without_explained(notes: Sequence[Note], faults: Sequence[Note]) -> list[Note]:
+    """Leave out what the faults of plates explain."""
+    return [note for note in notes if not (faults and note.code in EXPLAINED)]
+
+
+def misweigh(faults: Sequence[Note]) -> bool:
+    """Whether plates have faults with which steps do not weigh the body."""
+    return any(note.code in RAW or note.values.get("component") == "Fz" for note in faults)
+
+
 def _remedy(number: int, what: str) -> str:
     """Give what to state, in a study and as an option."""
     return f'mend_plates = ["{number}: {what}"] (--mend-plates "{number}: {what}")'
