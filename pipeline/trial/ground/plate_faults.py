@@ -247,10 +247,10 @@ ERRORS: Final = np.array([0.03, 0.03, 0.05, 0.008])
 about the vertical: forward, sideways, upward, and that moment."""
 PLACE_ERROR_M: Final = 0.03
 """Of the pressure, by motion or foot."""
-LEAST_GAIN: Final = 30.0
+LEAST_GAIN: Final = 15.0
 """By which another state of a plate has to be more likely (its logarithm, twice). Healthy plates
-reach 12."""
-MAX_LEFT: Final = 0.4
+reach 4."""
+MAX_LEFT: Final = 0.45
 """Of the misfit, that the other state may leave: it has to explain what is wrong."""
 
 
@@ -342,13 +342,13 @@ def _better(before: float, after: float) -> bool:
 
 # Gains of single channels
 
-SHEAR_ERROR: Final = 0.015
+SHEAR_ERROR: Final = 0.012
 LOAD_ERROR: Final = 0.012
 """Standard deviation of what a plate's force differs by from the motion's, by body weight, in the
 direction of the force itself."""
 MIN_SHEAR: Final = 0.05
 """RMS by body weight of a horizontal force that a plate is judged by."""
-SURE: Final = 3.3
+SURE: Final = 2.7
 """Standard deviations: with a dozen channels in a trial, one healthy trial of a hundred."""
 MIN_OFF: Final = np.array([0.25, 0.25, 0.05])
 """Smallest error of a gain that is named."""
@@ -420,13 +420,13 @@ def find_gains(plates: Sequence[Plate], witnesses: Witnesses, left_out: set[int]
 
 # Places of plates
 
-OWN: Final = {"motion": (0.011, 0.0065, 9.0), "feet": (0.018, 0.010, 9.0)}
-COMMON: Final = {"motion": (0.020, 0.012, 5.0), "feet": (0.028, 0.024, 9.0)}
+OWN: Final = {"motion": (0.009, 0.0055, 9.0), "feet": (0.015, 0.008, 9.0)}
+COMMON: Final = {"motion": (0.018, 0.011, 5.0), "feet": (0.025, 0.022, 9.0)}
 """Standard deviations of the pressure that motion and feet show beside that of a plate: along and
 across the foot [m], and of the direction of the shear, or of the path of the pressure [°]; of each
 plate, and common to all of a trial."""
 MIN_PLACE: Final = (0.02, 0.02, 8.0)
-SURE_PLACE: Final = 3.3
+SURE_PLACE: Final = 2.9
 """Standard deviations."""
 
 
@@ -442,9 +442,11 @@ class Place(NamedTuple):
 def find_places(witnesses: Witnesses, stances: Sequence[Stance], left_out: set[int]) -> list[Place]:
     """Find plates that are not where they are said to be, along, across, or in direction."""
     rows = list(_place_rows(witnesses, stances))
-    found = []
-    for axis in range(3):
-        mine = [row for row in rows if np.isfinite(row[3][axis]) and row[1] not in left_out]
+    found, askew = list[Place](), set[int]()
+    for axis in (2, 0, 1):
+        askew |= {place.plate for place in found if place.axis == 2}
+        mine = [row for row in rows if np.isfinite(row[3][axis])]
+        mine = [row for row in mine if row[1] not in left_out | askew]
         while mine:
             kinds = np.array([row[0] for row in mine])
             of = np.array([row[1] for row in mine])
@@ -556,7 +558,7 @@ def weight_of_steps(witnesses: Witnesses) -> float | None:
 # All of them
 
 AXES: Final = ("forward", "sideways", "vertical")
-DIRECTIONS: Final = ("ahead of", "to the left of")
+DIRECTIONS: Final = ("ahead", "left")
 
 
 def plate_faults(plates: Sequence[Plate], witnesses: Witnesses, *, still: bool) -> list[Note]:
@@ -619,17 +621,18 @@ def plate_faults(plates: Sequence[Plate], witnesses: Witnesses, *, still: bool) 
                 high=gain.high,
             )
         )
-    for place in find_places(witnesses, stances, explained):
-        number = plates[place.plate].number
-        explained.add(place.plate)
-        if place.axis == 2:
-            turn = {"turn_deg": place.off, "interval_deg": place.interval}
+    found = find_places(witnesses, stances, explained)
+    for k in dict.fromkeys(place.plate for place in found):
+        off = {place.axis: place for place in found if place.plate == k}
+        number = plates[k].number
+        if 2 in off:
+            turn = {"turn_deg": off[2].off, "interval_deg": off[2].interval}
             notes.append(Note.of("plate_askew", plate=number, **turn))
         else:
-            side = ("behind", "to the right of")[place.axis]
-            direction = DIRECTIONS[place.axis] if place.off > 0 else side
-            off = {"off_m": abs(place.off), "interval_m": place.interval}
-            notes.append(Note.of("plate_elsewhere", plate=number, direction=direction, **off))
+            off_m = {DIRECTIONS[axis]: place.off for axis, place in off.items()}
+            interval_m = max(place.interval for place in off.values())
+            values = {"off_m": off_m, "interval_m": interval_m}
+            notes.append(Note.of("plate_elsewhere", plate=number, **values))
     return notes
 
 

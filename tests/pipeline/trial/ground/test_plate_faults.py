@@ -133,8 +133,7 @@ def test_a_weak_channel_is_sized(laboratory):
 def test_a_plate_that_lies_elsewhere_is_sized(laboratory):
     (note,) = doubts(laboratory, moved(laboratory.walk, 1, np.array([0.0, 0.08, 0.0])))
     assert (note.code, note.values["plate"]) == ("plate_elsewhere", 2)
-    assert note.values["direction"] == "to the left of"
-    assert abs(note.values["off_m"] - 0.08) < note.values["interval_m"]
+    assert note.values["off_m"] == {"left": pytest.approx(0.08, abs=note.values["interval_m"])}
 
 
 @pytest.mark.parametrize(
