@@ -1,6 +1,8 @@
 """One trial from recording to residuals: the whole method, top to bottom."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 
 from hbm.body import Body
 from hbm.engines.engine import choose_engine
@@ -55,8 +57,10 @@ from pipeline.trial.study_files import (
 )
 from pipeline.trial.subject import (
     ON_PLATES,
+    MassUnknownError,
     body_mass,
     differing_masses,
+    roughly_weighed,
     subject_body,
 )
 from pipeline.trial.window import WantedWindow, what_counts
@@ -142,7 +146,26 @@ def process_recording(
     # body: segments and joints from the calibration pose, scaled by mass and stature
     if marker_set is None and settings.marker_set is None:
         marker_set = recognise_marker_set(standing.markers.names)
-    mass = body_mass(subject, standing, recording)
+    try:
+        mass = body_mass(subject, standing, recording)
+    except MassUnknownError as unknown:
+        rough = subject.model_copy(update={"mass_kg": roughly_weighed(recording, unknown)})
+        again = partial(
+            process_recording,
+            recording,
+            settings=settings,
+            static=static,
+            static_window_s=static_window_s,
+            hip_trial=hip_trial,
+            segments=segments,
+            marker_set=marker_set,
+            laboratory=laboratory,
+            condition=condition,
+            window=window,
+            contacts=contacts,
+            jobs=jobs,
+        )
+        return _weighed_by_steps(again, again(rough), unknown)
     body = subject_body(
         standing,
         subject,
@@ -193,6 +216,8 @@ def process_recording(
     faults = plate_faults(recording.plates, witnesses, still=ground.pose is None)
     notes = [*without_explained(notes, faults), *faults]
     carried_kg = None if misweigh(faults) else weight_of_steps(witnesses)
+    if carried_kg is not None:
+        notes.append(Note.of("mass_carried", mass_kg=carried_kg))
     notes += differing_masses(mass.known_kg, carried_kg)
 
     # gait: events, the cycles that count, and the delay that the residuals show
@@ -311,6 +336,20 @@ def process_trial(
             contacts=trial.contacts,
             jobs=jobs,
         )
+
+
+def _weighed_by_steps(
+    again: Callable[[Subject], TrialResult], rough: TrialResult, unknown: MassUnknownError
+) -> TrialResult:
+    """Process a trial once more with the mass that its steps show, where nothing else tells it."""
+    carried = [note for note in rough.notes if note.code == "mass_carried"]
+    if not carried:
+        raise unknown
+    mass_kg = float(str(carried[0].values["mass_kg"]))
+    result = again(rough.subject.model_copy(update={"mass_kg": mass_kg}))
+    by_steps = Note.of("mass_by_steps", mass_kg=mass_kg)
+    notes = (by_steps if note.code == "mass_stated" else note for note in result.notes)
+    return replace(result, notes=tuple(notes))
 
 
 def _require_plates(recording: Recording) -> None:

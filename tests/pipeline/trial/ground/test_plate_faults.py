@@ -101,6 +101,26 @@ def test_healthy_plates_are_not_doubted(laboratory):
     assert doubts(laboratory, laboratory.walk) == []
 
 
+def test_a_mass_that_nothing_tells_is_weighed_by_steps(laboratory):
+    """Over the steps on three plates, to 1 %; the pose is recorded beside them."""
+    beside = replace(laboratory.static, plates=())
+    result = process_recording(laboratory.walk, Subject(sex="male"), Settings(), static=beside)
+    person = laboratory.subject.person
+    assert result.body.mass == pytest.approx(person.mass_kg, rel=0.01)
+    codes = {note.code for note in result.notes}
+    assert "mass_by_steps" in codes
+    assert "mass_stated" not in codes
+    stated = process_recording(
+        laboratory.walk,
+        Subject(sex="male", mass_kg=0.83 * person.mass_kg),
+        Settings(),
+        static=beside,
+    )
+    (differs,) = [note for note in stated.notes if note.code == "mass_differs"]
+    steps_kg = [*differs.values["known_kg"].values()][-1]
+    assert steps_kg == pytest.approx(person.mass_kg, rel=0.01)
+
+
 @pytest.mark.parametrize(
     ("code", "fault"),
     [
