@@ -76,6 +76,8 @@ def real(data: Path) -> Iterator[Base]:
             walk = read_recording(folder / f"{child}{trial}.c3d", Stated(), static=pose)
             known = {"subject": Subject(), "static": read_recording(pose, Stated())}
             yield Base(child + trial, walk, known)
+    walk, known = recorded.two_plates(data)
+    yield Base("two plates", walk, known | {"subject": Subject(mass_kg=63.7)})
     steps, known = recorded.steps(data)
     chosen = recorded.marker_set(recorded.TESTS / "recordings" / "plug_in_gait.toml")
     yield Base("steps", steps, known | {"marker_set": chosen})
