@@ -2,12 +2,13 @@
 
 import re
 from dataclasses import replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
+from scipy.ndimage import percentile_filter
 
 from hbm.notes import Note
-from hbm.spatial import WRENCH_COMPONENTS, Array
+from hbm.spatial import WRENCH_COMPONENTS, Array, Indices
 from hbm.spelling import short
 from pipeline.io.recording import Plate, Recording
 
@@ -18,10 +19,63 @@ MENDING: Final = re.compile(
 )
 EXAMPLES: Final = "3: reverse Fx, 2: turn 90, 1: exchange 2, or 2: unwrap Mz"
 
-MOST: Final = 0.8
-"""Of the largest change between two samples: the others that large are wraps too."""
-MAX_RANGE: Final = 1.3
-"""Of a channel, by what it jumps where it wraps; the load itself changes meanwhile."""
+NEAR_SAMPLES: Final = 8
+"""Samples on both sides of a jump that show how fast the load changes without it."""
+JUMP: Final = 12.0
+"""By the upper quartile of the changes near it. The onset of a load is up to 6 times as steep, as
+the low-pass before the converter spreads it over some samples."""
+ISOLATED: Final = 4.0
+"""By the change in the same direction in the sample before or after it: an impact lasts longer."""
+FULL_RANGE: Final = 1.06
+"""Largest range of a channel by its jumps, where these are wraps: between two samples the load
+itself changes too."""
+
+
+class Jumps(NamedTuple):
+    """Samples of one channel between which no foot can change its load.
+
+    Attributes
+    ----------
+    at
+        Sample before each jump, (J,).
+    size
+        Of each, signed, (J,) [N or N·m].
+    wraps
+        Whether a converter or a counter overflows: unwrapping removes the jumps.
+    """
+
+    at: Indices
+    size: Array
+    wraps: bool
+
+
+def find_jumps(channel: Array, least: float = 0.0) -> Jumps:
+    """Find the jumps of a raw channel, (N,), of at least a size [N or N·m].
+
+    Samples that are exactly zero are lost or gated, and no jump begins or ends there.
+    """
+    change = np.diff(channel)
+    if not (np.abs(change) > least).any():
+        return Jumps(np.zeros(0, int), np.zeros(0), False)
+    span = 2 * NEAR_SAMPLES + 1
+    usual = percentile_filter(np.abs(change), 75, size=span, mode="nearest")
+    known = (channel[1:] != 0) & (channel[:-1] != 0)
+    at = np.flatnonzero(known & (np.abs(change) > np.maximum(least, JUMP * usual)))
+    if len(at) and _wraps(channel, change[at], least):
+        return Jumps(at, change[at], True)
+    same = np.maximum(np.sign(change[1:]) * change[:-1], 0.0), np.sign(change[:-1]) * change[1:]
+    beside = np.maximum(np.append(0.0, same[0]), np.append(np.maximum(same[1], 0.0), 0.0))
+    at = at[np.abs(change[at]) > ISOLATED * beside[at]]
+    return Jumps(at, change[at], False)
+
+
+def _wraps(channel: Array, jumps: Array, least: float) -> bool:
+    """Tell whether a channel overflows: it jumps by its full range, and not once unwrapped."""
+    period = float(np.median(np.abs(jumps)))
+    if np.ptp(channel) > FULL_RANGE * period:
+        return False
+    undone = np.unwrap(channel, period=period)
+    return not len(find_jumps(undone, least).at)
 
 
 def parse_mending(text: str) -> tuple[int, str, str]:
@@ -43,15 +97,16 @@ def with_mended_plates(recording: Recording) -> Recording:
     """Mend the plates of a recording as is stated of it; a note says what was done.
 
     Reversed, turned and unwrapped channels are those of the plate's own axes about the centre of
-    its surface. Exchanged plates keep their places and exchange what they measured.
+    its surface; one that does not wrap in this recording stays as it is. Exchanged plates keep
+    their places and exchange what they measured. A recording without plates stays as it is.
 
     Raises
     ------
     ValueError
-        A plate is not in the recording, or a channel that should be unwrapped never jumps.
+        A plate is not in the recording, which has others.
     """
     stated = recording.stated.mend_plates
-    if not stated:
+    if not stated or not recording.plates:
         return recording
     plates = {plate.number: plate for plate in recording.plates}
     for text in stated:
@@ -70,7 +125,7 @@ def with_mended_plates(recording: Recording) -> Recording:
         elif deed == "unwrap":
             wrench = np.array(plate.wrench_in_plate)
             k = WRENCH_COMPONENTS.index(what)
-            wrench[:, k] = _unwrapped(wrench[:, k], f"plate {number} {what}")
+            wrench[:, k] = _unwrapped(wrench[:, k])
             plates[number] = _measuring(plate, plate.time, wrench)
         else:
             change = turning(int(what)) if deed == "turn" else reversing(what)
@@ -83,13 +138,12 @@ def _measuring(plate: Plate, time: Array, wrench: Array) -> Plate:
     return replace(plate, time=time, wrench_in_plate=wrench)
 
 
-def _unwrapped(channel: Array, name: str) -> Array:
-    """Unwrap a channel that jumps by its full range."""
-    change = np.abs(np.diff(channel))
-    period = float(np.median(change[change >= MOST * change.max()]))
-    if period == 0 or np.ptp(channel) > MAX_RANGE * period:
-        raise ValueError(f"mend_plates: {name} does not wrap: it never jumps by its full range")
-    return np.asarray(np.unwrap(channel, period=period))
+def _unwrapped(channel: Array) -> Array:
+    """Unwrap a channel that wraps; another one stays as it is."""
+    jumps = find_jumps(channel)
+    if not jumps.wraps:
+        return channel
+    return np.asarray(np.unwrap(channel, period=float(np.median(np.abs(jumps.size)))))
 
 
 def turning(degrees: int) -> Array:

@@ -29,15 +29,15 @@ from pipeline.trial.gait.detection import detect_events, foot_motion, plate_even
 from pipeline.trial.gait.events import SIDES, check_events, reference_events
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import BoundLaboratory, Laboratory, bind
-from pipeline.trial.ground.plate_faults import (
+from pipeline.trial.ground.uncertainty import uncertainty_notes
+from pipeline.trial.ground.wrenches import Ground, ground_wrenches, plate_loads
+from pipeline.trial.plate_faults import (
     Witnesses,
     misweigh,
     plate_faults,
     weight_of_steps,
     without_explained,
 )
-from pipeline.trial.ground.uncertainty import uncertainty_notes
-from pipeline.trial.ground.wrenches import Ground, ground_wrenches, plate_loads
 from pipeline.trial.quality import NO_SUPPORT, carried_notes, free_of, settling_s
 from pipeline.trial.result import TrialResult
 from pipeline.trial.stages import (

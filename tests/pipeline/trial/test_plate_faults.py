@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.config.schema import Settings, Subject
-from pipeline.io.mended_plates import parse_mending, with_mended_plates
+from pipeline.io.mended_plates import find_jumps, parse_mending, with_mended_plates
 from pipeline.io.stated import Stated
-from pipeline.trial.ground.plate_faults import Witnesses, find_jumps, weight_of_steps
+from pipeline.trial.plate_faults import Witnesses, weight_of_steps
 from pipeline.trial.process import process_recording
 from pipeline.virtual_lab.protocol.overground_walk import simulate_overground
 from tests.campaign.plate_doubts import (
@@ -165,14 +165,27 @@ def test_what_cannot_be_mended_is_refused_with_what_can(text):
         parse_mending(text)
 
 
-def test_mending_refuses_a_plate_that_is_not_there_and_a_channel_that_does_not_wrap(laboratory):
+def mended(recording, *mending):
+    return with_mended_plates(replace(recording, stated=Stated(mend_plates=mending)))
+
+
+def test_mending_refuses_a_plate_that_is_not_there_beside_others(laboratory):
     for mending, message in {
         "4: turn 90": "no plate 4; the recording has plates 1, 2, 3",
         "1: exchange 7": "no plate 7",
-        "2: unwrap Fz": "plate 2 Fz does not wrap",
     }.items():
         with pytest.raises(ValueError, match=message):
-            with_mended_plates(replace(laboratory.walk, stated=Stated(mend_plates=(mending,))))
+            mended(laboratory.walk, mending)
+    beside = replace(laboratory.static, plates=())
+    assert mended(beside, "4: turn 90").plates == ()
+
+
+def test_unwrapping_leaves_channels_that_do_not_wrap(laboratory):
+    """The same is stated of trial and calibration pose, and a channel may wrap in one of them."""
+    every = [f"{k}: unwrap {name}" for k in (1, 2, 3) for name in ("Fx", "Fz", "Mx", "Mz")]
+    for recording in (laboratory.walk, laboratory.static):
+        for one, other in zip(mended(recording, *every).plates, recording.plates, strict=True):
+            assert np.array_equal(one.wrench_in_plate, other.wrench_in_plate)
 
 
 def test_a_constant_channel_neither_jumps_nor_wraps(laboratory):

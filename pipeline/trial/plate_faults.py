@@ -16,7 +16,6 @@ from itertools import combinations
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.ndimage import percentile_filter
 
 from hbm.notes import Note
 from hbm.signals.filtering import Method, low_pass
@@ -25,73 +24,16 @@ from hbm.spatial import (
     GRAVITY_MPS2,
     WRENCH_COMPONENTS,
     Array,
-    Indices,
     Mask,
     rotate_wrench,
     shift_wrench,
 )
-from pipeline.io.mended_plates import reversing, turning
+from pipeline.io.mended_plates import find_jumps, reversing, turning
 from pipeline.io.recording import Plate
 from pipeline.trial.checks import rest_level
 
-NEAR_SAMPLES: Final = 8
-"""Samples on both sides of a jump that show how fast the load changes without it."""
-JUMP: Final = 12.0
-"""By the upper quartile of the changes near it. The onset of a load is up to 6 times as steep, as
-the low-pass before the converter spreads it over some samples."""
-ISOLATED: Final = 4.0
-"""By the change in the same direction in the sample before or after it: an impact lasts longer."""
 MIN_JUMP: Final = np.array([0.08, 0.08, 0.15, 0.012, 0.012, 0.012])
 """Of body weight, of body weight × 1 m for moments: smaller ones hardly change a residual."""
-FULL_RANGE: Final = 1.06
-"""Largest range of a channel by its jumps, where these are wraps: between two samples the load
-itself changes too."""
-
-
-class Jumps(NamedTuple):
-    """Samples of one channel between which no foot can change its load.
-
-    Attributes
-    ----------
-    at
-        Sample before each jump, (J,).
-    size
-        Of each, signed, (J,) [N or N·m].
-    wraps
-        Whether a converter or a counter overflows: unwrapping removes the jumps.
-    """
-
-    at: Indices
-    size: Array
-    wraps: bool
-
-
-def find_jumps(channel: Array, least: float) -> Jumps:
-    """Find the jumps of a raw channel, (N,), of at least a size [N or N·m].
-
-    Samples that are exactly zero are lost or gated, and no jump begins or ends there.
-    """
-    change = np.diff(channel)
-    span = 2 * NEAR_SAMPLES + 1
-    usual = percentile_filter(np.abs(change), 75, size=span, mode="nearest")
-    known = (channel[1:] != 0) & (channel[:-1] != 0)
-    at = np.flatnonzero(known & (np.abs(change) > np.maximum(least, JUMP * usual)))
-    if len(at) and _wraps(channel, change[at], least):
-        return Jumps(at, change[at], True)
-    same = np.maximum(np.sign(change[1:]) * change[:-1], 0.0), np.sign(change[:-1]) * change[1:]
-    beside = np.maximum(np.append(0.0, same[0]), np.append(np.maximum(same[1], 0.0), 0.0))
-    at = at[np.abs(change[at]) > ISOLATED * beside[at]]
-    return Jumps(at, change[at], False)
-
-
-def _wraps(channel: Array, jumps: Array, least: float) -> bool:
-    """Tell whether a channel overflows: it jumps by its full range, and not once unwrapped."""
-    period = float(np.median(np.abs(jumps)))
-    if np.ptp(channel) > FULL_RANGE * period:
-        return False
-    undone = np.unwrap(channel, period=period)
-    return not len(find_jumps(undone, least).at)
-
 
 MIN_STANCE_S: Final = 0.25
 MAX_STANCE_S: Final = 1.5
