@@ -12,8 +12,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from hbm.spelling import printable
 from pipeline.io.axes import parse_axes
-from pipeline.io.mended_plates import parse_mending
-from pipeline.io.stated import parse_plate_units
+from pipeline.io.stated import parse_mending, parse_plate_units
 from pipeline.io.units import length_in_m
 
 MAX_NAME: Final = 64

@@ -121,7 +121,9 @@ class RecordingRules(InputModel):
     plate_units: PlateUnitsText | None = Field(default=None, examples=["N,Nmm"])
     """Units of the plates' forces, moments and, where given, centres of pressure, e.g. N,Nmm or
     N,Nmm,mm; default: the files'."""
-    mend_plates: tuple[MendingText, ...] = Field(default=(), examples=[["2: turn 90"]])
+    mend_plates: Annotated[tuple[MendingText, ...], Field(strict=False)] = Field(
+        default=(), examples=[["2: turn 90"]]
+    )
     """Mend a plate: '3: reverse Fx', '2: turn 90', '1: exchange 2', '2: unwrap Mz'; repeatable."""
     label_prefix: Text | None = Field(default=None, examples=["S01"])
     """Label prefix of the subject, or its number, where several carry the same labels."""

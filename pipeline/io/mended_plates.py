@@ -1,6 +1,5 @@
 """Plates mended as a person states it: channels reversed, turned, exchanged or unwrapped."""
 
-import re
 from dataclasses import replace
 from typing import Final, NamedTuple
 
@@ -9,15 +8,8 @@ from scipy.ndimage import percentile_filter
 
 from hbm.notes import Note
 from hbm.spatial import WRENCH_COMPONENTS, Array, Indices
-from hbm.spelling import short
 from pipeline.io.recording import Plate, Recording
-
-MENDING: Final = re.compile(
-    r"\s*(\d{1,2})\s*:\s*(?:(reverse)\s+([FM][xyz]|all)|(turn)\s+(90|180|270)"
-    r"|(exchange)\s+(\d{1,2})|(unwrap)\s+([FM][xyz]))\s*",
-    re.ASCII,
-)
-EXAMPLES: Final = "3: reverse Fx, 2: turn 90, 1: exchange 2, or 2: unwrap Mz"
+from pipeline.io.stated import parse_mending
 
 NEAR_SAMPLES: Final = 8
 """Samples on both sides of a jump that show how fast the load changes without it."""
@@ -29,6 +21,9 @@ ISOLATED: Final = 4.0
 FULL_RANGE: Final = 1.06
 """Largest range of a channel by its jumps, where these are wraps: between two samples the load
 itself changes too."""
+
+MOST: Final = 0.8
+"""Of a jump: other changes as large are jumps too, also where noise crosses the limit often."""
 
 
 class Jumps(NamedTuple):
@@ -72,25 +67,11 @@ def find_jumps(channel: Array, least: float = 0.0) -> Jumps:
 def _wraps(channel: Array, jumps: Array, least: float) -> bool:
     """Tell whether a channel overflows: it jumps by its full range, and not once unwrapped."""
     period = float(np.median(np.abs(jumps)))
-    if np.ptp(channel) > FULL_RANGE * period:
+    back_and_forth = np.count_nonzero(np.abs(np.diff(channel)) > MOST * period) > 1
+    if not back_and_forth or np.ptp(channel) > FULL_RANGE * period:
         return False
     undone = np.unwrap(channel, period=period)
     return not len(find_jumps(undone, least).at)
-
-
-def parse_mending(text: str) -> tuple[int, str, str]:
-    """Parse what is done to one plate: its number, the deed, and with what.
-
-    Examples
-    --------
-    >>> parse_mending("2: turn 90")
-    (2, 'turn', '90')
-    """
-    match = MENDING.fullmatch(text)
-    if match is None:
-        raise ValueError(f"a plate is mended by such as {EXAMPLES}; got {short(text)!r}")
-    number, deed, what = (part for part in match.groups() if part is not None)
-    return int(number), deed, what
 
 
 def with_mended_plates(recording: Recording) -> Recording:

@@ -1,5 +1,6 @@
 """What a person states about files; it is used instead of what a file says or leaves out."""
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -21,6 +22,29 @@ STATE_PLATE_UNITS: Final = 'state them: --plate-units N,Nmm, or plate_units = "N
 MIN_SPAN_M: Final = 0.05
 MAX_SPAN_M: Final = 20.0
 """Between the markers of a person and a treadmill, or of a walkway."""
+
+
+MENDING: Final = re.compile(
+    r"\s*(\d{1,2})\s*:\s*(?:(reverse)\s+([FM][xyz]|all)|(turn)\s+(90|180|270)"
+    r"|(exchange)\s+(\d{1,2})|(unwrap)\s+([FM][xyz]))\s*",
+    re.ASCII,
+)
+EXAMPLES: Final = "3: reverse Fx, 2: turn 90, 1: exchange 2, or 2: unwrap Mz"
+
+
+def parse_mending(text: str) -> tuple[int, str, str]:
+    """Parse what is done to one plate: its number, the deed, and with what.
+
+    Examples
+    --------
+    >>> parse_mending("2: turn 90")
+    (2, 'turn', '90')
+    """
+    match = MENDING.fullmatch(text)
+    if match is None:
+        raise ValueError(f"a plate is mended by such as {EXAMPLES}; got {short(text)!r}")
+    number, deed, what = (part for part in match.groups() if part is not None)
+    return int(number), deed, what
 
 
 def parse_plate_units(text: str) -> tuple[str, ...]:

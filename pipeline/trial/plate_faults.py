@@ -292,6 +292,10 @@ MIN_SHEAR: Final = 0.05
 """RMS by body weight of a horizontal force that a plate is judged by."""
 SURE: Final = 2.7
 """Standard deviations: with a dozen channels in a trial, one healthy trial of a hundred."""
+SURE_ALONE: Final = 4.0
+"""The same where no other plate of the trial carried long enough to compare it with."""
+BESIDE: Final = 0.8
+"""Of these, the difference from the other plates, which know less than the motion does."""
 MIN_OFF: Final = np.array([0.25, 0.25, 0.05])
 """Smallest error of a gain that is named."""
 
@@ -354,7 +358,8 @@ def find_gains(plates: Sequence[Plate], witnesses: Witnesses, left_out: set[int]
                 continue
             if axis == 2 and not same:
                 continue
-            certain = abs(off) > SURE * sd[number] and abs(differs) > 0.8 * SURE * sd[number]
+            sure = SURE if same else SURE_ALONE
+            certain = abs(off) > sure * sd[number] and abs(differs) > BESIDE * sure * sd[number]
             share = 1 / factor[number]
             if certain and abs(share - 1) > MIN_OFF[axis]:
                 bounds = 1 / (factor[number] + np.array([1.96, -1.96]) * sd[number])
@@ -370,8 +375,10 @@ COMMON: Final = {"motion": (0.018, 0.011, 5.0), "feet": (0.025, 0.022, 9.0)}
 across the foot [m], and of the direction of the shear, or of the path of the pressure [°]; of each
 plate, and common to all of a trial."""
 MIN_PLACE: Final = (0.02, 0.02, 8.0)
-SURE_PLACE: Final = 2.9
+SURE_PLACE: Final = (2.9, 2.9, 3.3)
 """Standard deviations."""
+MIN_PATH_M: Final = 0.06
+"""A shorter path of the pressure has no direction."""
 
 
 class Place(NamedTuple):
@@ -407,7 +414,7 @@ def find_places(witnesses: Witnesses, stances: Sequence[Stance], left_out: set[i
                 here = (of == plate).astype(float)
                 information = here @ inverse @ here
                 off, sd = here @ inverse @ value / information, information**-0.5
-                if abs(off) > max(SURE_PLACE * sd, MIN_PLACE[axis]):
+                if abs(off) > max(SURE_PLACE[axis] * sd, MIN_PLACE[axis]):
                     place = Place(int(plate), axis, float(off), float(1.96 * sd))
                     certain.append((abs(off) / sd, place))
             if not certain:
@@ -438,6 +445,8 @@ def _place_rows(
             relative = path - (stance.expected[-1] - stance.expected[0])
             along, left = stance.along.mean(axis=0), stance.left.mean(axis=0)
             turned = np.degrees(np.arctan2(relative @ left, relative @ along))
+            if np.hypot(relative @ left, relative @ along) < MIN_PATH_M:
+                turned = np.nan
             side = 1.0 if stance.foot == 1 else -1.0
             means = [
                 np.mean((away * stance.along).sum(axis=1)),

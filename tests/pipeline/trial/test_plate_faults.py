@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.config.schema import Settings, Subject
-from pipeline.io.mended_plates import find_jumps, parse_mending, with_mended_plates
-from pipeline.io.stated import Stated
+from pipeline.io.mended_plates import find_jumps, with_mended_plates
+from pipeline.io.stated import Stated, parse_mending
 from pipeline.trial.plate_faults import Witnesses, weight_of_steps
 from pipeline.trial.process import process_recording
 from pipeline.virtual_lab.protocol.overground_walk import simulate_overground
