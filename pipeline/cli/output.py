@@ -7,7 +7,7 @@ from typing import Final
 
 from hbm.spelling import both_ends, printable
 
-MAX_LINE: Final = 290
+MAX_LINE: Final = 690
 """Characters of an error, some lines of a terminal: names and texts out of files may have any
 length."""
 

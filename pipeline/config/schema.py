@@ -45,8 +45,8 @@ class Settings(InputModel):
     """
 
     marker_set: Text | None = Field(default=None, examples=["hbm2"])
-    """Marker set: hbm2, hbm1, pig, cgm2, ior (with _lower: pelvis and legs), or a TOML file;
-    default: recognised from the labels."""
+    """Marker set: hbm2, pig, rajagopal, … (docs/marker_sets.md), or a TOML file; default:
+    recognised from the labels."""
     cutoff_hz: Annotated[float, Field(ge=0.1, le=50)] = 6.0
     """Cut-off of the Butterworth low-pass on coordinates and forces alike."""
     filter: Literal["realtime", "zero_phase"] = "zero_phase"

@@ -19,14 +19,6 @@ MASS_KG, STATURE_M = 72.84, 1.808
 """Of the generated walk."""
 
 
-def marker_set(path):
-    return read_marker_set(path.read_text(encoding="utf-8"), path.stem)
-
-
-def of_subjects(name):
-    return marker_set(TESTS.parent / "subjects" / "marker_sets" / f"{name}.toml")
-
-
 def treadmill(folder):
     walk = pipeline.read_c3d(folder / "treadmill_hbm2" / "treadmill_events.c3d")
     return walk, {"subject": Subject(mass_kg=55.3, sex="female")}
@@ -45,14 +37,14 @@ def overground(folder):
     walk = read_opensim_trial(folder / "subject01_walk1.trc", forces, AXES)
     static = read_trc(folder / "subject01_static.trc", AXES)
     known = {"subject": Subject(mass_kg=72.6), "static": static}
-    return walk, known | {"marker_set": of_subjects("gait2354")}
+    return walk, known
 
 
 def generated(folder):
     folder = folder / "truth_walk"
     walk = read_opensim_trial(folder / "markers.trc", folder / "grf.mot", AXES)
     person = Subject(sex="male", mass_kg=MASS_KG, height_m=STATURE_M)
-    return walk, {"subject": person, "marker_set": of_subjects("arnold2013")}
+    return walk, {"subject": person}
 
 
 @cache

@@ -12,7 +12,7 @@ from hbm.calibration_pose.anatomy import HipRule, Measures
 from hbm.calibration_pose.functional import functional_hips
 from hbm.dynamics import filter_motion, inverse_dynamics
 from hbm.kinematics import solve_ik
-from hbm.markers import Markers, MarkerSet, read_marker_set
+from hbm.markers import Markers, MarkerSet, marker_sets, read_marker_set
 from hbm.motion import Motion
 from hbm.segments import Sex
 from hbm.signals.filtering import butterworth
@@ -22,7 +22,6 @@ from pipeline.io.c3d.read import read_c3d
 from pipeline.io.opensim import read_opensim_trial, read_trc
 
 HERE: Final = Path(__file__).resolve().parent
-SUBJECTS: Final = HERE.parents[1] / "subjects" / "marker_sets"
 CUTOFF_HZ: Final = 6.0
 OPENSIM_AXES: Final = "forward,up,right"
 
@@ -90,7 +89,7 @@ def gait2354(data: Path) -> Case:
     walk = read_opensim_trial(
         folder / "subject01_walk1.trc", folder / "subject01_walk1_grf.mot", OPENSIM_AXES
     )
-    chosen = _read(SUBJECTS / "gait2354.toml")
+    chosen = marker_sets()["gait2354"]
     window = (0.4, 1.6)  # that of OpenSim's own published residuals
     return _case(
         walk.markers, walk.plates[::-1], chosen, calibration=static, mass=72.6, window_s=window
@@ -106,7 +105,7 @@ def two_plates(data: Path) -> Case:
     markers = Markers(whole.time[inside], whole.names, whole.position[inside])
     unloaded = 1000  # the first second, before anybody steps on the plates
     plates = [Zeroed(p.time, p.wrench - p.wrench[:unloaded].mean(axis=0)) for p in recording.plates]
-    return _case(markers, plates, _read(HERE / "two_plates.toml"), window_s=(2.2, 2.96))
+    return _case(markers, plates, marker_sets()["helen_hayes_lower"], window_s=(2.2, 2.96))
 
 
 def stairs(data: Path) -> Case:
@@ -131,7 +130,7 @@ def generated_walk(data: Path) -> Case:
     """A walk generated from an OpenSim model with rigid markers; T10 and xiphoid are not shown."""
     folder = data / "truth_walk"
     walk = read_opensim_trial(folder / "markers.trc", folder / "grf.mot", OPENSIM_AXES)
-    chosen = _read(SUBJECTS / "arnold2013.toml")
+    chosen = marker_sets()["rajagopal"]
     return _case(
         walk.markers,
         walk.plates[::-1],

@@ -1,13 +1,11 @@
 """Gait events and cycles: of sines with known events, of plates, and of a real trial."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hbm.markers import Markers, marker_sets, read_marker_set
+from hbm.markers import Markers, marker_sets
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.recording import Event
 from pipeline.trial.gait.cycles import gait_cycles, normalise
@@ -15,9 +13,7 @@ from pipeline.trial.gait.events import SIDES, compare_events, force_events, zeni
 
 HBM2 = {"sacrum": ("LPSIS", "RPSIS"), "heel": "{}HEE", "toe": "{}MT2"}
 OPENSIM = {"sacrum": ("V.Sacral",), "heel": "{}.Heel", "toe": "{}.Toe.Tip"}
-SUBJECTS = Path(__file__).resolve().parents[4] / "subjects" / "marker_sets"
 SETS = marker_sets()
-GAIT2354 = read_marker_set((SUBJECTS / "gait2354.toml").read_text("utf-8"), "gait2354")
 
 STRIDE_S = 1.13
 STRIKE = {"left": 0.203, "right": 0.203 + STRIDE_S / 2}
@@ -67,7 +63,7 @@ def assert_known_events(events, atol, start=0.0):
     ("names", "marker_set"),
     [
         (HBM2, SETS["hbm2"]),
-        (OPENSIM, GAIT2354),
+        (OPENSIM, SETS["gait2354"]),
     ],
 )
 def test_feet_strike_and_leave_where_they_change_direction_against_the_sacrum(names, marker_set):
