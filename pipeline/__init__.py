@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from pipeline.report.write import write_report
     from pipeline.run.run import run_study
     from pipeline.run.store import read_trial
-    from pipeline.trial.ground.laboratory import Laboratory, read_calibration
+    from pipeline.trial.ground.calibrations import read_calibration
+    from pipeline.trial.ground.laboratory import Laboratory
     from pipeline.trial.process import process_recording, process_trial
     from pipeline.trial.residuals import residual_table
     from pipeline.trial.result import TrialResult
@@ -33,7 +34,7 @@ _HOME = {
     "process_recording": "trial.process",
     "process_trial": "trial.process",
     "read_c3d": "io.c3d.read",
-    "read_calibration": "trial.ground.laboratory",
+    "read_calibration": "trial.ground.calibrations",
     "read_opensim_trial": "io.opensim",
     "read_recording": "io.read",
     "read_study": "config.study",

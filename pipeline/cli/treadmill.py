@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from compensation import Calibration
     from hbm.notes import Note
     from pipeline.io.recording import Recording
-    from pipeline.trial.ground.calibration_check import CalibrationCheck
+    from pipeline.trial.ground.calibrations import CalibrationCheck
 
 
 def fit(
@@ -319,9 +319,8 @@ def check(
     """Check a calibration with an empty recording of another day; exit code 1 if not valid."""
     from pipeline.config.plate_correction import read_plate_correction
     from pipeline.trial.ground.accelerometers import stated_accelerometers
-    from pipeline.trial.ground.calibration_check import check_recording
     from pipeline.trial.ground.calibration_recording import read_empty
-    from pipeline.trial.ground.laboratory import read_laboratory
+    from pipeline.trial.ground.calibrations import check_recording, read_laboratory
 
     plates = read_plate_correction(plate_calibration) if plate_calibration else None
     channels = stated_accelerometers(accelerometer or ())

@@ -1,15 +1,17 @@
 """TOML files that a person wrote: read, checked, and what is wrong said as how to correct it."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Annotated, Any, Final, TypeVar
 
-from pydantic import BaseModel, ValidationError
+from pydantic import AfterValidator, BaseModel, ValidationError, ValidationInfo
 from pydantic_core import ErrorDetails
 
 from hbm.overrides import SegmentOverride, read_overrides
-from hbm.spelling import Table, did_you_mean, parse_toml, short, shown
+from hbm.spelling import Table, did_you_mean, listed, parse_toml, short, shown
+from pipeline.config.input_model import Text
 from pipeline.io.input_file import fault_line, is_file, naming, read_text
 
 SIMULATED: Final = "truth/setting.toml"
@@ -51,12 +53,41 @@ def read_table(path: Path) -> Table:
     raise StudyFaults([f"{path.name}: {fault}"])
 
 
-def check_table(name: str, table: Table, kind: type[Model]) -> Model:
-    """Check the contents of the file `name` against a type; StudyFaults holds all findings."""
-    try:
-        return kind.model_validate(table)
-    except ValidationError as error:
-        raise StudyFaults([f"{name}: {fault}" for fault in describe_faults(error, kind)]) from error
+@dataclass(frozen=True, slots=True)
+class Around:
+    """What a file of a study stands among, against which it is checked.
+
+    Attributes
+    ----------
+    folder
+        Where the files are that it names.
+    recordings
+        Whether those of subjects and trials have to be there.
+    conditions, hip
+        Names of the study's conditions, and its rule for hips; None where unknown.
+    """
+
+    folder: Path
+    recordings: bool = True
+    conditions: Collection[str] | None = None
+    hip: str | None = None
+
+
+def check_table(
+    name: str, table: Table, kind: type[Model], faults: list[str], around: Around
+) -> Model | None:
+    """Check the contents of the file `name`; what is wrong is added to the faults.
+
+    None where it is wrong by itself, whatever it stands among.
+    """
+    found, model = dict[str, None](), None
+    for context in (around, None):
+        try:
+            model = model or kind.model_validate(table, context=context)
+        except ValidationError as error:
+            found |= dict.fromkeys(describe_faults(error, kind))
+    faults += [f"{name}: {fault}" for fault in found]
+    return model
 
 
 def read_segments(path: Path) -> dict[str, SegmentOverride]:
@@ -65,16 +96,47 @@ def read_segments(path: Path) -> dict[str, SegmentOverride]:
         return read_overrides(read_text(path), path.name)
 
 
-def missing_file(folder: Path, where: str, name: str) -> list[str]:
-    """Report a file that is not in the folder, with the nearest name that is, as faults.
+def require_file(folder: Path, name: str) -> None:
+    """Refuse the name of a file that is not in the folder, with the nearest that is: ValueError."""
+    if not is_file(folder / name):
+        near = did_you_mean(name, [p.name for p in folder.glob("*") if p.suffix != ".toml"])
+        raise ValueError(f"no file {short(name, MAX_FILE_NAME)!r} in {folder}{near}")
 
-    ``where`` is the file and the key that name it; it may be empty.
-    """
-    if is_file(folder / name):
-        return []
-    near = did_you_mean(name, [p.name for p in folder.glob("*") if p.suffix != ".toml"])
-    place = f"{where}: " if where else ""
-    return [f"{place}no file {short(name, MAX_FILE_NAME)!r} in {folder}{near}"]
+
+def _among(check: Callable[[str, Around, Mapping[str, Any]], None]) -> AfterValidator:
+    """Check a text against what its file stands among, and the keys that are stated before it."""
+
+    def validate(text: str, info: ValidationInfo) -> str:
+        if info.context is not None:
+            check(text, info.context, info.data)
+        return text
+
+    return AfterValidator(validate)
+
+
+def _recorded(name: str, around: Around, stated: Mapping[str, Any]) -> None:
+    if around.recordings and not stated.get("exclude"):
+        require_file(around.folder, name)
+
+
+def _readable(name: str, around: Around, stated: Mapping[str, Any]) -> None:
+    if is_file(around.folder / name):
+        read_segments(around.folder / name)
+
+
+def _known(name: str, around: Around, stated: Mapping[str, Any]) -> None:
+    known = around.conditions
+    if known is not None and name not in known:
+        hint = did_you_mean(name, known) or f"; there are {listed(known)}"
+        raise ValueError(f"no such condition in study.toml{hint}")
+
+
+FileName = Annotated[Text, _among(lambda name, around, _: require_file(around.folder, name))]
+"""Of a file of the laboratory, in the study's folder."""
+RecordingName = Annotated[Text, _among(_recorded)]
+"""Of a file about a subject, in the study's folder, unless the trial is excluded."""
+SegmentsName = Annotated[RecordingName, _among(_readable)]
+ConditionName = Annotated[str, _among(_known)]
 
 
 def describe_faults(error: ValidationError, kind: type[BaseModel]) -> list[str]:

@@ -27,8 +27,9 @@ from pipeline.live.frames.channels import AnalogStreams, SampleBuffer
 from pipeline.live.frames.ground import PLATE_UNITS
 from pipeline.live.replay import ANALOG, MARKERS, PLATES
 from pipeline.live.stream import Samples, StatedPlate, StreamDescription
+from pipeline.trial.ground.calibrations import read_calibration
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
-from pipeline.trial.ground.laboratory import Laboratory, read_calibration
+from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.platform import LEVEL
 from pipeline.trial.study_files import read_study_laboratory
 from pipeline.trial.subject import (

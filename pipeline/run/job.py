@@ -1,16 +1,20 @@
-"""One trial of a study as a job: its key, its processing, its outcome."""
+"""One trial of a study as a job: its key, its processing, its outcome, why it failed."""
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Literal
+
+from pydantic import TypeAdapter
 
 from hbm.engines.engine import engine_identity
 from hbm.notes import Note
 from pipeline.config.study import Study
 from pipeline.io.input_file import last_written
+from pipeline.io.write import write_text
 from pipeline.run.program import computation_digest
 from pipeline.run.store import FORMAT_VERSION, read_trial, write_trial
 from pipeline.trial.ground.laboratory import Laboratory
@@ -163,7 +167,7 @@ def trial_key(study: Study, subject: str, condition: str) -> str:
     person = study.subject(subject)
     trial = person.trials[condition]
     treadmill = study.file.treadmill
-    names = [trial.file, trial.forces, trial.record, *treadmill.files.values()]
+    names = [trial.file, trial.forces, trial.record, *treadmill.files]
     names += [person.static, person.hip_trial, person.segments, study.file.plates.calibration]
     stated = {
         "study": study.file.model_dump(exclude={"name", "conditions", "comparison"}),
@@ -226,3 +230,57 @@ def file_digest(path: Path) -> str:
         return known_digests[file]
     except OSError as error:
         return f"unreadable: {error.strerror}"
+
+
+FAILURES: Final = "failures.json"
+"""Collected from one file per trial, for several runs may work on one folder at the same time."""
+SUFFIX: Final = ".failed.json"
+_REASONS: Final = TypeAdapter(dict[str, str])
+
+
+def record_failure(target: Path, name: str, reason: str | None) -> None:
+    """Store beside a result why the trial failed, or, without a reason, remove what is stored."""
+    path = target.with_suffix(SUFFIX)
+    if reason is None:
+        path.unlink(missing_ok=True)
+    else:
+        write_text(json.dumps({name: reason}, ensure_ascii=False), path)
+
+
+def collect_failures(out: Path, known: Iterable[str]) -> dict[str, str]:
+    """Write ``failures.json`` from what is stored next to the results: trial -> reason.
+
+    Trials are "subject condition"; failures of those that the study does not have are removed.
+    """
+    wanted = set(known)
+    failures: dict[str, str] = {}
+    for path, stored in recorded_failures(out / "trials"):
+        if wanted.isdisjoint(stored):
+            path.unlink(missing_ok=True)
+        else:
+            failures |= stored
+    write_text(json.dumps(failures, indent=1, ensure_ascii=False), out / FAILURES)
+    return failures
+
+
+def recorded_failures(folder: Path) -> Iterator[tuple[Path, dict[str, str]]]:
+    """Give the files of `record_failure` in a folder and what they say; damaged ones left out."""
+    for path in sorted(folder.glob(f"*{SUFFIX}")):
+        with suppress(OSError, ValueError):
+            yield path, _reasons(path)
+
+
+def read_failures(folder: Path) -> dict[str, str]:
+    """Read ``failures.json``; empty where there is none, a ValueError says that it is damaged."""
+    path = folder / FAILURES
+    try:
+        return _reasons(path)
+    except FileNotFoundError:
+        return {}
+    except ValueError as error:
+        raise ValueError(f"{path} is damaged; run 'hbm run' again") from error
+
+
+def _reasons(path: Path) -> dict[str, str]:
+    """Read reasons by trial; a ValueError where a file holds anything else."""
+    return _REASONS.validate_json(path.read_bytes())

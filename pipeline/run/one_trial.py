@@ -15,7 +15,8 @@ from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated
 from pipeline.run.request import TrialRequest
 from pipeline.trial.ground.accelerometers import stated_accelerometers
-from pipeline.trial.ground.laboratory import Laboratory, read_laboratory
+from pipeline.trial.ground.calibrations import read_laboratory
+from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.result import TrialResult
 from pipeline.trial.study_files import naming_unused_renames, with_unused_renames

@@ -17,14 +17,15 @@ from hbm.kernels.native import kernels
 from pipeline.config.study import Study
 from pipeline.io.write import remove_leftovers, require_writable
 from pipeline.run.cluster import on_cluster
-from pipeline.run.failures import collect_failures, record_failure
 from pipeline.run.job import (
     WORKER_DIED,
     Job,
     Outcome,
+    collect_failures,
     known_digests,
     prepare_processing,
     process_job,
+    record_failure,
     replacement,
     stored_outcome,
     trial_key,

@@ -22,13 +22,8 @@ from pipeline.io.recording import Event, Recording
 from pipeline.trial.checks import check_markers, check_motion, check_plates, other_person
 from pipeline.trial.gait.contact import contact_notes
 from pipeline.trial.gait.cycles import found_cycles
-from pipeline.trial.gait.detection import EventSources, detect_events, foot_motion
-from pipeline.trial.gait.events import (
-    TIMED_BY_PLATES,
-    agreement_with_plates,
-    check_events,
-    reference_events,
-)
+from pipeline.trial.gait.detection import detect_events, foot_motion, plate_events
+from pipeline.trial.gait.events import check_events, reference_events
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import BoundLaboratory, Laboratory, bind
 from pipeline.trial.ground.uncertainty import uncertainty_notes
@@ -334,22 +329,15 @@ def _events(
     settings: Settings,
 ) -> tuple[Event, ...]:
     """Give a trial's gait events by the method of the settings; checks of them are noted."""
-    time, threshold_n, feet = pose.motion.time, settings.contact_threshold_n, loads.shared.by_foot
-    sources = EventSources(
-        lab.recording.events,
-        pose.markers,
-        body.marker_set,
-        foot_motion(body, time, pose.solved.q, ground.pose),
-        loads.shared.contacts,
-        plate_loads(lab),
-        body.mass * GRAVITY_MPS2,
+    time, markers = pose.motion.time, pose.markers
+    of_plates = plate_events(
+        loads.shared.contacts, plate_loads(lab), time, body.mass * GRAVITY_MPS2
     )
-    events, method, note = detect_events(sources, settings.events)
+    motion = foot_motion(body, time, pose.solved.q, ground.pose)
+    events, method, note = detect_events(
+        lab.recording.events, of_plates, motion, markers, body.marker_set, settings.events
+    )
     carried = free_of(quality, NO_SUPPORT)
-    reference = reference_events(
-        feet, time, threshold_n, pose.markers, body.marker_set, carried, method
-    )
+    reference = reference_events(of_plates, markers, body.marker_set, carried, method)
     notes += (note, *check_events(events, reference))
-    if method not in TIMED_BY_PLATES:
-        notes += agreement_with_plates(events, feet, time, threshold_n)
     return events

@@ -71,7 +71,7 @@ class Loads:
     Attributes
     ----------
     shared
-        Whose foot each plate carries, and the unfiltered wrenches of the best variant.
+        Whose foot each plate carries.
     wrenches
         Variant -> foot -> filtered wrench, lab axes about the lab origin, (T, 6) [N, N·m].
     dynamics
@@ -111,9 +111,8 @@ def dynamics_under_feet(
         stated=contacts,
         method=settings.filter,
     )
-    on = np.stack(shared.foot_of_plates, axis=1)
     wrenches = {
-        variant: _filtered(by_foot(np.stack(own, axis=1), on), motion.time, settings)
+        variant: _filtered(by_foot(np.stack(own, axis=1), shared.on), motion.time, settings)
         for variant, own in ground.variants.items()
     }
     found = inverse_dynamics_variants(
@@ -190,7 +189,7 @@ def _carried(
     return support.carried(
         support.feet(motion.time, places_of(body, motion.q), platform),
         np.stack(best, axis=1),
-        np.column_stack(loads.shared.foot_of_plates),
+        loads.shared.on,
         loads.need,
         loads.measured,
         platform,

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -23,10 +24,10 @@ from pipeline.io.c3d.read import read_c3d
 from pipeline.io.recording import Event, Recording
 from pipeline.trial.gait.contact import feet_of, share_between_feet
 from pipeline.trial.gait.detection import (
-    EventSources,
     detect_events,
     foot_motion,
     foot_motion_events,
+    plate_events,
 )
 from pipeline.trial.gait.events import LABELS, SIDES, compare_events, event_times
 from pipeline.trial.ground.laboratory import Laboratory, bind
@@ -51,6 +52,8 @@ PEER_PYTHON = "HBM_GAITKIT_PYTHON"
 TREADMILL = Path(__file__).parents[3] / "shared" / "data" / "treadmill_hbm2"
 NOBODY, DEFAULTS = Subject(), Settings()
 Found = Mapping[str, Sequence[Event]]
+Sources = dict[str, Any]
+"""What the events of a trial can be found from: arguments of `detect_events`."""
 
 
 @dataclass(frozen=True)
@@ -79,11 +82,11 @@ def race(folder: Path) -> dict[str, list[dict[str, float | str]]]:
     return {"events": tabulate(trials), "treadmill events": on_the_treadmill()}
 
 
-def ours(sources: EventSources) -> dict[str, Sequence[Event]]:
+def ours(sources: Sources) -> dict[str, Sequence[Event]]:
     """Give the events of one trial by our methods."""
-    found = {method: detect_events(sources, method)[0] for method in OURS}
+    found = {method: detect_events(**sources, wanted=method)[0] for method in OURS}
     return {f"hbm, {name}": events for name, events in found.items()} | {
-        f"hbm, {MOTION}": foot_motion_events(sources.motion)
+        f"hbm, {MOTION}": foot_motion_events(sources["motion"])
     }
 
 
@@ -176,7 +179,7 @@ def event_sources(
     laboratory: Laboratory,
     person: Subject = NOBODY,
     rules: Settings = DEFAULTS,
-) -> EventSources:
+) -> Sources:
     """Process a recording as far as its events need it."""
     mass_kg = body_mass(person, recording, recording).mass_kg
     body = subject_body(recording, person, rules, mass_kg)
@@ -191,15 +194,14 @@ def event_sources(
         feet_of(body, motion),
         rules.contact_threshold_n,
     ).contacts
-    return EventSources(
-        recording.events,
-        markers,
-        body.marker_set,
-        foot_motion(body, motion.time, motion.q, ground.pose),
-        contacts,
-        plate_loads(lab),
-        body.mass * GRAVITY_MPS2,
-    )
+    weight_n = body.mass * GRAVITY_MPS2
+    return {
+        "of_file": recording.events,
+        "of_plates": plate_events(contacts, plate_loads(lab), motion.time, weight_n),
+        "motion": foot_motion(body, motion.time, motion.q, ground.pose),
+        "markers": markers,
+        "marker_set": body.marker_set,
+    }
 
 
 def on_the_treadmill() -> list[dict[str, float | str]]:
@@ -208,7 +210,7 @@ def on_the_treadmill() -> list[dict[str, float | str]]:
     if not path.is_file():
         return []
     sources = event_sources(read_c3d(path), Laboratory(Treadmill()))
-    found = {method: detect_events(sources, method)[0] for method in ("file", *OURS)}
+    found = {method: detect_events(**sources, wanted=method)[0] for method in ("file", *OURS)}
     pairs = [("file", "plates"), ("zeni", "plates"), ("auto", "plates")]
     pairs += [("zeni", "file"), ("auto", "file")]
     return [
@@ -226,7 +228,7 @@ def on_the_treadmill() -> list[dict[str, float | str]]:
     ]
 
 
-def _sources(study: Study) -> Iterator[tuple[str, str, EventSources]]:
+def _sources(study: Study) -> Iterator[tuple[str, str, Sources]]:
     laboratory, rules = read_study_laboratory(study), study.file.settings
     for person in study.subjects.values():
         for condition, trial in person.trials.items():

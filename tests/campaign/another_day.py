@@ -25,8 +25,8 @@ from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording
 from pipeline.io.write import markdown
 from pipeline.trial.ground.accelerometers import find_accelerometers
-from pipeline.trial.ground.calibration_check import check_recording
 from pipeline.trial.ground.calibration_recording import fit_calibration
+from pipeline.trial.ground.calibrations import check_recording
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import (

@@ -15,7 +15,7 @@ from hbm.kernels.native import kernels
 from hbm.model import Body
 from hbm.plausibility.outliers import MarkerTracker
 from hbm.signals.filtering import RealtimeFilter
-from hbm.spatial import Array, Mask, shift_wrench
+from hbm.spatial import Array, Indices, Mask, shift_wrench
 from hbm.spelling import listed
 from pipeline.config.live import Live
 from pipeline.config.schema import Settings
@@ -365,7 +365,7 @@ class LiveChain:
             platform=platform,
         )
 
-    def _feet_on_plates(self, wrenches: Array, feet: Array) -> tuple[Array, bool]:
+    def _feet_on_plates(self, wrenches: Array, feet: Array) -> tuple[Indices, bool]:
         """Give the foot of each plate, 0 left and 1 right, (P,), and whether one is uncertain.
 
         Wrenches of the plates, (P, 6) [N, N·m], and middles of the feet, (2, 3) [m], are in the

@@ -92,7 +92,7 @@ def test_an_impossible_setting_is_refused_with_its_value(write, typed, message):
     ("typed", "message"),
     [
         ('axes = "left,up,up"', "axes: axes 'left,up,up' are not right-handed"),
-        ('[treadmill]\ncalibration = "a.c3d"', "treadmill: accelerometers: is missing"),
+        ('[treadmill]\ncalibration = "walk.c3d"', "treadmill: accelerometers: is missing"),
         (
             '[treadmill.accelerometers]\na = ["x", "y", "z"]\nb = ["u", "v", "x"]',
             "treadmill.accelerometers: each channel belongs to one axis of one sensor, but x is",
