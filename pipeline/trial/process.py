@@ -15,13 +15,13 @@ from pipeline.config.schema import (
     Settings,
     Subject,
     Treadmill,
+    WantedWindow,
 )
 from pipeline.config.study import Study
 from pipeline.config.toml_file import read_segments
 from pipeline.io.recording import Event, Recording
 from pipeline.trial.checks import check_markers, check_motion, check_plates, other_person
 from pipeline.trial.gait.contact import contact_notes
-from pipeline.trial.gait.cycles import found_cycles
 from pipeline.trial.gait.detection import detect_events, foot_motion, plate_events
 from pipeline.trial.gait.events import check_events, reference_events
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
@@ -53,7 +53,7 @@ from pipeline.trial.subject import (
     differing_masses,
     subject_body,
 )
-from pipeline.trial.window import WantedWindow, what_counts
+from pipeline.trial.window import what_counts
 
 
 def process_recording(
@@ -96,8 +96,8 @@ def process_recording(
         Which gait cycles count; by default all of the right foot, or of the left one if the right
         has none.
     window
-        What counts: "cycle", "recording", or a span (start, stop) [s]; by default gait cycles, and
-        the whole recording where there is none.
+        What counts: "cycle", "step", "stance", "recording", or a span (start, stop) [s]; by default
+        gait cycles; where there is none steps, else stances, else the whole recording.
     contacts
         Whose foot was on a plate, where a person knows better.
     jobs
@@ -182,7 +182,9 @@ def process_recording(
         notes,
         settings.min_valid_share,
     )
-    carried_kg = carried_mass(motion.time, loads.measured, counted.usable, counts)
+    carried_kg = carried_mass(
+        motion.time, loads.measured, counted.usable if counted.unit == "cycle" else {}, counts
+    )
     notes += differing_masses(mass.known_kg, carried_kg)
     delay_s, delay_uncertainty_s = plate_delay(loads, ground.best, counts, settings, notes)
     if static is not None:
@@ -203,7 +205,8 @@ def process_recording(
         platform=ground.pose,
         events=events,
         cycles=counted.cycles,
-        found_cycles=found_cycles(events, counted.cycles),
+        unit=counted.unit,
+        found_cycles=counted.found,
         span=counted.span,
         quality=quality,
         onsets=counted.onsets,
