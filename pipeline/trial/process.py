@@ -127,14 +127,13 @@ def process_recording(
     '74.6 kg, 3 gait cycles'
     """
     laboratory, notes = laboratory or Laboratory(Treadmill()), list[Note]()
-    _require_plates(recording)
     choose_engine(settings.engine)
     recording = with_corrected_plates(recording, laboratory.plates)
     standing = with_corrected_plates(static, laboratory.plates) if static else recording
     notes += recording.notes
 
     # body: segments and joints from the calibration pose, scaled by mass and stature
-    mass = _body_mass(subject, settings, standing, recording, marker_set)
+    mass = _body_mass(recording, standing, subject, settings, marker_set)
     body = subject_body(
         standing,
         subject,
@@ -293,32 +292,31 @@ def process_trial(
 
 
 def _body_mass(
+    recording: Recording,
+    standing: Recording,
     subject: Subject,
     settings: Settings,
-    pose: Recording,
-    recording: Recording,
     marker_set: MarkerSet | None,
 ) -> BodyMass:
-    """Give the body mass; where it is missing and the labels are unknown, name these first."""
-    try:
-        return body_mass(subject, pose, recording)
-    except ValueError as error:
-        if marker_set is None and settings.marker_set is None:
-            try:
-                recognise_marker_set(pose.markers.names)
-            except ValueError as unknown:
-                raise ValueError(
-                    f"{pose.source.name}: {unknown}; the mass is missing too (--mass-kg)"
-                ) from error
-        raise
-
-
-def _require_plates(recording: Recording) -> None:
+    """Give the body mass, or say all at once that the trial lacks: labels, plates, mass."""
+    faults, mass = list[str](), None
+    if marker_set is None and settings.marker_set is None:
+        try:
+            recognise_marker_set(standing.markers.names)
+        except ValueError as unknown:
+            faults.append(f"{standing.source.name}: {unknown}")
     if not recording.plates:
-        raise ValueError(
+        faults.append(
             f"{recording.source.name}: {recording.why_no_plates}; residuals need the ground "
             "reaction wrench (FORCE_PLATFORM group, or a second file with forces)"
         )
+    try:
+        mass = body_mass(subject, standing, recording)
+    except ValueError as missing:
+        faults.append("the mass is missing too (--mass-kg)" if faults else str(missing))
+    if mass is None or faults:
+        raise ValueError("; ".join(faults))
+    return mass
 
 
 def _events(
