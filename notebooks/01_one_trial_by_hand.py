@@ -31,7 +31,7 @@ from pipeline.trial.gait.contact import FEET, by_foot, feet_of, share_between_fe
 from pipeline.trial.gait.cycles import gait_cycles, normalise
 from pipeline.trial.gait.events import gait_events
 from pipeline.trial.residuals import AXES, reported
-from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
 
 # %% [markdown]
 # ## 1. A recording

@@ -8,7 +8,6 @@ import sys
 import tomllib
 from pathlib import Path
 
-import grimp
 import pytest
 import typer
 
@@ -44,21 +43,6 @@ def test_importing_the_packages_loads_no_large_library():
     code = f"import sys, {', '.join(PACKAGES)}; print(*(m for m in {large!r} if m in sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == ""
-
-
-def test_no_modules_import_each_other_in_a_circle():
-    """Imports for type checking included. Modules at either end of the arrows are dropped first."""
-    graph = grimp.build_graph(*PACKAGES, cache_dir=None)
-    imports = {name: graph.find_modules_directly_imported_by(name) for name in graph.modules}
-    size = 0
-    while size != (size := len(imports)):
-        imported = set().union(*imports.values())
-        imports = {
-            name: targets & imports.keys()
-            for name, targets in imports.items()
-            if name in imported and targets & imports.keys()
-        }
-    assert sorted(imports) == []
 
 
 def test_every_package_and_data_file_is_in_the_wheel():

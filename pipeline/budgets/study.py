@@ -21,12 +21,12 @@ from pipeline.budgets.explanation import (
 )
 from pipeline.config.study import Study, read_study
 from pipeline.explain.budget import Bands
+from pipeline.io.input_file import describe_error
 from pipeline.io.recording import Recording
 from pipeline.io.write import remove_leftovers, require_writable
 from pipeline.run.job import (
     Job,
     Outcome,
-    describe_error,
     record_failure,
     recorded_failures,
     trial_key,

@@ -18,18 +18,11 @@ SIMULATED: Final = "truth/setting.toml"
 """Where a simulated study states what was simulated, relative to its folder."""
 MAX_FILE_NAME: Final = 100
 """Characters of a file's name in a message."""
-MAX_TYPED: Final = 1e9
-"""In any unit; beyond it a number is no quantity in another unit."""
 Model = TypeVar("Model", bound=BaseModel)
 Option = str | float | bool | None | Path | Sequence[str] | Mapping[str, str | tuple[str, str, str]]
 """Value of an option of the command line."""
-UNIT_NAMES: Final = {"_kg": "kilograms", "_m": "metres", "_s": "seconds"}
-SMALLER_UNITS: Final = {
-    "_kg": {1000: "grams"},
-    "_m": {100: "centimetres", 1000: "millimetres"},
-    "_s": {1000: "milliseconds"},
-}
-"""Suffix of a key -> how many of a smaller unit make one, and the unit's name."""
+UNITS: Final = {"_kg": "kilograms", "_m": "metres", "_s": "seconds"}
+"""In which a number is, by the end of its key."""
 
 
 class StudyFaults(ValueError):
@@ -178,22 +171,12 @@ def _line(fault: ErrorDetails, kind: type[BaseModel]) -> str:
 
 
 def _hint(fault: ErrorDetails, key: str) -> str:
-    """Give the nearest allowed word, or the unit in which a number would be within its bounds."""
-    allowed, value = fault.get("ctx", {}), fault["input"]
-    if fault["type"] == "literal_error" and isinstance(value, str):
-        return did_you_mean(value, re.findall(r"'(.*?)'", allowed["expected"]))
-    if isinstance(value, int | float) and value < 0 <= allowed.get("ge", -1):
-        return ""
-    bound = abs(allowed.get("le", allowed.get("ge", 0)))
-    suffix = next((s for s in SMALLER_UNITS if key.endswith(s)), None)
-    if suffix is None or not isinstance(value, int | float):
-        return ""
-    if not bound < abs(value) < MAX_TYPED:
-        return ""
-    for scale, unit in SMALLER_UNITS[suffix].items():
-        if abs(value) / scale <= bound:
-            return f" (that looks like {unit}; give {UNIT_NAMES[suffix]})"
-    return ""
+    """Give the nearest allowed word, or the unit of a number that is beyond its bounds."""
+    if fault["type"] == "literal_error" and isinstance(fault["input"], str):
+        return did_you_mean(fault["input"], re.findall(r"'(.*?)'", fault["ctx"]["expected"]))
+    unit = next((unit for suffix, unit in UNITS.items() if key.endswith(suffix)), None)
+    beyond = fault["type"] in ("less_than_equal", "greater_than_equal")
+    return f" (it is in {unit})" if beyond and unit else ""
 
 
 def _known_keys(kind: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:

@@ -20,6 +20,7 @@ from hbm.dynamics import Dynamics
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.spatial import Array
+from pipeline.export.models import write_xml
 from pipeline.io.write import whole_file, write_csv, write_text
 from pipeline.trial.result import TrialResult
 
@@ -206,10 +207,7 @@ def _write_description(table: Path, segments: list[str]) -> None:
         for tag, stem in _stems(segment).items():
             ET.SubElement(force, tag).text = stem
     ET.SubElement(loads, "datafile").text = table.name
-    ET.indent(document)
-    target = table.with_suffix(".xml")
-    with whole_file(target) as temporary:
-        ET.ElementTree(document).write(temporary, encoding="UTF-8", xml_declaration=True)
+    write_xml(document, table.with_suffix(".xml"))
 
 
 def write_trc(markers: Markers, path: str | Path) -> None:
@@ -228,10 +226,7 @@ def write_trc(markers: Markers, path: str | Path) -> None:
         If there are fewer than two samples or they are not evenly spaced.
     """
     frames, names = len(markers.time), markers.names
-    rate = markers.rate_hz if frames > 1 else np.nan
-    regular = markers.time[:1] + np.arange(frames) / rate
-    if not np.abs(markers.time - regular).max(initial=0) < MAX_JITTER / rate:
-        raise ValueError("TRC needs two or more samples, evenly spaced in time")
+    rate = even_rate_hz(markers.time, "TRC")
     header = {
         "DataRate": f"{rate:.10g}",
         "CameraRate": f"{rate:.10g}",
@@ -256,6 +251,15 @@ def write_trc(markers: Markers, path: str | Path) -> None:
         fields = ["" if np.isnan(x) else repr(float(x)) for x in row]
         lines.append("\t".join([str(k), repr(float(time)), *fields]))
     write_text("\n".join(lines) + "\n", Path(path))
+
+
+def even_rate_hz(time: Array, format_name: str) -> float:
+    """Give the rate of times that a format with one rate needs evenly spaced; else a ValueError."""
+    rate = (len(time) - 1) / np.ptp(time) if len(time) > 1 else np.nan
+    regular = time[:1] + np.arange(len(time)) / rate
+    if not np.abs(time - regular).max(initial=0) < MAX_JITTER / rate:
+        raise ValueError(f"{format_name} needs two or more samples, evenly spaced in time")
+    return float(rate)
 
 
 def _write_table(

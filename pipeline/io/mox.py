@@ -12,10 +12,10 @@ import numpy as np
 from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import printable, short
-from pipeline.io.columns import file_markers, plate_of, recording_of, vectors
-from pipeline.io.input_file import naming, open_file
+from pipeline.io.columns import PlateColumns, dflow_plates, file_markers, recording_of, vectors
+from pipeline.io.input_file import open_file
 from pipeline.io.recording import Analog, Metadata, Recording
-from pipeline.io.stated import Stated, as_stated
+from pipeline.io.stated import Stated
 from pipeline.io.text_table import decoded, read_number
 
 ROOT: Final = "moxie_viewer_datafile"
@@ -34,7 +34,7 @@ Channel = tuple[float, Array]
 """Rate [Hz] and samples."""
 
 
-def read_mox(path: str | Path, stated: Stated | str | None = None) -> Recording:
+def read_mox(path: Path, stated: Stated) -> Recording:
     """Read a .mox file.
 
     Parameters
@@ -66,12 +66,6 @@ def read_mox(path: str | Path, stated: Stated | str | None = None) -> Recording:
     about the origin of the file's axes, checked against Cop channels where there are any; a note
     of the recording states that this is unconfirmed.
     """
-    path = Path(path)
-    with naming(path):
-        return _read(path, as_stated(stated))
-
-
-def _read(path: Path, stated: Stated) -> Recording:
     with open_file(path) as file:
         subject, channels = _channels(file.read())
     marked, on_plates = ({k: m for k in channels if (m := p.fullmatch(k))} for p in (MARKER, PLATE))
@@ -84,14 +78,14 @@ def _read(path: Path, stated: Stated) -> Recording:
     markers = file_markers(stems, "m", lambda kept: position[:, kept], stated)
     of_plates: dict[int, dict[str, Channel]] = {}
     for k, m in on_plates.items():
-        quantity = f"{m['what'].lower()} {m['axis'].upper()}"
-        of_plates.setdefault(int(m["number"] or 1), {})[quantity] = channels[k]
-    plates = []
-    for number, parts in of_plates.items():
+        number = int(m["number"] or 1)
+        name = f"FP{number}.{m['what'].capitalize()}{m['axis'].upper()}"
+        of_plates.setdefault(number, {})[name] = channels[k]
+    plates: list[PlateColumns | Note] = []
+    for parts in of_plates.values():
         its_rate, columns = _on_one_clock(parts)
         time = np.arange(len(next(iter(columns.values())))) / its_rate
-        quantities = ["for ", "mom ", "cop "][: 3 if "cop X" in parts else 2]
-        plates.append(plate_of(number, f"plate {number}", time, columns, quantities))
+        plates += dflow_plates(columns, time)
     rest = {k: channel for k, channel in channels.items() if k not in {*marked, *on_plates}}
     analog, notes = _analog(rest, (rate, len(position)))
     if plates:

@@ -253,6 +253,12 @@ class Recording:
         object.__setattr__(self, "events", tuple(sorted(self.events, key=lambda e: e.time)))
 
     @property
+    def axes(self) -> tuple[str, ...]:
+        """Lab directions of the file's x, y and z, as they were stated or inferred."""
+        axes = next(note.values["axes"] for note in self.notes if note.code == "axes")
+        return axes if isinstance(axes, tuple) else ()
+
+    @property
     def why_no_plates(self) -> str:
         """Why it has no plates, for messages where it has none."""
         left_out = [note.values for note in self.notes if note.code == "plate_left_out"]

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from hbm.spatial import Array
-from pipeline.live.frames.chain import LiveFrame
+from pipeline.live.chain import LiveFrame
 from pipeline.trial.gait.contact import MIN_STANCE_S
 from pipeline.trial.gait.cycles import MAX_DURATION, MIN_DURATION
 from pipeline.trial.gait.events import MIN_STRIDE_S, SIDES

@@ -14,8 +14,8 @@ from hbm.signals.filtering import acceleration_lag_s
 from hbm.signals.samples import stretches
 from hbm.spatial import GRAVITY_MPS2, Array
 from pipeline.io.recording import Plate
+from pipeline.live.chain import LiveChain, LiveFrame
 from pipeline.live.cycles import ConditionSoFar, GaitTracker, Limits, LiveCycle
-from pipeline.live.frames.chain import LiveChain, LiveFrame
 from pipeline.live.stream import Samples, StreamDescription
 from pipeline.trial.checks import COMPONENTS, MAX_REST_N, rest_level
 from pipeline.trial.quality import Quality

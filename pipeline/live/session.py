@@ -7,11 +7,9 @@ from typing import Final, TypeVar
 
 import numpy as np
 
-from pipeline.live.arrival import Arrivals
-from pipeline.live.frames.chain import LiveChain, LiveFrame
-from pipeline.live.outlet import Outlet, result_row
-from pipeline.live.recording import Recorder
-from pipeline.live.stream import Samples, Source
+from pipeline.live.chain import LiveChain, LiveFrame
+from pipeline.live.output import Outlet, Recorder, result_row
+from pipeline.live.stream import Arrivals, Samples, Source
 
 Kept = TypeVar("Kept")
 RECEIVE_S: Final = 0.02

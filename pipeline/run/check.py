@@ -110,13 +110,13 @@ def check_study(study: Study) -> Findings:
     found = Findings()
     found.attempt("study.toml", lambda: choose_engine(study.file.settings.engine))
     laboratory = found.attempt("study.toml", lambda: read_study_laboratory(study))
-    if laboratory is None:
-        laboratory = Laboratory(study.file.treadmill)
-    elif (calibration := laboratory.calibration) is not None:
+    laboratory = laboratory or Laboratory(study.file.treadmill)
+    found.remark("study.toml", *laboratory.notes)
+    if (calibration := laboratory.calibration) is not None:
         file = str(study.file.treadmill.calibration)
         found.remark(file, f"compensates {listed(calibration.plates)}", *calibration.notes)
-        found.remark(file, *describe_sensors(calibration.sensors), *laboratory.notes)
-    else:
+        found.remark(file, *describe_sensors(calibration.sensors))
+    elif not study.file.treadmill.calibration:
         found.remark("study.toml", "no treadmill.calibration, so nothing will be compensated")
     trial_of: dict[Path, str] = {}
     for subject, person in study.subjects.items():

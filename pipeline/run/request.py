@@ -28,7 +28,17 @@ def _renamed(pairs: Any) -> Any:
     return rename
 
 
-class TrialRequest(Settings, Subject, RecordingRules):
+class RecordingRequest(RecordingRules):
+    """How recordings are to be read, as typed."""
+
+    rename: Annotated[dict[str, str], BeforeValidator(_renamed)] = Field(default_factory=dict)
+    """OLD=NEW: a label in the files and the one wanted; repeatable."""
+    accelerometer: tuple[str, ...] = ()
+    """SENSOR=X,Y,Z: channels of an accelerometer; default: as in the calibration, or named as
+    Acc1.X; repeatable."""
+
+
+class TrialRequest(Settings, Subject, RecordingRequest):
     """One trial to process, and how, as typed: settings, subject and rules, and the files.
 
     The options of the command line are made from these fields: ``--mass-kg`` is ``mass_kg``.
@@ -42,8 +52,6 @@ class TrialRequest(Settings, Subject, RecordingRules):
     """Ground reaction forces (.mot) of a .trc trial."""
     record: Path | None = None
     """D-Flow record file of a D-Flow mocap file."""
-    rename: Annotated[dict[str, str], BeforeValidator(_renamed)] = Field(default_factory=dict)
-    """OLD=NEW: a label in the files and the one wanted; repeatable."""
     hip_trial: Path | None = None
     """Recording in which the thighs swing, for --hip functional."""
     segments: Path | None = None
@@ -57,8 +65,6 @@ class TrialRequest(Settings, Subject, RecordingRules):
     """Calibration of the plates by known weights (hbm plates)."""
     calibration: Path | None = None
     """Calibration of the moving treadmill (hbm calibration fit)."""
-    accelerometer: tuple[str, ...] = ()
-    """SENSOR=X,Y,Z: channels of an accelerometer, if not as in the calibration; repeatable."""
     platform_markers: str = ""
     """Markers on a moving platform, e.g. PLAT1,PLAT2,PLAT3."""
 

@@ -29,7 +29,7 @@ from pipeline.trial.ground.laboratory import BoundLaboratory, Laboratory, bind
 from pipeline.trial.ground.uncertainty import uncertainty_notes
 from pipeline.trial.ground.wrenches import Ground, ground_wrenches, plate_loads
 from pipeline.trial.quality import NO_SUPPORT, carried_notes, free_of, settling_s
-from pipeline.trial.result import PlateSurface, TrialResult
+from pipeline.trial.result import TrialResult
 from pipeline.trial.stages import (
     Loads,
     Pose,
@@ -119,7 +119,7 @@ def process_recording(
     Examples
     --------
     >>> import pipeline
-    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
     >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
     >>> walk = pipeline.read_c3d("walk.c3d")
     >>> result = pipeline.process_recording(walk, pipeline.Subject(sex="male"), pipeline.Settings())
@@ -165,7 +165,7 @@ def process_recording(
     quality = frame_quality(body, pose, ground, loads, recording.plates, settings, settling)
     counts = free_of(quality)
     uncertainty = ground.uncertainty(motion.q[:, :3])
-    notes += uncertainty_notes(uncertainty.residual[counts]) if uncertainty else ()
+    notes += () if uncertainty is None else uncertainty_notes(uncertainty[counts])
     notes += carried_notes(quality, motion.time, loads.need, loads.measured)
 
     # gait: events, the cycles that count, and the delay that the residuals show
@@ -196,7 +196,7 @@ def process_recording(
         body=body,
         markers=recording.markers,
         first_frame=recording.first_frame,
-        plates=tuple(PlateSurface(p.number, p.center, p.corners) for p in recording.plates),
+        plates=tuple(plate.place for plate in recording.plates),
         motion=motion,
         variants=known_forces(loads.dynamics, quality),
         ground=loads.wrenches,
@@ -252,7 +252,7 @@ def process_trial(
     --------
     >>> from pathlib import Path
     >>> import pipeline
-    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
     >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
     >>> _ = Path("study.toml").write_text("[conditions.level]")
     >>> trials = '[trials.level]\nfile = "walk.c3d"'

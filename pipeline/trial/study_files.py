@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from compensation import Calibration
 from hbm.notes import Note
-from pipeline.config.plate_correction import PlateCorrection, read_plate_correction
+from pipeline.config.plate_correction import read_plate_correction
 from pipeline.config.schema import Trial
 from pipeline.config.study import Study
 from pipeline.config.toml_file import require_file
@@ -63,7 +63,8 @@ def read_study_laboratory(study: Study) -> Laboratory:
         If a calibration cannot be read or fitted, or was fitted to otherwise corrected plates.
     """
     treadmill, stated = study.file.treadmill, study.stated
-    plates = read_study_plates(study)
+    file = study.file.plates.calibration
+    plates = read_plate_correction(study.path(file)) if file else None
     calibration: Calibration | None = None
     if treadmill.calibration:
         beside = tuple(map(study.path, treadmill.beside))
@@ -77,12 +78,6 @@ def read_study_laboratory(study: Study) -> Laboratory:
         return laboratory
     found = read_check(study.path(treadmill.check), laboratory, stated)
     return replace(laboratory, notes=(*laboratory.notes, *found.notes))
-
-
-def read_study_plates(study: Study) -> PlateCorrection | None:
-    """Read the calibration of a study's plates; None where none is stated."""
-    name = study.file.plates.calibration
-    return read_plate_correction(study.path(name)) if name else None
 
 
 def with_unused_renames(recording: Recording, *others: Recording | None) -> Recording:

@@ -18,9 +18,8 @@ import pandas as pd
 from hbm.plausibility.labels import without_frozen_frames
 from hbm.plausibility.outliers import solve_without_outliers
 from hbm.spatial import GRAVITY_MPS2
-from pipeline.config.schema import Settings, Subject, Treadmill
+from pipeline.config.schema import Settings, Subject
 from pipeline.config.study import Study, read_study
-from pipeline.io.c3d.read import read_c3d
 from pipeline.io.recording import Event, Recording
 from pipeline.trial.gait.contact import feet_of, share_between_feet
 from pipeline.trial.gait.detection import (
@@ -29,7 +28,7 @@ from pipeline.trial.gait.detection import (
     foot_motion_events,
     plate_events,
 )
-from pipeline.trial.gait.events import LABELS, SIDES, compare_events, event_times
+from pipeline.trial.gait.events import LABELS, SIDES, event_times
 from pipeline.trial.ground.laboratory import Laboratory, bind
 from pipeline.trial.ground.wrenches import ground_wrenches, plate_loads
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
@@ -49,7 +48,6 @@ ENDS_S = 1.0
 OURS = ("zeni", "plates", "auto")
 MOTION = "auto, without plates"
 PEER_PYTHON = "HBM_GAITKIT_PYTHON"
-TREADMILL = Path(__file__).parents[3] / "shared" / "data" / "treadmill_hbm2"
 NOBODY, DEFAULTS = Subject(), Settings()
 Found = Mapping[str, Sequence[Event]]
 Sources = dict[str, Any]
@@ -79,7 +77,7 @@ def race(folder: Path) -> dict[str, list[dict[str, float | str]]]:
             found = ours(sources) | others.get(name, {})
             trials.append((condition, found, true_events(study.folder, name)))
     print(f"gaitkit: {peer}", file=sys.stderr)
-    return {"events": tabulate(trials), "treadmill events": on_the_treadmill()}
+    return {"events": tabulate(trials)}
 
 
 def ours(sources: Sources) -> dict[str, Sequence[Event]]:
@@ -202,30 +200,6 @@ def event_sources(
         "markers": markers,
         "marker_set": body.marker_set,
     }
-
-
-def on_the_treadmill() -> list[dict[str, float | str]]:
-    """Compare the methods with one another on a real recording, where it is there."""
-    path = TREADMILL / "treadmill_events.c3d"
-    if not path.is_file():
-        return []
-    sources = event_sources(read_c3d(path), Laboratory(Treadmill()))
-    found = {method: detect_events(**sources, wanted=method)[0] for method in ("file", *OURS)}
-    pairs = [("file", "plates"), ("zeni", "plates"), ("auto", "plates")]
-    pairs += [("zeni", "file"), ("auto", "file")]
-    return [
-        {
-            "name": f"{first} − {second}",
-            "event": f"{kind.side} {kind.label.replace('_', ' ')}",
-            "mean_ms": kind.mean_ms,
-            "sd_ms": kind.sd_ms,
-            "matched": kind.matched,
-            "only_first": kind.only_in_first,
-            "only_second": kind.only_in_second,
-        }
-        for first, second in pairs
-        for kind in compare_events(found[first], found[second])
-    ]
 
 
 def _sources(study: Study) -> Iterator[tuple[str, str, Sources]]:

@@ -20,7 +20,7 @@ from pipeline.io.c3d.read import read_c3d
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Analog, Plate, Recording
 from pipeline.virtual_lab.person.subject import Person
-from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
 
 LEFT = np.array([0.0, 1.0, 0.0])
 PIVOT_M = np.array([0.1, 0.0, -0.4])

@@ -7,16 +7,18 @@ from pathlib import Path
 import pipeline
 from hbm.markers import read_marker_set
 from pipeline.config.schema import Settings, Subject
-from pipeline.io.opensim import read_opensim_trial, read_trc
 from pipeline.io.read import read_recording
 from pipeline.io.stated import Stated
 from pipeline.trial.process import process_recording
-from tests.hbm.motions import relabelled
 
 TESTS = Path(__file__).resolve().parents[1]
 AXES = "forward,up,right"
 MASS_KG, STATURE_M = 72.84, 1.808
 """Of the generated walk."""
+
+
+def marker_set(path):
+    return read_marker_set(path.read_text(encoding="utf-8"), path.stem)
 
 
 def treadmill(folder):
@@ -34,15 +36,15 @@ def steps(folder):
 def overground(folder):
     folder = folder / "opensim_subject01"
     forces = folder / "subject01_walk1_grf.mot"
-    walk = read_opensim_trial(folder / "subject01_walk1.trc", forces, AXES)
-    static = read_trc(folder / "subject01_static.trc", AXES)
+    walk = read_recording(folder / "subject01_walk1.trc", AXES, forces)
+    static = read_recording(folder / "subject01_static.trc", AXES)
     known = {"subject": Subject(mass_kg=72.6), "static": static}
     return walk, known
 
 
 def generated(folder):
     folder = folder / "truth_walk"
-    walk = read_opensim_trial(folder / "markers.trc", folder / "grf.mot", AXES)
+    walk = read_recording(folder / "markers.trc", AXES, folder / "grf.mot")
     person = Subject(sex="male", mass_kg=MASS_KG, height_m=STATURE_M)
     return walk, {"subject": person}
 
@@ -69,10 +71,7 @@ def standing(folder):
 def two_plates(folder):
     """Overground walking over two plates; the file states no mass."""
     walk = pipeline.read_c3d(folder / "c3d_samples" / "Gait.c3d")
-    chosen = (TESTS / "trunk_ends" / "two_plates.toml").read_text(encoding="utf-8")
-    known = {"marker_set": read_marker_set(chosen.replace("VSAC", "SACR"), "two_plates")}
-    walk = replace(walk, markers=relabelled(walk.markers, ("VSAC", "SACR")))
-    return walk, known | {"subject": Subject(mass_kg=72.0)}
+    return walk, {"subject": Subject(mass_kg=72.0)}
 
 
 def later(recording, delay_s):
@@ -86,7 +85,11 @@ def recorded(read, folder):
     return read(folder)
 
 
-@cache
 def processed(read, folder, delay_s=0.0, **settings):
+    return _processed(read, folder, delay_s, Settings(**settings))
+
+
+@cache
+def _processed(read, folder, delay_s, settings):
     recording, known = recorded(read, folder)
-    return process_recording(later(recording, delay_s), settings=Settings(**settings), **known)
+    return process_recording(later(recording, delay_s), settings=settings, **known)

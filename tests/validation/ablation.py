@@ -34,12 +34,7 @@ from pipeline.virtual_lab.machine.instrumented_treadmill import (
     make_treadmill,
     undergo,
 )
-from pipeline.virtual_lab.machine.instruments import (
-    ANALOG_HZ,
-    SAMPLES_PER_FRAME,
-    Clock,
-    misplaced,
-)
+from pipeline.virtual_lab.machine.instruments import ANALOG_HZ, SAMPLES_PER_FRAME, Clock, misplaced
 from pipeline.virtual_lab.machine.platform import Machine, TreadmillMotion
 from pipeline.virtual_lab.machine.structure import Response
 from pipeline.virtual_lab.person.walk import Walk

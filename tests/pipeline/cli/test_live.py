@@ -15,8 +15,8 @@ import pytest
 
 from pipeline.cli.app import main
 from pipeline.io.read import read_recording
-from pipeline.live.recording import RESULTS, STREAMS
-from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+from pipeline.live.output import RESULTS_FOLDER, STREAMS
+from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
 
 DURATION_S = 14.0
 PATIENCE_S = 60
@@ -94,7 +94,7 @@ def test_a_replayed_walk_gives_its_residuals_until_ctrl_c_and_is_recorded(walk, 
     )
     assert received == solved + marked >= 100 * DURATION_S - 20
     assert solved > 0.5 * received  # a busy machine makes some late
-    assert len(pd.read_parquet(out / RESULTS)) == received
+    assert len(pd.read_parquet(out / RESULTS_FOLDER)) == received
     rms = re.search(
         r"residuals measured, \d+ gait cycles of both feet: RMS Fx (\d+) Fy (\d+) Fz (\d+)", said
     )
@@ -181,7 +181,7 @@ def test_what_is_missing_is_said_in_one_line(walk, tmp_path, capsys):
 
 @needs_lsl
 def test_the_address_is_that_of_the_option_or_of_the_study(walk, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("pipeline.live.outlet._listening", [])
+    monkeypatch.setattr("pipeline.live.output._listening", [])
     stated = '[conditions.level]\n[live]\nlisten = "192.0.2.1"\n'
     played = "--replay", walk, "--study", study_of(tmp_path / "study", stated)
     assert "192.0.2.1 is not an address of this computer" in refused(capsys, *played)

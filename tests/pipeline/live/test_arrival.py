@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from pipeline.config.schema import Settings, Subject, Treadmill
-from pipeline.live.arrival import Arrivals
 from pipeline.live.monitor import Monitor
 from pipeline.live.session import Session
-from pipeline.live.stream import Samples, StreamDescription
+from pipeline.live.stream import Arrivals, Samples, StreamDescription
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.live.sources.lsl import ClockOffset
+from pipeline.live.lsl import ClockOffset
 
 TIMES = 1000 + 3.0 * np.arange(200)
 

@@ -23,12 +23,12 @@ from tests.pipeline.other_formats import excerpt
 
 pytest.importorskip("pylsl", reason="the extra live is not installed")
 
-from pipeline.io.xdf.channels import Channel, parse_channels
-from pipeline.live.arrival import known
-from pipeline.live.outlet import Outlet, load_lsl, result_channels, result_outlet
+from pipeline.io.streams import Channel, parse_channels
+from pipeline.live import lsl
+from pipeline.live.lsl import ClockOffset, LslSource
+from pipeline.live.output import Outlet, load_lsl, result_channels, result_outlet
 from pipeline.live.replay import Replay, recorded_streams
-from pipeline.live.sources import lsl
-from pipeline.live.sources.lsl import ClockOffset, LslSource
+from pipeline.live.stream import known
 
 AXES = Stated(axes="forward,left,up")
 NAMES = ("LASIS", "RASIS", "SACR")

@@ -20,8 +20,7 @@ from hbm.spelling import listed
 from pipeline.config.live import Live
 from pipeline.config.schema import Settings
 from pipeline.io.recording import Plate
-from pipeline.live.frames.channels import AnalogStreams, SampleBuffer
-from pipeline.live.frames.ground import LiveGround, Pose
+from pipeline.live.ground import AnalogStreams, LiveGround, Pose, SampleBuffer
 from pipeline.live.stream import Samples, StreamDescription
 from pipeline.trial.checks import LEGS, MAX_UNSEEN_PELVIS_S
 from pipeline.trial.gait.carried import PLACES, Feet, Support
@@ -155,7 +154,7 @@ class LiveChain:
     --------
     >>> import pipeline
     >>> from pipeline.config.schema import Treadmill
-    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
     >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
     >>> walk = pipeline.read_c3d("walk.c3d")
     >>> body = pipeline.process_recording(walk, pipeline.Subject(), Settings()).body

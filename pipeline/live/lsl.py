@@ -15,17 +15,18 @@ from hbm.spatial import Array
 from hbm.spelling import listed, printable, short
 from pipeline.config.live import LOOPBACK
 from pipeline.io.stated import Stated
-from pipeline.io.xdf.channels import Channel, parse_channels, parse_xml
-from pipeline.io.xdf.clock import find_clock
-from pipeline.live.outlet import load_lsl
-from pipeline.live.sources.description import (
+from pipeline.io.streams import Channel, find_clock, parse_channels, parse_xml
+from pipeline.live.output import load_lsl
+from pipeline.live.stream import (
     Convert,
+    Samples,
+    StatedPlate,
+    StreamDescription,
     describe_markers,
     describe_plates,
     describe_signals,
     require_same,
 )
-from pipeline.live.stream import Samples, StatedPlate, StreamDescription
 
 MEASURE_S: Final = 3.0
 """Between looks: the library measures every two to three seconds, and each counts once."""
