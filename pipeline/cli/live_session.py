@@ -18,7 +18,7 @@ from pipeline.cli.stopping import SIGNAL_EXIT, Terminated, stoppable, terminable
 from pipeline.cli.terminal import PlainConsole
 from pipeline.live.chain import LiveChain
 from pipeline.live.lsl import LslSource
-from pipeline.live.monitor import Monitor, in_words, peaks_in_words
+from pipeline.live.monitor import Monitor
 from pipeline.live.output import (
     RESULTS_FOLDER,
     STREAMS,
@@ -290,19 +290,14 @@ def summary(
     )
     for name, lost in monitor.losses.lost.items():
         yield f"{lost} samples of stream {name} never arrived"
-    for variant, rms in condition.rms.items():
-        yield (
-            f"residuals {variant}, {condition.cycles} gait cycles of both feet: RMS "
-            f"{in_words(rms)}; {peaks_in_words(monitor.limits[variant])}"
-        )
+    yield f"{condition.cycles} gait cycles of both feet count"
+    yield from monitor.residuals()
     if condition.not_carried:
         beside = condition.not_carried
         yield f"{beside} gait cycles left out: the plates did not carry the subject in them"
     if not chain.received:
         yield f"stream {chain.stream.name} has sent no frame: does its program measure?"
     else:
-        if not condition.cycles:
-            yield "no gait cycle counts, so that no residuals are summed up"
         yield (
             f"from arrival to results: median {monitor.latency_ms(50):.2f} ms, 99 % within "
             f"{monitor.latency_ms(99):.2f} ms"

@@ -48,8 +48,6 @@ class FileMarkers:
         (T, M, 3) [m]; what no camera saw is NaN.
     unit
         Of positions, as the file writes it.
-    subject
-        Prefix that was removed from the labels; empty where there was none.
     notes
         On labels.
     """
@@ -57,7 +55,6 @@ class FileMarkers:
     names: tuple[str, ...]
     position: Array
     unit: str
-    subject: str
     notes: Sequence[Note]
 
 
@@ -71,12 +68,12 @@ def file_markers(
     the markers' extent.
     """
     metre = stated.metre(unit)
-    markers, subject, notes = marker_columns(labels, stated)
+    markers, notes = marker_columns(labels, stated)
     position = positions(list(markers.values()))
     position *= metre
     position[~np.isfinite(position).all(axis=-1) | ~position.any(axis=-1)] = np.nan
     stated.check_span(position, unit)
-    return FileMarkers(tuple(markers), position, unit, subject, notes)
+    return FileMarkers(tuple(markers), position, unit, notes)
 
 
 @dataclass(frozen=True, slots=True)

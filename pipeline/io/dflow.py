@@ -13,7 +13,7 @@ from hbm.spelling import short
 from pipeline.io.columns import DFLOW_PLATE, dflow_plates, file_markers, recording_of, vectors
 from pipeline.io.input_file import naming
 from pipeline.io.labels import require_unique
-from pipeline.io.recording import Analog, Metadata, Recording
+from pipeline.io.recording import Analog, Recording
 from pipeline.io.stated import Stated
 from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows
 
@@ -200,7 +200,6 @@ def read_dflow(path: Path, stated: Stated, record: Path | None = None) -> Record
         notes=notes,
         analog=analog,
         first_frame=first_frame,
-        metadata=Metadata(subject=markers.subject, software="D-Flow"),
     )
 
 

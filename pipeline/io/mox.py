@@ -14,7 +14,7 @@ from hbm.spatial import Array
 from hbm.spelling import printable, short
 from pipeline.io.columns import PlateColumns, dflow_plates, file_markers, recording_of, vectors
 from pipeline.io.input_file import open_file
-from pipeline.io.recording import Analog, Metadata, Recording
+from pipeline.io.recording import Analog, Recording
 from pipeline.io.stated import Stated
 from pipeline.io.text_table import decoded, read_number
 
@@ -67,7 +67,7 @@ def read_mox(path: Path, stated: Stated) -> Recording:
     of the recording states that this is unconfirmed.
     """
     with open_file(path) as file:
-        subject, channels = _channels(file.read())
+        channels = _channels(file.read())
     marked, on_plates = ({k: m for k in channels if (m := p.fullmatch(k))} for p in (MARKER, PLATE))
     stems = list(dict.fromkeys(m["a"] or m["b"] for m in marked.values()))
     if not stems:
@@ -98,12 +98,11 @@ def read_mox(path: Path, stated: Stated) -> Recording:
         plates,
         notes=notes,
         analog=analog,
-        metadata=Metadata(subject=subject or markers.subject),
     )
 
 
-def _channels(content: bytes) -> tuple[str, dict[str, Channel]]:
-    """Give the subject's name and the channels."""
+def _channels(content: bytes) -> dict[str, Channel]:
+    """Give the channels by their names."""
     decoded(content)
     try:
         root = ElementTree.fromstring(content)
@@ -113,10 +112,7 @@ def _channels(content: bytes) -> tuple[str, dict[str, Channel]]:
         element.tag = element.tag.rpartition("}")[2]
     if root.tag != ROOT:
         raise ValueError(f"not a .mox file: its root is {short(root.tag)!r}, expected {ROOT!r}")
-    subject, count = (
-        printable(root.findtext(f"viewer_header/{tag}", "").strip())
-        for tag in ("patient_id", "nr_of_samples")
-    )
+    count = printable(root.findtext("viewer_header/nr_of_samples", "").strip())
     channels: dict[str, Channel] = {}
     for element in root.iterfind("viewer_data/viewer_channel"):
         name = printable(element.findtext("channel_label", "").strip())
@@ -138,7 +134,7 @@ def _channels(content: bytes) -> tuple[str, dict[str, Channel]]:
         raise ValueError("it holds no channels (viewer_data/viewer_channel)")
     if count and all(str(len(samples)) != count for _, samples in channels.values()):
         raise ValueError(f"its header says nr_of_samples {count}, but no channel holds as many")
-    return subject, channels
+    return channels
 
 
 def _on_one_clock(parts: Mapping[str, Channel]) -> tuple[float, dict[str, Array]]:

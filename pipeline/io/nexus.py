@@ -12,7 +12,7 @@ from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import listed, short
 from pipeline.io.columns import PlateColumns, file_markers, left_out, recording_of
-from pipeline.io.recording import Analog, Metadata, Recording
+from pipeline.io.recording import Analog, Recording
 from pipeline.io.stated import Stated
 from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows, read_number
 
@@ -185,7 +185,6 @@ def read_nexus(path: Path, stated: Stated) -> Recording:
         notes=[*notes, *ending_notes(path)],
         analog=analog,
         first_frame=int(block.frame[0]),
-        metadata=Metadata(software="Vicon Nexus", subject=markers.subject),
         model_outputs={
             group.name.rpartition(":")[2]: group.values
             for group in (outputs.groups if outputs else ())

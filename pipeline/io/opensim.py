@@ -20,7 +20,7 @@ from pipeline.io.columns import (
     wrench_of_torque,
 )
 from pipeline.io.input_file import naming
-from pipeline.io.recording import Metadata, Recording
+from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated
 from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows, read_number
 
@@ -194,7 +194,6 @@ def _trajectories(path: Path, stated: Stated) -> Trajectories:
     markers = file_markers(names, header["Units"], lambda kept: position[:, kept], stated)
     attributes = {
         "first_frame": int(values[0, 0]),
-        "metadata": Metadata(subject=markers.subject),
         "notes": [*notes, *time_notes],
     }
     return markers, time, attributes

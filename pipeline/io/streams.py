@@ -70,8 +70,6 @@ class MarkerLayout:
         Columns of x, y and z of each marker, (3 M,).
     metre, unit
         One of the channels' unit [m], and that unit as the sender writes it.
-    subject
-        Prefix that was removed from the labels; empty where there was none.
     notes
         On labels.
     """
@@ -80,7 +78,6 @@ class MarkerLayout:
     columns: tuple[int, ...]
     metre: float
     unit: str
-    subject: str
     notes: Sequence[Note]
 
     def positions(self, values: Array) -> Array:
@@ -194,9 +191,9 @@ def marker_layout(channels: Sequence[Channel], stated: Stated) -> MarkerLayout:
         raise ValueError(f"the markers' channels have several units: {listed(units)}")
     (unit,) = units
     metre = stated.metre(unit)
-    markers, subject, notes = marker_columns(stems, stated)
+    markers, notes = marker_columns(stems, stated)
     columns = tuple(found[stems[k], axis] for k in markers.values() for axis in AXES)
-    return MarkerLayout(tuple(markers), columns, metre, unit, subject, notes)
+    return MarkerLayout(tuple(markers), columns, metre, unit, notes)
 
 
 def si_units(channels: Sequence[Channel]) -> tuple[tuple[str, ...], Array]:

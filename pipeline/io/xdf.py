@@ -32,7 +32,7 @@ from pipeline.io.columns import (
 )
 from pipeline.io.input_file import open_file
 from pipeline.io.labels import require_unique
-from pipeline.io.recording import Analog, Metadata, Recording
+from pipeline.io.recording import Analog, Recording
 from pipeline.io.stated import Stated
 from pipeline.io.streams import (
     Channel,
@@ -338,7 +338,7 @@ def read_xdf(path: Path, stated: Stated) -> Recording:
     clock = clocks[stream.name]
     position = layout.positions(clock.on_frames(stream.values)).reshape(clock.frames, -1, 3)
     stated.check_span(position, layout.unit)
-    markers = FileMarkers(layout.names, position, layout.unit, layout.subject, layout.notes)
+    markers = FileMarkers(layout.names, position, layout.unit, layout.notes)
     signals = []
     notes = []
     for other in regular:
@@ -366,7 +366,6 @@ def read_xdf(path: Path, stated: Stated) -> Recording:
             plate.plate(s.time, s.values, to_lab) for s in signals for plate in s.plates
         ],
         analog=analog,
-        metadata=Metadata(subject=layout.subject, software="LabRecorder"),
         notes=[*notes, *interpolated],
     )
 

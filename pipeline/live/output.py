@@ -113,11 +113,8 @@ def described_streams(
 
 
 MAGIC: Final = b"XDF:"
-FILE_HEADER, STREAM_HEADER, SAMPLES, BOUNDARY, STREAM_FOOTER = 1, 2, 3, 5, 6
+FILE_HEADER, STREAM_HEADER, SAMPLES, STREAM_FOOTER = 1, 2, 3, 6
 """Tags of chunks."""
-BOUNDARY_MARK: Final = bytes.fromhex("43a546dccbf5410fb30ed5467383cbe4")
-BOUNDARY_SAMPLES: Final = 10_000
-"""Between marks by which readers find the next chunk of a damaged file."""
 BYTES_OF_COUNT: Final = b"\x04"
 BYTES_OF_STAMP: Final = 8
 
@@ -148,7 +145,6 @@ class XdfWriter:
     def __init__(self, path: Path, descriptions: Sequence[Element]) -> None:
         self._numbers: dict[str, int] = {}
         self._counts: list[int] = []
-        self._since_boundary = 0
         self._file = path.open("xb")
         self._file.write(MAGIC)
         version = Element("info")
@@ -179,12 +175,8 @@ class XdfWriter:
         rows["bytes"], rows["stamp"], rows["values"] = BYTES_OF_STAMP, samples.time, samples.values
         head = struct.pack("<I", number) + BYTES_OF_COUNT + struct.pack("<I", count)
         self._counts[number - 1] += count
-        self._since_boundary += count
         try:
             self._chunk(SAMPLES, head + rows.tobytes())
-            if self._since_boundary >= BOUNDARY_SAMPLES:
-                self._chunk(BOUNDARY, BOUNDARY_MARK)
-                self._since_boundary = 0
             self._file.flush()
         except OSError:
             with suppress(OSError):
@@ -453,10 +445,6 @@ class Outlet:
         """Send samples, (N, K), taken at times on this computer's clock, (N,) [s]."""
         if len(time):
             self._outlet.push_chunk(np.ascontiguousarray(values), np.asarray(time, float))
-
-    def push_one(self, time_s: float, values: Array) -> None:
-        """Send one sample, (K,)."""
-        self._outlet.push_chunk(values, time_s)
 
     @property
     def has_receivers(self) -> bool:

@@ -98,7 +98,7 @@ class Session:
     def _give(self, frame: LiveFrame, arrived: float) -> None:
         row = result_row(frame)
         if self._outlet is not None:
-            self._outlet.push_one(frame.time, row)
+            self._outlet.push(np.array([frame.time]), row[None])
         latency_s = perf_counter() - arrived
         if self._recorder is not None:
             self._recorder.frame(np.concatenate([[frame.time], row]))

@@ -1,13 +1,23 @@
 """A request to process one trial: its file and every option of the command line about it."""
 
-from math import inf
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 from pydantic import BeforeValidator, Field
 
 from hbm.spelling import short
+<<<<<<< HEAD
 from pipeline.config.schema import RecordingRules, Settings, Subject, WantedWindow
+=======
+from pipeline.config.schema import (
+    MAX_STOP,
+    Condition,
+    Interval,
+    RecordingRules,
+    Settings,
+    Subject,
+)
+>>>>>>> main
 from pipeline.config.toml_file import Model
 
 NO_OPTIONS: Final = frozenset({"id", "age_years", "plate_delay_s"})
@@ -69,6 +79,7 @@ class TrialRequest(Settings, Subject, RecordingRequest):
     """Markers on a moving platform, e.g. PLAT1,PLAT2,PLAT3."""
 
     @property
+<<<<<<< HEAD
     def window(self) -> WantedWindow:
         """What counts in place of gait cycles; a ValueError where that is not understood."""
         if self.span is None:
@@ -76,16 +87,24 @@ class TrialRequest(Settings, Subject, RecordingRequest):
         named: dict[str, WantedWindow] = {"all": "recording", "step": "step", "stance": "stance"}
         if (word := self.span.strip().lower()) in named:
             return named[word]
+=======
+    def condition(self) -> Condition:
+        """What counts; a ValueError where the span is not understood."""
+        if self.span is None:
+            return Condition()
+        if self.span.strip().lower() == "all":
+            return Condition(window="recording")
+>>>>>>> main
         try:
             start, stop = (float(part) for part in self.span.split(","))
         except ValueError:
             start, stop = 0.0, 0.0
-        if not 0 <= start < stop < inf:
+        if not 0 <= start < stop <= MAX_STOP:
             raise ValueError(
                 f"--span {self.span!r}: expected step, stance, start and stop in seconds, such as "
                 "5,15, or all"
             )
-        return start, stop
+        return Condition(window=Interval(start, stop, "s"))
 
     def part(self, kind: type[Model], **other: object) -> Model:
         """Give the settings, the subject or the rules of the request, with some values replaced."""

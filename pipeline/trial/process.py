@@ -6,8 +6,8 @@ from hbm.body import Body
 from hbm.engines.engine import choose_engine
 from hbm.markers import MarkerSet, recognise_marker_set
 from hbm.notes import Note
-from hbm.overrides import SegmentOverride
 from hbm.plausibility.motion import implausible
+from hbm.segments import SegmentOverride
 from hbm.spatial import GRAVITY_MPS2, Indices
 from pipeline.config.schema import (
     Condition,
@@ -15,7 +15,6 @@ from pipeline.config.schema import (
     Settings,
     Subject,
     Treadmill,
-    WantedWindow,
 )
 from pipeline.config.study import Study
 from pipeline.config.toml_file import read_segments
@@ -68,7 +67,6 @@ def process_recording(
     marker_set: MarkerSet | None = None,
     laboratory: Laboratory | None = None,
     condition: Condition | None = None,
-    window: WantedWindow = None,
     contacts: Sequence[PlateContact] = (),
     jobs: int = 1,
 ) -> TrialResult:
@@ -93,11 +91,17 @@ def process_recording(
     laboratory
         The treadmill and its calibrations; by default one that stands still.
     condition
+    <<<<<<< HEAD
         Which gait cycles count; by default all of the right foot, or of the left one if the right
         has none.
     window
         What counts: "cycle", "step", "stance", "recording", or a span (start, stop) [s]; by default
         gait cycles; where there is none steps, else stances, else the whole recording.
+    =======
+        What counts: which gait cycles, the recording, or a span of it; by default all cycles of the
+        right foot, or of the left one if the right has none, and the whole recording where there is
+        none.
+    >>>>>>> main
     contacts
         Whose foot was on a plate, where a person knows better.
     jobs
@@ -157,12 +161,12 @@ def process_recording(
     notes += check_plates(recording, ground.variants[ground.best], mass.mass_kg)
 
     # dynamics: joint forces and pelvis residual of every variant
-    loads = dynamics_under_feet(body, pose, ground, recording.plates, settings, contacts, jobs)
+    loads = dynamics_under_feet(body, pose, ground, settings, contacts, jobs)
     notes += (loads.dynamics[ground.best].engine.note, *contact_notes(loads.shared, motion.time))
 
     # quality: in which frames pose and support are known and filters have settled
     settling = settling_s(laboratory.filters(settings))
-    quality = frame_quality(body, pose, ground, loads, recording.plates, settings, settling)
+    quality = frame_quality(body, pose, ground, loads, settings, settling)
     counts = free_of(quality)
     uncertainty = ground.uncertainty(motion.q[:, :3])
     notes += () if uncertainty is None else uncertainty_notes(uncertainty[counts])
@@ -175,7 +179,6 @@ def process_recording(
         events,
         quality,
         condition or Condition(),
-        window,
         settling,
         ground.pose,
         notes,
@@ -285,7 +288,6 @@ def process_trial(
             marker_set=study.marker_set,
             laboratory=laboratory or read_study_laboratory(study),
             condition=rule,
-            window=rule.wanted,
             contacts=trial.contacts,
             jobs=jobs,
         )

@@ -128,7 +128,6 @@ def what_counts(
     events: Sequence[Event],
     quality: Indices,
     rule: Condition,
-    wanted: WantedWindow,
     settling: tuple[float, float],
     pose: PlatformPose | None,
     notes: list[Note],
@@ -139,8 +138,13 @@ def what_counts(
     Parameters are those of `cut_cycles`, `select_cycles`, `perturbed_part` and `counted_span`, and
     so are the errors; the platform's pose is at the T frames. What is left out is noted.
     """
+<<<<<<< HEAD
     time, counts = recording.markers.time, free_of(quality)
     unit, usable, left_out = _cut(events, time, quality, wanted, min_valid_share)
+=======
+    time, counts, wanted = recording.markers.time, free_of(quality), rule.wanted
+    usable, left_out = cut_cycles(events, time, quality, min_valid_share)
+>>>>>>> main
     onsets = perturbation_onsets(recording, rule, pose) if rule.perturbed else np.empty(0)
     cycles, selection = select_cycles(usable, rule, onsets) if unit == "cycle" else (usable, ())
     part, of_part = perturbed_part(rule, cycles, onsets, time, pose)

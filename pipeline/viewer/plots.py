@@ -32,7 +32,7 @@ WIDTH: Final = float(COLUMNS * CELL[0])
 HEIGHT: Final = float(2 * CELL[1])
 FRAME: Final = np.array([[0, 0.5], [0, 0], [1, 0], [1, 1], [0, 1], [0, 0.5], [1, 0.5]]) * SIZE
 """Its outline, and the line at zero."""
-TITLE: Final = np.array([SIZE[0] / 2, -14])
+TITLE: Final = np.array([SIZE[0] / 2, -26])
 """Middle of a plot's title, from the corner of its frame."""
 FRAME_COLOUR: Final = "#5A5F66"
 TEXT_COLOUR: Final = "#B4BAC1"

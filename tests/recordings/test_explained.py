@@ -10,7 +10,7 @@ from pipeline.config.schema import Treadmill
 from pipeline.explain.linearise import explained_part, left_by_filter, rms
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.residuals import residual_table
-from tests.recordings.recorded import child, generated, overground, processed, recorded, treadmill
+from tests.recordings.recorded import generated, overground, processed, recorded, treadmill
 from tests.recordings.test_generated_walk import masses_of_model
 
 STILL = Laboratory(Treadmill())
@@ -59,7 +59,7 @@ def test_a_delay_is_stated_on_top_of_what_is_stated(shared_data):
     assert advice_of_delay(explained(generated, shared_data, -0.015)) == [wanted]
 
 
-@pytest.mark.parametrize("read", [treadmill, child("HC030")])
+@pytest.mark.parametrize("read", [treadmill, overground])
 def test_residuals_are_explained_over_the_frames_in_which_they_count(shared_data, read):
     """The same gait cycles, and of each the same frames: so the same RMS."""
     result = processed(read, shared_data)

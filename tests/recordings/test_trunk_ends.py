@@ -8,7 +8,7 @@ import pytest
 from hbm.body import build_body
 from hbm.calibration_pose.functional import functional_hips
 from hbm.coordinates import FIXED_TO, MOVING
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from hbm.markers import marker_sets
 from hbm.poses import segment_frames
 from hbm.segments import NO_INERTIA, Inertia

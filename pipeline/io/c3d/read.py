@@ -94,15 +94,12 @@ class PointLabels:
     ----------
     markers, outputs
         Name -> index of the point, for markers and for the outputs of other programs.
-    subject
-        The label prefix that was removed, empty where there was none.
     notes
         What was renamed, removed or set aside.
     """
 
     markers: dict[str, int]
     outputs: dict[str, int]
-    subject: str
     notes: list[Note]
 
 
@@ -137,12 +134,12 @@ def sort_labels(header: Header, stated: Stated) -> PointLabels:
     labels = parameters.texts("POINT", "LABELS")[:n_points]
     labels += [""] * (n_points - len(labels))
     labels = [label or f"unlabelled_{k + 1}" for k, label in enumerate(labels)]
-    bare, subject, notes = without_prefixes(labels, stated.label_prefix)
+    bare, notes = without_prefixes(labels, stated.label_prefix)
     computed = _outputs(parameters, labels, bare)
     outputs = _unique({k: name for k, name in bare.items() if k in computed})
     markers = _unique({k: name for k, name in bare.items() if k not in computed})
     renamed, rename_notes = rename_markers(markers, stated)
-    return PointLabels(renamed, outputs, subject, [*notes, *rename_notes])
+    return PointLabels(renamed, outputs, [*notes, *rename_notes])
 
 
 def _outputs(parameters: Parameters, labels: Sequence[str], bare: Mapping[int, str]) -> set[int]:
@@ -368,7 +365,7 @@ def read_c3d_file(path: Path, stated: Stated, max_frames: int | None = None) -> 
         analog=Analog(analog_time, names, units, others) if rest else None,
         events=events,
         first_frame=first_frame,
-        metadata=_metadata(parameters, labels),
+        metadata=_metadata(parameters),
         model_outputs={name: samples.points[:, k] for name, k in labels.outputs.items()},
         compensation=compensation,
         stated=stated,
@@ -394,22 +391,14 @@ def _first_frame(header: Header) -> tuple[int, list[str]]:
     return in_header, [correction("first frame by TRIAL:ACTUAL_START_FIELD", full, in_header)]
 
 
-def _metadata(parameters: Parameters, labels: PointLabels) -> Metadata:
-    software = parameters.texts("MANUFACTURER", "SOFTWARE")
-    software += parameters.texts("MANUFACTURER", "VERSION_LABEL")
-    of_subject = _measures(parameters, "", OF_SUBJECT)
+def _metadata(parameters: Parameters) -> Metadata:
     limbs = {
         side: LimbMeasures(**_measures(parameters, letter, OF_LIMB))
         for side, letter in SIDES.items()
     }
     return Metadata(
-        subject=parameters.text("SUBJECTS", "NAMES") or labels.subject,
-        marker_set=parameters.text("SUBJECTS", "MARKER_SETS"),
-        manufacturer=parameters.text("MANUFACTURER", "COMPANY"),
-        software=" ".join(software),
+        **_measures(parameters, "", OF_SUBJECT),
         limbs={side: found for side, found in limbs.items() if found != LimbMeasures()},
-        mass_kg=of_subject.get("mass_kg"),
-        height_m=of_subject.get("height_m"),
     )
 
 

@@ -150,13 +150,7 @@ def _with_person(
 
 def stated(subject: VirtualSubject) -> Metadata:
     """Give what a file states of a person."""
-    person = subject.person
-    return Metadata(
-        subject=person.name,
-        mass_kg=person.mass_kg,
-        height_m=person.height_m,
-        marker_set=subject.marker_set,
-    )
+    return Metadata(mass_kg=subject.person.mass_kg, height_m=subject.person.height_m)
 
 
 @dataclass(frozen=True, slots=True)

@@ -71,8 +71,8 @@ def coverage(sizes: pd.DataFrame) -> pd.DataFrame:
     }
     kind = np.select(list(kinds.values()), list(kinds), "of instruments, not told")
     held = 100.0 * ((sizes["size"] - sizes.true).abs() <= INSIDE * sizes.deviation)
-    groups = held.groupby([sizes.prior, pd.Series(kind, sizes.index, name="size")])
-    return groups.agg(["mean", "size"]).reset_index()
+    rows = sizes.assign(kind=kind, held=held).groupby(["prior", "kind"]).held
+    return rows.agg(held="mean", count="size").reset_index()
 
 
 def share_rows(outcome: Outcome) -> pd.DataFrame:
@@ -91,18 +91,21 @@ def share_rows(outcome: Outcome) -> pd.DataFrame:
             makes[named(group)] = makes.get(named(group), 0.0) + share[k]
         makes[PERSON] = makes.get(PERSON, 0.0) + 1 - sum(makes.values())
         said = sorted(outcome.budgets["as usual"].groups, key=lambda g: -g.share[k])
-        for rank, each in enumerate(said, start=1):
-            groups = {named(group) for group in each.groups}
-            true = max(makes.get(group, 0.0) for group in groups)
+        unsaid = set(makes) - {named(group) for each in said for group in each.groups}
+        each_said = [(each.groups, each.share[k], each.deviation[k]) for each in said]
+        each_said += [((group,), 0.0, 0.0) for group in sorted(unsaid)]
+        for rank, (groups, share, deviation) in enumerate(each_said, start=1):
+            own = {named(group) for group in groups}
+            true = max(makes.get(group, 0.0) for group in own)
             rows.append(
                 {
                     "trial": outcome.plan.name,
                     "axis": axis,
-                    "groups": " + ".join(each.groups),
-                    "absent": present.isdisjoint(each.groups),
-                    "instrument": PERSON not in groups,
-                    "share": each.share[k],
-                    "surely": each.share[k] > INSIDE * each.deviation[k],
+                    "groups": " + ".join(groups),
+                    "absent": own.isdisjoint(makes) and present.isdisjoint(groups),
+                    "instrument": PERSON not in own,
+                    "share": share,
+                    "surely": share > INSIDE * deviation,
                     "true": true,
                     "largest": true >= max(makes.values()),
                     "first": rank == 1,
@@ -119,7 +122,7 @@ def named(group: str) -> str:
 def found(shares: pd.DataFrame) -> str:
     """Say how often large causes are first, and absent ones claimed."""
     large = shares[shares.true >= LARGE]
-    first = large.groupby(["instrument", "largest"])["first"].agg(["mean", "size"])
+    first = large.groupby(["instrument", "largest"])["first"].agg(first="mean", count="size")
     gone = shares[shares.absent]
     claims = gone.assign(above=gone.share > CLAIMED, surely=gone.surely & (gone.share > CLAIMED))
     each = claims.groupby(["trial", "groups"])[["above", "surely"]].any()

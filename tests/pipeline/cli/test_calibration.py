@@ -198,8 +198,9 @@ def test_the_verdict_on_a_fitted_file_is_said_by_fit_check_residuals_and_export(
 
 
 def test_the_verdict_on_a_recording_of_the_study_is_in_everything_that_a_run_leaves(
-    moving_study, tmp_path, capsys
+    moving_study, tmp_path, capsys, monkeypatch
 ):
+    monkeypatch.setattr("pipeline.report.write.study_figures", lambda *given: iter(()))
     study, out = spoilt(moving_study, tmp_path), tmp_path / "results"
     main(["check", str(study)])
     assert BEYOND in " ".join(capsys.readouterr().out.split())

@@ -95,9 +95,7 @@ def test_a_replayed_walk_gives_its_residuals_until_ctrl_c_and_is_recorded(walk, 
     assert received == solved + marked >= 100 * DURATION_S - 20
     assert solved > 0.5 * received  # a busy machine makes some late
     assert len(pd.read_parquet(out / RESULTS_FOLDER)) == received
-    rms = re.search(
-        r"residuals measured, \d+ gait cycles of both feet: RMS Fx (\d+) Fy (\d+) Fz (\d+)", said
-    )
+    rms = re.search(r"residuals measured: RMS Fx (\d+) Fy (\d+) Fz (\d+)", said)
 
     capsys.readouterr()
     options = ["--static", str(walk), "--filter", "realtime", "--out", str(tmp_path / "offline")]
@@ -115,9 +113,7 @@ def test_without_any_file_the_body_is_of_the_pose_and_the_plates_are_where_strea
     out = tmp_path / "out"
     said = said_of_a_replay(walk, "--pose", "--out", out)
     assert "stand still on the plates, arms out to the sides" in said
-    assert re.search(
-        r"residuals measured, \d+ gait cycles of both feet: RMS Fx (\d+) Fy (\d+) Fz (\d+)", said
-    )
+    assert re.search(r"residuals measured: RMS Fx (\d+) Fy (\d+) Fz (\d+)", said)
     recorded, true = read_recording(out / STREAMS), read_recording(walk)
     for ours, plate in zip(recorded.plates, true.plates, strict=True):
         np.testing.assert_array_equal(ours.center, plate.center)
