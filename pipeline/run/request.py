@@ -6,9 +6,6 @@ from typing import Annotated, Any, Final
 from pydantic import BeforeValidator, Field
 
 from hbm.spelling import short
-<<<<<<< HEAD
-from pipeline.config.schema import RecordingRules, Settings, Subject, WantedWindow
-=======
 from pipeline.config.schema import (
     MAX_STOP,
     Condition,
@@ -17,7 +14,6 @@ from pipeline.config.schema import (
     Settings,
     Subject,
 )
->>>>>>> main
 from pipeline.config.toml_file import Model
 
 NO_OPTIONS: Final = frozenset({"id", "age_years", "plate_delay_s"})
@@ -79,22 +75,13 @@ class TrialRequest(Settings, Subject, RecordingRequest):
     """Markers on a moving platform, e.g. PLAT1,PLAT2,PLAT3."""
 
     @property
-<<<<<<< HEAD
-    def window(self) -> WantedWindow:
-        """What counts in place of gait cycles; a ValueError where that is not understood."""
-        if self.span is None:
-            return None
-        named: dict[str, WantedWindow] = {"all": "recording", "step": "step", "stance": "stance"}
-        if (word := self.span.strip().lower()) in named:
-            return named[word]
-=======
     def condition(self) -> Condition:
         """What counts; a ValueError where the span is not understood."""
         if self.span is None:
             return Condition()
-        if self.span.strip().lower() == "all":
-            return Condition(window="recording")
->>>>>>> main
+        windows = {"all": "recording", "step": "step", "stance": "stance"}
+        if (word := self.span.strip().lower()) in windows:
+            return Condition.model_validate({"window": windows[word]})
         try:
             start, stop = (float(part) for part in self.span.split(","))
         except ValueError:

@@ -138,13 +138,8 @@ def what_counts(
     Parameters are those of `cut_cycles`, `select_cycles`, `perturbed_part` and `counted_span`, and
     so are the errors; the platform's pose is at the T frames. What is left out is noted.
     """
-<<<<<<< HEAD
-    time, counts = recording.markers.time, free_of(quality)
-    unit, usable, left_out = _cut(events, time, quality, wanted, min_valid_share)
-=======
     time, counts, wanted = recording.markers.time, free_of(quality), rule.wanted
-    usable, left_out = cut_cycles(events, time, quality, min_valid_share)
->>>>>>> main
+    unit, usable, left_out = _cut(events, time, quality, wanted, min_valid_share)
     onsets = perturbation_onsets(recording, rule, pose) if rule.perturbed else np.empty(0)
     cycles, selection = select_cycles(usable, rule, onsets) if unit == "cycle" else (usable, ())
     part, of_part = perturbed_part(rule, cycles, onsets, time, pose)

@@ -9,13 +9,8 @@ from hbm.body import build_body
 from hbm.calibration_pose.functional import functional_hips
 from hbm.coordinates import MOVING
 from hbm.dynamics import filter_motion, inverse_dynamics
-<<<<<<< HEAD
-from hbm.kinematics import solve_ik
-from hbm.markers import marker_sets
-from hbm.overrides import SegmentOverride
-=======
 from hbm.ik.tracking import solve_ik
->>>>>>> main
+from hbm.markers import marker_sets
 from hbm.poses import segment_frames
 from hbm.segments import SegmentOverride
 from hbm.signals.filtering import butterworth
