@@ -14,14 +14,85 @@ from hbm.coordinates import FIRST_Q, LAST_Q, MOVING, N_Q, PARENT, TREE
 from hbm.model import Joint
 from hbm.spatial import Array, Mask, fit_rotation, skew
 
+COFACTORS: Final = np.array(
+    [
+        (4, 5, 3, 7, 8, 6, 1, 2, 0),
+        (8, 6, 7, 2, 0, 1, 5, 3, 4),
+        (5, 3, 4, 8, 6, 7, 2, 0, 1),
+        (7, 8, 6, 1, 2, 0, 4, 5, 3),
+    ]
+)
+"""Entries a, b, c, d of a flat 3 × 3 matrix whose cofactors, in the same order, are ``ab − cd``."""
+
 CYCLIC: Final = {(0, 1, 2), (1, 2, 0), (2, 0, 1)}
 """Sequences of axes that follow each other by the right-hand rule."""
+
+MIN_FRAMES_CLOSED_FORM: Final = 24
+"""For fewer frames singular values are as fast."""
+
+ROOT_ITERATIONS: Final = 5
+"""Newton's method on the quartic starts at an upper bound of its largest root, from where five
+iterations suffice unless two roots nearly coincide."""
+
+MAX_LAST_STEP: Final = 1e-6
+"""Last step of that root, relative to it: convergence is quadratic, so the error is its square."""
+
+MIN_SLOPE: Final = 1e-9
+"""Slope of the quartic, relative to the cube of its root, below which the root is a double root."""
+
+MIN_SCALE: Final = 1e-2
+"""Scale of the closed form, relative to the cube of the root: it vanishes for markers on one line,
+and the closed form loses precision as it becomes small."""
 
 MIN_AMPLITUDE: Final = 1e-300
 """Avoids the division of zero by zero, where any angle is equally good."""
 
 HINGE_ITERATIONS: Final = 4
 """How often the two angles of a double hinge are improved in turn: enough for a starting point."""
+
+
+def nearest_rotation(covariance: Array) -> Array:
+    """Give the proper rotations nearest to cross-covariances, as `fit_rotation` does.
+
+    Parameters
+    ----------
+    covariance
+        Measured by model, (F, 3, 3).
+
+    Returns
+    -------
+    Array
+        Rotations that take the model's vectors to the measured ones, (F, 3, 3).
+
+    Notes
+    -----
+    In closed form but for a root of a quartic (Markley 1993, J Astronaut Sci 41:261), which is far
+    faster for many frames than singular values. For few frames, and where the closed form is
+    singular, as for markers on one line, `fit_rotation` is used.
+    """
+    if len(covariance) < MIN_FRAMES_CLOSED_FORM:
+        return fit_rotation(covariance)
+    flat = covariance.reshape(-1, 9)
+    plus, minus = flat[:, COFACTORS[0]] * flat[:, COFACTORS[1]], flat[:, COFACTORS[2]]
+    cofactor = plus - minus * flat[:, COFACTORS[3]]
+    norm, size = np.vecdot(flat, flat), 4 * np.vecdot(cofactor, cofactor)
+    determinant = np.vecdot(flat[:, :3], cofactor[:, :3])
+    root = np.sqrt(norm + np.sqrt(3 * size))
+    for _ in range(ROOT_ITERATIONS):
+        rest = root**2 - norm
+        slope, step = 4 * root * rest - 8 * determinant, np.zeros_like(root)
+        value = rest**2 - 8 * determinant * root - size
+        np.divide(value, slope, out=step, where=slope > MIN_SLOPE * root**3)
+        root -= step
+    half = (root**2 - norm) / 2
+    scale = half * root - determinant
+    square = covariance @ np.swapaxes(covariance, 1, 2) @ covariance
+    rotation = (half + norm)[:, None] * flat + root[:, None] * cofactor - square.reshape(-1, 9)
+    singular = (scale <= MIN_SCALE * root**3) | (np.abs(step) > MAX_LAST_STEP * root)
+    rotation = (rotation / np.where(singular, 1, scale)[:, None]).reshape(-1, 3, 3)
+    if singular.any():
+        rotation[singular] = fit_rotation(covariance[singular])
+    return np.asarray(rotation)
 
 
 def three_angles(R: Array, first: int) -> Array:
@@ -234,7 +305,7 @@ class Start:
             measured = self.position[todo][:, own]
             center, model_center = np.einsum("tk,tki->ti", w, measured), w @ model
             centered = model - model_center[:, None]
-            R[todo] = fit_rotation(_cross_covariance(w, measured - center[:, None], centered))
+            R[todo] = nearest_rotation(_cross_covariance(w, measured - center[:, None], centered))
             o[todo] = center - (R[todo] @ model_center[..., None])[..., 0]
             solved |= todo
         return R, o, solved
@@ -245,7 +316,7 @@ class Start:
         if len(joint) < 3:
             starts = FOREARM_STARTS_RAD if s.endswith("forearm") else (0.0,)
             return hinge_angles(covariance, self.terms[joint], starts)
-        rotation = fit_rotation(covariance)
+        rotation = nearest_rotation(covariance)
         return three_angles(rotation, joint[0]), rotation
 
 

@@ -35,6 +35,9 @@ MIN_SPLINE_SAMPLES: Final = 4
 ROUNDING_STEPS: Final = 1e-6
 """Time beyond the ends of a block, in samples, that is treated as rounding error."""
 
+MAX_ROUNDING_STEPS: Final = 1e-9
+"""Of a wanted time from a sample's, in steps: the rounding error of times in seconds."""
+
 
 def resample(
     time: ArrayLike, values: ArrayLike, new_time: ArrayLike, *, delay_s: float = 0.0
@@ -110,8 +113,17 @@ def interpolate(time: ArrayLike, values: ArrayLike, at: ArrayLike) -> Array:
         first, last = time[rows][[0, -1]]
         inside = (wanted >= first - rounding) & (wanted <= last + rounding)
         place = inside if isinstance(sharing, slice) else np.ix_(inside, sharing)
-        result[place] = make_interp_spline(time[rows], columns[rows, sharing])(wanted[inside])
+        result[place] = _spline(time[rows], columns[rows, sharing], wanted[inside])
     return result.reshape(*at.shape, *values.shape[1:])
+
+
+def _spline(time: Array, samples: Array, at: Array) -> Array:
+    """Evaluate the spline through (N, K) samples; at their times it is the samples themselves."""
+    step = (time[-1] - time[0]) / (len(time) - 1)
+    nearest = np.rint((at - time[0]) / step).astype(int).clip(0, len(time) - 1)
+    if np.abs(time[nearest] - at).max(initial=0) <= MAX_ROUNDING_STEPS * step:
+        return np.asarray(samples.take(nearest, axis=0))
+    return np.asarray(make_interp_spline(time, samples)(at))
 
 
 def resample_in_real_time(time: Array, values: Array, new_time: Array) -> Array:

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Final, TypeVar
 from pydantic import AfterValidator, BaseModel, ValidationError, ValidationInfo
 from pydantic_core import ErrorDetails
 
-from hbm.overrides import SegmentOverride, read_overrides
+from hbm.segments import SegmentOverride, read_overrides
 from hbm.spelling import Table, did_you_mean, listed, parse_toml, short, shown
 from pipeline.config.input_model import Text
 from pipeline.io.input_file import fault_line, is_file, naming, read_text

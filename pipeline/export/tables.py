@@ -14,11 +14,10 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pandas as pd
 
-from hbm.clinical import AnkleZero, clinical_angles
 from hbm.coordinates import COORDINATES, HBM_ORDER, INDEX, LAST_Q, TREE
 from hbm.dynamics import Dynamics
 from hbm.markers import Markers
-from hbm.motion import Motion
+from hbm.motion import AnkleZero, Motion, clinical_angles
 from hbm.spatial import Array
 from pipeline.export.models import write_xml
 from pipeline.io.write import whole_file, write_csv, write_text
@@ -75,7 +74,7 @@ def angle_table(motion: Motion, ankle_zero: AnkleZero = "right_angle") -> pd.Dat
         The coordinates.
     ankle_zero
         Where the ankle is zero, "right_angle" or "in_line"; see
-        `hbm.clinical.clinical_angles`, which also gives the meaning of every sign.
+        `hbm.motion.clinical_angles`, which also gives the meaning of every sign.
 
     Returns
     -------
@@ -112,7 +111,7 @@ def write_coordinates(motion: Motion, path: str | Path) -> None:
     Notes
     -----
     Columns in the Human Body Model's order, rotations in degrees, translations in metres. They are
-    the model's coordinates; `hbm.clinical` gives the shoulder angles of the original's export.
+    the model's coordinates; `hbm.motion` gives the shoulder angles of the original's export.
     """
     columns = {}
     for name in HBM_ORDER:

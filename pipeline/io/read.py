@@ -10,6 +10,7 @@ import numpy as np
 
 from hbm.notes import Note
 from pipeline.io.axes import AxesUnknownError
+from pipeline.io.c3d.data import KEY
 from pipeline.io.c3d.read import preview_c3d, read_c3d_file
 from pipeline.io.dflow import read_dflow
 from pipeline.io.input_file import naming, open_file
@@ -22,8 +23,6 @@ from pipeline.io.stated import Stated, as_stated
 from pipeline.io.text_table import EMPTY, decoded
 from pipeline.io.xdf import MAGIC, read_xdf
 
-C3D_KEY: Final = 0x50
-"""Second byte of every C3D file."""
 READERS: Final[dict[str, Callable[..., Recording]]] = {
     "C3D": read_c3d_file,
     "TRC": read_trc,
@@ -157,7 +156,7 @@ def file_format(path: Path) -> str:
 
 
 def _format(head: bytes) -> str:
-    if head[1:2] == bytes([C3D_KEY]) and not head[:1].isalpha():
+    if head[1:2] == bytes([KEY]) and not head[:1].isalpha():
         return "C3D"
     if head.startswith(MAGIC):
         return "XDF"

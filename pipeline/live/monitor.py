@@ -12,12 +12,13 @@ from compensation import marker_plate_delay
 from hbm.notes import Note
 from hbm.signals.filtering import acceleration_lag_s
 from hbm.signals.samples import stretches
-from hbm.spatial import GRAVITY_MPS2, Array
+from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array
+from pipeline.config.schema import NOUNS
 from pipeline.io.recording import Plate
 from pipeline.live.chain import LiveChain, LiveFrame
 from pipeline.live.cycles import ConditionSoFar, GaitTracker, Limits, LiveCycle
 from pipeline.live.stream import Samples, StreamDescription
-from pipeline.trial.checks import COMPONENTS, MAX_REST_N, rest_level
+from pipeline.trial.checks import MAX_REST_N, rest_level
 from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import AXES, REPORTED_SIGN, height_of_mass
 from pipeline.trial.subject import differing_masses
@@ -261,7 +262,7 @@ class PlateWatch:
         before, self._not_zero = self._not_zero, abs(rest_n or 0.0) > MAX_REST_N
         if self._not_zero and not before:
             notes.append(Note.of("live_plate_not_zero", plate=self._number, rest_n=rest_n or 0.0))
-        for name, values, least in zip(COMPONENTS, np.abs(wrench).T, EXTREME, strict=True):
+        for name, values, least in zip(WRENCH_COMPONENTS, np.abs(wrench).T, EXTREME, strict=True):
             if name not in self._saturated and _is_limited(values, least):
                 self._saturated.add(name)
                 plate, limit = self._number, float(np.nanmax(values))
@@ -347,7 +348,8 @@ class Monitor:
         streams = (chain.stream.name, *chain.analog.used)
         self._arrived_s = dict.fromkeys(streams, monotonic())
         self._silent: set[str] = set()
-        self.condition = ConditionSoFar(chain.settings.min_valid_share)
+        least = chain.settings.min_valid_share
+        self._so_far = {unit: ConditionSoFar(least, unit) for unit in ("cycle", "step")}
         self.cycles: deque[LiveCycle] = deque(maxlen=10)
         self.notes: deque[tuple[float, Note]] = deque(maxlen=MAX_NOTES)
         self.reasons: Counter[str] = Counter()
@@ -376,12 +378,15 @@ class Monitor:
         self._time = frame.time
         self._latency.append(latency_s)
         self.reasons.update(reason.name or "" for reason in Quality if reason in frame.quality)
-        strides = self._gait.add(frame)
+        ended = self._gait.add(frame)
+        strides = [each for each in ended if each.unit == "cycle"]
         for stride in strides:
             self._note(*self._weight.add(stride))
+        for each in ended:
+            if each.whole:
+                self._so_far[each.unit].add(each)
         cycles = [stride for stride in strides if stride.whole]
-        for cycle in cycles:
-            self.condition.add(cycle)
+        if ended:
             self._height_m = height_of_mass(self._chain.body, frame.q[None])
         self.cycles.extend(cycles)
         self._note(*self._delay.add(frame), *self._fit.add(frame))
@@ -394,6 +399,12 @@ class Monitor:
             if stream not in self._silent and now - arrived_s > SILENT_S:
                 self._silent.add(stream)
                 self._note(Note.of("live_stream_silent", stream=stream))
+
+    @property
+    def condition(self) -> ConditionSoFar:
+        """The gait cycles so far or, where plates carry none of them, the steps."""
+        cycles, steps = self._so_far.values()
+        return steps if steps.cycles and not cycles.cycles else cycles
 
     @property
     def limits(self) -> dict[str, Limits]:
@@ -412,10 +423,10 @@ class Monitor:
             parts.append(f"{chain.late} late")
         if condition.cycles:
             *_, best = condition.rms.values()
-            parts.append(f"{condition.cycles} gait cycles")
+            parts.append(f"{condition.cycles} {NOUNS[condition.unit]}s")
             parts.append(f"RMS {_in_words(best)}")
         if condition.not_carried:
-            parts.append(f"{condition.not_carried} gait cycles beside the plates")
+            parts.append(f"{condition.not_carried} {NOUNS[condition.unit]}s beside the plates")
         parts.append(f"{self.latency_ms(50):.1f} ms (99 %: {self.latency_ms(99):.1f})")
         return " · ".join(parts)
 

@@ -1,13 +1,19 @@
 """A request to process one trial: its file and every option of the command line about it."""
 
-from math import inf
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final
 
 from pydantic import BeforeValidator, Field
 
 from hbm.spelling import short
-from pipeline.config.schema import RecordingRules, Settings, Subject
+from pipeline.config.schema import (
+    MAX_STOP,
+    Condition,
+    Interval,
+    RecordingRules,
+    Settings,
+    Subject,
+)
 from pipeline.config.toml_file import Model
 
 NO_OPTIONS: Final = frozenset({"id", "age_years", "plate_delay_s"})
@@ -59,8 +65,8 @@ class TrialRequest(Settings, Subject, RecordingRequest):
     plate_delay_ms: Annotated[float, Field(ge=-500, le=500)] | None = None
     """Delay of the plates relative to the markers; default: their calibration's, or none."""
     span: str | None = None
-    """What counts in place of gait cycles: start and stop in s, e.g. 5,15, or all; default: all
-    where there is no gait cycle."""
+    """What counts in place of gait cycles: step, stance, start and stop in s, e.g. 5,15, or all;
+    default: where there is no gait cycle steps, else stances, else all."""
     plate_calibration: Path | None = None
     """Calibration of the plates by known weights (hbm plates)."""
     calibration: Path | None = None
@@ -69,21 +75,23 @@ class TrialRequest(Settings, Subject, RecordingRequest):
     """Markers on a moving platform, e.g. PLAT1,PLAT2,PLAT3."""
 
     @property
-    def window(self) -> Literal["recording"] | tuple[float, float] | None:
-        """What counts in place of gait cycles; a ValueError where that is not understood."""
+    def condition(self) -> Condition:
+        """What counts; a ValueError where the span is not understood."""
         if self.span is None:
-            return None
-        if self.span.strip().lower() == "all":
-            return "recording"
+            return Condition()
+        windows = {"all": "recording", "step": "step", "stance": "stance"}
+        if (word := self.span.strip().lower()) in windows:
+            return Condition.model_validate({"window": windows[word]})
         try:
             start, stop = (float(part) for part in self.span.split(","))
         except ValueError:
             start, stop = 0.0, 0.0
-        if not 0 <= start < stop < inf:
+        if not 0 <= start < stop <= MAX_STOP:
             raise ValueError(
-                f"--span {self.span!r}: expected start and stop in seconds, such as 5,15, or all"
+                f"--span {self.span!r}: expected step, stance, start and stop in seconds, such as "
+                "5,15, or all"
             )
-        return start, stop
+        return Condition(window=Interval(start, stop, "s"))
 
     def part(self, kind: type[Model], **other: object) -> Model:
         """Give the settings, the subject or the rules of the request, with some values replaced."""

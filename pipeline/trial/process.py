@@ -8,8 +8,8 @@ from hbm.body import Body
 from hbm.engines.engine import choose_engine
 from hbm.markers import MarkerSet, recognise_marker_set
 from hbm.notes import Note
-from hbm.overrides import SegmentOverride
 from hbm.plausibility.motion import implausible
+from hbm.segments import SegmentOverride
 from hbm.spatial import GRAVITY_MPS2, Indices
 from pipeline.config.schema import (
     Condition,
@@ -24,7 +24,6 @@ from pipeline.io.recording import Event, Recording
 from pipeline.trial.checks import check_markers, check_motion, check_plates, other_person
 from pipeline.trial.gait.carried import places_of
 from pipeline.trial.gait.contact import contact_notes
-from pipeline.trial.gait.cycles import found_cycles
 from pipeline.trial.gait.detection import detect_events, foot_motion, plate_events
 from pipeline.trial.gait.events import SIDES, check_events, reference_events
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
@@ -57,13 +56,14 @@ from pipeline.trial.study_files import (
 )
 from pipeline.trial.subject import (
     ON_PLATES,
+    BodyMass,
     MassUnknownError,
     body_mass,
     differing_masses,
     roughly_weighed,
     subject_body,
 )
-from pipeline.trial.window import WantedWindow, what_counts
+from pipeline.trial.window import what_counts
 
 
 def process_recording(
@@ -78,7 +78,6 @@ def process_recording(
     marker_set: MarkerSet | None = None,
     laboratory: Laboratory | None = None,
     condition: Condition | None = None,
-    window: WantedWindow = None,
     contacts: Sequence[PlateContact] = (),
     jobs: int = 1,
 ) -> TrialResult:
@@ -103,11 +102,9 @@ def process_recording(
     laboratory
         The treadmill and its calibrations; by default one that stands still.
     condition
-        Which gait cycles count; by default all of the right foot, or of the left one if the right
-        has none.
-    window
-        What counts: "cycle", "recording", or a span (start, stop) [s]; by default gait cycles, and
-        the whole recording where there is none.
+        What counts: gait cycles, steps, stances, the recording, or a span of it; by default all
+        cycles of the right foot, or of the left one if the right has none; where there is none
+        steps, else stances, else the whole recording.
     contacts
         Whose foot was on a plate, where a person knows better.
     jobs
@@ -137,17 +134,14 @@ def process_recording(
     '74.6 kg, 3 gait cycles'
     """
     laboratory, notes = laboratory or Laboratory(Treadmill()), list[Note]()
-    _require_plates(recording)
     choose_engine(settings.engine)
     recording = with_corrected_plates(recording, laboratory.plates)
     standing = with_corrected_plates(static, laboratory.plates) if static else recording
     notes += recording.notes
 
     # body: segments and joints from the calibration pose, scaled by mass and stature
-    if marker_set is None and settings.marker_set is None:
-        marker_set = recognise_marker_set(standing.markers.names)
     try:
-        mass = body_mass(subject, standing, recording)
+        mass = _body_mass(recording, standing, subject, settings, marker_set)
     except MassUnknownError as unknown:
         rough = subject.model_copy(update={"mass_kg": roughly_weighed(recording, unknown)})
         again = partial(
@@ -161,7 +155,6 @@ def process_recording(
             marker_set=marker_set,
             laboratory=laboratory,
             condition=condition,
-            window=window,
             contacts=contacts,
             jobs=jobs,
         )
@@ -189,12 +182,12 @@ def process_recording(
     notes += check_plates(recording, ground.variants[ground.best], mass.mass_kg)
 
     # dynamics: joint forces and pelvis residual of every variant
-    loads = dynamics_under_feet(body, pose, ground, recording.plates, settings, contacts, jobs)
+    loads = dynamics_under_feet(body, pose, ground, settings, contacts, jobs)
     notes += (loads.dynamics[ground.best].engine.note, *contact_notes(loads.shared, motion.time))
 
     # quality: in which frames pose and support are known and filters have settled
     settling = settling_s(laboratory.filters(settings))
-    quality = frame_quality(body, pose, ground, loads, recording.plates, settings, settling)
+    quality = frame_quality(body, pose, ground, loads, settings, settling)
     counts = free_of(quality)
     uncertainty = ground.uncertainty(motion.q[:, :3])
     notes += () if uncertainty is None else uncertainty_notes(uncertainty[counts])
@@ -227,7 +220,6 @@ def process_recording(
         events,
         quality,
         condition or Condition(),
-        window,
         settling,
         ground.pose,
         notes,
@@ -252,7 +244,8 @@ def process_recording(
         platform=ground.pose,
         events=events,
         cycles=counted.cycles,
-        found_cycles=found_cycles(events, counted.cycles),
+        unit=counted.unit,
+        found_cycles=counted.found,
         span=counted.span,
         quality=quality,
         onsets=counted.onsets,
@@ -332,7 +325,6 @@ def process_trial(
             marker_set=study.marker_set,
             laboratory=laboratory or read_study_laboratory(study),
             condition=rule,
-            window=rule.wanted,
             contacts=trial.contacts,
             jobs=jobs,
         )
@@ -352,12 +344,34 @@ def _weighed_by_steps(
     return replace(result, notes=tuple(notes))
 
 
-def _require_plates(recording: Recording) -> None:
+def _body_mass(
+    recording: Recording,
+    standing: Recording,
+    subject: Subject,
+    settings: Settings,
+    marker_set: MarkerSet | None,
+) -> BodyMass:
+    """Give the body mass, or say all at once that the trial lacks: labels, plates, mass."""
+    faults, mass = list[str](), None
+    if marker_set is None and settings.marker_set is None:
+        try:
+            recognise_marker_set(standing.markers.names)
+        except ValueError as unknown:
+            faults.append(f"{standing.source.name}: {unknown}")
     if not recording.plates:
-        raise ValueError(
+        faults.append(
             f"{recording.source.name}: {recording.why_no_plates}; residuals need the ground "
             "reaction wrench (FORCE_PLATFORM group, or a second file with forces)"
         )
+    try:
+        mass = body_mass(subject, standing, recording)
+    except MassUnknownError:
+        if not faults:
+            raise
+        faults.append("the mass is missing too (--mass-kg)")
+    if mass is None or faults:
+        raise ValueError("; ".join(faults))
+    return mass
 
 
 def _events(

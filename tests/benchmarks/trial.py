@@ -8,7 +8,7 @@ import numpy as np
 from hbm.body import Body
 from hbm.coordinates import COORDINATES
 from hbm.dynamics import filter_motion, inverse_dynamics
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.poses import marker_positions

@@ -267,6 +267,13 @@ def write_study(folder, *, people=PEOPLE, duration_s=12.0):
     return folder
 
 
+def edit(path, old, new):
+    """Replace a text in a file, which has to be there."""
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), encoding="utf-8")
+
+
 def save(recording, path):
     """Write a recording as C3D."""
     write_c3d(

@@ -5,7 +5,7 @@ import pytest
 
 from hbm.body import build_body
 from hbm.dynamics import filter_motion, inverse_dynamics
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from hbm.signals.filtering import butterworth
 from hbm.signals.resampling import resample
 from pipeline.io.opensim import read_sto
@@ -19,7 +19,7 @@ ROTATIONS = ("pelvis_list_moment", "pelvis_tilt_moment", "pelvis_rotation_moment
 @pytest.fixture(scope="module")
 def body(shared_data):
     _, known = recorded(overground, shared_data)
-    return build_body(known["static"].markers, mass=MASS_KG, marker_set=known["marker_set"])
+    return build_body(known["static"].markers, mass=MASS_KG)
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ import pytest
 
 from hbm.body import build_body
 from hbm.dynamics import filter_motion, inverse_dynamics
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from hbm.signals.filtering import butterworth
 from hbm.signals.resampling import resample
 from hbm.spatial import GRAVITY_MPS2

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hbm.coordinates import COORDINATES, N_Q
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill

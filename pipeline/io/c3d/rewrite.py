@@ -35,6 +35,7 @@ from pipeline.io.c3d.parameters import (
 )
 from pipeline.io.c3d.read import GROUP, compensation_group, read_compensation
 from pipeline.io.c3d.second_reader import SecondReading, check_rewritten
+from pipeline.io.input_file import naming
 from pipeline.io.recording import Compensation
 from pipeline.io.stated import Stated
 from pipeline.io.write import remove_leftovers, whole_file
@@ -197,49 +198,39 @@ def rewrite_plates(
     -----
     Integer samples are rounded to a count. Samples that are not a number stay so.
     """
-    try:
-        return _rewrite(original, target, changes, compensation, corners, stated or Stated())
-    except ValueError as error:
-        if original.name in str(error):
-            raise
-        raise ValueError(f"{original.name}: {error}") from error
-
-
-def _rewrite(
-    original: Path,
-    target: Path,
-    changes: Sequence[Array],
-    compensation: Compensation,
-    corners: Sequence[Array],
-    stated: Stated,
-) -> SecondReading:
-    header = read_header(original)
-    if (before := read_compensation(header.parameters)) is not None:
-        raise ValueError(f"its plates are compensated already, by {before.software}")
-    samples = _plate_samples(header, stated)
-    parameter_start = (header.parameter_block - 1) * BLOCK_BYTES
-    remove_leftovers(target.parent)
-    with whole_file(target) as temporary:
-        with original.open("rb") as source, temporary.open("wb") as copy:
-            head = source.read(parameter_start)
-            section = source.read(header.data_start - parameter_start)
-            section = _changed_section(section, samples, compensation, corners, stated)
-            copy.write(_moved(head, header, len(section) // BLOCK_BYTES) + section)
-            for start in range(0, header.frames, FRAMES_PER_SLICE):
-                count = min(FRAMES_PER_SLICE, header.frames - start)
-                data = source.read(count * header.frame.bytes)
-                copy.write(samples.changed(data, changes, start))
-            shutil.copyfileobj(source, copy)
-        verification = check_rewritten(
-            original,
-            temporary,
-            changed_channels={channel for plate in samples.plates for channel in plate.channels},
-            added_group=GROUP,
-            changed_parameters=["FORCE_PLATFORM:CORNERS"] if corners else [],
-        )
-        if target.exists() and not filecmp.cmp(temporary, target, shallow=False):
-            raise ValueError(f"{target} exists and is another file; nothing is overwritten")
-    return verification
+    stated = stated or Stated()
+    with naming(original):
+        header = read_header(original)
+        if (before := read_compensation(header.parameters)) is not None:
+            raise ValueError(f"its plates are compensated already, by {before.software}")
+        samples = _plate_samples(header, stated)
+        parameter_start = (header.parameter_block - 1) * BLOCK_BYTES
+        remove_leftovers(target.parent)
+        with whole_file(target) as temporary:
+            with original.open("rb") as source, temporary.open("wb") as copy:
+                head = source.read(parameter_start)
+                section = source.read(header.data_start - parameter_start)
+                section = _changed_section(
+                    section, samples, compensation, corners, stated or Stated()
+                )
+                copy.write(_moved(head, header, len(section) // BLOCK_BYTES) + section)
+                for start in range(0, header.frames, FRAMES_PER_SLICE):
+                    count = min(FRAMES_PER_SLICE, header.frames - start)
+                    data = source.read(count * header.frame.bytes)
+                    copy.write(samples.changed(data, changes, start))
+                shutil.copyfileobj(source, copy)
+            verification = check_rewritten(
+                original,
+                temporary,
+                changed_channels={
+                    channel for plate in samples.plates for channel in plate.channels
+                },
+                added_group=GROUP,
+                changed_parameters=["FORCE_PLATFORM:CORNERS"] if corners else [],
+            )
+            if target.exists() and not filecmp.cmp(temporary, target, shallow=False):
+                raise ValueError(f"{target} exists and is another file; nothing is overwritten")
+        return verification
 
 
 def _moved(head: bytes, header: Header, parameter_blocks: int) -> bytes:

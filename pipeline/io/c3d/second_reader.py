@@ -30,6 +30,7 @@ from pipeline.io.c3d.data import (
     read_samples,
 )
 from pipeline.io.c3d.parameters import BLOCK_BYTES
+from pipeline.io.input_file import naming
 
 PROGRAM: Final = Path(__file__).with_name("ezc3d_arrays.py")
 COMPARED: Final = (
@@ -93,11 +94,9 @@ def compare_readers(path: Path) -> SecondReading:
     Compared are frame rate, markers, gaps, analog channels, labels, units, events and the
     parameters of force plates. A ValueError where our reader refuses the file.
     """
-    try:
+    with naming(path):
         header = read_header(path)
         samples = read_samples(header)
-    except ValueError as error:
-        raise ValueError(f"{path.name}: {error}") from error
     try:
         found = _differences(header, samples, _read_by_ezc3d(path))
     except _Refused as error:

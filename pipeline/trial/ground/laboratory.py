@@ -63,6 +63,7 @@ class Laboratory:
 
     Examples
     --------
+    >>> from pipeline.config.schema import Platform
     >>> still = Laboratory(Treadmill())
     >>> moving = Laboratory(Treadmill(platform=Platform(markers=("PLAT1", "PLAT2", "PLAT3"))))
     >>> moving.calibration is still.calibration is None

@@ -13,7 +13,7 @@ from hbm.signals.filtering import Method
 from hbm.signals.resampling import interpolate, resample, resample_in_real_time
 from hbm.spatial import Array, Mask
 from pipeline.io.input_file import naming
-from pipeline.io.recording import Recording
+from pipeline.io.recording import Plate, Recording
 from pipeline.trial.ground.accelerometers import at_plate_times, hold_ends, mean_belt_speed
 from pipeline.trial.ground.belts import belt_wrenches
 from pipeline.trial.ground.calibration_recording import FILTER, samples_of, setup_of
@@ -102,6 +102,8 @@ class Ground:
 
     Attributes
     ----------
+    plates
+        As recorded, corrected.
     in_plates
         "measured" and, with a calibration of platform or belts, "compensated" -> per plate its
         wrench at the markers' times, in its own axes about the centre of its surface, unfiltered,
@@ -123,6 +125,7 @@ class Ground:
         [N, N·m]; empty without a calibration of the belts.
     """
 
+    plates: Sequence[Plate]
     in_plates: Mapping[str, Sequence[Array]]
     variants: Mapping[str, Sequence[Array]]
     pose: PlatformPose | None
@@ -239,6 +242,7 @@ def ground_wrenches(
     belts_mps = None if lab.belts is None else interpolate(*lab.belts, times[0])
     rates_hz = cutoff_hz, recording.markers.rate_hz
     return Ground(
+        plates=plates,
         in_plates=variants,
         variants={name: in_lab(wrenches, plates, pose) for name, wrenches in variants.items()},
         pose=pose,

@@ -13,7 +13,7 @@ from pipeline.budgets.explanation import (
     read_explanation,
     write_explanation,
 )
-from pipeline.config.schema import Settings, Subject, Treadmill
+from pipeline.config.schema import Condition, Settings, Subject, Treadmill
 from pipeline.figures.explained import budget_figure
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
@@ -47,7 +47,8 @@ def late(recording, result) -> Explanation:
 @pytest.fixture(scope="module")
 def stretch(walker) -> Explanation:
     """Of two seconds in which no gait cycle counts."""
-    result = process_recording(walker, Subject(sex="female"), Settings(), window=(6.0, 8.0))
+    span = Condition(window=(6.0, 8.0))
+    result = process_recording(walker, Subject(sex="female"), Settings(), condition=span)
     return explain(walker, STILL, replace(result, cycles={}))
 
 

@@ -20,6 +20,7 @@ from pipeline.run.check import check_study
 from pipeline.run.run import run_study
 from pipeline.trial.process import process_trial
 from tests.pipeline import lab
+from tests.pipeline.lab import edit
 
 
 @pytest.fixture
@@ -55,12 +56,6 @@ def findings(folder):
         if isinstance(remark.said, Note):
             notes.setdefault(remark.place, []).append(remark.said)
     return Found(list(map(str, found.faults)), list(map(str, found.remarks)), notes)
-
-
-def edit(path, old, new):
-    text = path.read_text(encoding="utf-8")
-    assert old in text
-    path.write_text(text.replace(old, new), encoding="utf-8")
 
 
 def change(folder, name, **parts):

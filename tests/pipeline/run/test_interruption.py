@@ -224,7 +224,7 @@ def test_files_that_may_not_grow_fail_with_one_line_each(moving_study, tmp_path)
     assert running.returncode == 1
     failed = [line for line in printed.splitlines() if line.startswith("FAILED")]
     assert len(failed) == 2
-    assert all("File too large" in line for line in failed), failed
+    assert all("file too large" in line for line in failed), failed
     assert not results(tmp_path)
     assert not list((tmp_path / "trials").glob(".*"))
     failures = json.loads((tmp_path / "failures.json").read_text("utf-8"))

@@ -16,6 +16,7 @@ from pipeline.run import cluster, program
 from pipeline.run.run import plan, run_jobs, run_study
 from pipeline.run.store import read_trial
 from pipeline.trial import process
+from tests.pipeline.lab import edit
 
 TRIALS = [f"sub0{n}_{c}" for n in (1, 2) for c in ("baseline", "pitch", "sway")]
 
@@ -34,12 +35,6 @@ def out(finished, tmp_path):
 
 def contents(out):
     return {path.name: path.read_bytes() for path in (out / "trials").glob("*.parquet")}
-
-
-def edit(path, old, new):
-    text = path.read_text(encoding="utf-8")
-    assert old in text
-    path.write_text(text.replace(old, new), encoding="utf-8")
 
 
 def states(outcomes):

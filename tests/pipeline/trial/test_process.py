@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hbm.calibration_pose.anatomy import LimbMeasures
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from hbm.signals.filtering import butterworth
 from pipeline.config.schema import Condition, Settings, Subject, Treadmill
 from pipeline.config.study import read_study
@@ -39,6 +39,19 @@ def results(study):
 def standing_still(walker):
     """The same walk on a treadmill that stands still: the result expected in all conditions."""
     return process_recording(walker, PERSON, Settings())
+
+
+def test_what_a_trial_lacks_is_said_at_once_labels_plates_mass(walker):
+    names = tuple(f"P{k}" for k in range(len(walker.markers.names)))
+    bare = replace(
+        walker,
+        markers=replace(walker.markers, names=names, position=walker.markers.position[:, ::-1]),
+        plates=(),
+        metadata=Metadata(),
+    )
+    said = r"no known set; labels: P0, .*; residuals need the ground .*; the mass is missing too"
+    with pytest.raises(ValueError, match=said):
+        process_recording(bare, PERSON, Settings())
 
 
 def rms(result, compensated):

@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from hbm.clinical import ANKLE_IN_LINE_RAD
 from hbm.markers import Markers
+from hbm.motion import ANKLE_IN_LINE_RAD
 from hbm.poses import marker_positions
 from pipeline.cli.app import main
 from pipeline.config.schema import Settings, Subject
