@@ -91,17 +91,9 @@ def process_recording(
     laboratory
         The treadmill and its calibrations; by default one that stands still.
     condition
-    <<<<<<< HEAD
-        Which gait cycles count; by default all of the right foot, or of the left one if the right
-        has none.
-    window
-        What counts: "cycle", "step", "stance", "recording", or a span (start, stop) [s]; by default
-        gait cycles; where there is none steps, else stances, else the whole recording.
-    =======
-        What counts: which gait cycles, the recording, or a span of it; by default all cycles of the
-        right foot, or of the left one if the right has none, and the whole recording where there is
-        none.
-    >>>>>>> main
+        What counts: gait cycles, steps, stances, the recording, or a span of it; by default all
+        cycles of the right foot, or of the left one if the right has none; where there is none
+        steps, else stances, else the whole recording.
     contacts
         Whose foot was on a plate, where a person knows better.
     jobs
