@@ -31,6 +31,7 @@ def budget(groups: dict[str, Array], size: float = 60.0, deviation: float = 1.0)
         size=size,
         deviation=deviation,
         usual=3.0,
+        chance=1.0,
         left=np.ones(6),
     )
     return Budget(

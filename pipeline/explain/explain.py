@@ -75,11 +75,12 @@ def explain_trial(recording: Recording, laboratory: Laboratory, result: TrialRes
             unit=cause.prior.unit,
             size=float(size),
             deviation=float(deviation),
-            usual=cause.prior.size,
+            usual=cause.prior.usual,
+            chance=float(chance),
             left=rms(residual - size * effect),
         )
-        for cause, size, deviation, effect in zip(
-            causes, posterior.size, posterior.deviation, of_causes, strict=True
+        for cause, size, deviation, chance, effect in zip(
+            causes, *posterior.if_there, posterior.chance, of_causes, strict=True
         )
     ]
     cycles = len(part.series) if part.found_cycles else 0

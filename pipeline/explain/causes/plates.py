@@ -136,7 +136,7 @@ def combined(prior: Prior, value: float, error: float) -> Prior:
     """Combine what is expected of a zero with what was measured of it."""
     precision = prior.size**-2 + error**-2
     mean = (prior.mean * prior.size**-2 + value * error**-2) / precision
-    return replace(prior, size=float(precision**-0.5), mean=float(mean))
+    return prior.narrowed(float(precision**-0.5), float(mean))
 
 
 def swing_zero(
@@ -210,7 +210,7 @@ def _measured_delay(chain: ProcessingChain) -> Prior | None:
         if late is not None:
             least = known["calibrated_delay"].size
             size = np.linalg.norm([late.standard_error, chain.sensors_apart_s, least])
-            return replace(known["delay"], size=float(size), mean=late.seconds)
+            return known["delay"].narrowed(float(size), late.seconds)
     return None
 
 

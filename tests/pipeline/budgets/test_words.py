@@ -12,7 +12,7 @@ from pipeline.budgets.words import (
 )
 from pipeline.explain.budget import Budget, EstimatedCause
 
-CAUSE = EstimatedCause("x", "gain", "1", 0.012, 0.001, 0.01, np.ones(6))
+CAUSE = EstimatedCause("x", "gain", "1", 0.012, 0.001, 0.01, 1.0, np.ones(6))
 
 
 @pytest.mark.parametrize(
