@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import block_diag, cho_factor, cho_solve
 
 from hbm.spatial import Array, Indices, Mask
 from pipeline.explain.cause import Cause
@@ -126,6 +126,41 @@ def cycle_series(
     return CycleSeries(frames, tuple(inverse))
 
 
+def stretch_series(time: Array, stretches: Sequence[slice], to_hz: float) -> CycleSeries:
+    """Find how stretches of frames that repeat nothing become coefficients: as of one gait cycle.
+
+    Parameters
+    ----------
+    time
+        Frame times, (T,) [s].
+    stretches
+        Frames of each.
+    to_hz
+        Up to which frequency [Hz].
+
+    Returns
+    -------
+    CycleSeries
+        With the mean and cosines of each stretch, by its share of all frames: half a period of a
+        cosine passes from one end of a stretch to the other, which need not be alike.
+
+    Examples
+    --------
+    >>> series = stretch_series(np.arange(0, 1, 0.01), [slice(0, 40), slice(50, 90)], 2.0)
+    >>> abs(series.coefficients(np.full((100, 6), 2.0))[0, :, 0]).round(3).tolist()
+    [1.414, 0.0, 1.414, 0.0]
+    """
+    frames = [np.arange(len(time))[own] for own in stretches]
+    whole, inverse = sum(map(len, frames)), []
+    for own in frames:
+        duration_s = len(own) * (time[-1] - time[0]) / (len(time) - 1)
+        waves = np.arange(max(1, min(int(2 * to_hz * duration_s), len(own) // 3)) + 1)
+        phase = np.pi * (np.arange(len(own)) + 0.5) / len(own)
+        basis = np.cos(np.outer(phase, waves)) * np.where(waves, np.sqrt(2), 1)
+        inverse.append(np.linalg.pinv(basis) * np.sqrt(len(own) / whole))
+    return CycleSeries((np.concatenate(frames),), (block_diag(*inverse),))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Posterior:
     """Sizes of K causes and how sure they are.
@@ -152,7 +187,12 @@ class Posterior:
 
 
 def estimate_sizes(
-    residual: Array, effects: Array, prior: Array, of_platform: Mask, rare: Mask
+    residual: Array,
+    effects: Array,
+    prior: Array,
+    of_platform: Mask,
+    rare: Mask,
+    noise: Array | float = 0.0,
 ) -> Posterior:
     """Estimate the sizes of causes.
 
@@ -170,6 +210,9 @@ def estimate_sizes(
         the others it does not, because what the model misses of a person differs with them.
     rare
         Causes that are faults, (K,): mostly absent, and large where they are there.
+    noise
+        Its root mean square in each axis, (6,), of which the differences between cycles tell where
+        there are some.
 
     Returns
     -------
@@ -202,7 +245,9 @@ def estimate_sizes(
     added = np.einsum("pc,kcbx->kpbx", pattern, moving)
     added[:, 0] = np.sqrt(cycles) * effect
     rest = np.tensordot(beside, residual, 1)
-    between = _by_frequency((rest**2).sum(axis=0) / degrees)
+    between = np.zeros_like(rest[0]) + np.square(noise) / len(rest[0])
+    if cycles > 1:
+        between = _by_frequency((rest**2).sum(axis=0) / degrees)
     axis = np.arange(6 * len(along)).reshape(-1, 1, 6)
     seen = Seen(
         along.ravel(),
@@ -358,7 +403,11 @@ def _by_frequency(variance: Array) -> Array:
 
 
 def sizes_from_cycles(
-    residual: Array, effects: Array, causes: Sequence[Cause], series: CycleSeries
+    residual: Array,
+    effects: Array,
+    causes: Sequence[Cause],
+    series: CycleSeries,
+    noise: Array | float = 0.0,
 ) -> Posterior:
     """Estimate the sizes of causes from some gait cycles.
 
@@ -372,6 +421,8 @@ def sizes_from_cycles(
         The causes.
     series
         The gait cycles.
+    noise
+        As for `estimate_sizes`.
 
     Returns
     -------
@@ -388,7 +439,7 @@ def sizes_from_cycles(
         mean[k], prior[k] = size, HELD * deviation
     usual = residual - np.tensordot(mean, effects, 1)
     coefficients = series.coefficients(usual), series.coefficients(effects)
-    posterior = estimate_sizes(*coefficients, prior, of_platform, rare)
+    posterior = estimate_sizes(*coefficients, prior, of_platform, rare, noise)
     covariance, if_there = posterior.covariance, posterior.if_there.copy()
     for k, (_, deviation) in found.items():  # the others follow it
         follow = deviation * covariance[:, k] / covariance[k, k]

@@ -219,7 +219,7 @@ def with_noise(
 
 
 def measured_uncertainty(
-    part: ExplainedPart, effects: Array, result: TrialResult
+    part: ExplainedPart, effects: Array, noise: Array, result: TrialResult
 ) -> tuple[tuple[RmsUncertainty, ...], tuple[RmsUncertainty, ...], Bands]:
     """Say how sure the residuals of a trial are, from the effects of causes of usual size.
 
@@ -229,6 +229,8 @@ def measured_uncertainty(
         The part of the trial that is explained.
     effects
         What each cause adds to the residual as it was measured, per unit, (K, T, 6).
+    noise
+        Of samples, in each axis, (6,) (`noise_of_samples`).
     result
         The processed trial. What trials share is drawn alike in all of the same subject, or of the
         laboratory.
@@ -243,7 +245,6 @@ def measured_uncertainty(
     """
     chain, causes, cycles = part.chain, part.causes, part.series.frames
     usual = np.array([cause.prior.size for cause in causes])[:, None, None] * effects
-    noise = noise_of_samples(chain)
     samples = 2 * chain.settings.cutoff_hz / mean_rate_hz(chain.time)
     sizes = shared_sizes(causes, result.subject.id, result.source.name, DRAWS)
     first = int(np.searchsorted(result.motion.time, chain.time[0]))

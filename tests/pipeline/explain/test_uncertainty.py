@@ -155,13 +155,13 @@ def test_directions_of_two_trials_covary_as_far_as_they_point_the_same_way():
 
 
 def test_draws_have_mean_and_deviation_of_the_delta_method(part, effects, walk):
-    (found,), _, _ = measured_uncertainty(part, effects, walk[1])
+    (found,), _, _ = measured_uncertainty(part, effects, noise_of_samples(part.chain), walk[1])
     np.testing.assert_allclose(found.draws.mean(axis=0), found.mean, rtol=0.05)
     np.testing.assert_allclose(found.draws.std(axis=0), found.deviation, rtol=0.1)
 
 
 def test_bands_hold_two_thirds_of_the_draws(part, effects, walk):
-    *_, bands = measured_uncertainty(part, effects, walk[1])
+    *_, bands = measured_uncertainty(part, effects, noise_of_samples(part.chain), walk[1])
     drawn = np.array(
         [residual[part.counts] for residual in draw_residuals(part.chain, part.causes, 12)]
     )
@@ -186,7 +186,7 @@ def test_delta_method_and_monte_carlo_agree_within_a_tenth(condition, request):
     drawn = drawn_rms(found, draws)
     result = request.getfixturevalue("processed" if condition == "moving_part" else "walk")
     result = result if condition == "moving_part" else result[1]
-    delta = measured_uncertainty(found, effects, result)[0][-1]
+    delta = measured_uncertainty(found, effects, noise_of_samples(found.chain), result)[0][-1]
     error = 1 / np.sqrt(2 * draws)
     np.testing.assert_allclose(delta.deviation, drawn.std(axis=0, ddof=1), rtol=0.1 + 3 * error)
     np.testing.assert_allclose(delta.mean, drawn.mean(axis=0), rtol=0.1)
