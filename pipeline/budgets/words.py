@@ -148,15 +148,16 @@ def most_worth_mending(
     Returns
     -------
     tuple of Mending
-        Causes whose 95 % interval excludes zero and without which a residual would be smaller, the
-        one with the largest share first; none that nothing in the laboratory changes. A delay or a
-        mass is given as the line that states it.
+        Faults of instruments or of the stated mass that are certain and without which a residual
+        would be smaller, the one with the largest share first; of the body no single cause, since
+        walking takes one for the other.
     """
     found = []
     for cause in budget.causes:
         fall = 1 - cause.left / budget.rms
         axis = int(fall.argmax())
-        if cause.is_certain and fall[axis] >= MIN_FALL:
+        is_person = cause.group in OF_PERSON and cause.name != MASS
+        if cause.is_certain and not is_person and fall[axis] >= MIN_FALL:
             action = _stated(cause, result, laboratory)
             rms = float(budget.rms[axis]), float(cause.left[axis])
             if action:
@@ -173,15 +174,13 @@ def _stated(cause: EstimatedCause, result: TrialResult, laboratory: Laboratory) 
     if cause.name == LATE and laboratory.plates is None:
         delay_s = (result.settings.plate_delay_s or 0.0) + cause.size
         when = "late" if is_more else "early"
-        return (
-            f"The plates are {size} {when}; state plate_delay_s = {delay_s:.3f} under [settings]."
-        )
+        setting = f"plate_delay_s = {delay_s:.3f} under [settings]"
+        return f"The plates are {size} {when}; state {setting}."
     if cause.name == MASS:
         mass_kg = result.body.mass / (1 + cause.size)
         large = "large" if is_more else "small"
-        return (
-            f"The body mass is {size} too {large}; weigh the subject: {mass_kg:.1f} kg would fit."
-        )
+        fits = f"{mass_kg:.1f} kg would fit"
+        return f"The body mass is {size} too {large}; weigh the subject: {fits}."
     for words, sentence in SENTENCES.items():
         if words in cause.name:
             where = "vertically" if of == "Fz" else f"in {of}"

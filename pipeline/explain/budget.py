@@ -32,8 +32,8 @@ ByAxis = Annotated[Array, PlainValidator(_of_axes), PlainSerializer(_by_axis)]
 """Numbers of the six axes, (6,), or of N draws, (N, 6); in JSON they are named."""
 TOLD: Final = (0.8, 3.0)
 """Of a usual size, to which the deviation of what is usually there and of a fault has to shrink:
-half of it before the trial is looked at, of a fault. What is usually there, as soft tissue is, would
-be certain of a trial that says nothing of it."""
+of a fault half of it before the trial is looked at. What is usually there, as soft tissue is, would
+else be certain of a trial that says nothing of it."""
 CERTAIN: Final = 0.95
 """Chance above which a fault is there."""
 

@@ -294,7 +294,8 @@ def _drawn(seen: Seen, effects: Array, rare: Mask) -> Posterior:
         factor = cho_factor(others.T @ others + np.diag(seen.noise + square[seen.axis]))
         solved = cho_solve(factor, np.column_stack([faults.T, seen.values]))
         precision, pull = faults @ solved[:, :-1], faults @ solved[:, -1]
-        covariance = np.linalg.inv(precision + np.diag(1 / VARIANCE[there.astype(int)]))
+        known = precision + np.diag(1 / VARIANCE[there.astype(int)])
+        covariance: Array = np.asarray(np.linalg.inv(known), float)
         size = covariance @ pull
         for _ in range(SWEEPS):
             chance, if_there = _sweep(there, size, covariance, rng)
