@@ -97,7 +97,7 @@ class GroupShare:
 
 @dataclass(frozen=True, slots=True)
 class RmsUncertainty:
-    """How sure the RMS of residuals is, by the delta method.
+    """How sure the RMS of residuals is, if errors of usual size are added to first order.
 
     Attributes
     ----------
@@ -105,8 +105,6 @@ class RmsUncertainty:
         Whether the plates are compensated.
     rms
         As measured, (6,) [N, N·m].
-    mean, deviation
-        Mean and standard deviation that the RMS has if errors of usual size are added, (6,).
     draws
         The RMS with causes of drawn sizes, (N, 6): the nth draw of a cause has the same size in all
         trials that share it, so that draws tell how residuals of different trials vary together.
@@ -114,9 +112,17 @@ class RmsUncertainty:
 
     compensated: bool
     rms: ByAxis
-    mean: ByAxis
-    deviation: ByAxis
     draws: ByAxis
+
+    @property
+    def mean(self) -> Array:
+        """Mean of the RMS with these errors, (6,) [N, N·m]."""
+        return np.asarray(self.draws.mean(axis=0))
+
+    @property
+    def deviation(self) -> Array:
+        """Standard deviation of the RMS with these errors, (6,) [N, N·m]."""
+        return np.asarray(self.draws.std(axis=0, ddof=1))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

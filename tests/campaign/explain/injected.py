@@ -148,7 +148,7 @@ def one_fault(name: str, size: float) -> PlateFault:
 def rows(name: str, number: int, data: Path) -> pd.DataFrame:
     """Put random faults into a recording; gives a row for each that might be there."""
     of = base(name, data)
-    rng = np.random.default_rng((number, 32))
+    rng = np.random.default_rng((number, *name.encode()))
     kinds, known_sizes = possible(of), priors()
     usual = {cause: known_sizes[kind].size for cause, kind in kinds.items()}
     there = rng.random(len(kinds)) < FAULTS / len(kinds)
@@ -193,7 +193,7 @@ def summary(table: pd.DataFrame) -> str:
         _by(own, "of", words)
         for words, own in (("virtual", table[table.virtual]), ("real", table[~table.virtual]))
     ]
-    parts.append(_by(present[size > 1], "kind", "sizes above one usual"))
+    parts.append(_by(present[present.put.abs() > 1], "kind", "sizes above one usual"))
     return "\n\n".join(parts)
 
 
@@ -227,7 +227,7 @@ def main() -> int:
     given = parser.parse_args()
     numbers = range(given.first, given.first + given.trials)
     found = [rows(name, number, given.data) for name in given.recordings for number in numbers]
-    table = pd.concat(found)
+    table = pd.concat(found, ignore_index=True)
     table.to_csv(given.out, index=False)
     print(summary(table))
     return 0
