@@ -228,10 +228,6 @@ class PlateAlignment:
         """Standard errors of angle and offset, (3,) [rad, m, m]."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
-    def to_camera(self, points: Array) -> Array:
-        """Bring plate points to camera coordinates, (N, 2) [m] both."""
-        return (points - self.offset) @ self.rotation
-
 
 def fit_plate_alignment(plate_points: ArrayLike, camera_points: ArrayLike) -> PlateAlignment:
     """Find rotation and offset from the same points measured by plate and cameras.
@@ -264,7 +260,7 @@ def fit_plate_alignment(plate_points: ArrayLike, camera_points: ArrayLike) -> Pl
     detected.
 
     Deviations from the original: only the horizontal plane, in which the centre of pressure is
-    measured; the uncertainty is added. Eq. D.2 applies the inverse, `to_camera`.
+    measured; the uncertainty is added.
 
     Examples
     --------

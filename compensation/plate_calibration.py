@@ -1,6 +1,5 @@
 """What a force plate measures, corrected: a 6×6 matrix and an offset per plate, and their text."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from types import MappingProxyType
@@ -9,10 +8,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from compensation.documents import damaged, read_document, write_document
 from hbm.spatial import WRENCH_COMPONENTS, Array, read_only, rotate_wrench, shift_wrench
 from hbm.spelling import listed, printable, shown
 
-FORMAT: Final = "hbm-residuals plate calibration"
+OF: Final = "plate"
+AGAIN: Final = "make it again with 'hbm plates'"
 VERSION: Final = 1
 MAX_ENTRY: Final = 100.0
 """Of a matrix: a plate whose loads are wrong by more is in another unit, or not connected."""
@@ -26,8 +27,6 @@ MAX_DELAY_S: Final = 0.5
 """Two devices of one laboratory disagree by some tens of milliseconds."""
 MAX_PLATE: Final = 99
 """Highest number of a plate."""
-MAX_REASON: Final = 300
-"""Characters of what is wrong, which names what the file holds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,14 +206,11 @@ def to_json(calibrations: PlateCalibrations) -> str:
     >>> to_json(PlateCalibrations((plate,))).splitlines()[1]
     ' "format": "hbm-residuals plate calibration",'
     """
-    document = {
-        "format": FORMAT,
-        "version": VERSION,
-        "provenance": dict(calibrations.provenance),
-        "plates": [asdict(one) for one in calibrations.plates],
-    }
-    return json.dumps(
-        document, indent=1, ensure_ascii=False, allow_nan=False, default=np.ndarray.tolist
+    return write_document(
+        OF,
+        VERSION,
+        provenance=dict(calibrations.provenance),
+        plates=[asdict(one) for one in calibrations.plates],
     )
 
 
@@ -241,27 +237,12 @@ def from_json(text: str) -> PlateCalibrations:
     >>> from_json("{}")
     Traceback (most recent call last):
         ...
-    ValueError: not a plate calibration: its format should be 'hbm-residuals plate calibration'; \
-make one with 'hbm plates'
+    ValueError: the text is no plate calibration: its format should be 'hbm-residuals plate \
+calibration'; make it again with 'hbm plates'
     """
-    try:
-        document = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"the plate calibration is not JSON: {printable(str(error))}") from error
-    if not isinstance(document, dict) or document.get("format") != FORMAT:
-        raise ValueError(
-            f"not a plate calibration: its format should be {FORMAT!r}; make one with 'hbm plates'"
-        )
-    if document.get("version") != VERSION:
-        raise ValueError(
-            f"the plate calibration has version {shown(document.get('version'))}, this program "
-            f"reads version {VERSION}; make it again with 'hbm plates'"
-        )
+    document = read_document(text, OF, (VERSION,), AGAIN)
     try:
         plates = tuple(PlateCalibration(**plain) for plain in document["plates"])
         return PlateCalibrations(plates, document["provenance"])
     except (KeyError, TypeError, AttributeError, OverflowError, ValueError) as error:
-        reason = printable(str(error))[:MAX_REASON]
-        raise ValueError(
-            f"the plate calibration is damaged: {reason}; make it again with 'hbm plates'"
-        ) from error
+        raise damaged(OF, error, AGAIN) from error

@@ -13,31 +13,26 @@ if TYPE_CHECKING:
     from hbm.dynamics import Dynamics as Dynamics
     from hbm.dynamics import filter_motion as filter_motion
     from hbm.dynamics import inverse_dynamics as inverse_dynamics
-    from hbm.dynamics import inverse_dynamics_variants as inverse_dynamics_variants
-    from hbm.kinematics import solve_ik as solve_ik
+    from hbm.ik.tracking import solve_ik as solve_ik
     from hbm.markers.marker_set import MarkerSet as MarkerSet
     from hbm.markers.marker_set import marker_sets as marker_sets
     from hbm.markers.marker_set import read_marker_set as read_marker_set
     from hbm.markers.trajectories import Markers as Markers
     from hbm.motion import Motion as Motion
-    from hbm.overrides import SegmentOverride as SegmentOverride
-    from hbm.overrides import read_overrides as read_overrides
-    from hbm.plausibility.labels import changed_distances as changed_distances
-    from hbm.plausibility.motion import implausible as implausible
+    from hbm.segments import SegmentOverride as SegmentOverride
+    from hbm.segments import read_overrides as read_overrides
 
 _NAMES: Final = {
     "body": ("Body", "build_body"),
     "calibration_pose.anatomy": ("LimbMeasures",),
     "calibration_pose.functional": ("functional_hips",),
     "coordinates": ("COORDINATES", "HBM_ORDER"),
-    "dynamics": ("Dynamics", "filter_motion", "inverse_dynamics", "inverse_dynamics_variants"),
-    "kinematics": ("solve_ik",),
+    "dynamics": ("Dynamics", "filter_motion", "inverse_dynamics"),
+    "ik.tracking": ("solve_ik",),
     "markers.marker_set": ("MarkerSet", "marker_sets", "read_marker_set"),
     "markers.trajectories": ("Markers",),
     "motion": ("Motion",),
-    "overrides": ("SegmentOverride", "read_overrides"),
-    "plausibility.labels": ("changed_distances",),
-    "plausibility.motion": ("implausible",),
+    "segments": ("SegmentOverride", "read_overrides"),
 }
 """Module -> its public names."""
 _HOME: Final = {name: module for module, names in _NAMES.items() for name in names}

@@ -223,7 +223,7 @@ def inverse_dynamics_variants(
     >>> standing = hbm.filter_motion(hbm.solve_ik(body, static))
     >>> half = np.tile([0, 0, 74.6 * 9.81 / 2, 0, 0, 0], (100, 1))
     >>> feet = [{"left_foot": half}, {"left_foot": half, "right_foot": half}]
-    >>> one, both = hbm.inverse_dynamics_variants(body, standing, feet)
+    >>> one, both = inverse_dynamics_variants(body, standing, feet)
     >>> f"{one.residual[50, 2]:.1f} N, {abs(both.residual[50, 2]):.1f} N"
     '365.9 N, 0.0 N'
     """

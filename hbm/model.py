@@ -9,11 +9,9 @@ import numpy as np
 
 from hbm.coordinates import (
     COORDINATES,
-    FIRST_Q,
     FIXED_TO,
     LAST_Q,
     MOVING,
-    PARENT,
     RIGID_BODIES,
     SUBJECT_AXES,
     SUBJECT_OFFSETS,
@@ -60,34 +58,6 @@ class Joint:
         object.__setattr__(self, "offset", read_only(self.offset))
 
 
-def joints_of(offsets: Mapping[str, Array], axes: Mapping[str, Array]) -> tuple[Joint, ...]:
-    """Fill a subject's numbers into the tree of the coordinates.
-
-    Parameters
-    ----------
-    offsets
-        Segment or point -> its joint in the parent's frame, (3,) [m]; for all but the pelvis.
-    axes
-        Coordinate -> its axis, unit vector (3,), where the subject's landmarks define it.
-
-    Returns
-    -------
-    tuple of Joint
-        One per coordinate, each after its parent.
-    """
-    return tuple(
-        Joint(
-            c.name,
-            c.segment,
-            c.parent,
-            c.translates,
-            np.array(axes[c.name] if c.axis is None else c.axis, float),
-            offsets[c.segment] if i in SUBJECT_OFFSETS else np.zeros(3),
-        )
-        for i, c in enumerate(TREE)
-    )
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
     """A subject on the skeleton.
@@ -101,8 +71,10 @@ class Body:
     markers
         Marker names, (K,); ``marker_segment`` is the segment or shoulder point of each,
         ``marker_position`` its position in that frame, (K, 3) [m].
-    joints
-        The skeleton: 46 single-axis joints, in the order of `hbm.coordinates.COORDINATES`.
+    offsets
+        Segment or point -> its joint in the parent's frame, (3,) [m]; for all but the pelvis.
+    axes
+        Coordinate -> its axis, unit vector (3,), where the subject's landmarks define it.
     segments
         Segment -> mass, centre of mass and moment of inertia in its frame; that of the mid trunk
         is the frame of the thorax, to which it is fixed.
@@ -135,7 +107,8 @@ class Body:
     markers: tuple[str, ...]
     marker_segment: tuple[str, ...]
     marker_position: Array
-    joints: tuple[Joint, ...]
+    offsets: Mapping[str, Array]
+    axes: Mapping[str, Array]
     segments: Mapping[str, Inertia]
     lengths: Mapping[str, float]
     locked: tuple[str, ...]
@@ -149,6 +122,9 @@ class Body:
                 f"got {np.shape(self.marker_position)}"
             )
         object.__setattr__(self, "marker_position", read_only(self.marker_position))
+        for name in ("offsets", "axes"):
+            own = {key: read_only(vector) for key, vector in getattr(self, name).items()}
+            object.__setattr__(self, name, own)
 
     def __str__(self) -> str:
         return (
@@ -162,22 +138,27 @@ class Body:
         return dict(zip(self.markers, self.marker_segment, strict=True))
 
     @property
-    def offsets(self) -> dict[str, Array]:
-        """Segment or point -> its joint in the parent's frame, (3,) [m]; for all but the pelvis."""
-        return {s: self.joints[FIRST_Q[s]].offset for s in PARENT}
-
-    @property
-    def axes(self) -> dict[str, Array]:
-        """Coordinate -> its axis, (3,), where the subject's landmarks define it."""
-        return {COORDINATES[i]: self.joints[i].axis for i in SUBJECT_AXES}
+    def joints(self) -> tuple[Joint, ...]:
+        """One joint per coordinate, each after its parent."""
+        return tuple(
+            Joint(
+                c.name,
+                c.segment,
+                c.parent,
+                c.translates,
+                np.array(self.axes[c.name] if c.axis is None else c.axis, float),
+                self.offsets[c.segment] if i in SUBJECT_OFFSETS else np.zeros(3),
+            )
+            for i, c in enumerate(TREE)
+        )
 
     @property
     def geometry(self) -> Array:
         """The subject's own offsets and axes as one vector, in the order of the kernels."""
         return np.concatenate(
             [
-                *(self.joints[i].offset for i in SUBJECT_OFFSETS),
-                *(self.joints[i].axis for i in SUBJECT_AXES),
+                *(self.offsets[TREE[i].segment] for i in SUBJECT_OFFSETS),
+                *(self.axes[COORDINATES[i]] for i in SUBJECT_AXES),
             ]
         )
 

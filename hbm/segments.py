@@ -1,18 +1,21 @@
-"""Segment inertias by de Leva (1996), scaled to a person.
+"""Segment inertias by de Leva (1996), scaled to a person; and those that are known better.
 
 The table, `de_leva_1996.csv`, ships with the package and names its source. The female column sums
 to 99.99 % and is renormalised; an unspecified sex takes the mean of both columns.
 """
 
 import csv
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
-from typing import Final, Literal, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
+from hbm.coordinates import SEGMENTS
 from hbm.spatial import Array, read_only, skew
+from hbm.spelling import did_you_mean, no_segment, parse_toml, shown
 
 Sex = Literal["male", "female", "unspecified"]
 SEXES: Final[tuple[Sex, ...]] = ("male", "female", "unspecified")
@@ -178,3 +181,225 @@ def segment_inertia(
     return Inertia(
         part.mass * mass, proximal + part.center * along, axes @ np.diag(moments) @ axes.T
     )
+
+
+MAX_CENTER_DISTANCE_M: Final = 1.0
+"""Distance of a centre of mass from the joint: no segment is longer; larger numbers are
+millimetres."""
+
+MAX_MOMENT_KG_M2: Final = 10.0
+"""Principal moment of inertia: several times that of a heavy person's trunk."""
+
+MAX_ROUNDING: Final = 1e-9
+"""Relative to the largest principal moment, when a tensor is checked."""
+
+COUNTS: Final = {"mass_kg": (1,), "center_m": (3,), "inertia_kg_m2": (3, 6)}
+"""Key of the file -> how many numbers it may have."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SegmentOverride:
+    """Values that replace the table's for one segment; None keeps the table's.
+
+    Attributes
+    ----------
+    mass_kg
+        Mass [kg].
+    center_m
+        Centre of mass in the segment's frame (origin at its proximal joint; forward, left, up in
+        the anatomical position), (3,) [m].
+    inertia_kg_m2
+        Moment of inertia about the centre of mass in that frame, (3, 3) [kg·m²]. Without it the
+        table's scales with the mass.
+    worn
+        What is worn on the segment in addition: a shoe, a brace, a part of an exoskeleton, in the
+        segment's frame.
+
+    Examples
+    --------
+    A prosthesis below the knee, in the body of ``static``, the markers of a calibration pose:
+
+    >>> import hbm
+    >>> prosthesis = hbm.SegmentOverride(mass_kg=1.9, center_m=[0.01, 0.0, -0.12])
+    >>> body = hbm.build_body(static, mass=74.6, overrides={"right_shank": prosthesis})
+    >>> body.segments["right_shank"].mass
+    1.9
+    >>> f"{sum(part.mass for part in body.segments.values()):.1f} kg"
+    '74.6 kg'
+    """
+
+    mass_kg: float | None = None
+    center_m: Array | None = None
+    inertia_kg_m2: Array | None = None
+    worn: Inertia | None = None
+
+    def __post_init__(self) -> None:
+        if self.mass_kg is not None and not self.mass_kg > 0:
+            raise ValueError(f"mass_kg must be positive, got {self.mass_kg:g}")
+        for name, shape in (("center_m", (3,)), ("inertia_kg_m2", (3, 3))):
+            value = getattr(self, name)
+            if value is None:
+                continue
+            if np.shape(value) != shape or not np.isfinite(value).all():
+                raise ValueError(f"{name} must be {shape} finite numbers, got {value}")
+            if name == "center_m" and np.abs(value).max() > MAX_CENTER_DISTANCE_M:
+                raise ValueError(
+                    f"center_m must be within {MAX_CENTER_DISTANCE_M:g} m of the joint, "
+                    f"got {list(value)}; that looks like millimetres"
+                )
+            object.__setattr__(self, name, read_only(value))
+        for tensor in (self.inertia_kg_m2, self.worn.tensor if self.worn else None):
+            if tensor is not None:
+                _require_physical(tensor)
+
+
+def _require_physical(tensor: Array) -> None:
+    """Refuse a tensor with a negative moment, or with one above the sum of the other two."""
+    moments = np.linalg.eigvalsh(tensor)
+    slack = MAX_ROUNDING * float(np.abs(moments).max())
+    if not np.allclose(tensor, tensor.T) or moments[0] < -slack:
+        raise ValueError("inertia_kg_m2 must be symmetric with no negative principal moment")
+    if moments[2] > MAX_MOMENT_KG_M2:
+        raise ValueError(
+            f"inertia_kg_m2 must be at most {MAX_MOMENT_KG_M2:g} kg·m², got {moments[2]:g}; no "
+            "segment of a person has more"
+        )
+    if moments[2] > moments[0] + moments[1] + slack:
+        raise ValueError("inertia_kg_m2 has a principal moment above the sum of the other two")
+
+
+def read_overrides(text: str, name: str = "overrides") -> dict[str, SegmentOverride]:
+    """Read overrides from TOML.
+
+    Parameters
+    ----------
+    text
+        TOML with one table per segment: ``mass_kg``, ``center_m`` (3) and ``inertia_kg_m2`` (3
+        principal moments, or 6: xx yy zz xy xz yz), each optional. A table ``worn`` in it, with
+        the same keys, of which mass and centre are needed, is added to the segment.
+    name
+        Name of the text in errors.
+
+    Returns
+    -------
+    dict[str, SegmentOverride]
+        By segment.
+
+    Raises
+    ------
+    ValueError
+        If the text is not TOML, a segment or key is unknown, or a value is impossible; the message
+        lists all such faults.
+
+    Examples
+    --------
+    >>> import hbm
+    >>> overrides = hbm.read_overrides('''
+    ... [right_shank]
+    ... mass_kg = 1.9
+    ... [left_foot.worn]
+    ... mass_kg = 0.3
+    ... center_m = [0.05, 0.0, -0.04]
+    ... ''')
+    >>> overrides["right_shank"].mass_kg, overrides["left_foot"].worn.mass
+    (1.9, 0.3)
+    """
+    try:
+        table = parse_toml(text)
+    except ValueError as error:
+        raise ValueError(f"{name} is not valid TOML: {error}") from error
+    overrides, faults = {}, []
+    for segment, entry in table.items():
+        if segment not in SEGMENTS:
+            faults.append(no_segment(segment, SEGMENTS))
+            continue
+        try:
+            overrides[segment] = _override(entry)
+        except (ValueError, OverflowError) as error:
+            faults.append(f"{segment}: {error}")
+    if faults:
+        raise ValueError(f"{name}: " + "; ".join(faults))
+    return overrides
+
+
+def _override(entry: Any) -> SegmentOverride:
+    if not isinstance(entry, dict):
+        raise ValueError(
+            f"must be a table with some of {', '.join(COUNTS)}, worn; got {shown(entry)}"
+        )
+    values: dict[str, Any] = {}
+    for key, value in entry.items():
+        if key == "worn":
+            worn = _override(value)
+            if worn.mass_kg is None or worn.center_m is None:
+                raise ValueError("worn needs mass_kg and center_m")
+            tensor = np.zeros((3, 3)) if worn.inertia_kg_m2 is None else worn.inertia_kg_m2
+            values[key] = Inertia(worn.mass_kg, worn.center_m, tensor)
+            continue
+        if key not in COUNTS:
+            raise ValueError(f"no key {shown(key)}{did_you_mean(key, (*COUNTS, 'worn'))}")
+        numbers = [value] if key == "mass_kg" else value
+        counted = isinstance(numbers, list) and len(numbers) in COUNTS[key]
+        if not counted or any(type(x) not in (int, float) for x in numbers):
+            wanted = " or ".join(str(n) for n in COUNTS[key])
+            raise ValueError(
+                f"{key} must be {wanted} number{'s' * (key != 'mass_kg')}, got {shown(value)}"
+            )
+        values[key] = float(value) if key == "mass_kg" else np.array(numbers, float)
+    if "inertia_kg_m2" in values:
+        xx, yy, zz, xy, xz, yz = [*values["inertia_kg_m2"], 0.0, 0.0, 0.0][:6]
+        values["inertia_kg_m2"] = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return SegmentOverride(**values)
+
+
+def apply_overrides(
+    inertias: Mapping[str, Inertia], overrides: Mapping[str, SegmentOverride], mass: float
+) -> dict[str, Inertia]:
+    """Replace a body's inertias by overrides without changing its total mass.
+
+    Parameters
+    ----------
+    inertias
+        Segment -> inertia by the table.
+    overrides
+        By segment.
+    mass
+        Total mass, prostheses and shoes included [kg].
+
+    Returns
+    -------
+    dict[str, Inertia]
+        By segment. Segments whose mass is not overridden share the remaining mass in the table's
+        proportions.
+
+    Raises
+    ------
+    ValueError
+        If a segment is unknown, or the overrides leave nothing for the other segments.
+    """
+    for segment in overrides:
+        if segment not in inertias:
+            raise ValueError(f"overrides: {no_segment(segment, inertias)}")
+    stated = {s: o.mass_kg for s, o in overrides.items() if o.mass_kg is not None}
+    worn = sum(o.worn.mass for o in overrides.values() if o.worn)
+    table = sum(part.mass for s, part in inertias.items() if s not in stated)
+    rest = mass - sum(stated.values()) - worn
+    if table and not rest > 0:
+        raise ValueError(
+            f"the overrides weigh {mass - rest:.2f} kg, which leaves nothing of {mass:g} kg for "
+            "the other segments"
+        )
+    share = rest / table if table else 1.0
+    result = {}
+    for s, part in inertias.items():
+        override = overrides.get(s, SegmentOverride())
+        factor = stated[s] / part.mass if s in stated else share
+        center, tensor = override.center_m, override.inertia_kg_m2
+        result[s] = Inertia(
+            float(factor * part.mass),
+            part.center if center is None else center,
+            factor * part.tensor if tensor is None else tensor,
+        )
+        if override.worn:
+            result[s] += override.worn
+    return result

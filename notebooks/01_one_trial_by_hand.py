@@ -27,11 +27,11 @@ from hbm.signals.filtering import butterworth
 from hbm.signals.resampling import resample
 from pipeline.figures.residuals import label_panels
 from pipeline.figures.style import COLOURS, draw_band
-from pipeline.trial.gait.contact import feet_of, share_between_feet
+from pipeline.trial.gait.contact import FEET, by_foot, feet_of, share_between_feet
 from pipeline.trial.gait.cycles import gait_cycles, normalise
 from pipeline.trial.gait.events import gait_events
 from pipeline.trial.residuals import AXES, reported
-from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
 
 # %% [markdown]
 # ## 1. A recording
@@ -76,10 +76,11 @@ print(f"marker error {1000 * np.sqrt(np.mean(raw.marker_error**2)):.2f} mm RMS")
 
 # %%
 plates = [resample(plate.time, plate.wrench, motion.time) for plate in trial.plates]
-by_foot = share_between_feet(motion.time, plates, feet_of(body, raw), threshold_n=20.0).by_foot
+shared = share_between_feet(motion.time, plates, feet_of(body, raw), threshold_n=20.0)
+under = by_foot(np.stack(plates, axis=1), shared.on)
 ground = {
-    foot: butterworth(wrench, motion.time, 6.0, "zero_phase").value
-    for foot, wrench in by_foot.items()
+    foot: butterworth(under[:, k], motion.time, 6.0, "zero_phase").value
+    for k, foot in enumerate(FEET)
 }
 
 # %% [markdown]

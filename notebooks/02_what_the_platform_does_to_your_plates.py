@@ -26,6 +26,7 @@ from pipeline.trial.ground.accelerometers import accelerations
 from pipeline.trial.ground.calibration_recording import setup_of
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
+from pipeline.virtual_lab.machine.platform import BELT_ASSEMBLIES
 from pipeline.virtual_lab.protocol.walking_trial import run_signal
 
 # %% [markdown]
@@ -45,7 +46,7 @@ treadmill = Treadmill(
     },
     cutoff_hz=cutoff_hz,
 )
-for side, assembly in zip(("left", "right"), virtual_treadmill.machine.assemblies, strict=True):
+for side, assembly in zip(("left", "right"), BELT_ASSEMBLIES, strict=True):
     x, y, z = assembly.center
     print(f"{side} belt: {assembly.mass:.0f} kg, centre {x:.2f} m forward, {z:.2f} m up")
 

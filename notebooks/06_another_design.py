@@ -28,8 +28,8 @@ from pipeline.run.run import run_study
 from pipeline.statistics.comparison import statistics
 from pipeline.statistics.table_3 import table_3, table_3_markdown
 from pipeline.statistics.verdict import headlines, verdicts
-from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
 from pipeline.virtual_lab.protocol.walking_protocol import PERSONS
+from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
 
 # %% [markdown]
 # ## 1. Recordings

@@ -29,7 +29,7 @@ from pipeline.figures.style import COLOURS, draw_band
 from pipeline.trial.gait.cycles import mean_and_sd
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.residuals import AXES, cycle_residuals
-from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
 
 # %% [markdown]
 # ## The recording

@@ -23,12 +23,12 @@ import pipeline
 from hbm.markers import Markers
 from pipeline.config.live import Live
 from pipeline.config.schema import Treadmill
-from pipeline.live.frames.chain import LiveChain
+from pipeline.live.chain import LiveChain
 from pipeline.live.monitor import Monitor
 from pipeline.live.replay import RecordedSource
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.residuals import AXES, UNITS, reported
-from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
 
 # %% [markdown]
 # ## A trial, processed afterwards

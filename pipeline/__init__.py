@@ -7,14 +7,14 @@ if TYPE_CHECKING:
     from pipeline.config.schema import Condition, Platform, Settings, Subject, Treadmill
     from pipeline.config.study import Study, read_study
     from pipeline.io.c3d.read import read_c3d
-    from pipeline.io.opensim import read_opensim_trial, read_trc
     from pipeline.io.read import read_recording
     from pipeline.io.recording import Recording
     from pipeline.io.stated import Stated
     from pipeline.report.write import write_report
     from pipeline.run.run import run_study
     from pipeline.run.store import read_trial
-    from pipeline.trial.ground.laboratory import Laboratory, read_calibration
+    from pipeline.trial.ground.calibrations import read_calibration
+    from pipeline.trial.ground.laboratory import Laboratory
     from pipeline.trial.process import process_recording, process_trial
     from pipeline.trial.residuals import residual_table
     from pipeline.trial.result import TrialResult
@@ -33,11 +33,9 @@ _HOME = {
     "process_recording": "trial.process",
     "process_trial": "trial.process",
     "read_c3d": "io.c3d.read",
-    "read_calibration": "trial.ground.laboratory",
-    "read_opensim_trial": "io.opensim",
+    "read_calibration": "trial.ground.calibrations",
     "read_recording": "io.read",
     "read_study": "config.study",
-    "read_trc": "io.opensim",
     "read_trial": "run.store",
     "residual_table": "trial.residuals",
     "run_study": "run.run",
@@ -59,10 +57,8 @@ __all__ = [
     "process_trial",
     "read_c3d",
     "read_calibration",
-    "read_opensim_trial",
     "read_recording",
     "read_study",
-    "read_trc",
     "read_trial",
     "residual_table",
     "run_study",

@@ -11,9 +11,8 @@ from pipeline.io.recording import Event
 from tests.benchmarks import events
 from tests.benchmarks.accuracy import check_optimum, force_error, kinematic_error
 from tests.benchmarks.comparison import COMPILED, MACHINE, implementations
-from tests.benchmarks.scaling import solved_share
 from tests.benchmarks.trial import export_trial, write_trial
-from tests.benchmarks.walker import walk, with_dropouts, with_random_gaps
+from tests.benchmarks.walker import walk
 
 FRAMES = 120
 OPENSIM = pytest.param("OpenSim", marks=pytest.mark.opensim)
@@ -78,16 +77,6 @@ def test_no_other_program_fits_the_markers_better(trial, result, name):
 )
 def test_all_inverse_dynamics_give_the_same_forces(trial, result, name, task):
     assert force_error(trial, result(name, task)) < 1e-6
-
-
-@pytest.mark.parametrize(
-    "remove", [lambda m: with_random_gaps(m, 0.05), with_dropouts], ids=["samples", "seconds"]
-)
-def test_with_markers_missing_every_frame_is_solved_or_marked(whole, tmp_path, remove):
-    markers = remove(whole.markers)
-    assert np.isnan(markers.position).any()
-    share = solved_share(write_trial(tmp_path / "trial", whole, markers))
-    assert share["solved"] + share["marked"] == share["frames"] == FRAMES
 
 
 def test_errors_of_events_count_what_is_late_missed_and_invented():

@@ -6,13 +6,7 @@ import pytest
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.plate_accuracy.response import QUANTITIES
 from pipeline.virtual_lab.protocol.known_weights import SUPPORTED_VIBRATION, PlateErrors
-from tests.campaign.plates.cases import (
-    FAULTS,
-    Case,
-    carry_out,
-    true_totals,
-    true_verdict,
-)
+from tests.campaign.plates import FAULTS, faulty, true_totals, true_verdict
 
 BODY_N = 75.0 * GRAVITY_MPS2
 UP = BODY_N * np.array([1.2, 0.75, 1.2])
@@ -25,17 +19,18 @@ FAULT = {fault.name: fault for fault in FAULTS}
     [("gain of Fz", 1.1), ("Fz in Fx", 0.9), ("offset along", 1.1), ("vibration", 3.0)],
 )
 def test_a_fault_is_found_and_the_verdict_is_that_of_the_known_fault(fault, share):
-    for one in carry_out(Case(fault, share, seed=77)):
-        assert one.found
-        assert one.verdict == one.truth
+    plates = faulty(fault, share, seed=77)
+    assert plates.found.all()
+    assert (plates.verdict == plates.truth).all()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULT)
 def test_every_fault_far_beyond_its_limit_is_found_and_never_fit(fault):
-    for one in carry_out(Case(fault, 3.0, seed=78)):
-        assert one.found or fault == "noise"  # a noise is not tested against none
-        assert one.verdict == one.truth != "fit"
+    plates = faulty(fault, 3.0, seed=78)
+    assert plates.found.all() or fault == "noise"  # a noise is not tested against none
+    assert (plates.verdict == plates.truth).all()
+    assert (plates.truth != "fit").all()
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 """The project as a whole: public names, imports, packaging, and its texts."""
 
-import fnmatch
 import re
 import shutil
 import subprocess
@@ -8,7 +7,6 @@ import sys
 import tomllib
 from pathlib import Path
 
-import grimp
 import pytest
 import typer
 
@@ -44,37 +42,6 @@ def test_importing_the_packages_loads_no_large_library():
     code = f"import sys, {', '.join(PACKAGES)}; print(*(m for m in {large!r} if m in sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == ""
-
-
-def test_no_modules_import_each_other_in_a_circle():
-    """Imports for type checking included. Modules at either end of the arrows are dropped first."""
-    graph = grimp.build_graph(*PACKAGES, cache_dir=None)
-    imports = {name: graph.find_modules_directly_imported_by(name) for name in graph.modules}
-    size = 0
-    while size != (size := len(imports)):
-        imported = set().union(*imports.values())
-        imports = {
-            name: targets & imports.keys()
-            for name, targets in imports.items()
-            if name in imported and targets & imports.keys()
-        }
-    assert sorted(imports) == []
-
-
-def test_every_package_and_data_file_is_in_the_wheel():
-    declared = set(PROJECT["tool"]["setuptools"]["packages"])
-    patterns = PROJECT["tool"]["setuptools"]["package-data"]
-    for top in PACKAGES:
-        for path in (ROOT / top).rglob("*"):
-            if path.is_dir() or "__pycache__" in path.parts:
-                continue
-            home = next(folder for folder in path.parents if (folder / "__init__.py").is_file())
-            package = ".".join(home.relative_to(ROOT).parts)
-            assert package in declared, f"{package} is not in [tool.setuptools] packages"
-            if path.suffix != ".py" and not path.stem.startswith("compiled_"):  # by setup.py
-                name, allowed = path.relative_to(home).as_posix(), patterns.get(package, [])
-                assert any(fnmatch.fnmatch(name, p) for p in allowed), f"{path} is left out"
-        assert (ROOT / top / "py.typed").is_file()
 
 
 def test_the_version_is_the_same_everywhere():

@@ -1,6 +1,5 @@
 """A treadmill's calibration as text: one inertia model per plate, and its provenance."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from types import MappingProxyType
@@ -9,6 +8,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 from scipy.linalg import block_diag
 
+from compensation.documents import damaged, read_document, write_document
 from compensation.inertia.model import InertiaModel, Setup
 from compensation.inertia.model_error import ModelError
 from compensation.inertia.quality import MIN_LOAD_N, LeftOver, left_over
@@ -16,7 +16,8 @@ from compensation.inertia.sensors import Sensor
 from hbm.notes import Note
 from hbm.spatial import Array, read_only
 
-FORMAT: Final = "hbm-residuals inertia calibration"
+OF: Final = "inertia"
+AGAIN: Final = "fit it again with 'hbm calibration fit'"
 VERSION: Final = 7
 RELEASED: Final = 2
 """Version of 0.2.0: static models alone, which know of noise alone and are not judged, and no
@@ -30,8 +31,6 @@ UNKNOWN_THEN: Final[Mapping[str, Any]] = {
     "lags_s": (),
 }
 Made = TypeVar("Made", InertiaModel, ModelError, Setup, Sensor)
-MAX_REASON: Final = 120
-"""Characters of what is wrong, which names what the file holds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,17 +156,14 @@ def to_json(calibration: Calibration) -> str:
     >>> to_json(Calibration({"plate 1": model})).splitlines()[1]
     ' "format": "hbm-residuals inertia calibration",'
     """
-    document = {
-        "format": FORMAT,
-        "version": VERSION,
-        "provenance": dict(calibration.provenance),
-        "plates": {name: asdict(model) for name, model in calibration.plates.items()},
-        "sensors": [asdict(sensor) for sensor in calibration.sensors],
-        "correlation": calibration.correlation,
-        "dynamic": {name: asdict(model) for name, model in calibration.dynamic.items()},
-    }
-    return json.dumps(
-        document, indent=1, ensure_ascii=False, allow_nan=False, default=np.ndarray.tolist
+    return write_document(
+        OF,
+        VERSION,
+        provenance=dict(calibration.provenance),
+        plates={name: asdict(model) for name, model in calibration.plates.items()},
+        sensors=[asdict(sensor) for sensor in calibration.sensors],
+        correlation=calibration.correlation,
+        dynamic={name: asdict(model) for name, model in calibration.dynamic.items()},
     )
 
 
@@ -197,23 +193,12 @@ def from_json(text: str, setup: Setup | None = None) -> Calibration:
     >>> from_json("{}")
     Traceback (most recent call last):
         ...
-    ValueError: the text is not a calibration: its format should be 'hbm-residuals inertia \
-calibration'
+    ValueError: the text is no inertia calibration: its format should be 'hbm-residuals inertia \
+calibration'; fit it again with 'hbm calibration fit'
     """
+    document = read_document(text, OF, (RELEASED, VERSION), AGAIN)
     try:
-        document = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"the calibration is not JSON: {error}") from error
-    if not isinstance(document, dict) or document.get("format") != FORMAT:
-        raise ValueError(f"the text is not a calibration: its format should be {FORMAT!r}")
-    version = document.get("version")
-    if version not in (RELEASED, VERSION):
-        raise ValueError(
-            f"the calibration has version {version}, this program reads versions {RELEASED} and "
-            f"{VERSION}; fit it again"
-        )
-    try:
-        if version == RELEASED:
+        if document["version"] == RELEASED:
             document |= {"correlation": None, "sensors": [], "dynamic": {}}
             for plain in document["plates"].values():
                 plain |= UNKNOWN_THEN
@@ -226,8 +211,7 @@ calibration'
             plates, document["provenance"], sensors, document["correlation"], dynamic
         )
     except (KeyError, TypeError, AttributeError, OverflowError) as error:
-        reason = str(error)[:MAX_REASON]
-        raise ValueError(f"the calibration is damaged: {reason}; fit it again") from error
+        raise damaged(OF, error, AGAIN) from error
     if setup is not None:
         for model in calibration.plates.values():
             model.require(setup)

@@ -153,45 +153,14 @@ def describe_sensors(sensors: tuple[Sensor, ...]) -> tuple[Note, ...]:
     return (Note.of("accelerometer_delay_unknown", sensors=unknown),) if unknown else ()
 
 
-def sensor_noise_of(accelerations: ArrayLike) -> float:
-    """Estimate the accelerometers' noise from a calibration trial of sway and pitch.
+def sensor_noise_of(accelerations: Array) -> float:
+    """Estimate the noise per channel of a trial of sway and pitch, from (N, k), k > 5 [m/s²].
 
-    Parameters
-    ----------
-    accelerations
-        Readings of two or more accelerometers, (N, k) [m/s²], filtered as for the fit.
-
-    Returns
-    -------
-    float
-        Standard deviation of the noise per channel [m/s²].
-
-    Raises
-    ------
-    ValueError
-        Fewer than two sensors, wrong shape, no samples or gaps.
-
-    Notes
-    -----
-    Rigid sway and pitch move the ``k`` channels along five directions only; the variance of the
-    other ``k - 5`` principal directions is noise, taken as equal in all channels. On a platform
-    that also rolls, yaws or bends the estimate is too large.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> rng = np.random.default_rng(0)
-    >>> five = rng.normal(size=(5000, 5)) @ rng.normal(size=(5, 6))
-    >>> round(sensor_noise_of(five + 0.02 * rng.normal(size=(5000, 6))), 3)
-    0.02
+    Rigid sway and pitch move the channels along five directions only; the variance of the other
+    principal directions is noise, taken as equal in all channels. On a platform that also rolls,
+    yaws or bends the estimate is too large.
     """
-    a = read_table(accelerations, "accelerations")
-    if a.shape[1] <= RIGID_DIRECTIONS or a.shape[1] % 3 or len(a) < 2:
-        raise ValueError(
-            f"accelerations of shape {a.shape} do not separate noise from motion; "
-            "give two sensors or more, 3 channels each"
-        )
-    variance = np.linalg.eigvalsh(np.cov(a, rowvar=False))
+    variance = np.linalg.eigvalsh(np.cov(accelerations, rowvar=False))
     return float(np.sqrt(max(variance[:-RIGID_DIRECTIONS].mean(), 0.0)))
 
 

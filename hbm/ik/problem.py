@@ -130,7 +130,7 @@ FRAMES_AT_ONCE: Final = 4000
 
 
 class Problem:
-    """One trial's markers against one body; arguments as of `hbm.kinematics.solve_ik`."""
+    """One trial's markers against one body; arguments as of `hbm.ik.tracking.solve_ik`."""
 
     def __init__(
         self,
@@ -150,6 +150,7 @@ class Problem:
         self.body, self.time, self.tolerance, self.jobs = body, markers.time, tolerance, jobs
         self.names = tuple(body.markers[k] for k in known)
         self.segment = tuple(body.marker_segment[k] for k in known)
+        self.joints = body.joints
         self.attachment = MarkerAttachment(
             np.array([MOVING.index(s) for s in self.segment]),
             body.marker_position[known],
@@ -207,7 +208,7 @@ class Problem:
             measured = self.attachment.measured(rows[block])
             seen = np.isfinite(measured[..., 0])
             position, weight = np.where(seen[..., None], measured, 0.0), seen * weight_of
-            own = Start(position, weight, self.attachment.local, self.segment, self.body.joints)
+            own = Start(position, weight, self.attachment.local, self.segment, self.joints)
             start[block] = own.coordinates()
         return start
 

@@ -1,6 +1,8 @@
-"""A trial's frames: from starting points to optima, through gaps, to a motion.
+"""Inverse kinematics of a trial: all coordinates of all frames from all markers at once.
 
-The optimum of a frame does not depend on its neighbours, only its starting point does: it is
+Every frame is a least-squares problem of its own (Lu and O'Connor 1999, J Biomech 32:129), solved
+by damped Newton steps until the undamped step is below the tolerance (`hbm.ik.descent`). The
+optimum of a frame does not depend on its neighbours, only its starting point does: it is
 interpolated between coarsely spaced frames, which in turn start from a segment-wise rigid fit
 (`hbm.ik.start`). Where an optimum is far from its start, the frame is solved again from the rigid
 fit. Where that leads lower, and in the spaced frames where markers show a limb only weakly, still
@@ -9,6 +11,7 @@ continuous. The result therefore depends neither on how many frames are solved a
 number of threads.
 """
 
+from collections.abc import Mapping
 from functools import cache
 from itertools import combinations
 from typing import Final
@@ -20,6 +23,8 @@ from hbm.coordinates import FIRST_Q, LAST_Q, LIMBS, N_Q, TREE
 from hbm.ik.continuity import continuous
 from hbm.ik.descent import MAX_ABSOLUTE_RISE, Solved
 from hbm.ik.problem import MIN_PIVOT, OF_CARRIERS, ROTATES, Problem
+from hbm.markers import Markers
+from hbm.model import Body
 from hbm.motion import Motion
 from hbm.spatial import Array, Indices, Mask
 
@@ -148,8 +153,63 @@ EQUAL_COST: Final = 1e-6
 """Relative difference of the costs of one optimum that is reached from two starts."""
 
 
-def solve_trial(problem: Problem) -> Motion:
-    """Solve all frames of a trial."""
+def solve_ik(
+    body: Body,
+    markers: Markers,
+    *,
+    weights: Mapping[str, float] | None = None,
+    tolerance: float = 1e-6,
+    jobs: int = 1,
+) -> Motion:
+    """Find the coordinates whose markers lie nearest to the measured ones.
+
+    Parameters
+    ----------
+    body
+        The subject.
+    markers
+        Measured trajectories, lab axes; gaps are NaN. Labels that the body does not know are
+        ignored.
+    weights
+        Marker -> weight in the sum of squares; 1 where not named.
+    tolerance
+        Largest last step of any coordinate [rad or m]; convergence is quadratic, so the error that
+        remains is far smaller.
+    jobs
+        Threads.
+
+    Returns
+    -------
+    Motion
+        ``q``, marker errors and which coordinates were observed; ``v`` and ``a`` are NaN until
+        `filter_motion`. What the markers of the trial do not determine is held near zero by a prior
+        (`hbm.ik.problem`), what none of them shows at zero; coordinates that lose their markers for
+        a while, and limbs whose markers fit no pose, are interpolated in time.
+        Only a pelvis or a trunk that markers do not show leaves a frame unsolved.
+
+    Raises
+    ------
+    ValueError
+        If none of the body's markers is in the trial, or a weight is negative or of a marker that
+        the body does not have.
+
+    Examples
+    --------
+    With ``static``, the markers of a T-pose, and ``body``, built from them:
+
+    >>> import hbm, numpy as np
+    >>> motion = hbm.solve_ik(body, static)
+    >>> f"{1000 * motion.marker_error.max():.3f} mm"
+    '0.000 mm'
+    >>> f"{np.degrees(motion.coordinate('LShoulderAbduction').mean()):.0f}°"
+    '94°'
+    """
+    for name, weight in (weights or {}).items():
+        if name not in body.markers:
+            raise ValueError(f"weight for {name!r}, which is not a marker of the body")
+        if not (weight >= 0 and np.isfinite(weight)):
+            raise ValueError(f"the weight of {name} must be 0 or more, got {weight:g}")
+    problem = Problem(body, markers, weights or {}, tolerance=tolerance, jobs=jobs)
     frames = np.arange(len(problem.time))
     start, usual_pivots = _starting_points(problem, frames)
     found = problem.newton(frames, start)

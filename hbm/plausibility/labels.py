@@ -355,7 +355,7 @@ def changed_distances(body: Body, markers: Markers) -> tuple[Note, ...]:
     >>> position = static.position.copy()
     >>> position[:, static.names.index("RLTHI"), 2] += 0.08
     >>> trial = hbm.Markers(static.time, static.names, position)
-    >>> for note in hbm.changed_distances(body, trial):
+    >>> for note in changed_distances(body, trial):
     ...     print(note.values["segment"], *note.values["largest_m"])
     right_thigh RLEK–RLTHI RMEK–RLTHI
     """

@@ -33,8 +33,7 @@ def implausible(body: Body) -> tuple[Note, ...]:
     --------
     With ``body`` from `build_body`:
 
-    >>> import hbm
-    >>> hbm.implausible(body)
+    >>> implausible(body)
     ()
     """
     left_m, right_m = (

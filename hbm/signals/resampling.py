@@ -5,9 +5,9 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.interpolate import make_interp_spline
 from scipy.signal import firwin, kaiserord, oaconvolve
 
-from hbm.signals.cubic_spline import MAX_ROUNDING_STEPS, cubic_spline
 from hbm.signals.samples import (
     blocks_without_gaps,
     extended,
@@ -17,7 +17,7 @@ from hbm.signals.samples import (
     sample_times,
     unknown,
 )
-from hbm.spatial import Array, Indices, Mask
+from hbm.spatial import Array
 
 STOPBAND_DB: Final = 80.0
 """Attenuation of what would otherwise alias: to a ten-thousandth, below the noise of any plate."""
@@ -34,6 +34,9 @@ MIN_SPLINE_SAMPLES: Final = 4
 
 ROUNDING_STEPS: Final = 1e-6
 """Time beyond the ends of a block, in samples, that is treated as rounding error."""
+
+MAX_ROUNDING_STEPS: Final = 1e-9
+"""Of a wanted time from a sample's, in steps: the rounding error of times in seconds."""
 
 
 def resample(
@@ -73,11 +76,9 @@ def resample(
     values, new_time = np.asarray(values, float), np.asarray(new_time, float)
     time = sample_times(time, values)
     new_rate_hz = mean_rate_hz(sample_times(new_time, new_time))
-    wanted = new_time + delay_s
     if new_rate_hz < MIN_DECIMATION * mean_rate_hz(time):
-        kept = _samples_wanted(time, wanted)
-        time, values = time[kept], _without_aliases(values, time, new_rate_hz, kept)
-    return interpolate(time, values, wanted)
+        values = _without_aliases(values, time, new_rate_hz)
+    return interpolate(time, values, new_time + delay_s)
 
 
 def interpolate(time: ArrayLike, values: ArrayLike, at: ArrayLike) -> Array:
@@ -112,8 +113,17 @@ def interpolate(time: ArrayLike, values: ArrayLike, at: ArrayLike) -> Array:
         first, last = time[rows][[0, -1]]
         inside = (wanted >= first - rounding) & (wanted <= last + rounding)
         place = inside if isinstance(sharing, slice) else np.ix_(inside, sharing)
-        result[place] = cubic_spline(time[rows], columns[rows, sharing], wanted[inside])
+        result[place] = _spline(time[rows], columns[rows, sharing], wanted[inside])
     return result.reshape(*at.shape, *values.shape[1:])
+
+
+def _spline(time: Array, samples: Array, at: Array) -> Array:
+    """Evaluate the spline through (N, K) samples; at their times it is the samples themselves."""
+    step = (time[-1] - time[0]) / (len(time) - 1)
+    nearest = np.rint((at - time[0]) / step).astype(int).clip(0, len(time) - 1)
+    if np.abs(time[nearest] - at).max(initial=0) <= MAX_ROUNDING_STEPS * step:
+        return np.asarray(samples.take(nearest, axis=0))
+    return np.asarray(make_interp_spline(time, samples)(at))
 
 
 def resample_in_real_time(time: Array, values: Array, new_time: Array) -> Array:
@@ -138,19 +148,8 @@ def resample_in_real_time(time: Array, values: Array, new_time: Array) -> Array:
     return found.reshape(len(new_time), *values.shape[1:])
 
 
-def _samples_wanted(time: Array, wanted: Array) -> slice:
-    """Give every which sample is enough: those at wanted times if these are at samples, or all."""
-    rate_hz = mean_rate_hz(time)
-    nearest = np.rint((wanted - time[0]) * rate_hz).astype(int)
-    recorded, every = (nearest >= 0) & (nearest < len(time)), int(nearest[1] - nearest[0])
-    apart_s = np.abs(time[nearest[recorded]] - wanted[recorded]).max(initial=0)
-    if apart_s * rate_hz > MAX_ROUNDING_STEPS or not np.all(np.diff(nearest) == every):
-        return slice(0, None, 1)
-    return slice(int(nearest[0]) % every, None, every)
-
-
-def _without_aliases(signal: Array, time: Array, new_rate_hz: float, kept: slice) -> Array:
-    """Low-pass (N, ...) samples to what a lower sampling rate can represent; give the kept ones."""
+def _without_aliases(signal: Array, time: Array, new_rate_hz: float) -> Array:
+    """Low-pass (N, ...) samples to what a lower sampling rate can represent."""
     require_equal_steps(time)
     rate_hz = mean_rate_hz(time)
     width = TRANSITION_WIDTH * new_rate_hz / (rate_hz / 2)
@@ -159,35 +158,11 @@ def _without_aliases(signal: Array, time: Array, new_rate_hz: float, kept: slice
     require_length(time, reach + 1)
     taps = firwin(2 * reach + 1, new_rate_hz / 2, window=("kaiser", beta), fs=rate_hz)
     columns = signal.reshape(len(time), -1)
-    result = unknown((len(time[kept]), columns.shape[1]))
+    result = unknown(columns.shape)
     for rows, sharing in blocks_without_gaps(columns, reach + 1):
-        first = (kept.start - rows.start) % kept.step
-        padded = extended(columns[rows, sharing], reach)[first:]
-        filtered = _convolved(padded.T, taps, kept.step)
-        start = (rows.start + first) // kept.step
-        result[start : start + filtered.shape[1], sharing] = filtered.T
-    return np.reshape(result, (len(result), *signal.shape[1:]))
-
-
-def _convolved(channels: Array, taps: Array, every: int) -> Array:
-    """Filter (K, N) samples, N ≥ taps; give the first of what N determine, and every so many-th.
-
-    Of one in several, only these are computed: samples and taps are laid out in rows of so many,
-    whose products are summed.
-    """
-    if every == 1:
-        return np.asarray(oaconvolve(channels, taps[None], "valid", axes=1))
-    count = (channels.shape[1] - len(taps)) // every + 1
-    rows = -(-len(taps) // every)
-    length = (count + rows - 1) * every
-    filters = np.pad(taps[::-1], (0, rows * every - len(taps))).reshape(rows, every)
-    result = np.zeros((len(channels), count))
-    for channel, filtered in zip(channels, result, strict=True):
-        laid_out = np.pad(channel[:length], (0, max(length - len(channel), 0)))
-        products = filters @ laid_out.reshape(-1, every).T
-        for row, product in enumerate(products):
-            filtered += product[row : row + count]
-    return result
+        padded = extended(columns[rows, sharing], reach)
+        result[rows, sharing] = oaconvolve(padded.T, taps[None], "valid", axes=1).T
+    return result.reshape(signal.shape)
 
 
 REACH_STEPS: Final = 2
@@ -199,10 +174,6 @@ MAX_GAP_STEPS: Final = 1.5
 SMALLEST_ARM: Final = 1e-9
 """Sum of squared distances, in steps of the slower clock, below which no second sample shows a
 slope."""
-TINY: Final = 1e-300
-"""Avoids the division of zero by zero where there is no sample."""
-INSTANTS_AT_ONCE: Final = 4000
-"""Bounds the memory for samples within reach."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,31 +248,11 @@ class Convolution:
             (T, K); NaN where a sample within reach is NaN, where the samples leave a gap, and where
             they end before the reach does.
         """
-        if len(at) == 1:
-            return self._at_one(time, values, float(at[0]))[None]
-        result = np.empty((len(at), values.shape[1]))
-        for first in range(0, len(at), INSTANTS_AT_ONCE):
-            block = slice(first, first + INSTANTS_AT_ONCE)
-            result[block] = self._at_many(time, values, at[block])
-        return result
-
-    def _at_many(self, time: Array, values: Array, at: Array) -> Array:
-        start = np.searchsorted(time, at - self.reach_s, side="right")
-        stop = np.searchsorted(time, at + self.reach_s, side="left")
-        count = int((stop - start).max(initial=0))
-        if not count:
-            return np.full((len(at), values.shape[1]), np.nan)
-        index: Indices = start[:, None] + np.arange(count)
-        inside = index < stop[:, None]
-        index = np.minimum(index, len(time) - 1)
-        later = np.where(inside, time[index] - at[:, None], self.reach_s)
-        weights, known = self._weights(later)
-        result = (weights[:, None, :] @ np.where(inside[..., None], values[index], 0.0))[:, 0]
-        result[~known] = np.nan
-        return np.asarray(result)
+        found = [self._at_one(time, values, each) for each in at.tolist()]
+        return np.reshape(found, (len(at), values.shape[1]))
 
     def _at_one(self, time: Array, values: Array, at: float) -> Array:
-        """Do the same for one instant, (K,), in a third of the time."""
+        """Do the same for one instant, (K,)."""
         start = int(time.searchsorted(at - self.reach_s, side="right"))
         stop = int(time.searchsorted(at + self.reach_s, side="left"))
         later = time[start:stop] - at
@@ -325,30 +276,6 @@ class Convolution:
         if later[0] + reach_s > longest_s or reach_s - later[-1] > longest_s:
             return False
         return len(later) == 1 or bool((later[1:] - later[:-1]).max() <= longest_s)
-
-    def _weights(self, later: Array) -> tuple[Array, Mask]:
-        """Give the weights of samples, (T, n), by how much later they are, and which are known.
-
-        Samples that are as late as the reach have none.
-        """
-        reach_s, longest_s = self.reach_s, self.longest_s
-        known = (later[:, 0] + reach_s <= longest_s) & (reach_s - later[:, -1] <= longest_s)
-        if later.shape[1] > 1:
-            known &= (later[:, 1:] - later[:, :-1]).max(axis=1) <= longest_s
-        u = np.abs(later) / self.scale_s
-        weights = _cubic(u)
-        total = weights.sum(axis=1, keepdims=True)
-        total[~known] = 1.0
-        weights /= total
-        near = 1 - u * u / REACH_STEPS**2
-        near *= near
-        total = near.sum(axis=1, keepdims=True) + TINY
-        tilt = near * (later - (near * later).sum(axis=1, keepdims=True) / total)
-        moment = (weights * later).sum(axis=1, keepdims=True)
-        arm = (tilt * later).sum(axis=1, keepdims=True)
-        moment[arm <= SMALLEST_ARM * self.scale_s**2] = 0.0
-        weights -= tilt * (moment / (arm + TINY))
-        return weights, known
 
 
 def _cubic(u: Array) -> Array:

@@ -21,10 +21,16 @@ from pipeline.budgets.explanation import (
 )
 from pipeline.config.study import Study, read_study
 from pipeline.explain.budget import Bands
+from pipeline.io.input_file import describe_error
 from pipeline.io.recording import Recording
 from pipeline.io.write import remove_leftovers, require_writable
-from pipeline.run.failures import record_failure, recorded_failures
-from pipeline.run.job import Job, Outcome, describe_error, trial_key
+from pipeline.run.job import (
+    Job,
+    Outcome,
+    record_failure,
+    recorded_failures,
+    trial_key,
+)
 from pipeline.run.program import explanation_digest
 from pipeline.run.run import Announce, plan, work_on
 from pipeline.run.store import read_trial, recorded_study_folder

@@ -1,13 +1,13 @@
 """Experiment 2: the calibration trial with the best compensation, and how certain that is."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Final, Generic, TypeVar
 
 import numpy as np
 import pandas as pd
-from scipy.stats import friedmanchisquare, rankdata
+from scipy.stats import rankdata
 
 from compensation import BeltModel, InertiaModel, fit_belt, fit_inertia
 from hbm.spatial import WRENCH_COMPONENTS, Array
@@ -26,6 +26,7 @@ differ, half of the winners of one are possibly the best of another by this shar
 (docs/calibration_signals.md).
 """
 Model = TypeVar("Model", InertiaModel, BeltModel)
+Trial = TypeVar("Trial", PlatformTrial, BeltTrial)
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,15 +43,12 @@ class Ranking(Generic[Model]):
         One row per calibration trial, validation trial and component: rms_raw, rms_after [N, N·m],
         excess_high (upper end of the 95 % interval of what it leaves more than the winner, from
         the resamples) [N, N·m], reduction [%], rank.
-    concordance
-        Kendall's W of the columns and its p; NaN for one column.
     models
         Name -> fitted model.
     """
 
     table: pd.DataFrame
     scores: pd.DataFrame
-    concordance: tuple[float, float] = (np.nan, np.nan)
     models: Mapping[str, Model] = field(default_factory=dict)
 
     @property
@@ -97,32 +95,49 @@ def rank_platform(
     plate. The zero differs from trial to trial, as the calibrations' mean errors show, and would
     differ if the experiment were repeated; resampled blocks do not contain that.
     """
-    if len(calibration) < 2:
-        raise ValueError(f"a ranking needs at least 2 calibration trials, got {len(calibration)}")
-    models = {}
-    for trial in calibration:
+    for trial in (*calibration, *validation):
         _require_same_sensors(trial, calibration[0])
+    models = _fitted(
+        calibration, lambda trial: fit_inertia(trial.accelerations, trial.wrench, trial.setup)
+    )
+    scores = []
+    for trial in validation:
+        dead = [c for c, rms in zip(WRENCH_COMPONENTS, _rms(trial.wrench), strict=True) if rms == 0]
+        if dead:
+            raise ValueError(
+                f"{trial.name}: the plate's {', '.join(dead)} is 0 throughout; is it connected?"
+            )
+        left = {n: trial.wrench - m.predict(trial.accelerations) for n, m in models.items()}
+        scores.append(_scores(trial.name, WRENCH_COMPONENTS, trial.wrench, left))
+    resampled = _resampled(list(models.values()), validation, np.random.default_rng(seed))
+    return ranked(pd.concat(scores, ignore_index=True), resampled, models)
+
+
+def _fitted(trials: Sequence[Trial], fit: Callable[[Trial], Model]) -> dict[str, Model]:
+    """Fit a model to every calibration trial, by its name."""
+    if len(trials) < 2:
+        raise ValueError(f"a ranking needs at least 2 calibration trials, got {len(trials)}")
+    models = {}
+    for trial in trials:
         try:
-            models[trial.name] = fit_inertia(trial.accelerations, trial.wrench, trial.setup)
+            models[trial.name] = fit(trial)
         except ValueError as error:
             raise ValueError(f"{trial.name}: {error}") from error
-    rows = []
-    for trial in validation:
-        _require_same_sensors(trial, calibration[0])
-        raw = _rms(trial.wrench)
-        if not raw.all():
-            dead = ", ".join(c for c, rms in zip(WRENCH_COMPONENTS, raw, strict=True) if rms == 0)
-            raise ValueError(f"{trial.name}: the plate's {dead} is 0 throughout; is it connected?")
-        for name, model in models.items():
-            after = _rms(trial.wrench - model.predict(trial.accelerations))
-            rows += [
-                (name, trial.name, *row) for row in zip(WRENCH_COMPONENTS, raw, after, strict=True)
-            ]
-    scores = pd.DataFrame(
-        rows, columns=["trial", "validation", "component", "rms_raw", "rms_after"]
-    )
-    resampled = _resampled(list(models.values()), validation, np.random.default_rng(seed))
-    return ranked(scores, resampled, models)
+    return models
+
+
+def _scores(
+    validation: str, components: Sequence[str], measured: Array, left: Mapping[str, Array]
+) -> pd.DataFrame:
+    """Give RMS raw and after compensation of the components, (N, C), by calibration trial."""
+    raw = _rms(measured)
+    rows = [
+        (name, validation, *row)
+        for name, rest in left.items()
+        for row in zip(components, raw, _rms(rest), strict=True)
+    ]
+    columns = ["trial", "validation", "component", "rms_raw", "rms_after"]
+    return pd.DataFrame(rows, columns=columns)
 
 
 def ranked(scores: pd.DataFrame, resampled: Array, models: Mapping[str, Model]) -> Ranking[Model]:
@@ -165,12 +180,7 @@ def ranked(scores: pd.DataFrame, resampled: Array, models: Mapping[str, Model]) 
     high = np.percentile(resampled - resampled[:, winner : winner + 1], 97.5, axis=0)
     row, column = means.index.get_indexer(pd.Index(scores["trial"])), columns.ngroup().to_numpy()
     scores.insert(5, "excess_high", high[row, column] * scores["rms_raw"])
-    wide = scores.pivot(index=["validation", "component"], columns="trial", values="reduction")
-    agreement = (np.nan, np.nan)
-    if wide.shape[0] > 1 and wide.shape[1] > 2:
-        chi2, p = friedmanchisquare(*wide.to_numpy().T)
-        agreement = (float(chi2 / (wide.shape[0] * (wide.shape[1] - 1))), float(p))
-    return Ranking(table, scores, agreement, models)
+    return Ranking(table, scores, models)
 
 
 def best_trials(ranking: Ranking[Model]) -> pd.DataFrame:
@@ -188,10 +198,15 @@ def best_trials(ranking: Ranking[Model]) -> pd.DataFrame:
     return wide[[c for c in WRENCH_COMPONENTS if c in wide.columns]]
 
 
-def blocks(count: int) -> list[slice]:
-    """Cut samples at 100 Hz into blocks of about 5 s, at least two."""
+def _drawn_blocks(count: int, rng: np.random.Generator) -> tuple[list[slice], Array]:
+    """Cut samples at 100 Hz into blocks of about 5 s, two at least, and draw among them.
+
+    Gives the B blocks, and how often each is in every resample, (resamples, B).
+    """
     edges = np.linspace(0, count, max(round(count / (BLOCK_S * RATE_HZ)), 2) + 1).astype(int)
-    return [slice(a, b) for a, b in pairwise(edges)]
+    cut = [slice(a, b) for a, b in pairwise(edges)]
+    drawn = rng.multinomial(len(cut), np.full(len(cut), 1 / len(cut)), RESAMPLES)
+    return cut, drawn.astype(float)
 
 
 def _resampled(
@@ -207,8 +222,7 @@ def _resampled(
     columns = []
     for trial, row in zip(validation, errors, strict=True):
         design = np.column_stack([trial.accelerations, np.ones(len(trial.wrench))])
-        cut = blocks(len(design))
-        drawn = rng.multinomial(len(cut), np.full(len(cut), 1 / len(cut)), RESAMPLES).astype(float)
+        cut, drawn = _drawn_blocks(len(design), rng)
         gram = np.tensordot(drawn, [design[b].T @ design[b] for b in cut], 1)
         cross = np.tensordot(drawn, [[design[b].T @ e[b] for e in row] for b in cut], 1)
         plain = np.tensordot(drawn, [[(e[b] ** 2).sum(axis=0) for e in row] for b in cut], 1)
@@ -273,33 +287,21 @@ def rank_belts(
     ValueError
         If a trial cannot be fitted, or there are fewer than two.
     """
-    if len(calibration) < 2:
-        raise ValueError(f"a ranking needs at least 2 belt trials, got {len(calibration)}")
-    models = {}
-    for trial in calibration:
-        try:
-            models[trial.name] = fit_belt(trial.acceleration, _about_mean(trial.moment))
-        except ValueError as error:
-            raise ValueError(f"{trial.name}: {error}") from error
+    models = _fitted(
+        calibration, lambda trial: fit_belt(trial.acceleration, _about_mean(trial.moment))
+    )
     rng = np.random.default_rng(seed)
-    rows, columns = [], []
+    scores, resampled = [], []
     for trial in validation:
         measured = _about_mean(trial.moment)
-        errors = [_about_mean(measured - m.predict(trial.acceleration)) for m in models.values()]
-        raw = float(np.sqrt(np.mean(measured**2)))
-        rows += [
-            (name, trial.name, "My", raw, float(np.sqrt(np.mean(error**2))))
-            for name, error in zip(models, errors, strict=True)
-        ]
-        cut = blocks(len(measured))
-        drawn = rng.multinomial(len(cut), np.full(len(cut), 1 / len(cut)), RESAMPLES).astype(float)
-        left = drawn @ np.array([[np.sum(e[b] ** 2) for e in errors] for b in cut])
+        left = {n: _about_mean(measured - m.predict(trial.acceleration)) for n, m in models.items()}
+        rests = {name: rest[:, None] for name, rest in left.items()}
+        scores.append(_scores(trial.name, ["My"], measured[:, None], rests))
+        cut, drawn = _drawn_blocks(len(measured), rng)
+        after = drawn @ np.array([[np.sum(rest[b] ** 2) for rest in left.values()] for b in cut])
         total = drawn @ np.array([np.sum(measured[b] ** 2) for b in cut])
-        columns.append(np.sqrt(left / total[:, None]))
-    scores = pd.DataFrame(
-        rows, columns=["trial", "validation", "component", "rms_raw", "rms_after"]
-    )
-    return ranked(scores, np.stack(columns, axis=2), models)
+        resampled.append(np.sqrt(after / total[:, None]))
+    return ranked(pd.concat(scores, ignore_index=True), np.stack(resampled, axis=2), models)
 
 
 def taken_away(

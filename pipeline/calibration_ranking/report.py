@@ -33,7 +33,6 @@ from pipeline.calibration_ranking.verdict import (
     best_levels,
     calibration_effects,
     interaction_sentence,
-    ratios_to_random,
     recommendation,
 )
 from pipeline.figures.style import COLOURS, STYLE, save_figure
@@ -119,14 +118,10 @@ def _platform_section(
         title = f"{trial.name}: empty plate, compensated by {ranking.winner}"
         figure = compensation_figure(title, trial.wrench, predicted, WRENCH_COMPONENTS)
         save_figure(figure, out / "figures" / f"{trial.name}.png")
-    save_figure(rank_figure(ranking), out / "figures" / "ranks.png")
-    w, p = ranking.concordance
     setup = validation[0].setup
     return [
         f"Plate and accelerometers were low-passed at {setup.cutoff_hz:g} Hz "
         f"({setup.filter_method}, as 'hbm calibration fit' does).",
-        f"Agreement of the columns: Kendall's W = {w:.2f} (p = {p:.2g}; 1 means the same order "
-        "in all).",
         _choices(ranking, out / "ranking.csv"),
         f"What {ranking.winner} leaves (as Table II). Directions: x forward, y left, z up, about "
         "the centre of the plate; the thesis' names beside them (x right, y up, z back).",
@@ -155,11 +150,11 @@ def _effects(scores: pd.DataFrame, out: Path, prefix: str) -> list[str]:
             "Effects of kind, duration and speed are not tested: the trials' names do not state "
             "them, or the trials are too few."
         ]
-    best, kinds = best_levels(pairs), ratios_to_random(pairs)
+    best = best_levels(pairs)
     write_csv(tests, out / f"{prefix}effects.csv")
     write_csv(pairs, out / f"{prefix}effect_pairs.csv")
     write_csv(best, out / f"{prefix}table_f1.csv")
-    section = [
+    return [
         "Effects on the remaining RMS (type III, main effects; Bonferroni between levels in "
         f"{prefix}effect_pairs.csv):",
         markdown(tests, 3),
@@ -167,25 +162,13 @@ def _effects(scores: pd.DataFrame, out: Path, prefix: str) -> list[str]:
         f'"any" where the difference is below {SMALLEST_DIFFERENCE:g} N or N·m:',
         markdown(best),
     ]
-    if len(kinds):
-        text = "Remaining RMS of each kind, by that of plain random motion (all: geometric mean):"
-        section += [text, markdown(kinds)]
-    return section
 
 
 def _belt_section(ranking: Ranking[BeltModel], found: Trials, out: Path) -> list[str]:
     trials = (*found.belt_validation, *found.belt_person)
-    fitted = pd.DataFrame(
-        [
-            (name, m.r_squared, m.rms_measured, m.rms_compensated, m.rms_reduction)
-            for name, m in ranking.models.items()
-        ],
-        columns=["trial", "r_squared", "rms_raw", "rms_compensated", "rms_reduction_percent"],
-    )
     person = taken_away(ranking.models[ranking.winner], found.belt_validation, found.belt_person)
     write_csv(person, out / "belt_person.csv")
     write_csv(ranking.scores, out / "belt_scores.csv")
-    write_csv(fitted, out / "belt_models.csv")
     for trial in trials:
         moment = (trial.moment - trial.moment.mean())[:, None]
         predicted = ranking.models[ranking.winner].predict(trial.acceleration)[:, None]
@@ -201,8 +184,6 @@ def _belt_section(ranking: Ranking[BeltModel], found: Trials, out: Path) -> list
         "What the first takes away of the pitch moment, with nobody on a belt and with a person on "
         "the other one (7 % in the thesis), who moves the platform; only accelerometers show that:",
         markdown(person),
-        "Each model on its own calibration trial:",
-        markdown(fitted, 3),
         *_effects(ranking.scores, out, "belt_"),
     ]
 
@@ -250,24 +231,4 @@ def compensation_figure(
             panel.set_xlabel("time (s)")
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
         figure.suptitle(f"{title} (x forward, y left, z up)", fontsize=10)
-    return figure
-
-
-def rank_figure(ranking: Ranking[Model]) -> Figure:
-    """Draw the mean ranks with their bootstrap intervals, best above."""
-    table = ranking.table.iloc[::-1]
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(7, 0.6 + 0.22 * len(table)), layout="constrained")
-        panel = figure.subplots()
-        panel.hlines(table["trial"], table["rank_low"], table["rank_high"], color="0.7", lw=3)
-        best = table["trial"].isin(ranking.possibly_best)
-        for chosen, colour, label in (
-            (best, COLOURS["compensated"], "may be the best"),
-            (~best, COLOURS["baseline"], "others"),
-        ):
-            ranks, names = table["mean_rank"][chosen], table["trial"][chosen]
-            panel.plot(ranks, names, "o", color=colour, ms=4, label=label)
-        panel.set_xlabel("mean rank (1 is best); bars: 95 % of the bootstrap")
-        panel.set_ylim(-0.7, len(table) - 0.3)
-        panel.legend(frameon=False, loc="upper right")
     return figure

@@ -63,20 +63,18 @@ class RankingSettings:
         Analog channel with the belt's speed.
     belt_cutoff_hz
         Low-pass of pitch moment and belt acceleration, `BELT_FILTER` [Hz].
-    axes, units, plate_units
-        How the files are to be read, as in `pipeline.io.stated.Stated`.
+    stated
+        What is stated about the files.
     accelerometer
-        Sensors with their channels, such as "rear=ch14,ch15,ch16"; None finds them by name.
+        Sensors with their channels, such as "rear=ch14,ch15,ch16"; without any, found by name.
     """
 
     plate: int = 1
     cutoff_hz: float = PLATFORM_CUTOFF_HZ
     belt_channel: str = "BeltSpeed"
     belt_cutoff_hz: float = BELT_CUTOFF_HZ
-    axes: str | None = None
-    units: str | None = None
-    plate_units: str | None = None
-    accelerometer: tuple[str, ...] | None = None
+    stated: Stated = field(default_factory=Stated)
+    accelerometer: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,11 +170,10 @@ def read_trials(
             f"{folder}: nothing to rank; put C3D files into its sub-folders calibration and "
             "validation (pitch and sway), or belt_calibration and belt_validation"
         )
-    stated = Stated(axes=settings.axes, units=settings.units, plate_units=settings.plate_units)
     trials, total = Trials(), sum(map(len, files.values()))
     named = [(name, path) for name, paths in files.items() for path in paths]
     for done, (name, path) in enumerate(named, start=1):
-        recording = read_empty(path, stated)
+        recording = read_empty(path, settings.stated)
         one = (platform_trial if name in FOLDERS[:2] else belt_trial)(recording, settings)
         getattr(trials, name).append(one)
         if progress is not None:
@@ -219,7 +216,7 @@ def _readings(
     recording: Recording, settings: RankingSettings
 ) -> tuple[Mapping[str, tuple[str, str, str]], Array, float, slice]:
     """Give sensors, their readings, the rate, and the samples at 100 Hz without the edges."""
-    sensors = stated_accelerometers(settings.accelerometer or ()) or find_accelerometers(recording)
+    sensors = stated_accelerometers(settings.accelerometer) or find_accelerometers(recording)
     time, readings = accelerations(recording, Treadmill(accelerometers=sensors))
     rate = (len(time) - 1) / float(time[-1] - time[0])
     step = round(rate / RATE_HZ)

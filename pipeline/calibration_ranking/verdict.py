@@ -5,7 +5,6 @@ from typing import Final
 
 import numpy as np
 import pandas as pd
-from scipy.stats import gmean
 
 from hbm.spatial import Array
 from pipeline.calibration_ranking.ranking import (
@@ -22,8 +21,6 @@ from pipeline.statistics.factorial import anova, compare_levels
 ALPHA: Final = 0.05
 """Level of significance, Bonferroni-corrected."""
 FACTORS: Final = ("speed_mps", "duration_s", "kind")
-REFERENCE: Final = "random"
-"""Kind of trial that the others are compared with: plain random motion."""
 
 
 def calibration_effects(scores: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -104,27 +101,6 @@ def best_levels(pairs: pd.DataFrame) -> pd.DataFrame:
     )
     wide = two.assign(best=best).pivot(index="factor", columns="component", values="best")
     return wide[list(dict.fromkeys(two["component"]))].reset_index()
-
-
-def ratios_to_random(pairs: pd.DataFrame) -> pd.DataFrame:
-    """Give per kind of trial the RMS that it leaves, by that left by random motion, least first.
-
-    Returns
-    -------
-    pandas.DataFrame
-        kind, one column per component, and their geometric mean "all"; empty without such trials.
-    """
-    kinds = pairs[pairs["factor"] == "kind"]
-    sides = [
-        kinds[["component", side, f"rms_{side}"]].set_axis(["component", "kind", "rms"], axis=1)
-        for side in ("first", "second")
-    ]
-    left = pd.concat(sides).drop_duplicates(["component", "kind"])
-    wide = left.pivot(index="kind", columns="component", values="rms")
-    if REFERENCE not in wide.index:
-        return pd.DataFrame()
-    ratios = (wide / wide.loc[REFERENCE]).drop(REFERENCE)[list(dict.fromkeys(left["component"]))]
-    return ratios.assign(all=gmean(ratios, axis=1)).sort_values("all").reset_index()
 
 
 def _pair_columns(pairs: Sequence[pd.DataFrame]) -> pd.DataFrame:

@@ -6,41 +6,43 @@ at once; what it needs to run is imported when it runs.
 
 import atexit
 import gc
+import io
+import os
 import sys
-import traceback
 from collections.abc import Mapping, Sequence
 from importlib import import_module
-from pathlib import Path
+from inspect import getdoc
 from typing import Annotated, Any, Final
 
 import typer
 from typer.core import TyperGroup
 from typer.exceptions import TyperException
 
-from hbm.spelling import did_you_mean, short
-from pipeline.cli.output import accept_any_letter, drop_output, print_error
+from hbm.spelling import both_ends, did_you_mean, printable, short
 from pipeline.cli.stopping import Stopped
+from pipeline.io.input_file import describe_error
 
 USAGE: Final = 2
 """Exit code for wrong usage or input."""
 INTERRUPTED: Final = 130
 UNREAD: Final = 141
 """As in a shell: ended by the signal of a pipe that nobody reads (128 + 13)."""
-MAX_REASON: Final = 200
-"""Characters of Python's own message about a fault."""
+MAX_LINE: Final = 290
+"""Characters of an error, some lines of a terminal: names and texts out of files may have any
+length."""
 GROUP: Final = "calibration"
 COMMANDS: Final = {
     "residuals": ("trial", "Process one trial: residuals as tables and figure."),
-    "export": ("export", "Write models for OpenSim or as URDF, tables, BIDS or C3D."),
-    "demo": ("simulate", "Simulate a study and run experiment 3 on it."),
+    "export": ("trial", "Write models for OpenSim or as URDF, tables, BIDS or C3D."),
+    "demo": ("study", "Simulate a study and run experiment 3 on it."),
     "init": ("study", "Write a commented study.toml and a subject file."),
     "check": ("study", "List all problems of a study before anything is computed."),
     "run": ("study", "Process a study; finished trials are skipped."),
-    "explain": ("explain", "Say what residuals are made of and what to mend."),
+    "explain": ("trial", "Say what residuals are made of and what to mend."),
     "report": ("study", "Write tables, statistics, figures and report.html."),
     "view": ("study", "Open a trial in the Rerun viewer."),
     "plates": ("treadmill", "Check force plates against known weights (experiment 1)."),
-    "simulate": ("simulate", "Simulate experiment 3: recordings, true values."),
+    "simulate": ("study", "Simulate experiment 3: recordings, true values."),
     "live": ("live", "Compute residuals while the subject walks."),
     "doctor": ("doctor", "Print versions, and how kernels and engines run here."),
     GROUP: ("", "Calibrate a moving treadmill, rank calibrations (experiment 2)."),
@@ -51,7 +53,7 @@ CALIBRATION: Final = {
     "signals": ("treadmill", "Write calibration and validation signals."),
     "rank": ("treadmill", "Rank calibration trials by what they leave of validation trials."),
 }
-"""Command -> its module, and what the help of its group says of it."""
+"""Command -> its module, and what it does; its docstring says what else there is to know."""
 
 
 class Group(TyperGroup):
@@ -71,7 +73,8 @@ class Group(TyperGroup):
         if not module:
             return CalibrationGroup(name=cmd_name, help=sentence, rich_markup_mode=None)
         one = typer.Typer(add_completion=False, rich_markup_mode=None)
-        one.command(cmd_name)(getattr(import_module(f"pipeline.cli.{module}"), cmd_name))
+        command = getattr(import_module(f"pipeline.cli.{module}"), cmd_name)
+        one.command(cmd_name, help=f"{sentence}\n\n{getdoc(command)}")(command)
         return typer.main.get_command(one)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
@@ -145,31 +148,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def one_line(error: BaseException) -> str:
     """Put an error into one line, with the notes that were added on its way up."""
-    if isinstance(error, TyperException):
-        context: typer.Context | None = getattr(error, "ctx", None)
-        command = context.command_path if context is not None else "hbm"
-        text = f"{error.format_message().rstrip('.')}; see '{command} --help'"
-    elif isinstance(error, FileExistsError | NotADirectoryError) and error.filename:
-        text = f"{error.filename}: a file stands where a folder should be"
-    elif isinstance(error, OSError) and error.strerror and error.filename:
-        text = f"{error.filename}: {error.strerror.lower()}"
-    elif isinstance(error, OSError) and error.strerror:
-        text = error.strerror.lower()
-    elif _is_sentence(error):
-        text = str(error.args[0] if isinstance(error, KeyError) else error)
-    else:
-        place = traceback.extract_tb(error.__traceback__)[-1]
-        text = (
-            f"a fault of this program: {type(error).__name__}: {str(error)[:MAX_REASON]} "
-            f"({Path(place.filename).name}, line {place.lineno}); please report it with what "
-            "--debug shows"
-        )
-    parts = [text, *getattr(error, "__notes__", [])]
-    return "; ".join(" ".join(part.split()) for part in parts)
+    if not isinstance(error, TyperException):
+        return describe_error(error)
+    context: typer.Context | None = getattr(error, "ctx", None)
+    command = context.command_path if context is not None else "hbm"
+    return f"{' '.join(error.format_message().split()).rstrip('.')}; see '{command} --help'"
 
 
-def _is_sentence(error: BaseException) -> bool:
-    """Whether an error was raised for people to read."""
-    if isinstance(error, KeyError):
-        return bool(error.args) and isinstance(error.args[0], str) and " " in error.args[0]
-    return isinstance(error, ValueError | OSError) and bool(str(error))
+def accept_any_letter() -> None:
+    """Write a question mark for a letter that the encoding of the output lacks, such as ASCII."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # None where it is closed
+            stream.reconfigure(errors="replace")
+
+
+def print_error(line: str) -> None:
+    """Print one line to standard error, as far as that exists."""
+    shown = both_ends(printable(" ".join(line.split())), MAX_LINE)
+    if sys.stderr is not None:
+        print(f"hbm: {shown}", file=sys.stderr)
+
+
+def drop_output() -> None:
+    """Write nothing more, because nobody reads it: else Python complains when it ends."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, sys.stdout.fileno())
+    os.close(nowhere)

@@ -1,7 +1,7 @@
 """How this machine runs kernels and engines."""
 
 import platform
-import time
+import timeit
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Final
 
@@ -16,11 +16,11 @@ PACKAGES: Final = (
 )
 FRAMES: Final = 4096
 """How many frames a kernel is timed with: milliseconds, so that a clock resolves it."""
-REPETITIONS: Final = 3
+REPETITIONS: Final = 4
 
 
 def doctor() -> None:
-    """Print versions, how the kernels run here and how fast, and which engine is the default."""
+    """Kernels are timed; the engine that is the default is named."""
     from hbm.engines.engine import ENGINES, choose_engine
     from hbm.kernels.native import kernels
 
@@ -53,10 +53,4 @@ def speed(kernel: "Kernel") -> float:
         random.normal(size=n if i in kernel.constant_inputs else (FRAMES, n))
         for i, n in enumerate(kernel.sizes_in)
     ]
-    kernel(*inputs)
-    seconds = []
-    for _ in range(REPETITIONS):
-        start = time.perf_counter()
-        kernel(*inputs)
-        seconds.append(time.perf_counter() - start)
-    return FRAMES / min(seconds)
+    return FRAMES / min(timeit.repeat(lambda: kernel(*inputs), number=1, repeat=REPETITIONS))

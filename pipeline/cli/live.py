@@ -30,7 +30,7 @@ def live(
     record: Annotated[Path | None, Option(help="D-Flow record file to replay.")] = None,
     speed: Annotated[float, Option(min=0.01, max=20, help="Of --replay.")] = 1.0,
 ) -> int:
-    """Compute residuals while the subject walks, from streams of LSL or of Qualisys.
+    """Streams are those of LSL or of Qualisys.
 
     Everything is recorded; Ctrl-C ends with a summary. With --replay, play a recording as streams
     for another 'hbm live' to receive.

@@ -16,16 +16,22 @@ from hbm.spelling import listed
 from pipeline.cli.options import require_folder
 from pipeline.cli.stopping import SIGNAL_EXIT, Terminated, stoppable, terminable, uninterrupted
 from pipeline.cli.terminal import PlainConsole
-from pipeline.live.frames.chain import LiveChain
-from pipeline.live.monitor import Monitor, in_words, peaks_in_words
-from pipeline.live.outlet import result_columns, result_outlet
+from pipeline.live.chain import LiveChain
+from pipeline.live.lsl import LslSource
+from pipeline.live.monitor import Monitor
+from pipeline.live.output import (
+    RESULTS_FOLDER,
+    STREAMS,
+    Recorder,
+    described_streams,
+    require_new,
+    result_columns,
+    result_outlet,
+)
 from pipeline.live.preparation import PlacedPlates, PoseFinder, Preparation, place_plates
-from pipeline.live.recording import RESULTS, STREAMS, Recorder, described_streams, require_new
+from pipeline.live.qualisys import QualisysSource
 from pipeline.live.session import RECEIVE_S, Session
-from pipeline.live.sources.lsl import LslSource
-from pipeline.live.sources.qualisys import QualisysSource
 from pipeline.live.stream import Source
-from pipeline.trial.result import PlateSurface
 from pipeline.viewer.live import ShownFrame
 
 if TYPE_CHECKING:
@@ -116,10 +122,9 @@ def run_session(
         if shown or web:
             from pipeline.viewer.live import LiveScene, LiveView
 
-            surfaces = [PlateSurface(plate.number, plate.center, plate.corners) for plate in plates]
             scene = LiveScene(
                 chain.body,
-                surfaces,
+                plates,
                 chain.stream.labels,
                 chain.ground.variants,
                 "browser" if web else "window",
@@ -285,19 +290,14 @@ def summary(
     )
     for name, lost in monitor.losses.lost.items():
         yield f"{lost} samples of stream {name} never arrived"
-    for variant, rms in condition.rms.items():
-        yield (
-            f"residuals {variant}, {condition.cycles} gait cycles of both feet: RMS "
-            f"{in_words(rms)}; {peaks_in_words(monitor.limits[variant])}"
-        )
+    yield f"{condition.cycles} gait cycles of both feet count"
+    yield from monitor.residuals()
     if condition.not_carried:
         beside = condition.not_carried
         yield f"{beside} gait cycles left out: the plates did not carry the subject in them"
     if not chain.received:
         yield f"stream {chain.stream.name} has sent no frame: does its program measure?"
     else:
-        if not condition.cycles:
-            yield "no gait cycle counts, so that no residuals are summed up"
         yield (
             f"from arrival to results: median {monitor.latency_ms(50):.2f} ms, 99 % within "
             f"{monitor.latency_ms(99):.2f} ms"
@@ -306,4 +306,4 @@ def summary(
         yield f"ended by itself: {session.fault}"
     if recorder.fault is not None:
         yield f"{recorder.fault}; {recorder.lost} entries are missing"
-    yield f"recorded: {folder / STREAMS} (any command reads it), {folder / RESULTS}"
+    yield f"recorded: {folder / STREAMS} (any command reads it), {folder / RESULTS_FOLDER}"

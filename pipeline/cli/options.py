@@ -4,7 +4,6 @@ import os
 from collections.abc import Callable
 from functools import wraps
 from inspect import Parameter, signature
-from itertools import starmap
 from pathlib import Path
 from typing import Annotated, Any, get_origin
 
@@ -12,10 +11,10 @@ import typer
 from pydantic.fields import FieldInfo
 
 from pipeline.config.input_model import InputModel, bounds_of
-from pipeline.config.schema import RecordingRules
 from pipeline.config.toml_file import check_options
 from pipeline.run.request import NO_OPTIONS, TrialRequest
 
+Command = Callable[..., int | None]
 RESULT = ".parquet"
 """Suffix of the file of a processed trial."""
 
@@ -37,39 +36,37 @@ def described(kind: type[InputModel], name: str, *names: str) -> Any:
     return typer.Option(*names, help=_help(kind, name))
 
 
-Axes = Annotated[str | None, described(RecordingRules, "axes")]
-Units = Annotated[str | None, described(RecordingRules, "units")]
-PlateUnits = Annotated[str | None, described(RecordingRules, "plate_units")]
-Accelerometers = Annotated[
-    list[str] | None,
-    typer.Option("--accelerometer", help="SENSOR=X,Y,Z; default: named as Acc1.X; repeatable."),
-]
 PlateCorrectionFile = Annotated[Path | None, typer.Option(help="Calibration by hbm plates.")]
 StudyFolder = Annotated[Path, typer.Argument(help="Folder with study.toml and subject files.")]
 ResultsFolder = Annotated[Path, typer.Argument(help="Folder of hbm run; view: or one result.")]
 
 
-def takes_trial_request(command: Callable[..., int | None]) -> Callable[..., int | None]:
-    """Give a command, which takes a ``request`` first, the options that it is made of."""
-    _, *own = signature(command).parameters.values()
-    options = {n: f for n, f in TrialRequest.model_fields.items() if n not in NO_OPTIONS}
-    parameters = [*starmap(_parameter, options.items()), *own]
+def takes(kind: type[InputModel]) -> Callable[[Command], Command]:
+    """Give a command, which takes a request of some kind first, the options it is made of."""
 
-    @wraps(command)
-    def typed(**values: Any) -> int | None:
-        typed_in = {name: values.pop(name) for name in options}
-        stated = {n: tuple(v) if isinstance(v, list) else v for n, v in typed_in.items()}
-        stated = {name: value for name, value in stated.items() if value not in (None, ())}
-        return command(check_options(TrialRequest, stated), **values)
+    def decorated(command: Command) -> Command:
+        _, *own = signature(command).parameters.values()
+        options = {n: f for n, f in kind.model_fields.items() if n not in NO_OPTIONS}
+        parameters = [_parameter(kind, name, field) for name, field in options.items()]
+        parameters += [each.replace(kind=Parameter.KEYWORD_ONLY) for each in own]
 
-    typed.__annotations__ = {p.name: p.annotation for p in parameters}
-    vars(typed)["__signature__"] = signature(command).replace(parameters=parameters)
-    return typed
+        @wraps(command)
+        def typed(**values: Any) -> int | None:
+            typed_in = {name: values.pop(name) for name in options}
+            stated = {n: tuple(v) if isinstance(v, list) else v for n, v in typed_in.items()}
+            stated = {name: value for name, value in stated.items() if value not in (None, ())}
+            return command(check_options(kind, stated), **values)
+
+        typed.__annotations__ = {p.name: p.annotation for p in parameters}
+        vars(typed)["__signature__"] = signature(command).replace(parameters=parameters)
+        return typed
+
+    return decorated
 
 
-def _parameter(name: str, field: FieldInfo) -> Parameter:
+def _parameter(kind_of_request: type[InputModel], name: str, field: FieldInfo) -> Parameter:
     """Give a field of a request for typer: an argument if it is required, else an option."""
-    help_text, annotation = _help(TrialRequest, name), str(field.annotation)
+    help_text, annotation = _help(kind_of_request, name), str(field.annotation)
     kind: Any = Path if "Path" in annotation else float if "float" in annotation else str
     if get_origin(field.annotation) in (tuple, dict):
         kind = list[str]  # an option that may be repeated
@@ -79,7 +76,7 @@ def _parameter(name: str, field: FieldInfo) -> Parameter:
         value = field.default if isinstance(field.default, str | float) else None
         default = typer.Option(value, help=help_text)
         kind = kind | None if value is None else kind
-    return Parameter(name, Parameter.POSITIONAL_OR_KEYWORD, default=default, annotation=kind)
+    return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)
 
 
 def require_no_options(request: TrialRequest, what: str) -> None:
@@ -97,10 +94,10 @@ def require_no_options(request: TrialRequest, what: str) -> None:
         )
 
 
-def require_folder(out: Path) -> None:
+def require_folder(out: Path, option: str = "--out") -> None:
     """Refuse a folder that cannot be written to before minutes are spent on what goes into it."""
     nearest = next(path for path in (out, *out.absolute().parents) if path.exists())
     if not nearest.is_dir():
-        raise ValueError(f"--out {out}: {nearest} is a file, not a folder")
+        raise ValueError(f"{option} {out}: {nearest} is a file, not a folder")
     if not os.access(nearest, os.W_OK):
-        raise ValueError(f"--out {out}: no permission to write into {nearest}")
+        raise ValueError(f"{option} {out}: no permission to write into {nearest}")

@@ -1,13 +1,14 @@
-"""A study on the command line: init, check, run, and its results: report, view."""
+"""A study on the command line: init, check, run; report and view; simulate and demo."""
 
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from rich.text import Text
 from typer import Argument, Option
 
 from pipeline.cli.options import RESULT, Jobs, Out, ResultsFolder, StudyFolder
+from pipeline.cli.stopping import stoppable
 from pipeline.cli.terminal import (
     PlainConsole,
     StepProgress,
@@ -20,9 +21,12 @@ from pipeline.cli.terminal import (
     print_table,
 )
 
+if TYPE_CHECKING:
+    from pipeline.virtual_lab.protocol.walking_protocol import Setting
+
 
 def init(folder: Annotated[Path, Argument(help="Folder for the new study.")]) -> None:
-    """Write a commented study.toml and a subject file to start from."""
+    """Edit both, then check the study with 'hbm check'."""
     from pipeline.config.templates import write_template
 
     study, subject = write_template(folder)
@@ -35,7 +39,7 @@ def check(
         bool, Option("--second-reader", help="Also compare every C3D file as ezc3d reads it.")
     ] = False,
 ) -> int:
-    """Read every TOML and every recording of a study, list all problems, compute nothing."""
+    """Every TOML file and every recording is read; exit code 2 where there are faults."""
     from pipeline.config.comparison import study_design
     from pipeline.config.study import read_study
     from pipeline.run.check import check_study, read_twice, study_recordings
@@ -80,7 +84,7 @@ def run(
         bool, Option("--overwrite", help="Replace results made with other settings or files.")
     ] = False,
 ) -> int:
-    """Process a study; finished trials are skipped, failed ones listed with reasons."""
+    """Failed trials are listed with their reasons, the others are done; exit code 1."""
     from pipeline.config.study import read_study
     from pipeline.config.toml_file import StudyFaults
     from pipeline.run.processes import keep_freed_memory
@@ -118,7 +122,7 @@ def report(
     ] = None,
     plan: Annotated[bool, Option("--plan", help="Print plan.md: how many subjects.")] = False,
 ) -> None:
-    """Write tables, statistics, figures and report.html from the results of hbm run."""
+    """They are made from the results of 'hbm run', and written beside them."""
     from pipeline.report.write import write_report
     from pipeline.run.store import recorded_study_folder
 
@@ -142,7 +146,7 @@ def view(
     web: Annotated[bool, Option("--web", help="In a browser on this machine.")] = False,
     save: Annotated[Path | None, Option(help="Only write the recording (.rrd).")] = None,
 ) -> None:
-    """Open a trial in the Rerun viewer: markers, body, plates, forces, residuals over time."""
+    """Show markers, body, plates, forces, and residuals over time."""
     from pipeline.budgets.study import bands_of
     from pipeline.io.write import write_text
     from pipeline.run.program import program_digest
@@ -154,24 +158,20 @@ def view(
     result = results if results.suffix == RESULT else _result_of(results, subject, condition)
     summary = read_trial(result, frames=False)
     bands = bands_of(result, summary)
-    if save is not None:
+    folder = result.parent.parent if result.parent.name == "trials" else result.parent
+    recording = save or folder / "viewer" / f"{result.stem}.rrd"
+    shown = recording.with_suffix(".key")
+    # of what the recording is made: the key of a result does not cover the viewer
+    made = f"{summary.key} {program_digest()} {bands is not None}"
+    there = summary.key and recording.is_file() and shown.is_file() and shown.read_text() == made
+    if save or not there:
         with console.status(Text(f"preparing {result.stem}")):
-            save.parent.mkdir(parents=True, exist_ok=True)
-            write_recording(read_trial(result), save, bands=bands)
+            recording.parent.mkdir(parents=True, exist_ok=True)
+            write_recording(read_trial(result), recording, bands=bands)
+    if save:
         console.say(f"recording: {save}")
         return
-    folder = result.parent.parent if result.parent.name == "trials" else result.parent
-    stem = folder / "viewer" / result.stem
-    recording, shown = Path(f"{stem}.rrd"), Path(f"{stem}.key")
-    made = (
-        f"{summary.key} {program_digest()} {bands is not None}"  # a key does not cover the viewer
-    )
-    there = recording.is_file() and shown.is_file()
-    if not (summary.key and there and shown.read_text() == made):
-        with console.status(Text(f"preparing {result.stem}")):
-            stem.parent.mkdir(parents=True, exist_ok=True)
-            write_recording(read_trial(result), recording, bands=bands)
-        write_text(made, shown)
+    write_text(made, shown)
     show(recording, web=web, announce=console.say)
 
 
@@ -215,3 +215,83 @@ def print_study_residuals(folder: Path) -> None:
             ]
             table.add_row(f"{axis}, {unit}", str(condition), *cells)
     print_table(table, PlainConsole())
+
+
+def simulate(
+    folder: Annotated[Path, Argument(help="For the study; may hold a simulated one.")],
+    setting: Annotated[Path | None, Option(help="TOML file; or thesis.")] = None,
+    subjects: Annotated[int | None, Option(min=1, max=9, help="How many of the nine.")] = None,
+    seed: Annotated[int | None, Option(help="Equal seeds give equal files.")] = None,
+    jobs: Annotated[int, Option(min=1, help="How many processes.")] = 2,
+) -> None:
+    """C3D files, study files and the true values are written.
+
+    Of a simulated study that is in the folder already, only what is missing is written. A setting
+    is a TOML file with seed, [protocol] and [faults.…], or 'thesis': the faults that it states.
+    """
+    from pipeline.virtual_lab.protocol.walking_protocol import Setting, find_setting
+    from pipeline.virtual_lab.protocol.walking_study import (
+        folder_setting,
+        missing_files,
+        require_setting,
+        study_files,
+    )
+
+    there = folder_setting(folder)
+    chosen = find_setting(setting) if setting is not None else there or Setting()
+    if seed is not None:
+        chosen = chosen.model_copy(update={"seed": seed})
+    if subjects is not None:
+        protocol = chosen.protocol.model_copy(update={"subjects": subjects})
+        chosen = chosen.model_copy(update={"protocol": protocol})
+    if there is not None:
+        require_setting(folder, there, chosen)
+    start, missing = time.monotonic(), missing_files(folder, chosen)
+    _simulate_study(folder, chosen, jobs, PlainConsole(), keep=True)
+    recordings = sum(name.endswith(".c3d") for name in missing)
+    PlainConsole().say(
+        f"{counted(recordings, 'recording')} and {counted(len(missing) - recordings, 'other file')}"
+        f" written to {folder} in {time.monotonic() - start:.0f} s, "
+        f"{len(study_files(chosen)) - len(missing)} were there already; next: hbm run {folder}"
+    )
+
+
+def _simulate_study(
+    folder: Path, setting: "Setting", jobs: int, console: PlainConsole, *, keep: bool = False
+) -> None:
+    from hbm.kernels.native import kernels
+    from pipeline.virtual_lab.protocol.walking_study import simulate_study
+
+    goes_on = "goes on" if keep else "begins again"
+    with stoppable(lambda: f"the study is not complete; the same command {goes_on}"):
+        kernels(announcer(console))
+        with StepProgress(console, "simulating", "recordings") as progress:
+            simulate_study(folder, setting, progress.show, jobs, keep=keep)
+
+
+def demo(
+    full: Annotated[bool, Option("--full", help="The thesis' 2.4 hours of walking.")] = False,
+    jobs: Jobs = 2,
+    out: Out = Path("demo"),
+) -> int:
+    """Write recordings, report, figures and viewer recording to --out."""
+    from pipeline.virtual_lab.protocol.walking_protocol import DEMO, Setting
+
+    console, start = PlainConsole(), time.monotonic()
+    study, results = out / "study", out / "results"
+    out.mkdir(parents=True, exist_ok=True)
+    setting = Setting() if full else Setting(protocol=DEMO)
+    _simulate_study(study, setting, jobs, console)
+    console.say(
+        f"{setting.protocol.subjects} simulated subjects walked on a treadmill that sways and "
+        f"pitches; their recordings are in {study} ({time.monotonic() - start:.0f} s)"
+    )
+    code = run(study, jobs=jobs, out=results)
+    report(results)
+    print_study_residuals(results)
+    view(results, "sub01", "sway", save=results / "viewer" / "sub01_sway.rrd")
+    console.say(
+        f"open {results / 'report.html'} in a browser; 'hbm view {results}' shows where the "
+        "residuals come from"
+    )
+    return code

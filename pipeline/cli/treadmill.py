@@ -9,20 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from pipeline.cli.options import (
-    Accelerometers,
-    Axes,
-    Out,
-    PlateCorrectionFile,
-    PlateUnits,
-    Seed,
-    Simulate,
-    Units,
-    described,
-)
+from pipeline.cli.options import Out, PlateCorrectionFile, Seed, Simulate, described, takes
 from pipeline.cli.terminal import PlainConsole, StepProgress, announcer, new_table, print_table
-from pipeline.config.schema import Platform, RecordingRules, Treadmill
+from pipeline.config.schema import Platform, Treadmill
 from pipeline.config.toml_file import check_options
+from pipeline.run.request import RecordingRequest
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -30,18 +21,16 @@ if TYPE_CHECKING:
     from compensation import Calibration
     from hbm.notes import Note
     from pipeline.io.recording import Recording
-    from pipeline.trial.ground.calibration_check import CalibrationCheck
+    from pipeline.trial.ground.calibrations import CalibrationCheck
 
 
+@takes(RecordingRequest)
 def fit(
+    request: RecordingRequest,
     recording: Annotated[Path, Argument(help="The empty, moving treadmill.")],
     out: Annotated[Path, Option("-o", "--out", help="Calibration file to write (.json).")],
-    axes: Axes = None,
-    units: Units = None,
-    plate_units: PlateUnits = None,
     cutoff_hz: Annotated[float, described(Treadmill, "cutoff_hz")] = Treadmill().cutoff_hz,
     accelerometer_unit: Annotated[str | None, described(Treadmill, "accelerometer_unit")] = None,
-    accelerometer: Accelerometers = None,
     platform_markers: Annotated[str, Option(help="Markers that time the commands.")] = "",
     sway_channel: Annotated[str | None, described(Platform, "sway_channel")] = None,
     pitch_channel: Annotated[str | None, described(Platform, "pitch_channel")] = None,
@@ -58,7 +47,7 @@ def fit(
         Option("--check", help="As --beside, only to compare models by; repeatable."),
     ] = None,
 ) -> None:
-    """Fit a calibration to a recording of the empty, moving treadmill."""
+    """Warnings name what makes a calibration unfit for trials, and what to mend."""
     from compensation import to_json
     from compensation.inertia.sensors import describe_sensors
     from pipeline.config.plate_correction import read_plate_correction
@@ -80,15 +69,14 @@ def fit(
             "--sway-channel and --pitch-channel need --platform-markers, and these need one of "
             "them: the markers time the commands"
         )
-    rules = {"axes": axes, "units": units, "plate_units": plate_units}
-    stated = check_options(RecordingRules, rules).stated()
+    stated = request.stated()
     plates = read_plate_correction(plate_calibration) if plate_calibration else None
 
     def read(path: Path) -> "Recording":
         return of_empty.read_empty(path, stated, any_forward=plates is None)
 
     empty = read(recording)
-    sensors = accelerometers.stated_accelerometers(accelerometer or ())
+    sensors = accelerometers.stated_accelerometers(request.accelerometer)
     sensors = sensors or accelerometers.find_accelerometers(empty)
     treadmill = check_options(
         Treadmill,
@@ -176,7 +164,7 @@ def signals(
     belt_m_per_s2: Annotated[float, Option(help="Largest belt acceleration.")] = 15.0,
     out: Out = Path("signals"),
 ) -> int:
-    """Write the calibration and validation signals that the machine can do: CSV and figures.
+    """Those that the machine can do are written, as CSV and figures.
 
     Exit code 1 if an advised signal is beyond the machine.
     """
@@ -226,35 +214,26 @@ def signals(
     return 0
 
 
+@takes(RecordingRequest)
 def rank(
+    request: RecordingRequest,
     folder: Annotated[Path, Argument(help="With calibration/, validation/, belt_… (.c3d).")],
     simulate: Simulate = False,
     plate: Annotated[int, Option(min=1, help="The empty plate that is scored.")] = 1,
     cutoff_hz: Annotated[float, Option(help="Low-pass for pitch and sway, zero phase.")] = 16.0,
     belt_channel: Annotated[str, Option(help="Channel with the belt speed.")] = "BeltSpeed",
     belt_cutoff_hz: Annotated[float, Option(help="Real-time low-pass for the belts.")] = 10.0,
-    axes: Axes = None,
-    units: Units = None,
-    plate_units: PlateUnits = None,
-    accelerometer: Accelerometers = None,
     seed: Seed = 0,
     out: Out = Path("ranking"),
 ) -> None:
-    """Rank calibration trials by how well they compensate the validation trials."""
+    """Ranks with intervals, and between which trials there is no difference, go to --out."""
     from pipeline.calibration_ranking.report import write_results
     from pipeline.calibration_ranking.trials import RankingSettings, read_trials
-    from pipeline.virtual_lab.protocol.ranking_study import TRIALS, simulate_ranking
+    from pipeline.virtual_lab.protocol.calibration_trial import TRIALS, simulate_ranking
 
     console = PlainConsole()
     settings = RankingSettings(
-        plate,
-        cutoff_hz,
-        belt_channel,
-        belt_cutoff_hz,
-        axes,
-        units,
-        plate_units,
-        tuple(accelerometer) if accelerometer else None,
+        plate, cutoff_hz, belt_channel, belt_cutoff_hz, request.stated(), request.accelerometer
     )
     if simulate:
         if folder.exists() and any(folder.rglob("*.c3d")):
@@ -275,7 +254,7 @@ def plates(
     seed: Seed = 0,
     out: Out = Path("plates"),
 ) -> None:
-    """Check force plates against known weights: fit for inverse dynamics or not, and why.
+    """Says whether each plate is fit for inverse dynamics, and why.
 
     Where a plate can be corrected, its calibration is written too.
     """
@@ -307,28 +286,24 @@ def plates(
     console.say(f"written to {out}: verdict.md, table_1, figures")
 
 
+@takes(RecordingRequest)
 def check(
+    request: RecordingRequest,
     calibration: Annotated[Path, Argument(help="What 'hbm calibration fit' wrote (.json).")],
     recording: Annotated[Path, Argument(help="The empty treadmill, moving, another day.")],
-    axes: Axes = None,
-    units: Units = None,
-    plate_units: PlateUnits = None,
-    accelerometer: Accelerometers = None,
     plate_calibration: PlateCorrectionFile = None,
 ) -> int:
-    """Check a calibration with an empty recording of another day; exit code 1 if not valid."""
+    """Exit code 1 if it is not valid any more."""
     from pipeline.config.plate_correction import read_plate_correction
     from pipeline.trial.ground.accelerometers import stated_accelerometers
-    from pipeline.trial.ground.calibration_check import check_recording
     from pipeline.trial.ground.calibration_recording import read_empty
-    from pipeline.trial.ground.laboratory import read_laboratory
+    from pipeline.trial.ground.calibrations import check_recording, read_laboratory
 
     plates = read_plate_correction(plate_calibration) if plate_calibration else None
-    channels = stated_accelerometers(accelerometer or ())
+    channels = stated_accelerometers(request.accelerometer)
     laboratory = read_laboratory(calibration, (), channels, plates)
-    rules = {"axes": axes, "units": units, "plate_units": plate_units}
-    stated, console = check_options(RecordingRules, rules).stated(), PlainConsole()
-    empty = read_empty(recording, stated, any_forward=plates is None)
+    console = PlainConsole()
+    empty = read_empty(recording, request.stated(), any_forward=plates is None)
     found = check_recording(empty, laboratory)
     if found.plates:
         print_table(_table(found, recording.name), console)

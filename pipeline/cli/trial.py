@@ -1,22 +1,43 @@
-"""One trial on the command line: residuals, export."""
+"""One trial on the command line: residuals, what they are made of, export to other programs."""
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from pipeline.cli.options import RESULT, Out, require_folder, takes_trial_request
-from pipeline.cli.terminal import PlainConsole, announcer, counted, new_table, print_table
+from typer import Option
+
+from pipeline.cli.options import (
+    RESULT,
+    Jobs,
+    Out,
+    require_folder,
+    require_no_options,
+    takes,
+)
+from pipeline.cli.terminal import (
+    PlainConsole,
+    StepProgress,
+    announcer,
+    counted,
+    counts_of,
+    follow_trials,
+    new_table,
+    note_line,
+    print_table,
+)
 from pipeline.run.request import TrialRequest
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from pipeline.budgets.explanation import Explanation
+    from pipeline.export.compensated_c3d import Frame, Written
     from pipeline.trial.result import TrialResult
 
 
-@takes_trial_request
+@takes(TrialRequest)
 def residuals(request: TrialRequest, out: Out = Path("results")) -> None:
-    """Process one trial: print its pelvis residuals, write table, frames and figure."""
+    """Pelvis residuals are printed; tables, frames and figures are written to --out."""
     from pipeline.figures.residuals import residual_figure
     from pipeline.figures.style import save_figure
     from pipeline.io.write import write_csv
@@ -99,3 +120,239 @@ def _marker_errors(table: "pd.DataFrame") -> str:
 
 def _plates(compensated: bool) -> str:
     return "compensated" if compensated else "measured"
+
+
+@takes(TrialRequest)
+def explain(
+    request: TrialRequest,
+    out: Annotated[Path | None, Option(help="For one trial; default: results.")] = None,
+    jobs: Jobs = 1,
+) -> int:
+    """Of each pelvis residual: shares of its causes, and how sure they are. Nothing is corrected.
+
+    TRIAL may be a results folder of 'hbm run': all trials of the study are explained, from their
+    recordings, and 'hbm report' shows it.
+    """
+    if request.trial.is_dir():
+        return _explain_results(request, out, jobs)
+    return _explain_trial(request, out or Path("results"))
+
+
+def _explain_trial(request: TrialRequest, out: Path) -> int:
+    from pipeline.budgets.explanation import BANDS_SUFFIX as BANDS
+    from pipeline.budgets.explanation import SUFFIX, explain, write_bands, write_explanation
+    from pipeline.figures.explained import bands_figure, budget_figure
+    from pipeline.figures.style import save_figure
+    from pipeline.run.one_trial import process_request
+
+    if request.trial.suffix == RESULT:
+        raise ValueError(
+            f"{request.trial} is a result, and only the recording shows what its residuals are "
+            "made of; give the recording, or the results folder of a study"
+        )
+    console = PlainConsole()
+    require_folder(out)
+    trial = process_request(request, announcer(console))
+    explanation = explain(trial.recording, trial.laboratory, trial.result)
+    name, bands = request.trial.stem, explanation.budget.bands
+    write_explanation(explanation, out / f"{name}{SUFFIX}")
+    save_figure(budget_figure(explanation.budget), out / f"{name}_explained")
+    assert bands is not None  # it was not read from a file
+    write_bands(bands, out / f"{name}{BANDS}")
+    save_figure(bands_figure(bands, request.trial.name), out / f"{name}_bands")
+    print_explanation(explanation, console)
+    console.say(
+        f"written to {out}: {name}{SUFFIX} (all numbers), {name}{BANDS} (residuals over time), "
+        f"{name}_explained and {name}_bands as .png and .svg"
+    )
+    return 0
+
+
+def print_explanation(explanation: "Explanation", console: PlainConsole) -> None:
+    """Print what a trial's residuals are made of: a row of shares per cause, and lines."""
+    from rich.table import Table
+
+    from pipeline.budgets.words import CAPTION, budget_table
+
+    title, axes, causes = budget_table(explanation.budget)
+    table = Table(title=title, caption=CAPTION, box=None, padding=(0, 1, 0, 0))
+    table.add_column("", max_width=20)  # six residuals share the other 60 of 80 columns
+    for axis in axes:
+        table.add_column(axis.replace(", ", "\n"), justify="right", no_wrap=True)
+    for head, cells in causes:
+        table.add_row(head, *cells)
+    print_table(table, console)
+    for line in explanation.lines():
+        console.print(line)
+    console.say_notes(explanation.budget.notes)
+
+
+def _explain_results(request: TrialRequest, out: Path | None, jobs: int) -> int:
+    from pipeline.budgets.study import explain_planned, plan_explanations, study_of, up_to_date
+    from pipeline.run.processes import keep_freed_memory
+
+    folder = request.trial
+    require_no_options(request, "the results of a study, whose files state everything")
+    if out is not None:
+        raise ValueError(f"leave out --out: explanations of a study go to {folder / 'explained'}")
+    console = PlainConsole()
+    keep_freed_memory()
+    planned = plan_explanations(study_of(folder), folder)
+    outcomes = explain_planned(planned, folder, jobs=jobs, announce=announcer(console))
+    finished = follow_trials(outcomes, len(planned), "explaining", "explained", console)
+    for job in planned:
+        explanation = up_to_date(job.target, job.key)
+        if explanation:
+            console.say(f"{job.name}: {next(explanation.lines())}")
+    console.say(f"{counts_of(finished, 'explained')}; next: hbm report {folder}")
+    return int(any(outcome.failure is not None for outcome in finished))
+
+
+AnkleZero = Literal["right_angle", "in_line"]
+
+
+@takes(TrialRequest)
+def export(
+    request: TrialRequest,
+    osim: Annotated[Path | None, Option(help="Write the body for OpenSim 4.")] = None,
+    urdf: Annotated[Path | None, Option(help="Write the body as URDF.")] = None,
+    tables: Annotated[Path | None, Option(help="Folder for .mot, .sto, .trc and .csv.")] = None,
+    ankle_zero: Annotated[AnkleZero, Option(help="in_line: as in the HBM.")] = "right_angle",
+    bids: Annotated[Path | None, Option(help="BIDS data set to add the recording to.")] = None,
+    subject: Annotated[str, Option(help="BIDS label of the subject.")] = "01",
+    task: Annotated[str, Option(help="BIDS label of the task.")] = "walk",
+    c3d: Annotated[Path | None, Option(help="Folder for C3D with compensated plates.")] = None,
+    frame: Annotated[
+        Literal["plate", "lab"] | None,
+        Option(
+            help="Of --c3d on a moving platform: corners in its mean pose (plate), or wrenches "
+            "in the lab frame (lab); default: only the plates' samples change."
+        ),
+    ] = None,
+) -> int:
+    """At least one of --osim, --urdf, --tables, --bids and --c3d says what is written.
+
+    TRIAL may be a result, RESULTS/trials/*.parquet: it is exported as it is, not processed again.
+    With --c3d, TRIAL may be a study's folder: the recordings of all its trials are written.
+    """
+    models = osim or urdf or tables
+    processed = request.trial.suffix == RESULT
+    if not (models or bids or c3d):
+        raise ValueError(
+            "nothing to export; name --osim FILE, --urdf FILE, --tables DIR, --bids DIR or "
+            "--c3d DIR"
+        )
+    if frame and not c3d:
+        raise ValueError("--frame goes with --c3d")
+    if c3d:
+        require_folder(c3d, "--c3d")
+    if c3d and request.trial.is_dir():
+        require_no_options(request, "a study, whose files state everything")
+        if models or bids:
+            raise ValueError("of a whole study only --c3d is exported; leave the others out")
+        return _export_study(request.trial, c3d, frame)
+    if processed:
+        require_no_options(request, "a result that has been processed already")
+    if processed and (bids or c3d):
+        raise ValueError(
+            f"{request.trial.name} is a result; {'BIDS' if bids else 'C3D'} holds what was "
+            "recorded: give the recording instead"
+        )
+    console, written = PlainConsole(), list[Path]()
+    if c3d:
+        written.append(_export_trial(request, c3d, frame, console))
+    if bids:
+        from pipeline.export.bids import write_bids
+        from pipeline.run.one_trial import read_requested
+
+        written += write_bids(read_requested(request), bids, subject, task)
+    if models:
+        written += _export_models(request, osim, urdf, tables, ankle_zero, console)
+    console.say("written: " + ", ".join(map(str, written)))
+    return 0
+
+
+def _export_models(
+    request: TrialRequest,
+    osim: Path | None,
+    urdf: Path | None,
+    tables: Path | None,
+    ankle_zero: AnkleZero,
+    console: PlainConsole,
+) -> list[Path]:
+    """Write the body of a trial, processed or to be processed, and its tables."""
+    from pipeline.export.models import write_osim, write_urdf
+    from pipeline.export.tables import write_tables
+    from pipeline.run.one_trial import process_request
+    from pipeline.run.store import read_trial
+
+    processed = request.trial.suffix == RESULT
+    result = read_trial(request.trial) if processed else process_request(request).result
+    written = [path for path in (osim, urdf) if path]
+    if osim:
+        write_osim(result.body, osim)
+    if urdf:
+        write_urdf(result.body, urdf)
+    if tables:
+        written += write_tables(result, tables, request.trial.stem, ankle_zero)
+        plates = "measured" if result.compensated is None else "compensated"
+        console.print(f"forces and loads are from the {plates} plate forces")
+    console.say_notes(result.notes)
+    return written
+
+
+def _export_trial(
+    request: TrialRequest, out: Path, frame: "Frame | None", console: PlainConsole
+) -> Path:
+    """Write a trial's C3D file again with compensated plates, and say what has checked it."""
+    from pipeline.export.compensated_c3d import Calibrations, require_c3d, write_compensated
+    from pipeline.run.one_trial import read_requested, requested_laboratory
+
+    if request.calibration is None and request.plate_calibration is None:
+        raise ValueError(
+            "--c3d compensates the plates: name the --calibration of the treadmill, or the "
+            "--plate-calibration"
+        )
+    require_c3d(request.trial)
+    written = write_compensated(
+        read_requested(request),
+        Calibrations(requested_laboratory(request), request.calibration),
+        out / request.trial.name,
+        frame=frame,
+        plate_delay_s=request.plate_delay,
+    )
+    console.say_notes(written.notes)
+    console.say(f"{written.path}: {_checked_by(written)}")
+    return written.path
+
+
+def _export_study(folder: Path, out: Path, frame: "Frame | None") -> int:
+    """Write all recordings of a study's trials again; exit code 1 where some of them failed."""
+    from pipeline.config.study import read_study
+    from pipeline.export.compensated_c3d import recordings_of, write_compensated_study
+
+    console, study = PlainConsole(), read_study(folder)
+    total, failed = len(recordings_of(study)), 0
+    with StepProgress(console, "compensating", "recordings") as progress:
+        for done, (name, written) in enumerate(write_compensated_study(study, out, frame), 1):
+            if isinstance(written, str):
+                failed += 1
+                line = f"FAILED {name}: {written.removeprefix(f'{name}: ')}"
+            else:
+                for note in written.notes:
+                    if note.level == "warning":
+                        console.say(f"{name}: ", note_line(note))
+                line = f"{name}: {_checked_by(written)}"
+            progress.show(line, done, total, always=True)
+    console.say(
+        f"{counted(total - failed, 'recording')} with compensated plates in {out}, {failed} failed"
+    )
+    return 1 if failed else 0
+
+
+def _checked_by(written: "Written") -> str:
+    """Say which readers found that only the plates differ from the original."""
+    second = written.verification
+    said = f" and {second.reader}" if not second.refusal else ""
+    why = f"; {second.reader}: {second.refusal}" if second.refusal else ""
+    return f"only the plates differ from the original, as read by this program{said}{why}"

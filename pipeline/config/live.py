@@ -5,11 +5,11 @@ from typing import Annotated, Final
 
 from pydantic import AfterValidator, Field, model_validator
 
+from hbm.spatial import WRENCH_COMPONENTS
 from hbm.spelling import short
 from pipeline.config.input_model import InputModel, Labels, Text
 
 LOOPBACK: Final = "127.0.0.1"
-COMPONENTS: Final = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 Six = Annotated[tuple[Text, Text, Text, Text, Text, Text], Field(strict=False)]
 PlateNumber = Annotated[str, Field(pattern=r"^[1-9][0-9]?$")]
 
@@ -69,4 +69,4 @@ class Live(InputModel):
 
     def channels_of(self, plate: int) -> tuple[str, ...]:
         """Give the six channels of a plate."""
-        return self.plates.get(str(plate)) or tuple(f"FP{plate}.{c}" for c in COMPONENTS)
+        return self.plates.get(str(plate)) or tuple(f"FP{plate}.{c}" for c in WRENCH_COMPONENTS)

@@ -17,7 +17,7 @@ from pipeline.config.input_model import (
     PlateUnitsText,
     Text,
 )
-from pipeline.config.toml_file import StudyFaults, check_table, missing_file, read_table
+from pipeline.config.toml_file import Around, FileName, StudyFaults, check_table, read_table
 from pipeline.io.stated import Stated
 
 FILE = "plates.toml"
@@ -33,7 +33,7 @@ MIN_BELT_M: Final = 0.1
 class StaticRecording(InputModel):
     """A weight placed on the plate at many points, one after the other."""
 
-    file: Text
+    file: FileName
     belt: BeltSide
 
 
@@ -218,9 +218,8 @@ def read_plates_study(folder: str | Path) -> PlatesStudy:
     folder = folder.parent if folder.suffix == ".toml" else folder
     if not (folder / FILE).is_file():
         raise StudyFaults([f"{folder}: no {FILE} here"])
-    file = check_table(FILE, read_table(folder / FILE), PlatesFile)
-    recordings = (*file.static, *file.hammer, *file.weights)
-    faults = [fault for one in recordings for fault in missing_file(folder, FILE, one.file)]
-    if faults:
+    faults: list[str] = []
+    file = check_table(FILE, read_table(folder / FILE), PlatesFile, faults, Around(folder))
+    if faults or file is None:
         raise StudyFaults(faults)
     return PlatesStudy(folder, file)

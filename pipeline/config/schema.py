@@ -5,7 +5,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Final, Literal, get_args
 
-from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from hbm.calibration_pose.anatomy import MARKER_OFFSET_M
 from hbm.engines.engine import EngineName
@@ -26,6 +33,7 @@ from pipeline.config.input_model import (
     Text,
 )
 from pipeline.config.live import Live
+from pipeline.config.toml_file import ConditionName, FileName, RecordingName, SegmentsName
 from pipeline.io.stated import Stated
 from pipeline.io.units import acceleration_in_mps2
 
@@ -158,7 +166,7 @@ class Platform(InputModel):
 class Belt(InputModel):
     """How the plates are compensated for the belts' acceleration, before sway and pitch."""
 
-    calibration: Text = Field(examples=["belts.c3d"])
+    calibration: FileName = Field(examples=["belts.c3d"])
     """The empty treadmill, belts accelerating at random."""
     speed_channels: Annotated[Labels, Field(min_length=1)] = Field(
         examples=[["Belt.Left", "Belt.Right"]]
@@ -178,13 +186,13 @@ class Treadmill(InputModel):
     2.0
     """
 
-    calibration: Text | None = Field(default=None, examples=["calibration.c3d"])
+    calibration: FileName | None = Field(default=None, examples=["calibration.c3d"])
     """Recording of the empty, moving treadmill (.c3d), or a calibration fitted to one (.json)."""
-    beside: Labels = Field(
+    beside: Annotated[tuple[FileName, ...], Field(strict=False)] = Field(
         default=(), examples=[["walking_right.c3d", "walking_left.c3d", "boards.c3d"]]
     )
     """Recordings of people beside an empty plate, fitted with the calibration recording."""
-    check: Text | None = Field(default=None, examples=["empty_day2.c3d"])
+    check: FileName | None = Field(default=None, examples=["empty_day2.c3d"])
     """The empty treadmill on another day: is the calibration still valid?."""
     accelerometer_unit: Text | None = Field(default=None, examples=["g"])
     """g or m/s²; default: as the file says."""
@@ -212,15 +220,10 @@ class Treadmill(InputModel):
     platform: Platform | None = None
 
     @property
-    def files(self) -> dict[str, str]:
-        """Names of the files that are stated, by the key that states them."""
-        stated = {
-            "calibration": self.calibration,
-            "check": self.check,
-            "belt.calibration": self.belt.calibration if self.belt is not None else None,
-        }
-        stated |= {f"beside[{number}]": name for number, name in enumerate(self.beside)}
-        return {key: name for key, name in stated.items() if name}
+    def files(self) -> tuple[str, ...]:
+        """Names of the files that are stated."""
+        of_belt = self.belt.calibration if self.belt is not None else None
+        return tuple(filter(None, (self.calibration, self.check, of_belt, *self.beside)))
 
     @property
     def calibrated(self) -> bool:
@@ -267,7 +270,7 @@ class Treadmill(InputModel):
 class Plates(InputModel):
     """The force plates."""
 
-    calibration: Text | None = Field(default=None, examples=["plate_calibration.json"])
+    calibration: FileName | None = Field(default=None, examples=["plate_calibration.json"])
     """What 'hbm plates' found with known weights: a 6x6 matrix, an offset and a delay of each
     plate."""
 
@@ -467,15 +470,21 @@ class PlateContact(InputModel):
 class Trial(InputModel):
     """One recording with the files that belong to it, or the reason why there is none."""
 
-    file: Text | None = None
-    """The recording."""
-    forces: Text | None = Field(default=None, examples=["sub01_baseline.mot"])
-    """Ground reaction forces (.mot) of a .trc file."""
-    record: Text | None = Field(default=None, examples=["sub01_record.txt"])
-    """Record module's file of D-Flow's mocap text."""
     exclude: Text | None = None
     """Why the trial cannot be used; it stays in the table with this reason."""
+    file: RecordingName | None = None
+    """The recording."""
+    forces: RecordingName | None = Field(default=None, examples=["sub01_baseline.mot"])
+    """Ground reaction forces (.mot) of a .trc file."""
+    record: RecordingName | None = Field(default=None, examples=["sub01_record.txt"])
+    """Record module's file of D-Flow's mocap text."""
     contacts: Annotated[tuple[PlateContact, ...], Field(strict=False)] = ()
+
+    @model_validator(mode="after")
+    def _usable(self, info: ValidationInfo) -> "Trial":
+        if info.context is not None and self.file is None and self.exclude is None:
+            raise ValueError('needs a file, or exclude = "the reason why there is none"')
+        return self
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -503,13 +512,27 @@ class SubjectFile(Subject):
     """Name of the subject, part of file names."""
     group: Text | None = Field(default=None, examples=["before surgery"])
     """Group of the subject, where [comparison] in study.toml compares groups."""
-    static: Text | None = Field(default=None, examples=["sub01_static.c3d"])
+    static: RecordingName | None = Field(default=None, examples=["sub01_static.c3d"])
     """Calibration pose; default: the quietest second of each trial."""
-    hip_trial: Text | None = Field(default=None, examples=["sub01_star.c3d"])
+    hip_trial: RecordingName | None = Field(default=None, examples=["sub01_star.c3d"])
     """Recording in which both thighs swing, for functional hip centres."""
-    segments: Text | None = Field(default=None, examples=["sub01_segments.toml"])
+    segments: SegmentsName | None = Field(default=None, examples=["sub01_segments.toml"])
     """TOML with known segment inertias: prostheses, braces, shoes, scans."""
-    trials: dict[str, Trial]
+    trials: dict[ConditionName, Trial]
+
+    @model_validator(mode="after")
+    def _hips(self, info: ValidationInfo) -> "SubjectFile":
+        hip = None if info.context is None else info.context.hip
+        if hip == "functional" and self.hip_trial is None:
+            raise ValueError(
+                'hip_trial: is missing; settings.hip = "functional" in study.toml needs a '
+                "recording in which both thighs swing"
+            )
+        if hip not in (None, "functional") and self.hip_trial is not None:
+            raise ValueError(
+                'hip_trial: has no effect unless settings.hip = "functional" in study.toml'
+            )
+        return self
 
     @property
     def files(self) -> tuple[str, ...]:

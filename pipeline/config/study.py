@@ -4,25 +4,18 @@
 folder is a subject. File names in them are relative to the folder.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, TypeVar
 
 from hbm.coordinates import SEGMENTS
 from hbm.markers import MarkerSet, marker_sets, read_marker_set
-from hbm.spelling import Table, did_you_mean, listed, short, shown
+from hbm.spelling import Table, did_you_mean, shown
 from pipeline.config.comparison import comparison_faults
 from pipeline.config.plate_correction import read_plate_correction
 from pipeline.config.schema import Condition, StudyFile, SubjectFile
-from pipeline.config.toml_file import (
-    SIMULATED,
-    StudyFaults,
-    check_table,
-    missing_file,
-    read_segments,
-    read_table,
-)
+from pipeline.config.toml_file import SIMULATED, Around, StudyFaults, check_table, read_table
 from pipeline.io.input_file import is_file, read_text
 from pipeline.io.stated import Stated
 
@@ -133,13 +126,17 @@ def read_study(folder: str | Path, *, recordings: bool = True) -> Study:
     if not (folder / "study.toml").is_file():
         raise StudyFaults([f"{folder}: no study.toml here; write one with 'hbm init {folder}'"])
     faults: list[str] = []
-    file, conditions = _study_file(folder / "study.toml", faults)
-    subjects = _subjects(folder, file, conditions, faults, recordings)
-    marker_set = None
+    file = conditions = marker_set = None
+    table = _table(folder / "study.toml", faults)
+    if table is not None:
+        stated = table.get("conditions")
+        conditions = [*stated] if isinstance(stated, dict) else None
+        file = check_table("study.toml", table, StudyFile, faults, Around(folder))
+    hip = None if file is None else file.settings.hip
+    subjects = _subjects(Around(folder, recordings, conditions, hip), faults)
     if file is not None:
         marker_set = _own_marker_set(folder, file, faults)
-        faults += _treadmill_faults(folder, file)
-        faults += _plate_faults(folder, file)
+        faults += _laboratory_faults(folder, file)
         faults += comparison_faults(file, subjects)
     if faults and (folder / SIMULATED).is_file() and not any(folder.glob("*.c3d")):
         raise StudyFaults([f"{folder}: no recordings yet; 'hbm simulate {folder}' writes them"])
@@ -148,41 +145,27 @@ def read_study(folder: str | Path, *, recordings: bool = True) -> Study:
     return Study(folder, file, subjects, marker_set)
 
 
-def _study_file(path: Path, faults: list[str]) -> tuple[StudyFile | None, list[str] | None]:
-    """Read ``study.toml`` and, even if it is at fault elsewhere, the names of its conditions."""
-    conditions = None
+def _table(path: Path, faults: list[str]) -> Table | None:
+    """Read a TOML file; None where that is not possible, with the reason among the faults."""
     try:
-        table = read_table(path)
-        stated = table.get("conditions")
-        conditions = list(stated) if isinstance(stated, dict) else None
-        return check_table(path.name, table, StudyFile), conditions
+        return read_table(path)
     except StudyFaults as error:
         faults += error.faults
-        return None, conditions
+        return None
 
 
-def _subjects(
-    folder: Path,
-    file: StudyFile | None,
-    conditions: list[str] | None,
-    faults: list[str],
-    recordings: bool,
-) -> dict[str, SubjectFile]:
+def _subjects(around: Around, faults: list[str]) -> dict[str, SubjectFile]:
     subjects: dict[str, SubjectFile] = {}
-    before = len(faults)
+    folder, before = around.folder, len(faults)
     for path in sorted(folder.glob("*.toml")):
         if path.name == "study.toml" or path.name.startswith("."):
             continue
-        try:
-            table = read_table(path)
-            if "trials" not in table and not table.keys().isdisjoint(OTHER_TABLES):
-                continue
-            faults += _trial_faults(folder, path.name, table, conditions, recordings=recordings)
-            subject = check_table(path.name, table, SubjectFile)
-        except StudyFaults as error:
-            faults += error.faults
+        table = _table(path, faults)
+        if table is None or ("trials" not in table and not table.keys().isdisjoint(OTHER_TABLES)):
             continue
-        faults += _body_faults(folder, path.name, subject, file)
+        subject = check_table(path.name, table, SubjectFile, faults, around)
+        if subject is None:
+            continue
         if subject.id in subjects:
             faults.append(f"{path.name}: id: {subject.id!r} is already taken by another file")
         subjects[subject.id] = subject
@@ -214,11 +197,9 @@ def _own_marker_set(folder: Path, file: StudyFile, faults: list[str]) -> MarkerS
         return None
 
 
-def _treadmill_faults(folder: Path, file: StudyFile) -> list[str]:
-    """Check the treadmill of ``study.toml`` against the folder and the conditions."""
-    treadmill, platform, faults = file.treadmill, file.treadmill.platform, []
-    for key, name in treadmill.files.items():
-        faults += missing_file(folder, f"study.toml: treadmill.{key}", name)
+def _laboratory_faults(folder: Path, file: StudyFile) -> list[str]:
+    """Check treadmill and plates of ``study.toml`` against the conditions and the settings."""
+    platform, faults = file.treadmill.platform, []
     if platform is not None:
         where = "study.toml: treadmill.platform"
         markers = set(platform.markers)
@@ -237,78 +218,12 @@ def _treadmill_faults(folder: Path, file: StudyFile) -> list[str]:
                 f"study.toml: conditions.{name}: perturbed needs a pulse_channel, or "
                 "treadmill.platform, from whose motion the perturbations are detected"
             )
-    return faults
-
-
-def _plate_faults(folder: Path, file: StudyFile) -> list[str]:
-    """Check the calibration of the plates that ``study.toml`` names, and the delay beside it."""
-    name = file.plates.calibration
-    if name is None:
-        return []
-    where = "study.toml: plates.calibration"
-    if missing := missing_file(folder, where, name):
-        return missing
-    try:
-        read_plate_correction(folder / name).require_delay(file.settings.plate_delay_s)
-    except (ValueError, OSError) as error:
-        return [f"{where}: {error}"]
-    return []
-
-
-def _body_faults(
-    folder: Path, name: str, subject: SubjectFile, file: StudyFile | None
-) -> list[str]:
-    """Check what a subject's file states of the body against the settings and the folder."""
-    faults = []
-    if subject.segments and is_file(folder / subject.segments):
+    plates = file.plates.calibration
+    if plates is not None and is_file(folder / plates):
         try:
-            read_segments(folder / subject.segments)
-        except ValueError as error:
-            faults.append(f"{name}: segments: {error}")
-    if file is None:
-        return faults
-    functional = file.settings.hip == "functional"
-    if functional and subject.hip_trial is None:
-        faults.append(
-            f'{name}: hip_trial: is missing; settings.hip = "functional" in study.toml needs a '
-            "recording in which both thighs swing"
-        )
-    if not functional and subject.hip_trial is not None:
-        faults.append(
-            f'{name}: hip_trial: has no effect unless settings.hip = "functional" in study.toml'
-        )
-    return faults
-
-
-def _trial_faults(
-    folder: Path,
-    name: str,
-    table: Table,
-    conditions: Collection[str] | None,
-    *,
-    recordings: bool = True,
-) -> list[str]:
-    """Check a subject's trials against the conditions, if these are known, and the folder.
-
-    The table is unchecked: what else is wrong with it must not hide a missing recording.
-    """
-    faults = []
-    trials = table.get("trials", {})
-    for condition, trial in trials.items() if isinstance(trials, dict) else ():
-        where = f"{name}: trials.{short(condition)}"
-        if conditions is not None and condition not in conditions:
-            hint = did_you_mean(condition, conditions) or f"; there are {listed(conditions)}"
-            faults.append(f"{where}: no such condition in study.toml{hint}")
-        if not isinstance(trial, dict) or "exclude" in trial:
-            continue
-        if "file" not in trial:
-            faults.append(f'{where}: needs a file, or exclude = "the reason why there is none"')
-        for key in ("file", "forces", "record"):
-            if recordings and isinstance(trial.get(key), str) and trial[key]:
-                faults += missing_file(folder, f"{where}.{key}", trial[key])
-    for key in ("static", "hip_trial", "segments"):
-        if recordings and isinstance(table.get(key), str) and table[key]:
-            faults += missing_file(folder, f"{name}: {key}", table[key])
+            read_plate_correction(folder / plates).require_delay(file.settings.plate_delay_s)
+        except (ValueError, OSError) as error:
+            faults.append(f"study.toml: plates.calibration: {error}")
     return faults
 
 

@@ -1,33 +1,28 @@
 """TOML files that a person wrote: read, checked, and what is wrong said as how to correct it."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Annotated, Any, Final, TypeVar
 
-from pydantic import BaseModel, ValidationError
+from pydantic import AfterValidator, BaseModel, ValidationError, ValidationInfo
 from pydantic_core import ErrorDetails
 
-from hbm.overrides import SegmentOverride, read_overrides
-from hbm.spelling import Table, did_you_mean, parse_toml, short, shown
+from hbm.segments import SegmentOverride, read_overrides
+from hbm.spelling import Table, did_you_mean, listed, parse_toml, short, shown
+from pipeline.config.input_model import Text
 from pipeline.io.input_file import fault_line, is_file, naming, read_text
 
 SIMULATED: Final = "truth/setting.toml"
 """Where a simulated study states what was simulated, relative to its folder."""
 MAX_FILE_NAME: Final = 100
 """Characters of a file's name in a message."""
-MAX_TYPED: Final = 1e9
-"""In any unit; beyond it a number is no quantity in another unit."""
 Model = TypeVar("Model", bound=BaseModel)
 Option = str | float | bool | None | Path | Sequence[str] | Mapping[str, str | tuple[str, str, str]]
 """Value of an option of the command line."""
-UNIT_NAMES: Final = {"_kg": "kilograms", "_m": "metres", "_s": "seconds"}
-SMALLER_UNITS: Final = {
-    "_kg": {1000: "grams"},
-    "_m": {100: "centimetres", 1000: "millimetres"},
-    "_s": {1000: "milliseconds"},
-}
-"""Suffix of a key -> how many of a smaller unit make one, and the unit's name."""
+UNITS: Final = {"_kg": "kilograms", "_m": "metres", "_s": "seconds"}
+"""In which a number is, by the end of its key."""
 
 
 class StudyFaults(ValueError):
@@ -51,12 +46,41 @@ def read_table(path: Path) -> Table:
     raise StudyFaults([f"{path.name}: {fault}"])
 
 
-def check_table(name: str, table: Table, kind: type[Model]) -> Model:
-    """Check the contents of the file `name` against a type; StudyFaults holds all findings."""
-    try:
-        return kind.model_validate(table)
-    except ValidationError as error:
-        raise StudyFaults([f"{name}: {fault}" for fault in describe_faults(error, kind)]) from error
+@dataclass(frozen=True, slots=True)
+class Around:
+    """What a file of a study stands among, against which it is checked.
+
+    Attributes
+    ----------
+    folder
+        Where the files are that it names.
+    recordings
+        Whether those of subjects and trials have to be there.
+    conditions, hip
+        Names of the study's conditions, and its rule for hips; None where unknown.
+    """
+
+    folder: Path
+    recordings: bool = True
+    conditions: Collection[str] | None = None
+    hip: str | None = None
+
+
+def check_table(
+    name: str, table: Table, kind: type[Model], faults: list[str], around: Around
+) -> Model | None:
+    """Check the contents of the file `name`; what is wrong is added to the faults.
+
+    None where it is wrong by itself, whatever it stands among.
+    """
+    found, model = dict[str, None](), None
+    for context in (around, None):
+        try:
+            model = model or kind.model_validate(table, context=context)
+        except ValidationError as error:
+            found |= dict.fromkeys(describe_faults(error, kind))
+    faults += [f"{name}: {fault}" for fault in found]
+    return model
 
 
 def read_segments(path: Path) -> dict[str, SegmentOverride]:
@@ -65,16 +89,47 @@ def read_segments(path: Path) -> dict[str, SegmentOverride]:
         return read_overrides(read_text(path), path.name)
 
 
-def missing_file(folder: Path, where: str, name: str) -> list[str]:
-    """Report a file that is not in the folder, with the nearest name that is, as faults.
+def require_file(folder: Path, name: str) -> None:
+    """Refuse the name of a file that is not in the folder, with the nearest that is: ValueError."""
+    if not is_file(folder / name):
+        near = did_you_mean(name, [p.name for p in folder.glob("*") if p.suffix != ".toml"])
+        raise ValueError(f"no file {short(name, MAX_FILE_NAME)!r} in {folder}{near}")
 
-    ``where`` is the file and the key that name it; it may be empty.
-    """
-    if is_file(folder / name):
-        return []
-    near = did_you_mean(name, [p.name for p in folder.glob("*") if p.suffix != ".toml"])
-    place = f"{where}: " if where else ""
-    return [f"{place}no file {short(name, MAX_FILE_NAME)!r} in {folder}{near}"]
+
+def _among(check: Callable[[str, Around, Mapping[str, Any]], None]) -> AfterValidator:
+    """Check a text against what its file stands among, and the keys that are stated before it."""
+
+    def validate(text: str, info: ValidationInfo) -> str:
+        if info.context is not None:
+            check(text, info.context, info.data)
+        return text
+
+    return AfterValidator(validate)
+
+
+def _recorded(name: str, around: Around, stated: Mapping[str, Any]) -> None:
+    if around.recordings and not stated.get("exclude"):
+        require_file(around.folder, name)
+
+
+def _readable(name: str, around: Around, stated: Mapping[str, Any]) -> None:
+    if is_file(around.folder / name):
+        read_segments(around.folder / name)
+
+
+def _known(name: str, around: Around, stated: Mapping[str, Any]) -> None:
+    known = around.conditions
+    if known is not None and name not in known:
+        hint = did_you_mean(name, known) or f"; there are {listed(known)}"
+        raise ValueError(f"no such condition in study.toml{hint}")
+
+
+FileName = Annotated[Text, _among(lambda name, around, _: require_file(around.folder, name))]
+"""Of a file of the laboratory, in the study's folder."""
+RecordingName = Annotated[Text, _among(_recorded)]
+"""Of a file about a subject, in the study's folder, unless the trial is excluded."""
+SegmentsName = Annotated[RecordingName, _among(_readable)]
+ConditionName = Annotated[str, _among(_known)]
 
 
 def describe_faults(error: ValidationError, kind: type[BaseModel]) -> list[str]:
@@ -116,22 +171,12 @@ def _line(fault: ErrorDetails, kind: type[BaseModel]) -> str:
 
 
 def _hint(fault: ErrorDetails, key: str) -> str:
-    """Give the nearest allowed word, or the unit in which a number would be within its bounds."""
-    allowed, value = fault.get("ctx", {}), fault["input"]
-    if fault["type"] == "literal_error" and isinstance(value, str):
-        return did_you_mean(value, re.findall(r"'(.*?)'", allowed["expected"]))
-    if isinstance(value, int | float) and value < 0 <= allowed.get("ge", -1):
-        return ""
-    bound = abs(allowed.get("le", allowed.get("ge", 0)))
-    suffix = next((s for s in SMALLER_UNITS if key.endswith(s)), None)
-    if suffix is None or not isinstance(value, int | float):
-        return ""
-    if not bound < abs(value) < MAX_TYPED:
-        return ""
-    for scale, unit in SMALLER_UNITS[suffix].items():
-        if abs(value) / scale <= bound:
-            return f" (that looks like {unit}; give {UNIT_NAMES[suffix]})"
-    return ""
+    """Give the nearest allowed word, or the unit of a number that is beyond its bounds."""
+    if fault["type"] == "literal_error" and isinstance(fault["input"], str):
+        return did_you_mean(fault["input"], re.findall(r"'(.*?)'", fault["ctx"]["expected"]))
+    unit = next((unit for suffix, unit in UNITS.items() if key.endswith(suffix)), None)
+    beyond = fault["type"] in ("less_than_equal", "greater_than_equal")
+    return f" (it is in {unit})" if beyond and unit else ""
 
 
 def _known_keys(kind: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:

@@ -50,7 +50,7 @@ def explain_trial(recording: Recording, laboratory: Laboratory, result: TrialRes
     --------
     >>> import pipeline
     >>> from pipeline.config.schema import Treadmill
-    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
     >>> _ = simulate_trial("walk.c3d", duration_s=12.0)
     >>> walk = pipeline.read_c3d("walk.c3d")
     >>> result = pipeline.process_recording(walk, pipeline.Subject(sex="male"), pipeline.Settings())

@@ -173,7 +173,7 @@ def processing_chain(
     >>> import numpy as np
     >>> import pipeline
     >>> from pipeline.config.schema import Treadmill
-    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
     >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
     >>> walk = pipeline.read_c3d("walk.c3d")
     >>> result = pipeline.process_recording(walk, pipeline.Subject(sex="male"), pipeline.Settings())

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers
 from hbm.signals.samples import mean_rate_hz
 from hbm.spatial import Array, Indices

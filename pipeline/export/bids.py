@@ -10,6 +10,8 @@ import numpy as np
 import pandas as pd
 
 from hbm.spatial import Array
+from pipeline.export.tables import even_rate_hz
+from pipeline.io.input_file import naming
 from pipeline.io.recording import Recording
 from pipeline.io.write import whole_file, write_text
 
@@ -17,9 +19,6 @@ BIDS_VERSION: Final = "1.10.0"
 FRAME: Final = "lab"
 SPACE: Final = {"SpatialAxes": "ALS", "RotationOrder": "n/a", "RotationRule": "n/a"}
 """x, y and z point to anterior, left and superior."""
-MAX_JITTER: Final = 0.1
-"""Deviation of sample times from even spacing, in sampling intervals; rounding of written times is
-smaller."""
 FORMULA: Final = ("=", "+", "-", "@")
 """Beginnings of a cell that spreadsheets take for a formula."""
 README: Final = """Marker trajectories and ground reactions of people on an instrumented treadmill.
@@ -62,7 +61,10 @@ def write_bids(recording: Recording, folder: str | Path, subject: str, task: str
         if not re.fullmatch(r"[0-9a-zA-Z]+", label):
             raise ValueError(f"{name} {label!r}: BIDS allows letters and digits only")
     systems = _systems(recording)
-    rates = {name: _rate_hz(recording, name, time) for name, (time, _, _) in systems.items()}
+    with naming(recording.source):
+        rates = {
+            name: even_rate_hz(time, f"BIDS ({name})") for name, (time, _, _) in systems.items()
+        }
     folder = Path(folder)
     place = folder / f"sub-{subject}" / "motion"
     written = _data_set(folder, subject)
@@ -127,15 +129,6 @@ def _systems(recording: Recording) -> dict[str, System]:
 def _channels(rows: Sequence[tuple[str, ...]]) -> pd.DataFrame:
     columns = ["name", "component", "type", "tracked_point", "units", "reference_frame"]
     return pd.DataFrame(rows, columns=columns)
-
-
-def _rate_hz(recording: Recording, name: str, time: Array) -> float:
-    steps = np.diff(time)
-    if not len(steps) or np.ptp(steps) > MAX_JITTER * steps.mean():
-        raise ValueError(
-            f"{recording.source.name}: BIDS needs two or more samples, evenly spaced ({name})"
-        )
-    return float(1 / steps.mean())
 
 
 def _data_set(folder: Path, subject: str) -> list[Path]:

@@ -14,9 +14,10 @@ from pipeline.config.schema import Trial
 from pipeline.config.study import Study
 from pipeline.io.c3d.rewrite import rewrite_plates
 from pipeline.io.c3d.second_reader import SecondReading
+from pipeline.io.input_file import describe_error
 from pipeline.io.read import file_format
 from pipeline.io.recording import Compensation, Recording
-from pipeline.run.job import describe_error, file_digest
+from pipeline.run.job import file_digest
 from pipeline.trial.ground.corrected_plates import plate_delays_s, with_corrected_plates
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.platform import moved_corners, platform_pose, pose_at, turned_to_lab

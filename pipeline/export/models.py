@@ -72,7 +72,7 @@ def write_osim(body: Body, path: str | Path) -> None:
         _add(marker, "socket_parent_frame", f"/bodyset/{segment}")
         _add(marker, "location", _numbers(place))
         _add(marker, "fixed", "true")
-    _write(document, path)
+    write_xml(document, path)
 
 
 def _add(parent: ET.Element, tag: str, text: str = "", **attributes: str) -> ET.Element:
@@ -135,7 +135,8 @@ def _axes(transform: ET.Element, kind: str, own: list[Joint]) -> None:
             _add(_add(element, "Constant", name="function"), "value", "0")
 
 
-def _write(root: ET.Element, path: str | Path) -> None:
+def write_xml(root: ET.Element, path: str | Path) -> None:
+    """Write a document, indented."""
     ET.indent(root)
     with whole_file(Path(path)) as temporary:
         ET.ElementTree(root).write(temporary, encoding="UTF-8", xml_declaration=True)
@@ -181,7 +182,7 @@ def write_urdf(body: Body, path: str | Path) -> None:
     ):
         ET.SubElement(robot, "link", name=name)
         _urdf_joint(robot, f"{name}_joint", "fixed", segment, name, place)
-    _write(robot, path)
+    write_xml(robot, path)
 
 
 def _name(i: int) -> str:

@@ -14,12 +14,12 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pandas as pd
 
-from hbm.clinical import AnkleZero, clinical_angles
 from hbm.coordinates import COORDINATES, HBM_ORDER, INDEX, LAST_Q, TREE
 from hbm.dynamics import Dynamics
 from hbm.markers import Markers
-from hbm.motion import Motion
+from hbm.motion import AnkleZero, Motion, clinical_angles
 from hbm.spatial import Array
+from pipeline.export.models import write_xml
 from pipeline.io.write import whole_file, write_csv, write_text
 from pipeline.trial.result import TrialResult
 
@@ -74,7 +74,7 @@ def angle_table(motion: Motion, ankle_zero: AnkleZero = "right_angle") -> pd.Dat
         The coordinates.
     ankle_zero
         Where the ankle is zero, "right_angle" or "in_line"; see
-        `hbm.clinical.clinical_angles`, which also gives the meaning of every sign.
+        `hbm.motion.clinical_angles`, which also gives the meaning of every sign.
 
     Returns
     -------
@@ -111,7 +111,7 @@ def write_coordinates(motion: Motion, path: str | Path) -> None:
     Notes
     -----
     Columns in the Human Body Model's order, rotations in degrees, translations in metres. They are
-    the model's coordinates; `hbm.clinical` gives the shoulder angles of the original's export.
+    the model's coordinates; `hbm.motion` gives the shoulder angles of the original's export.
     """
     columns = {}
     for name in HBM_ORDER:
@@ -206,10 +206,7 @@ def _write_description(table: Path, segments: list[str]) -> None:
         for tag, stem in _stems(segment).items():
             ET.SubElement(force, tag).text = stem
     ET.SubElement(loads, "datafile").text = table.name
-    ET.indent(document)
-    target = table.with_suffix(".xml")
-    with whole_file(target) as temporary:
-        ET.ElementTree(document).write(temporary, encoding="UTF-8", xml_declaration=True)
+    write_xml(document, table.with_suffix(".xml"))
 
 
 def write_trc(markers: Markers, path: str | Path) -> None:
@@ -228,10 +225,7 @@ def write_trc(markers: Markers, path: str | Path) -> None:
         If there are fewer than two samples or they are not evenly spaced.
     """
     frames, names = len(markers.time), markers.names
-    rate = markers.rate_hz if frames > 1 else np.nan
-    regular = markers.time[:1] + np.arange(frames) / rate
-    if not np.abs(markers.time - regular).max(initial=0) < MAX_JITTER / rate:
-        raise ValueError("TRC needs two or more samples, evenly spaced in time")
+    rate = even_rate_hz(markers.time, "TRC")
     header = {
         "DataRate": f"{rate:.10g}",
         "CameraRate": f"{rate:.10g}",
@@ -256,6 +250,15 @@ def write_trc(markers: Markers, path: str | Path) -> None:
         fields = ["" if np.isnan(x) else repr(float(x)) for x in row]
         lines.append("\t".join([str(k), repr(float(time)), *fields]))
     write_text("\n".join(lines) + "\n", Path(path))
+
+
+def even_rate_hz(time: Array, format_name: str) -> float:
+    """Give the rate of times that a format with one rate needs evenly spaced; else a ValueError."""
+    rate = (len(time) - 1) / np.ptp(time) if len(time) > 1 else np.nan
+    regular = time[:1] + np.arange(len(time)) / rate
+    if not np.abs(time - regular).max(initial=0) < MAX_JITTER / rate:
+        raise ValueError(f"{format_name} needs two or more samples, evenly spaced in time")
+    return float(rate)
 
 
 def _write_table(

@@ -62,7 +62,7 @@ def _over_time(result: TrialResult) -> Figure:
                 inside = np.where(counts, values[:, k], np.nan)
                 panel.plot(time, inside, color=COLOURS[variant], lw=0.8, label=variant)
                 if variant == "compensated" and result.uncertainty is not None:
-                    spread = np.where(counts, result.uncertainty.residual[:, k], np.nan)
+                    spread = np.where(counts, result.uncertainty[:, k], np.nan)
                     _draw_uncertainty(panel, time, inside, spread)
         label_panels(panels, (float(time[0]), float(time[-1])), "time (s)")
         for k, panel in enumerate(panels):
@@ -94,7 +94,7 @@ def _over_cycle(result: TrialResult) -> Figure:
             for k, panel in enumerate(panels):
                 draw_band(panel, percent, mean[:, k], sd[:, k], COLOURS[variant], label=variant)
                 if variant == "compensated" and result.uncertainty is not None:
-                    own = normalise(result.motion.time, result.uncertainty.residual[:, [k]], spans)
+                    own = normalise(result.motion.time, result.uncertainty[:, [k]], spans)
                     spread = np.sqrt(np.nanmean(own[..., 0] ** 2, axis=0))
                     _draw_uncertainty(panel, percent, mean[:, k], spread)
         label_panels(panels)

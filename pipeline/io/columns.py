@@ -1,6 +1,7 @@
 """Markers and plates as columns of a file: in SI units, in lab axes, about the lab's origin."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
@@ -28,6 +29,8 @@ MAX_MISFIT_M: Final = 0.01
 """Moments of one plate agree with its centres of pressure within millimetres."""
 SI_UNITS: Final = ("N", "Nm", "m")
 """Of plates in formats that state none."""
+DFLOW_PLATE: Final = re.compile(r"FP(\d+)\.(For|Mom|Cop)([XYZ])")
+"""A plate's column as D-Flow names it, about the origin of the markers' axes."""
 UNCHECKED: Final = "about the origin of the file's axes, unchecked"
 FREE: Final = "at the force's point (free torque)"
 """Where moments are."""
@@ -45,8 +48,6 @@ class FileMarkers:
         (T, M, 3) [m]; what no camera saw is NaN.
     unit
         Of positions, as the file writes it.
-    subject
-        Prefix that was removed from the labels; empty where there was none.
     notes
         On labels.
     """
@@ -54,7 +55,6 @@ class FileMarkers:
     names: tuple[str, ...]
     position: Array
     unit: str
-    subject: str
     notes: Sequence[Note]
 
 
@@ -68,12 +68,12 @@ def file_markers(
     the markers' extent.
     """
     metre = stated.metre(unit)
-    markers, subject, notes = marker_columns(labels, stated)
+    markers, notes = marker_columns(labels, stated)
     position = positions(list(markers.values()))
     position *= metre
     position[~np.isfinite(position).all(axis=-1) | ~position.any(axis=-1)] = np.nan
     stated.check_span(position, unit)
-    return FileMarkers(tuple(markers), position, unit, subject, notes)
+    return FileMarkers(tuple(markers), position, unit, notes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,6 +139,25 @@ def plate_of(
     except ValueError as error:
         return left_out(name, str(error))
     return PlateColumns(number, name, time, *found.transpose(1, 0, 2), units=units)
+
+
+def dflow_plates(
+    columns: Mapping[str, Array], time: Array, units: Mapping[str, str] | None = None
+) -> Iterator[PlateColumns | Note]:
+    """Give the plates whose columns are named as D-Flow names them, such as FP1.ForX.
+
+    Units are those of the columns by their names; without any, N, N·m and m.
+    """
+    found = (DFLOW_PLATE.fullmatch(name) for name in columns)
+    for number in dict.fromkeys(int(match[1]) for match in found if match):
+        stems = [f"FP{number}.{part}" for part in ("For", "Mom", "Cop")]
+        force, moment, pressure = SI_UNITS
+        if units is not None:
+            force, moment = (units.get(f"{stem}X", "") for stem in stems[:2])
+            pressure = units.get(f"{stems[2]}X", pressure)
+        stems = stems[: 3 if f"{stems[2]}X" in columns else 2]
+        of_plate = (force, moment, pressure)
+        yield plate_of(number, f"plate {number}", time, columns, stems, units=of_plate)
 
 
 def left_out(plate: str, reason: str) -> Note:

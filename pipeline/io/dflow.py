@@ -10,11 +10,11 @@ import numpy as np
 from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import short
-from pipeline.io.columns import file_markers, plate_of, recording_of, vectors
+from pipeline.io.columns import DFLOW_PLATE, dflow_plates, file_markers, recording_of, vectors
 from pipeline.io.input_file import naming
 from pipeline.io.labels import require_unique
-from pipeline.io.recording import Analog, Metadata, Recording
-from pipeline.io.stated import Stated, as_stated
+from pipeline.io.recording import Analog, Recording
+from pipeline.io.stated import Stated
 from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows
 
 MIN_COVERED: Final = 0.9
@@ -38,7 +38,6 @@ SEGMENTS: Final = {
 }
 """Columns of D-Flow's body model that are named as markers are."""
 UNITS: Final = {".Anlg": "V", ".Ang": "deg", ".Mom": "N·m", ".Pow": "W"}
-PLATE: Final = re.compile(r"FP(\d+)\.For[XYZ]")
 MARKER: Final = re.compile(r"(.+)\.Pos[XYZ]")
 
 Signals = tuple[Array, list[str], Array]
@@ -124,9 +123,7 @@ def on_clock(
     return both, [Note.of("record_short", file=name, first_s=covered[0], last_s=covered[1])]
 
 
-def read_dflow(
-    path: str | Path, stated: Stated | str | None = None, *, record: str | Path | None = None
-) -> Recording:
+def read_dflow(path: Path, stated: Stated, record: Path | None = None) -> Recording:
     """Read a file of D-Flow's mocap module, and one of its record module beside it.
 
     Parameters
@@ -163,12 +160,6 @@ def read_dflow(
     and moments as about the common origin of plates and cameras; `wrench_about_origin` checks this
     against the centres of pressure and takes another point where they demand it.
     """
-    path = Path(path)
-    with naming(path):
-        return _read(path, as_stated(stated), Path(record) if record else None)
-
-
-def _read(path: Path, stated: Stated, record: Path | None) -> Recording:
     columns, first_frame, rate_hz, notes = _columns(path)
     found = dict.fromkeys(m[1] for name in columns if (m := MARKER.fullmatch(name)))
     stems = [stem for stem in found if stem.lower() not in SEGMENTS]
@@ -187,14 +178,9 @@ def _read(path: Path, stated: Stated, record: Path | None) -> Recording:
     markers = file_markers(stems, "m", positions, stated)
     if unseen:
         notes.append(Note.of("markers_unseen", samples=unseen))
-    numbers = dict.fromkeys(int(m[1]) for name in columns if (m := PLATE.fullmatch(name)))
-    plates = []
+    plates = list(dflow_plates(columns, time))
     used = {f"{stem}.Pos{axis}" for stem in stems for axis in "XYZ"}
-    for number in numbers:
-        parts = ["For", "Mom", "Cop"][: 3 if f"FP{number}.CopX" in columns else 2]
-        quantities = [f"FP{number}.{part}" for part in parts]
-        plates.append(plate_of(number, f"plate {number}", time, columns, quantities))
-        used |= {f"{quantity}{axis}" for quantity in quantities for axis in "XYZ"}
+    used |= {name for name in columns if DFLOW_PLATE.fullmatch(name)}
     analog = _analog(columns, used, time)
     if record:
         signals, more = read_record(record)
@@ -214,7 +200,6 @@ def _read(path: Path, stated: Stated, record: Path | None) -> Recording:
         notes=notes,
         analog=analog,
         first_frame=first_frame,
-        metadata=Metadata(subject=markers.subject, software="D-Flow"),
     )
 
 

@@ -1,6 +1,7 @@
 """Files that are given to be read: opened if they are files, their faults told with their name."""
 
 import errno
+import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,6 +11,10 @@ from hbm.spelling import both_ends, printable
 
 MAX_MESSAGE: Final = 299
 """Characters of what is said about a file: some lines of a terminal."""
+
+
+MAX_REASON: Final = 200
+"""Characters of an error that nobody expects."""
 
 
 class FileFault(ValueError):
@@ -35,6 +40,29 @@ def naming(path: Path) -> Iterator[None]:
 def fault_line(text: str) -> str:
     """Give what is said about a file in one printable line; of a long one its two ends."""
     return both_ends(printable(text), MAX_MESSAGE)
+
+
+def describe_error(error: BaseException) -> str:
+    """Put an error into one line, with the notes that were added on its way up."""
+    for_people = isinstance(error, ValueError | OSError)
+    text = str(error)
+    if isinstance(error, KeyError) and error.args and isinstance(error.args[0], str):
+        text = error.args[0]
+        for_people = " " in text
+    if isinstance(error, FileExistsError | NotADirectoryError) and error.filename:
+        text = f"{error.filename}: a file stands where a folder should be"
+    elif isinstance(error, OSError) and error.strerror:
+        text = error.strerror.lower()
+        text = f"{error.filename}: {text}" if error.filename else text
+    elif not (for_people and text):
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        text = (
+            f"a fault of this program: {type(error).__name__}: {text[:MAX_REASON]} "
+            f"({Path(place.filename).name}, line {place.lineno}); please report it with what "
+            "--debug shows"
+        )
+    parts = [text, *getattr(error, "__notes__", [])]
+    return "; ".join(" ".join(part.split()) for part in parts)
 
 
 def is_file(path: Path) -> bool:

@@ -10,7 +10,7 @@ from pipeline.io.stated import Stated
 
 def without_prefixes(
     labels: Sequence[str], prefix: str | None
-) -> tuple[dict[int, str], str, list[Note]]:
+) -> tuple[dict[int, str], list[Note]]:
     """Remove the prefixes of subjects, as in "S01:LASIS".
 
     Parameters
@@ -26,8 +26,6 @@ def without_prefixes(
     bare
         Index of a column or point -> its label, of the subject wanted and of all others that nobody
         else carries, such as a platform's.
-    subject
-        The prefix of the subject, empty where there is none.
     notes
         ``points_of_other_subjects`` where some are left out.
 
@@ -68,7 +66,7 @@ def without_prefixes(
             f"or by its number in the file ({listed(numbers)}), for example --label-prefix "
             f'{numbers[0]}, or label_prefix = "{numbers[0]}" in study.toml'
         )
-    return bare, prefix or next(iter(prefixes), ""), notes
+    return bare, notes
 
 
 def _chosen(prefix: str, prefixes: Sequence[str]) -> str:
@@ -83,16 +81,16 @@ def _chosen(prefix: str, prefixes: Sequence[str]) -> str:
     return prefix if prefix in prefixes else numbered[prefix]
 
 
-def marker_columns(labels: Sequence[str], stated: Stated) -> tuple[dict[str, int], str, list[Note]]:
-    """Give the markers of a text file under the labels wanted, and their prefix.
+def marker_columns(labels: Sequence[str], stated: Stated) -> tuple[dict[str, int], list[Note]]:
+    """Give the markers of a text file under the labels wanted.
 
     A ValueError as `without_prefixes` and `rename_markers`, or where several markers have the same
     label.
     """
-    bare, subject, notes = without_prefixes(labels, stated.label_prefix)
+    bare, notes = without_prefixes(labels, stated.label_prefix)
     require_unique(bare.values(), "several markers have the same label")
     markers, rename_notes = rename_markers({label: k for k, label in bare.items()}, stated)
-    return markers, subject, [*notes, *rename_notes]
+    return markers, [*notes, *rename_notes]
 
 
 def rename_markers(markers: Mapping[str, int], stated: Stated) -> tuple[dict[str, int], list[Note]]:

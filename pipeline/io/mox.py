@@ -12,10 +12,10 @@ import numpy as np
 from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import printable, short
-from pipeline.io.columns import file_markers, plate_of, recording_of, vectors
-from pipeline.io.input_file import naming, open_file
-from pipeline.io.recording import Analog, Metadata, Recording
-from pipeline.io.stated import Stated, as_stated
+from pipeline.io.columns import PlateColumns, dflow_plates, file_markers, recording_of, vectors
+from pipeline.io.input_file import open_file
+from pipeline.io.recording import Analog, Recording
+from pipeline.io.stated import Stated
 from pipeline.io.text_table import decoded, read_number
 
 ROOT: Final = "moxie_viewer_datafile"
@@ -34,7 +34,7 @@ Channel = tuple[float, Array]
 """Rate [Hz] and samples."""
 
 
-def read_mox(path: str | Path, stated: Stated | str | None = None) -> Recording:
+def read_mox(path: Path, stated: Stated) -> Recording:
     """Read a .mox file.
 
     Parameters
@@ -66,14 +66,8 @@ def read_mox(path: str | Path, stated: Stated | str | None = None) -> Recording:
     about the origin of the file's axes, checked against Cop channels where there are any; a note
     of the recording states that this is unconfirmed.
     """
-    path = Path(path)
-    with naming(path):
-        return _read(path, as_stated(stated))
-
-
-def _read(path: Path, stated: Stated) -> Recording:
     with open_file(path) as file:
-        subject, channels = _channels(file.read())
+        channels = _channels(file.read())
     marked, on_plates = ({k: m for k in channels if (m := p.fullmatch(k))} for p in (MARKER, PLATE))
     stems = list(dict.fromkeys(m["a"] or m["b"] for m in marked.values()))
     if not stems:
@@ -84,14 +78,14 @@ def _read(path: Path, stated: Stated) -> Recording:
     markers = file_markers(stems, "m", lambda kept: position[:, kept], stated)
     of_plates: dict[int, dict[str, Channel]] = {}
     for k, m in on_plates.items():
-        quantity = f"{m['what'].lower()} {m['axis'].upper()}"
-        of_plates.setdefault(int(m["number"] or 1), {})[quantity] = channels[k]
-    plates = []
-    for number, parts in of_plates.items():
+        number = int(m["number"] or 1)
+        name = f"FP{number}.{m['what'].capitalize()}{m['axis'].upper()}"
+        of_plates.setdefault(number, {})[name] = channels[k]
+    plates: list[PlateColumns | Note] = []
+    for parts in of_plates.values():
         its_rate, columns = _on_one_clock(parts)
         time = np.arange(len(next(iter(columns.values())))) / its_rate
-        quantities = ["for ", "mom ", "cop "][: 3 if "cop X" in parts else 2]
-        plates.append(plate_of(number, f"plate {number}", time, columns, quantities))
+        plates += dflow_plates(columns, time)
     rest = {k: channel for k, channel in channels.items() if k not in {*marked, *on_plates}}
     analog, notes = _analog(rest, (rate, len(position)))
     if plates:
@@ -104,12 +98,11 @@ def _read(path: Path, stated: Stated) -> Recording:
         plates,
         notes=notes,
         analog=analog,
-        metadata=Metadata(subject=subject or markers.subject),
     )
 
 
-def _channels(content: bytes) -> tuple[str, dict[str, Channel]]:
-    """Give the subject's name and the channels."""
+def _channels(content: bytes) -> dict[str, Channel]:
+    """Give the channels by their names."""
     decoded(content)
     try:
         root = ElementTree.fromstring(content)
@@ -119,10 +112,7 @@ def _channels(content: bytes) -> tuple[str, dict[str, Channel]]:
         element.tag = element.tag.rpartition("}")[2]
     if root.tag != ROOT:
         raise ValueError(f"not a .mox file: its root is {short(root.tag)!r}, expected {ROOT!r}")
-    subject, count = (
-        printable(root.findtext(f"viewer_header/{tag}", "").strip())
-        for tag in ("patient_id", "nr_of_samples")
-    )
+    count = printable(root.findtext("viewer_header/nr_of_samples", "").strip())
     channels: dict[str, Channel] = {}
     for element in root.iterfind("viewer_data/viewer_channel"):
         name = printable(element.findtext("channel_label", "").strip())
@@ -144,7 +134,7 @@ def _channels(content: bytes) -> tuple[str, dict[str, Channel]]:
         raise ValueError("it holds no channels (viewer_data/viewer_channel)")
     if count and all(str(len(samples)) != count for _, samples in channels.values()):
         raise ValueError(f"its header says nr_of_samples {count}, but no channel holds as many")
-    return subject, channels
+    return channels
 
 
 def _on_one_clock(parts: Mapping[str, Channel]) -> tuple[float, dict[str, Array]]:

@@ -12,9 +12,8 @@ from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import listed, short
 from pipeline.io.columns import PlateColumns, file_markers, left_out, recording_of
-from pipeline.io.input_file import naming
-from pipeline.io.recording import Analog, Metadata, Recording
-from pipeline.io.stated import Stated, as_stated
+from pipeline.io.recording import Analog, Recording
+from pipeline.io.stated import Stated
 from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows, read_number
 
 TITLES: Final = ("devices", "trajectories", "model outputs")
@@ -115,7 +114,7 @@ def _bare(line: str) -> str:
     return line.strip(' \t,;"')
 
 
-def read_nexus(path: str | Path, stated: Stated | str | None = None) -> Recording:
+def read_nexus(path: Path, stated: Stated) -> Recording:
     """Read an ASCII export of Vicon Nexus (.csv or .txt).
 
     Parameters
@@ -148,12 +147,6 @@ def read_nexus(path: str | Path, stated: Stated | str | None = None) -> Recordin
     change sign. Its moments are about the plate's centre, which the file does not state:
     `wrench_about_origin` finds it from the centres of pressure.
     """
-    path = Path(path)
-    with naming(path):
-        return _read(path, as_stated(stated))
-
-
-def _read(path: Path, stated: Stated) -> Recording:
     blocks, notes = _blocks(path)
     if "trajectories" not in blocks:
         raise ValueError(f"no Trajectories block; blocks: {listed(blocks)}")
@@ -192,7 +185,6 @@ def _read(path: Path, stated: Stated) -> Recording:
         notes=[*notes, *ending_notes(path)],
         analog=analog,
         first_frame=int(block.frame[0]),
-        metadata=Metadata(software="Vicon Nexus", subject=markers.subject),
         model_outputs={
             group.name.rpartition(":")[2]: group.values
             for group in (outputs.groups if outputs else ())

@@ -1,7 +1,7 @@
 """OpenSim's files: TRC, MOT and STO."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from hbm.notes import Note
-from hbm.spatial import Array, read_only
+from hbm.spatial import Array
 from hbm.spelling import listed, short
 from pipeline.io.columns import (
     FileMarkers,
@@ -20,8 +20,8 @@ from pipeline.io.columns import (
     wrench_of_torque,
 )
 from pipeline.io.input_file import naming
-from pipeline.io.recording import Metadata, Recording
-from pipeline.io.stated import Stated, as_stated
+from pipeline.io.recording import Recording
+from pipeline.io.stated import Stated
 from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows, read_number
 
 MIN_RATE_HZ, MAX_RATE_HZ = 1.0, 100_000.0
@@ -48,37 +48,21 @@ word in the place of "force", and what stands before the axis."""
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table over time.
+    """A table over time, as the file holds it.
 
     Attributes
     ----------
     time
         Times, (N,) [s].
-    names
-        Column names without ``time``.
-    values
-        Values as the file holds them, (N, K).
-    in_degrees
-        Whether the rotational coordinates are in degrees, as the file states.
+    columns
+        Name -> values, (N,); of columns with the same name the first. Without ``time``.
     notes
         On how the file ends.
     """
 
     time: Array
-    names: tuple[str, ...]
-    values: Array
-    in_degrees: bool
-    notes: Sequence[Note] = ()
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "time", read_only(self.time))
-        object.__setattr__(self, "values", read_only(self.values))
-
-    def column(self, name: str) -> Array:
-        """Give the first column of a name as the file holds it, (N,); a KeyError lists those."""
-        if name not in self.names:
-            raise KeyError(f"no column {short(name)!r}; present: {listed(self.names)}")
-        return self.values[:, self.names.index(name)]
+    columns: Mapping[str, Array]
+    notes: Sequence[Note]
 
 
 def read_sto(path: str | Path) -> Table:
@@ -92,8 +76,7 @@ def read_sto(path: str | Path) -> Table:
     Returns
     -------
     Table
-        Its columns; nothing is converted. Without ``inDegrees`` in the header angles are radians,
-        as in OpenSim.
+        Its columns; nothing is converted.
 
     Raises
     ------
@@ -105,9 +88,6 @@ def read_sto(path: str | Path) -> Table:
     path = Path(path)
     with naming(path):
         return _table(path)
-
-
-read_mot = read_sto
 
 
 def _table(path: Path) -> Table:
@@ -125,48 +105,56 @@ def _table(path: Path) -> Table:
     for key, count in (("nrows", values.shape[0]), ("ncolumns", values.shape[1])):
         if key in header and header[key] != str(count):
             raise ValueError(f"its header says {key}={short(header[key])} but it holds {count}")
-    in_degrees = header.get("indegrees", "no") == "yes"
-    return Table(values[:, 0], tuple(names[1:]), values[:, 1:], in_degrees, ending_notes(path))
+    columns = dict(reversed([*zip(names[1:], values.T[1:], strict=True)]))  # the first of each
+    ordered = {name: columns[name] for name in names[1:]}
+    return Table(values[:, 0], ordered, ending_notes(path))
 
 
-def read_trc(path: str | Path, stated: Stated | str | None = None) -> Recording:
-    """Read a TRC file.
+def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recording:
+    """Read markers from a TRC file and, if given, ground reaction forces from a MOT file.
 
     Parameters
     ----------
     path
-        The file.
+        Marker trajectories.
     stated
-        What is stated about it, as for `pipeline.io.c3d.read.read_c3d`.
+        What is stated about the files.
+    forces
+        Forces, points of application and torques in OpenSim's naming, on the same clock and in the
+        same axes as the markers; N, m and N·m, if no other units are stated.
 
     Returns
     -------
     Recording
-        Markers in lab axes; times start at 0 at the first frame.
+        Times start at 0 at the first frame of the TRC file. Each force is a plate with identity
+        rotation and centre at the lab origin, so that its wrench in the plate is the wrench about
+        the lab origin; its corners are unknown (NaN).
 
     Raises
     ------
     ValueError
-        The file is damaged or truncated, its unit is unknown or contradicts the markers' extent,
-        or its axes cannot be inferred. One line.
+        A file is damaged or truncated, a unit is unknown or contradicts the markers' extent, the
+        axes cannot be inferred, or the table names no forces.
     OSError
-        The file cannot be opened.
+        A file cannot be opened.
 
-    Examples
-    --------
-    >>> import hbm, numpy as np, pipeline
-    >>> from pipeline.export.tables import write_trc
-    >>> standing = np.tile([[0.1, 0.1, 1.0], [0.1, -0.1, 1.0], [0.1, 0.1, 0.0]], (50, 1, 1))
-    >>> markers = hbm.Markers(np.arange(50) / 100, ("LASIS", "RASIS", "LMT2"), standing)
-    >>> write_trc(markers, "pose.trc")
-    >>> recording = pipeline.read_trc("pose.trc", "forward,left,up")
-    >>> recording.markers.names
-    ('LASIS', 'RASIS', 'LMT2')
+    Notes
+    -----
+    Moment about the origin of force f at point p with torque t: p × f + t, unless t turns out to be
+    the moment about a fixed point (`wrench_of_torque`). Where a force is exactly zero its point has
+    no meaning and is not used. MOT files often print times with so few digits that the steps look
+    uneven; force times within a twentieth of a step of even ones become even.
     """
-    path, stated = Path(path), as_stated(stated)
-    with naming(path):
-        markers, time, attributes = _trajectories(path, stated)
-        return recording_of(path, stated, markers, time - time[0], **attributes)
+    markers, time, attributes = _trajectories(path, stated)
+    plates: list[PlateColumns | Note] = []
+    if forces is not None:
+        table = read_sto(forces)
+        with naming(forces):
+            plates = list(_forces(table, _evened(table.time) - time[0]))
+        attributes["notes"] += table.notes
+    return recording_of(
+        path, stated, markers, time - time[0], plates, locate=wrench_of_torque, **attributes
+    )
 
 
 def _trajectories(path: Path, stated: Stated) -> Trajectories:
@@ -206,7 +194,6 @@ def _trajectories(path: Path, stated: Stated) -> Trajectories:
     markers = file_markers(names, header["Units"], lambda kept: position[:, kept], stated)
     attributes = {
         "first_frame": int(values[0, 0]),
-        "metadata": Metadata(subject=markers.subject),
         "notes": [*notes, *time_notes],
     }
     return markers, time, attributes
@@ -250,74 +237,6 @@ def _with_last_gaps(line: str, count: int) -> str:
     return line + "\t" * missing if missing > 0 and missing % 3 == 0 else line
 
 
-def read_opensim_trial(
-    trc: str | Path, grf_mot: str | Path, stated: Stated | str | None = None
-) -> Recording:
-    """Read markers from a TRC file and ground reaction forces from a MOT file.
-
-    Parameters
-    ----------
-    trc
-        Marker trajectories.
-    grf_mot
-        Forces, points of application and torques in OpenSim's naming, on the same clock and in the
-        same axes as the markers; N, m and N·m, if no other units are stated.
-    stated
-        What is stated about the files, as for `pipeline.io.c3d.read.read_c3d`.
-
-    Returns
-    -------
-    Recording
-        Times start at 0 at the first frame of the TRC file. Each force is a plate with identity
-        rotation and centre at the lab origin, so that its wrench in the plate is the wrench about
-        the lab origin; its corners are unknown (NaN).
-
-    Raises
-    ------
-    ValueError
-        As `read_trc` and `read_mot`, or the table names no forces. One line.
-    OSError
-        A file cannot be opened.
-
-    Notes
-    -----
-    Moment about the origin of force f at point p with torque t: p × f + t, unless t turns out to be
-    the moment about a fixed point (`wrench_of_torque`). Where a force is exactly zero its point has
-    no meaning and is not used. MOT files often print times with so few digits that the steps look
-    uneven; force times within a twentieth of a step of even ones become even.
-
-    Examples
-    --------
-    >>> import numpy as np, pipeline
-    >>> from pipeline.export.tables import write_external_loads, write_trc
-    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
-    >>> walk = simulate_trial("walk.c3d", duration_s=8.0)
-    >>> write_trc(pipeline.read_c3d("walk.c3d").markers, "walk.trc")
-    >>> feet = {"left_foot": walk.left, "right_foot": walk.right}
-    >>> write_external_loads(walk.time, feet, "walk_grf.mot")
-    >>> recording = pipeline.read_opensim_trial("walk.trc", "walk_grf.mot")
-    >>> len(recording.plates)
-    2
-    """
-    trc, grf_mot, stated = Path(trc), Path(grf_mot), as_stated(stated)
-    with naming(trc):
-        markers, time, attributes = _trajectories(trc, stated)
-    table = read_mot(grf_mot)
-    with naming(grf_mot):
-        forces = list(_forces(table, _evened(table.time) - time[0]))
-    attributes["notes"] += table.notes
-    with naming(trc):
-        return recording_of(
-            trc,
-            stated,
-            markers,
-            time - time[0],
-            forces,
-            locate=wrench_of_torque,
-            **attributes,
-        )
-
-
 def _evened(time: Array) -> Array:
     """Give even times where the printed ones are those but for their rounding."""
     even = np.linspace(time[0], time[-1], len(time))
@@ -327,11 +246,11 @@ def _evened(time: Array) -> Array:
 
 def _forces(table: Table, time: Array) -> Iterator[PlateColumns | Note]:
     """Give each force of a table with its point and torque, or why it is left out."""
-    found = [match for name in table.names if (match := FORCE_COLUMN.fullmatch(name))]
+    columns = table.columns
+    found = [match for name in columns if (match := FORCE_COLUMN.fullmatch(name))]
     stems = dict.fromkeys((match["stem"], match["letter"]) for match in found)
     if not stems:
-        raise ValueError(f"no forces such as ground_force_vx; columns: {listed(table.names)}")
-    columns = dict(reversed([*zip(table.names, table.values.T, strict=True)]))  # the first of each
+        raise ValueError(f"no forces such as ground_force_vx; columns: {listed(columns)}")
     for k, (stem, letter) in enumerate(stems, start=1):
         name = short(stem)
         torques = dict.fromkeys(

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -11,29 +10,27 @@ import numpy as np
 
 from hbm.notes import Note
 from pipeline.io.axes import AxesUnknownError
-from pipeline.io.c3d.read import preview_c3d, read_c3d
+from pipeline.io.c3d.data import KEY
+from pipeline.io.c3d.read import preview_c3d, read_c3d_file
 from pipeline.io.dflow import read_dflow
 from pipeline.io.input_file import naming, open_file
 from pipeline.io.mox import ROOT, read_mox
 from pipeline.io.nexus import is_nexus, read_nexus
-from pipeline.io.opensim import read_opensim_trial, read_trc
+from pipeline.io.opensim import read_trc
 from pipeline.io.recording import Preview, Recording
 from pipeline.io.stated import Stated, as_stated
 from pipeline.io.text_table import EMPTY, decoded
-from pipeline.io.xdf.chunks import MAGIC
-from pipeline.io.xdf.read import read_xdf
+from pipeline.io.xdf import MAGIC, read_xdf
 
-C3D_KEY: Final = 0x50
-"""Second byte of every C3D file."""
-READERS: Final = {
-    "C3D": read_c3d,
+READERS: Final[dict[str, Callable[..., Recording]]] = {
+    "C3D": read_c3d_file,
     "TRC": read_trc,
     "D-Flow": read_dflow,
     "MOX": read_mox,
     "Nexus": read_nexus,
     "XDF": read_xdf,
 }
-"""What reads each format; a trial of TRC and MOT and a D-Flow record are told beside it."""
+"""What reads each format, given path, what is stated, and a file of forces or record beside it."""
 HEAD_BYTES: Final = 65536
 """Read to recognise a format: the longest first line of D-Flow is shorter."""
 MOX_ROOT_CHARACTERS: Final = 4096
@@ -81,42 +78,34 @@ def read_recording(
     Examples
     --------
     >>> import pipeline
-    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
     >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
     >>> pipeline.read_recording("walk.c3d").markers.position.shape
     (800, 46, 3)
     """
     path, stated = Path(path), as_stated(stated)
     kind = file_format(path)
-    if forces is not None and kind != "TRC":
-        raise ValueError(f"{path.name}: a file of forces goes with a TRC file, this is {kind}")
-    if record is not None and kind != "D-Flow":
-        raise ValueError(f"{path.name}: a record file goes with a D-Flow file, this is {kind}")
-    read: Callable[[Path, Stated], Recording] = READERS[kind]
-    if record is not None:
-        read = partial(read_dflow, record=record)
-    if forces is not None:
-        read = partial(_read_trial, forces=forces)
-    try:
-        return read(path, stated)
-    except ValueError as error:
-        unknown = isinstance(error.__cause__, AxesUnknownError)
-        if static is None or not unknown or file_format(static) != kind:
-            raise
-    axes = _axes_of(READERS[kind](static, stated))
-    recording = read(path, replace(stated, axes=",".join(axes)))
+    with naming(path):
+        beside = [*_beside("file of forces", forces, "TRC", kind)]
+        beside += _beside("record file", record, "D-Flow", kind)
+        try:
+            return READERS[kind](path, stated, *beside)
+        except AxesUnknownError:
+            if static is None or file_format(static) != kind:
+                raise
+        with naming(static):
+            axes = READERS[kind](static, stated).axes
+        recording = READERS[kind](path, replace(stated, axes=",".join(axes)), *beside)
     evidence = f"as in the static recording {static.name}; this recording does not show them itself"
     others = (note for note in recording.notes if note.code != "axes")
     return replace(recording, notes=(Note.of("axes", axes=axes, evidence=evidence), *others))
 
 
-def _axes_of(recording: Recording) -> tuple[str, ...]:
-    axes = next(note.values["axes"] for note in recording.notes if note.code == "axes")
-    return axes if isinstance(axes, tuple) else ()
-
-
-def _read_trial(path: Path, stated: Stated, forces: str | Path) -> Recording:
-    return read_opensim_trial(path, forces, stated)
+def _beside(what: str, file: str | Path | None, goes_with: str, kind: str) -> list[Path]:
+    """Give a file that goes with a recording, if there is one; refuse it beside another format."""
+    if file is not None and kind != goes_with:
+        raise ValueError(f"a {what} goes with a {goes_with} file, this is {kind}")
+    return [Path(file)] if file is not None else []
 
 
 def preview_recording(
@@ -165,7 +154,7 @@ def file_format(path: Path) -> str:
 
 
 def _format(head: bytes) -> str:
-    if head[1:2] == bytes([C3D_KEY]) and not head[:1].isalpha():
+    if head[1:2] == bytes([KEY]) and not head[:1].isalpha():
         return "C3D"
     if head.startswith(MAGIC):
         return "XDF"

@@ -132,24 +132,16 @@ class Analog:
 
 @dataclass(frozen=True, slots=True)
 class Metadata:
-    """What a file says of its subject and origin; empty or None where it does not say.
+    """What a file says of its subject's body; None or empty where it does not say.
 
     Attributes
     ----------
-    subject, marker_set
-        Names.
-    manufacturer, software
-        Of the recording, as the file writes them.
     mass_kg, height_m
         Body mass and stature.
     limbs
         Side -> what was measured on it.
     """
 
-    subject: str = ""
-    marker_set: str = ""
-    manufacturer: str = ""
-    software: str = ""
     mass_kg: float | None = None
     height_m: float | None = None
     limbs: Mapping[str, LimbMeasures] = field(default_factory=dict)
@@ -215,7 +207,7 @@ class Recording:
     first_frame
         Number of the first frame in the file's own counting; times start at 0 there.
     metadata
-        What the file says of its subject and origin.
+        What the file says of its subject's body.
     model_outputs
         Angles, moments and powers that another program stored in the file: name -> (T, 3) in the
         file's own units.
@@ -251,6 +243,12 @@ class Recording:
         object.__setattr__(self, "source", Path(self.source))
         object.__setattr__(self, "model_outputs", MappingProxyType(dict(self.model_outputs)))
         object.__setattr__(self, "events", tuple(sorted(self.events, key=lambda e: e.time)))
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Lab directions of the file's x, y and z, as they were stated or inferred."""
+        axes = next(note.values["axes"] for note in self.notes if note.code == "axes")
+        return axes if isinstance(axes, tuple) else ()
 
     @property
     def why_no_plates(self) -> str:

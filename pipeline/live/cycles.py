@@ -8,9 +8,10 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from hbm.spatial import Array
-from pipeline.live.frames.chain import LiveFrame
+from pipeline.live.chain import LiveFrame
+from pipeline.trial.gait.contact import MIN_STANCE_S
 from pipeline.trial.gait.cycles import MAX_DURATION, MIN_DURATION
-from pipeline.trial.gait.events import MIN_CONTACT_S, MIN_STRIDE_S, SIDES
+from pipeline.trial.gait.events import MIN_STRIDE_S, SIDES
 from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import MAX_FORCE_SHARE, MAX_MOMENT_SHARE
 
@@ -76,7 +77,7 @@ class _Foot:
             self.loaded, self.changed_s = loaded, None
             return None
         self.changed_s = time if self.changed_s is None else self.changed_s
-        if time - self.changed_s < MIN_CONTACT_S:
+        if time - self.changed_s < MIN_STANCE_S:
             return None
         at, self.loaded, self.changed_s = self.changed_s, loaded, None
         return at
@@ -86,7 +87,7 @@ class _Foot:
 class GaitTracker:
     """Finds gait cycles frame by frame.
 
-    A contact and its loss count once they last 0.1 s, as in trials (``MIN_CONTACT_S``), and are
+    A contact and its loss count once they last 0.1 s, as in trials (``MIN_STANCE_S``), and are
     known that much later. A stride takes 0.4 to 2.5 s and 0.6 to 1.5 of the median of the last ten;
     it is a gait cycle if the other foot has struck once in it, if that foot strikes at all.
     Contacts are those of the filtered forces, and as late as these.
@@ -113,7 +114,7 @@ class GaitTracker:
     def add(self, frame: LiveFrame) -> list[LiveCycle]:
         """Take a frame and give the strides that it ends."""
         self._frames.append(frame)
-        while frame.time - self._frames[0].time > MAX_CYCLE_S + 2 * MIN_CONTACT_S:
+        while frame.time - self._frames[0].time > MAX_CYCLE_S + 2 * MIN_STANCE_S:
             self._frames.popleft()
         strides = []
         for side, foot, other, loaded in zip(

@@ -12,12 +12,12 @@ from compensation import marker_plate_delay
 from hbm.notes import Note
 from hbm.signals.filtering import acceleration_lag_s
 from hbm.signals.samples import stretches
-from hbm.spatial import GRAVITY_MPS2, Array
+from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array
 from pipeline.io.recording import Plate
+from pipeline.live.chain import LiveChain, LiveFrame
 from pipeline.live.cycles import ConditionSoFar, GaitTracker, Limits, LiveCycle
-from pipeline.live.frames.chain import LiveChain, LiveFrame
 from pipeline.live.stream import Samples, StreamDescription
-from pipeline.trial.checks import COMPONENTS, MAX_REST_N, rest_level
+from pipeline.trial.checks import MAX_REST_N, rest_level
 from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import AXES, REPORTED_SIGN, height_of_mass
 from pipeline.trial.subject import differing_masses
@@ -261,7 +261,7 @@ class PlateWatch:
         before, self._not_zero = self._not_zero, abs(rest_n or 0.0) > MAX_REST_N
         if self._not_zero and not before:
             notes.append(Note.of("live_plate_not_zero", plate=self._number, rest_n=rest_n or 0.0))
-        for name, values, least in zip(COMPONENTS, np.abs(wrench).T, EXTREME, strict=True):
+        for name, values, least in zip(WRENCH_COMPONENTS, np.abs(wrench).T, EXTREME, strict=True):
             if name not in self._saturated and _is_limited(values, least):
                 self._saturated.add(name)
                 plate, limit = self._number, float(np.nanmax(values))
@@ -413,24 +413,29 @@ class Monitor:
         if condition.cycles:
             *_, best = condition.rms.values()
             parts.append(f"{condition.cycles} gait cycles")
-            parts.append(f"RMS {in_words(best)}")
+            parts.append(f"RMS {_in_words(best)}")
         if condition.not_carried:
             parts.append(f"{condition.not_carried} gait cycles beside the plates")
         parts.append(f"{self.latency_ms(50):.1f} ms (99 %: {self.latency_ms(99):.1f})")
         return " · ".join(parts)
 
+    def residuals(self) -> list[str]:
+        """Say the residuals of each variant so far, and peaks beside their published limits."""
+        found = []
+        for variant, rms in self.condition.rms.items():
+            peak = self.limits[variant]
+            found.append(
+                f"residuals {variant}: RMS {_in_words(rms)}; peaks {peak.force_n:.0f} N (published "
+                f"limit {peak.max_force_n:.0f} N), {peak.moment_nm:.0f} N·m "
+                f"({peak.max_moment_nm:.0f} N·m)"
+            )
+        return found
+
     def page(self) -> str:
         """Give the status, residuals beside their limits and the newest notes as Markdown."""
-        lines = [self.status(), ""]
-        if self.condition.cycles:
-            lines += [f"| RMS | {' | '.join(AXES)} |", "|---" * 7 + "|"]
-            for variant, rms in self.condition.rms.items():
-                cells = " | ".join(f"{value:.1f}" for value in rms)
-                lines.append(f"| {variant} | {cells} |")
-            lines.append("")
-            lines += [f"- {variant}: {peaks_in_words(at)}" for variant, at in self.limits.items()]
-        lines += [f"- {note}" for _, note in list(self.notes)[-SHOWN_NOTES:]]
-        return "\n".join(lines)
+        notes = [str(note) for _, note in list(self.notes)[-SHOWN_NOTES:]]
+        listed = [f"- {line}" for line in (*self.residuals(), *notes)]
+        return "\n".join([self.status(), "", *listed])
 
     def _note(self, *notes: Note) -> None:
         for note in notes:
@@ -438,15 +443,7 @@ class Monitor:
             self._say(note)
 
 
-def peaks_in_words(limits: Limits) -> str:
-    """Give peaks and limits in words."""
-    return (
-        f"peaks {limits.force_n:.0f} N (published limit {limits.max_force_n:.0f} N), "
-        f"{limits.moment_nm:.0f} N·m ({limits.max_moment_nm:.0f} N·m)"
-    )
-
-
-def in_words(rms: Array) -> str:
+def _in_words(rms: Array) -> str:
     """Give residuals in words, such as "Fx 12 Fy 8 Fz 15 N, Mx 2.1 My 3.0 Mz 1.2 N·m"."""
     forces = " ".join(f"{axis} {value:.0f}" for axis, value in zip(AXES[:3], rms[:3], strict=True))
     moments = " ".join(f"{axis} {value:.1f}" for axis, value in zip(AXES[3:], rms[3:], strict=True))

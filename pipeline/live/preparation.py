@@ -21,14 +21,13 @@ from pipeline.config.toml_file import read_segments
 from pipeline.io.read import read_recording
 from pipeline.io.recording import Plate, Recording
 from pipeline.io.stated import Stated
-from pipeline.live.arrival import Arrivals
-from pipeline.live.frames.chain import stated_streams
-from pipeline.live.frames.channels import AnalogStreams, SampleBuffer
-from pipeline.live.frames.ground import PLATE_UNITS
+from pipeline.live.chain import stated_streams
+from pipeline.live.ground import PLATE_UNITS, AnalogStreams, SampleBuffer
 from pipeline.live.replay import ANALOG, MARKERS, PLATES
-from pipeline.live.stream import Samples, StatedPlate, StreamDescription
+from pipeline.live.stream import Arrivals, Samples, StatedPlate, StreamDescription
+from pipeline.trial.ground.calibrations import read_calibration
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
-from pipeline.trial.ground.laboratory import Laboratory, read_calibration
+from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.platform import LEVEL
 from pipeline.trial.study_files import read_study_laboratory
 from pipeline.trial.subject import (

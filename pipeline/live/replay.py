@@ -10,8 +10,7 @@ import numpy as np
 from hbm.spatial import Array
 from pipeline.config.live import LOOPBACK, Live
 from pipeline.io.recording import Plate, Recording
-from pipeline.live.outlet import Outlet, load_lsl
-from pipeline.live.recording import stream_channels
+from pipeline.live.output import Outlet, load_lsl, stream_channels
 from pipeline.live.stream import LAB_AXES, Samples, StatedPlate, StreamDescription
 
 MARKERS: Final = "Markers"
@@ -177,7 +176,7 @@ class Replay:
     prefix
         Before the names of its streams, so that several replays can be told apart.
     listen
-        As for `pipeline.live.outlet.load_lsl`, with its errors.
+        As for `pipeline.live.output.load_lsl`, with its errors.
 
     Attributes
     ----------

@@ -7,11 +7,9 @@ from typing import Final, TypeVar
 
 import numpy as np
 
-from pipeline.live.arrival import Arrivals
-from pipeline.live.frames.chain import LiveChain, LiveFrame
-from pipeline.live.outlet import Outlet, result_row
-from pipeline.live.recording import Recorder
-from pipeline.live.stream import Samples, Source
+from pipeline.live.chain import LiveChain, LiveFrame
+from pipeline.live.output import Outlet, Recorder, result_row
+from pipeline.live.stream import Arrivals, Samples, Source
 
 Kept = TypeVar("Kept")
 RECEIVE_S: Final = 0.02
@@ -100,7 +98,7 @@ class Session:
     def _give(self, frame: LiveFrame, arrived: float) -> None:
         row = result_row(frame)
         if self._outlet is not None:
-            self._outlet.push_one(frame.time, row)
+            self._outlet.push(np.array([frame.time]), row[None])
         latency_s = perf_counter() - arrived
         if self._recorder is not None:
             self._recorder.frame(np.concatenate([[frame.time], row]))

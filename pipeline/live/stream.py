@@ -1,10 +1,19 @@
-"""Streams of samples as the live chain takes them, whatever sends them."""
+"""Streams of samples: what they carry, what senders say of them, and how they arrive."""
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Final, Literal, Protocol
+from xml.etree.ElementTree import Element
+
+import numpy as np
 
 from hbm.spatial import Array
+from hbm.spelling import short
+from pipeline.io.axes import parse_axes
+from pipeline.io.columns import DFLOW_PLATE
 from pipeline.io.recording import Plate
+from pipeline.io.stated import Stated
+from pipeline.io.streams import AXES, Channel, find_plates, marker_layout, si_units
 
 LAB_AXES: Final = "forward,left,up"
 """Axes of all positions, as descriptions state them."""
@@ -107,3 +116,266 @@ class Source(Protocol):
     def close(self) -> None:
         """Stop receiving."""
         ...
+
+
+LARGEST: Final = 1e9
+"""No signal is as large in any unit: such a number is damaged."""
+MAX_BACK_S: Final = 0.5
+"""Samples that are farther back than this are not out of order, their clock was set."""
+MAX_AHEAD_S: Final = 1.0
+"""The same for samples ahead of the time that has passed and of all other streams."""
+CONFIRMED_S: Final = 0.05
+"""Of samples that follow each other on another clock; fewer have wrong time stamps."""
+MIN_CONFIRMED: Final = 3
+SAME_CLOCK_S: Final = 0.05
+"""Streams whose clocks were set by amounts that differ by less were set together."""
+
+
+def known(values: Array) -> Array:
+    """Give samples with NaN in place of numbers that no instrument gives."""
+    return np.where(np.abs(values) < LARGEST, values, np.nan)
+
+
+@dataclass(slots=True, eq=False)
+class _Clock:
+    """One stream's: what is added to its time stamps, its newest time, and samples in doubt."""
+
+    rate_hz: float
+    added_s: float = 0.0
+    newest_s: float | None = None
+    heard_s: float = 0.0
+    doubtful: list[tuple[float, Array]] = field(default_factory=list)
+
+
+class Arrivals:
+    """Brings the samples of each stream onto a clock that goes on where the sender sets its own.
+
+    Parameters
+    ----------
+    streams
+        What is received.
+
+    Notes
+    -----
+    The first sample after the clock was set follows the last one before it by one sampling
+    interval, or, after a pause, it is as late as the newest sample of another stream. Streams of
+    one sender are moved alike, so that they stay together.
+
+    Examples
+    --------
+    >>> heels = StreamDescription("Markers", "markers", ("LHEE",), ("m",), 100.0)
+    >>> arrivals, values = Arrivals([heels]), np.zeros((5, 3))
+    >>> before = arrivals.take(Samples("Markers", 10 + np.arange(5) / 100, values), 0.0)
+    >>> after = arrivals.take(Samples("Markers", 2 + np.arange(5) / 100, values), 0.05)
+    >>> after.time.round(3).tolist(), round(after.clock_set_s, 3)
+    ([10.05, 10.06, 10.07, 10.08, 10.09], -8.05)
+    """
+
+    def __init__(self, streams: Sequence[StreamDescription]) -> None:
+        self._clocks = {stream.name: _Clock(stream.rate_hz) for stream in streams}
+
+    def take(self, samples: Samples, arrived_s: float) -> Samples:
+        """Take what arrived of a stream at a time of this computer [s]; give it as it counts.
+
+        Samples without a time are left out. Those that are in doubt are kept until others confirm
+        them; if none do, they are left out too.
+        """
+        timed = np.isfinite(samples.time)
+        stamps, values = samples.time[timed], known(samples.values[timed])
+        clock = self._clocks.get(samples.stream)
+        if clock is None or not len(stamps):
+            return replace(samples, time=stamps, values=values)
+        passed_s, clock.heard_s = arrived_s - clock.heard_s, arrived_s
+        time = stamps + clock.added_s
+        if clock.newest_s is None:
+            clock.newest_s = float(time[0])
+        latest_s = MAX_AHEAD_S + max(clock.newest_s + passed_s, self._newest_s(samples.stream))
+        usual = (time > clock.newest_s - MAX_BACK_S) & (time < latest_s)
+        if usual.all() and not clock.doubtful:
+            clock.newest_s = max(clock.newest_s, float(time.max()))
+            return replace(samples, time=time, values=values)
+        return self._sorted_out(replace(samples, time=stamps, values=values), clock, latest_s)
+
+    def _sorted_out(self, samples: Samples, clock: _Clock, latest_s: float) -> Samples:
+        """Take samples one by one, some of which may be on another clock."""
+        taken: list[tuple[float, Array]] = []
+        before_s = clock.added_s
+        assert clock.newest_s is not None
+        for stamp, value in zip(samples.time.tolist(), samples.values, strict=True):
+            time = stamp + clock.added_s
+            if clock.newest_s - MAX_BACK_S < time < latest_s:
+                clock.doubtful.clear()
+                clock.newest_s = max(clock.newest_s, time)
+                taken.append((time, value))
+                continue
+            if clock.doubtful and not 0 < stamp - clock.doubtful[-1][0] < MAX_BACK_S:
+                clock.doubtful.clear()
+            clock.doubtful.append((stamp, value))
+            if len(clock.doubtful) >= max(MIN_CONFIRMED, CONFIRMED_S * clock.rate_hz):
+                self._set(samples.stream, clock)
+                taken += [(s + clock.added_s, each) for s, each in clock.doubtful]
+                clock.newest_s = taken[-1][0]
+                latest_s = clock.newest_s + MAX_AHEAD_S
+                clock.doubtful.clear()
+        values = np.array([value for _, value in taken]).reshape(-1, samples.values.shape[1])
+        times = np.array([time for time, _ in taken])
+        return Samples(samples.stream, times, values, before_s - clock.added_s)
+
+    def _set(self, stream: str, clock: _Clock) -> None:
+        """Find what has to be added to the time stamps of a stream whose clock was set."""
+        assert clock.newest_s is not None
+        begins_s = clock.doubtful[0][0]
+        next_s = clock.newest_s + (1 / clock.rate_hz if clock.rate_hz > 0 else 0.0)
+        others = {0.0, *(other.added_s for other in self._clocks.values() if other is not clock)}
+        near = min(others, key=lambda added_s: abs(begins_s + added_s - next_s))
+        if abs(begins_s + near - next_s) < SAME_CLOCK_S:
+            clock.added_s = near
+            return
+        others_s = self._newest_s(stream)
+        clock.added_s = (others_s if others_s > next_s + MAX_BACK_S else next_s) - begins_s
+
+    def _newest_s(self, stream: str) -> float:
+        others = (each.newest_s for name, each in self._clocks.items() if name != stream)
+        return max((newest_s for newest_s in others if newest_s is not None), default=-np.inf)
+
+
+Convert = Callable[[Array], Array]
+"""From samples as sent, (N, K), to samples of a `Samples`."""
+
+
+def describe_markers(
+    name: str, channels: Sequence[Channel], rate_hz: float, stated: Stated, axes: str = ""
+) -> tuple[StreamDescription, Convert]:
+    """Describe a stream of markers, and give what brings its samples to lab axes and m.
+
+    A marker that is not seen becomes NaN. The sender's axes are empty where it does not state them;
+    a ValueError says that nobody does, or as `pipeline.io.streams.marker_layout`.
+    """
+    layout = marker_layout(channels, stated)
+    known = stated.axes or axes
+    if not known:
+        raise ValueError(
+            "the axes of its markers are not known; state them, for example --axes "
+            'forward,left,up, or axes = "forward,left,up" in study.toml'
+        )
+    to_lab = parse_axes(known)
+
+    def convert(values: Array) -> Array:
+        with np.errstate(invalid="ignore"):  # infinite ones
+            found = layout.positions(values).reshape(-1, 3) @ to_lab.T
+        return np.asarray(found).reshape(len(values), -1)
+
+    units = ("m",) * len(layout.names)
+    return StreamDescription(name, "markers", layout.names, units, rate_hz), convert
+
+
+def describe_signals(
+    name: str, channels: Sequence[Channel], rate_hz: float, axes: str = ""
+) -> tuple[StreamDescription, Convert]:
+    """Describe a stream of other signals, and give what brings its samples to N and N·m.
+
+    Vectors of plates that are named as D-Flow names them, such as FP1.ForX, FP1.ForY and FP1.ForZ,
+    are in the markers' axes as sent, where these are known, and become lab axes.
+
+    Examples
+    --------
+    >>> channels = [Channel(f"FP1.For{axis}", "kN") for axis in "XYZ"]
+    >>> _, convert = describe_signals("Plates", channels, 1000.0, "right,up,back")
+    >>> convert(np.array([[0.0, 0.7, -0.1]])).tolist()
+    [[100.0, 0.0, 700.0]]
+    """
+    units, factors = si_units(channels)
+    labels = tuple(channel.label for channel in channels)
+    description = StreamDescription(name, "analog", labels, units, rate_hz)
+    vectors: dict[str, list[int]] = {}
+    for k, label in enumerate(labels):
+        if DFLOW_PLATE.fullmatch(label):
+            vectors.setdefault(label[:-1], []).append(k)
+    if not vectors or not axes:
+        return description, lambda values: np.asarray(values * factors, float)
+    to_si, to_lab = np.diag(factors), parse_axes(axes)
+    for stem, columns in vectors.items():
+        if [labels[k] for k in columns] == [f"{stem}{axis}" for axis in AXES]:
+            to_si[np.ix_(columns, columns)] = np.diag(factors[columns]) @ to_lab.T
+
+    def convert(values: Array) -> Array:
+        with np.errstate(invalid="ignore"):  # infinite ones
+            return np.asarray(values @ to_si, float)
+
+    return description, convert
+
+
+def describe_plates(
+    info: Element, channels: Sequence[Channel], axes: str
+) -> tuple[StatedPlate, ...]:
+    """Describe the plates of a stream, from its description, whose root is ``info``.
+
+    They are those that channels name, as `pipeline.io.streams.find_plates` finds them, and those
+    whose channels are named as D-Flow names them: these are about the lab's origin, in lab axes as
+    `describe_signals` gives them. The axes, in which places are stated, are the markers'. A
+    ValueError says that channels of a plate have no labels of their own, by which they are found.
+    """
+    found, left_out = find_plates(info, channels)
+    every, to_lab = [channel.label for channel in channels], parse_axes(axes)
+    no_time, no_values = np.empty(0), np.empty((0, len(channels)))
+    plates = []
+    for plate in found:
+        labels = tuple(every[column] for column in plate.columns)
+        if doubtful := [label for label in labels if not label or every.count(label) > 1]:
+            raise ValueError(
+                f"plate {plate.number}: the label {short(doubtful[0])!r} of a channel is "
+                f"{'that of another one too' if doubtful[0] else 'empty'}; give each its own"
+            )
+        place = plate.plate(no_time, no_values, to_lab)
+        plates.append(StatedPlate(str(plate.number), labels, place))
+    described = {plate.number for plate in plates}
+    plates += [plate for plate in _dflow_plates(every) if plate.number not in described]
+    return (*plates, *(StatedPlate(number, problem=why) for number, why in left_out.items()))
+
+
+def _dflow_plates(labels: Sequence[str]) -> Iterator[StatedPlate]:
+    """Find plates all of whose channels are named as D-Flow names them."""
+    matches = [match for label in labels if (match := DFLOW_PLATE.fullmatch(label))]
+    for number in dict.fromkeys(match[1] for match in matches):
+        six = tuple(f"FP{number}.{quantity}{axis}" for quantity in ("For", "Mom") for axis in AXES)
+        if all(labels.count(label) == 1 for label in six):
+            empty = np.empty(0)
+            place = Plate.at_origin(int(number), empty, empty.reshape(0, 6))
+            yield StatedPlate(str(int(number)), six, place)
+
+
+PLACE_M: Final = 1e-6
+"""Numbers of a place that are written anew differ by less."""
+
+
+def require_same(
+    sender: str,
+    described: Mapping[str, tuple[object, object]],
+    before: Sequence[StatedPlate],
+    after: Sequence[StatedPlate],
+) -> None:
+    """Refuse a sender that came back and describes something or its plates otherwise than before.
+
+    Examples
+    --------
+    >>> require_same("stream 'Plates'", {"rate": (1000.0, 500.0)}, (), ())
+    Traceback (most recent call last):
+    ValueError: stream 'Plates' came back with another rate; begin a new session
+    """
+    different = [what for what, (old, new) in described.items() if old != new]
+    if len(before) != len(after) or not all(map(_same_plate, before, after)):
+        different.append("description of its plates")
+    if different:
+        raise ValueError(f"{sender} came back with another {different[0]}; begin a new session")
+
+
+def _same_plate(before: StatedPlate, after: StatedPlate) -> bool:
+    old, new = before.place, after.place
+    if (before.number, before.channels) != (after.number, after.channels):
+        return False
+    if old is None or new is None:
+        return old is new
+    return all(
+        np.allclose(getattr(old, part), getattr(new, part), rtol=0, atol=PLACE_M)
+        for part in ("corners", "rotation", "center")
+    )

@@ -18,8 +18,12 @@ from compensation import (
 )
 from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.config.plate_study import BeltSide, PlatesStudy
-from pipeline.plate_accuracy.faults import FaultEstimate, estimate_faults
-from pipeline.plate_accuracy.response import PlateResponse, fit_response
+from pipeline.plate_accuracy.response import (
+    FaultEstimate,
+    PlateResponse,
+    estimate_faults,
+    fit_response,
+)
 from pipeline.plate_accuracy.trials import (
     LOADED_SHARE,
     UNALIGNED,

@@ -13,12 +13,12 @@ from compensation.hammer import AgreedDelay
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS
 from pipeline.config.plate_study import AccuracyLimits, BeltSide
 from pipeline.plate_accuracy.accuracy import PlateAccuracy
-from pipeline.plate_accuracy.faults import FaultEstimate
 from pipeline.plate_accuracy.response import (
     EXCITED,
     MIN_MASSES,
     MY,
     QUANTITIES,
+    FaultEstimate,
     PlateResponse,
     quantities_of,
     stance_loads,
@@ -36,8 +36,7 @@ DELAYS: Final = {"motion": "delay in motion", "hammer": "delay"}
 DISPLAY_UNITS: Final = {"m": (1000.0, "mm"), "s": (1000.0, "ms"), "1": (100.0, "%")}
 """Unit of an estimate -> factor and unit in which people read it."""
 MAX_DECIMALS: Final = 6
-MAX_FAULTS: Final = 3
-MAX_TOTALS: Final = 2
+MAX_REASONS: Final = 5
 """In the sentence of a verdict; verdict.md lists all."""
 COEFFICIENTS: Final = len(EXCITED) + 4
 """Of a plate's response: with a constant, time, the delay and the curvature."""
@@ -108,7 +107,7 @@ class PlateVerdict:
     remarks
         What else was not examined.
     contradiction
-        Of the delays by two methods, as a sentence; else empty.
+        Of the delays by two methods, a sentence, if there is one.
     calibration
         The correction of the plate; None where nothing is to be corrected, and where none is
         known that leaves no total error both beyond its limit and larger than without it.
@@ -130,7 +129,7 @@ class PlateVerdict:
     corrected: tuple[Judged, ...]
     to_record: tuple[str, ...]
     remarks: tuple[str, ...]
-    contradiction: str
+    contradiction: tuple[str, ...]
     calibration: PlateCalibration | None
     with_supports: bool
     largest_n: float
@@ -196,55 +195,52 @@ class PlateVerdict:
 
     @property
     def sentence(self) -> str:
-        """The verdict, and whether its methods contradict each other."""
-        return self._verdict() + self.contradiction
-
-    def _verdict(self) -> str:
+        """The verdict, why, what to do, and whether two methods contradict each other."""
         used = " with supports" if self.with_supports else ""
-        start, reasons = f"{self.belt} plate{used}: {self.words}.", self._listed_reasons()
-        unknown = f"Loads above the largest recorded one ({self.largest_n:.0f} N) are extrapolated."
-        missing = "; ".join([*self.to_record, *self._advice()])
-        if self.answer == "fit":
-            return f"{start} {unknown}"
-        if self.answer == "fit after correction":
-            needed = "; ".join(self.corrections)
-            return f"{start} To correct: {needed}. Found: {reasons}. {unknown}"
-        if self.answer == "cannot be told":
-            return f"{start} To do: {missing}." + (f" Undecided: {reasons}." if reasons else "")
-        beyond = self.constant or any(one.status == "beyond" for one in self._left)
-        examined = any(one.name.startswith(TOTAL) for one in self.judged)
-        if beyond or (examined and not self.corrected and not self.shared):
-            return f"{start} Found: {reasons}."
-        return (
-            f"{start} Found: {reasons}. Whether a correction is enough cannot be told: {missing}."
-        )
+        sentences = [f"{self.belt} plate{used}: {self.words}."]
+        if reasons := self._listed_reasons():
+            unknown = self.answer == "cannot be told"
+            sentences.append(f"{'Undecided' if unknown else 'Found'}: {reasons}.")
+        if needed := self._to_do():
+            sentences.append(f"To do: {'; '.join(needed)}.")
+        if self.answer.startswith("fit"):
+            sentences.append(
+                f"Loads above the largest recorded one ({self.largest_n:.0f} N) are extrapolated."
+            )
+        return " ".join([*sentences, *self.contradiction])
 
     def _listed_reasons(self) -> str:
-        totals = [one for one in self.reasons if one.name.startswith(TOTAL)]
-        singles = [one for one in self.reasons if one not in totals]
         listed = [
             f"{name} in the plate's own axes never changed under any weight: it is not connected "
             "or was not recorded"
             for name in self.constant
         ]
-        listed += [one.sentence for one in (*singles[:MAX_FAULTS], *totals[:MAX_TOTALS])]
-        if more := len(singles[MAX_FAULTS:]) + len(totals[MAX_TOTALS:]):
+        listed += [one.sentence for one in self.reasons[:MAX_REASONS]]
+        if more := len(self.reasons[MAX_REASONS:]):
             listed.append(f"and {more} more")
         return "; ".join(listed)
 
-    def _advice(self) -> list[str]:
-        """Say what to do about the masses, or about what is unclear."""
+    def _to_do(self) -> tuple[str, ...]:
+        """Say what to correct, to record or to weigh; nothing where that would not help."""
+        if self.answer == "fit after correction":
+            return self.corrections
+        beyond = self.constant or any(one.status == "beyond" for one in self._left)
+        incurable = self.calibration is None and not self.to_record and not self.shared
+        if self.answer == "fit" or (self.answer == "not fit" and (beyond or incurable)):
+            return ()
         if self.shared:
             size = f"{100 * abs(self.shared):.2g} %"
             heavier, high = ("heavier", "high") if self.shared > 0 else ("lighter", "low")
-            return [
+            return (
+                *self.to_record,
                 "weigh the masses with a second balance, and correct mass_kg or state "
                 "mass_uncertainty_percent: all gains of every plate are "
-                f"{size} too {high}, or all masses as much {heavier} than stated"
-            ]
+                f"{size} too {high}, or all masses as much {heavier} than stated",
+            )
         unclear = [one for one in (*self.judged, *self.corrected) if one.status == "unclear"]
         unclear.sort(key=lambda one: abs(one.size / one.limit - 1))
-        return [f"record more weights on this plate: {one.name} is unclear" for one in unclear[:1]]
+        more = [f"record more weights on this plate: {one.name} is unclear" for one in unclear[:1]]
+        return (*self.to_record, *more)
 
 
 def judge(found: PlateAccuracy) -> tuple[PlateVerdict, ...]:
@@ -294,7 +290,7 @@ def _judge_plate(found: PlateAccuracy, belt: BeltSide) -> PlateVerdict:
         tuple(corrected),
         _to_record(found, belt),
         tuple(remarks),
-        contradiction(faults),
+        _contradiction(faults),
         calibration,
         with_supports=len({trial.weight.supports for trial in own}) > 1,
         largest_n=GRAVITY_MPS2 * max(trial.weight.mass_kg for trial in in_use),
@@ -411,22 +407,17 @@ def _judge(
 
 
 def _limit(fault: FaultEstimate, limits: AccuracyLimits, full_scale_n: float) -> float:
-    name = fault.fault
-    single = {
-        "angle": limits.angle_deg,
-        "drift": limits.drift_n_per_s,
-        "curvature": limits.curvature_percent / 100 * full_scale_n,
-    }
-    if name in single:
-        return single[name]
     by_beginning = {
+        "angle": limits.angle_deg,
         "offset": limits.offset_m,
         "delay": limits.delay_s,
         "gain": limits.gain_percent / 100,
         "zero": limits.zero_nm if fault.unit == "N·m" else limits.zero_n,
+        "drift": limits.drift_n_per_s,
+        "curvature": limits.curvature_percent / 100 * full_scale_n,
         "vibration": limits.vibration_m,
     }
-    return by_beginning.get(name.split()[0], limits.cross_talk_percent / 100)
+    return by_beginning.get(fault.fault.split()[0], limits.cross_talk_percent / 100)
 
 
 def _totals(
@@ -523,19 +514,16 @@ def chosen_delay(faults: Sequence[FaultEstimate]) -> AgreedDelay | None:
     return agreed_delay(delays.get("delay"), delays.get("delay in motion"))
 
 
-def contradiction(faults: Sequence[FaultEstimate]) -> str:
+def _contradiction(faults: Sequence[FaultEstimate]) -> tuple[str, ...]:
     """Say that the delays of a plate by a hammer and in motion contradict each other, if so."""
     late, named = chosen_delay(faults), {fault.fault: fault for fault in faults}
     if late is None or not late.disagree:
-        return ""
-    hammer, motion = (
-        f"{1000 * named[fault].value:.2f} ± {1000 * named[fault].uncertainty:.2f} ms"
-        for fault in ("delay", "delay in motion")
-    )
+        return ()
+    hammer, motion = (describe(named[fault]) for fault in ("delay", "delay in motion"))
     return (
-        f" The delay by the hammer, {hammer}, contradicts that in motion, {motion}; the one "
+        f"By the hammer, {hammer}, contradicts {motion}; the one "
         f"{'in motion' if late.method == 'motion' else 'by the hammer'} is used: check that hits "
-        "were short and hard, and the hammer's marker fixed."
+        "were short and hard, and the hammer's marker fixed.",
     )
 
 

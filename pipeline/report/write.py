@@ -21,7 +21,7 @@ from pipeline.report.methods import bibtex, methods
 from pipeline.report.tables import plan_markdown, plan_table, residual_tables, windows_sentence
 from pipeline.report.trials import LIMITS, causes, problems, quality_table, trial_quality
 from pipeline.report.verdict import question, verdict_values
-from pipeline.run.failures import read_failures
+from pipeline.run.job import read_failures
 from pipeline.run.load import Results, collect, select_trials
 from pipeline.run.provenance import provenance, trial_states
 from pipeline.statistics.comparison import statistics

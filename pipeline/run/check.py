@@ -4,8 +4,8 @@ Every recording passes the stages of `pipeline.trial.process` that need no solve
 beginning; what one of them refuses is collected, and the next one follows.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Final, TypeVar
@@ -29,14 +29,12 @@ from pipeline.trial.gait.contact import require_contacts
 from pipeline.trial.gait.cycles import found_cycles
 from pipeline.trial.gait.events import SIDES, gait_events
 from pipeline.trial.ground.accelerometers import mean_belt_speed
-from pipeline.trial.ground.belt_calibration import read_belts
-from pipeline.trial.ground.calibration_check import read_check
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
-from pipeline.trial.ground.laboratory import Laboratory, bind, read_calibration
+from pipeline.trial.ground.laboratory import Laboratory, bind
 from pipeline.trial.ground.platform import platform_pose
 from pipeline.trial.ground.uncertainty import uncertainty_limits
 from pipeline.trial.quality import settling_s
-from pipeline.trial.study_files import labels_in_none, read_study_file, read_study_plates
+from pipeline.trial.study_files import labels_in_none, read_study_file, read_study_laboratory
 from pipeline.trial.subject import body_mass, subject_body
 from pipeline.trial.window import NO_POSE, counted_span, cycle_shortage
 
@@ -73,14 +71,12 @@ class Findings:
     """Name of a file -> notes on reading it."""
 
     def remark(self, place: str, *said: Note | str) -> None:
-        """Add what is not yet known of a place."""
-        found = (Finding(place, one) for one in said)
-        self.remarks += [one for one in dict.fromkeys(found) if one not in self.remarks]
+        """Add what is to be known of a place."""
+        self.add(Findings(remarks=[Finding(place, one) for one in said]))
 
     def fault(self, place: str, reason: str) -> None:
         """Add what stops a trial."""
-        if (fault := Finding(place, reason)) not in self.faults:
-            self.faults.append(fault)
+        self.add(Findings(faults=[Finding(place, reason)]))
 
     def attempt(self, place: str, action: Callable[[], Result]) -> Result | None:
         """Give what a function returns; where it raises, its message is a fault of the place."""
@@ -92,10 +88,8 @@ class Findings:
 
     def add(self, other: "Findings") -> None:
         """Add all that another check found."""
-        for fault in other.faults:
-            self.fault(fault.place, str(fault.said))
-        for remark in other.remarks:
-            self.remark(remark.place, remark.said)
+        self.faults += [one for one in other.faults if one not in self.faults]
+        self.remarks += [one for one in other.remarks if one not in self.remarks]
         self.read |= other.read
 
 
@@ -115,7 +109,15 @@ def check_study(study: Study) -> Findings:
     """
     found = Findings()
     found.attempt("study.toml", lambda: choose_engine(study.file.settings.engine))
-    laboratory = _check_laboratory(study, found)
+    laboratory = found.attempt("study.toml", lambda: read_study_laboratory(study))
+    laboratory = laboratory or Laboratory(study.file.treadmill)
+    found.remark("study.toml", *laboratory.notes)
+    if (calibration := laboratory.calibration) is not None:
+        file = str(study.file.treadmill.calibration)
+        found.remark(file, f"compensates {listed(calibration.plates)}", *calibration.notes)
+        found.remark(file, *describe_sensors(calibration.sensors))
+    elif not study.file.treadmill.calibration:
+        found.remark("study.toml", "no treadmill.calibration, so nothing will be compensated")
     trial_of: dict[Path, str] = {}
     for subject, person in study.subjects.items():
         for condition, trial in person.trials.items():
@@ -133,33 +135,6 @@ def check_study(study: Study) -> Findings:
     if absent := labels_in_none(found.read.values()):
         found.remark("study.toml", Note.of("rename_without_label", labels=absent))
     return found
-
-
-def _check_laboratory(study: Study, found: Findings) -> Laboratory:
-    """Read the calibrations, each by itself; give the treadmill with those that can be read."""
-    treadmill, stated = study.file.treadmill, study.stated
-    plates = found.attempt("study.toml", lambda: read_study_plates(study))
-    laboratory = Laboratory(treadmill, plates=plates)
-    if treadmill.calibration:
-        path, beside = study.path(treadmill.calibration), tuple(map(study.path, treadmill.beside))
-        calibration = found.attempt(
-            path.name, lambda: read_calibration(path, treadmill, stated, plates, beside)
-        )
-        laboratory = replace(laboratory, calibration=calibration)
-        if calibration is not None:
-            found.remark(path.name, f"compensates {listed(calibration.plates)}")
-            found.remark(path.name, *calibration.notes, *describe_sensors(calibration.sensors))
-            if treadmill.check:
-                other = study.path(treadmill.check)
-                day = found.attempt(other.name, lambda: read_check(other, laboratory, stated))
-                found.remark(other.name, *(day.notes if day is not None else ()))
-    else:
-        found.remark("study.toml", "no treadmill.calibration, so nothing will be compensated")
-    if treadmill.belt is not None:
-        belt = study.path(treadmill.belt.calibration)
-        read = found.attempt(belt.name, lambda: read_belts(belt, laboratory, stated))
-        found.remark(belt.name, *(read[1] if read is not None else ()))
-    return laboratory
 
 
 def _check_trial(
@@ -181,12 +156,8 @@ def _check_trial(
         own = Findings()
         preview = own.attempt(path.name, read)
         if preview is not None:
-            recording = own.attempt(
-                path.name, lambda: with_corrected_plates(preview.beginning, laboratory.plates)
-            )
-            if recording is not None:
-                rule = study.file.conditions[condition]
-                _Stages(study, rule, person, trial, laboratory, preview, recording, own).check()
+            rule = study.file.conditions[condition]
+            _check_stages(study, rule, person, trial, laboratory, preview, own)
         return own, preview
 
     own, preview = check(
@@ -203,186 +174,192 @@ def _check_trial(
     found.add(own)
 
 
-@dataclass(frozen=True, slots=True)
-class _Stages:
-    """The stages that the beginning of a recording passes, each as far as it can go."""
+def _check_stages(
+    study: Study,
+    rule: Condition,
+    person: SubjectFile,
+    trial: Trial,
+    laboratory: Laboratory,
+    preview: Preview,
+    found: Findings,
+) -> None:
+    """Pass the stages that a preview can pass, each as far as it can go."""
+    settings, name = study.file.settings, preview.beginning.source.name
 
-    study: Study
-    rule: Condition
-    person: SubjectFile
-    trial: Trial
-    laboratory: Laboratory
-    preview: Preview
-    recording: Recording
-    found: Findings
+    def corrected(recording: Recording) -> Recording:
+        found.read[recording.source.name] = recording.notes
+        return with_corrected_plates(recording, laboratory.plates)
 
-    @property
-    def name(self) -> str:
-        """Name of the recording's file."""
-        return self.recording.source.name
-
-    @property
-    def settings(self) -> Settings:
-        """How trials are processed."""
-        return self.study.file.settings
-
-    def check(self) -> None:
-        """Pass all stages."""
-        self.contents()
-        self.loads()
-        pose: Recording | None = self.recording
-        if (static := self.person.static) is not None:
-            pose = self.found.attempt(
-                self.study.path(static).name,
-                lambda: with_corrected_plates(
-                    read_study_file(self.study, static), self.laboratory.plates
-                ),
-            )
-        for each in filter(None, (self.recording, pose)):
-            self.found.read[each.source.name] = each.notes
-        body = self.body(pose) if pose is not None else None
-        if body is not None:
-            self.markers(body)
-            self.window(body)
-        self.ground()
-
-    def contents(self) -> None:
-        """Say what the file holds, and whether that is enough."""
-        recording, rate_hz, rule = self.recording, self.recording.markers.rate_hz, self.rule
-        duration_s = self.preview.frames / rate_hz
-        plates, analog = recording.plates, recording.analog
-        contents = [f"{duration_s:.1f} s, {len(recording.markers.names)} markers at {rate_hz:g} Hz"]
-        if plates:
-            contents.append(f"{len(plates)} plates at {plates[0].rate_hz:.6g} Hz")
-        if analog is not None:
-            channels = zip(analog.names, analog.units, strict=True)
-            contents.append("channels " + " ".join(f"{c} [{unit}]" for c, unit in channels))
-        contents.append(f"{len(recording.events) or 'no'} gait events")
-        self.found.remark(self.name, ", ".join(contents), *recording.notes)
-        if rule.cycles and duration_s < rule.skip_s + rule.cycles * MIN_CYCLE_S:
-            text = f"too short for {rule.cycles} gait cycles after {rule.skip_s:g} s"
-            self.found.remark(self.name, text)
-
-    def loads(self) -> None:
-        """Refuse plates on which nobody ever stands, and stated contacts that are not there."""
-        threshold_n = self.settings.contact_threshold_n
-        plates = {plate.number: plate for plate in self.recording.plates}
-        loaded = {
-            number: np.linalg.norm(plate.wrench_in_plate[:, :3], axis=1) > threshold_n
-            for number, plate in plates.items()
-        }
-        if not plates:
-            self.found.fault(self.name, self.recording.why_no_plates)
-        elif not any(each.any() for each in loaded.values()):
-            reason = f"nobody is on the plates: none is loaded by more than {threshold_n:g} N"
-            self.found.fault(self.name, reason)
-
-        def require(contact: PlateContact) -> None:
-            require_contacts([contact], [*plates], self.recording.markers.time)
-            number, time_s = contact.plate, contact.time_s
-            if not loaded[number][np.argmin(np.abs(plates[number].time - time_s))]:
-                raise ValueError(f"contacts: nobody is on plate {number} at {time_s:g} s")
-
-        for contact in self.trial.contacts if plates else ():
-            self.found.attempt(self.name, partial(require, contact))
-
-    def body(self, pose: Recording) -> Body | None:
-        """Weigh the subject and build the body."""
-        study, person, mass = self.study, self.person, None
-        if pose.plates or person.static:
-            mass = self.found.attempt(
-                self.name, lambda: body_mass(person.person, pose, self.recording)
-            )
-        if mass is not None:
-            self.found.remark(self.name, mass.note)
-        body = self.found.attempt(
-            self.name,
-            lambda: subject_body(
-                pose,
-                person.person,
-                self.settings,
-                mass.mass_kg if mass is not None else ASSUMED_MASS_KG,
-                marker_set=study.marker_set,
-                hip_trial=read_study_file(study, person.hip_trial) if person.hip_trial else None,
-                segments=read_segments(study.path(person.segments)) if person.segments else None,
-            ),
-        )
-        self.found.remark(self.name, *(body.notes if body is not None else ()))
-        return body
-
-    def markers(self, body: Body) -> None:
-        """Say which markers are there, what they leave unknown, and which are often missing."""
-        known = body.marker_set
-        present = list(known.present(self.recording.markers.names).segment)
-        needed = [marker for marker in known.markers if not marker.optional]
-        absent = [m.labels[0] for m in needed if not set(m.labels) & set(present)]
-        there = f"{len(needed) - len(absent)} of the {len(needed)} markers of {known.name}"
-        self.found.remark(self.name, f"{there}; missing: {listed(absent)}" if absent else there)
-        used = {segment for marker, segment in body.segment_of.items() if marker in present}
-        shown = {i for segment in used for i in support(LAST_Q[segment])}
-        locked = tuple(c for i, c in enumerate(COORDINATES) if i not in shown)
-        if locked:
-            self.found.remark(self.name, Note.of("coordinates_held", coordinates=locked))
-        missing = {m: self.preview.missing.get(m, 0.0) for m in present}
-        often = [f"{m} {100 * s:.0f} %" for m, s in missing.items() if s > MAX_MISSING_SHARE]
-        if often:
-            self.found.remark(self.name, f"often missing: {', '.join(often)}")
-
-    def window(self, body: Body) -> None:
-        """Look for what counts: gait events, or the span that is stated."""
-        settings, rule, markers = self.settings, self.rule, self.recording.markers
-        settling = settling_s(self.laboratory.filters(settings))
-        time = markers.time[0] + np.arange(self.preview.frames) / markers.rate_hz
-        every, least = np.ones(len(time), bool), settings.min_valid_share
-
-        def span() -> None:
-            low_pass(0 * time, time, settings.cutoff_hz, settings.filter)
-            counted_span(rule.wanted, {}, time, settling, every, least)
-
-        self.found.attempt(self.name, span)
-        if rule.wanted not in (None, "cycle"):
+    recording = found.attempt(name, lambda: corrected(preview.beginning))
+    if recording is None:
+        return
+    found.remark(name, _contents(recording, preview.frames), *recording.notes)
+    duration_s = preview.frames / recording.markers.rate_hz
+    if rule.cycles and duration_s < rule.skip_s + rule.cycles * MIN_CYCLE_S:
+        found.remark(name, f"too short for {rule.cycles} gait cycles after {rule.skip_s:g} s")
+    _check_loads(recording, trial.contacts, settings.contact_threshold_n, found)
+    pose, static = recording, person.static
+    if static is not None:
+        read = found.attempt(static, lambda: corrected(read_study_file(study, static)))
+        if read is None:
             return
-        events, note = gait_events(self.recording.events, markers, body.marker_set, settings.events)
-        unknown = note.code == "events_unknown"
-        if unknown and settings.events in (None, "auto", "plates"):
-            return  # these need poses, and other markers than those that stand in for them here
-        counted = [event for event in events if event.time >= rule.skip_s]
-        if rule.wanted == "cycle" and not found_cycles(events, SIDES):
-            reason = str(note) if unknown else cycle_shortage(events, (), time, every)
-            self.found.fault(self.name, reason)
-        elif rule.wanted == "cycle" and not found_cycles(counted, SIDES):
-            reason = f"no gait cycle begins after the first {rule.skip_s:g} s, skip_s"
-            self.found.fault(self.name, reason)
-        elif unknown:
-            self.found.remark(self.name, note)
+        pose = read
+    body = _check_body(study, person, pose, recording, found)
+    if body is not None:
+        _check_markers(body, preview, found)
+        _check_window(body, rule, preview, laboratory, settings, found)
+    _check_ground(recording, laboratory, rule, settings, found)
 
-    def ground(self) -> None:
-        """Look for everything that compensation, platform pose and perturbations need."""
-        recording, laboratory, found = self.recording, self.laboratory, self.found
-        treadmill, calibration = laboratory.treadmill, laboratory.calibration
-        bound, platform = None, treadmill.platform
-        if recording.plates:
-            delay_s = self.settings.plate_delay_s
-            bound = found.attempt(self.name, lambda: bind(recording, laboratory, delay_s))
-        if bound is not None and calibration is not None:
-            speed_mps = mean_belt_speed(bound.belts)
-            found.remark(self.name, *uncertainty_limits(speed_mps, calibration))
-        time = recording.markers.time
-        pose = found.attempt(self.name, lambda: platform_pose(recording, platform, time))
-        found.remark(self.name, *(pose[1] if pose is not None else ()))
-        if self.rule.part == "motion" and platform is None:
-            found.fault("study.toml", NO_POSE)
-        known = recording.analog.names if recording.analog is not None else ()
-        belts = treadmill.belt.speed_channels if treadmill.belt is not None else ()
-        for channel in filter(None, (*belts, self.rule.pulse_channel)):
-            if channel not in known:
-                reason = f"no analog channel {channel!r}{did_you_mean(channel, known)}"
-                found.fault(self.name, reason)
+
+def _contents(recording: Recording, frames: int) -> str:
+    """Say what a file holds."""
+    markers, plates, analog = recording.markers, recording.plates, recording.analog
+    duration_s = frames / markers.rate_hz
+    contents = [f"{duration_s:.1f} s, {len(markers.names)} markers at {markers.rate_hz:g} Hz"]
+    if plates:
+        contents.append(f"{len(plates)} plates at {plates[0].rate_hz:.6g} Hz")
+    if analog is not None:
+        channels = zip(analog.names, analog.units, strict=True)
+        contents.append("channels " + " ".join(f"{c} [{unit}]" for c, unit in channels))
+    return ", ".join([*contents, f"{len(recording.events) or 'no'} gait events"])
+
+
+def _check_loads(
+    recording: Recording, contacts: Sequence[PlateContact], threshold_n: float, found: Findings
+) -> None:
+    """Refuse plates on which nobody ever stands, and stated contacts that are not there."""
+    name, plates = recording.source.name, {plate.number: plate for plate in recording.plates}
+    loaded = {
+        number: np.linalg.norm(plate.wrench_in_plate[:, :3], axis=1) > threshold_n
+        for number, plate in plates.items()
+    }
+    if not plates:
+        found.fault(name, recording.why_no_plates)
+        return
+    if not any(each.any() for each in loaded.values()):
+        reason = f"nobody is on the plates: none is loaded by more than {threshold_n:g} N"
+        found.fault(name, reason)
+
+    def require(contact: PlateContact) -> None:
+        require_contacts([contact], [*plates], recording.markers.time)
+        number, time_s = contact.plate, contact.time_s
+        if not loaded[number][np.argmin(np.abs(plates[number].time - time_s))]:
+            raise ValueError(f"contacts: nobody is on plate {number} at {time_s:g} s")
+
+    for contact in contacts:
+        found.attempt(name, partial(require, contact))
+
+
+def _check_body(
+    study: Study, person: SubjectFile, pose: Recording, recording: Recording, found: Findings
+) -> Body | None:
+    """Weigh the subject and build the body."""
+    name, mass = recording.source.name, None
+    if pose.plates or person.static:
+        mass = found.attempt(name, lambda: body_mass(person.person, pose, recording))
+    if mass is not None:
+        found.remark(name, mass.note)
+    mass_kg = mass.mass_kg if mass is not None else ASSUMED_MASS_KG
+    body = found.attempt(
+        name,
+        lambda: subject_body(
+            pose,
+            person.person,
+            study.file.settings,
+            mass_kg,
+            marker_set=study.marker_set,
+            hip_trial=read_study_file(study, person.hip_trial) if person.hip_trial else None,
+            segments=read_segments(study.path(person.segments)) if person.segments else None,
+        ),
+    )
+    found.remark(name, *(body.notes if body is not None else ()))
+    return body
+
+
+def _check_markers(body: Body, preview: Preview, found: Findings) -> None:
+    """Say which markers are there, what they leave unknown, and which are often missing."""
+    name, known = preview.beginning.source.name, body.marker_set
+    present = list(known.present(preview.beginning.markers.names).segment)
+    needed = [marker for marker in known.markers if not marker.optional]
+    absent = [m.labels[0] for m in needed if not set(m.labels) & set(present)]
+    there = f"{len(needed) - len(absent)} of the {len(needed)} markers of {known.name}"
+    found.remark(name, f"{there}; missing: {listed(absent)}" if absent else there)
+    used = {segment for marker, segment in body.segment_of.items() if marker in present}
+    shown = {i for segment in used for i in support(LAST_Q[segment])}
+    locked = tuple(c for i, c in enumerate(COORDINATES) if i not in shown)
+    if locked:
+        found.remark(name, Note.of("coordinates_held", coordinates=locked))
+    missing = {m: preview.missing.get(m, 0.0) for m in present}
+    often = [f"{m} {100 * s:.0f} %" for m, s in missing.items() if s > MAX_MISSING_SHARE]
+    if often:
+        found.remark(name, f"often missing: {', '.join(often)}")
+
+
+def _check_window(
+    body: Body,
+    rule: Condition,
+    preview: Preview,
+    laboratory: Laboratory,
+    settings: Settings,
+    found: Findings,
+) -> None:
+    """Look for what counts: gait events, or the span that is stated."""
+    recording, markers = preview.beginning, preview.beginning.markers
+    name, settling = recording.source.name, settling_s(laboratory.filters(settings))
+    time = markers.time[0] + np.arange(preview.frames) / markers.rate_hz
+    every, least = np.ones(len(time), bool), settings.min_valid_share
+
+    def span() -> None:
+        low_pass(0 * time, time, settings.cutoff_hz, settings.filter)
+        counted_span(rule.wanted, {}, time, settling, every, least)
+
+    found.attempt(name, span)
+    if rule.wanted not in (None, "cycle"):
+        return
+    events, note = gait_events(recording.events, markers, body.marker_set, settings.events)
+    unknown = note.code == "events_unknown"
+    if unknown and settings.events in (None, "auto", "plates"):
+        return  # these need poses, and other markers than those that stand in for them here
+    counted = [event for event in events if event.time >= rule.skip_s]
+    if rule.wanted == "cycle" and not found_cycles(events, SIDES):
+        reason = str(note) if unknown else cycle_shortage(events, (), time, every)
+        found.fault(name, reason)
+    elif rule.wanted == "cycle" and not found_cycles(counted, SIDES):
+        found.fault(name, f"no gait cycle begins after the first {rule.skip_s:g} s, skip_s")
+    elif unknown:
+        found.remark(name, note)
+
+
+def _check_ground(
+    recording: Recording,
+    laboratory: Laboratory,
+    rule: Condition,
+    settings: Settings,
+    found: Findings,
+) -> None:
+    """Look for everything that compensation, platform pose and perturbations need."""
+    name, bound = recording.source.name, None
+    treadmill, calibration = laboratory.treadmill, laboratory.calibration
+    if recording.plates:
+        bound = found.attempt(name, lambda: bind(recording, laboratory, settings.plate_delay_s))
+    if bound is not None and calibration is not None:
+        speed_mps = mean_belt_speed(bound.belts)
+        found.remark(name, *uncertainty_limits(speed_mps, calibration))
+    platform, time = treadmill.platform, recording.markers.time
+    pose = found.attempt(name, lambda: platform_pose(recording, platform, time))
+    found.remark(name, *(pose[1] if pose is not None else ()))
+    if rule.part == "motion" and platform is None:
+        found.fault("study.toml", NO_POSE)
+    known = recording.analog.names if recording.analog is not None else ()
+    belts = treadmill.belt.speed_channels if treadmill.belt is not None else ()
+    for channel in filter(None, (*belts, rule.pulse_channel)):
+        if channel not in known:
+            found.fault(name, f"no analog channel {channel!r}{did_you_mean(channel, known)}")
 
 
 def study_recordings(study: Study) -> tuple[Path, ...]:
     """Give every recording that a study uses: trials, poses, hip trials, calibrations."""
-    names: list[str | None] = [*study.file.treadmill.files.values()]
+    names: list[str | None] = [*study.file.treadmill.files]
     for person in study.subjects.values():
         names += [person.static, person.hip_trial]
         for trial in person.trials.values():

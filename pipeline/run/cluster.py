@@ -6,7 +6,8 @@ from contextlib import suppress
 from importlib import import_module
 from typing import Any, Final
 
-from pipeline.run.job import WORKER_DIED, Job, Outcome, describe_error, process_job, stored_outcome
+from pipeline.io.input_file import describe_error
+from pipeline.run.job import WORKER_DIED, Job, Outcome, process_job, stored_outcome
 
 POLL_S: Final = 10.0
 """How often to ask for workers and finished trials: short compared with a trial, long compared with

@@ -1,16 +1,21 @@
-"""One trial of a study as a job: its key, its processing, its outcome."""
+"""One trial of a study as a job: its key, its processing, its outcome, why it failed."""
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Final, Literal
+
+from pydantic import TypeAdapter
 
 from hbm.engines.engine import engine_identity
 from hbm.notes import Note
 from pipeline.config.study import Study
-from pipeline.io.input_file import last_written
+from pipeline.io.input_file import describe_error, last_written
+from pipeline.io.write import write_text
 from pipeline.run.program import computation_digest
 from pipeline.run.store import FORMAT_VERSION, read_trial, write_trial
 from pipeline.trial.ground.laboratory import Laboratory
@@ -19,10 +24,6 @@ from pipeline.trial.result import TrialResult
 KEY_DIGITS: Final = 16
 """Of each SHA-256 in a trial's key: two differ but for a chance of 1 in 10¹⁹."""
 WORKER_DIED: Final = "the process that worked on it died; too little memory?"
-FileVersion = tuple[Path, tuple[int, int]]
-"""A file, and what changes when it is written anew (`pipeline.io.input_file.last_written`)."""
-known_digests: Final[dict[FileVersion, str]] = {}
-"""SHA-256 of files that were hashed in this process, or in the one that started it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,13 +84,6 @@ class Outcome:
         return self.reason if self.state == "failed" else None
 
 
-def prepare_processing(digests: Mapping[FileVersion, str]) -> None:
-    """Import what processes a trial, heavy and not needed for keys; know digests of files."""
-    import pipeline.trial.process  # noqa: F401
-
-    known_digests.update(digests)
-
-
 def process_job(job: Job, laboratory: Laboratory | None = None) -> Outcome:
     """Process one trial and write its result whole or not at all; failures become outcomes.
 
@@ -129,21 +123,6 @@ def _outcome(job: Job, state: Literal["done", "kept"], result: TrialResult) -> O
     return Outcome(job, state, of_calibration=result.of_calibration)
 
 
-def describe_error(error: BaseException) -> str:
-    """Describe an error in one line; an unforeseen one with its type and where it arose."""
-    text = " ".join("; ".join([str(error), *getattr(error, "__notes__", ())]).split())
-    if isinstance(error, OSError) and error.strerror:
-        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
-    if isinstance(error, ValueError) and text:
-        return text
-    trace = error.__traceback__
-    while trace is not None and trace.tb_next is not None:
-        trace = trace.tb_next
-    name = Path(trace.tb_frame.f_code.co_filename).name if trace is not None else ""
-    where = f" ({name}, line {trace.tb_lineno})" if trace is not None else ""
-    return f"{type(error).__name__}: {text}{where}"
-
-
 def trial_key(study: Study, subject: str, condition: str) -> str:
     """Give a digest of everything a trial's result depends on.
 
@@ -163,7 +142,7 @@ def trial_key(study: Study, subject: str, condition: str) -> str:
     person = study.subject(subject)
     trial = person.trials[condition]
     treadmill = study.file.treadmill
-    names = [trial.file, trial.forces, trial.record, *treadmill.files.values()]
+    names = [trial.file, trial.forces, trial.record, *treadmill.files]
     names += [person.static, person.hip_trial, person.segments, study.file.plates.calibration]
     stated = {
         "study": study.file.model_dump(exclude={"name", "conditions", "comparison"}),
@@ -219,10 +198,67 @@ def file_digest(path: Path) -> str:
     It is hashed once, until it is written to again.
     """
     try:
-        file = path, last_written(path)
-        if file not in known_digests:
-            with path.open("rb") as content:
-                known_digests[file] = hashlib.file_digest(content, "sha256").hexdigest()
-        return known_digests[file]
+        return _sha256(path, last_written(path))
     except OSError as error:
         return f"unreadable: {error.strerror}"
+
+
+@cache
+def _sha256(path: Path, version: tuple[int, int]) -> str:
+    """Hash a file; the version changes when it is written anew."""
+    with path.open("rb") as content:
+        return hashlib.file_digest(content, "sha256").hexdigest()
+
+
+FAILURES: Final = "failures.json"
+"""Collected from one file per trial, for several runs may work on one folder at the same time."""
+SUFFIX: Final = ".failed.json"
+_REASONS: Final = TypeAdapter(dict[str, str])
+
+
+def record_failure(target: Path, name: str, reason: str | None) -> None:
+    """Store beside a result why the trial failed, or, without a reason, remove what is stored."""
+    path = target.with_suffix(SUFFIX)
+    if reason is None:
+        path.unlink(missing_ok=True)
+    else:
+        write_text(json.dumps({name: reason}, ensure_ascii=False), path)
+
+
+def collect_failures(out: Path, known: Iterable[str]) -> dict[str, str]:
+    """Write ``failures.json`` from what is stored next to the results: trial -> reason.
+
+    Trials are "subject condition"; failures of those that the study does not have are removed.
+    """
+    wanted = set(known)
+    failures: dict[str, str] = {}
+    for path, stored in recorded_failures(out / "trials"):
+        if wanted.isdisjoint(stored):
+            path.unlink(missing_ok=True)
+        else:
+            failures |= stored
+    write_text(json.dumps(failures, indent=1, ensure_ascii=False), out / FAILURES)
+    return failures
+
+
+def recorded_failures(folder: Path) -> Iterator[tuple[Path, dict[str, str]]]:
+    """Give the files of `record_failure` in a folder and what they say; damaged ones left out."""
+    for path in sorted(folder.glob(f"*{SUFFIX}")):
+        with suppress(OSError, ValueError):
+            yield path, _reasons(path)
+
+
+def read_failures(folder: Path) -> dict[str, str]:
+    """Read ``failures.json``; empty where there is none, a ValueError says that it is damaged."""
+    path = folder / FAILURES
+    try:
+        return _reasons(path)
+    except FileNotFoundError:
+        return {}
+    except ValueError as error:
+        raise ValueError(f"{path} is damaged; run 'hbm run' again") from error
+
+
+def _reasons(path: Path) -> dict[str, str]:
+    """Read reasons by trial; a ValueError where a file holds anything else."""
+    return _REASONS.validate_json(path.read_bytes())

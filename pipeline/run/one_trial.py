@@ -15,7 +15,8 @@ from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated
 from pipeline.run.request import TrialRequest
 from pipeline.trial.ground.accelerometers import stated_accelerometers
-from pipeline.trial.ground.laboratory import Laboratory, read_laboratory
+from pipeline.trial.ground.calibrations import read_laboratory
+from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.result import TrialResult
 from pipeline.trial.study_files import naming_unused_renames, with_unused_renames
@@ -65,7 +66,7 @@ def process_request(
     marker_set = _own_marker_set(request.marker_set)
     shipped = request.marker_set if marker_set is None else None
     settings = request.part(Settings, marker_set=shipped, plate_delay_s=request.plate_delay)
-    stated, window = _stated(request), request.window
+    stated, condition = _stated(request), request.condition
     recording = read_requested(request)
     static, hip_trial = (
         read_recording(path, stated) if path else None
@@ -85,7 +86,7 @@ def process_request(
                 segments=read_segments(request.segments) if request.segments else None,
                 marker_set=marker_set,
                 laboratory=laboratory,
-                window=window,
+                condition=condition,
             )
     except ValueError as error:
         if request.trial.name not in str(error):

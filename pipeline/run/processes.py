@@ -17,7 +17,7 @@ from functools import cache
 from multiprocessing import resource_tracker
 from typing import Any, Final
 
-from joblib import Parallel, delayed
+from joblib import Parallel
 from threadpoolctl import threadpool_limits
 
 POLL_S: Final = 0.5
@@ -66,45 +66,10 @@ def in_processes(tasks: Iterable[Task], workers: int, *, ordered: bool = False) 
     order, and results would differ in their last digits with the number of workers.
     """
     if workers == 1:
-        with _one_thread():
+        with one_thread():
             for function, arguments, options in tasks:
                 yield function(*arguments, **options)
         return
-    with _started(tasks, workers, ordered) as results:
-        yield from results
-
-
-@contextmanager
-def starting_processes(workers: int, prepare: Callable[[], object]) -> Iterator[None]:
-    """Start the processes of `in_processes`, which prepare themselves while this one goes on.
-
-    Meanwhile linear algebra uses one thread in this process too.
-
-    Parameters
-    ----------
-    workers
-        How many; one is this process, which prepares nothing.
-    prepare
-        What each of them does first.
-
-    Raises
-    ------
-    concurrent.futures.process.BrokenProcessPool
-        If a process dies.
-    """
-    with ExitStack() as started:
-        results: Iterator[Any] = iter(())
-        if workers > 1:
-            results = started.enter_context(_started([delayed(prepare)()] * workers, workers))
-        with _one_thread():
-            yield
-        for _ in results:
-            pass
-
-
-@contextmanager
-def _started(tasks: Iterable[Task], workers: int, ordered: bool = False) -> Iterator[Iterator[Any]]:
-    """Start tasks in processes of their own, and give their results; see `in_processes`."""
     parallel = Parallel(
         workers,
         backend="loky",
@@ -119,7 +84,7 @@ def _started(tasks: Iterable[Task], workers: int, ordered: bool = False) -> Iter
         warnings.filterwarnings("ignore", "A worker stopped|.* tasks", UserWarning)
         with _held(signal.SIGINT, signal.SIGTERM), _interrupts_blocked():
             results = started.enter_context(closing(parallel(tasks)))
-        yield results
+        yield from results
 
 
 @cache
@@ -191,7 +156,7 @@ def _stay_with_kept_memory() -> None:
         executor._USE_PSUTIL = False
 
 
-def _one_thread() -> Any:
+def one_thread() -> Any:
     """Limit linear algebra to one thread until what this gives is left."""
     import scipy.linalg  # noqa: F401 - only what is loaded can be limited
 
@@ -207,7 +172,7 @@ def _begin() -> None:
     atexit.register(gc.freeze)  # as in `pipeline.cli.app.main`
     keep_freed_memory()
     _stay_with_kept_memory()
-    _one_thread()
+    one_thread()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_wait_for_end_of_parent, daemon=True).start()
 

@@ -112,7 +112,7 @@ def trial_states(
     results
         What `hbm run` left.
     failures
-        "subject condition" -> reason (`pipeline.run.failures.read_failures`).
+        "subject condition" -> reason (`pipeline.run.job.read_failures`).
     study
         What was to be done; without it, every subject is taken to have every condition.
 
@@ -239,7 +239,7 @@ def input_digests(study: Study) -> dict[str, str]:
         if trial.exclude is None
         for name in trial.files
     }
-    names |= {*study.file.treadmill.files.values()}
+    names |= {*study.file.treadmill.files}
     if study.file.plates.calibration:
         names.add(study.file.plates.calibration)
     return {name: file_digest(study.path(name)) for name in sorted(names)}

@@ -1,13 +1,19 @@
 """A request to process one trial: its file and every option of the command line about it."""
 
-from math import inf
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final
 
 from pydantic import BeforeValidator, Field
 
 from hbm.spelling import short
-from pipeline.config.schema import RecordingRules, Settings, Subject
+from pipeline.config.schema import (
+    MAX_STOP,
+    Condition,
+    Interval,
+    RecordingRules,
+    Settings,
+    Subject,
+)
 from pipeline.config.toml_file import Model
 
 NO_OPTIONS: Final = frozenset({"id", "age_years", "plate_delay_s"})
@@ -28,7 +34,17 @@ def _renamed(pairs: Any) -> Any:
     return rename
 
 
-class TrialRequest(Settings, Subject, RecordingRules):
+class RecordingRequest(RecordingRules):
+    """How recordings are to be read, as typed."""
+
+    rename: Annotated[dict[str, str], BeforeValidator(_renamed)] = Field(default_factory=dict)
+    """OLD=NEW: a label in the files and the one wanted; repeatable."""
+    accelerometer: tuple[str, ...] = ()
+    """SENSOR=X,Y,Z: channels of an accelerometer; default: as in the calibration, or named as
+    Acc1.X; repeatable."""
+
+
+class TrialRequest(Settings, Subject, RecordingRequest):
     """One trial to process, and how, as typed: settings, subject and rules, and the files.
 
     The options of the command line are made from these fields: ``--mass-kg`` is ``mass_kg``.
@@ -42,8 +58,6 @@ class TrialRequest(Settings, Subject, RecordingRules):
     """Ground reaction forces (.mot) of a .trc trial."""
     record: Path | None = None
     """D-Flow record file of a D-Flow mocap file."""
-    rename: Annotated[dict[str, str], BeforeValidator(_renamed)] = Field(default_factory=dict)
-    """OLD=NEW: a label in the files and the one wanted; repeatable."""
     hip_trial: Path | None = None
     """Recording in which the thighs swing, for --hip functional."""
     segments: Path | None = None
@@ -57,27 +71,25 @@ class TrialRequest(Settings, Subject, RecordingRules):
     """Calibration of the plates by known weights (hbm plates)."""
     calibration: Path | None = None
     """Calibration of the moving treadmill (hbm calibration fit)."""
-    accelerometer: tuple[str, ...] = ()
-    """SENSOR=X,Y,Z: channels of an accelerometer, if not as in the calibration; repeatable."""
     platform_markers: str = ""
     """Markers on a moving platform, e.g. PLAT1,PLAT2,PLAT3."""
 
     @property
-    def window(self) -> Literal["recording"] | tuple[float, float] | None:
-        """What counts in place of gait cycles; a ValueError where that is not understood."""
+    def condition(self) -> Condition:
+        """What counts; a ValueError where the span is not understood."""
         if self.span is None:
-            return None
+            return Condition()
         if self.span.strip().lower() == "all":
-            return "recording"
+            return Condition(window="recording")
         try:
             start, stop = (float(part) for part in self.span.split(","))
         except ValueError:
             start, stop = 0.0, 0.0
-        if not 0 <= start < stop < inf:
+        if not 0 <= start < stop <= MAX_STOP:
             raise ValueError(
                 f"--span {self.span!r}: expected start and stop in seconds, such as 5,15, or all"
             )
-        return start, stop
+        return Condition(window=Interval(start, stop, "s"))
 
     def part(self, kind: type[Model], **other: object) -> Model:
         """Give the settings, the subject or the rules of the request, with some values replaced."""

@@ -17,19 +17,18 @@ from hbm.kernels.native import kernels
 from pipeline.config.study import Study
 from pipeline.io.write import remove_leftovers, require_writable
 from pipeline.run.cluster import on_cluster
-from pipeline.run.failures import collect_failures, record_failure
 from pipeline.run.job import (
     WORKER_DIED,
     Job,
     Outcome,
-    known_digests,
-    prepare_processing,
+    collect_failures,
     process_job,
+    record_failure,
     replacement,
     stored_outcome,
     trial_key,
 )
-from pipeline.run.processes import in_processes, starting_processes
+from pipeline.run.processes import in_processes, one_thread
 from pipeline.run.store import record_study_folder
 from pipeline.trial.study_files import read_study_laboratory
 
@@ -85,7 +84,7 @@ def run_study(
     Examples
     --------
     >>> import pipeline
-    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
     >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
     >>> _ = Path("study.toml").write_text("[conditions.level]")
     >>> trials = '[trials.level]\nfile = "walk.c3d"'
@@ -202,9 +201,7 @@ def run_jobs(
         yield from on_cluster(todo, scheduler)
     elif todo:
         workers, laboratory = min(workers, len(todo)), None
-        # calibrated for all of them while processes start; what fails here fails again with a trial
-        prepare = partial(prepare_processing, known_digests)
-        with suppress(Exception), starting_processes(workers, prepare):
+        with suppress(Exception), one_thread():  # what fails here fails again with each trial
             laboratory = read_study_laboratory(todo[0].study)
         yield from work_on(todo, partial(process_job, laboratory=laboratory), workers)
 

@@ -31,12 +31,12 @@ from hbm.notes import Note
 from hbm.spatial import Array, Indices, Mask
 from hbm.spelling import short
 from pipeline.io.input_file import open_file
-from pipeline.io.recording import Event
+from pipeline.io.recording import Event, Plate
 from pipeline.io.write import whole_file, write_text
 from pipeline.trial.residuals import AXES, reported
-from pipeline.trial.result import CompensationUncertainty, PlateSurface, TrialResult
+from pipeline.trial.result import TrialResult
 
-FORMAT_VERSION: Final = 9
+FORMAT_VERSION: Final = 10
 """Of stored trials; raised with every change of what they hold."""
 METADATA: Final = b"hbm"
 DIGEST: Final = b"hbm.sha256"
@@ -133,7 +133,7 @@ def read_trial(path: Path, *, frames: bool = True) -> TrialResult:
     Examples
     --------
     >>> import pipeline
-    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
     >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
     >>> _ = Path("study.toml").write_text("[conditions.level]")
     >>> trials = '[trials.level]\nfile = "walk.c3d"'
@@ -176,12 +176,10 @@ def without_frames(result: TrialResult) -> TrialResult:
 
 def _metadata(result: TrialResult) -> bytes:
     """Give what a trial has besides its frames as JSON; numbers come back exactly."""
-    stored = {"version": FORMAT_VERSION, "frames": len(result.motion.time)}
-    stored |= {"engine": _plain(result.engine)}
-    stored |= {
-        f.name: _plain(getattr(result, f.name)) for f in fields(result) if f.name not in OF_FRAMES
-    }
-    return json.dumps(stored, ensure_ascii=False, separators=(",", ":")).encode()
+    rest = {f.name: getattr(result, f.name) for f in fields(result) if f.name not in OF_FRAMES}
+    first = {"version": FORMAT_VERSION, "frames": len(result.motion.time), "engine": result.engine}
+    text = json.dumps(first | rest, ensure_ascii=False, separators=(",", ":"), default=_plain)
+    return text.encode()
 
 
 def _of_this_format(text: bytes) -> dict[str, Any]:
@@ -196,20 +194,20 @@ def _of_this_format(text: bytes) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Give a value in the types of JSON."""
+    """Give what JSON does not know in types that it knows."""
     if isinstance(value, Note):
         return value.to_dict()
     if isinstance(value, BaseModel):
         return value.model_dump()
     if is_dataclass(value):
-        return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+        return {field.name: getattr(value, field.name) for field in fields(value)}
     if isinstance(value, Mapping):
-        return {name: _plain(inner) for name, inner in value.items()}
-    if isinstance(value, tuple):
-        return [_plain(inner) for inner in value]
+        return dict(value)
     if isinstance(value, np.ndarray):
         return value.tolist()
-    return value.name if isinstance(value, Path) else value
+    if isinstance(value, Path):
+        return value.name
+    raise TypeError(f"no place in JSON for {type(value).__name__}")
 
 
 def _typed(kind: Any, stored: Any) -> Any:
@@ -221,6 +219,8 @@ def _typed(kind: Any, stored: Any) -> Any:
         return _typed(next(each for each in inner if each is not NoneType), stored)
     if kind is Note:
         return Note.from_dict(stored)
+    if kind is Plate:  # no samples have no shape in JSON
+        stored = stored | {"wrench_in_plate": np.empty((0, 6))}
     if is_dataclass(kind):
         record: Any = kind
         return record(**{name: _typed(own, stored[name]) for name, own in _types(record).items()})
@@ -248,9 +248,7 @@ def _result(table: pa.Table, stored: Mapping[str, Any]) -> TrialResult:
     kinds = {name: kind for name, kind in _types(TrialResult).items() if name not in OF_FRAMES}
     rest = {name: _typed(kind, stored[name]) for name, kind in kinds.items()}
     rest["cycles"] = {side: spans.reshape(-1, 2) for side, spans in rest["cycles"].items()}
-    return TrialResult(
-        **rest, **_frames(table, _typed(EngineUsed, stored["engine"]), rest["plates"])
-    )
+    return TrialResult(**rest, **_frames(table, _typed(EngineUsed, stored["engine"])))
 
 
 def frame_table(result: TrialResult) -> pa.Table:
@@ -273,8 +271,8 @@ def frame_table(result: TrialResult) -> pa.Table:
         ``converged``, ``observed.NAME``, ``gradient`` of the inverse kinematics; ``quality``,
         the sum of the flags of `pipeline.trial.quality.Quality` that say why the frame does not
         count or is doubtful, 0 where nothing is. With a calibration of the platform, one standard
-        deviation due to the compensation: ``uncertainty.residual.Fx`` … and
-        ``uncertainty.plate_1.fx`` …, lab axes about the lab origin [N, N·m].
+        deviation of the residual due to the compensation: ``uncertainty.residual.Fx`` …, lab axes
+        [N, N·m].
     """
     motion, markers, pose = result.motion, result.markers, result.platform
     columns: dict[str, Column] = {"time_s": motion.time}
@@ -291,10 +289,8 @@ def frame_table(result: TrialResult) -> pa.Table:
     if pose is not None:
         both = np.hstack([pose.rotation.reshape(-1, 9), pose.position])
         columns |= _columns("platform", POSE, both)
-    if (spread := result.uncertainty) is not None:
-        columns |= _columns("uncertainty.residual", AXES, spread.residual)
-        for plate, values in zip(result.plates, spread.plates, strict=True):
-            columns |= _columns(f"uncertainty.plate_{plate.number}", WRENCH, values)
+    if result.uncertainty is not None:
+        columns |= _columns("uncertainty.residual", AXES, result.uncertainty)
     for k, name in enumerate(markers.names):
         columns |= _columns(f"marker.{name}", "xyz", markers.position[:, k])
     columns |= _by_coordinate("observed", motion.observed)
@@ -307,7 +303,7 @@ def frame_table(result: TrialResult) -> pa.Table:
     return pa.table({name: pa.array(column) for name, column in columns.items()})
 
 
-def _frames(table: pa.Table, engine: EngineUsed, plates: Sequence[PlateSurface]) -> dict[str, Any]:
+def _frames(table: pa.Table, engine: EngineUsed) -> dict[str, Any]:
     """Read the columns of `frame_table` back, equal to the last bit; KeyError if one is missing."""
 
     def read(prefix: str, names: Iterable[str]) -> Array:
@@ -339,10 +335,6 @@ def _frames(table: pa.Table, engine: EngineUsed, plates: Sequence[PlateSurface])
         feet = named(f"ground.{name}.", f".{WRENCH[0]}")
         ground[name] = {foot: read(f"ground.{name}.{foot}", WRENCH) for foot in feet}
     pose = read("platform", POSE) if named("platform.") else None
-    spread = None
-    if named("uncertainty."):
-        of_plates = (read(f"uncertainty.plate_{plate.number}", WRENCH) for plate in plates)
-        spread = CompensationUncertainty(tuple(of_plates), read("uncertainty.residual", AXES))
     return {
         "markers": Markers(
             time, names, np.stack(position, axis=1) if position else np.empty((len(time), 0, 3))
@@ -354,7 +346,7 @@ def _frames(table: pa.Table, engine: EngineUsed, plates: Sequence[PlateSurface])
         if pose is None
         else PlatformPose(pose[:, :9].reshape(-1, 3, 3), pose[:, 9:]),
         "quality": table.column("quality").to_numpy(),
-        "uncertainty": spread,
+        "uncertainty": read("uncertainty.residual", AXES) if named("uncertainty.") else None,
     }
 
 

@@ -20,7 +20,7 @@ from hbm.plausibility.labels import (
 )
 from hbm.plausibility.motion import impossible_angles, large_marker_errors, undetermined_notes
 from hbm.signals.samples import stretches
-from hbm.spatial import GRAVITY_MPS2, Array, Mask, shift_wrench
+from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array, Mask, shift_wrench
 from pipeline.io.recording import Recording
 from pipeline.trial.subject import (
     MAX_STILL_EXTENT_M,
@@ -171,16 +171,12 @@ def shown_frames(body: Body, motion: Motion) -> Mask:
         return, the pose of what they helped to show jumps, and the filters have to settle as beside
         a gap of all markers.
     """
-    gaps = [_no_pelvis_marker(body, motion)]
-    for _, share, lost, _ in _lost_limbs(body, motion):
-        if share >= MIN_HEAVY_SHARE:
-            gaps.append(lost)
-    for limb in LEGS:
-        for part in LIMBS[limb]:
-            own = np.array([c.segment == part for c in TREE])
-            missing: Mask = np.asarray(_unseen(body, motion)[:, own].any(axis=1))
-            if missing.mean() < MAX_MISSING_SHARE:
-                gaps.append(missing)
+    unseen, gaps = _unseen(body, motion), [_no_pelvis_marker(body, motion)]
+    gaps += [lost for _, share, lost, _ in _lost_limbs(body, motion) if share >= MIN_HEAVY_SHARE]
+    for part in (part for leg in LEGS for part in LIMBS[leg]):
+        missing: Mask = np.asarray(unseen[:, [c.segment == part for c in TREE]].any(axis=1))
+        if missing.mean() < MAX_MISSING_SHARE:
+            gaps.append(missing)
     return np.asarray(~np.any(gaps, axis=0))
 
 
@@ -280,7 +276,6 @@ MAX_REST_N: Final = 10.0
 MAX_TOTAL_REST_N: Final = 20.0
 """Of all plates together: 3 % of the weight of a light adult."""
 
-COMPONENTS: Final = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 MAX_REST: Final = np.array([10.0, 10.0, np.inf, 5.0, 5.0, 5.0])
 """Of an unloaded plate, moments about its centre [N, N·m]; real plates, zeroed before the session,
 read a few newtons. The vertical force is judged by itself."""
@@ -337,7 +332,7 @@ def check_plates(
             at_rest = np.abs(means[:, 2] - level) <= REST_SPREAD_N / 2
             usual = np.median(means[at_rest], axis=0) if at_rest.any() else np.zeros(6)
             far = np.flatnonzero(np.abs(usual) > MAX_REST)
-            others += [f"{name} {COMPONENTS[k]} {usual[k]:+.0f}" for k in far]
+            others += [f"{name} {WRENCH_COMPONENTS[k]} {usual[k]:+.0f}" for k in far]
     notes = list[Note]()
     largest_n, total_n = max(map(abs, rest_n.values()), default=0), sum(rest_n.values())
     if others or largest_n > MAX_REST_N or abs(total_n) > MAX_TOTAL_REST_N:

@@ -6,8 +6,8 @@ from hbm.body import Body
 from hbm.engines.engine import choose_engine
 from hbm.markers import MarkerSet, recognise_marker_set
 from hbm.notes import Note
-from hbm.overrides import SegmentOverride
 from hbm.plausibility.motion import implausible
+from hbm.segments import SegmentOverride
 from hbm.spatial import GRAVITY_MPS2, Indices
 from pipeline.config.schema import (
     Condition,
@@ -22,19 +22,14 @@ from pipeline.io.recording import Event, Recording
 from pipeline.trial.checks import check_markers, check_motion, check_plates, other_person
 from pipeline.trial.gait.contact import contact_notes
 from pipeline.trial.gait.cycles import found_cycles
-from pipeline.trial.gait.detection import EventSources, detect_events, foot_motion
-from pipeline.trial.gait.events import (
-    TIMED_BY_PLATES,
-    agreement_with_plates,
-    check_events,
-    reference_events,
-)
+from pipeline.trial.gait.detection import detect_events, foot_motion, plate_events
+from pipeline.trial.gait.events import check_events, reference_events
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import BoundLaboratory, Laboratory, bind
 from pipeline.trial.ground.uncertainty import uncertainty_notes
 from pipeline.trial.ground.wrenches import Ground, ground_wrenches, plate_loads
 from pipeline.trial.quality import NO_SUPPORT, carried_notes, free_of, settling_s
-from pipeline.trial.result import PlateSurface, TrialResult
+from pipeline.trial.result import TrialResult
 from pipeline.trial.stages import (
     Loads,
     Pose,
@@ -52,13 +47,12 @@ from pipeline.trial.study_files import (
 )
 from pipeline.trial.subject import (
     ON_PLATES,
-    BodyMass,
     body_mass,
     carried_mass,
     differing_masses,
     subject_body,
 )
-from pipeline.trial.window import WantedWindow, what_counts
+from pipeline.trial.window import what_counts
 
 
 def process_recording(
@@ -73,7 +67,6 @@ def process_recording(
     marker_set: MarkerSet | None = None,
     laboratory: Laboratory | None = None,
     condition: Condition | None = None,
-    window: WantedWindow = None,
     contacts: Sequence[PlateContact] = (),
     jobs: int = 1,
 ) -> TrialResult:
@@ -98,11 +91,9 @@ def process_recording(
     laboratory
         The treadmill and its calibrations; by default one that stands still.
     condition
-        Which gait cycles count; by default all of the right foot, or of the left one if the right
-        has none.
-    window
-        What counts: "cycle", "recording", or a span (start, stop) [s]; by default gait cycles, and
-        the whole recording where there is none.
+        What counts: which gait cycles, the recording, or a span of it; by default all cycles of the
+        right foot, or of the left one if the right has none, and the whole recording where there is
+        none.
     contacts
         Whose foot was on a plate, where a person knows better.
     jobs
@@ -124,7 +115,7 @@ def process_recording(
     Examples
     --------
     >>> import pipeline
-    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
     >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
     >>> walk = pipeline.read_c3d("walk.c3d")
     >>> result = pipeline.process_recording(walk, pipeline.Subject(sex="male"), pipeline.Settings())
@@ -139,7 +130,9 @@ def process_recording(
     notes += recording.notes
 
     # body: segments and joints from the calibration pose, scaled by mass and stature
-    mass = _body_mass(subject, settings, standing, recording, marker_set)
+    if marker_set is None and settings.marker_set is None:
+        marker_set = recognise_marker_set(standing.markers.names)
+    mass = body_mass(subject, standing, recording)
     body = subject_body(
         standing,
         subject,
@@ -163,15 +156,15 @@ def process_recording(
     notes += check_plates(recording, ground.variants[ground.best], mass.mass_kg)
 
     # dynamics: joint forces and pelvis residual of every variant
-    loads = dynamics_under_feet(body, pose, ground, recording.plates, settings, contacts, jobs)
+    loads = dynamics_under_feet(body, pose, ground, settings, contacts, jobs)
     notes += (loads.dynamics[ground.best].engine.note, *contact_notes(loads.shared, motion.time))
 
     # quality: in which frames pose and support are known and filters have settled
     settling = settling_s(laboratory.filters(settings))
-    quality = frame_quality(body, pose, ground, loads, recording.plates, settings, settling)
+    quality = frame_quality(body, pose, ground, loads, settings, settling)
     counts = free_of(quality)
     uncertainty = ground.uncertainty(motion.q[:, :3])
-    notes += uncertainty_notes(uncertainty.residual[counts]) if uncertainty else ()
+    notes += () if uncertainty is None else uncertainty_notes(uncertainty[counts])
     notes += carried_notes(quality, motion.time, loads.need, loads.measured)
 
     # gait: events, the cycles that count, and the delay that the residuals show
@@ -181,7 +174,6 @@ def process_recording(
         events,
         quality,
         condition or Condition(),
-        window,
         settling,
         ground.pose,
         notes,
@@ -200,7 +192,7 @@ def process_recording(
         body=body,
         markers=recording.markers,
         first_frame=recording.first_frame,
-        plates=tuple(PlateSurface(p.number, p.center, p.corners) for p in recording.plates),
+        plates=tuple(plate.place for plate in recording.plates),
         motion=motion,
         variants=known_forces(loads.dynamics, quality),
         ground=loads.wrenches,
@@ -255,7 +247,7 @@ def process_trial(
     --------
     >>> from pathlib import Path
     >>> import pipeline
-    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
     >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
     >>> _ = Path("study.toml").write_text("[conditions.level]")
     >>> trials = '[trials.level]\nfile = "walk.c3d"'
@@ -288,31 +280,9 @@ def process_trial(
             marker_set=study.marker_set,
             laboratory=laboratory or read_study_laboratory(study),
             condition=rule,
-            window=rule.wanted,
             contacts=trial.contacts,
             jobs=jobs,
         )
-
-
-def _body_mass(
-    subject: Subject,
-    settings: Settings,
-    pose: Recording,
-    recording: Recording,
-    marker_set: MarkerSet | None,
-) -> BodyMass:
-    """Give the body mass; where it is missing and the labels are unknown, name these first."""
-    try:
-        return body_mass(subject, pose, recording)
-    except ValueError as error:
-        if marker_set is None and settings.marker_set is None:
-            try:
-                recognise_marker_set(pose.markers.names)
-            except ValueError as unknown:
-                raise ValueError(
-                    f"{pose.source.name}: {unknown}; the mass is missing too (--mass-kg)"
-                ) from error
-        raise
 
 
 def _require_plates(recording: Recording) -> None:
@@ -334,22 +304,15 @@ def _events(
     settings: Settings,
 ) -> tuple[Event, ...]:
     """Give a trial's gait events by the method of the settings; checks of them are noted."""
-    time, threshold_n, feet = pose.motion.time, settings.contact_threshold_n, loads.shared.by_foot
-    sources = EventSources(
-        lab.recording.events,
-        pose.markers,
-        body.marker_set,
-        foot_motion(body, time, pose.solved.q, ground.pose),
-        loads.shared.contacts,
-        plate_loads(lab),
-        body.mass * GRAVITY_MPS2,
+    time, markers = pose.motion.time, pose.markers
+    of_plates = plate_events(
+        loads.shared.contacts, plate_loads(lab), time, body.mass * GRAVITY_MPS2
     )
-    events, method, note = detect_events(sources, settings.events)
+    motion = foot_motion(body, time, pose.solved.q, ground.pose)
+    events, method, note = detect_events(
+        lab.recording.events, of_plates, motion, markers, body.marker_set, settings.events
+    )
     carried = free_of(quality, NO_SUPPORT)
-    reference = reference_events(
-        feet, time, threshold_n, pose.markers, body.marker_set, carried, method
-    )
+    reference = reference_events(of_plates, markers, body.marker_set, carried, method)
     notes += (note, *check_events(events, reference))
-    if method not in TIMED_BY_PLATES:
-        notes += agreement_with_plates(events, feet, time, threshold_n)
     return events

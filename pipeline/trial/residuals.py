@@ -205,7 +205,7 @@ def residual_table(result: TrialResult, condition: str) -> pd.DataFrame:
     Examples
     --------
     >>> import pipeline
-    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
     >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
     >>> subject = pipeline.Subject(sex="male", mass_kg=74.6)
     >>> walk = pipeline.read_c3d("walk.c3d")
@@ -237,7 +237,7 @@ def _summary(result: TrialResult, condition: str, window: Window, variant: str) 
     rms = np.sqrt(np.mean(value**2, axis=0))
     spread = np.full(len(AXES), np.nan)
     if variant == "compensated" and result.uncertainty is not None:
-        spread = np.sqrt(np.mean(result.uncertainty.residual[counts] ** 2, axis=0))
+        spread = np.sqrt(np.mean(result.uncertainty[counts] ** 2, axis=0))
     return pd.DataFrame(
         {
             "subject": result.subject.id,

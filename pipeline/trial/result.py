@@ -19,9 +19,9 @@ from hbm.engines.engine import EngineUsed
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.notes import Note
-from hbm.spatial import Array, Indices, Mask, read_only
+from hbm.spatial import Array, Indices, Mask
 from pipeline.config.schema import Settings, Subject
-from pipeline.io.recording import Event
+from pipeline.io.recording import Event, Plate
 from pipeline.trial.quality import free_of
 
 
@@ -38,34 +38,6 @@ PACKAGES: Final = ("hbm-residuals", "casadi", "numpy", "scipy", "pandas", "pyarr
 def package_versions() -> Mapping[str, str]:
     """Give the versions of this program and of what computes and stores a trial."""
     return {name: version(name) for name in PACKAGES}
-
-
-@dataclass(frozen=True, slots=True)
-class PlateSurface:
-    """Where a force plate is, with the platform in neutral.
-
-    Attributes
-    ----------
-    number
-        The plate's number in its file, from 1.
-    center
-        Centre of its surface, (3,) [m].
-    corners
-        Corners of its surface, (4, 3) [m]; NaN where the file does not state them.
-    """
-
-    number: int
-    center: Array
-    corners: Array
-
-    def __post_init__(self) -> None:
-        for name, shape in (("center", (3,)), ("corners", (4, 3))):
-            value = read_only(getattr(self, name))
-            if value.shape != shape:
-                raise ValueError(
-                    f"plate {self.number}: {name} must have shape {shape}, got {value.shape}"
-                )
-            object.__setattr__(self, name, value)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,22 +72,6 @@ class CyclePart:
 
 
 @dataclass(frozen=True, slots=True)
-class CompensationUncertainty:
-    """One standard deviation of compensated wrenches due to the compensation.
-
-    Attributes
-    ----------
-    plates
-        Per plate, in the order of the plates, lab axes about the lab origin, (T, 6) [N, N·m].
-    residual
-        Of the residuals with compensation, about the pelvis origin, (T, 6) [N, N·m].
-    """
-
-    plates: tuple[Array, ...]
-    residual: Array
-
-
-@dataclass(frozen=True, slots=True)
 class TrialResult:
     """Everything that is known of a trial once it has been processed.
 
@@ -134,7 +90,7 @@ class TrialResult:
     first_frame
         Number of the first frame in the recording's own counting.
     plates
-        Where the force plates are.
+        Where the force plates are with the platform in neutral: without samples.
     motion
         Filtered motion with marker errors.
     variants
@@ -170,7 +126,8 @@ class TrialResult:
     part
         The part of the gait cycles that the condition asks for; None for all of them.
     uncertainty
-        Of the compensation; None without a calibration of the platform.
+        One standard deviation of the residual with compensation, due to the compensation, lab axes
+        about the pelvis origin, (T, 6) [N, N·m]; None without a calibration of the platform.
     condition, key
         Name of the condition, and digest of everything that the trial depends on
         (`pipeline.run.job.trial_key`); empty outside a study.
@@ -180,7 +137,7 @@ class TrialResult:
     Examples
     --------
     >>> import pipeline
-    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
     >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
     >>> walk = pipeline.read_c3d("walk.c3d")
     >>> result = pipeline.process_recording(walk, pipeline.Subject(sex="male"), pipeline.Settings())
@@ -196,7 +153,7 @@ class TrialResult:
     body: Body
     markers: Markers
     first_frame: int
-    plates: tuple[PlateSurface, ...]
+    plates: tuple[Plate, ...]
     motion: Motion
     variants: Mapping[str, Dynamics]
     ground: dict[str, dict[str, Array]]
@@ -212,7 +169,7 @@ class TrialResult:
     overridden_segments: tuple[str, ...] = ()
     onsets: Array = field(default_factory=lambda: np.empty(0))
     part: CyclePart | None = None
-    uncertainty: CompensationUncertainty | None = None
+    uncertainty: Array | None = None
     condition: str = ""
     key: str = ""
     versions: Mapping[str, str] = field(default_factory=package_versions)

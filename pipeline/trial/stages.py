@@ -30,7 +30,6 @@ from hbm.plausibility.outliers import solve_motion
 from hbm.signals.filtering import acceleration_lag_s, low_pass
 from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask
 from pipeline.config.schema import PlateContact, Settings
-from pipeline.io.recording import Plate
 from pipeline.trial.checks import known_frames, rest_level, shown_frames
 from pipeline.trial.gait.carried import Support, places_of
 from pipeline.trial.gait.contact import (
@@ -71,7 +70,7 @@ class Loads:
     Attributes
     ----------
     shared
-        Whose foot each plate carries, and the unfiltered wrenches of the best variant.
+        Whose foot each plate carries.
     wrenches
         Variant -> foot -> filtered wrench, lab axes about the lab origin, (T, 6) [N, N·m].
     dynamics
@@ -92,7 +91,6 @@ def dynamics_under_feet(
     body: Body,
     pose: Pose,
     ground: Ground,
-    plates: Sequence[Plate],
     settings: Settings,
     contacts: Sequence[PlateContact] = (),
     jobs: int = 1,
@@ -107,13 +105,12 @@ def dynamics_under_feet(
         ground.variants[ground.best],
         feet_of(body, pose.solved),
         settings.contact_threshold_n,
-        numbers=[plate.number for plate in plates],
+        numbers=[plate.number for plate in ground.plates],
         stated=contacts,
         method=settings.filter,
     )
-    on = np.stack(shared.foot_of_plates, axis=1)
     wrenches = {
-        variant: _filtered(by_foot(np.stack(own, axis=1), on), motion.time, settings)
+        variant: _filtered(by_foot(np.stack(own, axis=1), shared.on), motion.time, settings)
         for variant, own in ground.variants.items()
     }
     found = inverse_dynamics_variants(
@@ -141,7 +138,6 @@ def frame_quality(
     pose: Pose,
     ground: Ground,
     loads: Loads,
-    plates: Sequence[Plate],
     settings: Settings,
     settling: tuple[float, float],
 ) -> Indices:
@@ -155,7 +151,7 @@ def frame_quality(
             Quality.POSE_UNKNOWN: ~known,
             Quality.LIMB_UNSEEN: ~shown,
             Quality.FORCES_UNKNOWN: ~ground.known,
-            Quality.NOT_CARRIED: ~_carried(body, motion, ground, loads, plates, settings),
+            Quality.NOT_CARRIED: ~_carried(body, motion, ground, loads, settings),
             Quality.SETTLING: ~settled_frames(gapless, motion.time, settling),
             Quality.FOOT_UNCERTAIN: loads.shared.ambiguous,
         }
@@ -167,7 +163,6 @@ def _carried(
     motion: Motion,
     ground: Ground,
     loads: Loads,
-    plates: Sequence[Plate],
     settings: Settings,
 ) -> Mask:
     """Find the frames in which the plates carry the subject, (T,), by `Support`.
@@ -180,7 +175,7 @@ def _carried(
         at_rest = np.array([rest_level(w[:, 2], motion.time, weight_n) or 0.0 for w in best])
     support = Support(
         body,
-        [plate.corners for plate in plates],
+        [plate.corners for plate in ground.plates],
         settings.contact_threshold_n,
         settings.cutoff_hz,
         settings.filter,
@@ -190,7 +185,7 @@ def _carried(
     return support.carried(
         support.feet(motion.time, places_of(body, motion.q), platform),
         np.stack(best, axis=1),
-        np.column_stack(loads.shared.foot_of_plates),
+        loads.shared.on,
         loads.need,
         loads.measured,
         platform,

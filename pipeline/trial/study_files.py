@@ -6,15 +6,14 @@ from dataclasses import replace
 
 from compensation import Calibration
 from hbm.notes import Note
-from pipeline.config.plate_correction import PlateCorrection, read_plate_correction
+from pipeline.config.plate_correction import read_plate_correction
 from pipeline.config.schema import Trial
 from pipeline.config.study import Study
-from pipeline.config.toml_file import missing_file
+from pipeline.config.toml_file import require_file
 from pipeline.io.read import read_recording
 from pipeline.io.recording import Recording
-from pipeline.trial.ground.belt_calibration import read_belts
-from pipeline.trial.ground.calibration_check import read_check
-from pipeline.trial.ground.laboratory import Laboratory, read_calibration
+from pipeline.trial.ground.calibrations import read_belts, read_calibration, read_check
+from pipeline.trial.ground.laboratory import Laboratory
 
 
 def read_study_file(
@@ -41,12 +40,11 @@ def read_study_file(
     Raises
     ------
     ValueError
-        If one of the files is missing, with the nearest name that is there.
+        If one of them is missing, with the nearest name that is there.
     """
     trial = trial or Trial()
-    wanted = [each for each in (name, trial.forces, trial.record) if each]
-    if missing := [line for each in wanted for line in missing_file(study.folder, "", each)]:
-        raise ValueError("; ".join(missing))
+    for wanted in filter(None, (name, trial.forces, trial.record)):
+        require_file(study.folder, wanted)
     return read_recording(
         study.path(name),
         study.stated,
@@ -65,7 +63,8 @@ def read_study_laboratory(study: Study) -> Laboratory:
         If a calibration cannot be read or fitted, or was fitted to otherwise corrected plates.
     """
     treadmill, stated = study.file.treadmill, study.stated
-    plates = read_study_plates(study)
+    file = study.file.plates.calibration
+    plates = read_plate_correction(study.path(file)) if file else None
     calibration: Calibration | None = None
     if treadmill.calibration:
         beside = tuple(map(study.path, treadmill.beside))
@@ -79,12 +78,6 @@ def read_study_laboratory(study: Study) -> Laboratory:
         return laboratory
     found = read_check(study.path(treadmill.check), laboratory, stated)
     return replace(laboratory, notes=(*laboratory.notes, *found.notes))
-
-
-def read_study_plates(study: Study) -> PlateCorrection | None:
-    """Read the calibration of a study's plates; None where none is stated."""
-    name = study.file.plates.calibration
-    return read_plate_correction(study.path(name)) if name else None
 
 
 def with_unused_renames(recording: Recording, *others: Recording | None) -> Recording:

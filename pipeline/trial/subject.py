@@ -13,7 +13,7 @@ from hbm.calibration_pose.functional import functional_hips
 from hbm.coordinates import SIDES
 from hbm.markers import MarkerSet, marker_sets
 from hbm.notes import Note
-from hbm.overrides import SegmentOverride
+from hbm.segments import SegmentOverride
 from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.recording import Recording

@@ -124,7 +124,6 @@ def what_counts(
     events: Sequence[Event],
     quality: Indices,
     rule: Condition,
-    wanted: WantedWindow,
     settling: tuple[float, float],
     pose: PlatformPose | None,
     notes: list[Note],
@@ -135,7 +134,7 @@ def what_counts(
     Parameters are those of `cut_cycles`, `select_cycles`, `perturbed_part` and `counted_span`, and
     so are the errors; the platform's pose is at the T frames. What is left out is noted.
     """
-    time, counts = recording.markers.time, free_of(quality)
+    time, counts, wanted = recording.markers.time, free_of(quality), rule.wanted
     usable, left_out = cut_cycles(events, time, quality, min_valid_share)
     onsets = perturbation_onsets(recording, rule, pose) if rule.perturbed else np.empty(0)
     cycles, selection = select_cycles(usable, rule, onsets)

@@ -7,9 +7,9 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from hbm.spatial import Array
-from pipeline.trial.residuals import AXES, DIRECTIONS, UNITS
+from pipeline.trial.residuals import AXES
 from pipeline.viewer.file import rgba
-from pipeline.viewer.plots import BACKGROUND, HEIGHT, SHOWN_CYCLES, WIDTH
+from pipeline.viewer.plots import BACKGROUND, HEIGHT, SHOWN_CYCLES, WIDTH, panel_name
 from pipeline.viewer.scene import GROUND_SCALE, MIN_ERROR_LINE_M, RESIDUAL_SCALES
 
 WINDOW_S: Final = 2.0
@@ -143,7 +143,7 @@ def _residuals(name: str, shown: rrb.VisibleTimeRange, columns: int = 2) -> rrb.
     """Give six panels: forces left of moments in two columns, above them in three."""
     panels = [
         _series(
-            f"{AXES[k]} {'about ' if k > 2 else ''}{DIRECTIONS[k]} ({UNITS[k]})",
+            panel_name(k),
             f"residual/{AXES[k]}",
             shown,
             plot_legend=rrb.PlotLegend(visible=k == 0),

@@ -16,7 +16,7 @@ from typing import Any, Final, Literal
 from hbm.model import Body
 from hbm.spatial import Array
 from pipeline.config.schema import Settings
-from pipeline.trial.result import PlateSurface
+from pipeline.io.recording import Plate
 
 Screen = Literal["window", "browser", "none"]
 """A window of its own, a page for a browser of this machine, or pictures that nobody sees."""
@@ -93,7 +93,7 @@ class LiveScene:
     """
 
     body: Body
-    plates: Sequence[PlateSurface]
+    plates: Sequence[Plate]
     markers: Sequence[str]
     variants: Sequence[str]
     screen: Screen = "window"

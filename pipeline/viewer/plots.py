@@ -13,52 +13,41 @@ import rerun as rr
 from hbm.signals.samples import stretches
 from hbm.spatial import Array, Mask
 from pipeline.figures.style import COLOURS
-from pipeline.io.recording import Event
 from pipeline.trial.residuals import AXES, DIRECTIONS, UNITS
 from pipeline.viewer.file import Clock, Timelines, printable, rgba, send
 
-Interval = tuple[float, float, str]
-"""Start and stop [s], and a label."""
-Change = tuple[float, str | None]
-"""Time [s], and the state from then on."""
-
-PHASES: Final = {"foot_strike": "stance", "foot_off": "swing"}
-PHASE_COLOURS: Final = {"stance": "#009E73", "swing": "#3A4A45"}
 LARGEST_COLOURS: Final = ("#E69F00", "#56B4E9", "#009E73", "#F0E442", "#CC79A7")
 OTHER_COLOUR: Final = "#4A4F57"
 
 SHOWN_CYCLES: Final = 10
 COLUMNS: Final = 3
 CELL: Final = np.array([384.0, 188.0])
-"""Width and height of a plot with its labels."""
-CORNER: Final = np.array([46.0, 30.0])
-SIZE: Final = np.array([318.0, 128.0])
-"""Of a plot's frame; its corner is that far from the corner of its cell."""
+"""Width and height of a plot with its title."""
+SIZE: Final = np.array([360.0, 150.0])
+"""Of a plot's frame, whose corner is so far from that of its cell:"""
+CORNER: Final = np.array([12.0, 30.0])
 CORNERS: Final = np.array([[k % COLUMNS, k // COLUMNS] * CELL + CORNER for k in range(len(AXES))])
 """Upper left corners of the frames, (6, 2)."""
 WIDTH: Final = float(COLUMNS * CELL[0])
 HEIGHT: Final = float(2 * CELL[1])
-FRAME: Final = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]) * SIZE
-GRID: Final = [np.array([[0, 0.5], [1, 0.5]]) * SIZE] + [
-    np.array([[x, 0], [x, 1]]) * SIZE for x in (0.25, 0.5, 0.75)
-]
-LABEL_PLACES: Final = np.array(
-    [[SIZE[0] / 2, -26]]
-    + [[x * SIZE[0], SIZE[1] + 2] for x in (0, 0.5, 1)]
-    + [[-24, -10], [-24, SIZE[1] - 16]]
-)
-"""Of name, percentages and vertical range, from the corner of the frame."""
+FRAME: Final = np.array([[0, 0.5], [0, 0], [1, 0], [1, 1], [0, 1], [0, 0.5], [1, 0.5]]) * SIZE
+"""Its outline, and the line at zero."""
+TITLE: Final = np.array([SIZE[0] / 2, -26])
+"""Middle of a plot's title, from the corner of its frame."""
 FRAME_COLOUR: Final = "#5A5F66"
 TEXT_COLOUR: Final = "#B4BAC1"
-LINE_COLOUR: Final = "#32363B"
 BACKGROUND: Final = "#0D1011"
 OLDEST: Final = 0.3
 """Share of a curve's colour in the oldest cycle; the newest has all of it."""
 FRAME_PX: Final = 0.5
 CURVE_PX: Final = 0.9
-LEADING: Final = np.array([1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0])
 SMALLEST: Final = {"N": 10.0, "N·m": 2.0}
 """Of the vertical range, so that noise does not fill a plot."""
+
+
+def panel_name(k: int) -> str:
+    """Name the panel of a residual: axis, direction and unit."""
+    return f"{AXES[k]} {'about ' if k > 2 else ''}{DIRECTIONS[k]} ({UNITS[k]})"
 
 
 def draw_curves(
@@ -113,66 +102,50 @@ def log_marker_errors(
     send_curves(stream, timelines, "marker_error_mm", error_mm[:, order])
 
 
-def log_phases(stream: rr.RecordingStream, clock: Clock, events: Iterable[Event]) -> None:
-    """Log stance and swing of each foot, from its first event on."""
-    events = list(events)
-    for side in ("left", "right"):
-        changes = [(e.time, PHASES[e.label]) for e in events if e.side == side]
-        _log_states(stream, clock, f"phases/foot_{side}", changes, PHASE_COLOURS)
-
-
-def log_intervals(
-    stream: rr.RecordingStream, clock: Clock, name: str, intervals: Iterable[Interval], colour: str
-) -> None:
-    """Log intervals without overlap as states in a row, which is empty in between."""
-    changes = list[Change]()
-    for start, stop, label in sorted(intervals):
-        if changes and changes[-1][0] == start:
-            changes.pop()
-        changes += [(start, printable(label)), (stop, None)]
-    colours = {label: colour for _, label in changes if label is not None}
-    _log_states(stream, clock, f"phases/{name}", changes, colours)
-
-
-def intervals_of(mask: Mask, time: Array, label: str) -> list[Interval]:
-    """Give the intervals of time in which a mask is true."""
-    last = len(time) - 1
-    return [(float(time[a]), float(time[min(b, last)]), label) for a, b in stretches(mask)]
-
-
-def _log_states(
+def log_states(
     stream: rr.RecordingStream,
     clock: Clock,
-    entity: str,
-    changes: Sequence[Change],
+    name: str,
+    changes: Sequence[tuple[float, str]],
     colours: Mapping[str, str],
 ) -> None:
+    """Log the states in a row of the phases, each from a time [s] on; "" is none."""
     if not changes:
         return
-    times = np.array([time for time, _ in changes])
-    states = np.array([[state or ""] for _, state in changes])
+    times, states = np.array([time for time, _ in changes]), np.array([[s] for _, s in changes])
+    entity = f"phases/{name}"
     send(stream, entity, clock(times), rr.StateChange, states != "", state=states)
     names = list(colours)
     shown = rr.StateConfiguration(values=names, labels=names, colors=rgba(*colours.values()))
     stream.log(entity, shown, static=True)
 
 
+def changes_of(mask: Mask, time: Array, label: str) -> list[tuple[float, str]]:
+    """Give the changes of a state that holds where a mask is true."""
+    ends = np.append(time, time[-1])
+    return [
+        change
+        for start, stop in stretches(mask)
+        for change in ((float(time[start]), label), (float(ends[stop]), ""))
+    ]
+
+
 def draw_cycle_axes(stream: rr.RecordingStream) -> None:
-    """Draw what stays of the plots: frames, lines at 0 and at each quarter of the gait cycle."""
-    for name, lines, colour in (("grid", GRID, LINE_COLOUR), ("frames", [FRAME], FRAME_COLOUR)):
-        strips = [corner + line for corner in CORNERS for line in lines]
-        width = rr.Radius.ui_points(FRAME_PX)
-        shape = rr.LineStrips2D(strips, radii=width, colors=rgba(colour))
-        stream.log(f"cycles/{name}", shape, static=True)
+    """Draw what stays of the plots: their frames."""
+    width, colour = rr.Radius.ui_points(FRAME_PX), rgba(FRAME_COLOUR)
+    frames = rr.LineStrips2D([corner + FRAME for corner in CORNERS], radii=width, colors=colour)
+    stream.log("cycles/frames", frames, static=True)
 
 
 def log_cycles(stream: rr.RecordingStream, cycles: Sequence[Mapping[str, Array]]) -> None:
-    """Log the curves of gait cycles at the present time of the recording, with their labels.
+    """Log the curves of gait cycles at the present time of the recording, with their titles.
 
     Each has a variant's residuals in the reported axes over 0 to 100 %, (101, 6) [N, N·m]; the
-    newest is last, and NaN breaks a curve.
+    newest is last, and NaN breaks a curve. A plot is as high as its largest curve.
     """
-    limits = cycle_limits(cycles)
+    smallest = np.array([SMALLEST[unit] for unit in UNITS])
+    every = [np.abs(residual) for cycle in cycles for residual in cycle.values()]
+    limits = np.fmax.reduce([smallest, *(np.fmax.reduce(each, axis=0) for each in every)])
     strips, colours = list[Array](), list[str]()
     for age, cycle in zip(range(len(cycles) - 1, -1, -1), cycles, strict=True):
         for variant, residual in cycle.items():
@@ -182,35 +155,10 @@ def log_cycles(stream: rr.RecordingStream, cycles: Sequence[Mapping[str, Array]]
     width = rr.Radius.ui_points(CURVE_PX)
     curves = rr.LineStrips2D(strips, radii=width, colors=rgba(*colours), draw_order=40.0)
     stream.log("cycles/curves", curves)
-    labels = [
-        text
-        for k, limit in enumerate(limits)
-        for text in (
-            f"{AXES[k]} {'about ' if k >= COLUMNS else ''}{DIRECTIONS[k]} ({UNITS[k]})",
-            *("0 %", "50 %", "100 %"),
-            f"+{limit:g}",
-            f"−{limit:g}",
-        )
-    ]
-    places = (CORNERS[:, None] + LABEL_PLACES).reshape(-1, 2)
-    colour = rgba(TEXT_COLOUR)
-    texts = rr.Points2D(places, radii=0.0, colors=colour, labels=labels, show_labels=True)
-    stream.log("cycles/labels", texts)
-
-
-def cycle_limits(cycles: Sequence[Mapping[str, Array]]) -> Array:
-    """Give the ends of the vertical ranges of gait cycles, round numbers, (6,) [N, N·m].
-
-    Examples
-    --------
-    >>> cycle_limits([{"measured": np.full((101, 6), -21.0)}])
-    array([30., 30., 30., 30., 30., 30.])
-    """
-    every = [np.abs(residual) for cycle in cycles for residual in cycle.values()]
-    smallest = np.array([SMALLEST[unit] for unit in UNITS])
-    largest = np.fmax.reduce([smallest, *(np.fmax.reduce(each, axis=0) for each in every)])
-    steps = np.append(LEADING, 10)[:, None] * 10.0 ** np.floor(np.log10(largest))
-    return np.asarray(np.where(steps >= largest * (1 - 1e-9), steps, np.inf).min(axis=0))
+    titles = [f"{panel_name(k)}, 0 to 100 %, ± {limit:.3g}" for k, limit in enumerate(limits)]
+    places, colour = CORNERS + TITLE, rgba(TEXT_COLOUR)
+    texts = rr.Points2D(places, radii=0.0, colors=colour, labels=titles, show_labels=True)
+    stream.log("cycles/titles", texts)
 
 
 def _curves(residual: Array, limits: Array) -> list[Array]:

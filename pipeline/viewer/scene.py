@@ -19,7 +19,7 @@ from hbm.poses import segment_frames
 from hbm.segments import Inertia
 from hbm.spatial import Array, rotate_wrench, shift_wrench
 from pipeline.figures.style import COLOURS
-from pipeline.trial.result import PlateSurface
+from pipeline.io.recording import Plate
 from pipeline.viewer.file import Timelines, printable, rgba, send
 
 GROUND_N_PER_M: Final = 1000.0
@@ -55,7 +55,7 @@ def draw_scene(
     stream: rr.RecordingStream,
     body: Body,
     markers: Sequence[str],
-    plates: Iterable[PlateSurface],
+    plates: Iterable[Plate],
     variants: Iterable[str],
 ) -> None:
     """Draw what stays of the whole scene: lab, body, measured markers, plates, arrows."""

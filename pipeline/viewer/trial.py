@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+import pandas as pd
 import rerun as rr
 
 from compensation.platform import PlatformPose
@@ -14,6 +15,7 @@ from hbm.spatial import Array
 from pipeline.explain.budget import Bands
 from pipeline.explain.shares import NORMAL_95
 from pipeline.figures.residuals import residual_figure
+from pipeline.io.write import markdown
 from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.residuals import (
     AXES,
@@ -28,11 +30,10 @@ from pipeline.trial.result import TrialResult
 from pipeline.viewer.file import Timelines, printable, recording_file
 from pipeline.viewer.layout import LEGEND, log_text, trial_layout
 from pipeline.viewer.plots import (
+    changes_of,
     draw_residual_curves,
-    intervals_of,
-    log_intervals,
     log_marker_errors,
-    log_phases,
+    log_states,
     send_residual_curves,
 )
 from pipeline.viewer.scene import draw_scene, send_scene
@@ -42,9 +43,10 @@ VIEW_RATE_HZ: Final = 50.0
 """Smooth to the eye, and half of the file's size at a camera's 100 Hz."""
 PERTURBATION_S: Final = 1.0
 """How long a perturbation is drawn; only its onset is known."""
-PERTURBATION_COLOUR: Final = "#E69F00"
-UNCERTAIN_COLOUR: Final = "#CC79A7"
-UNCOUNTED_COLOUR: Final = "#D55E00"
+PHASES: Final = {"foot_strike": "stance", "foot_off": "swing"}
+PHASE_COLOURS: Final = {"stance": "#009E73", "swing": "#3A4A45"}
+STATES: Final = {"perturbation": "#E69F00", "uncertain": "#CC79A7", "does not count": "#D55E00"}
+"""Colours of other states."""
 
 
 def write_recording(
@@ -80,16 +82,18 @@ def write_recording(
 
     whole, view = clock(motion.time), clock(motion.time[shown])
     counts, uncertain = result.counts, ~free_of(result.quality, Quality.FOOT_UNCERTAIN)
+    pushed = [
+        change
+        for onset in result.onsets.tolist()
+        for change in ((onset, "perturbation"), (onset + PERTURBATION_S, ""))
+    ]
     states = {
-        "perturbation": (
-            [(t, t + PERTURBATION_S, "perturbation") for t in result.onsets.tolist()],
-            PERTURBATION_COLOUR,
-        ),
-        "plate_split": (intervals_of(uncertain, motion.time, "uncertain"), UNCERTAIN_COLOUR),
-        "residual": (intervals_of(~counts, motion.time, "does not count"), UNCOUNTED_COLOUR),
+        "perturbation": pushed,
+        "plate_split": changes_of(uncertain, motion.time, "uncertain"),
+        "residual": changes_of(~counts, motion.time, "does not count"),
     }
     has_cycles = any(len(spans) for spans in result.cycles.values())
-    has_phases = bool(result.events or any(found for found, _ in states.values()))
+    has_phases = bool(result.events or any(states.values()))
     layout = trial_layout(motion.q[shown, :3], phases=has_phases, figure=has_cycles)
     with recording_file(path, APPLICATION, _title(result), layout) as stream:
         draw_scene(stream, body, markers.names, result.plates, result.variants)
@@ -115,9 +119,12 @@ def write_recording(
         draw_residual_curves(stream, curves)
         send_residual_curves(stream, whole, curves)
         log_marker_errors(stream, view, motion.markers, motion.marker_error[shown] * 1000)
-        log_phases(stream, clock, result.events)
-        for row, (intervals, colour) in states.items():
-            log_intervals(stream, clock, row, intervals, colour)
+        for side in ("left", "right"):
+            phases = [(e.time, PHASES[e.label]) for e in result.events if e.side == side]
+            log_states(stream, clock, f"foot_{side}", phases, PHASE_COLOURS)
+        for row, changes in states.items():
+            own = {state: STATES[state] for _, state in changes if state}
+            log_states(stream, clock, row, changes, own)
         log_text(stream, "summary", printable(trial_summary(result)))
         log_text(stream, "legend", LEGEND)
         if has_cycles:
@@ -143,40 +150,38 @@ def _title(result: TrialResult) -> str:
 
 def trial_summary(result: TrialResult) -> str:
     """Give residuals, peaks beside their limits and notes of a trial, in Markdown."""
-    lines = [f"# {_title(result)}", ""]
+    blocks = [f"# {_title(result)}"]
     if counted(result).any():
-        names = list(result.variants)
         table = residual_table(result, result.source.stem)
         rows = rows_of(table[table["headline"].astype(bool)])
-        lines += [
+        shown = pd.DataFrame({"": AXES, "direction": DIRECTIONS})
+        for name in result.variants:
+            own = [row for row in rows if row.compensated == (name == "compensated")]
+            shown[name] = [f"{row.rms:.1f} {row.unit}" for row in own]
+            shown[f"% {name}"] = [row.rms_percent for row in own]
+        peaks = threshold_table(result)
+        limits = pd.DataFrame(
+            {
+                "plates": np.where(peaks["compensated"], "compensated", "measured"),
+                "residual": peaks["quantity"],
+                "peak": peaks["peak"],
+                "limit": peaks["limit"],
+                "unit": peaks["unit"],
+                "": np.where(peaks["passed"], "passes", "**fails**"),
+            }
+        )
+        blocks += [
             "## Pelvis residuals (RMS)",
-            "|  | direction | " + " | ".join(f"{name} | %" for name in names) + " |",
-            "|---|---|" + "---:|---:|" * len(names),
-        ]
-        for axis, direction in zip(AXES, DIRECTIONS, strict=True):
-            own = [row for row in rows if row.axis == axis]
-            cells = [f"{row.rms:.1f} {row.unit} | {row.rms_percent:.2f}" for row in own]
-            lines.append(f"| {axis} | {direction} | {' | '.join(cells)} |")
-        lines += [
-            "\n% of body weight, or of body weight × stature.\n",
+            markdown(shown),
+            "% of body weight, or of body weight × stature.",
             "## Peaks against Hicks et al. 2015",
-            "| plates | residual | peak | limit |  |",
-            "|---|---|---:|---:|---|",
+            markdown(limits, 1),
         ]
-        for row in rows_of(threshold_table(result)):
-            cells = [
-                "compensated" if row.compensated else "measured",
-                str(row.quantity),
-                f"{row.peak:.1f} {row.unit}",
-                f"{row.limit:.1f} {row.unit}",
-                "passes" if row.passed else "**fails**",
-            ]
-            lines.append(f"| {' | '.join(cells)} |")
     else:
-        lines.append("No frame counts, so there is no table of residuals; the warnings say why.")
-    lines += ["", "## Warnings"]
-    lines += [f"- {note} `{note.code}`" for note in warnings_of(result.notes)]
-    lines += ["", "## Provenance", "| item | |", "|---|---|"]
-    for item, sentence in provenance(result.notes):
-        lines.append(f"| {item} | {sentence.replace('|', '/')} |")
-    return "\n".join(lines)
+        blocks.append("No frame counts, so there is no table of residuals; the warnings say why.")
+    warnings = [f"- {note} `{note.code}`" for note in warnings_of(result.notes)]
+    items = pd.DataFrame(provenance(result.notes), columns=["item", " "]).replace(
+        "[|]", "/", regex=True
+    )
+    blocks += ["## Warnings", "\n".join(warnings), "## Provenance", markdown(items)]
+    return "\n\n".join(blocks)

@@ -48,13 +48,11 @@ class MachineFaults(InputModel):
     """Mechanics of the treadmill; these are values, not deviations.
 
     ``flexibility`` multiplies what the structure yields (`pipeline.virtual_lab.machine.structure`):
-    0 makes it rigid, and at 20 the platform sways at 3 Hz. ``assembly_kg`` is the mass of each belt
-    assembly, which the thesis states; its inertia changes in proportion, and load cells and base
-    stay. ``sway_hz`` is the bandwidth of the sway actuators.
+    0 makes it rigid, and at 20 the platform sways at 3 Hz. ``sway_hz`` is the bandwidth of the sway
+    actuators.
     """
 
     flexibility: Annotated[float, Field(ge=0, le=20)] = 1.0
-    assembly_kg: Annotated[float, Field(ge=50, le=500)] = 150.0
     sway_hz: Annotated[float, Field(ge=0.5, le=50)] = 7.0
 
 

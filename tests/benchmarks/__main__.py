@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from tests.benchmarks import commands, events, live, report, scaling
+from tests.benchmarks import commands, events, live, report
 from tests.benchmarks.accuracy import check_optimum
+from tests.benchmarks.commands import LONG_FRAMES
 from tests.benchmarks.comparison import (
     COMPILED,
     MACHINE,
@@ -72,11 +73,10 @@ def whole_processes(folder: Path, frames: int, _: int) -> Measured:
 
 PARTS: dict[str, Callable[[Path, int, int], Measured]] = {
     "compare": compare,
-    "gaps": lambda folder, _, repeats: {"gaps": scaling.gaps(folder, repeats)},
     "commands": whole_processes,
     "events": lambda folder, *_: events.race(folder),
     "live": lambda folder, *_: live.live_frames(folder),
-    "memory": lambda folder, *_: {"memory": commands.peak_memory(folder)},
+    "memory": lambda folder, *_: {"memory": commands.residuals_time(folder, LONG_FRAMES)},
 }
 
 if __name__ == "__main__":

@@ -26,29 +26,16 @@ Row = dict[str, float | str]
 
 def help_time() -> float:
     """Give the median wall time of ``hbm --help`` [s]."""
-    return median(_seconds("-m", "pipeline.cli", "--help") for _ in range(HELP_RUNS))
+    return median(_measured("--help")[0] for _ in range(HELP_RUNS))
 
 
 def residuals_time(folder: Path, frames: int) -> Row:
-    """Time ``hbm residuals`` on a short trial [s]."""
+    """Time ``hbm residuals`` on a trial [s], with the largest resident memory [bytes]."""
     write_trial(walk(frames), folder / "trial.c3d")
     write_c3d(folder / "static.c3d", synthetic_t_pose())
-    command = ("-m", "pipeline.cli", "residuals", str(folder / "trial.c3d"))
-    command += ("--static", str(folder / "static.c3d"), "--mass-kg", str(MASS_KG))
-    command += ("--out", str(folder / "results"))
-    return {"frames": frames, "residuals_s": _seconds(*command)}
-
-
-def peak_memory(folder: Path, frames: int = LONG_FRAMES) -> Row:
-    """Give the largest resident memory [bytes] from C3D file to residuals, and its time [s]."""
-    write_trial(walk(frames), folder / "long.c3d")
-    write_c3d(folder / "static.c3d", synthetic_t_pose())
-    start = time.perf_counter()
-    script = ("-m", "tests.benchmarks.long_trial", str(folder / "long.c3d"))
-    printed = _run(*script, str(folder / "static.c3d")).stdout
-    peak, solved = map(int, printed.split())
-    elapsed = time.perf_counter() - start
-    return {"frames": frames, "solved": solved, "peak_bytes": peak, "seconds": elapsed}
+    command = ("residuals", folder / "trial.c3d", "--static", folder / "static.c3d")
+    seconds, peak = _measured(*command, "--mass-kg", MASS_KG, "--out", folder / "results")
+    return {"frames": frames, "residuals_s": seconds, "peak_bytes": peak}
 
 
 def write_trial(trial: Walk, path: Path) -> None:
@@ -76,18 +63,16 @@ def _interpolated(at: Array, known: Array, values: Array) -> Array:
     return np.column_stack([np.interp(at, known, column) for column in values.T])
 
 
-def _seconds(*arguments: str) -> float:
+def _measured(*arguments: object) -> tuple[float, int]:
+    """Run ``hbm``; give its time [s] and its largest resident memory [bytes], as Linux counts."""
+    command = [sys.executable, "-m", "pipeline.cli", *map(str, arguments)]
     start = time.perf_counter()
-    _run(*arguments)
-    return time.perf_counter() - start
-
-
-def _run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, *arguments],
-        check=True,
-        capture_output=True,
-        text=True,
-        cwd=ROOT,
-        env=os.environ | ONE_THREAD,
+    process = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, cwd=ROOT, env=os.environ | ONE_THREAD
     )
+    _, status, usage = os.wait4(process.pid, 0)
+    seconds = time.perf_counter() - start
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise RuntimeError(f"{' '.join(command)} ended with {process.returncode}")
+    return seconds, 1024 * usage.ru_maxrss

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,18 +18,17 @@ import pandas as pd
 from hbm.plausibility.labels import without_frozen_frames
 from hbm.plausibility.outliers import solve_without_outliers
 from hbm.spatial import GRAVITY_MPS2
-from pipeline.config.schema import Settings, Subject, Treadmill
+from pipeline.config.schema import Settings, Subject
 from pipeline.config.study import Study, read_study
-from pipeline.io.c3d.read import read_c3d
 from pipeline.io.recording import Event, Recording
 from pipeline.trial.gait.contact import feet_of, share_between_feet
 from pipeline.trial.gait.detection import (
-    EventSources,
     detect_events,
     foot_motion,
     foot_motion_events,
+    plate_events,
 )
-from pipeline.trial.gait.events import LABELS, SIDES, compare_events, event_times
+from pipeline.trial.gait.events import LABELS, SIDES, event_times
 from pipeline.trial.ground.laboratory import Laboratory, bind
 from pipeline.trial.ground.wrenches import ground_wrenches, plate_loads
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
@@ -48,9 +48,10 @@ ENDS_S = 1.0
 OURS = ("zeni", "plates", "auto")
 MOTION = "auto, without plates"
 PEER_PYTHON = "HBM_GAITKIT_PYTHON"
-TREADMILL = Path(__file__).parents[3] / "shared" / "data" / "treadmill_hbm2"
 NOBODY, DEFAULTS = Subject(), Settings()
 Found = Mapping[str, Sequence[Event]]
+Sources = dict[str, Any]
+"""What the events of a trial can be found from: arguments of `detect_events`."""
 
 
 @dataclass(frozen=True)
@@ -76,14 +77,14 @@ def race(folder: Path) -> dict[str, list[dict[str, float | str]]]:
             found = ours(sources) | others.get(name, {})
             trials.append((condition, found, true_events(study.folder, name)))
     print(f"gaitkit: {peer}", file=sys.stderr)
-    return {"events": tabulate(trials), "treadmill events": on_the_treadmill()}
+    return {"events": tabulate(trials)}
 
 
-def ours(sources: EventSources) -> dict[str, Sequence[Event]]:
+def ours(sources: Sources) -> dict[str, Sequence[Event]]:
     """Give the events of one trial by our methods."""
-    found = {method: detect_events(sources, method)[0] for method in OURS}
+    found = {method: detect_events(**sources, wanted=method)[0] for method in OURS}
     return {f"hbm, {name}": events for name, events in found.items()} | {
-        f"hbm, {MOTION}": foot_motion_events(sources.motion)
+        f"hbm, {MOTION}": foot_motion_events(sources["motion"])
     }
 
 
@@ -176,7 +177,7 @@ def event_sources(
     laboratory: Laboratory,
     person: Subject = NOBODY,
     rules: Settings = DEFAULTS,
-) -> EventSources:
+) -> Sources:
     """Process a recording as far as its events need it."""
     mass_kg = body_mass(person, recording, recording).mass_kg
     body = subject_body(recording, person, rules, mass_kg)
@@ -191,42 +192,17 @@ def event_sources(
         feet_of(body, motion),
         rules.contact_threshold_n,
     ).contacts
-    return EventSources(
-        recording.events,
-        markers,
-        body.marker_set,
-        foot_motion(body, motion.time, motion.q, ground.pose),
-        contacts,
-        plate_loads(lab),
-        body.mass * GRAVITY_MPS2,
-    )
+    weight_n = body.mass * GRAVITY_MPS2
+    return {
+        "of_file": recording.events,
+        "of_plates": plate_events(contacts, plate_loads(lab), motion.time, weight_n),
+        "motion": foot_motion(body, motion.time, motion.q, ground.pose),
+        "markers": markers,
+        "marker_set": body.marker_set,
+    }
 
 
-def on_the_treadmill() -> list[dict[str, float | str]]:
-    """Compare the methods with one another on a real recording, where it is there."""
-    path = TREADMILL / "treadmill_events.c3d"
-    if not path.is_file():
-        return []
-    sources = event_sources(read_c3d(path), Laboratory(Treadmill()))
-    found = {method: detect_events(sources, method)[0] for method in ("file", *OURS)}
-    pairs = [("file", "plates"), ("zeni", "plates"), ("auto", "plates")]
-    pairs += [("zeni", "file"), ("auto", "file")]
-    return [
-        {
-            "name": f"{first} − {second}",
-            "event": f"{kind.side} {kind.label.replace('_', ' ')}",
-            "mean_ms": kind.mean_ms,
-            "sd_ms": kind.sd_ms,
-            "matched": kind.matched,
-            "only_first": kind.only_in_first,
-            "only_second": kind.only_in_second,
-        }
-        for first, second in pairs
-        for kind in compare_events(found[first], found[second])
-    ]
-
-
-def _sources(study: Study) -> Iterator[tuple[str, str, EventSources]]:
+def _sources(study: Study) -> Iterator[tuple[str, str, Sources]]:
     laboratory, rules = read_study_laboratory(study), study.file.settings
     for person in study.subjects.values():
         for condition, trial in person.trials.items():

@@ -15,8 +15,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.io.read import read_recording
-from pipeline.live.outlet import RESULTS, load_lsl
-from pipeline.live.recording import RESULTS as RESULTS_FOLDER
+from pipeline.live.output import RESULTS, RESULTS_FOLDER, load_lsl
 from pipeline.live.replay import recorded_streams
 from tests.pipeline import lab
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from hbm.dynamics import filter_motion, inverse_dynamics_variants
 from hbm.engines.engine import ENGINES
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers
 from hbm.motion import Motion
 from tests.synthetic import synthetic_body

@@ -8,7 +8,7 @@ import numpy as np
 from hbm.body import Body
 from hbm.coordinates import COORDINATES
 from hbm.dynamics import filter_motion, inverse_dynamics
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.poses import marker_positions
@@ -43,10 +43,10 @@ class Trial:
         return np.where(self.optimum.observed, np.abs(q - self.optimum.q), np.nan)
 
 
-def write_trial(folder: Path, walk: Walk, markers: Markers | None = None) -> Trial:
-    """Solve a walk, from the given markers or from all, and write what our own worker reads."""
+def write_trial(folder: Path, walk: Walk) -> Trial:
+    """Solve a walk and write what our own worker reads."""
     folder.mkdir(exist_ok=True)
-    body, markers = synthetic_body(), markers or walk.markers
+    body, markers = synthetic_body(), walk.markers
     raw = solve_ik(body, markers, tolerance=TIGHT)
     motion = filter_motion(raw)
     np.savez(

@@ -59,24 +59,6 @@ def walk(frames: int, seed: int = 1) -> Walk:
     return Walk(time, q, v, a, Markers(time, body.markers, position), wrenches)
 
 
-def with_random_gaps(markers: Markers, share: float, seed: int = 2) -> Markers:
-    """Remove single samples."""
-    missing = np.random.default_rng(seed).random(markers.position.shape[:2]) < share
-    return _without(markers, missing)
-
-
-def with_dropouts(markers: Markers, seed: int = 3) -> Markers:
-    """In every second another marker is missing throughout."""
-    rng, second = np.random.default_rng(seed), np.floor(markers.time).astype(int)
-    missing_marker = rng.integers(0, len(markers.names), second[-1] + 1)
-    return _without(markers, missing_marker[second][:, None] == np.arange(len(markers.names)))
-
-
-def _without(markers: Markers, missing: Array) -> Markers:
-    position = np.where(missing[..., None], np.nan, markers.position)
-    return Markers(markers.time, markers.names, position)
-
-
 def _strides(time: Array) -> tuple[Array, Array, Array]:
     """Phase of the stride [rad] and its first two derivatives; the rate varies by 5 %."""
     mean, slow = 2 * np.pi * STRIDE_HZ, 2 * np.pi * 0.07

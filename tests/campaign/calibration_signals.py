@@ -17,10 +17,10 @@ import pandas as pd
 from scipy.stats import t as student
 
 from compensation.protocol import ADVISED_PLATFORM_SIGNAL
-from hbm.spatial import WRENCH_COMPONENTS
 from pipeline.calibration_ranking.ranking import Ranking, rank_platform
 from pipeline.calibration_ranking.trials import RankingSettings, factors, platform_trial
-from pipeline.virtual_lab.protocol.ranking_study import recordings
+from pipeline.io.write import markdown
+from pipeline.virtual_lab.protocol.calibration_trial import recordings
 from tests.campaign.pages import renew
 
 SEEDS: Final = range(9100, 9110)
@@ -96,23 +96,17 @@ def places(rankings: Sequence[Ranking]) -> pd.Series:
 def report(rankings: Sequence[Ranking], seeds: Sequence[int]) -> str:
     """Give the tables of the page, and how far laboratories agree."""
     table, mean_place = logarithms(rankings), places(rankings)
-    rows = [
-        f"| {factor} {level} | {row.ratio:.2f} ({row.low:.2f} to {row.high:.2f}) |"
-        for factor in FACTORS
-        for level, row in ratios(table, factor).iterrows()
-    ]
-    cells = [
-        f"| `{name}` | {' | '.join(f'{left(table, name)[c]:.2f}' for c in WRENCH_COMPONENTS)} |"
-        for name in (ADVISED_PLATFORM_SIGNAL, PLAIN)
-    ]
+    by_level = pd.concat({factor: ratios(table, factor) for factor in FACTORS})
+    advised = pd.DataFrame({name: left(table, name) for name in (ADVISED_PLATFORM_SIGNAL, PLAIN)})
     best = ", ".join(f"`{name}` ({place:.1f})" for name, place in mean_place.head(3).items())
     again = 100 * winners_found_again(rankings), 100 * orders_found_again(rankings)
     lines = [
         f"{len(rankings)} laboratories (seeds {seeds[0]} to {seeds[-1]}). What is left (RMS, "
-        "geometric mean), by that after plain random motion, belts at rest, and 60 s:",
-        "\n".join(["| | ratio (95 % interval) |", "|---|---|", *rows]),
+        "geometric mean), by that after plain random motion, belts at rest, and 60 s, with 95 % "
+        "intervals:",
+        markdown(by_level.reset_index(names=["property", "level"])),
         "What the advised signal leaves beside plain random motion [N, N·m]:",
-        "\n".join([f"| | {' | '.join(WRENCH_COMPONENTS)} |", "|---|" + "---:|" * 6, *cells]),
+        markdown(advised.reset_index()),
         f"Best mean places of 28: {best}; `{ADVISED_PLATFORM_SIGNAL}` has "
         f"{mean_place[ADVISED_PLATFORM_SIGNAL]:.1f}. Found again in another laboratory: "
         f"{again[0]:.0f} % of the winners among the possibly best, {again[1]:.0f} % of the orders "

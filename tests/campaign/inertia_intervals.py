@@ -7,10 +7,9 @@ with 1 where the intervals do not do what is demanded of them.
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
-from itertools import chain
 from multiprocessing import Pool
 from typing import Final
 
@@ -21,7 +20,7 @@ from compensation import validation_signals
 from compensation.protocol import platform_signal
 from compensation.signals import MachineLimits, Signal
 from hbm.signals.filtering import low_pass
-from hbm.spatial import WRENCH_COMPONENTS, Array, shift_wrench
+from hbm.spatial import WRENCH_COMPONENTS, shift_wrench
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording
 from pipeline.io.write import markdown
@@ -36,8 +35,12 @@ from pipeline.virtual_lab.machine.instrumented_treadmill import (
     make_treadmill,
 )
 from pipeline.virtual_lab.person import bystander
-from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
-from pipeline.virtual_lab.protocol.ranking_study import BESIDE_THE_BELTS, BYSTANDERS
+from pipeline.virtual_lab.protocol.calibration_trial import (
+    BESIDE_THE_BELTS,
+    BYSTANDERS,
+    record_signal_trial,
+    sample_times,
+)
 
 SEEDS: Final = range(9000, 9036)
 """Reserved for the page: never used while anything was developed."""
@@ -71,30 +74,8 @@ GOAL: Final = (0.93, 0.97)
 GOAL_OF_CELL: Final = (0.90, 0.99)
 STREAM: Final = 50
 """Number of the random numbers of this campaign."""
-
-
-@dataclass(frozen=True, slots=True)
-class Cell:
-    """One trial of one laboratory: what is left of the empty plate, and its stated uncertainty.
-
-    Attributes
-    ----------
-    flexibility, sensors, calibration, trial, cutoff_hz
-        Which it is.
-    covered
-        Share of the frames in which the truth, 0, is within ± 1.96 σ, (6,).
-    left, stated
-        Mean squares of what is left and of σ, (6,).
-    """
-
-    flexibility: float
-    sensors: int
-    calibration: str
-    trial: str
-    cutoff_hz: float
-    covered: Array
-    left: Array
-    stated: Array
+SETUP: Final = ["flexibility", "sensors", "calibration"]
+KEYS: Final = [*SETUP, "trial", "cutoff_hz"]
 
 
 def recorded(
@@ -118,8 +99,12 @@ def laboratory(
     rate_hz: float,
     flexibility: float = 1.0,
     calibrations: Sequence[str] = CALIBRATIONS,
-) -> Iterator[Cell]:
-    """Calibrate a laboratory in these ways and judge its four validation trials."""
+) -> pd.DataFrame:
+    """Calibrate a laboratory in these ways and judge its four validation trials.
+
+    Gives per trial, low-pass and component how often the truth, 0, is within ± 1.96 σ, and the mean
+    squares of what is left of the empty plate and of σ.
+    """
     faults = Faults()
     treadmill = make_treadmill(
         faults.model_copy(
@@ -144,7 +129,7 @@ def laboratory(
     for name, person in BYSTANDERS.items():
         motion = with_belts(trials[name], name, rng.uniform(*TRIAL_BELTS_MPS[name]))
         validation[name] = recorded(treadmill, motion, person, rng, rate_hz)
-    names = find_accelerometers(empty)
+    names, rows = find_accelerometers(empty), []
     for sensors in SENSORS:
         stated = Treadmill(accelerometers=dict(list(names.items())[:sensors]))
         for calibration in calibrations:
@@ -152,13 +137,15 @@ def laboratory(
             fitted = fit_calibration(empty, stated, beside=others)
             for trial, recording in validation.items():
                 for cutoff_hz in CUTOFFS_HZ:
-                    shares = judged(Laboratory(stated, fitted), recording, cutoff_hz)
-                    yield Cell(flexibility, sensors, calibration, trial, cutoff_hz, *shares)
+                    found = judged(Laboratory(stated, fitted), recording, cutoff_hz)
+                    key = flexibility, sensors, calibration, trial, cutoff_hz
+                    rows.append(found.assign(**dict(zip(KEYS, key, strict=True))))
+    return pd.concat(rows)
 
 
-def of_machines(seed: int, rate_hz: float) -> list[Cell]:
+def of_machines(seed: int, rate_hz: float) -> pd.DataFrame:
     """Judge a laboratory on each machine."""
-    return [cell for machine in FLEXIBILITIES for cell in laboratory(seed, rate_hz, machine)]
+    return pd.concat([laboratory(seed, rate_hz, machine) for machine in FLEXIBILITIES])
 
 
 def with_belts(signal: Signal, name: str, speed: float) -> Signal:
@@ -166,11 +153,8 @@ def with_belts(signal: Signal, name: str, speed: float) -> Signal:
     return replace(signal, name=name, belt_speed=np.full_like(signal.belt_speed, speed))
 
 
-def judged(known: Laboratory, recording: Recording, cutoff_hz: float) -> tuple[Array, Array, Array]:
-    """Compare what is left of the empty plate with its stated uncertainty, about its centre.
-
-    Gives the share that is held and the mean squares of both, (6,) each.
-    """
+def judged(known: Laboratory, recording: Recording, cutoff_hz: float) -> pd.DataFrame:
+    """Compare what is left of the empty plate with its stated uncertainty, about its centre."""
     time, center = recording.markers.time, recording.plates[0].center
     ground = ground_wrenches(bind(recording, known, 0.0), time, [], cutoff_hz)
     left = shift_wrench(ground.variants["compensated"][0], center)
@@ -179,37 +163,16 @@ def judged(known: Laboratory, recording: Recording, cutoff_hz: float) -> tuple[A
     sigma = sum_deviation(ground.spreads[:1], ground.correlation[:6, :6], center)
     left, sigma = left[SETTLED], sigma[SETTLED]
     held = np.mean(np.abs(left) <= 1.96 * sigma, axis=0)
-    return held, np.mean(left**2, axis=0), np.mean(sigma**2, axis=0)
+    squares = {"left": np.mean(left**2, axis=0), "σ": np.mean(sigma**2, axis=0)}
+    return pd.DataFrame({"component": WRENCH_COMPONENTS, "held": held} | squares)
 
 
-def chosen(cells: Sequence[Cell], **of: object) -> list[Cell]:
-    """Give the cells with some values of their attributes."""
-    return [c for c in cells if all(getattr(c, name) == value for name, value in of.items())]
-
-
-def covered(cells: Sequence[Cell]) -> Array:
-    """Give the share of frames in which intervals hold, (6,)."""
-    return np.mean([cell.covered for cell in cells], axis=0)
-
-
-SETUP: Final = ["flexibility", "sensors", "calibration"]
-KEYS: Final = [*SETUP, "trial", "cutoff_hz"]
-
-
-def table(cells: Sequence[Cell]) -> pd.DataFrame:
+def table(rows: pd.DataFrame) -> pd.DataFrame:
     """Give how often intervals hold (%), and RMS of what is left and of σ, by component.
 
     A row per setup, trial and filter, over laboratories.
     """
-    rows = []
-    for cell in cells:
-        key = {name: getattr(cell, name) for name in KEYS}
-        for component, values in zip(
-            WRENCH_COMPONENTS, zip(cell.covered, cell.left, cell.stated, strict=True), strict=True
-        ):
-            held, left, stated = values
-            rows.append(key | {"component": component, "held": held, "left": left, "σ": stated})
-    means = pd.DataFrame(rows).groupby([*KEYS, "component"], sort=False).mean()
+    means = rows.groupby([*KEYS, "component"], sort=False).mean()
     return means.assign(held=100 * means.held, left=means.left**0.5, σ=means["σ"] ** 0.5)
 
 
@@ -231,7 +194,7 @@ def main() -> int:
     given = parser.parse_args()
     of_each = partial(of_machines, rate_hz=given.rate_hz)
     with Pool(given.jobs) as pool:
-        found = table(list(chain(*pool.imap(of_each, given.seeds or SEEDS))))
+        found = table(pd.concat(pool.imap(of_each, given.seeds or SEEDS)))
     print(markdown(found.unstack("component").reset_index(), digits=1))
     missed = unmet(found)
     print(*(f"not met: {goal}" for goal in missed), sep="\n")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from hbm.markers import Markers
-from pipeline.io.recording import Analog, Metadata, Recording
+from pipeline.io.recording import Analog, Recording
 from pipeline.run.request import TrialRequest
 from tests.campaign.judgement import CODES, Ended, commanded, printed_raw
 from tests.campaign.outcome import Attack, Outcome
@@ -41,9 +41,6 @@ MAX_COMMANDS_S: Final = 120.0
 OF_RECORDING: Final[dict[str, Callable[[Recording, str], Recording]]] = {
     "label prefix": lambda walk, text: _labelled(walk, lambda name: f"{text}:{name}"),
     "label": lambda walk, text: _labelled(walk, lambda name: text if name == "LFHD" else name),
-    "subject": lambda walk, text: _said(walk, subject=text),
-    "software": lambda walk, text: _said(walk, software=text, manufacturer=text),
-    "marker set": lambda walk, text: _said(walk, marker_set=text),
     "channel": lambda walk, text: replace(walk, analog=_channel(walk, text, "V")),
     "unit": lambda walk, text: replace(walk, analog=_channel(walk, "A", text)),
 }
@@ -194,11 +191,6 @@ def _labelled(walk: Recording, change: Callable[[str], str]) -> Recording:
     markers = walk.markers
     names = tuple(map(change, markers.names))
     return replace(walk, markers=Markers(markers.time, names, markers.position))
-
-
-def _said(walk: Recording, **said: str) -> Recording:
-    metadata: Metadata = replace(walk.metadata, **said)
-    return replace(walk, metadata=metadata)
 
 
 def _channel(walk: Recording, name: str, unit: str) -> Analog:

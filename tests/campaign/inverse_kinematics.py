@@ -19,7 +19,7 @@ from hbm.body import Body, build_body
 from hbm.coordinates import INDEX, N_Q, SIDES
 from hbm.ik.continuity import BALL_JOINTS
 from hbm.ik.problem import Problem
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers
 from hbm.poses import marker_positions
 from hbm.spatial import Array

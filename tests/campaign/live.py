@@ -25,11 +25,10 @@ from hbm.spatial import Array
 from pipeline.config.schema import Settings, Subject
 from pipeline.config.study import read_study
 from pipeline.io.recording import Recording
-from pipeline.live.arrival import Arrivals
-from pipeline.live.frames.chain import LiveChain
+from pipeline.live.chain import LiveChain
 from pipeline.live.monitor import Monitor
 from pipeline.live.replay import RecordedSource
-from pipeline.live.stream import Samples
+from pipeline.live.stream import Arrivals, Samples
 from pipeline.trial.process import process_recording
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
 from tests.pipeline import lab

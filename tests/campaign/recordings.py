@@ -11,7 +11,7 @@ from pipeline.io.recording import Recording
 from pipeline.run.one_trial import process_request, read_requested
 from pipeline.run.request import TrialRequest
 from pipeline.trial.result import TrialResult
-from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
 from tests.campaign.formats import Format
 from tests.campaign.judgement import (
     attempted,

@@ -3,7 +3,7 @@
 import shutil
 from pathlib import Path
 
-from pipeline.run.failures import read_failures
+from pipeline.run.job import read_failures
 from pipeline.run.load import collect
 from pipeline.run.one_trial import process_request
 from pipeline.run.request import TrialRequest

@@ -11,7 +11,7 @@ from compensation.inertia.fit import fit_inertia
 from compensation.inertia.model import Setup
 from pipeline.config.plate_study import read_plates_study
 from pipeline.config.toml_file import read_segments
-from pipeline.trial.ground.laboratory import read_laboratory
+from pipeline.trial.ground.calibrations import read_laboratory
 from tests.campaign.formats import Format, read_alone
 from tests.campaign.judgement import commanded, printed_raw, refusal
 from tests.campaign.mutations import Damage

@@ -96,7 +96,7 @@ HUGE = 10**400
     ("text", "message"),
     [
         (spoilt()[:100], "is not JSON"),
-        (with_document(version=2), "has version 2, this program reads version 1"),
+        (with_document(version=2), "has version 2, this program reads 1"),
         (with_document(plates=[3]), "damaged"),
         (spoilt(offset=[None] * 6), "offset must be numbers"),
         (spoilt(offset=[HUGE] * 6), "damaged"),

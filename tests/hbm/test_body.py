@@ -7,7 +7,7 @@ from hbm.body import ImplausibleLegs, build_body
 from hbm.calibration_pose.anatomy import LimbMeasures
 from hbm.coordinates import COORDINATES, INDEX, MOVING, N_Q, SEGMENTS, SIDES
 from hbm.dynamics import filter_motion, inverse_dynamics
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers, marker_sets
 from hbm.poses import segment_frames
 from hbm.segments import proportions

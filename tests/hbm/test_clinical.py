@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hbm.clinical import clinical_angles
 from hbm.coordinates import COORDINATES, HBM_ORDER, INDEX, MOVING, N_Q, TREE
 from hbm.kernels.native import kernels
+from hbm.motion import clinical_angles
 from hbm.spatial import rotation_about
 from tests.synthetic import synthetic_body
 

@@ -6,7 +6,7 @@ import pytest
 from hbm.body import build_body
 from hbm.calibration_pose.anatomy import LimbMeasures
 from hbm.coordinates import COORDINATES, MOVING, SEGMENTS, SIDES
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from hbm.markers import marker_sets
 from hbm.poses import segment_frames
 from hbm.spatial import unit

@@ -6,8 +6,7 @@ import pytest
 from hbm.body import build_body
 from hbm.coordinates import INDEX, SEGMENTS
 from hbm.dynamics import inverse_dynamics
-from hbm.overrides import SegmentOverride, read_overrides
-from hbm.segments import Inertia
+from hbm.segments import Inertia, SegmentOverride, read_overrides
 from tests.hbm.motions import swinging
 from tests.synthetic import MASS_KG, synthetic_body, synthetic_t_pose
 
@@ -103,6 +102,8 @@ def test_a_heavier_shank_raises_the_knee_moment_and_changes_no_geometry(changed)
         ("[head]\ncenter_m = [0.0, 1.0, nan]", "head: center_m must be .* finite numbers"),
         ("[head]\ninertia_kg_m2 = [1.0, 1.0, 2.5]", "above the sum of the other two"),
         ("[head.worn]\nmass_kg = 1.0", "head: worn needs mass_kg and center_m"),
+        ("[head.worn]\nmass_kg = 1.0\ncenter_m = [0, 0, 40]", "looks like millimetres"),
+        ("[head]\nmass_kg = 1" + 400 * "0", "head: int too large"),
     ],
 )
 def test_faulty_overrides_are_refused(text, message):

@@ -10,7 +10,7 @@ import numpy as np
 
 from hbm.calibration_pose.anatomy import MARKER_OFFSET_M, LimbMeasures
 from hbm.coordinates import INDEX, MOVING
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers
 from hbm.poses import marker_positions, segment_frames
 from tests.hbm.people import HBM1_ONLY_MM

@@ -72,9 +72,6 @@ class Browser:
         taken = self.call("Page.captureScreenshot", captureBeyondViewport=True)
         path.write_bytes(base64.b64decode(taken["data"]))
 
-    def pdf(self, path: Path) -> None:
-        path.write_bytes(base64.b64decode(self.call("Page.printToPDF", paperWidth=8.27)["data"]))
-
     def _message(self):
         while b"\0" not in self._rest:
             part = os.read(self._read, 1 << 16)

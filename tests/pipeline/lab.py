@@ -20,7 +20,7 @@ from pipeline.io.c3d.read import read_c3d
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Analog, Plate, Recording
 from pipeline.virtual_lab.person.subject import Person
-from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
 
 LEFT = np.array([0.0, 1.0, 0.0])
 PIVOT_M = np.array([0.1, 0.0, -0.4])
@@ -265,6 +265,13 @@ def write_study(folder, *, people=PEOPLE, duration_s=12.0):
             lines += [f"[trials.{condition}]", f'file = "{name}"']
         (folder / f"{person.name}.toml").write_text("\n".join(lines), encoding="utf-8")
     return folder
+
+
+def edit(path, old, new):
+    """Replace a text in a file, which has to be there."""
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), encoding="utf-8")
 
 
 def save(recording, path):

@@ -14,10 +14,6 @@ class Stored:
             static = chunk.is_static
             self.tables.setdefault((chunk.entity_path, static), []).append(chunk.to_record_batch())
 
-    @property
-    def entities(self):
-        return {entity.lstrip("/") for entity, _ in self.tables}
-
     def rows(self, entity, name, static=False):
         """Give an entity's values, one array per row, in order."""
         return [np.array(row) for row in self.lists(entity, name, static)]

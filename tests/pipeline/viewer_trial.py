@@ -13,10 +13,10 @@ from hbm.motion import Motion
 from hbm.notes import Note
 from hbm.poses import marker_positions
 from pipeline.config.schema import Settings, Subject
-from pipeline.io.recording import Event
+from pipeline.io.recording import Event, Plate
 from pipeline.trial.gait.cycles import cut_cycles, found_cycles
 from pipeline.trial.quality import Quality
-from pipeline.trial.result import PlateSurface, TrialResult
+from pipeline.trial.result import TrialResult
 from tests.benchmarks.walker import STRIDE_HZ, Walk, walk
 from tests.synthetic import synthetic_body
 
@@ -93,6 +93,7 @@ def _events(strikes) -> tuple[Event, ...]:
     )
 
 
-def _plate(number: int, y: float) -> PlateSurface:
+def _plate(number: int, y: float) -> Plate:
     corners = [(x, y + dy, LIFT_M) for x, dy in CORNERS]
-    return PlateSurface(number, np.array([0, y, LIFT_M]), np.array(corners))
+    place = np.eye(3), np.array([0, y, LIFT_M]), np.array(corners)
+    return Plate(number, np.empty(0), np.empty((0, 6)), *place)

@@ -7,7 +7,6 @@ from pathlib import Path
 import pipeline
 from hbm.markers import read_marker_set
 from pipeline.config.schema import Settings, Subject
-from pipeline.io.opensim import read_opensim_trial, read_trc
 from pipeline.io.read import read_recording
 from pipeline.io.stated import Stated
 from pipeline.trial.process import process_recording
@@ -42,15 +41,15 @@ def steps(folder):
 def overground(folder):
     folder = folder / "opensim_subject01"
     forces = folder / "subject01_walk1_grf.mot"
-    walk = read_opensim_trial(folder / "subject01_walk1.trc", forces, AXES)
-    static = read_trc(folder / "subject01_static.trc", AXES)
+    walk = read_recording(folder / "subject01_walk1.trc", AXES, forces)
+    static = read_recording(folder / "subject01_static.trc", AXES)
     known = {"subject": Subject(mass_kg=72.6), "static": static}
     return walk, known | {"marker_set": of_subjects("gait2354")}
 
 
 def generated(folder):
     folder = folder / "truth_walk"
-    walk = read_opensim_trial(folder / "markers.trc", folder / "grf.mot", AXES)
+    walk = read_recording(folder / "markers.trc", AXES, folder / "grf.mot")
     person = Subject(sex="male", mass_kg=MASS_KG, height_m=STATURE_M)
     return walk, {"subject": person, "marker_set": of_subjects("arnold2013")}
 
@@ -77,7 +76,7 @@ def standing(folder):
 def two_plates(folder):
     """Overground walking over two plates; the file states no mass."""
     walk = pipeline.read_c3d(folder / "c3d_samples" / "Gait.c3d")
-    chosen = (TESTS / "trunk_ends" / "two_plates.toml").read_text(encoding="utf-8")
+    chosen = (TESTS / "recordings" / "two_plates.toml").read_text(encoding="utf-8")
     known = {"marker_set": read_marker_set(chosen.replace("VSAC", "SACR"), "two_plates")}
     walk = replace(walk, markers=relabelled(walk.markers, ("VSAC", "SACR")))
     return walk, known | {"subject": Subject(mass_kg=72.0)}
@@ -94,7 +93,11 @@ def recorded(read, folder):
     return read(folder)
 
 
-@cache
 def processed(read, folder, delay_s=0.0, **settings):
+    return _processed(read, folder, delay_s, Settings(**settings))
+
+
+@cache
+def _processed(read, folder, delay_s, settings):
     recording, known = recorded(read, folder)
-    return process_recording(later(recording, delay_s), settings=Settings(**settings), **known)
+    return process_recording(later(recording, delay_s), settings=settings, **known)

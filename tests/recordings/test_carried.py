@@ -110,7 +110,7 @@ def test_forces_that_depend_on_missing_plates_are_in_no_output(whole, beside, tm
     write_tables(result, tmp_path, "walk")
     table = read_sto(tmp_path / "walk_forces.sto")
     for column in ("PelvisZ_force", "PelvisYaw_moment"):
-        np.testing.assert_array_equal(np.isfinite(table.column(column)), valid)
+        np.testing.assert_array_equal(np.isfinite(table.columns[column]), valid)
 
 
 def test_plates_that_begin_late_do_not_count_before(treadmill, whole):

@@ -50,7 +50,7 @@ def test_treadmill_walking_is_not_doubted(walk):
 
 def test_quiet_standing_is_not_doubted(shared_data):
     recording, _ = recorded(standing, shared_data)
-    chosen = marker_set(TESTS / "trunk_ends" / "quiet_standing.toml")
+    chosen = marker_set(TESTS / "recordings" / "quiet_standing.toml")
     assert doubts(recording, marker_set=chosen) == {}
 
 
@@ -64,7 +64,7 @@ def test_of_a_descent_of_steps_the_plates_zeros_are_doubted_and_the_mass_that_th
 ):
     """Four plates that read 6 to 12 N each without anybody on them, 36 N or 4 kg in all."""
     trial, known = recorded(steps, shared_data)
-    chosen = marker_set(TESTS / "trunk_ends" / "plug_in_gait.toml")
+    chosen = marker_set(TESTS / "recordings" / "plug_in_gait.toml")
     found = doubts(trial, static=known["static"], marker_set=chosen)
     assert set(found) == {"plates_not_zeroed", "mass_differs"}
     assert found["plates_not_zeroed"].values["total_n"] == pytest.approx(36, abs=2)

@@ -1,64 +1,95 @@
 """What residuals of recordings are made of: halves predict each other, known causes are found."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
+from pipeline.budgets.explanation import explain
 from pipeline.config.schema import Treadmill
-from pipeline.explain.explain import explain_trial
-from pipeline.explain.linearise import explained_part, left_by_filter, linearised, rms
+from pipeline.explain.linearise import explained_part, left_by_filter, rms
 from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.residuals import residual_table
 from tests.recordings.recorded import generated, overground, processed, recorded, treadmill
 from tests.recordings.test_generated_walk import masses_of_model
 
 STILL = Laboratory(Treadmill())
+LATE = "plates are late"
 LINEAR_PROTOTYPE = [[11.8, 5.8, 13.9, 2.4, 3.3, 1.8], [9.5, 6.3, 13.6, 2.4, 3.1, 1.8]]
 """What 56 linear effects of the plates and the body, fitted to one half, left in the other."""
 NOT_ITS_CAUSES = ("delay", "zero", "gain", "place", "skin")
 """Its plates are exact, and its markers rigid."""
 
 
+@cache
+def explained(read, folder, plate_delay_s=None):
+    result = processed(read, folder, plate_delay_s=plate_delay_s)
+    return explain(recorded(read, folder)[0], STILL, result)
+
+
+def advice_of_delay(explanation):
+    return [own.action for own in explanation.mending if own.cause == LATE]
+
+
 def test_causes_found_in_half_of_the_cycles_hold_in_the_other(shared_data):
     """On every axis better than effects that are linear and know nothing of usual sizes."""
     walk, _ = recorded(treadmill, shared_data)
     part = explained_part(walk, STILL, processed(treadmill, shared_data))
-    chain, middle = part.chain, len(part.series) // 2
-    left, halves = left_by_filter(chain), (slice(middle), slice(middle, None))
-    for own, other, limits in zip(halves, halves[::-1], LINEAR_PROTOTYPE, strict=True):
-        _, effects, posterior = linearised(chain, part.causes, left, part.series.some(own))
-        without = chain.residual - left - np.tensordot(posterior.size, effects, 1)
-        cycles = part.series.some(other).frames
-        assert (rms(np.concatenate([without[each] for each in cycles])) < limits).all()
+    frames = np.concatenate(part.series.frames)
+    before = rms((part.chain.residual - left_by_filter(part.chain))[frames])
+    left = before * np.sqrt(1 - explained(treadmill, shared_data).budget.held_out)
+    assert (left < np.min(LINEAR_PROTOTYPE, axis=0)).all()
 
 
-@pytest.fixture(scope="module")
-def explained(shared_data):
-    walk, _ = recorded(generated, shared_data)
-    result = processed(generated, shared_data)
-    return result.body, explain_trial(walk, STILL, result)
+@pytest.mark.parametrize("read", [treadmill, overground])
+def test_residuals_and_their_explanation_have_the_same_delay(shared_data, read):
+    result = processed(read, shared_data)
+    explanation = explained(read, shared_data)
+    found = next(cause for cause in explanation.budget.causes if cause.name == LATE)
+    assert found.size == pytest.approx(result.delay_s, abs=1e-6)
+    assert 1.96 * found.deviation == pytest.approx(result.delay_uncertainty_s, rel=1e-3)
+    wanted = f"state plate_delay_s = {result.delay_s:.3f} under [settings]"
+    certain = abs(result.delay_s) > result.delay_uncertainty_s
+    assert advice_of_delay(explanation) == [wanted] * certain
 
 
-def test_no_cause_is_certain_that_a_generated_walk_does_not_have(explained):
-    _, budget = explained
+def test_a_delay_is_stated_on_top_of_what_is_stated(shared_data):
+    result = processed(generated, shared_data, plate_delay_s=-0.015)
+    wanted = f"state plate_delay_s = {result.delay_s - 0.015:.3f} under [settings]"
+    assert advice_of_delay(explained(generated, shared_data, -0.015)) == [wanted]
+
+
+@pytest.mark.parametrize("read", [treadmill, overground])
+def test_residuals_are_explained_over_the_frames_in_which_they_count(shared_data, read):
+    """The same gait cycles, and of each the same frames: so the same RMS."""
+    result = processed(read, shared_data)
+    budget = explained(read, shared_data).budget
+    rows = [row for row in residual_table(result, "walk").itertuples() if row.headline]
+    (cycles,) = result.cycles.values()
+    assert budget.cycles == budget.found_cycles == len(cycles) > 0
+    assert budget.rms == pytest.approx([row.rms for row in rows], rel=0.01)
+
+
+def test_no_cause_is_certain_that_a_generated_walk_does_not_have(shared_data):
+    budget = explained(generated, shared_data).budget
     certain = {cause.name: cause.group for cause in budget.causes if cause.is_certain}
     assert not set(certain.values()) & set(NOT_ITS_CAUSES), certain
 
 
 @pytest.mark.parametrize("segment", ["foot", "thigh", "shank"])
-def test_masses_of_a_generated_walk_are_found_by_how_much_they_are_wrong(
-    explained, shared_data, segment
-):
-    body, budget = explained
+def test_masses_of_a_generated_walk_are_found_by_how_much_they_are_wrong(shared_data, segment):
+    body = processed(generated, shared_data).body
     true = masses_of_model(shared_data / "truth_walk")[segment]
     wrong = body.segments[f"left_{segment}"].mass / true - 1
     name = {"foot": "feet"}.get(segment, f"{segment}s")
-    found = next(cause for cause in budget.causes if cause.name == f"{name}: mass")
+    causes = explained(generated, shared_data).budget.causes
+    found = next(cause for cause in causes if cause.name == f"{name}: mass")
     assert abs(found.size - wrong) < 1.96 * found.deviation
 
 
 def test_causes_found_in_half_of_the_frames_of_one_gait_cycle_hold_in_the_other(shared_data):
     """Of the vertical force and the moments; half a cycle of walking over two plates does not tell
     what the horizontal forces of the other half are made of."""
-    walk, _ = recorded(overground, shared_data)
-    budget = explain_trial(walk, STILL, processed(overground, shared_data))
+    budget = explained(overground, shared_data).budget
     assert budget.cycles == 1
     assert (budget.held_out[2:] > 0.4).all()

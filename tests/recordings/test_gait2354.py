@@ -5,7 +5,7 @@ import pytest
 
 from hbm.body import build_body
 from hbm.dynamics import filter_motion, inverse_dynamics
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from hbm.signals.filtering import butterworth
 from hbm.signals.resampling import resample
 from pipeline.io.opensim import read_sto
@@ -44,7 +44,7 @@ def test_knees_and_ankles_are_followed_without_their_own_markers(motion):
 def test_residuals_are_no_worse_than_those_that_opensim_publishes(shared_data, body, walk, motion):
     """Same trial, same 1.2 s, 6 Hz; theirs with a torso in one piece, ours with arms and head."""
     published = read_sto(shared_data / "opensim_subject01" / "inverse_dynamics.sto")
-    theirs = [np.sqrt(np.mean(published.column(c) ** 2)) for c in TRANSLATIONS + ROTATIONS]
+    theirs = [np.sqrt(np.mean(published.columns[c] ** 2)) for c in TRANSLATIONS + ROTATIONS]
     wrenches = {
         foot: butterworth(
             resample(plate.time, plate.wrench, motion.time), motion.time, 6.0, "zero_phase"

@@ -9,9 +9,9 @@ from hbm.body import build_body
 from hbm.calibration_pose.functional import functional_hips
 from hbm.coordinates import MOVING
 from hbm.dynamics import filter_motion, inverse_dynamics
-from hbm.kinematics import solve_ik
-from hbm.overrides import SegmentOverride
+from hbm.ik.tracking import solve_ik
 from hbm.poses import segment_frames
+from hbm.segments import SegmentOverride
 from hbm.signals.filtering import butterworth
 from hbm.signals.resampling import resample
 from tests.recordings.recorded import MASS_KG, STATURE_M, generated, of_subjects, recorded

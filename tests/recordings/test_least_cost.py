@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hbm.body import build_body
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from pipeline.io.c3d.read import read_c3d
 from tests.campaign.inverse_kinematics import (
     MAX_RELATIVE_EXCESS,

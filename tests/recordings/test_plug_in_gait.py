@@ -10,7 +10,7 @@ import pytest
 from hbm.body import build_body
 from hbm.calibration_pose.anatomy import Measures
 from hbm.calibration_pose.landmarks import locate_anatomy
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers, recognise_marker_set
 from hbm.spatial import unit
 from pipeline.io.c3d.read import read_c3d

@@ -5,7 +5,7 @@ import pytest
 
 from hbm.body import build_body
 from hbm.dynamics import filter_motion, inverse_dynamics
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from hbm.signals.filtering import butterworth
 from hbm.signals.resampling import resample
 from hbm.spatial import GRAVITY_MPS2
@@ -92,7 +92,9 @@ def test_force_residual_is_small_on_every_axis_and_averages_to_zero_vertically(r
 def test_automatic_gait_events_agree_with_the_plates_and_with_those_of_the_file(recording):
     """Both feet share a plate in half of the steps; no truth is known."""
     sources = event_sources(recording, Laboratory(Treadmill()))
-    found = {method: detect_events(sources, method)[0] for method in ("file", "plates", "auto")}
+    found = {
+        method: detect_events(**sources, wanted=method)[0] for method in ("file", "plates", "auto")
+    }
     for kind in compare_events(found["auto"], found["file"]):
         assert kind.only_in_first == 0
         assert kind.only_in_second <= 1  # at an end of the recording

@@ -18,7 +18,7 @@ from compensation import InertiaModel, PlatformPose, commanded_pose, fit_inertia
 from compensation.protocol import DURATIONS_S, PLATFORM_KINDS
 from hbm.body import build_body
 from hbm.dynamics import filter_motion, inverse_dynamics
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from hbm.signals.filtering import Method, butterworth, low_pass
 from hbm.signals.resampling import resample
 from hbm.spatial import Array, Mask, shift_wrench, transform_wrench
@@ -34,12 +34,7 @@ from pipeline.virtual_lab.machine.instrumented_treadmill import (
     make_treadmill,
     undergo,
 )
-from pipeline.virtual_lab.machine.instruments import (
-    ANALOG_HZ,
-    SAMPLES_PER_FRAME,
-    Clock,
-    misplaced,
-)
+from pipeline.virtual_lab.machine.instruments import ANALOG_HZ, SAMPLES_PER_FRAME, Clock, misplaced
 from pipeline.virtual_lab.machine.platform import Machine, TreadmillMotion
 from pipeline.virtual_lab.machine.structure import Response
 from pipeline.virtual_lab.person.walk import Walk

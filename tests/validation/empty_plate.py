@@ -16,7 +16,6 @@ from hbm.signals.filtering import low_pass
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
 from pipeline.virtual_lab.machine.instruments import ANALOG_HZ
-from pipeline.virtual_lab.machine.platform import Machine
 from pipeline.virtual_lab.machine.structure import make_structure, natural_modes
 from pipeline.virtual_lab.person import bystander
 from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
@@ -49,7 +48,7 @@ def beside_a_runner(structures: Sequence[float]) -> pd.DataFrame:
     inside = (time >= SETTLING_S) & (time < time[-1] - SETTLING_S)
     found: list[dict[str, object]] = []
     for flexibility in structures:
-        structure = make_structure(Machine().assemblies, flexibility=flexibility)
+        structure = make_structure(flexibility=flexibility)
         sway_hz, pitch_hz = natural_modes(structure)[0][:2]
         faults = Faults()
         machine = faults.machine.model_copy(update={"flexibility": flexibility})

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from hbm.coordinates import COORDINATES, N_Q
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
 from pipeline.virtual_lab.machine.instruments import ANALOG_HZ, SAMPLES_PER_FRAME
+from pipeline.virtual_lab.machine.platform import BELT_ASSEMBLIES
 from pipeline.virtual_lab.protocol.walking_protocol import (
     ONSET_PHASE,
     PITCH_DEG,
@@ -99,7 +100,7 @@ def test_inverse_kinematics_finds_the_true_coordinates(marker_set, unseen):
 def test_pitch_without_compensation_leaves_the_weight_of_the_belt_assemblies(perfect):
     """Fx = M g sin φ: plates that are tilted carry part of the assemblies' weight as shear."""
     trial, treadmill = perfect("pitch")
-    mass = sum(part.mass for part in treadmill.machine.assemblies)
+    mass = sum(part.mass for part in BELT_ASSEMBLIES)
     assert mass == 300.0
     expected = mass * GRAVITY_MPS2 * rms(np.sin(pitch_angle(np.linspace(0, PITCH_PERIOD_S, 1000))))
     assert expected == pytest.approx(330, rel=0.15)
@@ -116,8 +117,8 @@ def pitch_angle(since):
 def test_pitch_without_compensation_leaves_the_moment_of_that_weight(perfect):
     """About mid-hip: My = Fx z, z above the assemblies' centre, and the lever of their weight."""
     trial, treadmill = perfect("pitch")
-    masses = np.array([part.mass for part in treadmill.machine.assemblies])
-    center = masses @ [part.center for part in treadmill.machine.assemblies] / masses.sum()
+    masses = np.array([part.mass for part in BELT_ASSEMBLIES])
+    center = masses @ [part.center for part in BELT_ASSEMBLIES] / masses.sum()
     hip = trial.walk.motion.at(trial.motion.time[::SAMPLES_PER_FRAME])[:, :3]
     pivot = np.array(treadmill.machine.pivot_m)
     angle = trial.motion.platform.pitch[0][::SAMPLES_PER_FRAME]
@@ -137,7 +138,7 @@ def test_pitch_without_compensation_leaves_the_moment_of_that_weight(perfect):
 def test_sway_without_compensation_leaves_mass_times_acceleration(perfect):
     """Fy = M ÿ after a 6 Hz filter, from the command and the actuator's bandwidth alone."""
     trial, treadmill = perfect("sway")
-    mass = sum(part.mass for part in treadmill.machine.assemblies)
+    mass = sum(part.mass for part in BELT_ASSEMBLIES)
     push = mass * pulse_acceleration(
         treadmill.machine.sway_hz, trial.motion.time, trial.motion.onsets
     )
@@ -146,7 +147,7 @@ def test_sway_without_compensation_leaves_mass_times_acceleration(perfect):
     found = rms(left_over(trial, treadmill, removal="none")[inside])
     assert found[LEFTWARD] == pytest.approx(expected, rel=0.1)
     hip = trial.walk.motion.at(trial.motion.time[::SAMPLES_PER_FRAME][inside])[:, 2].mean()
-    depth = np.mean([part.center[2] for part in treadmill.machine.assemblies])
+    depth = np.mean([part.center[2] for part in BELT_ASSEMBLIES])
     assert found[ROLL] == pytest.approx(expected * (hip - depth), rel=0.1)
 
 

@@ -1,7 +1,5 @@
 """The thesis' Table III beside simulated ones: what is compared is what was processed."""
 
-import shutil
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -16,7 +14,6 @@ from tests.validation.table_3 import (
     printed_cells,
     process,
 )
-from tests.validation.unstated import process_with, unstated_at
 
 TINY = Setting(
     protocol=Protocol(
@@ -63,11 +60,11 @@ def test_the_shorter_the_window_after_an_onset_the_larger_what_the_treadmill_add
 @pytest.mark.slow
 def test_without_the_pose_the_weight_of_a_person_stays_where_the_platform_was(stored, tmp_path):
     """5 cm beside it, for most of 0.9 s."""
-    shutil.copytree(stored.parent / "study", tmp_path / "study")
-    setting = unstated_at(np.append(np.zeros(4), np.log(0.9)), "none").apply(TINY)
+    changed = TINY.protocol.model_copy(update={"pose": "none", "sway_window": 0.9})
+    setting = TINY.model_copy(update={"protocol": changed})
     own, moved = (
         after_onsets(results).set_index(["compensated", "axis", "length_s"])["rms"][True, "Mx", 0.9]
-        for results in (stored, process_with(setting, tmp_path, "none", 1))
+        for results in (stored, process(setting, tmp_path, 1))
     )
     weight_n = 83.0 * GRAVITY_MPS2
     assert own < 0.015 * weight_n

@@ -7,7 +7,6 @@ import numpy as np
 from hbm.body import Body, build_body
 from hbm.coordinates import COORDINATES, PARENT, SEGMENTS, SUBJECT_AXES
 from hbm.markers import Markers
-from hbm.model import joints_of
 from hbm.spatial import Array
 from pipeline.virtual_lab.person.body import marker_positions
 from pipeline.virtual_lab.person.subject import VirtualSubject
@@ -46,7 +45,8 @@ def true_body(subject: VirtualSubject) -> Body:
         return body
     return replace(
         body,
-        joints=joints_of(offsets, axes),
+        offsets=offsets,
+        axes=axes,
         segments={s: skeleton.inertias[s] for s in SEGMENTS},
         marker_position=skeleton.marker_position,
     )

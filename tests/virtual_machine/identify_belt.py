@@ -138,77 +138,28 @@ def assumed() -> dict[str, dict[str, float]]:
 
 
 def main(folder: Path) -> None:
-    """Fit the first recording, judge on the second, and write the parameters."""
-    table = tomllib.loads(PARAMETERS_TOML.read_text(encoding="utf-8"))
+    """Fit both recordings; print what the parameters' file states, and how well each is fitted.
+
+    The file has the first recording's values. The force of each of two rollers follows from their
+    sum at unknown angles, whose expected square is twice that of one; two recordings leave it
+    uncertain by about a third.
+    """
     recordings = [read_recording(folder, number) for number in (1, 2)]
     lines = [find_lines(recording) for recording in recordings]
     fits = [fit(*both, identified_drive()) for both in zip(recordings, lines, strict=True)]
-    print(f"{'parameter':24}{'file 1':>10}{'95 %':>10}{'file 2':>10}{'95 %':>10}")
-    for n, name in enumerate((*FITTED, "command_sd_mps2")):
-        row = [x for fitted in fits for x in (fitted.values[n], fitted.half_widths[n])]
-        print(f"{name:24}" + "".join(f"{x:10.4g}" for x in row))
-    for n, turns in enumerate(lines[0].turns_per_m):
-        both = [line.amplitudes[n] for line in lines]
-        text = "".join(f"{a.mean():10.3f}{NORMAL_95 * a.std() / BLOCKS**0.5:10.3f}" for a in both)
-        print(f"line at {turns:.4f}, {lines[1].turns_per_m[n]:.4f} /m{text}")
-    for kind in Features._fields:
-        for number, fitted in enumerate(fits, start=1):
-            difference = getattr(fitted.difference, kind)
-            print(f"{kind}, simulated - file {number}:", *(f"{x:+.2f}" for x in difference))
-    first, (roller, *others) = fits[0], range(len(lines[0].turns_per_m))
-    for name, value, half in zip(FITTED, first.values, first.half_widths, strict=False):
-        table[name] |= {"value": value, "low": value - half, "high": value + half}
-    turns = [line.turns_per_m[roller] for line in lines]
-    table["turns_per_m"] |= {"value": turns[0], "low": min(turns), "high": max(turns)}
-    table["unbalance_kg_per_m"] |= unbalance([line.amplitudes[roller] for line in lines])
-    table["lines"] = [line_row(lines[0], n) for n in others]
-    PARAMETERS_TOML.write_text(toml_text(table), encoding="utf-8")
-
-
-def unbalance(amplitudes: list[Array]) -> dict[str, float]:
-    """Give the force of each of two rollers whose moments add at unknown angles.
-
-    Their sum has an expected square of twice that of one. Two recordings leave it uncertain by
-    about a third.
-    """
-    lever = identified_drive().roller_place_m
-    force = float(np.sqrt(np.mean([a.mean() ** 2 for a in amplitudes]) / 2)) / lever
-    return {"value": force, "low": force * 2 / 3, "high": force * 4 / 3}
-
-
-def line_row(lines: Lines, number: int) -> dict:
-    """Give a line's turns and amplitude with its interval."""
-    a = lines.amplitudes[number]
-    half = NORMAL_95 * a.std() / np.sqrt(len(a))
-    interval = {"value": a.mean(), "low": a.mean() - half, "high": a.mean() + half}
-    return {"turns_per_m": lines.turns_per_m[number], "moment_kg": interval}
-
-
-def toml_text(table: dict) -> str:
-    """Write the table with five digits."""
-
-    def row(values: dict) -> str:
-        cells = [
-            f'{k} = "{v}"' if isinstance(v, str) else f"{k} = {float(f'{v:.5g}')!r}"
-            for k, v in values.items()
-        ]
-        return "{ " + ", ".join(cells) + " }"
-
-    single = [f"{name} = {row(values)}" for name, values in table.items() if name != "lines"]
-    several = [
-        f"[[lines]]\nturns_per_m = {line['turns_per_m']:.4f}\n"
-        f"moment_kg = {row(line['moment_kg'])}\n"
-        for line in table["lines"]
-    ]
-    return HEADER + "\n".join(single) + "\n\n" + "\n".join(several)
-
-
-HEADER: Final = """\
-# Parameters of a belt's drive, with 95 % intervals where they are identified (written by
-# python -m tests.virtual_machine.identify_belt from recordings of Hnat and van den Bogert 2014) and
-# plausible ranges where they are assumed.
-
-"""
+    names = [*FITTED, "command_sd_mps2"]
+    for number, (fitted, found) in enumerate(zip(fits, lines, strict=True), start=1):
+        half = NORMAL_95 * found.amplitudes.std(axis=1) / BLOCKS**0.5
+        print(f"file {number}: parameter, value, 95 %; turns per m, moment, 95 %; difference")
+        for row in zip(names, fitted.values, fitted.half_widths, strict=True):
+            print("{:24}{:10.4g}{:10.4g}".format(*row))
+        for row in zip(found.turns_per_m, found.amplitudes.mean(axis=1), half, strict=True):
+            print("line at {:.4f} /m{:10.3f}{:10.3f}".format(*row))
+        for kind, difference in fitted.difference._asdict().items():
+            print(f"{kind}, simulated - recorded:", *(f"{x:+.2f}" for x in difference))
+    squares = [found.amplitudes[0].mean() ** 2 for found in lines]
+    force = np.sqrt(np.mean(squares) / 2) / identified_drive().roller_place_m
+    print(f"unbalance {force:.3f}, {force * 2 / 3:.3f} to {force * 4 / 3:.3f} kg/m")
 
 
 if __name__ == "__main__":

@@ -12,8 +12,8 @@ from typing import Final
 
 import numpy as np
 
-from hbm.coordinates import FIRST_Q, FIXED_TO, INDEX, MOVING, PARENT, SIDES, UP
-from hbm.kinematics import solve_ik
+from hbm.coordinates import FIXED_TO, MOVING, PARENT, SIDES, UP
+from hbm.ik.tracking import solve_ik
 from hbm.model import Body
 from hbm.poses import segment_frames
 from hbm.segments import NO_INERTIA, Inertia
@@ -161,13 +161,12 @@ def _with_joint(body: Body, distance: float, *, segment: str, by: Array) -> Body
     the other segments stay where they are.
     """
     step = distance * by
-    joints = list(body.joints)
+    offsets = dict(body.offsets)
     for other, parent in PARENT.items():
-        i = FIRST_Q[other]
         if other == segment:
-            joints[i] = replace(joints[i], offset=joints[i].offset + step)
+            offsets[other] = offsets[other] + step
         elif parent == segment:
-            joints[i] = replace(joints[i], offset=joints[i].offset - step)
+            offsets[other] = offsets[other] - step
     on_it = np.array([own == segment for own in body.marker_segment])
     segments = dict(body.segments)
     _shift(segments, segment, -_share_of_way(body, segment, otherwise=1.0) * step)
@@ -178,7 +177,7 @@ def _with_joint(body: Body, distance: float, *, segment: str, by: Array) -> Body
     _shift(segments, parent, _share_of_way(body, parent, otherwise=0.0) * step)
     return replace(
         body,
-        joints=tuple(joints),
+        offsets=offsets,
         marker_position=body.marker_position - on_it[:, None] * step,
         segments=segments,
     )
@@ -186,11 +185,8 @@ def _with_joint(body: Body, distance: float, *, segment: str, by: Array) -> Body
 
 def _with_axis(body: Body, angle: float, *, coordinate: str) -> Body:
     """Turn the axis of a hinge about the vertical axis of its parent [rad]."""
-    joints = list(body.joints)
-    i = INDEX[coordinate]
-    turn = rotation_about(np.array(UP), angle)
-    joints[i] = replace(joints[i], axis=turn @ joints[i].axis)
-    return replace(body, joints=tuple(joints))
+    turned = rotation_about(np.array(UP), angle) @ body.axes[coordinate]
+    return replace(body, axes={**body.axes, coordinate: turned})
 
 
 def _share_of_way(body: Body, segment: str, otherwise: float) -> float:

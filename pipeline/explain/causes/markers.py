@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from hbm.coordinates import INDEX, LIMBS, MOVING, SIDES
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers
 from hbm.poses import segment_frames
 from hbm.spatial import Array

@@ -167,7 +167,7 @@ def swing_zero(
 
     Examples
     --------
-    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
     >>> import pipeline
     >>> _ = simulate_trial("walk.c3d", duration_s=8.0, plate_noise_n=0)
     >>> plate = pipeline.read_c3d("walk.c3d").plates[0]

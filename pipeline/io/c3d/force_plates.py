@@ -1,6 +1,5 @@
 """Force plates of a C3D file, TYPE 1 to 4: how they are described, their channels as wrenches."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -9,6 +8,7 @@ import numpy as np
 from hbm.notes import Note
 from hbm.spatial import Array, shift_wrench
 from hbm.spelling import short
+from pipeline.io.c3d.data import Header
 from pipeline.io.c3d.parameters import Parameters
 from pipeline.io.stated import Quantity, Stated
 
@@ -110,17 +110,13 @@ class PlateLayout:
         return shift_wrench(values, self.origin)
 
 
-def plate_layouts(
-    parameters: Parameters, names: Sequence[str], units: Sequence[str], stated: Stated
-) -> tuple[list[PlateLayout], list[Note]]:
+def plate_layouts(header: Header, stated: Stated) -> tuple[list[PlateLayout], list[Note]]:
     """Read how a file describes its force plates.
 
     Parameters
     ----------
-    parameters
-        Parameters of the file.
-    names, units
-        Label and unit of each analog channel as the file writes them.
+    header
+        What the file says of itself.
     stated
         Units that a person states.
 
@@ -136,18 +132,18 @@ def plate_layouts(
     ValueError
         A unit is unknown.
     """
+    parameters = header.parameters
     used = parameters.integer("FORCE_PLATFORM", "USED", 0)
     types = parameters.integers("FORCE_PLATFORM", "TYPE").ravel()
     if used > MAX_PLATES:
         raise ValueError(f"FORCE_PLATFORM:USED says {used} plates: the file is damaged")
-    labelled = list(zip(names, units, strict=True))
     plates: list[PlateLayout] = []
     notes: list[Note] = []
     for k in range(used):
         try:
             if k >= len(types):
                 raise Undescribed("FORCE_PLATFORM:TYPE does not name its type")
-            plates.append(_plate_layout(k, int(types[k]), parameters, labelled, stated))
+            plates.append(_plate_layout(k, int(types[k]), header, stated))
             halves = plates[-1].corners[:2] + plates[-1].corners[2:]  # equal in a rectangle
             error_m = np.linalg.norm(halves[0] - halves[1])
             if error_m > MAX_CORNER_ERROR_M:
@@ -159,9 +155,8 @@ def plate_layouts(
     return plates, notes
 
 
-def _plate_layout(
-    k: int, kind: int, parameters: Parameters, labelled: list[Channel], stated: Stated
-) -> PlateLayout:
+def _plate_layout(k: int, kind: int, header: Header, stated: Stated) -> PlateLayout:
+    parameters, labelled = header.parameters, header.channels
     if kind not in QUANTITIES:
         raise Undescribed(
             f"plates of TYPE {kind} are not supported, only TYPE 1 to 4; export the file with "
@@ -242,15 +237,13 @@ def _from_eight_sensors(values: Array, distances: Array) -> Array:
     return np.hstack([force, moment + np.cross(force, [0.0, 0.0, height])])
 
 
-def channel_change(plate: PlateLayout, channels: Array, wrench_change: Array) -> Array:
+def channel_change(plate: PlateLayout, wrench_change: Array) -> Array:
     """Give the change of a plate's channels that changes its wrench.
 
     Parameters
     ----------
     plate
-        The plate.
-    channels
-        Samples of its channels in the file's units, (N, c).
+        The plate, of TYPE 2, 3 or 4.
     wrench_change
         Change of the wrench in the plate's axes about the centre of its surface, (N, 6) [N, N·m].
 
@@ -258,17 +251,17 @@ def channel_change(plate: PlateLayout, channels: Array, wrench_change: Array) ->
     -------
     Array
         Change of the channels in the file's units, (N, c). TYPE 3: of least norm over its eight
-        channels. TYPE 1: NaN where the changed wrench has no centre of pressure on the plate's
-        surface, which TYPE 1 stores instead of two of its moments.
+        channels.
 
     Raises
     ------
     ValueError
-        The channels do not determine the wrench: a calibration matrix is singular.
+        The channels do not determine the wrench: a calibration matrix is singular, or they are of
+        TYPE 1, which stores a centre of pressure in place of two moments.
 
     Notes
     -----
-    Wrenches of TYPE 2 to 4 are linear in their channels; the matrix is what `PlateLayout.wrench`
+    Wrenches are linear in their channels; the matrix is what `PlateLayout.wrench`
     makes of one unit of each channel.
 
     Examples
@@ -278,11 +271,14 @@ def channel_change(plate: PlateLayout, channels: Array, wrench_change: Array) ->
     >>> plate = PlateLayout(
     ...     1, 2, (0, 1, 2, 3, 4, 5), np.ones(6), None, np.array([0, 0, -0.1]), corners, np.eye(3)
     ... )
-    >>> channel_change(plate, np.zeros((1, 6)), np.array([[10.0, 0, 0, 0, 0, 0]])) + 0.0
+    >>> channel_change(plate, np.array([[10.0, 0, 0, 0, 0, 0]])) + 0.0
     array([[10.,  0.,  0.,  0., -1.,  0.]])
     """
     if plate.kind == 1:
-        return _centre_of_pressure_change(plate, channels, wrench_change)
+        raise ValueError(
+            f"force plate {plate.number}: plates of TYPE 1 store a centre of pressure in place of "
+            "moments, which a compensated force may not have; export the file with TYPE 2 plates"
+        )
     to_wrench = plate.wrench(np.eye(len(plate.channels))).T
     if not np.linalg.cond(to_wrench) < MAX_CONDITION:
         raise ValueError(
@@ -292,15 +288,3 @@ def channel_change(plate: PlateLayout, channels: Array, wrench_change: Array) ->
     if plate.kind == 3:
         return wrench_change @ np.linalg.pinv(to_wrench).T
     return np.asarray(np.linalg.solve(to_wrench, wrench_change.T).T)
-
-
-def _centre_of_pressure_change(plate: PlateLayout, channels: Array, wrench_change: Array) -> Array:
-    fx, fy, fz, mx, my, mz = (plate.wrench(channels) + wrench_change).T
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        x, y = -my / fz, mx / fz
-        wanted = np.column_stack([fx, fy, fz, x, y, mz - (x * fy - y * fx)])
-        change = wanted / plate.scale - channels
-    reach = np.linalg.norm(plate.corners - plate.corners.mean(axis=0), axis=1).max()
-    change[~(np.hypot(x, y) <= reach), 3:] = np.nan
-    change[~wrench_change.any(axis=1)] = 0
-    return change

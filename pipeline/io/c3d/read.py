@@ -1,7 +1,8 @@
 """C3D files -> Recording: units, axes, labels and plates are settled here, once."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Final, get_args
@@ -15,12 +16,17 @@ from hbm.notes import Note
 from hbm.spatial import Array, frozen
 from hbm.spelling import short
 from pipeline.io.axes import mean_force, parse_axes, settle_axes
-from pipeline.io.c3d.data import missing_share, read_samples
+from pipeline.io.c3d.data import (
+    Header,
+    correction,
+    missing_share,
+    read_header,
+    read_samples,
+)
 from pipeline.io.c3d.force_plates import PlateLayout, plate_layouts
-from pipeline.io.c3d.header import Header, correction, read_header
-from pipeline.io.c3d.labels import PointLabels, channel_labels, sort_labels
 from pipeline.io.c3d.parameters import Parameters, Value
 from pipeline.io.input_file import naming
+from pipeline.io.labels import rename_markers, without_prefixes
 from pipeline.io.recording import (
     Analog,
     Compensation,
@@ -45,18 +51,6 @@ LABEL: Final = re.compile(
     rf"(?P<before>{'|'.join(SIDE_WORDS)})?(?P<kind>{'|'.join(KINDS)})(?P<after>{'|'.join(SIDE_WORDS)})?"
 )
 GROUP: Final = "HBM_RESIDUALS"
-TEXTS: Final = {
-    "SOFTWARE": "software",
-    "CALIBRATION": "calibration",
-    "CALIBRATION_SHA256": "calibration_sha256",
-    "BELTS": "belts",
-    "BELTS_SHA256": "belts_sha256",
-    "PLATE_CALIBRATION": "plate_calibration",
-    "PLATE_CALIBRATION_SHA256": "plate_calibration_sha256",
-    "FILTER": "filter",
-    "FRAME": "frame",
-}
-"""Parameter -> attribute of `Compensation`."""
 BEGINNING_FRAMES: Final = 1000
 """Ten seconds at 100 Hz: enough gait to infer axes, weigh the subject and find events."""
 SAMPLED_FRAMES: Final = 500
@@ -78,15 +72,114 @@ OF_LIMB: Final = {
 and mm, and bounds beyond which it is not stated (zero) or in another unit [kg or m]."""
 
 
-def read_events(
-    header: Header, parameters: Parameters, start_s: float
-) -> tuple[tuple[Event, ...], list[Note]]:
+OUTPUT_GROUPS: Final = (
+    "ANGLES",
+    "FORCES",
+    "MOMENTS",
+    "POWERS",
+    "REACTIONS",
+    "SCALARS",
+    "MODELED_MARKERS",
+)
+OUTPUT_NAME: Final = re.compile(r"(Angles?|Moments?|Forces?|Powers?|NormalisedGRF)$")
+SEGMENT_FRAME_SUFFIXES: Final = ("O", "A", "L", "P")
+"""Vicon's four points of a segment frame: origin, anterior, lateral, proximal."""
+
+
+@dataclass(frozen=True, slots=True)
+class PointLabels:
+    """The points of a file by what they are.
+
+    Attributes
+    ----------
+    markers, outputs
+        Name -> index of the point, for markers and for the outputs of other programs.
+    notes
+        What was renamed, removed or set aside.
+    """
+
+    markers: dict[str, int]
+    outputs: dict[str, int]
+    notes: list[Note]
+
+
+def sort_labels(header: Header, stated: Stated) -> PointLabels:
+    """Separate markers from outputs of other programs, and remove subject prefixes.
+
+    Parameters
+    ----------
+    parameters
+        Parameters of the file.
+    n_points
+        Number of points per frame.
+    stated
+        What a person states about labels.
+
+    Returns
+    -------
+    PointLabels
+        Markers under unique names, outputs, and notes.
+
+    Raises
+    ------
+    ValueError
+        As `pipeline.io.labels.without_prefixes` and `rename_markers`.
+
+    Notes
+    -----
+    Outputs are the points listed in POINT:ANGLES, MOMENTS and the like, those so named, and
+    Vicon's segment frames: four points named by one stem and O, A, L, P.
+    """
+    parameters, n_points = header.parameters, header.frame.points
+    labels = parameters.texts("POINT", "LABELS")[:n_points]
+    labels += [""] * (n_points - len(labels))
+    labels = [label or f"unlabelled_{k + 1}" for k, label in enumerate(labels)]
+    bare, notes = without_prefixes(labels, stated.label_prefix)
+    computed = _outputs(parameters, labels, bare)
+    outputs = _unique({k: name for k, name in bare.items() if k in computed})
+    markers = _unique({k: name for k, name in bare.items() if k not in computed})
+    renamed, rename_notes = rename_markers(markers, stated)
+    return PointLabels(renamed, outputs, [*notes, *rename_notes])
+
+
+def _outputs(parameters: Parameters, labels: Sequence[str], bare: Mapping[int, str]) -> set[int]:
+    listed = {name for group in OUTPUT_GROUPS for name in parameters.texts("POINT", group)}
+    names = set(bare.values())
+    stems = {
+        name[:-1]
+        for name in names
+        if len(name) > 1 and all(name[:-1] + suffix in names for suffix in SEGMENT_FRAME_SUFFIXES)
+    }
+    return {
+        k
+        for k, name in bare.items()
+        if labels[k] in listed
+        or name in listed
+        or OUTPUT_NAME.search(name)
+        or (name[-1:] in SEGMENT_FRAME_SUFFIXES and name[:-1] in stems)
+    }
+
+
+def _unique(names: Mapping[int, str]) -> dict[str, int]:
+    """Give every point a label of its own; labels that occur again are numbered."""
+    unique: dict[str, int] = {}
+    for k, name in names.items():
+        free, number = name, 2
+        while free in unique:
+            free = f"{name}_{number}"
+            number += 1
+        unique[free] = k
+    return unique
+
+
+def read_events(header: Header, start_s: float) -> tuple[tuple[Event, ...], list[Note]]:
     """Give the foot strikes and foot offs of a file, on the clock of its first frame.
 
     ``start_s`` is the time of that frame on the file's own clock [s]. The note ``events_left_out``
     where there are others. A ValueError where EVENT:TIMES holds neither minutes and seconds nor
     seconds of the events.
     """
+    parameters = header.parameters
     times = parameters.numbers("EVENT", "TIMES")
     labels = [label for label, _ in header.events]
     contexts: list[str] = []
@@ -132,8 +225,10 @@ def _kind_and_side(label: str) -> tuple[str, str]:
 
 def compensation_group(compensation: Compensation) -> dict[str, Value]:
     """Give the group's parameters; what is not known is left out."""
-    texts = {name: getattr(compensation, attribute) for name, attribute in TEXTS.items()}
-    members: dict[str, Value] = {name: text for name, text in texts.items() if text}
+    stated = {
+        field.name.upper(): getattr(compensation, field.name) for field in fields(compensation)
+    }
+    members: dict[str, Value] = {n: v for n, v in stated.items() if isinstance(v, str) and v}
     members["PLATES"] = np.array(compensation.plates, int)
     if compensation.cutoff_hz is not None:
         members["CUTOFF_HZ"] = np.array([compensation.cutoff_hz])
@@ -147,9 +242,8 @@ def read_compensation(parameters: Parameters) -> Compensation | None:
     """
     if GROUP not in parameters.groups:
         return None
-    texts: dict[str, Any] = {
-        attribute: parameters.text(GROUP, name) for name, attribute in TEXTS.items()
-    }
+    names = {field.name for field in fields(Compensation)} - {"plates", "cutoff_hz"}
+    texts: dict[str, Any] = {name: parameters.text(GROUP, name.upper()) for name in names}
     if texts["frame"] not in get_args(PlateFrame):
         raise ValueError(
             f"{GROUP}:FRAME is {short(texts['frame'])!r}, expected one of "
@@ -194,7 +288,7 @@ def read_c3d(
     Examples
     --------
     >>> import pipeline
-    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
     >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
     >>> recording = pipeline.read_c3d("walk.c3d")
     >>> len(recording.markers.names), recording.plates[0].rate_hz
@@ -202,26 +296,27 @@ def read_c3d(
     """
     path = Path(path)
     with naming(path):
-        return _read(path, as_stated(stated), max_frames)
+        return read_c3d_file(path, as_stated(stated), max_frames)
 
 
 def preview_c3d(path: Path, stated: Stated) -> Preview:
     """Preview a C3D file without reading all of it; parameters and errors are `read_c3d`'s."""
     beginning = read_c3d(path, stated, max_frames=BEGINNING_FRAMES)
-    header, parameters = read_header(path)
-    share = missing_share(path, header, SAMPLED_FRAMES)
-    markers = sort_labels(parameters, header.frame.points, stated).markers
+    header = read_header(path)
+    share = missing_share(header, SAMPLED_FRAMES)
+    markers = sort_labels(header, stated).markers
     missing = {name: float(share[k]) for name, k in markers.items()}
     return Preview(beginning, header.frames, missing)
 
 
-def _read(path: Path, stated: Stated, max_frames: int | None) -> Recording:
-    header, parameters = read_header(path)
-    samples = read_samples(path, header, parameters, max_frames)
-    labels = sort_labels(parameters, header.frame.points, stated)
+def read_c3d_file(path: Path, stated: Stated, max_frames: int | None = None) -> Recording:
+    """Read a C3D file as `read_c3d` does; errors do not name it."""
+    header = read_header(path)
+    parameters, channels = header.parameters, header.channels
+    samples = read_samples(header, max_frames)
+    labels = sort_labels(header, stated)
     unit = parameters.text("POINT", "UNITS")
-    names, units = channel_labels(parameters, header.frame.channels)
-    layouts, plate_notes = plate_layouts(parameters, names, units, stated)
+    layouts, plate_notes = plate_layouts(header, stated)
     wrenches = [plate.wrench(samples.analog[:, plate.channels]) for plate in layouts]
     taken = {channel for plate in layouts for channel in plate.channels}
 
@@ -250,11 +345,11 @@ def _read(path: Path, stated: Stated, max_frames: int | None) -> Recording:
         corners, rotation = plate.corners @ to_lab.T, to_lab @ plate.rotation
         center = corners.mean(axis=0)
         plates.append(Plate(plate.number, analog_time, frozen(wrench), rotation, center, corners))
-    rest = [k for k in range(len(names)) if k not in taken]
-    of_rest = tuple(names[k] for k in rest), tuple(units[k] for k in rest)
+    rest = [k for k in range(len(channels)) if k not in taken]
+    names, units = (tuple(channels[k][part] for k in rest) for part in (0, 1))
     others = frozen(samples.analog.T.take(rest, axis=0)).T
-    first_frame, wrong_frame = _first_frame(header, parameters)
-    events, event_notes = read_events(header, parameters, (first_frame - 1) / samples.rate_hz)
+    first_frame, wrong_frame = _first_frame(header)
+    events, event_notes = read_events(header, (first_frame - 1) / samples.rate_hz)
     if events and wrong_frame:
         raise ValueError(
             f"{wrong_frame[0]}: one of them is wrong, and with it the times of all events; correct "
@@ -262,15 +357,15 @@ def _read(path: Path, stated: Stated, max_frames: int | None) -> Recording:
         )
     compensation = read_compensation(parameters)
     corrections = [*header.corrections, *samples.corrections, *wrong_frame]
-    written = [units[channel] for channel in sorted(taken)]
+    written = [channels[k][1] for k in sorted(taken)]
     return Recording(
         source=path,
         markers=Markers(time, tuple(labels.markers), in_lab),
         plates=tuple(plates),
-        analog=Analog(analog_time, *of_rest, others) if rest else None,
+        analog=Analog(analog_time, names, units, others) if rest else None,
         events=events,
         first_frame=first_frame,
-        metadata=_metadata(parameters, labels),
+        metadata=_metadata(parameters),
         model_outputs={name: samples.points[:, k] for name, k in labels.outputs.items()},
         compensation=compensation,
         stated=stated,
@@ -286,9 +381,9 @@ def _read(path: Path, stated: Stated, max_frames: int | None) -> Recording:
     )
 
 
-def _first_frame(header: Header, parameters: Parameters) -> tuple[int, list[str]]:
+def _first_frame(header: Header) -> tuple[int, list[str]]:
     """Give the number of the first frame, of which the header has 16 bits, and what differs."""
-    start = parameters.integers("TRIAL", "ACTUAL_START_FIELD").ravel()
+    start = header.parameters.integers("TRIAL", "ACTUAL_START_FIELD").ravel()
     in_header = header.first_frame
     full = int(start @ [1, 65536]) if start.size == 2 else in_header
     if in_header in (0, full, full % 65536, min(full, 65535)):
@@ -296,22 +391,14 @@ def _first_frame(header: Header, parameters: Parameters) -> tuple[int, list[str]
     return in_header, [correction("first frame by TRIAL:ACTUAL_START_FIELD", full, in_header)]
 
 
-def _metadata(parameters: Parameters, labels: PointLabels) -> Metadata:
-    software = parameters.texts("MANUFACTURER", "SOFTWARE")
-    software += parameters.texts("MANUFACTURER", "VERSION_LABEL")
-    of_subject = _measures(parameters, "", OF_SUBJECT)
+def _metadata(parameters: Parameters) -> Metadata:
     limbs = {
         side: LimbMeasures(**_measures(parameters, letter, OF_LIMB))
         for side, letter in SIDES.items()
     }
     return Metadata(
-        subject=parameters.text("SUBJECTS", "NAMES") or labels.subject,
-        marker_set=parameters.text("SUBJECTS", "MARKER_SETS"),
-        manufacturer=parameters.text("MANUFACTURER", "COMPANY"),
-        software=" ".join(software),
+        **_measures(parameters, "", OF_SUBJECT),
         limbs={side: found for side, found in limbs.items() if found != LimbMeasures()},
-        mass_kg=of_subject.get("mass_kg"),
-        height_m=of_subject.get("height_m"),
     )
 
 

@@ -16,13 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbm.spatial import Array
-from pipeline.io.c3d.data import analog_scaling, frame_rate_hz, is_unsigned
+from pipeline.io.c3d.data import (
+    DATA_STARTS,
+    Header,
+    analog_scaling,
+    frame_rate_hz,
+    is_unsigned,
+    read_header,
+)
 from pipeline.io.c3d.force_plates import PlateLayout, channel_change, plate_layouts
-from pipeline.io.c3d.header import DATA_STARTS, Header, read_header
-from pipeline.io.c3d.labels import channel_labels
 from pipeline.io.c3d.parameters import (
     BLOCK_BYTES,
-    Parameters,
     float_bytes,
     floats,
     integer_type,
@@ -31,6 +35,7 @@ from pipeline.io.c3d.parameters import (
 )
 from pipeline.io.c3d.read import GROUP, compensation_group, read_compensation
 from pipeline.io.c3d.second_reader import SecondReading, check_rewritten
+from pipeline.io.input_file import naming
 from pipeline.io.recording import Compensation
 from pipeline.io.stated import Stated
 from pipeline.io.write import remove_leftovers, whole_file
@@ -42,10 +47,6 @@ FRAMES_PER_SLICE: Final = 4096
 """Some megabytes at a time: large enough for NumPy, small beside the trial."""
 DATA_BLOCK: Final = 8
 """Word of the header that says where the data section begins."""
-NO_CENTRE: Final = (
-    "the compensated force has no centre of pressure on the plate's surface, and plates of TYPE 1 "
-    "store no other moment; export the recording with TYPE 2 plates"
-)
 LABEL_RANGE: Final = 147
 LABEL_RANGE_KEY: Final = 12345
 """This number in this word of the header: the file has a section of labels and ranges."""
@@ -58,7 +59,6 @@ class _PlateSamples:
     header: Header
     plates: list[PlateLayout]
     names: list[str]
-    offset: NDArray[np.float64]
     scale: NDArray[np.float64]
     rate_hz: float
     unsigned: bool
@@ -95,15 +95,13 @@ class _PlateSamples:
         if real:
             before = floats(stored.tobytes(), order).reshape(stored.shape).astype(float)
         known = np.isfinite(before).all(axis=1)
-        values = (before[known] - self.offset[chosen]) * scale
         change = np.zeros(before.shape)
-        change[known] = channel_change(plate, values, wrench_change[known])
+        change[known] = channel_change(plate, wrench_change[known])
         with np.errstate(divide="ignore", invalid="ignore"):
             after = np.where(change == 0, before, before + change / scale)
         after = after if real else np.rint(after)
         low, high = self._limits
         for wrong, reason in (
-            (np.isnan(change), NO_CENTRE),
             ((change != 0) & ((scale == 0) | ~np.isfinite(scale)), "its scale is 0 or no number"),
             (
                 (change != 0) & ~((after >= low) & (after <= high)),
@@ -138,18 +136,18 @@ class _PlateSamples:
         return float(np.iinfo(self._word_type).min), float(np.iinfo(self._word_type).max)
 
 
-def _plate_samples(header: Header, parameters: Parameters, stated: Stated) -> _PlateSamples:
-    names, units = channel_labels(parameters, header.frame.channels)
-    plates, _ = plate_layouts(parameters, names, units, stated)
+def _plate_samples(header: Header, stated: Stated) -> _PlateSamples:
+    plates, _ = plate_layouts(header, stated)
+    names = [name for name, _ in header.channels]
     if not plates:
         raise ValueError("the file has no force plates")
     owners = Counter(channel for plate in plates for channel in plate.channels)
     if shared := [names[channel] for channel, count in owners.items() if count > 1]:
         raise ValueError(f"FORCE_PLATFORM:CHANNEL names {shared[0]} twice")
-    offset, scale, _ = analog_scaling(header, parameters)
-    rate_hz = frame_rate_hz(header, parameters)[0] * header.frame.per_channel
-    unsigned = is_unsigned(parameters)
-    return _PlateSamples(header, plates, names, offset, scale, rate_hz, unsigned)
+    _, scale, _ = analog_scaling(header)
+    rate_hz = frame_rate_hz(header)[0] * header.frame.per_channel
+    unsigned = is_unsigned(header)
+    return _PlateSamples(header, plates, names, scale, rate_hz, unsigned)
 
 
 def rewrite_plates(
@@ -200,49 +198,39 @@ def rewrite_plates(
     -----
     Integer samples are rounded to a count. Samples that are not a number stay so.
     """
-    try:
-        return _rewrite(original, target, changes, compensation, corners, stated or Stated())
-    except ValueError as error:
-        if original.name in str(error):
-            raise
-        raise ValueError(f"{original.name}: {error}") from error
-
-
-def _rewrite(
-    original: Path,
-    target: Path,
-    changes: Sequence[Array],
-    compensation: Compensation,
-    corners: Sequence[Array],
-    stated: Stated,
-) -> SecondReading:
-    header, parameters = read_header(original)
-    if (before := read_compensation(parameters)) is not None:
-        raise ValueError(f"its plates are compensated already, by {before.software}")
-    samples = _plate_samples(header, parameters, stated)
-    parameter_start = (header.parameter_block - 1) * BLOCK_BYTES
-    remove_leftovers(target.parent)
-    with whole_file(target) as temporary:
-        with original.open("rb") as source, temporary.open("wb") as copy:
-            head = source.read(parameter_start)
-            section = source.read(header.data_start - parameter_start)
-            section = _changed_section(section, samples, parameters, compensation, corners, stated)
-            copy.write(_moved(head, header, len(section) // BLOCK_BYTES) + section)
-            for start in range(0, header.frames, FRAMES_PER_SLICE):
-                count = min(FRAMES_PER_SLICE, header.frames - start)
-                data = source.read(count * header.frame.bytes)
-                copy.write(samples.changed(data, changes, start))
-            shutil.copyfileobj(source, copy)
-        verification = check_rewritten(
-            original,
-            temporary,
-            changed_channels={channel for plate in samples.plates for channel in plate.channels},
-            added_group=GROUP,
-            changed_parameters=["FORCE_PLATFORM:CORNERS"] if corners else [],
-        )
-        if target.exists() and not filecmp.cmp(temporary, target, shallow=False):
-            raise ValueError(f"{target} exists and is another file; nothing is overwritten")
-    return verification
+    stated = stated or Stated()
+    with naming(original):
+        header = read_header(original)
+        if (before := read_compensation(header.parameters)) is not None:
+            raise ValueError(f"its plates are compensated already, by {before.software}")
+        samples = _plate_samples(header, stated)
+        parameter_start = (header.parameter_block - 1) * BLOCK_BYTES
+        remove_leftovers(target.parent)
+        with whole_file(target) as temporary:
+            with original.open("rb") as source, temporary.open("wb") as copy:
+                head = source.read(parameter_start)
+                section = source.read(header.data_start - parameter_start)
+                section = _changed_section(
+                    section, samples, compensation, corners, stated or Stated()
+                )
+                copy.write(_moved(head, header, len(section) // BLOCK_BYTES) + section)
+                for start in range(0, header.frames, FRAMES_PER_SLICE):
+                    count = min(FRAMES_PER_SLICE, header.frames - start)
+                    data = source.read(count * header.frame.bytes)
+                    copy.write(samples.changed(data, changes, start))
+                shutil.copyfileobj(source, copy)
+            verification = check_rewritten(
+                original,
+                temporary,
+                changed_channels={
+                    channel for plate in samples.plates for channel in plate.channels
+                },
+                added_group=GROUP,
+                changed_parameters=["FORCE_PLATFORM:CORNERS"] if corners else [],
+            )
+            if target.exists() and not filecmp.cmp(temporary, target, shallow=False):
+                raise ValueError(f"{target} exists and is another file; nothing is overwritten")
+        return verification
 
 
 def _moved(head: bytes, header: Header, parameter_blocks: int) -> bytes:
@@ -260,13 +248,13 @@ def _moved(head: bytes, header: Header, parameter_blocks: int) -> bytes:
 def _changed_section(
     section: bytes,
     samples: _PlateSamples,
-    parameters: Parameters,
     compensation: Compensation,
     corners: Sequence[Array],
     stated: Stated,
 ) -> bytes:
     """Give the parameter section with the group, the data's new start and new corners."""
     order, length = samples.header.byte_order, len(section)
+    parameters = samples.header.parameters
     section = with_group(section, order, GROUP, compensation_group(compensation))
     moved = (len(section) - length) // BLOCK_BYTES
     for group, name in DATA_STARTS if moved else ():

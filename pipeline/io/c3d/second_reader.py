@@ -21,10 +21,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbm.spelling import short
-from pipeline.io.c3d.data import Samples, read_samples
-from pipeline.io.c3d.header import DATA_STARTS, MAX_COUNT, Header, read_header
-from pipeline.io.c3d.labels import channel_labels
-from pipeline.io.c3d.parameters import BLOCK_BYTES, Parameters
+from pipeline.io.c3d.data import (
+    DATA_STARTS,
+    MAX_COUNT,
+    Header,
+    Samples,
+    read_header,
+    read_samples,
+)
+from pipeline.io.c3d.parameters import BLOCK_BYTES
+from pipeline.io.input_file import naming
 
 PROGRAM: Final = Path(__file__).with_name("ezc3d_arrays.py")
 COMPARED: Final = (
@@ -88,13 +94,11 @@ def compare_readers(path: Path) -> SecondReading:
     Compared are frame rate, markers, gaps, analog channels, labels, units, events and the
     parameters of force plates. A ValueError where our reader refuses the file.
     """
+    with naming(path):
+        header = read_header(path)
+        samples = read_samples(header)
     try:
-        header, parameters = read_header(path)
-        samples = read_samples(path, header, parameters)
-    except ValueError as error:
-        raise ValueError(f"{path.name}: {error}") from error
-    try:
-        found = _differences(header, parameters, samples, _read_by_ezc3d(path))
+        found = _differences(header, samples, _read_by_ezc3d(path))
     except _Refused as error:
         return SecondReading(_reader(), str(error))
     return SecondReading(_reader(), "", tuple(found))
@@ -194,16 +198,14 @@ def _read_by_ezc3d(path: Path) -> Arrays:
             raise _Refused("its process ends without a result") from None
 
 
-def _differences(
-    header: Header, parameters: Parameters, samples: Samples, second: Arrays
-) -> list[str]:
+def _differences(header: Header, samples: Samples, second: Arrays) -> list[str]:
     """Say in which arrays ezc3d's reading differs; `_Refused` where it is known not to read them.
 
     ezc3d 1.7.2 stops at 65,535 frames where a file has a ROTATION group, reads no channel and wrong
     points where ANALOG:RATE is absent, subtracts the magnitude of ANALOG:OFFSET, and takes the
     header's counts and rate where a file contradicts itself.
     """
-    frame, channels = header.frame, header.frame.channels
+    parameters, frame, channels = header.parameters, header.frame, header.frame.channels
     contradictory = bool(header.corrections or samples.corrections)
     points, analog = second["points"], second["analog"]
     counts = [("frames", len(points), header.frames)] * (frame.points > 0)
@@ -229,7 +231,7 @@ def _differences(
     seen = np.where((second["residuals"] >= 0)[..., None], points, np.nan)
     labels = parameters.texts("POINT", "LABELS")
     found += _different_samples("marker", labels, _seen(samples.points), _seen(seen), header)
-    names, _ = channel_labels(parameters, channels)
+    names = [name for name, _ in header.channels]
     analog = np.where(np.isfinite(analog), analog, np.nan)
     unlike = _different_samples("channel", names, samples.analog, analog, header)
     if unlike and not found and (parameters.numbers("ANALOG", "OFFSET") < 0).any():
@@ -287,7 +289,8 @@ def _require_same(
 
     In the header only the start of the data is free.
     """
-    (header, before), (header_again, after) = map(read_header, (original, written))
+    header, header_again = map(read_header, (original, written))
+    before, after = header.parameters, header_again.parameters
     first, second = (np.memmap(path, np.uint8, "r") for path in (original, written))
     different = {*np.flatnonzero(first[:BLOCK_BYTES] != second[:BLOCK_BYTES]).tolist()}
     if different - {16, 17}:

@@ -59,7 +59,7 @@ def write_c3d(
     first_frame
         Number of the first frame.
     metadata
-        Of it ``subject, mass_kg, height_m, marker_set, manufacturer, software`` are written.
+        Of it body mass and stature are written.
 
     Raises
     ------
@@ -76,14 +76,11 @@ def write_c3d(
         raise ValueError("a C3D file needs at least two frames, since it states a frame rate")
     to_file = parse_axes(axes).T
     channels = _channels(markers, plates, analog, to_file)
-    groups = _marker_groups(markers, to_file, first_frame, metadata) | {
+    groups = _marker_groups(markers, to_file, first_frame) | {
         "ANALOG": _analog(channels, markers),
         "FORCE_PLATFORM": _force_platform(plates, to_file),
         "EVENT": _events(events, (first_frame - 1) / markers.rate_hz),
-        "MANUFACTURER": {
-            "COMPANY": metadata.manufacturer or PROGRAM,
-            "SOFTWARE": metadata.software or PROGRAM,
-        },
+        "MANUFACTURER": {"SOFTWARE": PROGRAM},
         "PROCESSING": {
             name: np.array([float(value)])
             for name, value in (
@@ -136,10 +133,8 @@ def _wrench_on_disk(plate: Plate, to_file: Array) -> Array:
     return rotate_wrench(shift_wrench(plate.wrench, plate.corners.mean(axis=0)), rotation.T)
 
 
-def _marker_groups(
-    markers: Markers, to_file: Array, first_frame: int, metadata: Metadata
-) -> Groups:
-    """Give the groups TRIAL, SUBJECTS and POINT."""
+def _marker_groups(markers: Markers, to_file: Array, first_frame: int) -> Groups:
+    """Give the groups TRIAL and POINT."""
     frames, names = len(markers.time), list(markers.names)
     last_frame = first_frame + frames - 1
     ends = (np.array(divmod(frame, MAX_COUNT + 1)[::-1]) for frame in (first_frame, last_frame))
@@ -153,13 +148,6 @@ def _marker_groups(
         "TRIAL": {
             **dict(zip(("ACTUAL_START_FIELD", "ACTUAL_END_FIELD"), ends, strict=True)),
             "CAMERA_RATE": np.array([markers.rate_hz]),
-        },
-        "SUBJECTS": {
-            "USED": np.array([1]),
-            "IS_STATIC": np.array([0]),
-            "USES_PREFIXES": np.array([0]),
-            "NAMES": [metadata.subject],
-            "MARKER_SETS": [metadata.marker_set],
         },
         "POINT": {
             "USED": np.array([len(names)]),

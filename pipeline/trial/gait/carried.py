@@ -16,7 +16,7 @@ from hbm.body import Body
 from hbm.poses import joint_positions
 from hbm.signals.filtering import Method
 from hbm.signals.samples import stretches
-from hbm.spatial import GRAVITY_MPS2, Array, Mask, transform_wrench
+from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask, transform_wrench
 from pipeline.trial.gait.events import SIDES
 
 MAX_SPEED: Final = 0.8
@@ -188,7 +188,7 @@ class Support:
         self,
         feet: Feet,
         wrenches: Array,
-        on: Array,
+        on: Indices,
         need: Array,
         measured: Array,
         pose: tuple[Array, Array] | None = None,

@@ -1,6 +1,6 @@
 """Which foot stood on which plate, contact by contact, by the centre of pressure."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal, NamedTuple
 
@@ -14,7 +14,7 @@ from hbm.notes import Note
 from hbm.poses import joint_positions
 from hbm.signals.filtering import Method
 from hbm.signals.samples import median_of, stretches
-from hbm.spatial import Array, Mask
+from hbm.spatial import Array, Indices, Mask
 from pipeline.config.schema import PlateContact
 from pipeline.trial.gait.events import SIDES
 
@@ -24,6 +24,10 @@ MAX_PRESSURE_DISTANCE_M: Final = 0.2
 """Farther from the middle of a foot, ankle to toes, there is no pressure under it."""
 MAX_HEIGHT_DIFFERENCE_M: Final = 0.03
 """Two feet that both stand are level; one that swings past is not."""
+
+
+Span = tuple[int, int]
+"""First frame of a stretch, and the one after its last."""
 
 
 class Pressure(NamedTuple):
@@ -45,7 +49,7 @@ class Pressure(NamedTuple):
 
     loaded: Mask
     distance: Array
-    nearer: Array
+    nearer: Indices
     decided: Mask
     uncertain: Mask
 
@@ -130,26 +134,22 @@ class Contact:
     changes: tuple[int, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class SharedPlates:
-    """The wrenches of the plates by foot.
+class SharedPlates(NamedTuple):
+    """Which foot each plate carries.
 
     Attributes
     ----------
-    by_foot
-        "left_foot" and "right_foot" -> wrench, (T, 6); their sum is the plates' sum at any time.
+    on
+        0 left and 1 right, (T, P).
     ambiguous
         Frames in which the split between the feet is uncertain, (T,).
     contacts
         All contacts in order of plate and time.
-    foot_of_plates
-        Per plate whose foot it carries in each frame, 0 left and 1 right, (T,).
     """
 
-    by_foot: Mapping[str, Array]
+    on: Indices
     ambiguous: Mask
     contacts: tuple[Contact, ...]
-    foot_of_plates: tuple[Array, ...] = ()
 
 
 def feet_of(body: Body, motion: Motion) -> Array:
@@ -169,7 +169,7 @@ def share_between_feet(
     stated: Sequence[PlateContact] = (),
     method: Method = "zero_phase",
 ) -> SharedPlates:
-    """Give each plate's wrench to the foot that stood on it.
+    """Find the foot that stood on each plate.
 
     Parameters
     ----------
@@ -193,7 +193,7 @@ def share_between_feet(
     Returns
     -------
     SharedPlates
-        Wrenches by foot, doubtful frames, contacts.
+        Foot of every frame, doubtful frames, contacts; `by_foot` gives the wrenches to the feet.
 
     Raises
     ------
@@ -213,23 +213,23 @@ def share_between_feet(
     numbers = numbers or range(1, len(wrenches) + 1)
     require_contacts(stated, numbers, time)
     live, ambiguous = method == "realtime", np.zeros(len(feet), bool)
-    contacts, foot_of_plates = list[Contact](), list[Array]()
+    contacts, on = list[Contact](), list[Indices]()
     for number, wrench in zip(numbers, wrenches, strict=True):
-        plate = _Plate(time, wrench, feet, threshold_n)
+        pressure = pressure_beside(wrench, feet, threshold_n)
+        loaded = [(int(a), int(b)) for a, b in stretches(pressure.loaded)]
         if not live:
-            plate.drop_brief()
-        plate.overrule([each for each in stated if each.plate == number])
-        foot_index = plate.last_foot_of_frames() if live else plate.foot_of_frames()
-        doubtful = plate.uncertain.copy()
-        contacts += plate.contacts(number, foot_index)
-        ambiguous |= doubtful if live else plate.uncertain
-        foot_of_plates.append(foot_index)
-    under = by_foot(np.stack(wrenches, axis=1), np.stack(foot_of_plates, axis=1))
-    each = dict(zip(FEET, np.moveaxis(under, 1, 0), strict=True))
-    return SharedPlates(each, ambiguous, tuple(contacts), tuple(foot_of_plates))
+            _drop_brief(pressure, loaded, time)
+        _overrule(pressure, loaded, time, [each for each in stated if each.plate == number])
+        on.append(_foot_of_frames(pressure, live))
+        ambiguous |= pressure.uncertain
+        own = _contacts(number, pressure, loaded, time, on[-1])
+        contacts += own
+        for contact in () if live else own:
+            ambiguous[contact.start : contact.stop] |= contact.ambiguous
+    return SharedPlates(np.stack(on, axis=1), ambiguous, tuple(contacts))
 
 
-def by_foot(wrenches: Array, on: Array) -> Array:
+def by_foot(wrenches: Array, on: Indices) -> Array:
     """Add up the wrenches of the plates, (..., P, 6), under each foot, (..., 2, 6).
 
     ``on`` is the foot that each plate carries, 0 left and 1 right, (..., P).
@@ -288,97 +288,86 @@ def contact_notes(shared: SharedPlates, time: Array) -> tuple[Note, ...]:
     return tuple(notes)
 
 
-class _Plate:
-    """One plate's load over time, and the foot of each frame as far as it is decided."""
-
-    def __init__(self, time: Array, wrench: Array, feet: Array, threshold_n: float) -> None:
-        pressure = pressure_beside(wrench, feet, threshold_n)
-        self.time, self.distance, self.nearer = time, pressure.distance, pressure.nearer
-        self.decided: Mask = pressure.decided
-        self.uncertain: Mask = pressure.uncertain
-        self.stretches = [(int(a), int(b)) for a, b in stretches(pressure.loaded)]
-
-    def drop_brief(self) -> None:
-        """Leave brief stretches of one foot undecided beside a longer one of the same contact."""
-        for start, stop in self.stretches:
-            decided = start + np.flatnonzero(self.decided[start:stop])
-            runs = np.split(decided, np.flatnonzero(np.diff(self.nearer[decided])) + 1)
-            lasting = [np.ptp(self.time[run]) if len(run) else 0.0 for run in runs]
-            if max(lasting) < MIN_STANCE_S:
-                continue
-            for run, duration in zip(runs, lasting, strict=True):
-                cut_off = run[0] == 0 or run[-1] == len(self.time) - 1
-                if duration < MIN_STANCE_S and not cut_off:
-                    self.decided[run] = False
-
-    def overrule(self, stated: Sequence[PlateContact]) -> None:
-        """Take the foot of a contact from a person."""
-        said: dict[int, PlateContact] = {}
-        for each in stated:
-            frame = int(np.argmin(np.abs(self.time - each.time_s)))
-            inside = [(a, b) for a, b in self.stretches if a <= frame < b]
-            if not inside:
-                loaded = _listed(self.time, self.stretches) or "never"
-                raise ValueError(
-                    f"contacts: nobody is on plate {each.plate} at {each.time_s:g} s; it is "
-                    f"loaded: {loaded}"
-                )
-            contact = self._by_one_foot(frame, *inside[0])
-            before = said.setdefault(contact.start, each)
-            if before.foot != each.foot:
-                raise ValueError(
-                    f"contacts: plate {each.plate} carries the {before.foot} foot at "
-                    f"{before.time_s:g} s and the {each.foot} one at {each.time_s:g} s, but that "
-                    "is one contact; state one of them"
-                )
-            self.nearer[contact] = SIDES.index(each.foot)
-            self.decided[contact] = True
-            self.uncertain[contact] = False
-
-    def _by_one_foot(self, frame: int, start: int, stop: int) -> slice:
-        """Give the part of a contact around a frame in which the foot does not change, if known."""
-        if np.mean(self.uncertain[start:stop]) > MAX_DOUBTFUL_SHARE:
-            return slice(start, stop)
-        foot = self.foot_of_frames()[start:stop]
-        changes = start + np.flatnonzero(np.diff(foot)) + 1
-        bounds = np.concatenate([[start], changes, [stop]])
-        part = int(np.searchsorted(bounds, frame, side="right"))
-        return slice(int(bounds[part - 1]), int(bounds[part]))
-
-    def foot_of_frames(self) -> Array:
-        """Give the foot of every frame, 0 left and 1 right, (T,)."""
-        known = np.flatnonzero(self.decided)
-        if not len(known):
-            return np.asarray(self.nearer)
-        nearest = known[np.searchsorted((known[1:] + known[:-1]) / 2, np.arange(len(self.time)))]
-        return np.asarray(self.nearer[nearest])
-
-    def last_foot_of_frames(self) -> Array:
-        """Give the foot that was decided last in every frame, 0 left and 1 right, (T,)."""
-        frames = np.arange(len(self.time))
-        last = np.maximum.accumulate(np.where(self.decided, frames, -1))
-        return np.asarray(self.nearer[np.where(last < 0, frames, last)])
-
-    def contacts(self, number: int, foot_index: Array) -> list[Contact]:
-        """List the contacts with their feet; one that is mostly uncertain is so throughout."""
-        found, nearest = [], self.distance.min(axis=1)
-        for start, stop in self.stretches:
-            if self.time[stop - 1] - self.time[start] < MIN_STANCE_S:
-                continue
-            own = foot_index[start:stop]
-            first = np.flatnonzero(np.diff(own, prepend=-1))
-            doubtful = np.mean(self.uncertain[start:stop]) > MAX_DOUBTFUL_SHARE
-            feet = tuple(FEET[k] for k in own[first])
-            changes = tuple(int(start + k) for k in first[1:])
-            nearest_m = median_of(nearest[start:stop])
-            contact = Contact(number, start, stop, feet, bool(doubtful), nearest_m, changes)
-            found.append(contact)
-            if doubtful:
-                self.uncertain[start:stop] = True
-        return found
+def _drop_brief(pressure: Pressure, loaded: Sequence[Span], time: Array) -> None:
+    """Leave brief stretches of one foot undecided beside a longer one of the same contact."""
+    for start, stop in loaded:
+        decided = start + np.flatnonzero(pressure.decided[start:stop])
+        runs = np.split(decided, np.flatnonzero(np.diff(pressure.nearer[decided])) + 1)
+        lasting = [np.ptp(time[run]) if len(run) else 0.0 for run in runs]
+        if max(lasting) < MIN_STANCE_S:
+            continue
+        for run, duration in zip(runs, lasting, strict=True):
+            cut_off = run[0] == 0 or run[-1] == len(time) - 1
+            if duration < MIN_STANCE_S and not cut_off:
+                pressure.decided[run] = False
 
 
-def _listed(time: Array, stretches: Sequence[tuple[int, int]]) -> str:
+def _overrule(
+    pressure: Pressure, loaded: Sequence[Span], time: Array, stated: Sequence[PlateContact]
+) -> None:
+    """Take the foot of a contact from a person."""
+    said: dict[int, PlateContact] = {}
+    for each in stated:
+        frame = int(np.argmin(np.abs(time - each.time_s)))
+        inside = [(a, b) for a, b in loaded if a <= frame < b]
+        if not inside:
+            raise ValueError(
+                f"contacts: nobody is on plate {each.plate} at {each.time_s:g} s; it is "
+                f"loaded: {_listed(time, loaded) or 'never'}"
+            )
+        contact = _by_one_foot(pressure, frame, *inside[0])
+        before = said.setdefault(contact.start, each)
+        if before.foot != each.foot:
+            raise ValueError(
+                f"contacts: plate {each.plate} carries the {before.foot} foot at "
+                f"{before.time_s:g} s and the {each.foot} one at {each.time_s:g} s, but that "
+                "is one contact; state one of them"
+            )
+        pressure.nearer[contact] = SIDES.index(each.foot)
+        pressure.decided[contact] = True
+        pressure.uncertain[contact] = False
+
+
+def _by_one_foot(pressure: Pressure, frame: int, start: int, stop: int) -> slice:
+    """Give the part of a contact around a frame in which the foot does not change, if known."""
+    if np.mean(pressure.uncertain[start:stop]) > MAX_DOUBTFUL_SHARE:
+        return slice(start, stop)
+    foot = _foot_of_frames(pressure)[start:stop]
+    bounds = np.concatenate([[start], start + np.flatnonzero(np.diff(foot)) + 1, [stop]])
+    part = int(np.searchsorted(bounds, frame, side="right"))
+    return slice(int(bounds[part - 1]), int(bounds[part]))
+
+
+def _foot_of_frames(pressure: Pressure, live: bool = False) -> Indices:
+    """Give the foot that was decided nearest or, in real time, last, 0 left and 1 right, (T,)."""
+    frames, known = np.arange(len(pressure.nearer)), np.flatnonzero(pressure.decided)
+    if live:
+        last = np.maximum.accumulate(np.where(pressure.decided, frames, -1))
+        return np.asarray(pressure.nearer[np.where(last < 0, frames, last)])
+    if not len(known):
+        return pressure.nearer
+    nearest = known[np.searchsorted((known[1:] + known[:-1]) / 2, frames)]
+    return np.asarray(pressure.nearer[nearest])
+
+
+def _contacts(
+    number: int, pressure: Pressure, loaded: Sequence[Span], time: Array, on: Indices
+) -> list[Contact]:
+    """List the contacts of a plate with their feet."""
+    found, nearest = [], pressure.distance.min(axis=1)
+    for start, stop in loaded:
+        if time[stop - 1] - time[start] < MIN_STANCE_S:
+            continue
+        first = np.flatnonzero(np.diff(on[start:stop], prepend=-1))
+        doubtful = bool(np.mean(pressure.uncertain[start:stop]) > MAX_DOUBTFUL_SHARE)
+        feet = tuple(FEET[k] for k in on[start + first])
+        changes = tuple((start + first[1:]).tolist())
+        nearest_m = median_of(nearest[start:stop])
+        found.append(Contact(number, start, stop, feet, doubtful, nearest_m, changes))
+    return found
+
+
+def _listed(time: Array, stretches: Sequence[Span]) -> str:
     """Name the times of stretches, the first ones of many."""
     named = [f"{time[a]:.2f}–{time[b - 1]:.2f} s" for a, b in stretches[:MAX_CONTACTS_NAMED]]
     more = ["…"] if len(stretches) > MAX_CONTACTS_NAMED else []

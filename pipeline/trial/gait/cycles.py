@@ -15,6 +15,7 @@ from hbm.spatial import Array, Indices, Mask
 from pipeline.config.schema import Condition
 from pipeline.io.recording import Event, Recording
 from pipeline.trial.gait.events import SIDES, event_times
+from pipeline.trial.ground.accelerometers import read_channel
 from pipeline.trial.quality import NO_SUPPORT, Quality, free_of
 
 MIN_ONSET_INTERVAL_S: Final = 1.0
@@ -90,19 +91,14 @@ def pulse_onsets(recording: Recording, channel: str) -> Array:
     ValueError
         If the channel is not there.
     """
-    if recording.analog is None:
-        raise ValueError(f"{recording.source.name}: no analog channels, so no {channel!r}")
-    try:
-        signal = recording.analog.channel(channel)
-    except KeyError as error:
-        raise ValueError(f"{recording.source.name}: {error.args[0]}") from error
+    time, signal = read_channel(recording, channel, lambda unit: 1.0)
     excursion = np.abs(signal - float(np.nanmedian(signal)))
     peak = float(np.nanmax(excursion, initial=0.0))
     noise = float(np.nanmedian(excursion))
     if peak <= MIN_PULSE_TO_NOISE * noise or peak == 0:
         return np.empty(0)
     high = excursion > peak / 2
-    return _first_of_each(recording.analog.time[1:][high[1:] & ~high[:-1]])
+    return _first_of_each(time[1:][high[1:] & ~high[:-1]])
 
 
 def motion_onsets(time: Array, platform: PlatformPose) -> Array:

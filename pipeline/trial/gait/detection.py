@@ -1,6 +1,5 @@
 """Gait events of a trial: by the motion of the feet, by the plates, or both."""
 
-from bisect import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -15,10 +14,10 @@ from hbm.notes import Note
 from hbm.poses import joint_positions
 from hbm.signals.filtering import butterworth, low_pass
 from hbm.signals.samples import median_of, stretches
-from hbm.spatial import Array
+from hbm.spatial import Array, Indices
 from pipeline.config.schema import EventMethod
 from pipeline.io.recording import Event
-from pipeline.trial.gait.contact import FEET, MIN_STANCE_S, Contact, Foot
+from pipeline.trial.gait.contact import FEET, MIN_STANCE_S, Contact
 from pipeline.trial.gait.events import (
     LABELS,
     MIN_STRIDE_S,
@@ -204,20 +203,8 @@ MARGIN_S: Final = 0.04
 """From a contact's start or stop at the markers' rate: a foot lands and leaves within it."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Hold:
-    """A stretch of frames in which a plate carries a foot.
-
-    ``lands`` and ``leaves`` are whether the plate is without load before and after it, and whose
-    foot it is is certain.
-    """
-
-    plate: int
-    foot: Foot
-    start: int
-    stop: int
-    lands: bool
-    leaves: bool
+PLATE, FOOT, START, STOP, LANDS, LEAVES = range(6)
+"""Columns of `_holds`."""
 
 
 def plate_events(
@@ -250,77 +237,65 @@ def plate_events(
     that are not compensated read up to some tens of newtons without load. The loads of plates that
     a foot steps on at the same time are added.
     """
-    holds = [hold for contact in contacts for hold in _holds(contact, len(time))]
-    back = [
-        _Hold(h.plate, h.foot, len(time) - h.stop, len(time) - h.start, h.leaves, h.lands)
-        for h in holds
-    ]
+    holds = _holds(contacts, len(time))
+    back = holds[:, [PLATE, FOOT, STOP, START, LEAVES, LANDS]]
+    back[:, [START, STOP]] = len(time) - back[:, [START, STOP]]
     loads_back = [PlateLoad(load.number, -load.time[::-1], load.force[::-1]) for load in loads]
     strikes = _landings(holds, loads, time, weight_n)
     offs = _landings(back, loads_back, -time[::-1], weight_n)
     return in_order(
         [
-            *(Event(at, "foot_strike", foot.removesuffix("_foot")) for foot, at in strikes),
-            *(Event(-at, "foot_off", foot.removesuffix("_foot")) for foot, at in offs),
+            *(Event(at, "foot_strike", SIDES[foot]) for foot, at in strikes),
+            *(Event(-at, "foot_off", SIDES[foot]) for foot, at in offs),
         ]
     )
 
 
-def _holds(contact: Contact, frames: int) -> list[_Hold]:
-    """Cut a contact where its foot changes."""
-    bounds = [contact.start, *contact.changes, contact.stop]
-    lands = not contact.ambiguous and contact.start > 0
-    leaves = not contact.ambiguous and contact.stop < frames
-    return [
-        _Hold(
-            contact.plate,
-            foot,
-            start,
-            stop,
-            lands and start == contact.start,
-            leaves and stop == contact.stop,
-        )
-        for foot, start, stop in zip(contact.feet, bounds[:-1], bounds[1:], strict=True)
-    ]
+def _holds(contacts: Sequence[Contact], frames: int) -> Indices:
+    """Cut contacts where the foot changes, (H, 6).
+
+    A row holds the plate's number, the foot, 0 left and 1 right, the first frame and the one after
+    the last, and whether the plate is without load before and after it, and whose foot it is is
+    certain.
+    """
+    rows = []
+    for contact in contacts:
+        known = not contact.ambiguous
+        bounds = [contact.start, *contact.changes, contact.stop]
+        for foot, start, stop in zip(contact.feet, bounds[:-1], bounds[1:], strict=True):
+            lands = known and start == contact.start > 0
+            leaves = known and stop == contact.stop < frames
+            rows.append((contact.plate, FEET.index(foot), start, stop, lands, leaves))
+    return np.array(rows, int).reshape(-1, 6)
 
 
 def _landings(
-    holds: Sequence[_Hold], loads: Sequence[PlateLoad], time: Array, weight_n: float
-) -> list[tuple[Foot, float]]:
+    holds: Indices, loads: Sequence[PlateLoad], time: Array, weight_n: float
+) -> list[tuple[int, float]]:
     """Find when feet come to plates that are free; backwards in time, when they leave them."""
 
     @cache
     def total(plates: frozenset[int]) -> PlateLoad:
         return _total([load for load in loads if load.number in plates])
 
-    @cache
-    def stops(plates: frozenset[int]) -> list[int]:
-        return sorted(hold.stop for hold in holds if hold.plate in plates)
-
     found = []
-    for foot in FEET:
-        for stance in _stances_of([hold for hold in holds if hold.foot == foot]):
-            start, stop = min(h.start for h in stance), max(h.stop for h in stance)
-            onto = [h for h in stance if time[h.start] - time[start] < TOGETHER_S]
-            if not all(hold.lands for hold in onto):
+    holds = holds[np.argsort(holds[:, START], kind="stable")]
+    for foot in np.unique(holds[:, FOOT]).tolist():
+        own = holds[holds[:, FOOT] == foot]
+        until = np.maximum.accumulate(own[:, STOP])
+        begins = 1 + np.flatnonzero(own[1:, START] >= until[:-1])
+        for stance in np.split(own, begins):  # holds of several plates that overlap in time
+            start, stop = stance[0, START], stance[:, STOP].max()
+            onto = stance[time[stance[:, START]] - time[start] < TOGETHER_S]
+            if not onto[:, LANDS].all():
                 continue
-            plates = frozenset(hold.plate for hold in onto)
-            before = stops(plates)[: bisect(stops(plates), start)]
-            free_s = time[before[-1] - 1] + MARGIN_S if before else time[0]
-            at = _crossing(total(plates), free_s, time[start], time[stop - 1], weight_n)
+            of_plates = np.isin(holds[:, PLATE], onto[:, PLATE])
+            before = holds[of_plates & (holds[:, STOP] <= start), STOP]
+            free_s = time[before.max() - 1] + MARGIN_S if len(before) else time[0]
+            load = total(frozenset(onto[:, PLATE].tolist()))
+            at = _crossing(load, free_s, time[start], time[stop - 1], weight_n)
             found += [] if at is None else [(foot, at)]
     return found
-
-
-def _stances_of(holds: Sequence[_Hold]) -> list[list[_Hold]]:
-    """Group the holds of one foot by several plates that overlap in time."""
-    groups: list[list[_Hold]] = []
-    for hold in sorted(holds, key=lambda h: h.start):
-        if groups and hold.start < max(h.stop for h in groups[-1]):
-            groups[-1].append(hold)
-        else:
-            groups.append([hold])
-    return groups
 
 
 def _total(loads: Sequence[PlateLoad]) -> PlateLoad:
@@ -371,48 +346,28 @@ MAX_DEVIATION_S: Final = 0.05
 the plate."""
 
 
-@dataclass(frozen=True, slots=True)
-class EventSources:
-    """What a trial's gait events can be found from.
-
-    Attributes
-    ----------
-    of_file
-        Events of the recording.
-    markers, marker_set
-        Trajectories in lab axes, and the landmarks that they mark.
-    motion
-        How pelvis and feet moved on the platform.
-    contacts
-        Which foot stood on which plate, in frames of the motion.
-    loads
-        The plates' loads.
-    weight_n
-        Body weight.
-    """
-
-    of_file: tuple[Event, ...]
-    markers: Markers
-    marker_set: MarkerSet
-    motion: FootMotion
-    contacts: tuple[Contact, ...]
-    loads: tuple[PlateLoad, ...]
-    weight_n: float
-
-
 def detect_events(
-    sources: EventSources, wanted: EventMethod | None
+    of_file: tuple[Event, ...],
+    of_plates: tuple[Event, ...],
+    motion: FootMotion,
+    markers: Markers,
+    marker_set: MarkerSet,
+    wanted: EventMethod | None,
 ) -> tuple[tuple[Event, ...], EventMethod, Note]:
     """Give a trial's gait events.
 
     Parameters
     ----------
-    sources
-        What they can be found from.
+    of_file, of_plates
+        Events of the recording, and of its plates, by `plate_events`.
+    motion
+        How pelvis and feet moved on the platform.
+    markers, marker_set
+        Trajectories in lab axes, and the landmarks that they mark.
     wanted
         "file": as recorded; "zeni": by markers, `zeni_events`; "plates": where plates carry one
-        foot alone, `plate_events`; "auto": `combined_events`. None is the file's where some foot
-        strikes twice in them, else "auto".
+        foot alone; "auto": `combined_events`. None is the file's where some foot strikes twice in
+        them, else "auto".
 
     Returns
     -------
@@ -423,13 +378,11 @@ def detect_events(
     note
         The method and how many foot strikes it found, or why there are no events.
     """
-    method = wanted or ("file" if has_strides(sources.of_file) else "auto")
+    method = wanted or ("file" if has_strides(of_file) else "auto")
     if method in ("file", "zeni"):
-        events, note = gait_events(sources.of_file, sources.markers, sources.marker_set, method)
+        events, note = gait_events(of_file, markers, marker_set, method)
         return events, method, note
-    motion = sources.motion
-    events = plate_events(sources.contacts, sources.loads, motion.time, sources.weight_n)
-    corrections, code, of_plates = dict[str, float](), "events_of_plates", set(events)
+    events, corrections, code = of_plates, dict[str, float](), "events_of_plates"
     if method == "auto":
         try:
             by_motion = foot_motion_events(motion)
@@ -444,7 +397,7 @@ def detect_events(
     counts = {side: event_times(events, "foot_strike", side).size for side in SIDES}
     if not corrections:
         return events, method, Note.of(code, **counts)
-    timed = len(set(events) & of_plates)
+    timed = len({*events} & {*of_plates})
     offset_ms = {kind: 1000 * seconds for kind, seconds in corrections.items()}
     note = Note.of(code, **counts, timed=timed, events=len(events), offset_ms=offset_ms)
     return events, method, note

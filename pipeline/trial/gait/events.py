@@ -1,4 +1,4 @@
-"""Gait events from the file, from markers or from forces, and how far two sources of them agree."""
+"""Gait events from the file or from markers, and how far two sources of events agree."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -7,7 +7,6 @@ from itertools import product
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.signal import find_peaks
 
 from hbm.markers import Markers, MarkerSet
@@ -29,8 +28,6 @@ MIN_STRIDE_S: Final = 0.4
 """Two strikes of one foot closer than this are one (running at 4 m/s takes about 0.7 s)."""
 MIN_EXCURSION_M: Final = 0.1
 """Foot against sacrum along the walk: less than the slowest stride, more than standing sway."""
-MIN_CONTACT_S: Final = 0.1
-"""Shorter contacts and shorter losses of contact are force noise at the threshold, not steps."""
 
 NONE_IN_FILE: Final = 'the file has none, and others are not looked for with events = "file"'
 
@@ -131,36 +128,6 @@ def zeni_events(markers: Markers, marker_set: MarkerSet) -> tuple[Event, ...]:
     return in_order(events)
 
 
-def force_events(
-    wrenches: Mapping[str, ArrayLike], time: ArrayLike, threshold_n: float
-) -> tuple[Event, ...]:
-    """Find gait events where the vertical force crosses a threshold, to check those of markers.
-
-    Parameters
-    ----------
-    wrenches
-        Side or foot ("left", "left_foot") -> action on that foot in lab axes, (N, 6) [N, N·m], not
-        filtered: a low-pass at 6 Hz would begin contact early.
-    time
-        Sample times, (N,) [s].
-    threshold_n
-        Vertical force of contact [N], usually 20 to 50.
-
-    Returns
-    -------
-    tuple of Event
-        In order of time, to a fraction of a sample. Contacts and losses of contact shorter than
-        ``MIN_CONTACT_S`` are noise and do not count.
-    """
-    events = []
-    for foot, wrench in wrenches.items():
-        starts, stops = _contacts(np.asarray(time), np.asarray(wrench)[:, 2] - threshold_n)
-        side = foot.removesuffix("_foot")
-        events += [Event(float(t), "foot_strike", side) for t in starts]
-        events += [Event(float(t), "foot_off", side) for t in stops]
-    return in_order(events)
-
-
 def event_times(events: Iterable[Event], label: str, side: str) -> Array:
     """Give the times of one kind of event, in order, (E,) [s]."""
     times = [event.time for event in events if (event.label, event.side) == (label, side)]
@@ -182,23 +149,6 @@ def turns(time: Array, distance: Array) -> Indices:
         peaks, _ = find_peaks(distance[start:stop], distance=apart, prominence=MIN_EXCURSION_M)
         frames.append(start + peaks)
     return np.concatenate(frames)
-
-
-def _contacts(time: Array, excess: Array) -> tuple[Array, Array]:
-    """Find when contacts start and stop from the force above the threshold, (N,)."""
-    before, after = excess[:-1], excess[1:]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        crossing = time[:-1] + np.diff(time) * before / (before - after)
-    starts, stops = crossing[(before <= 0) & (after > 0)], crossing[(before > 0) & (after <= 0)]
-    stops, starts = _without_brief(stops, starts)
-    return _without_brief(starts, stops)
-
-
-def _without_brief(begin: Array, end: Array) -> tuple[Array, Array]:
-    """Drop the pairs of times that enclose less than the shortest contact."""
-    following = np.searchsorted(end, begin)
-    brief = np.append(end, np.inf)[following] - begin < MIN_CONTACT_S
-    return begin[~brief], np.delete(end, following[brief])
 
 
 def in_order(events: Iterable[Event]) -> tuple[Event, ...]:
@@ -294,22 +244,6 @@ def match_times(first: Array, second: Array, tolerance_s: float) -> tuple[Array,
     return own[same], other[same]
 
 
-def agreement_with_plates(
-    events: Iterable[Event], feet: Mapping[str, Array], time: Array, threshold_n: float
-) -> tuple[Note, ...]:
-    """Note how far gait events are from those of the unfiltered forces under the feet, (T, 6).
-
-    ``event_agreement`` has the kinds of which two events match at least.
-    """
-    compared = compare_events(events, force_events(feet, time, threshold_n))
-    matched = [each for each in compared if each.matched > 1]
-    if not matched:
-        return ()
-    mean_ms = {each.kind: each.mean_ms for each in matched}
-    sd_ms = {each.kind: each.sd_ms for each in matched}
-    return (Note.of("event_agreement", mean_ms=mean_ms, sd_ms=sd_ms),)
-
-
 MIN_EVENTS: Final = 3
 """Of a kind, for their mean to mean something; and half of those of the source that has fewer."""
 MAX_APART_S: Final = 0.5
@@ -353,9 +287,7 @@ def check_events(
 
 
 def reference_events(
-    feet: Mapping[str, Array],
-    time: Array,
-    threshold_n: float,
+    of_plates: tuple[Event, ...],
     markers: Markers,
     marker_set: MarkerSet,
     carried: Mask,
@@ -365,12 +297,8 @@ def reference_events(
 
     Parameters
     ----------
-    feet
-        "left_foot" and "right_foot" -> action on that foot in lab axes, unfiltered, (T, 6).
-    time
-        (T,) [s].
-    threshold_n
-        Vertical force of contact [N].
+    of_plates
+        Events where plates carry one foot alone.
     markers, marker_set
         Trajectories, and the landmarks that they mark.
     carried
@@ -386,7 +314,7 @@ def reference_events(
     """
     found = {}
     if method not in TIMED_BY_PLATES and np.mean(carried) >= MIN_CARRIED_SHARE:
-        found["the plates"] = force_events(feet, time, threshold_n)
+        found["the plates"] = of_plates
     if method != "zeni":
         with suppress(ValueError):  # without these markers, or too short for the filter
             found["heel, toe and sacrum markers"] = zeni_events(markers, marker_set)

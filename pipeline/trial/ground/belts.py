@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 
 from compensation import BeltModel, belt_acceleration
+from hbm.signals.filtering import Method
 from hbm.signals.resampling import Convolution, interpolate
 from hbm.spatial import Array
 from pipeline.config.schema import Belt
@@ -46,43 +47,41 @@ def belt_axes(plate: Plate) -> Array:
 
 
 def belt_wrenches(
-    recording: Recording, models: Sequence[BeltModel], belt: Belt, times: Sequence[Array]
+    recording: Recording,
+    models: Sequence[BeltModel],
+    belt: Belt,
+    times: Sequence[Array],
+    method: Method = "zero_phase",
 ) -> list[Array]:
     """Give what accelerating belts add to each plate of a trial, in its own axes, (T, 6) [N, N·m].
 
     There is one model per plate; times are per plate on the plates' clock, (T,) [s]. NaN outside
-    the recording. A ValueError where there are other plates than models, or a channel is missing.
+    the recording. With "realtime" nothing waits for later samples, and the speeds pass no low-pass:
+    the wrenches pass one afterwards, and the models are linear. A ValueError where there are other
+    plates than models, or a channel is missing.
     """
-    _require_as_many(recording, models)
-    every = belt_accelerations(recording, belt)
-    moments = [
-        interpolate(model_time, model.predict(acceleration), time)
-        for model, time, (_, (model_time, acceleration)) in zip(models, times, every, strict=True)
-    ]
-    return _about_sides(recording, moments)
-
-
-def belt_wrenches_in_real_time(
-    recording: Recording, models: Sequence[BeltModel], belt: Belt, times: Sequence[Array]
-) -> list[Array]:
-    """Give what `belt_wrenches` gives, as it is known while a trial is measured.
-
-    The speeds pass no low-pass: the wrenches pass one afterwards, and the models are linear.
-    """
-    _require_as_many(recording, models)
-    assert recording.analog is not None
-    clock, rate_hz = recording.analog.time, recording.analog.rate_hz
-    channels = [name for name, _ in zip(cycle(belt.speed_channels), recording.plates, strict=False)]
-    speeds = np.column_stack([belt_speed(recording, name) for name in channels])
-    belts = RealtimeBelts(models, rate_hz, float(recording.markers.time[0]))
-    return _about_sides(recording, belts.moments(clock, speeds, times))
-
-
-def _about_sides(recording: Recording, moments: Sequence[Array]) -> list[Array]:
-    """Give moments about the sides of the plates' belts, (T,) each, as wrenches, (T, 6)."""
+    plates = recording.plates
+    if len(models) != len(plates):
+        raise ValueError(
+            f"{recording.source.name}: {len(plates)} plates, but the belt calibration has "
+            f"{len(models)}"
+        )
+    if method == "realtime":
+        channels = [name for name, _ in zip(cycle(belt.speed_channels), plates, strict=False)]
+        speeds = np.column_stack([belt_speed(recording, name) for name in channels])
+        assert recording.analog is not None
+        first_s = float(recording.markers.time[0])
+        belts = RealtimeBelts(models, recording.analog.rate_hz, first_s)
+        moments = belts.moments(recording.analog.time, speeds, times)
+    else:
+        every = zip(models, times, belt_accelerations(recording, belt), strict=True)
+        moments = [
+            interpolate(model_time, model.predict(acceleration), time)
+            for model, time, (_, (model_time, acceleration)) in every
+        ]
     return [
         np.hstack([np.zeros((len(moment), 3)), moment[:, None] * belt_side(plate)])
-        for moment, plate in zip(moments, recording.plates, strict=True)
+        for moment, plate in zip(moments, plates, strict=True)
     ]
 
 
@@ -168,11 +167,3 @@ def belt_accelerations(recording: Recording, belt: Belt) -> list[tuple[Plate, tu
         acceleration = belt_acceleration(speed, rate_hz, belt.cutoff_hz, FILTER)
         result.append((plate, (model_time, interpolate(clock, acceleration, model_time))))
     return result
-
-
-def _require_as_many(recording: Recording, models: Sequence[BeltModel]) -> None:
-    if len(models) != len(recording.plates):
-        raise ValueError(
-            f"{recording.source.name}: {len(recording.plates)} plates, but the belt calibration "
-            f"has {len(models)}"
-        )

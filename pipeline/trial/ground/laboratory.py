@@ -1,22 +1,18 @@
 """A laboratory's treadmill: as stated, with its calibration, and bound to a recording."""
 
 import json
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TypeVar, cast
 
 import numpy as np
 
-from compensation import BeltModel, Calibration, InertiaModel, Sensor, Setup, from_json
+from compensation import BeltModel, Calibration, InertiaModel, Sensor, Setup
 from hbm.notes import Note
 from hbm.signals.filtering import Method
 from hbm.spatial import Array
-from pipeline.config.plate_correction import SAME_DELAY_S, PlateCorrection
-from pipeline.config.schema import Platform, Settings, Treadmill
-from pipeline.io.input_file import last_written, naming, read_text
+from pipeline.config.plate_correction import PlateCorrection
+from pipeline.config.schema import Settings, Treadmill
 from pipeline.io.recording import Recording
-from pipeline.io.stated import Stated, as_stated
 from pipeline.trial.ground.accelerometers import (
     RealtimeAccelerometers,
     accelerations,
@@ -28,96 +24,9 @@ from pipeline.trial.ground.calibration_recording import (
     FILTER,
     PLATES_NAME,
     PLATES_SHA256,
-    fit_calibration,
-    read_empty,
     setup_of,
 )
 from pipeline.trial.ground.corrected_plates import plate_delays_s, relative_delays_s
-
-
-def read_calibration(
-    path: Path,
-    treadmill: Treadmill,
-    stated: Stated | str | None = None,
-    plates: PlateCorrection | None = None,
-    beside: tuple[Path, ...] = (),
-) -> Calibration:
-    """Read a fitted calibration (JSON), or fit one to a recording of the empty treadmill (C3D).
-
-    Parameters
-    ----------
-    path
-        ``.json`` or ``.c3d``.
-    treadmill
-        Names of the accelerometers' channels.
-    stated
-        How a recording is to be read, as for `read_empty`; a text states its axes alone.
-    plates
-        The correction of the plates of trials: those of a recording are corrected alike.
-    beside
-        Recordings of people beside an empty plate, fitted together with a recording.
-
-    Returns
-    -------
-    Calibration
-        One model per plate. A recording is fitted once in a process, however often it is asked for.
-
-    Raises
-    ------
-    ValueError, OSError
-        If the file cannot be read or used, or is a calibration of otherwise corrected plates.
-
-    Examples
-    --------
-    >>> import compensation, pipeline
-    >>> import numpy as np
-    >>> felt = np.random.default_rng(0).normal([0, 0, 9.81], 1.0, (600, 3))
-    >>> wrench = felt @ np.hstack([-150 * np.eye(3), np.full((3, 3), 15.0)])
-    >>> setup = compensation.Setup(("rear",), rate_hz=1000.0, cutoff_hz=20.0)
-    >>> fitted = Calibration({"plate 1": compensation.fit_inertia(felt, wrench, setup)})
-    >>> _ = Path("lab.json").write_text(compensation.to_json(fitted))
-    >>> rear = pipeline.Treadmill(accelerometers={"rear": ("Acc1.X", "Acc1.Y", "Acc1.Z")})
-    >>> list(pipeline.read_calibration(Path("lab.json"), rear).plates)
-    ['plate 1']
-    """
-    if path.suffix.lower() == ".json":
-        with naming(path):
-            calibration = from_json(read_text(path))
-            channels_of(calibration)  # refuses damaged ones
-            _require_as_stated(calibration, treadmill)
-            require_same_plates(calibration, plates)
-        return calibration
-    files = path, *beside
-
-    def fitted() -> Calibration:
-        forward = plates is None
-        recording, *others = (
-            read_empty(file, as_stated(stated), any_forward=forward) for file in files
-        )
-        try:
-            return fit_calibration(recording, treadmill, plates, others)
-        except ValueError as error:
-            text = str(error)
-            known = any(file.name in text for file in files)
-            raise ValueError(text if known else f"{path.name}: {text}") from error
-
-    return once_in_a_process(fitted, "fit", files, treadmill, plates, as_stated(stated))
-
-
-Made = TypeVar("Made")
-_made: dict[Hashable, object] = {}
-
-
-def once_in_a_process(
-    make: Callable[[], Made], what: str, files: Sequence[Path], treadmill: Treadmill, *of: Hashable
-) -> Made:
-    """Give what is made of files for a treadmill, made anew only where one of all that changes."""
-    versions = tuple(map(last_written, files))
-    channels = treadmill.model_dump_json(exclude={"platform"})
-    key = (what, tuple(files), versions, channels, *of)
-    if key not in _made:
-        _made[key] = make()
-    return cast(Made, _made[key])
 
 
 def require_same_plates(calibration: Calibration, plates: PlateCorrection | None) -> None:
@@ -133,24 +42,6 @@ def require_same_plates(calibration: Calibration, plates: PlateCorrection | None
         used += f", not by this {plates.name}" if fitted else f", but trials are by {plates.name}"
         advice = "fit it again with 'hbm calibration fit --plate-calibration'"
     raise ValueError(f"the treadmill's calibration was fitted {used}; {advice}")
-
-
-def _require_as_stated(calibration: Calibration, treadmill: Treadmill) -> None:
-    """Refuse a stated delay or model that is not the one with which the calibration was fitted."""
-    stated_s = treadmill.accelerometer_delay_s
-    for sensor in calibration.sensors:
-        if stated_s is not None and abs(sensor.correction_s - stated_s) > SAME_DELAY_S:
-            raise ValueError(
-                f"the calibration was fitted with a delay of {1000 * sensor.correction_s:.2f} ms "
-                f"of accelerometer {sensor.name}, but treadmill.accelerometer_delay_s is "
-                f"{1000 * stated_s:.2f} ms; leave it out, or fit again"
-            )
-    fitted, stated = "dynamic" if calibration.dynamic else "static", treadmill.inertia_model
-    if stated not in ("auto", fitted):
-        raise ValueError(
-            f"the calibration is of a {fitted} model, but treadmill.inertia_model is {stated!r}; "
-            f"leave it out, or fit it again with --model {stated}"
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,6 +63,7 @@ class Laboratory:
 
     Examples
     --------
+    >>> from pipeline.config.schema import Platform
     >>> still = Laboratory(Treadmill())
     >>> moving = Laboratory(Treadmill(platform=Platform(markers=("PLAT1", "PLAT2", "PLAT3"))))
     >>> moving.calibration is still.calibration is None
@@ -362,43 +254,3 @@ def require_uncompensated(recording: Recording, laboratory: Laboratory) -> None:
             f"{file}: {done.software} has brought its plates to the lab (--frame {done.frame}); "
             "leave the platform's markers or channels out, or give the original recording"
         )
-
-
-def read_laboratory(
-    file: Path,
-    platform_markers: tuple[str, ...],
-    accelerometers: Mapping[str, tuple[str, str, str]] | None = None,
-    plates: PlateCorrection | None = None,
-) -> Laboratory:
-    """Give the laboratory that a calibration file (JSON, as `hbm calibration fit` wrote) describes.
-
-    Accelerometers are sensor -> its channels in the trials, where these are called otherwise than
-    in the calibration. Without platform markers the treadmill stands still. A ValueError where the
-    file is no such calibration, or one of otherwise corrected plates.
-    """
-    if file.suffix.lower() != ".json":
-        raise ValueError(
-            f"{file.name}: --calibration takes a fitted calibration; make one with "
-            f"'hbm calibration fit {file.name} -o lab.json'"
-        )
-    calibration = read_calibration(file, Treadmill(), plates=plates)
-    with naming(file):
-        channels = channels_of(calibration)
-    if not channels:
-        raise ValueError(
-            f"{file.name}: the calibration does not name its channels; fit it again with "
-            "'hbm calibration fit'"
-        )
-    if accelerometers and set(accelerometers) != set(channels):
-        raise ValueError(
-            f"{file.name}: the calibration has the accelerometers {', '.join(channels)}, "
-            f"--accelerometer names {', '.join(accelerometers)}; name all of them and no others"
-        )
-    setup = next(iter(calibration.plates.values())).setup
-    treadmill = Treadmill(
-        accelerometers={s: (accelerometers or channels)[s] for s in channels},
-        accelerometer_unit=calibration.provenance.get("accelerometer_unit") or None,
-        cutoff_hz=(setup and setup.cutoff_hz) or 20.0,
-        platform=Platform(markers=platform_markers) if platform_markers else None,
-    )
-    return Laboratory(treadmill, calibration, plates=plates)

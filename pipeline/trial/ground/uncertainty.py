@@ -14,7 +14,7 @@ import numpy as np
 from compensation import Calibration, InertiaModel, PlatformPose
 from compensation.inertia.model_error import RUNNING_MPS, SLOW_HZ
 from hbm.notes import Note
-from hbm.spatial import WRENCH_COMPONENTS, Array
+from hbm.spatial import WRENCH_COMPONENTS, Array, transform_wrench
 from pipeline.io.recording import Plate
 from pipeline.trial.ground.calibration_recording import BELTS_UNKNOWN, BESIDE
 
@@ -45,13 +45,6 @@ class Spread:
     zero: Array
     rotation: Array
     center: Array
-
-    def to_lab(self, point: Array) -> Array:
-        """Give what brings wrenches of the plate to the lab, about a point there, (T, 6, 6).
-
-        The point is (T, 3) or (3,) [m]; every entry of the result is in one piece of memory.
-        """
-        return _change(self.rotation, self.center - point)
 
 
 def wrench_spread(
@@ -86,7 +79,10 @@ def sum_deviation(spreads: Sequence[Spread], correlation: Array, point: Array) -
     (6 P, 6 P); moments are about a point in the lab, (T, 3) or (3,) [m]. NaN where an acceleration,
     the pose or the point is unknown.
     """
-    changes = [np.moveaxis(spread.to_lab(point), 0, -1) for spread in spreads]
+    changes = [
+        transform_wrench(np.eye(6), s.rotation[:, None], (s.center - point)[:, None]).T
+        for s in spreads
+    ]
     variance = np.empty((6, len(spreads[0].sd)))
     for row, of_row in enumerate(variance):
         both = [(change[row], spread) for change, spread in zip(changes, spreads, strict=True)]
@@ -131,13 +127,3 @@ def uncertainty_notes(residual_sd: Array) -> tuple[Note, ...]:
     rms = dict(zip(WRENCH_COMPONENTS, np.sqrt(np.mean(residual_sd**2, axis=0)), strict=True))
     force, moment = ({c: rms[c] for c in WRENCH_COMPONENTS[part]} for part in (FORCE, MOMENT))
     return (Note.of("compensation_uncertainty", force_n=force, moment_nm=moment),)
-
-
-def _change(rotation: Array, point: Array) -> Array:
-    """Give what brings wrenches to other axes and another point of reference, (T, 6, 6)."""
-    rows, p = np.moveaxis(rotation, 0, -1), point.T
-    change = np.zeros((6, 6, max(len(rotation), len(point))))
-    change[:3, :3] = change[3:, 3:] = rows
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        change[3 + i, :3] = p[j] * rows[k] - p[k] * rows[j]
-    return np.moveaxis(change, -1, 0)

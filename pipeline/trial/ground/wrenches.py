@@ -13,9 +13,9 @@ from hbm.signals.filtering import Method
 from hbm.signals.resampling import interpolate, resample, resample_in_real_time
 from hbm.spatial import Array, Mask
 from pipeline.io.input_file import naming
-from pipeline.io.recording import Recording
+from pipeline.io.recording import Plate, Recording
 from pipeline.trial.ground.accelerometers import at_plate_times, hold_ends, mean_belt_speed
-from pipeline.trial.ground.belts import belt_wrenches, belt_wrenches_in_real_time
+from pipeline.trial.ground.belts import belt_wrenches
 from pipeline.trial.ground.calibration_recording import FILTER, samples_of, setup_of
 from pipeline.trial.ground.corrected_plates import relative_delays_s
 from pipeline.trial.ground.laboratory import BoundLaboratory, Laboratory, bind
@@ -33,7 +33,6 @@ from pipeline.trial.ground.uncertainty import (
     uncertainty_limits,
     wrench_spread,
 )
-from pipeline.trial.result import CompensationUncertainty
 
 
 def plate_artefacts(
@@ -103,6 +102,8 @@ class Ground:
 
     Attributes
     ----------
+    plates
+        As recorded, corrected.
     in_plates
         "measured" and, with a calibration of platform or belts, "compensated" -> per plate its
         wrench at the markers' times, in its own axes about the centre of its surface, unfiltered,
@@ -124,6 +125,7 @@ class Ground:
         [N, N·m]; empty without a calibration of the belts.
     """
 
+    plates: Sequence[Plate]
     in_plates: Mapping[str, Sequence[Array]]
     variants: Mapping[str, Sequence[Array]]
     pose: PlatformPose | None
@@ -143,16 +145,12 @@ class Ground:
         every = np.stack([wrench for each in self.variants.values() for wrench in each])
         return np.asarray(np.isfinite(every).all(axis=(0, 2)))
 
-    def uncertainty(self, pelvis: Array) -> CompensationUncertainty | None:
-        """Give what the compensation makes uncertain, residuals about the pelvis, (T, 3) [m]."""
-        if not self.spreads:
-            return None
-        plates = []
-        for k, spread in enumerate(self.spreads):
-            own = slice(6 * k, 6 * k + 6)
-            plates.append(sum_deviation([spread], self.correlation[own, own], np.zeros(3)))
-        residual = sum_deviation(self.spreads, self.correlation, pelvis)
-        return CompensationUncertainty(tuple(plates), residual)
+    def uncertainty(self, pelvis: Array) -> Array | None:
+        """Give what the compensation makes uncertain of residuals about the pelvis, (T, 3) [m].
+
+        One standard deviation, (T, 6) [N, N·m].
+        """
+        return sum_deviation(self.spreads, self.correlation, pelvis) if self.spreads else None
 
 
 def ground_wrenches(
@@ -223,8 +221,7 @@ def ground_wrenches(
         variants["compensated"] = [_compensated(*one) for one in each]
         notes += _compensation_notes(lab, method)
     if laboratory.belts and belt is not None:
-        in_time = belt_wrenches_in_real_time if live else belt_wrenches
-        added = in_time(recording, laboratory.belts, belt, times)
+        added = belt_wrenches(recording, laboratory.belts, belt, times, method)
         shaken = variants.get("compensated", measured)
         variants["compensated"] = [w - own for w, own in zip(shaken, added, strict=True)]
         notes.append(Note.of("belts_compensated", channels=belt.speed_channels))
@@ -245,6 +242,7 @@ def ground_wrenches(
     belts_mps = None if lab.belts is None else interpolate(*lab.belts, times[0])
     rates_hz = cutoff_hz, recording.markers.rate_hz
     return Ground(
+        plates=plates,
         in_plates=variants,
         variants={name: in_lab(wrenches, plates, pose) for name, wrenches in variants.items()},
         pose=pose,

@@ -349,8 +349,7 @@ def _reported(
     return np.asarray(np.interp(number / d.report_hz - late[number], inside, smooth))
 
 
-@dataclass(frozen=True, slots=True)
-class _Solution:
+class _Solution(NamedTuple):
     """Speeds of driving roller and belt [m/s], motor force [N], and accelerations [m/s²]."""
 
     roller: Array
@@ -479,44 +478,19 @@ def _rumble(d: BeltDrive, speed: Array, rate_hz: float, rng: np.random.Generator
 
 
 def run_linear_belt(machine: Machine, command: Array, rate_hz: float) -> BeltMotion:
-    """Let a belt follow a commanded speed as a linear system; its motion is reported as it is."""
-    speed = drive_belt(machine, command, rate_hz)
-    acceleration = np.gradient(speed, 1 / rate_hz)
-    moment, none = belt_moment(machine, acceleration, rate_hz), 0 * speed
-    return BeltMotion(speed, acceleration, speed, moment, none, none, none)
+    """Let a belt follow a commanded speed as a linear system; its motion is reported as it is.
 
-
-def drive_belt(machine: Machine, command: Array, rate_hz: float) -> Array:
-    """Give the belt's speed under a commanded speed, (N,) [m/s], starting at the first command."""
-    return np.asarray(follow(command, machine.servo_hz, rate_hz)[0])
-
-
-def belt_moment(machine: Machine, belt_acceleration: Array, rate_hz: float) -> Array:
-    """Give the pitch moment that a motor leaves in its plate when the belt accelerates.
-
-    Parameters
-    ----------
-    machine
-        The response of moment to acceleration.
-    belt_acceleration
-        (N,) [m/s²].
-    rate_hz
-        Sampling rate [Hz].
-
-    Returns
-    -------
-    Array
-        About the lab's left axis, (N,) [N·m]; negative where the belt speeds up.
-
-    Notes
-    -----
-    A second-order response, as Hnat and van den Bogert (2014) found it.
+    Its pitch moment answers to its acceleration by a second-order response, as Hnat and van den
+    Bogert (2014) found it.
     """
+    speed = follow(command, machine.servo_hz, rate_hz)[0]
+    acceleration = np.gradient(speed, 1 / rate_hz)
     omega = 2 * np.pi * machine.belt_hz
     numerator = np.array([-(omega**2) * machine.belt_moment_kg_m])
     denominator = np.array([1, 2 * machine.belt_damping * omega, omega**2])
     b, a, _ = cont2discrete((numerator, denominator), 1 / rate_hz, method="bilinear")
-    return np.asarray(lfilter(b.ravel(), a, belt_acceleration))
+    moment, none = np.asarray(lfilter(b.ravel(), a, acceleration)), 0 * speed
+    return BeltMotion(speed, acceleration, speed, moment, none, none, none)
 
 
 Drives = tuple[BeltDrive, BeltDrive]
@@ -528,7 +502,17 @@ def make_drives(faults: BeltFaults, rng: np.random.Generator) -> Drives | None:
     """Draw the motors of a laboratory's two belts; None for belts that answer linearly."""
     if faults.drive == "linear":
         return None
-    left, right = (_with_faults(scattered_drive(own), faults) for own in rng.spawn(2))
+    drawn = [scattered_drive(own) for own in rng.spawn(2)]
+    left, right = (
+        replace(
+            drive,
+            unbalance_kg_per_m=faults.unbalance_kg_per_m,
+            rumble_nm_per_sqrt_hz=faults.roughness * drive.rumble_nm_per_sqrt_hz,
+            report_jitter_s=faults.roughness * drive.report_jitter_s,
+            lines=tuple(x._replace(moment_kg=faults.roughness * x.moment_kg) for x in drive.lines),
+        )
+        for drive in drawn
+    )
     return left, right
 
 
@@ -587,15 +571,3 @@ def carried_of_belts(belts: tuple[BeltMotion, BeltMotion]) -> Pair:
         columns += [y * belt.upward_force, belt.pitch_moment, -y * belt.forward_force]
         wrenches.append(np.column_stack(columns))
     return wrenches[0], wrenches[1]
-
-
-def _with_faults(drive: BeltDrive, faults: BeltFaults) -> BeltDrive:
-    return replace(
-        drive,
-        unbalance_kg_per_m=faults.unbalance_kg_per_m,
-        rumble_nm_per_sqrt_hz=faults.roughness * drive.rumble_nm_per_sqrt_hz,
-        report_jitter_s=faults.roughness * drive.report_jitter_s,
-        lines=tuple(
-            line._replace(moment_kg=faults.roughness * line.moment_kg) for line in drive.lines
-        ),
-    )

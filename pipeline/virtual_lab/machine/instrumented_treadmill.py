@@ -1,13 +1,15 @@
 """The treadmill with its instruments: what these undergo when it moves, and what they record."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from hbm.markers import Markers
 from hbm.spatial import Array, shift_wrench
-from pipeline.io.recording import Plate
+from pipeline.io.recording import Analog, Metadata, Recording
 from pipeline.io.units import acceleration_in_mps2
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.belts import Drives, carried_of_belts, make_drives, run_belts
@@ -27,9 +29,8 @@ from pipeline.virtual_lab.machine.instruments import (
     noise_sd_at,
     recorded_plate,
 )
-from pipeline.virtual_lab.machine.platform import Machine, Pair, TreadmillMotion, make_machine
+from pipeline.virtual_lab.machine.platform import Machine, Pair, TreadmillMotion
 from pipeline.virtual_lab.machine.structure import (
-    Loads,
     Response,
     Structure,
     frame_shape,
@@ -102,9 +103,9 @@ def make_treadmill(
     of_left, of_right, of_sensors, of_clocks, of_drives = np.random.default_rng(
         (seed, INSTRUMENT_STREAM)
     ).spawn(5)
-    machine = machine or make_machine(faults.machine)
+    machine = machine or Machine(sway_hz=faults.machine.sway_hz)
     flexibility = faults.machine.flexibility
-    structure = make_structure(machine.assemblies, flexibility=flexibility) if flexibility else None
+    structure = make_structure(flexibility=flexibility) if flexibility else None
     left, right, *of_each = _clocks(faults, of_clocks)
     plates = (
         make_force_plate(faults.plates, of_left, left),
@@ -145,12 +146,12 @@ def undergo(
     """
     rate_hz = motion.rate_hz
     belts = run_belts(treadmill.machine, treadmill.drives, motion.belt, rate_hz, rng, people)
-    loads = Loads(carried_of_belts(belts), people, on_frame)
     response = respond(
         treadmill.structure,
-        treadmill.machine.assemblies,
         motion.platform,
-        loads,
+        carried_of_belts(belts),
+        people,
+        on_frame,
         tuple(sensor.place for sensor in treadmill.sensors),
         rate_hz,
         round(rate_hz / FRAME_HZ),
@@ -189,62 +190,93 @@ Channels = tuple[tuple[str, ...], tuple[str, ...], Array]
 """Names, units and values, (N, C), of analog channels."""
 
 
-def measure_plates(
+Streams = tuple[np.random.Generator, np.random.Generator, np.random.Generator]
+"""Sources of the noise of plates, accelerometers and belts."""
+
+
+def recorded(
+    name: str,
     treadmill: InstrumentedTreadmill,
     motion: TreadmillMotion,
     response: Response,
-    rng: np.random.Generator,
-) -> tuple[Plate, ...]:
-    """Record what the plates' load cells carry."""
-    faults = treadmill.faults.plates
-    measured = [
-        plate.measure(misplaced(wrench, faults), motion.rate_hz, own)
-        for plate, wrench, own in zip(treadmill.plates, response.plates, rng.spawn(2), strict=True)
-    ]
-    return tuple(
-        recorded_plate(number, motion.time, shift_wrench(wrench, center))
-        for number, (wrench, center) in enumerate(
-            zip(measured, PLATE_CENTERS_M, strict=True), start=1
-        )
-    )
+    belts: tuple[str, ...],
+    streams: Streams,
+    markers: Markers | None = None,
+    more: Sequence[Channels] = (),
+    metadata: Metadata | None = None,
+) -> Recording:
+    """Record plates, accelerometers and the speed of belts, by the names of their channels.
 
+    Parameters
+    ----------
+    name
+        Of the file.
+    treadmill, motion, response
+        The instruments, how the treadmill moved, and what they underwent.
+    belts
+        Channels of belt speed, the left one first.
+    streams
+        Sources of noise.
+    markers
+        What the cameras recorded; by default frames at their rate without a marker.
+    more
+        Other channels.
+    metadata
+        What the file states of a person.
 
-def measure_accelerations(
-    treadmill: InstrumentedTreadmill,
-    motion: TreadmillMotion,
-    response: Response,
-    rng: np.random.Generator,
-) -> Channels:
-    """Record the accelerometers, in g."""
+    Returns
+    -------
+    Recording
+        Plates and channels at the motion's rate.
+    """
+    of_plates, of_sensors, of_belts = streams
+    rate_hz, faults = motion.rate_hz, treadmill.faults
     readings = [
-        sensor.measure(felt, motion.rate_hz, own)
+        sensor.measure(felt, rate_hz, own) / acceleration_in_mps2("g")
         for sensor, felt, own in zip(
-            treadmill.sensors, response.sensors, rng.spawn(len(treadmill.sensors)), strict=True
+            treadmill.sensors,
+            response.sensors,
+            of_sensors.spawn(len(treadmill.sensors)),
+            strict=True,
         )
     ]
-    names = tuple(f"{sensor.name}.{axis}" for sensor in treadmill.sensors for axis in "XYZ")
-    return names, ("g",) * len(names), np.hstack(readings) / acceleration_in_mps2("g")
-
-
-def measure_belts(
-    treadmill: InstrumentedTreadmill,
-    motion: TreadmillMotion,
-    response: Response,
-    names: tuple[str, ...],
-    rng: np.random.Generator,
-) -> Channels:
-    """Record the speed of as many belts as there are names, the left one first."""
-    faults, rate_hz = treadmill.faults, motion.rate_hz
+    sensors = tuple(f"{sensor.name}.{axis}" for sensor in treadmill.sensors for axis in "XYZ")
     # a motor's reports are uneven already
     jitter_s = faults.clocks.scale * STREAM_JITTER_S if treadmill.drives is None else 0.0
     stream = Stream(0.0, jitter_s, faults.clocks.scale * DOUBLED_PER_MINUTE, held=True)
-    noise = noise_sd_at(faults.belts.roughness * NOISE_MPS, rate_hz)
-    columns = []
-    for belt, own, _ in zip(response.belts, rng.spawn(len(response.belts)), names, strict=False):
-        reported = stream.sample(belt.reported_speed[:, None], rate_hz, own.spawn(1)[0])
-        add_noise(reported, noise, own)
-        columns.append(reported)
-    return names, ("m/s",) * len(names), np.hstack(columns)
+    noise, speeds = noise_sd_at(faults.belts.roughness * NOISE_MPS, rate_hz), []
+    for belt, own, _ in zip(response.belts, of_belts.spawn(2), belts, strict=False):
+        speeds.append(stream.sample(belt.reported_speed[:, None], rate_hz, own.spawn(1)[0]))
+        add_noise(speeds[-1], noise, own)
+    names, units, columns = zip(
+        (sensors, ("g",) * len(sensors), np.hstack(readings)),
+        (belts, ("m/s",) * len(belts), np.hstack(speeds)),
+        *more,
+        strict=True,
+    )
+    plates = [
+        recorded_plate(
+            number,
+            motion.time,
+            shift_wrench(plate.measure(misplaced(wrench, faults.plates), rate_hz, own), center),
+        )
+        for number, (plate, wrench, own, center) in enumerate(
+            zip(
+                treadmill.plates, response.plates, of_plates.spawn(2), PLATE_CENTERS_M, strict=True
+            ),
+            start=1,
+        )
+    ]
+    if markers is None:
+        frames = motion.time[:: round(rate_hz / FRAME_HZ)]
+        markers = Markers(frames, (), np.empty((len(frames), 0, 3)))
+    return Recording(
+        Path(name),
+        markers,
+        tuple(plates),
+        Analog(motion.time, sum(names, ()), sum(units, ()), np.hstack(columns)),
+        metadata=metadata or Metadata(),
+    )
 
 
 def measure_platform(

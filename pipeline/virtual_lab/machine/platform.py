@@ -1,21 +1,133 @@
 """The platform and the belt assemblies on it: how they move, and what load cells carry of them.
 
-All formulas are those of a rigid body with one rotation axis, written out. The load cells of a
-plate carry a belt assembly: they measure what the person puts on the plate, and the assembly's own
-inertia and changing weight, in the platform's moving frame.
+What moves does so by quintic splines of time, whose derivatives are exact. All formulas are those
+of a rigid body with one rotation axis, written out. The load cells of a plate carry a belt
+assembly: they measure what the person puts on the plate, and the assembly's own inertia and
+changing weight, in the platform's moving frame.
 """
 
 from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
+from scipy.interpolate import BSpline, PPoly, make_interp_spline
 from scipy.signal import cont2discrete, lfilter
 
 from compensation.platform import PlatformPose
 from compensation.signals import MachineLimits
 from hbm.spatial import GRAVITY_MPS2, Array, skew
-from pipeline.virtual_lab.faults import MachineFaults
-from pipeline.virtual_lab.trajectories import Trajectory, fit_trajectory, smooth_step
+
+DEGREE: Final = 5
+"""Of the splines: accelerations are still twice continuously differentiable."""
+PADDING: Final = 3 * DEGREE
+"""Samples by which a series is continued at both ends, so that the spline inside does not depend
+on how it ends."""
+_PIECES: Final = PPoly.from_spline(BSpline.basis_element(np.arange(DEGREE + 2.0)).tck)
+
+
+@dataclass(frozen=True, slots=True)
+class Trajectory:
+    """A smooth function of time, given by a uniform quintic spline.
+
+    Attributes
+    ----------
+    start
+        Time of the first knot [s].
+    rate_hz
+        Knots per second.
+    coefficients
+        One row per knot and some beyond both ends, (K + 4, C).
+    """
+
+    start: float
+    rate_hz: float
+    coefficients: Array
+
+    @property
+    def duration(self) -> float:
+        """Time from the first knot to the last [s]."""
+        return (len(self.coefficients) - DEGREE) / self.rate_hz
+
+    def at(self, time: Array, derivative: int = 0) -> Array:
+        """Evaluate a derivative at any times between the knots, (T, C) [unit/s^derivative]."""
+        position = (np.asarray(time, float) - self.start) * self.rate_hz
+        knot = np.clip(np.floor(position).astype(int), 0, len(self.coefficients) - DEGREE - 1)
+        weights = _weights(position - knot, derivative) * self.rate_hz**derivative
+        value = np.zeros((len(position), self.coefficients.shape[1]))
+        for k in range(DEGREE + 1):
+            value += weights[:, k, None] * self.coefficients[knot + k]
+        return value
+
+    def between_knots(self, parts: int, first: int, last: int, derivative: int = 0) -> Array:
+        """Evaluate a derivative at equal intervals between knots, time last.
+
+        Parameters
+        ----------
+        parts
+            Samples per knot.
+        first, last
+            Knots from which, and before which, samples begin; none is beyond the last knot.
+        derivative
+            Which.
+
+        Returns
+        -------
+        Array
+            (C, N) [unit/s^derivative].
+        """
+        knots = len(self.coefficients) - DEGREE + 1
+        own = np.ascontiguousarray(self.coefficients[first : last + DEGREE].T)
+        weights = _weights(np.arange(parts) / parts, derivative) * self.rate_hz**derivative
+        count = last - first
+        values = np.zeros((len(own), count, parts))
+        for part in range(parts):
+            end = count if part == 0 or last < knots else count - 1
+            for k in np.flatnonzero(weights[part]):
+                values[:, :end, part] += weights[part, k] * own[:, k : k + end]
+        flat = values.reshape(len(own), -1)
+        return flat if last < knots else flat[:, : flat.shape[1] - parts + 1]
+
+
+def fit_trajectory(values: Array, rate_hz: float, start: float = 0.0) -> Trajectory:
+    """Interpolate samples by a quintic spline.
+
+    Parameters
+    ----------
+    values
+        Samples at equal intervals, (K, C); more of them than `PADDING`.
+    rate_hz
+        Sampling rate [Hz].
+    start
+        Time of the first sample [s].
+
+    Returns
+    -------
+    Trajectory
+        Passes through the samples; four times continuously differentiable.
+    """
+    extended = np.pad(values, ((PADDING, PADDING), (0, 0)), mode="reflect", reflect_type="odd")
+    spline = make_interp_spline(np.arange(len(extended)), extended, k=DEGREE)
+    first = PADDING - DEGREE // 2
+    return Trajectory(start, rate_hz, spline.c[first : first + len(values) + DEGREE - 1])
+
+
+def smooth_step(x: Array) -> Array:
+    """Rise from 0 (at x = 0 and below) to 1 (at x = 1 and above), without units.
+
+    Notes
+    -----
+    The minimum-jerk polynomial ``10 x³ - 15 x⁴ + 6 x⁵`` (Flash and Hogan 1985, J Neurosci 5:1688):
+    velocity and acceleration are zero at both ends.
+    """
+    x = np.clip(x, 0.0, 1.0)
+    return np.asarray(x**3 * (10 - 15 * x + 6 * x**2))
+
+
+def _weights(fraction: Array, derivative: int) -> Array:
+    """Give the weights of the six coefficients around places between two knots, (T, 6)."""
+    places = np.arange(DEGREE, -1, -1) + fraction[:, None]
+    return np.asarray(_PIECES(places, nu=derivative))
+
 
 Pair = tuple[Array, Array]
 """Of the left and the right plate or belt."""
@@ -175,11 +287,6 @@ class Assembly:
     center: tuple[float, float, float]
     tensor: tuple[tuple[float, ...], ...]
 
-    def weighing(self, mass: float) -> "Assembly":
-        """Give an assembly of another mass [kg], distributed as this one's."""
-        x, y, z = (mass / self.mass * np.array(self.tensor)).tolist()
-        return Assembly(mass, self.center, (tuple(x), tuple(y), tuple(z)))
-
 
 LEFT_ASSEMBLY: Final = Assembly(
     150.0, (0.34, 0.27, -0.12), ((5.2, 0.3, -0.6), (0.3, 46.0, 0.2), (-0.6, 0.2, 47.0))
@@ -187,6 +294,7 @@ LEFT_ASSEMBLY: Final = Assembly(
 RIGHT_ASSEMBLY: Final = Assembly(
     150.0, (0.31, -0.26, -0.13), ((5.0, -0.4, 0.5), (-0.4, 45.0, -0.2), (0.5, -0.2, 46.0))
 )
+BELT_ASSEMBLIES: Final = (LEFT_ASSEMBLY, RIGHT_ASSEMBLY)
 """150 kg each is what the thesis states. Centres and tensors are assumed: the motor and the driving
 roller are at the front, and the tensors are about those of a box of 1.9 m by 0.6 m by 0.2 m with
 small products of inertia, so that no axis of the platform is a principal axis."""
@@ -198,8 +306,6 @@ class Machine:
 
     Attributes
     ----------
-    assemblies
-        Belt assemblies of the left and the right plate.
     pivot_m
         A point of the pitch axis with the platform in neutral, (3,) [m]; its height is assumed.
     limits
@@ -217,7 +323,6 @@ class Machine:
         Pitch moment per belt acceleration in the steady state [N·m per m/s²]; assumed.
     """
 
-    assemblies: tuple[Assembly, Assembly] = (LEFT_ASSEMBLY, RIGHT_ASSEMBLY)
     pivot_m: tuple[float, float, float] = (0.0, 0.0, -0.25)
     limits: MachineLimits = field(default_factory=MachineLimits)
     sway_hz: float = 7.0
@@ -226,17 +331,6 @@ class Machine:
     belt_hz: float = 9.0
     belt_damping: float = 0.4
     belt_moment_kg_m: float = 4.0
-
-
-def make_machine(faults: MachineFaults) -> Machine:
-    """Give the treadmill whose mechanical properties a setting states."""
-    return Machine(
-        assemblies=(
-            LEFT_ASSEMBLY.weighing(faults.assembly_kg),
-            RIGHT_ASSEMBLY.weighing(faults.assembly_kg),
-        ),
-        sway_hz=faults.sway_hz,
-    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ accelerates the structure and turns it in gravity; people and drives push it. It
 commanded motion: load cells, accelerometers and markers go with it.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -17,8 +18,7 @@ from scipy.signal import lfilter
 from hbm.spatial import Array, skew
 from pipeline.virtual_lab.machine.belts import BeltMotion
 from pipeline.virtual_lab.machine.platform import (
-    LEFT_ASSEMBLY,
-    RIGHT_ASSEMBLY,
+    BELT_ASSEMBLIES,
     TERMS,
     Assembly,
     Pair,
@@ -58,82 +58,36 @@ CELLS_M: Final = tuple(
 )
 """Load cells of the left and the right assembly: below the corners of the plate; assumed."""
 
-BUILT_FOR: Final = (LEFT_ASSEMBLY, RIGHT_ASSEMBLY)
-"""Assemblies with which the structure has the natural frequencies that are stated."""
+
+BASE_HZ: Final = (30.0, 13.0, 40.0, 35.0, 16.0, 30.0)
+BASE_DAMPING: Final = (0.05, 0.3, 0.05, 0.05, 0.3, 0.05)
+"""Natural frequencies and damping ratios of the whole, rigid structure on its base (forward, left,
+up, roll, pitch, yaw): lowest where actuators hold it, sideways and in pitch, with more damping than
+bolted steel. People then shake the plates about as much as those of a real treadmill: in the middle
+of swing, below 10 Hz, while somebody walks on the other plate, the sideways force varies by two
+times and the vertical by half of what a recording of python-gaitalytics shows (a treadmill that
+does not move; the recording is filtered and says nothing of higher frequencies), and feet leave the
+plates 2 ms later than on a rigid machine. On actuators of 7 Hz with 5 % damping steps let the
+plates swing by 56 N (SD), which no recording shows."""
+SHAPE_HZ: Final = (45.0, 40.0, 50.0)
+"""Of `SHAPES` with the frame's middle held and the assemblies on it; assumed."""
+CELL_HZ: Final = (68.0, 67.0, 138.0)
+"""Of an assembly that moves forward, sideways or up on its load cells, the frame being held: a belt
+assembly of 90 kg on a force plate reached 88, 87 and 178 Hz (Kram et al. 1998, J Appl Physiol
+85:764); one of 150 kg on cells as stiff reaches these."""
+STEEL_DAMPING: Final = 0.02
+"""Of both; assumed."""
 
 
-@dataclass(frozen=True, slots=True)
-class Elasticity:
-    """How stiff a structure is, stated by natural frequencies, which people can imagine.
+def springs(stretch: Array, inertia: Array, hz: Array, ratio: float | Array) -> tuple[Array, Array]:
+    """Give stiffness and damping matrix of springs with dampers beside them, (21, 21) each.
 
-    The base is chosen so that people shake the plates about as much as those of a real treadmill:
-    in the middle of swing, below 10 Hz, while somebody walks on the other plate, the sideways force
-    varies by two times and the vertical by half of what a recording of python-gaitalytics shows
-    (a treadmill that does not move; the recording is filtered and says nothing of higher
-    frequencies), and feet leave the plates 2 ms later than on a rigid machine. On actuators of
-    7 Hz with 5 % damping steps let the plates swing by 56 N (SD), which no recording shows.
-
-    Attributes
-    ----------
-    base_hz
-        Natural frequencies of the whole, rigid structure on its base (forward, left, up, roll,
-        pitch, yaw) [Hz]: lowest where actuators hold it, sideways and in pitch.
-    base_damping
-        Damping ratios of these; of actuators more than of bolted steel.
-    shape_hz, shape_damping
-        Natural frequencies of `SHAPES` with the frame's middle held and the assemblies on it [Hz],
-        and damping ratio; assumed.
-    cell_hz, cell_damping
-        Natural frequencies of an assembly that moves forward, sideways or up on its load cells, the
-        frame being held [Hz], and damping ratio: a belt assembly of 90 kg on a force plate reached
-        88, 87 and 178 Hz (Kram et al. 1998, J Appl Physiol 85:764); one of 150 kg on cells as
-        stiff reaches these. The damping is assumed.
+    Their elongations by the structure's coordinates are ``stretch``, (n, 21); on them inertias have
+    natural frequencies [Hz] and damping ratios.
     """
-
-    base_hz: tuple[float, ...] = (30.0, 13.0, 40.0, 35.0, 16.0, 30.0)
-    base_damping: tuple[float, ...] = (0.05, 0.3, 0.05, 0.05, 0.3, 0.05)
-    shape_hz: tuple[float, ...] = (45.0, 40.0, 50.0)
-    shape_damping: float = 0.02
-    cell_hz: tuple[float, ...] = (68.0, 67.0, 138.0)
-    cell_damping: float = 0.02
-
-
-@dataclass(frozen=True, slots=True)
-class Springs:
-    """Springs with dampers beside them.
-
-    Attributes
-    ----------
-    stretch
-        Their elongations by the structure's coordinates, (n, 21).
-    stiffness, damping
-        Of each, (n,) [N/m or N·m/rad; N·s/m or N·m·s/rad].
-    """
-
-    stretch: Array
-    stiffness: Array
-    damping: Array
-
-    @classmethod
-    def of(
-        cls, stretch: Array, inertia: Array, hz: tuple[float, ...], ratio: float | Array
-    ) -> "Springs":
-        """Give springs on which inertias have natural frequencies [Hz] and damping ratios."""
-        omega = 2 * np.pi * np.array(hz)
-        return cls(stretch, inertia * omega**2, 2 * ratio * omega * inertia)
-
-    def softer(self, flexibility: float) -> "Springs":
-        """Give springs that yield more by a factor, with the same damping ratios."""
-        return Springs(
-            self.stretch, self.stiffness / flexibility, self.damping / np.sqrt(flexibility)
-        )
-
-    def matrices(self) -> tuple[Array, Array]:
-        """Give their part of the stiffness and of the damping matrix, (21, 21) each."""
-        return (
-            self.stretch.T @ (self.stiffness[:, None] * self.stretch),
-            self.stretch.T @ (self.damping[:, None] * self.stretch),
-        )
+    omega = 2 * np.pi * hz
+    stiffness, damping = inertia * omega**2, 2 * ratio * omega * inertia
+    return stretch.T @ (stiffness[:, None] * stretch), stretch.T @ (damping[:, None] * stretch)
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,53 +110,47 @@ class Structure:
 
 
 def make_structure(
-    assemblies: tuple[Assembly, Assembly] = (LEFT_ASSEMBLY, RIGHT_ASSEMBLY),
-    elasticity: Elasticity | None = None,
     flexibility: float = 1.0,
+    base_hz: Sequence[float] = BASE_HZ,
+    base_damping: Sequence[float] = BASE_DAMPING,
 ) -> Structure:
     """Assemble the structure from its parts.
 
     Parameters
     ----------
-    assemblies
-        Left and right belt assembly; load cells and base are as stiff whatever they weigh.
-    elasticity
-        How stiff the structure is; by default `Elasticity`.
     flexibility
         By which every displacement under a constant load is multiplied, above 0; natural
         frequencies fall with its square root.
+    base_hz, base_damping
+        Of the whole on its base.
 
     Returns
     -------
     Structure
         Its matrices are symmetric, and positive definite but for the damping of the assemblies.
     """
-    elastic = elasticity or Elasticity()
-    cells = []
-    for part, assembly, places in zip(ASSEMBLIES, BUILT_FOR, CELLS_M, strict=True):
+    softness, mass, cells = np.sqrt(flexibility), _mass_matrix(), []
+    for part, assembly, places in zip(ASSEMBLIES, BELT_ASSEMBLIES, CELLS_M, strict=True):
         stretch = np.zeros((len(places), 3, COORDINATES))
         stretch[:, :, part] = [rigid_shape(place)[:3] for place in places]
         stretch[:, :, :FRAME] = [-frame_shape(place)[:3] for place in places]
         inertia = np.full(3 * len(places), assembly.mass / len(places))
-        hz = elastic.cell_hz * len(places)
-        cells.append(
-            Springs.of(stretch.reshape(-1, COORDINATES), inertia, hz, elastic.cell_damping)
-        )
-    carried = _inertia_of_frame(_mass_matrix(BUILT_FOR), cells)
+        hz = np.array(CELL_HZ * len(places)) / softness
+        cells.append(springs(stretch.reshape(-1, COORDINATES), inertia, hz, STEEL_DAMPING))
+    carried = _inertia_of_frame(mass, [stiffness for stiffness, _ in cells])
     at_base = np.zeros((6, COORDINATES))
     at_base[:, :6] = rigid_shape(BASE_M)
     from_base = np.linalg.inv(rigid_shape(BASE_M))
     about_base = np.diag(from_base.T @ carried[:6, :6] @ from_base)
-    base = Springs.of(at_base, about_base, elastic.base_hz, np.array(elastic.base_damping))
-    bending = np.eye(COORDINATES)[6:FRAME]
-    shapes = Springs.of(bending, np.diag(carried)[6:], elastic.shape_hz, elastic.shape_damping)
-    springs = [part.softer(flexibility) for part in (base, shapes, *cells)]
-    stiffness, damping = np.sum([part.matrices() for part in springs], axis=0)
-    wrenches = []
-    for part, own in zip(ASSEMBLIES, springs[2:], strict=True):
-        by_displacement, by_velocity = own.matrices()
-        wrenches.append((-by_displacement[part], -by_velocity[part]))
-    return Structure(_mass_matrix(assemblies), damping, stiffness, tuple(wrenches))
+    base = springs(at_base, about_base, np.array(base_hz) / softness, np.array(base_damping))
+    bending, hz = np.eye(COORDINATES)[6:FRAME], np.array(SHAPE_HZ) / softness
+    shapes = springs(bending, np.diag(carried)[6:], hz, STEEL_DAMPING)
+    stiffness, damping = np.sum([base, shapes, *cells], axis=0)
+    wrenches = [
+        (-by_displacement[part], -by_velocity[part])
+        for part, (by_displacement, by_velocity) in zip(ASSEMBLIES, cells, strict=True)
+    ]
+    return Structure(mass, damping, stiffness, tuple(wrenches))
 
 
 def natural_modes(structure: Structure) -> tuple[Array, Array]:
@@ -288,22 +236,21 @@ def inertia_about_origin(assembly: Assembly) -> Array:
     return shape.T @ center @ shape
 
 
-def _mass_matrix(assemblies: tuple[Assembly, Assembly]) -> Array:
+def _mass_matrix() -> Array:
     """Give the mass matrix of frame and assemblies, (21, 21)."""
     mass = np.zeros((COORDINATES, COORDINATES))
     for node in FRAME_NODES_M:
         shape = frame_shape(node)[:3]
         mass[:FRAME, :FRAME] += FRAME_KG / len(FRAME_NODES_M) * shape.T @ shape
-    for part, assembly in zip(ASSEMBLIES, assemblies, strict=True):
+    for part, assembly in zip(ASSEMBLIES, BELT_ASSEMBLIES, strict=True):
         mass[part, part] = inertia_about_origin(assembly)
     return mass
 
 
-def _inertia_of_frame(mass: Array, cells: list[Springs]) -> Array:
+def _inertia_of_frame(mass: Array, cells: list[Array]) -> Array:
     """Give the frame's mass matrix with the assemblies fixed to it, (9, 9)."""
     total = mass[:FRAME, :FRAME].copy()
-    for part, own in zip(ASSEMBLIES, cells, strict=True):
-        stiffness = own.matrices()[0]
+    for part, stiffness in zip(ASSEMBLIES, cells, strict=True):
         follow = -np.linalg.solve(stiffness[part, part], stiffness[part, :FRAME])
         total += follow.T @ mass[part, part] @ follow
     return total
@@ -347,7 +294,7 @@ class Modes:
         if np.count_nonzero(one) != COORDINATES:
             raise ValueError(
                 f"the structure vibrates in {np.count_nonzero(one)} modes, expected {COORDINATES}; "
-                "lower assembly_kg or flexibility"
+                "lower flexibility"
             )
         value = values[one].astype(complex)
         x = np.asarray(value / rate_hz, complex)
@@ -384,34 +331,6 @@ class Modes:
 
 CHUNK_SAMPLES: Final = 8_000
 """Computed at a time, so that all modes stay in the processor's cache."""
-
-
-@dataclass(frozen=True, slots=True)
-class Loads:
-    """What acts on the treadmill beside its own inertia and weight, in platform axes.
-
-    Attributes
-    ----------
-    drives
-        What the left and the right plate have to carry of belts, rollers and motors, about the
-        platform's origin, (N, 6) each [N, N·m].
-    people
-        Ground reaction of the left and the right plate on people, likewise; None for nobody.
-    on_frame
-        Action of people on the frame beside the belts, likewise, (N, 6); None for nobody.
-    """
-
-    drives: Pair
-    people: Pair | None = None
-    on_frame: Array | None = None
-
-    @property
-    def shaking(self) -> list[Array]:
-        """What makes the structure vibrate: on the left and the right plate, and on the frame."""
-        on_plates = list(self.drives)
-        if self.people is not None:
-            on_plates = [drive + load for drive, load in zip(on_plates, self.people, strict=True)]
-        return on_plates if self.on_frame is None else [*on_plates, self.on_frame]
 
 
 @dataclass(frozen=True, slots=True)
@@ -452,9 +371,10 @@ class Response:
 
 def respond(
     structure: Structure | None,
-    assemblies: tuple[Assembly, Assembly],
     motion: PlatformMotion,
-    loads: Loads,
+    drives: Pair,
+    people: Pair | None,
+    on_frame: Array | None,
     places: tuple[Array, ...],
     rate_hz: float,
     step: int,
@@ -465,12 +385,15 @@ def respond(
     ----------
     structure
         None for a rigid one.
-    assemblies
-        Left and right belt assembly, those of the structure.
     motion
         Of the platform as its actuators move it, N samples.
-    loads
-        Of people and drives.
+    drives
+        What the left and the right plate have to carry of belts, rollers and motors, in platform
+        axes about the platform's origin, (N, 6) each [N, N·m].
+    people
+        Ground reaction of the left and the right plate on people, likewise; None for nobody.
+    on_frame
+        Action of people on the frame beside the belts, likewise, (N, 6); None for nobody.
     places
         Of accelerometers on the frame, (3,) each [m].
     rate_hz
@@ -490,24 +413,28 @@ def respond(
     damping force of their cells, so that a constant load is carried exactly.
     """
     terms = motion_terms(motion)
-    by_terms = [inertial_wrench(assembly, motion.pivot) for assembly in assemblies]
+    by_terms = [inertial_wrench(assembly, motion.pivot) for assembly in BELT_ASSEMBLIES]
     sensors = tuple(specific_force(motion, place) for place in places)
     count = len(range(0, len(terms), step))
     if structure is None:
         plates = np.stack(
-            [terms @ wrench.T + own for wrench, own in zip(by_terms, loads.drives, strict=True)]
+            [terms @ wrench.T + own for wrench, own in zip(by_terms, drives, strict=True)]
         )
-        if loads.people is not None:
-            plates += loads.people
-        return Response((plates[0], plates[1]), sensors, np.zeros((count, FRAME)), loads.people)
+        if people is not None:
+            plates += people
+        return Response((plates[0], plates[1]), sensors, np.zeros((count, FRAME)), people)
 
-    series = [terms, *loads.shaking]
+    series = [terms, *drives]
+    if people is not None:
+        series[1:] = [drive + load for drive, load in zip(drives, people, strict=True)]
+    if on_frame is not None:
+        series.append(on_frame)
     by_inputs = _load_of_inputs(by_terms, motion.pivot)[:, : sum(part.shape[1] for part in series)]
     modes = Modes.of(structure, by_inputs, rate_hz)
     output, through = _output(structure, by_inputs, places)
     readout = modes.readout(output)
     of_frame = modes.readout(np.eye(FRAME, 2 * COORDINATES))
-    weights = [weight_of(assembly) for assembly in assemblies]
+    weights = [weight_of(assembly) for assembly in BELT_ASSEMBLIES]
     plates, frame = np.empty((2, len(terms), 6)), np.empty((count, FRAME))
     chunk = CHUNK_SAMPLES // step * step
     state: Complex | None = None
@@ -526,7 +453,7 @@ def respond(
             own = found[24 + 6 * k : 30 + 6 * k]
             felt = sensor[now].T
             sensor[now] = (felt + own[:3] - _cross(own[3:], felt)).T
-    return Response((plates[0], plates[1]), sensors, frame, loads.people)
+    return Response((plates[0], plates[1]), sensors, frame, people)
 
 
 def _load_of_inputs(by_terms: list[Array], pivot: Array) -> Array:

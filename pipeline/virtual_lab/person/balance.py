@@ -26,7 +26,7 @@ from pipeline.virtual_lab.person.body import (
 )
 from pipeline.virtual_lab.person.feet import FootPlacement, Sole, orientation, rolled
 from pipeline.virtual_lab.person.gait import LEAVING, STANCE, foot_angles, sole_weights
-from pipeline.virtual_lab.person.momentum import ground_wrench, oscillators_of
+from pipeline.virtual_lab.person.momentum import Oscillator, ground_wrench
 from pipeline.virtual_lab.person.subject import VirtualSubject
 from pipeline.virtual_lab.person.variation import ExtraJoints
 
@@ -51,37 +51,39 @@ TOLERANCE: Final = 1e-4
 """Of the Gauss-Newton iteration: damping, largest step and step at which it ends [rad and m]."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class SoleTarget:
-    """Where a sole should be.
+    """Where four points of a foot should be: heel, ball inside and outside, and near the ankle.
 
     Attributes
     ----------
-    sole
-        The foot's sole.
-    rotation, position
-        Pose of the sole in the lab, (T, 3, 3) and (T, 3) [m].
+    on_foot
+        Their places in the foot's frame, (4, 3) [m].
+    wanted
+        Where they should be in the lab, (3, 4, T) [m].
     weight
-        Weights of heel, ball inside and outside, and ankle, (T, 4).
+        (4, T).
     """
-
-    sole: Sole
-    rotation: Array
-    position: Array
-    weight: Array
-
-    def frames(self, part: slice) -> "SoleTarget":
-        """Give the target in some frames."""
-        return SoleTarget(self.sole, self.rotation[part], self.position[part], self.weight[part])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Points:
-    """Points of a foot: in its frame (4, 3), where they should be (3, 4, T), weights (4, T)."""
 
     on_foot: Array
     wanted: Array
     weight: Array
+
+    @classmethod
+    def of(cls, sole: Sole, rotation: Array, position: Array, weight: Array) -> "SoleTarget":
+        """Give the target of a sole's pose, (T, 3, 3) and (T, 3) [m], and weights, (T, 4)."""
+        on_foot, origin = sole.foot_pose(rotation, position)
+        ball, aside = sole.ball, BALL_HALF_WIDTH_M
+        on_sole = np.array(
+            [[sole.heel, 0, 0], [ball, aside, 0], [ball, -aside, 0], [0, 0, ANKLE_POINT_M]]
+        )
+        places = (on_sole - sole.origin) @ sole.rotation
+        wanted = np.einsum("tij,kj->ikt", on_foot, places) + origin.T[:, None]
+        return cls(places, wanted, np.ascontiguousarray(weight.T))
+
+    def frames(self, part: slice) -> "SoleTarget":
+        """Give the target in some frames."""
+        return SoleTarget(self.on_foot, self.wanted[..., part], self.weight[:, part])
 
 
 def solve_legs(
@@ -122,35 +124,19 @@ def solve_legs(
     eliminated from the normal equations, which leaves one for the pelvis' height.
     """
     solved = start.copy()
-    points = {side: _points(target) for side, target in targets.items()}
     for part in chunks(reference.shape[1]):
-        own = {
-            side: _Points(p.on_foot, p.wanted[..., part], p.weight[:, part])
-            for side, p in points.items()
-        }
+        own = {side: target.frames(part) for side, target in targets.items()}
         solved[:, part] = _solve(
             skeleton, extra, reference[:, part], own, start[:, part], height_weight, iterations
         )
     return solved
 
 
-def _points(target: SoleTarget) -> _Points:
-    sole = target.sole
-    rotation, origin = sole.foot_pose(target.rotation, target.position)
-    ball, aside = sole.ball, BALL_HALF_WIDTH_M
-    on_sole = np.array(
-        [[sole.heel, 0, 0], [ball, aside, 0], [ball, -aside, 0], [0, 0, ANKLE_POINT_M]]
-    )
-    on_foot = (on_sole - sole.origin) @ sole.rotation
-    wanted = np.einsum("tij,kj->ikt", rotation, on_foot) + origin.T[:, None]
-    return _Points(on_foot, wanted, np.ascontiguousarray(target.weight.T))
-
-
 def _solve(
     skeleton: Skeleton,
     extra: ExtraJoints,
     reference: Array,
-    points: Mapping[str, _Points],
+    points: Mapping[str, SoleTarget],
     start: Array,
     height_weight: float,
     iterations: int,
@@ -192,7 +178,7 @@ def _solve(
 
 
 def _jacobian(
-    skeleton: Skeleton, extra: ExtraJoints, pelvis: Frame, q: Array, letter: str, points: _Points
+    skeleton: Skeleton, extra: ExtraJoints, pelvis: Frame, q: Array, letter: str, points: SoleTarget
 ) -> tuple[Array, Array]:
     """Give how a sole's points move with the leg's angles, (6, 3, 4, T), and their error."""
     origin = pelvis.origin.copy()
@@ -256,15 +242,11 @@ CORRECTIONS: Final = 4
 """Corrections of the pelvis' place; chosen, enough for the pressure to stay under the feet."""
 COARSE: Final = 2
 """Corrections are found for every second sample: the motion of a centre of mass is slow."""
-LEG_ITERATIONS: Final = 10, 2
-"""Iterations of the legs' inverse kinematics at most: in the first correction, which starts from
-the gait pattern, and later, where each starts from the solution before."""
-HEIGHT_WEIGHTS: Final = 0.1, 1.0
-"""Weight of the pelvis' height in the legs' inverse kinematics, in the first iteration, in which
-the legs show how high it can be, and in the others."""
-LOWERING_SD: Final = 0.0
-"""By how many standard deviations of that height the pelvis is lower than on average in it; chosen:
-with more, knees are too bent at initial contact."""
+FIRST: Final = 0.1, 10
+LATER: Final = 1.0, 2
+"""Weight of the pelvis' height in the legs' inverse kinematics, and its iterations at most: in the
+first correction, which starts from the gait pattern and in which the legs show how high the pelvis
+can be, and in the others, where each starts from the solution before."""
 GAIN: Final = 1.2
 """Of the correction: a little more than the error, as the body answers less than the point mass by
 which it is corrected; chosen."""
@@ -324,6 +306,11 @@ class Plan:
             corrected=self.corrected[part],
         )
 
+    def on_feet(self, reference: Array, start: Array, effort: tuple[float, int]) -> Array:
+        """Give the legs' angles near a reference with which the feet are in their places."""
+        body, extra = self.subject.skeleton, self.subject.extra_joints
+        return solve_legs(body, extra, reference, self.targets, start, *effort)
+
     def moved(self, q: Array, rate_hz: float) -> Array:
         """Give all coordinates (55, T) of a person who moves smoothly by (46, T)."""
         extra = self.subject.extra_joints
@@ -352,18 +339,7 @@ def keep_balance(plan: Plan, reference: Array, time: Array) -> Array:
     reference = reference.copy()
     reference[: len(shift)] += CubicSpline(coarse, shift, axis=1)(time)
     q = CubicSpline(coarse, start, axis=1)(time)
-    subject = plan.subject
-    weight, iterations = HEIGHT_WEIGHTS[1], LEG_ITERATIONS[1]
-    q = solve_legs(
-        subject.skeleton,
-        subject.extra_joints,
-        reference,
-        plan.targets,
-        q,
-        weight,
-        iterations,
-    )
-    return plan.moved(q, RATE_HZ)
+    return plan.moved(plan.on_feet(reference, q, LATER), RATE_HZ)
 
 
 def _correction(plan: Plan, reference: Array, rate_hz: float) -> tuple[Array, Array]:
@@ -374,15 +350,11 @@ def _correction(plan: Plan, reference: Array, rate_hz: float) -> tuple[Array, Ar
     pattern, q = reference[:3].copy(), np.ascontiguousarray(reference)
     reference = q.copy()
     for correction in range(CORRECTIONS):
-        later = min(correction, 1)
-        weight, iterations = HEIGHT_WEIGHTS[later], LEG_ITERATIONS[later]
-        extra = subject.extra_joints
-        q = solve_legs(subject.skeleton, extra, reference, plan.targets, q, weight, iterations)
+        q = plan.on_feet(reference, q, LATER if correction else FIRST)
         if correction == 0:
-            change = (q - reference)[2, plan.steady]
-            shift[2] = plan.walking * (change.mean() - LOWERING_SD * change.std())
+            shift[2] = plan.walking * (q - reference)[2, plan.steady].mean()
         motion = _differentiated(plan.moved(q, rate_hz), rate_hz)
-        oscillators = oscillators_of(subject.wobbling, rate_hz)
+        oscillators = [Oscillator(mass, rate_hz) for mass in subject.wobbling]
         wrench = ground_wrench(subject.skeleton, motion, oscillators)
         found = in_lab(pressure_on_platform(wrench, plan.pose), plan.pose)[:, :2]
         error = np.clip(np.nan_to_num(plan.pressure - found), -MAX_ERROR_M, MAX_ERROR_M)
@@ -517,7 +489,7 @@ def sole_targets(
         position = in_lab(path, pose)
         walking = np.minimum(extent, 1.0)[:, None]
         weight = 1 - walking * (1 - sole_weights(pitch, phase))
-        targets[side] = SoleTarget(sole, rotation, position, weight)
+        targets[side] = SoleTarget.of(sole, rotation, position, weight)
     return targets
 
 

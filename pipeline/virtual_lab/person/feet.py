@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from hbm.spatial import Array, rotation_about
-from pipeline.virtual_lab.machine.platform import BeltRamp
+from pipeline.virtual_lab.machine.platform import BeltRamp, smooth_step
 from pipeline.virtual_lab.person.gait import (
     LEAVING,
     STANCE,
@@ -16,7 +16,6 @@ from pipeline.virtual_lab.person.gait import (
     phase_of,
     roll_over,
 )
-from pipeline.virtual_lab.trajectories import smooth_step
 
 SIDES: Final = ("left", "right")
 OUTWARD: Final = {"left": 1.0, "right": -1.0}

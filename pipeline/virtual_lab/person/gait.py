@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from hbm.coordinates import INDEX, TREE
 from hbm.spatial import GRAVITY_MPS2, Array
-from pipeline.virtual_lab.trajectories import smooth_step
+from pipeline.virtual_lab.machine.platform import smooth_step
 
 STANCE: Final = 0.605
 """Stance phase as a share of the gait cycle, from initial contact to foot off, at 1.3 m/s."""

@@ -1,6 +1,6 @@
 """The wrench of the ground: the rate of change of momentum of the segments and of soft tissue."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -99,11 +99,6 @@ class Oscillator:
         numerator, denominator = (np.ravel(row) for row in self._filters[k])
         out, self._states[k] = lfilter(numerator, denominator, drive, axis=1, zi=self._states[k])
         return np.asarray(out)
-
-
-def oscillators_of(masses: Iterable[WobblingMass], rate_hz: float) -> list[Oscillator]:
-    """Give oscillators at rest for the masses."""
-    return [Oscillator(mass, rate_hz) for mass in masses]
 
 
 def draw_wobbling_masses(

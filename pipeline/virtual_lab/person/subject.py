@@ -76,27 +76,6 @@ class Person:
 
 
 @dataclass(frozen=True, slots=True)
-class GaitStyle:
-    """How a person's joint angles in walking differ from the mean pattern.
-
-    Attributes
-    ----------
-    offset, gain
-        Added to the coordinates in walking, and factor of their motion, (46,).
-    wander
-        Standard deviation of slow variations, (46,).
-    """
-
-    offset: Array
-    gain: Array
-    wander: Array
-
-    def apply(self, change: Array, walking: Array) -> Array:
-        """Give the person's change from standing in place of the mean pattern's, (T, 46)."""
-        return change * self.gain + walking * self.offset
-
-
-@dataclass(frozen=True, slots=True)
 class VirtualSubject:
     """A person with a true body and a gait.
 
@@ -116,8 +95,11 @@ class VirtualSubject:
         Coordinates of the T-pose, standing on the floor, (46,) [rad, m].
     standing
         The same with the arms hanging.
-    step_parameters, style
-        The person's spatiotemporal parameters and joint angles.
+    step_parameters
+        The person's spatiotemporal parameters.
+    offset, gain, wander
+        How the joint angles in walking differ from the mean pattern: added to the coordinates,
+        factor of their motion, and standard deviation of slow variations, (46,).
     """
 
     person: Person
@@ -130,7 +112,9 @@ class VirtualSubject:
     t_pose: Array
     standing: Array
     step_parameters: StepParameters
-    style: GaitStyle
+    offset: Array
+    gain: Array
+    wander: Array
 
 
 def make_subject(
@@ -139,7 +123,6 @@ def make_subject(
     marker_set: str = "hbm2",
     individuality: float = 0.0,
     faults: BodyFaults | None = None,
-    forward_m: float = 0.0,
     rng: np.random.Generator | None = None,
 ) -> VirtualSubject:
     """Give a person a body and a gait.
@@ -155,8 +138,6 @@ def make_subject(
     faults
         How the body differs from what markers and the Human Body Model suggest; by default not at
         all.
-    forward_m
-        How far ahead of the lab's origin the person stands [m].
     rng
         Source of everything individual.
 
@@ -174,9 +155,7 @@ def make_subject(
         }
     )
     worn = marker_sets()[marker_set]
-    skeleton, extra_joints, wobbling, soles, q = _body(
-        person, worn, proportions, faults, forward_m, body_rng
-    )
+    skeleton, extra_joints, wobbling, soles, q = _body(person, worn, proportions, faults, body_rng)
     standing = q.copy()
     for side in "RL":
         for name, angle in HANGING_ARM_DEG.items():
@@ -188,7 +167,6 @@ def make_subject(
         step_m=STEP_M * size * (1 + individuality * longer),
         width_m=typical.width_m * size * (1 + individuality * STEP_WIDTH_SD * _drawn(gait_rng)),
     )
-    style = _gait_style(individuality, gait_rng)
     return VirtualSubject(
         person,
         marker_set,
@@ -200,7 +178,7 @@ def make_subject(
         q,
         standing,
         step_parameters,
-        style,
+        *_gait_style(individuality, gait_rng),
     )
 
 
@@ -209,14 +187,13 @@ def _body(
     worn: MarkerSet,
     proportions: Proportions,
     faults: BodyFaults,
-    forward_m: float,
     rng: np.random.Generator,
 ) -> tuple[Skeleton, ExtraJoints, tuple[WobblingMass, ...], dict[str, Sole], Array]:
     """Give a person's skeleton, extra joints, soft tissue, soles and T-pose."""
     names = tuple(worn.segment)
     points = tuple(dict.fromkeys((*marker_sets()["hbm2"].segment, *names, *ANATOMICAL)))
     position = t_pose(points, person.height_m, person.sex, proportions)
-    position += [forward_m, 0.0, 0.0 if faults.same_body else faults.shoe_scale * SOLE_M]
+    position[:, 2] += 0.0 if faults.same_body else faults.shoe_scale * SOLE_M
     at = dict(zip(points, position, strict=True))
     shown = frozenset(worn.landmark)
     suggested = locate(at, shown, person.sex, navel_share(person.sex))
@@ -256,7 +233,8 @@ def _drawn(rng: np.random.Generator) -> float:
     return float(np.clip(rng.normal(), -MAX_DEVIATION_SD, MAX_DEVIATION_SD))
 
 
-def _gait_style(individuality: float, rng: np.random.Generator) -> GaitStyle:
+def _gait_style(individuality: float, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+    """Draw offset, gain and wander of all coordinates."""
     count = len(COORDINATES)
     offset, gain, wander = np.zeros(count), np.ones(count), np.zeros(count)
     of_joint: dict[str, tuple[float, float]] = {}
@@ -276,4 +254,4 @@ def _gait_style(individuality: float, rng: np.random.Generator) -> GaitStyle:
         if joint.startswith(("Pelvis", "ShoulderUp", "ShoulderForward", "ShoulderInward")):
             continue
         wander[i] = np.radians(ARM_WANDER_DEG if arm else WANDER_DEG)
-    return GaitStyle(offset, gain, wander)
+    return offset, gain, wander

@@ -16,7 +16,13 @@ from compensation.platform import PlatformPose
 from hbm.coordinates import INDEX
 from hbm.spatial import Array, transform_wrench
 from pipeline.io.recording import Event
-from pipeline.virtual_lab.machine.platform import BeltRamp, PlatformTrajectory
+from pipeline.virtual_lab.machine.platform import (
+    BeltRamp,
+    PlatformTrajectory,
+    Trajectory,
+    fit_trajectory,
+    smooth_step,
+)
 from pipeline.virtual_lab.person.balance import (
     RATE_HZ,
     Plan,
@@ -39,9 +45,8 @@ from pipeline.virtual_lab.person.gait import (
     size_of,
     step_time,
 )
-from pipeline.virtual_lab.person.momentum import center_of_mass, ground_wrench, oscillators_of
+from pipeline.virtual_lab.person.momentum import Oscillator, center_of_mass, ground_wrench
 from pipeline.virtual_lab.person.subject import VirtualSubject
-from pipeline.virtual_lab.trajectories import Trajectory, fit_trajectory, smooth_step
 
 ARMS_DOWN: Final = 0.48, 0.35
 """When lowering the arms begins, and how long it takes, as shares of the time before walking."""
@@ -163,7 +168,7 @@ def _loaded(
 ) -> Walk:
     """Add the ground's wrenches to a motion."""
     rate_hz = FORCES_PER_FRAME * motion.rate_hz
-    oscillators = oscillators_of(subject.wobbling, rate_hz)
+    oscillators = [Oscillator(mass, rate_hz) for mass in subject.wobbling]
     parts = []
     knots = round(motion.duration * motion.rate_hz) + 1
     for first in range(0, knots, BLOCK_KNOTS):
@@ -233,10 +238,10 @@ def _pattern(
     walking = np.minimum(extent, 1.0)[:, None]
     q = subject.t_pose + lowered * (subject.standing - subject.t_pose)
     mean = posture(placement.phase("right", time), extent, slope, subject.standing)
-    q += subject.style.apply(mean - subject.standing, walking)
+    q += (mean - subject.standing) * subject.gain + walking * subject.offset
     wander = gaussian_filter1d(rng.normal(size=q.shape), WANDER_S * RATE_HZ, axis=0)
     wander *= np.sqrt(2 * np.sqrt(np.pi) * WANDER_S * RATE_HZ)
-    q += walking * subject.style.wander * wander
+    q += walking * subject.wander * wander
     for knee in (INDEX["RKneeFlexion"], INDEX["LKneeFlexion"]):
         excess = q[:, knee] - MIN_KNEE_RAD
         more = (np.hypot(excess, MIN_KNEE_RAD / 2) - excess) / 2

@@ -1,29 +1,35 @@
-"""Trials with an empty plate: the treadmill follows a signal, or people are beside the plate."""
+"""Trials with an empty plate: the treadmill follows a signal, or people are beside the plate.
 
-from dataclasses import dataclass, replace
+`recordings` are those of experiment 2.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
-from compensation.protocol import RUNNING_MPS
+from compensation.protocol import (
+    RUNNING_MPS,
+    belt_signals,
+    pitch_and_sway_signals,
+    validation_signals,
+)
 from compensation.signals import Signal, resample_signal
-from hbm.markers import Markers
 from hbm.spatial import Array
-from pipeline.io.recording import Analog, Recording
+from pipeline.io.c3d.write import write_c3d
+from pipeline.io.recording import Recording
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import (
     BELT_CHANNELS,
     InstrumentedTreadmill,
     make_treadmill,
-    measure_accelerations,
-    measure_belts,
-    measure_plates,
+    recorded,
     undergo,
 )
 from pipeline.virtual_lab.machine.instruments import ANALOG_HZ, FRAME_HZ, SAMPLES_PER_FRAME
 from pipeline.virtual_lab.machine.platform import TreadmillMotion, move_platform
-from pipeline.virtual_lab.machine.structure import Response
 from pipeline.virtual_lab.person import bystander
 from pipeline.virtual_lab.protocol.walking_protocol import PERSONS, Setting
 
@@ -74,57 +80,14 @@ def record_signal_trial(
     sway, pitch, belt_speed = (
         x[: len(time)] for x in (command.sway, command.pitch, command.belt_speed)
     )
-    motion = TreadmillMotion(
-        time,
-        move_platform(treadmill.machine, sway, pitch, rate_hz),
-        belt_speed,
-        np.empty(0),
-    )
+    platform = move_platform(treadmill.machine, sway, pitch, rate_hz)
+    motion = TreadmillMotion(time, platform, belt_speed, np.empty(0))
     people = None if load is None else (np.zeros_like(load), -load)
     response = undergo(treadmill, motion, of_motion, people, on_frame)
     streams = of_plates, of_sensors, of_belts
-    recording = record_without_markers(
-        f"{signal.name}.c3d", treadmill, motion, response, (BELT_CHANNEL,), streams
-    )
+    name = f"{signal.name}.c3d"
+    recording = recorded(name, treadmill, motion, response, (BELT_CHANNEL,), streams)
     return replace(recording, plates=recording.plates[:1])
-
-
-def record_without_markers(
-    name: str,
-    treadmill: InstrumentedTreadmill,
-    motion: TreadmillMotion,
-    response: Response,
-    belts: tuple[str, ...],
-    streams: tuple[np.random.Generator, np.random.Generator, np.random.Generator],
-) -> Recording:
-    """Record plates, accelerometers and the speed of belts, by the names of their channels.
-
-    Parameters
-    ----------
-    name
-        Of the file.
-    treadmill, motion, response
-        The instruments, how the treadmill moved, and what they underwent.
-    belts
-        Channels of belt speed, the left one first.
-    streams
-        Sources of the noise of plates, accelerometers and belts.
-
-    Returns
-    -------
-    Recording
-        Its frames are at the cameras' rate and hold no marker.
-    """
-    of_plates, of_sensors, of_belts = streams
-    names, units, readings = measure_accelerations(treadmill, motion, response, of_sensors)
-    belts, belt_units, speeds = measure_belts(treadmill, motion, response, belts, of_belts)
-    frames = motion.time[:: round(motion.rate_hz / FRAME_HZ)]
-    return Recording(
-        Path(name),
-        Markers(frames, (), np.empty((len(frames), 0, 3))),
-        measure_plates(treadmill, motion, response, of_plates),
-        Analog(motion.time, names + belts, units + belt_units, np.hstack([readings, speeds])),
-    )
 
 
 def sample_times(signal: Signal, rate_hz: float) -> Array:
@@ -133,18 +96,11 @@ def sample_times(signal: Signal, rate_hz: float) -> Array:
     return np.arange(frames * round(rate_hz / FRAME_HZ)) / rate_hz
 
 
-@dataclass(frozen=True, slots=True)
-class Beside:
+class Beside(NamedTuple):
     """What a person does on a treadmill that stays level, and where.
 
-    Attributes
-    ----------
-    load
-        Of the person, on the right belt or on the boards.
-    place
-        On which belt, or on the boards, where both plates stay empty.
-    belts_mps
-        Speed of the belts; None for that of the trials.
+    ``place`` is on which belt, or on the boards, where both plates stay empty; ``belts_mps`` is
+    None for the speed of the trials.
     """
 
     load: bystander.LoadPattern
@@ -193,12 +149,8 @@ def run_beside(setting: Setting, treadmill: InstrumentedTreadmill, name: str) ->
     time = np.arange(frames * SAMPLES_PER_FRAME) / ANALOG_HZ
     level = np.zeros(len(time))
     speed = protocol.speed_mps if planned.belts_mps is None else planned.belts_mps
-    motion = TreadmillMotion(
-        time,
-        move_platform(treadmill.machine, level, level, ANALOG_HZ),
-        level + speed,
-        np.empty(0),
-    )
+    platform = move_platform(treadmill.machine, level, level, ANALOG_HZ)
+    motion = TreadmillMotion(time, platform, level + speed, np.empty(0))
     load = planned.load(time, of_load)
     nobody = np.zeros_like(load)
     people: tuple[Array, Array] | None = {
@@ -209,4 +161,81 @@ def run_beside(setting: Setting, treadmill: InstrumentedTreadmill, name: str) ->
     on_frame = load if people is None else None
     response = undergo(treadmill, motion, of_motion, people, on_frame)
     streams = of_plates, of_sensors, of_belts
-    return record_without_markers(name, treadmill, motion, response, BELT_CHANNELS, streams)
+    return recorded(name, treadmill, motion, response, BELT_CHANNELS, streams)
+
+
+TRIALS: Final = 58
+"""28 calibration trials of the platform, 24 of the belts, and 6 validation trials, one of which is
+belt pulses with a person on the other belt."""
+PLATFORM_BELT_SPEEDS_MPS: Final = (0.0, 3.0)
+BELT_SPEEDS_MPS: Final = (1.0, 2.0)
+"""Belt speeds of the calibration trials of the platform, and mean speeds of those of the belts: the
+thesis'."""
+TRIAL_STREAM: Final = 7
+"""Number of the random numbers of people and noise, which are not those of the signals."""
+
+BYSTANDERS: Final[dict[str, bystander.LoadPattern]] = {
+    "sway": bystander.walking,
+    "pitch": bystander.walking,
+    "running": bystander.running,
+    "boarding": bystander.stepping_on_boards,
+}
+"""Validation trial -> what the person on the platform beside the empty plate does."""
+BESIDE_THE_BELTS: Final = (bystander.stepping_on_boards,)
+"""Who is on the frame and not on the right belt."""
+
+
+Planned = tuple[str, Signal, bystander.LoadPattern | None]
+"""Sub-folder of a recording, what the treadmill is commanded, and the load of a person, if any."""
+
+
+def planned_trials(seed: int) -> Iterator[Planned]:
+    """List the trials of the experiment in the order in which they are recorded."""
+    for n, speed in enumerate(PLATFORM_BELT_SPEEDS_MPS):
+        for signal in pitch_and_sway_signals(2 * seed + n, speed):
+            yield "calibration", signal, None
+    for n, speed in enumerate(BELT_SPEEDS_MPS):
+        for signal in belt_signals(2 * seed + n, speed):
+            yield "belt_calibration", signal, None
+    *platform, belt, with_person = validation_signals(seed)
+    for signal in platform:
+        yield "validation", signal, BYSTANDERS[signal.name]
+    yield "belt_validation", belt, None
+    yield "belt_person", with_person, bystander.walking
+
+
+def recordings(seed: int, *, rate_hz: float = ANALOG_HZ) -> Iterator[tuple[str, Recording]]:
+    """Record the trials of the experiment; give sub-folder and recording of each.
+
+    ``seed`` is that of signals, people, instruments and noise, ``rate_hz`` the sampling rate of the
+    analog channels.
+    """
+    rng = np.random.default_rng((seed, TRIAL_STREAM))
+    treadmill = make_treadmill(Faults(), seed)
+    for folder, signal, person in planned_trials(seed):
+        load = None if person is None else person(sample_times(signal, rate_hz), rng)
+        beside, noise = person in BESIDE_THE_BELTS, int(rng.integers(2**31))
+        on_belt, on_frame = (None, load) if beside else (load, None)
+        recording = record_signal_trial(
+            signal,
+            seed=noise,
+            rate_hz=rate_hz,
+            treadmill=treadmill,
+            load=on_belt,
+            on_frame=on_frame,
+        )
+        yield folder, recording
+
+
+def simulate_ranking(folder: Path, seed: int, rate_hz: float = ANALOG_HZ) -> Iterator[Path]:
+    """Write `recordings` as C3D files into the sub-folders that `hbm calibration rank` reads.
+
+    Yields
+    ------
+    pathlib.Path
+        Each file, once it is written.
+    """
+    for name, recording in recordings(seed, rate_hz=rate_hz):
+        path = folder / name / recording.source
+        write_c3d(path, recording.markers, recording.plates, analog=recording.analog)
+        yield path

@@ -261,6 +261,14 @@ class PlateErrors:
         zero = np.array(self.zero)
         return ForcePlate(gain, self.curvature, FULL_SCALE_N, zero, drift, self.noise)
 
+    def measure(self, wrench: Array, belt: str, rng: np.random.Generator) -> Array:
+        """Record a wrench about the cameras' origin by a plate about its centre, (N, 6)."""
+        late = Clock(self.delay_s).sample(wrench, ANALOG_HZ, rng)
+        c, s = np.cos(self.angle_rad), np.sin(self.angle_rad)
+        rotation = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
+        aligned = transform_wrench(late, rotation, np.array([*self.offset_m, 0.0]))
+        return self.plate.measure(shift_wrench(aligned, _center(belt)), ANALOG_HZ, rng)
+
 
 THESIS_ERRORS: Final = PlateErrors(
     angle_rad=math.radians(0.19),
@@ -273,28 +281,6 @@ THESIS_ERRORS: Final = PlateErrors(
 delay of the left belt, and a centre of pressure up to 3 cm wide where supports were missing. Its
 offset of 1.5 mm in x and -1.8 mm in z is 1.5 mm to the right and 1.8 mm forward: its treadmill has
 x to the right, y up and z to the back, as in its Table I and in ``thesis.toml``."""
-
-
-@dataclass(frozen=True, slots=True)
-class _SetUp:
-    """A plate with its errors, and the source of its noise and the cameras'."""
-
-    errors: PlateErrors
-    rng: np.random.Generator
-
-    def record_marker(self, place: Array) -> Array:
-        """Record a marker whose place at 1000 Hz is given, (T, 1, 3) [m]."""
-        frames = place[::SAMPLES_PER_FRAME, None]
-        return measure_markers(frames, CAMERAS, self.rng, FRAME_HZ)
-
-    def measure(self, wrench: Array, belt: str) -> Array:
-        """Record a wrench about the cameras' origin by a plate about its centre, (N, 6)."""
-        errors = self.errors
-        late = Clock(errors.delay_s).sample(wrench, ANALOG_HZ, self.rng)
-        c, s = np.cos(errors.angle_rad), np.sin(errors.angle_rad)
-        rotation = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
-        aligned = transform_wrench(late, rotation, np.array([*errors.offset_m, 0.0]))
-        return errors.plate.measure(shift_wrench(aligned, _center(belt)), ANALOG_HZ, self.rng)
 
 
 def simulate_plates(
@@ -325,34 +311,24 @@ def simulate_plates(
     """
     of_belt = errors if isinstance(errors, Mapping) else dict.fromkeys(belts, errors)
     rng = np.random.default_rng(seed)
-    labs = {belt: _SetUp(of_belt.get(belt) or PlateErrors(), rng) for belt in belts}
+    of_each = {belt: of_belt.get(belt) or PlateErrors() for belt in belts}
     lines = ['name = "virtual plates"', 'axes = "left,back,up"']
     lines += [f"center_height_m = {CENTER_HEIGHT_M}", f"full_scale_n = {FULL_SCALE_N}", ""]
-    for belt, lab in labs.items():
-        _static(folder / f"static_{belt}.c3d", belt, lab)
-        _hammer(folder / f"hammer_{belt}.c3d", belt, lab)
+    for belt, wrong in of_each.items():
+        _static(folder / f"static_{belt}.c3d", belt, wrong, rng)
+        _hammer(folder / f"hammer_{belt}.c3d", belt, wrong, rng)
         for part in ("static", "hammer"):
             lines += [f"[[{part}]]", f'file = "{part}_{belt}.c3d"', f'belt = "{belt}"', ""]
     combinations = product(belts, speeds, profiles, positions, weights, supports)
     for n, (belt, speed, profile, position, mass, supported) in enumerate(combinations):
         name = f"weight_{n + 1:03d}.c3d"
         lateral = (1 if belt == "left" else -1) * (PLATE_WIDTH_M - position)
-        lab = labs[belt]
-        vibration_m = (SUPPORTED_VIBRATION if supported else 1.0) * lab.errors.vibration_m
-        _weight(
-            folder / name, belt, lab, _path_of_marker(speed, profile, lateral), mass, vibration_m
-        )
-        lines += [
-            "[[weights]]",
-            f'file = "{name}"',
-            f"mass_kg = {mass}",
-            f"speed_mps = {speed}",
-            f'profile = "{profile}"',
-            f"position_m = {position}",
-            f'belt = "{belt}"',
-            f"supports = {str(supported).lower()}",
-            "",
-        ]
+        place = _path_of_marker(speed, profile, lateral)
+        share = SUPPORTED_VIBRATION if supported else 1.0
+        _weight(folder / name, belt, of_each[belt], rng, place, mass, share)
+        lines += ["[[weights]]", f'file = "{name}"', f"mass_kg = {mass}", f"speed_mps = {speed}"]
+        lines += [f'profile = "{profile}"', f"position_m = {position}", f'belt = "{belt}"']
+        lines += [f"supports = {str(supported).lower()}", ""]
     write_text("\n".join(lines), folder / FILE)
 
 
@@ -375,22 +351,27 @@ def _path_of_marker(speed: float, profile: str, lateral: float) -> Array:
 
 
 def _weight(
-    path: Path, belt: str, lab: _SetUp, place: Array, mass: float, vibration_m: float
+    path: Path,
+    belt: str,
+    errors: PlateErrors,
+    rng: np.random.Generator,
+    place: Array,
+    mass: float,
+    share: float,
 ) -> None:
-    """Write a weight that the belt carries along a way of its marker."""
+    """Write a weight that the belt carries along a way of its marker, with a share of vibration."""
     step = 1 / ANALOG_HZ
     acceleration = np.gradient(np.gradient(place, step, axis=0), step, axis=0)
     force = mass * (acceleration + np.array([0, 0, GRAVITY_MPS2]))
     center = place - [0, 0, MARKER_HEIGHT_M - CENTER_HEIGHT_M]
     wrench = np.hstack([force, np.cross(center, force)])
-    phase = lab.rng.uniform(0, MAX_PHASE_RAD)
-    vibration = vibration_m * np.sin(2 * np.pi * lab.errors.vibration_hz * _times(place) + phase)
-    wrench[:, 4] -= wrench[:, 2] * vibration
-    markers = lab.record_marker(place)
-    _save(path, belt, "WEIGHT", markers, lab.measure(wrench, belt))
+    angle = 2 * np.pi * errors.vibration_hz * _times(place) + rng.uniform(0, MAX_PHASE_RAD)
+    wrench[:, 4] -= wrench[:, 2] * (share * errors.vibration_m * np.sin(angle))
+    seen = _seen(place, rng)
+    _save(path, belt, "WEIGHT", seen, errors.measure(wrench, belt, rng))
 
 
-def _static(path: Path, belt: str, lab: _SetUp) -> None:
+def _static(path: Path, belt: str, errors: PlateErrors, rng: np.random.Generator) -> None:
     """Write a weight that stands at each place of the grid and is lifted in between."""
     samples, middle = round(STATIC_S * ANALOG_HZ), _center(belt)[1]
     places, loads = [], []
@@ -405,19 +386,23 @@ def _static(path: Path, belt: str, lab: _SetUp) -> None:
     place, load = np.vstack(places), np.concatenate(loads)
     force = load[:, None] * [0, 0, 1]
     wrench = np.hstack([force, np.cross(place * [1, 1, 0], force)])
-    markers = lab.record_marker(place)
-    _save(path, belt, "WEIGHT", markers, lab.measure(wrench, belt))
+    seen = _seen(place, rng)
+    _save(path, belt, "WEIGHT", seen, errors.measure(wrench, belt, rng))
 
 
-def _hammer(path: Path, belt: str, lab: _SetUp) -> None:
+def _hammer(path: Path, belt: str, errors: PlateErrors, rng: np.random.Generator) -> None:
     """Write blows with a hammer that carries a marker."""
-    head, load = strike_belt(*CONTACT_S, lab.errors.delay_s, lab.rng)
+    head, load = strike_belt(*CONTACT_S, errors.delay_s, rng)
     wrench = load[:, None] * np.eye(6)[2]
-    measured = ForcePlate(noise=lab.errors.noise).measure(wrench, ANALOG_HZ, lab.rng)
+    measured = ForcePlate(noise=errors.noise).measure(wrench, ANALOG_HZ, rng)
     middle = np.full(len(head), _center(belt)[1])
     place = np.column_stack([0 * head, middle, head + HAMMER_MARKER_M])
-    markers = lab.record_marker(place)
-    _save(path, belt, "HAMMER", markers, shift_wrench(measured, _center(belt)))
+    _save(path, belt, "HAMMER", _seen(place, rng), shift_wrench(measured, _center(belt)))
+
+
+def _seen(place: Array, rng: np.random.Generator) -> Array:
+    """Record a marker whose place at 1000 Hz is given, (T, 1, 3) [m]."""
+    return measure_markers(place[::SAMPLES_PER_FRAME, None], CAMERAS, rng, FRAME_HZ)
 
 
 def _save(path: Path, belt: str, marker: str, position: Array, wrench_in_plate: Array) -> None:

@@ -22,9 +22,9 @@ from pipeline.config.input_model import InputModel
 from pipeline.config.toml_file import describe_faults
 from pipeline.io.input_file import read_text
 from pipeline.virtual_lab.faults import Faults
+from pipeline.virtual_lab.machine.platform import smooth_step
 from pipeline.virtual_lab.person.gait import Steps
 from pipeline.virtual_lab.person.subject import Person
-from pipeline.virtual_lab.trajectories import smooth_step
 
 ConditionName = Literal["baseline", "sway", "pitch"]
 CONDITIONS: Final[tuple[ConditionName, ...]] = ("baseline", "sway", "pitch")
@@ -70,12 +70,8 @@ AFTER_S: Final = 12.0
 MIN_SPEED_MPS: Final = 0.5
 MAX_SPEED_MPS: Final = 1.8
 """Walking speeds to which the gait pattern of 1.3 m/s may be scaled; assumed."""
-MAX_PLACE_M: Final = 0.6
-"""How far from the middle of the belts people walk: the belts are about 1.8 m long."""
 MIN_BESIDE_S: Final = 12.0
 """Of a recording of people beside an empty plate: 10 s are needed, and its ends are lost."""
-MAX_SCALE: Final = 2.0
-"""Of the differences between people: twice those of the population."""
 
 Seconds = Annotated[float, Field(gt=0)]
 Window = Annotated[float, Field(gt=0, le=1.0)]
@@ -96,8 +92,6 @@ class Protocol(InputModel):
     channels, or has none, so that forces stay in the plates' axes; ``filter`` is how it filters,
     and ``sway_window`` what of a perturbed gait cycle counts: "motion", "cycle", or seconds from
     the onset on.
-    ``place_forward_m`` is how far ahead of the middle of the belts people stand and walk.
-    ``individuality`` scales the differences between people.
     """
 
     conditions: Annotated[tuple[ConditionName, ...], Field(strict=False)] = CONDITIONS
@@ -114,8 +108,6 @@ class Protocol(InputModel):
     sway_window: Literal["motion", "cycle"] | Window = "motion"
     calibration: CalibrationSignal = "square_sway_300s_3mps"
     beside_s: Annotated[float, Field(ge=0)] = 60.0
-    individuality: Annotated[float, Field(ge=0, le=MAX_SCALE)] = 1.0
-    place_forward_m: Annotated[float, Field(ge=-MAX_PLACE_M, le=MAX_PLACE_M)] = 0.0
 
     @model_validator(mode="after")
     def _motion_needs_pose(self) -> "Protocol":

@@ -1,4 +1,7 @@
-"""One trial of the walking study: how person and treadmill move, and what is recorded of it."""
+"""A walking trial: how person and treadmill move, and what is recorded of it.
+
+`run_trial` is one of the walking study, `simulate_trial` one on a stationary treadmill.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,40 +11,45 @@ import numpy as np
 
 from compensation.protocol import pitch_and_sway_signals
 from compensation.signals import Signal, resample_signal
+from hbm.coordinates import N_Q
 from hbm.markers import Markers
-from hbm.spatial import Array
-from pipeline.io.recording import Analog, Metadata, Recording
+from hbm.spatial import Array, shift_wrench
+from pipeline.io.c3d.write import write_c3d
+from pipeline.io.recording import Metadata, Recording
 from pipeline.virtual_lab.faults import CameraFaults
 from pipeline.virtual_lab.machine.instrumented_treadmill import (
     BELT_CHANNELS,
     InstrumentedTreadmill,
-    measure_accelerations,
-    measure_belts,
-    measure_plates,
     measure_platform,
     measure_pose,
     measure_pulses,
+    recorded,
     undergo,
 )
 from pipeline.virtual_lab.machine.instruments import (
     ANALOG_HZ,
     FRAME_HZ,
+    PLATE_CENTERS_M,
     SAMPLES_PER_FRAME,
+    ForcePlate,
     measure_markers,
+    recorded_plate,
 )
 from pipeline.virtual_lab.machine.platform import (
     BeltRamp,
     Machine,
     Pair,
+    Trajectory,
     TreadmillMotion,
     move_platform,
     platform_trajectory,
+    stationary_platform,
 )
 from pipeline.virtual_lab.machine.structure import Response
 from pipeline.virtual_lab.person.body import marker_positions, segment_poses
 from pipeline.virtual_lab.person.gait import schedule
 from pipeline.virtual_lab.person.soft_tissue import displace_markers
-from pipeline.virtual_lab.person.subject import VirtualSubject, make_subject
+from pipeline.virtual_lab.person.subject import Person, VirtualSubject, make_subject
 from pipeline.virtual_lab.person.walk import Walk, foot_wrenches, plate_wrenches, simulate_walk
 from pipeline.virtual_lab.protocol.walking_protocol import (
     CONDITIONS,
@@ -109,19 +117,11 @@ def record(
     markers = measure_platform(treadmill, motion, response, of_rim)
     if walk is not None:
         markers = _with_person(markers, walk, treadmill.faults.cameras, of_person)
-    channels = [
-        measure_accelerations(treadmill, motion, response, of_sensors),
-        measure_belts(treadmill, motion, response, BELT_CHANNELS, of_belts),
-        measure_pose(treadmill, motion, of_platform),
-        measure_pulses(motion, of_pulse),
-    ]
-    names, units, columns = zip(*channels, strict=True)
-    return Recording(
-        source=Path(name),
-        markers=markers,
-        plates=measure_plates(treadmill, motion, response, of_plates),
-        analog=Analog(motion.time, sum(names, ()), sum(units, ()), np.hstack(columns)),
-        metadata=stated(walk.subject) if walk else Metadata(),
+    more = measure_pose(treadmill, motion, of_platform), measure_pulses(motion, of_pulse)
+    streams = of_plates, of_sensors, of_belts
+    person = stated(walk.subject) if walk else None
+    return recorded(
+        name, treadmill, motion, response, BELT_CHANNELS, streams, markers, more, person
     )
 
 
@@ -150,13 +150,7 @@ def _with_person(
 
 def stated(subject: VirtualSubject) -> Metadata:
     """Give what a file states of a person."""
-    person = subject.person
-    return Metadata(
-        subject=person.name,
-        mass_kg=person.mass_kg,
-        height_m=person.height_m,
-        marker_set=subject.marker_set,
-    )
+    return Metadata(mass_kg=subject.person.mass_kg, height_m=subject.person.height_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,13 +177,11 @@ class WalkingTrial:
 
 def study_subject(setting: Setting, number: int) -> VirtualSubject:
     """Give a subject of the study, numbered from 0."""
-    protocol = setting.protocol
     return make_subject(
         PERSONS[number],
-        marker_set=protocol.marker_set,
-        individuality=protocol.individuality,
+        marker_set=setting.protocol.marker_set,
+        individuality=1.0,
         faults=setting.faults.body,
-        forward_m=protocol.place_forward_m,
         rng=np.random.default_rng((setting.seed, number)),
     )
 
@@ -296,3 +288,94 @@ def run_calibration(setting: Setting, treadmill: InstrumentedTreadmill) -> Recor
     signals = pitch_and_sway_signals(setting.seed, belt_mps)
     chosen = next(signal for signal in signals if signal.name == name)
     return run_signal(treadmill, chosen, np.random.default_rng((setting.seed, len(PERSONS))))
+
+
+STANDING_S: Final = 2.5
+"""Standing before the belts start: the T-pose, then lowering the arms."""
+STARTING_S: Final = 3.5
+"""Time that the belts take to their speed."""
+MOMENT_NOISE_M: Final = 0.3
+"""Noise of a plate's moments per noise of its forces [N·m per N]: about the distance of the load
+cells from its centre."""
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What really happened in a trial.
+
+    Attributes
+    ----------
+    subject
+        Who walk.
+    motion
+        All coordinates as functions of time, 55 columns [rad, m].
+    time
+        Frame times, (T,) [s].
+    q
+        Coordinates at the frames, (T, 46) [rad, m].
+    left, right
+        Wrenches on the feet at the frames, (T, 6) [N, N·m], lab axes about the lab origin.
+    """
+
+    subject: VirtualSubject
+    motion: Trajectory
+    time: Array
+    q: Array
+    left: Array
+    right: Array
+
+
+def simulate_trial(
+    path: str | Path,
+    *,
+    person: Person | None = None,
+    duration_s: float = 20.0,
+    speed_mps: float = 1.3,
+    seed: int = 0,
+    marker_noise_m: float = 0.0005,
+    plate_noise_n: float = 0.5,
+) -> Truth:
+    """Simulate a person who stands in a T-pose and then walks, and write it as C3D.
+
+    Parameters
+    ----------
+    path
+        C3D file to write: 46 markers at 100 Hz, two plates at 1000 Hz.
+    person
+        Who walks; by default a man of 74.6 kg and 1.78 m. The body is the one that the markers of
+        the T-pose suggest.
+    duration_s
+        Length of the trial [s]; the belts run at full speed after 6 s.
+    speed_mps
+        Belt speed [m/s].
+    seed
+        Equal seeds give equal files.
+    marker_noise_m, plate_noise_n
+        Standard deviations of white noise on markers [m] and plate forces [N].
+
+    Returns
+    -------
+    Truth
+        What really happened.
+    """
+    rng = np.random.default_rng(seed)
+    subject = make_subject(person or Person())
+    steps = schedule(subject.step_parameters, speed_mps, STANDING_S, duration_s, rng)
+    belt = BeltRamp(speed_mps, STANDING_S, STARTING_S)
+    walk = simulate_walk(subject, steps, belt, stationary_platform(), duration_s, rng)
+
+    frames = np.arange(round(duration_s * FRAME_HZ)) / FRAME_HZ
+    q = walk.motion.at(frames)
+    cameras = CameraFaults(noise_m=marker_noise_m, gaps_per_minute=0.0)
+    markers = measure_markers(marker_positions(subject.skeleton, q.T), cameras, rng, FRAME_HZ)
+    time = np.arange(round(duration_s * ANALOG_HZ)) / ANALOG_HZ
+    plate = ForcePlate(noise=plate_noise_n * np.repeat([1.0, MOMENT_NOISE_M], 3))
+    wrenches = plate_wrenches(walk, foot_wrenches(walk, time), time)
+    plates = [
+        recorded_plate(number, time, shift_wrench(plate.measure(wrench, ANALOG_HZ, rng), center))
+        for number, (wrench, center) in enumerate(zip(wrenches, PLATE_CENTERS_M, strict=True), 1)
+    ]
+    seen = Markers(frames, subject.skeleton.markers, markers)
+    write_c3d(path, seen, plates, metadata=stated(subject))
+    feet = foot_wrenches(walk, frames)
+    return Truth(subject, walk.motion, frames, q[:, :N_Q], feet["left"], feet["right"])

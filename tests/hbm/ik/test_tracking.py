@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from hbm.ik.problem import Problem
-from hbm.ik.tracking import TRIES, look_for_lower, lowest_of_tries
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import TRIES, look_for_lower, lowest_of_tries, solve_ik
 from tests.hbm.motions import any_pose, markers_of, with_noise, without
 from tests.synthetic import synthetic_body
 

@@ -2,6 +2,7 @@
 
 import re
 import shutil
+from functools import cache
 
 import numpy as np
 import pytest
@@ -80,10 +81,15 @@ def test_kernels_do_not_depend_on_the_number_of_threads(frames, jobs):
         np.testing.assert_array_equal(one, many)
 
 
-@pytest.mark.parametrize("ready", [kernels(), interpreted_kernels("")], ids=lambda k: k.backend)
+@cache
+def virtual_machine():
+    return interpreted_kernels("")
+
+
+@pytest.mark.parametrize("ready", [kernels, virtual_machine])
 @pytest.mark.parametrize(("name", "constants"), [("segment_poses", 1), ("newton_euler", 2)])
 def test_one_frame_after_another_gives_what_all_at_once_give(ready, name, constants):
-    kernel = getattr(ready, name)
+    kernel = getattr(ready(), name)
     inputs = random_inputs(name, kernel, np.random.default_rng(2), frames=5)
     expected = kernel(*inputs)
     one = OneFrameKernel(kernel, *inputs[-constants:])

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hbm.coordinates import INDEX, LIMBS, TREE
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers
 from hbm.plausibility.outliers import MAX_ROUNDS, MarkerTracker, track_motion
 from tests.hbm.motions import markers_of, swinging, with_noise, without

@@ -11,7 +11,7 @@ from hbm.body import build_body
 from hbm.coordinates import INDEX, N_Q
 from hbm.ik.continuity import BALL_JOINTS
 from hbm.ik.problem import ROTATES, covariance
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers
 from hbm.plausibility.motion import (
     RANGE_DEG,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers
 from hbm.plausibility.outliers import solve_without_outliers
 from tests.hbm.motions import exchanged

@@ -22,13 +22,12 @@ from pipeline.calibration_ranking.report import table_2
 from pipeline.calibration_ranking.trials import BeltTrial, RankingSettings, factors, platform_trial
 from pipeline.calibration_ranking.verdict import (
     calibration_effects,
-    ratios_to_random,
     recommendation,
 )
 from pipeline.cli.app import main
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.person import bystander
-from pipeline.virtual_lab.protocol import ranking_study
+from pipeline.virtual_lab.protocol import calibration_trial
 from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
 
 RATE = 200.0
@@ -76,12 +75,6 @@ def test_the_trial_that_reduces_most_ranks_first_and_ties_share_a_rank():
         [(2 + 1 + 1.5) / 3, (1 + 2 + 1.5) / 3, 3],
     )
     assert table["firsts"].to_dict() == {"trial 0": 2, "trial 1": 2, "trial 2": 0}
-
-
-def test_columns_in_one_order_agree_completely():
-    reductions = np.array([[90, 80], [60, 50], [30, 20.0], [5, 1]])
-    ranking = ranked(scores(reductions), np.zeros((1, 4, 2)), {})
-    assert ranking.concordance[0] == pytest.approx(1)
 
 
 def test_a_rigid_platform_with_ideal_instruments_is_compensated_completely():
@@ -156,12 +149,6 @@ def test_a_speed_that_halves_the_error_is_found_and_a_duration_without_effect_is
     assert p["speed_mps"] < 1e-6 < 0.01 < p["duration_s"]
     ratio = pairs[pairs["factor"] == "speed_mps"].iloc[0]
     assert ratio["ratio_low"] < 2 < ratio["ratio_high"]
-    kinds = ratios_to_random(pairs).set_index("kind")
-    logs = np.log(table["rms_after"]).groupby(table["trial"].map(lambda n: factors(n)["kind"]))
-    means = np.exp(logs.mean())
-    assert kinds.loc["square_sway", "Fx"] == pytest.approx(means["square_sway"] / means["random"])
-    assert len(kinds) == 6
-    assert kinds["all"].is_monotonic_increasing
 
 
 def belt_trial(seed, name, leak=0.0):
@@ -203,15 +190,15 @@ def test_real_belts_lose_82_percent_of_their_pitch_moment(shared_data):
 
 @pytest.mark.slow
 def test_one_command_simulates_fits_and_ranks(tmp_path, monkeypatch, capsys):
-    every = list(ranking_study.planned_trials(0))
+    every = list(calibration_trial.planned_trials(0))
     few = [every[k] for k in (0, 14, 28, 29, 54, 55, 56, 57)]
-    monkeypatch.setattr(ranking_study, "planned_trials", lambda seed: iter(few))
+    monkeypatch.setattr(calibration_trial, "planned_trials", lambda seed: iter(few))
     folder, out = tmp_path / "lab", tmp_path / "out"
     assert main(["calibration", "rank", str(folder), "--simulate", "--out", str(out)]) == 0
     advice = " ".join(capsys.readouterr().out.split())
     assert f"The advised signal, {ADVISED_PLATFORM_SIGNAL}, is not among these" in advice
     assert "the 2 trials will do for the belts" in advice
-    assert (out / "figures" / "ranks.png").is_file()
+    assert (out / "ranking.md").is_file()
     belts = pd.read_csv(out / "belt_scores.csv")
     # R² of 94 to 96 %, as of ten drives in docs/validity.md; the rest is rumble
     assert belts["reduction"].between(75, 81).all()

@@ -146,7 +146,7 @@ def test_a_study_names_a_recording_of_another_day_and_its_trials_carry_the_verdi
     (study / "study.toml").write_text(stated, encoding="utf-8")
     lab.save(with_values(empty(2), turned), study / "day2.c3d")
     loaded = read_study(study)
-    remarks = [r.said.code for r in check_study(loaded).remarks if r.place == "day2.c3d"]
+    remarks = [r.said.code for r in check_study(loaded).remarks if r.place == "study.toml"]
     assert remarks == ["calibration_outdated"]
     assert [n.code for n in read_study_laboratory(loaded).notes] == ["calibration_outdated"]
 
@@ -189,7 +189,7 @@ def test_the_verdict_on_a_fitted_file_is_said_by_fit_check_residuals_and_export(
         ["calibration", "fit", str(study / "empty.c3d"), "-o", str(file), *STATED],
         ["calibration", "check", str(file), str(empty_again)],
         ["residuals", str(trial), "--calibration", str(file), "--out", str(tmp_path / "out")],
-        ["export", str(trial), "--c3d", "--calibration", str(file), "--out", str(tmp_path / "c")],
+        ["export", str(trial), "--c3d", str(tmp_path / "c"), "--calibration", str(file)],
     ):
         assert main(command) == 0
         assert BEYOND in " ".join(capsys.readouterr().out.split())
@@ -198,8 +198,9 @@ def test_the_verdict_on_a_fitted_file_is_said_by_fit_check_residuals_and_export(
 
 
 def test_the_verdict_on_a_recording_of_the_study_is_in_everything_that_a_run_leaves(
-    moving_study, tmp_path, capsys
+    moving_study, tmp_path, capsys, monkeypatch
 ):
+    monkeypatch.setattr("pipeline.report.write.study_figures", lambda *given: iter(()))
     study, out = spoilt(moving_study, tmp_path), tmp_path / "results"
     main(["check", str(study)])
     assert BEYOND in " ".join(capsys.readouterr().out.split())

@@ -32,7 +32,7 @@ def line_of_error(capsys):
 
 def test_a_trial_is_written_under_its_own_name(trial, calibration, tmp_path, capsys):
     out = tmp_path / "compensated"
-    command = ["export", str(trial), "--c3d", "--calibration", str(calibration), "--out", str(out)]
+    command = ["export", str(trial), "--c3d", str(out), "--calibration", str(calibration)]
     assert main(command) == 0
     printed = " ".join(capsys.readouterr().out.split())
     assert (
@@ -41,8 +41,8 @@ def test_a_trial_is_written_under_its_own_name(trial, calibration, tmp_path, cap
     assert f"written: {out / trial.name}" in printed
     done = read_c3d(out / trial.name).compensation
     assert done.calibration == "lab.json"
-    again = ["export", str(out / trial.name), "--c3d", "--calibration", str(calibration)]
-    assert main([*again, "--out", str(tmp_path / "twice")]) == 2
+    again = ["export", str(out / trial.name), "--calibration", str(calibration)]
+    assert main([*again, "--c3d", str(tmp_path / "twice")]) == 2
     assert "sub01_pitch.c3d: its plates are compensated already, by hbm-res" in line_of_error(
         capsys
     )
@@ -56,7 +56,7 @@ def test_residuals_of_the_written_file_are_the_compensated_ones(
     """As other programs would compute them: without calibration, and without its low-pass."""
     out, options = tmp_path / "compensated", ["--sex", "male", *MARKERS]
     command = ["--calibration", str(calibration)]
-    assert main(["export", str(trial), "--c3d", *command, "--out", str(out)]) == 0
+    assert main(["export", str(trial), "--c3d", str(out), *command]) == 0
     assert main(["residuals", str(trial), *command, *options, "--out", str(tmp_path / "a")]) == 0
     assert main(["residuals", str(out / trial.name), *options, "--out", str(tmp_path / "b")]) == 0
     capsys.readouterr()
@@ -74,7 +74,7 @@ def test_residuals_of_the_written_file_are_the_compensated_ones(
 @pytest.mark.slow
 def test_a_study_is_written_to_a_folder_and_can_be_written_again(moving_study, tmp_path, capsys):
     out = tmp_path / "compensated"
-    assert main(["export", str(moving_study), "--c3d", "--out", str(out), "--frame", "lab"]) == 0
+    assert main(["export", str(moving_study), "--c3d", str(out), "--frame", "lab"]) == 0
     assert "6 recordings with compensated plates" in capsys.readouterr().out
     assert sorted(path.name for path in out.iterdir()) == sorted(
         path.name for path in moving_study.glob("sub0*.c3d")
@@ -82,7 +82,7 @@ def test_a_study_is_written_to_a_folder_and_can_be_written_again(moving_study, t
     content = (out / "sub01_sway.c3d").read_bytes()
     (out / "sub02_sway.c3d").write_bytes(b"mine")
     (out / "sub02_pitch.c3d").unlink()
-    assert main(["export", str(moving_study), "--c3d", "--out", str(out), "--frame", "lab"]) == 1
+    assert main(["export", str(moving_study), "--c3d", str(out), "--frame", "lab"]) == 1
     printed = " ".join(capsys.readouterr().out.split())
     assert "FAILED sub02_sway.c3d:" in printed
     assert "is another file; nothing is overwritten" in printed

@@ -6,7 +6,7 @@ import pytest
 
 from pipeline.cli.app import main
 from pipeline.run.store import read_trial
-from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
 from tests.pipeline.without_pinocchio import assert_only_the_engine_differs
 
 

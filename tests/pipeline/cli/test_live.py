@@ -15,8 +15,8 @@ import pytest
 
 from pipeline.cli.app import main
 from pipeline.io.read import read_recording
-from pipeline.live.recording import RESULTS, STREAMS
-from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+from pipeline.live.output import RESULTS_FOLDER, STREAMS
+from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
 
 DURATION_S = 14.0
 PATIENCE_S = 60
@@ -94,10 +94,8 @@ def test_a_replayed_walk_gives_its_residuals_until_ctrl_c_and_is_recorded(walk, 
     )
     assert received == solved + marked >= 100 * DURATION_S - 20
     assert solved > 0.5 * received  # a busy machine makes some late
-    assert len(pd.read_parquet(out / RESULTS)) == received
-    rms = re.search(
-        r"residuals measured, \d+ gait cycles of both feet: RMS Fx (\d+) Fy (\d+) Fz (\d+)", said
-    )
+    assert len(pd.read_parquet(out / RESULTS_FOLDER)) == received
+    rms = re.search(r"residuals measured: RMS Fx (\d+) Fy (\d+) Fz (\d+)", said)
 
     capsys.readouterr()
     options = ["--static", str(walk), "--filter", "realtime", "--out", str(tmp_path / "offline")]
@@ -115,9 +113,7 @@ def test_without_any_file_the_body_is_of_the_pose_and_the_plates_are_where_strea
     out = tmp_path / "out"
     said = said_of_a_replay(walk, "--pose", "--out", out)
     assert "stand still on the plates, arms out to the sides" in said
-    assert re.search(
-        r"residuals measured, \d+ gait cycles of both feet: RMS Fx (\d+) Fy (\d+) Fz (\d+)", said
-    )
+    assert re.search(r"residuals measured: RMS Fx (\d+) Fy (\d+) Fz (\d+)", said)
     recorded, true = read_recording(out / STREAMS), read_recording(walk)
     for ours, plate in zip(recorded.plates, true.plates, strict=True):
         np.testing.assert_array_equal(ours.center, plate.center)
@@ -181,7 +177,7 @@ def test_what_is_missing_is_said_in_one_line(walk, tmp_path, capsys):
 
 @needs_lsl
 def test_the_address_is_that_of_the_option_or_of_the_study(walk, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("pipeline.live.outlet._listening", [])
+    monkeypatch.setattr("pipeline.live.output._listening", [])
     stated = '[conditions.level]\n[live]\nlisten = "192.0.2.1"\n'
     played = "--replay", walk, "--study", study_of(tmp_path / "study", stated)
     assert "192.0.2.1 is not an address of this computer" in refused(capsys, *played)

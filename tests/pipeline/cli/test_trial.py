@@ -134,7 +134,7 @@ def test_a_trial_in_opensims_files_runs_the_same_way(shared_data, tmp_path):
     _, summary, table = processed(trial, tmp_path, *words)
     theirs = read_sto(subject.with_name("inverse_dynamics.sto"))
     inside = within_cycles({"time_s": theirs.time}, summary)
-    forces = np.stack([theirs.column(f"pelvis_t{axis}_force") for axis in "xyz"])
+    forces = np.stack([theirs.columns[f"pelvis_t{axis}_force"] for axis in "xyz"])
     peer = np.sqrt(np.mean(forces[:, inside] ** 2, axis=1))
     ours = table.set_index("axis").loc[["Fx", "Fy", "Fz"], "rms"]
     assert np.linalg.norm(ours) < np.linalg.norm(peer)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from hbm.coordinates import INDEX, N_Q
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers
 from hbm.poses import marker_positions
 from pipeline.config.schema import Settings, Treadmill

@@ -9,8 +9,7 @@ import pytest
 
 from hbm.body import build_body
 from hbm.coordinates import SEGMENTS
-from hbm.overrides import SegmentOverride
-from hbm.segments import Inertia
+from hbm.segments import Inertia, SegmentOverride
 from pipeline.cli.app import main
 from pipeline.export.models import TOKEN_INERTIA, write_osim, write_urdf
 from tests.hbm.people import person

@@ -12,8 +12,8 @@ import pytest
 from hbm.body import Body, build_body
 from hbm.coordinates import COORDINATES, INDEX, MOVING, N_Q, TREE
 from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics
+from hbm.ik.tracking import solve_ik
 from hbm.kernels.native import kernels
-from hbm.kinematics import solve_ik
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.signals.resampling import interpolate

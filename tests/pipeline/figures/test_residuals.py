@@ -7,7 +7,6 @@ import pytest
 
 from pipeline.figures.residuals import residual_figure
 from pipeline.trial.residuals import cycle_residuals
-from pipeline.trial.result import CompensationUncertainty
 from tests.pipeline.fake_results import fake_trial
 
 
@@ -35,7 +34,7 @@ def test_lines_are_means_over_the_right_foots_cycles(trial):
 def test_the_uncertainty_of_the_compensation_is_a_band_with_its_name(trial, span):
     """Over gait cycles and over time; it holds no model error, and says so."""
     frames = len(trial.motion.time)
-    spread = CompensationUncertainty((), np.tile(np.arange(1.0, 7.0), (frames, 1)))
+    spread = np.tile(np.arange(1.0, 7.0), (frames, 1))
     figure = residual_figure(replace(trial, uncertainty=spread, span=span))
     name = "compensation ± 1σ"
     (legend,) = figure.legends

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from hbm.notes import Note
-from pipeline.io.dflow import read_dflow, read_record
+from pipeline.io.dflow import read_record
 from pipeline.io.read import read_recording
 from tests.pipeline.other_formats import excerpt, write_dflow
 
@@ -45,7 +45,8 @@ def test_a_broken_record_is_refused_in_one_line(tmp_path, change, message):
 def test_time_follows_the_frame_number_whatever_the_time_stamps(trial, tmp_path, rng):
     late = np.abs(rng.normal(0, 0.002, 300))
     late[100:110] += np.linspace(0.1, 0.01, 10)
-    read = read_dflow(write_dflow(trial, tmp_path / "t.txt", stamps=np.arange(300) / 100 + late))
+    stamps = np.arange(300) / 100 + late
+    read = read_recording(write_dflow(trial, tmp_path / "t.txt", stamps=stamps))
     np.testing.assert_allclose(read.markers.time, np.arange(300) / 100, atol=1e-12)
 
 
@@ -54,7 +55,7 @@ def test_dropped_frames_are_gaps_in_markers_plates_and_channels(trial, tmp_path)
         return [line for k, line in enumerate(lines) if k not in (51, 52, 200)]
 
     channel = {"Channel13.Anlg": np.sin(np.arange(300))}
-    read = read_dflow(write_dflow(trial, tmp_path / "t.txt", edit=drop, extra=channel))
+    read = read_recording(write_dflow(trial, tmp_path / "t.txt", edit=drop, extra=channel))
     gone = [50, 51, 199]
     empty = np.isnan(read.markers.position).all(axis=(1, 2))
     assert np.flatnonzero(empty).tolist() == gone
@@ -68,7 +69,7 @@ def test_dropped_frames_are_gaps_in_markers_plates_and_channels(trial, tmp_path)
 def test_moments_about_another_point_are_located_by_the_centres_of_pressure(trial, tmp_path):
     """Though the plates' centres are not stated."""
     at_centres = write_dflow(trial, tmp_path / "c.txt", about=lambda plate: plate.center)
-    read = read_dflow(at_centres)
+    read = read_recording(at_centres)
     for ours, true in zip(read.plates, trial.plates, strict=True):
         np.testing.assert_allclose(ours.wrench, true.wrench[::10], atol=0.01)
 
@@ -85,14 +86,14 @@ def test_moments_that_no_centre_of_pressure_explains_are_refused(trial, tmp_path
 
     path = write_dflow(trial, tmp_path / "t.txt", edit=doubled)
     with pytest.raises(ValueError, match=r"plate 1: moments and centres of pressure disagree by"):
-        read_dflow(path)
+        read_recording(path)
 
 
 def test_a_vertical_moment_that_was_not_exported_is_refused(trial, tmp_path):
     zero = {"FP1.MomY": np.zeros(300)}
     path = write_dflow(trial, tmp_path / "t.txt", extra=zero)
     with pytest.raises(ValueError, match="plate 1: the vertical moment is zero"):
-        read_dflow(path)
+        read_recording(path)
 
 
 def test_other_columns_are_channels_and_the_failed_body_model_is_a_gap(trial, tmp_path):
@@ -103,7 +104,7 @@ def test_other_columns_are_channels_and_the_failed_body_model_is_a_gap(trial, tm
         "LHipFlex.Ang": angle,
         "LHipFlex.Mom": moment,
     }
-    read = read_dflow(write_dflow(trial, tmp_path / "t.txt", extra=extra))
+    read = read_recording(write_dflow(trial, tmp_path / "t.txt", extra=extra))
     assert read.analog.names == tuple(extra)
     assert read.analog.units == ("V", "deg", "N·m")
     assert np.flatnonzero(np.isnan(read.analog.channel("LHipFlex.Ang"))).tolist() == [7]
@@ -115,7 +116,7 @@ def test_a_record_is_interpolated_onto_the_markers_clock(trial, tmp_path, rng):
     mocap = write_dflow(trial, tmp_path / "t.txt", stamps=stamps)
     time = 208.5 + np.cumsum(rng.uniform(0.003, 0.02, 150))
     record = write_record(tmp_path, time)
-    read = read_dflow(mocap, record=record)
+    read = read_recording(mocap, record=record)
     speed = read.analog.channel("LeftBelt.Speed")
     clock = read.markers.time + 208.1
     inside = (clock > time[0] + 0.005) & (clock < time[-1] - 0.005)
@@ -127,7 +128,7 @@ def test_a_record_of_another_time_is_refused(trial, tmp_path):
     mocap = write_dflow(trial, tmp_path / "t.txt")
     record = write_record(tmp_path, 3600 + np.arange(12) / 100)
     with pytest.raises(ValueError, match=r"^record\.txt: its times .* do not overlap"):
-        read_dflow(mocap, record=record)
+        read_recording(mocap, record=record)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import threading
 import pytest
 
 from pipeline.config.toml_file import read_segments
-from pipeline.io.opensim import read_mot
+from pipeline.io.opensim import read_sto
 from pipeline.io.read import read_recording
 
 
@@ -27,7 +27,7 @@ def opened_within_5_s(read, path):
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes")
-@pytest.mark.parametrize("read", [read_recording, read_mot, read_segments])
+@pytest.mark.parametrize("read", [read_recording, read_sto, read_segments])
 def test_a_pipe_is_refused_and_not_waited_for(tmp_path, read):
     pipe = tmp_path / "pipe.c3d"
     os.mkfifo(pipe)

@@ -5,7 +5,8 @@ from hypothesis import strategies as st
 
 from hbm.markers import Markers
 from pipeline.export.tables import write_trc
-from pipeline.io.opensim import read_mot, read_opensim_trial, read_sto
+from pipeline.io.opensim import read_sto
+from pipeline.io.read import read_recording
 
 TRIALS = {
     "opensim_subject01": ("subject01_walk1.trc", "subject01_walk1_grf.mot", 72.6),
@@ -20,14 +21,14 @@ MADE_TO_ORDER = settings(
 def trial(shared_data, request):
     trc, mot, mass_kg = TRIALS[request.param]
     folder = shared_data / request.param
-    return read_opensim_trial(folder / trc, folder / mot), read_sto(folder / mot), mass_kg
+    return read_recording(folder / trc, forces=folder / mot), read_sto(folder / mot), mass_kg
 
 
 def test_the_wrench_about_the_origin_is_force_at_its_point_and_torque(trial):
     recording, table, _ = trial
-    stem = next(name for name in table.names if name.endswith("_vx")).removesuffix("_vx")
+    stem = next(name for name in table.columns if name.endswith("_vx")).removesuffix("_vx")
     force, point, torque = (
-        np.column_stack([table.column(f"{prefix}{axis}") for axis in "xyz"])
+        np.column_stack([table.columns[f"{prefix}{axis}"] for axis in "xyz"])
         for prefix in (f"{stem}_v", f"{stem}_p", stem.replace("force", "torque") + "_")
     )
     moment = np.cross(point, force) + torque
@@ -60,7 +61,7 @@ def test_a_force_of_zero_needs_no_point(tmp_path, shared_data):
     rows = ["3.38 0 0 0 nan nan nan 0 0 0", "3.39 0 800 0 0.1 0 0.2 0 1 0"]
     path = tmp_path / "grf.mot"
     path.write_text("x\nendheader\ntime " + " ".join(names) + "\n" + "\n".join(rows))
-    (plate,) = read_opensim_trial(folder / "markers.trc", path).plates
+    (plate,) = read_recording(folder / "markers.trc", forces=path).plates
     np.testing.assert_array_equal(plate.wrench[0], np.zeros(6))
     np.testing.assert_allclose(plate.wrench[1], [0, 0, 800, -160, -80, 1], atol=1e-9)
 
@@ -71,7 +72,7 @@ def test_a_table_without_forces_is_refused(tmp_path, shared_data):
     with pytest.raises(
         ValueError, match=r"grf\.mot: no forces such as ground_force_vx; columns: a"
     ):
-        read_opensim_trial(shared_data / "truth_walk" / "markers.trc", path)
+        read_recording(shared_data / "truth_walk" / "markers.trc", forces=path)
 
 
 CLOCK = np.arange(300) / 100
@@ -137,7 +138,7 @@ def test_forces_are_found_under_every_name_that_programs_give_them(tmp_path, nam
     force, point, torque = steps(np.random.default_rng(1))
     trc, mot = write_standing(tmp_path / "s.trc"), tmp_path / "s.mot"
     write_forces(mot, [(naming, force, point, torque)])
-    recording = read_opensim_trial(trc, mot)
+    recording = read_recording(trc, forces=mot)
     (plate,) = recording.plates
     np.testing.assert_allclose(plate.wrench[:, :3], in_lab(force), atol=1e-5)
     np.testing.assert_allclose(
@@ -165,7 +166,7 @@ def test_torques_that_are_moments_about_a_point_are_not_counted_twice(
     trc, mot = write_standing(tmp_path / "s.trc"), tmp_path / "s.mot"
     assume(np.linalg.norm((point.mean(axis=0) - about)[[0, 2]]) > 0.05)
     write_forces(mot, [(naming, force, point, moment - np.cross(about, force))])
-    recording = read_opensim_trial(trc, mot)
+    recording = read_recording(trc, forces=mot)
     wrench = recording.plates[0].wrench
     np.testing.assert_allclose(wrench[:, 3:], in_lab(moment), atol=1e-3 * np.abs(moment).max())
 
@@ -180,7 +181,7 @@ def test_a_torque_about_a_point_that_does_not_move_belongs_to_that_point(tmp_pat
     trc, mot = write_standing(tmp_path / "s.trc"), tmp_path / "s.mot"
     names = NAMINGS["ground_force_vx"]
     write_forces(mot, [(names, force, place, moment - np.cross(place, force))])
-    recording = read_opensim_trial(trc, mot)
+    recording = read_recording(trc, forces=mot)
     np.testing.assert_allclose(
         recording.plates[0].wrench[:, 3:], in_lab(moment), atol=1e-5 * np.abs(moment).max() + 1e-5
     )
@@ -204,16 +205,15 @@ time\tpelvis_tilt\tpelvis_tx\tknee_angle_r
 def test_columns_are_as_in_the_file(tmp_path):
     path = tmp_path / "table.mot"
     path.write_text(IK, encoding="utf-8")
-    table = read_mot(path)
+    table = read_sto(path)
     np.testing.assert_array_equal(table.time, [0, 0.1])
-    assert table.in_degrees
-    np.testing.assert_array_equal(table.column("knee_angle_r"), [-180, -90])
-    np.testing.assert_array_equal(table.column("pelvis_tilt"), [90, np.nan])
+    np.testing.assert_array_equal(table.columns["knee_angle_r"], [-180, -90])
+    np.testing.assert_array_equal(table.columns["pelvis_tilt"], [90, np.nan])
 
 
 def test_both_real_walks_have_hips_that_swing_like_walking(shared_data):
     for name in ("opensim_subject01/subject01_walk1_ik.mot", "truth_walk/coordinates.sto"):
         table = read_sto(shared_data / name)
-        hip = table.column("hip_flexion_r")
-        hip = np.radians(hip) if table.in_degrees else hip
+        hip = table.columns["hip_flexion_r"]
+        hip = np.radians(hip) if "inDegrees=yes" in (shared_data / name).read_text() else hip
         assert np.deg2rad(30) < np.ptp(hip) < np.deg2rad(70)

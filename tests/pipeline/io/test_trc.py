@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pipeline.io.opensim import read_opensim_trial, read_trc
+from pipeline.io.read import read_recording
 
 
 @pytest.fixture
@@ -32,7 +32,7 @@ def trc_file(tmp_path, subject):
 
 @pytest.mark.parametrize(("unit", "per_metre"), [("mm", 1e3), ("m", 1.0)])
 def test_markers_arrive_in_metres_and_lab_axes(trc_file, subject, unit, per_metre):
-    recording = read_trc(trc_file(unit, per_metre))
+    recording = read_recording(trc_file(unit, per_metre))
     assert recording.markers.names == subject.names
     np.testing.assert_allclose(recording.markers.position, subject.position, atol=1e-6)
     np.testing.assert_allclose(recording.markers.time, subject.time, atol=1e-12)
@@ -44,7 +44,7 @@ def test_empty_fields_and_zeros_are_gaps(trc_file, subject):
     position = subject.position.copy()
     position[3, 2] = np.nan
     position[4, 1] = 0
-    gaps = np.isnan(read_trc(trc_file(position=position)).markers.position).all(axis=-1)
+    gaps = np.isnan(read_recording(trc_file(position=position)).markers.position).all(axis=-1)
     assert np.argwhere(gaps).tolist() == [[3, 2], [4, 1]]
 
 
@@ -60,13 +60,15 @@ def test_empty_fields_and_zeros_are_gaps(trc_file, subject):
 )
 def test_a_damaged_file_is_refused_in_one_line(trc_file, edit, message):
     with pytest.raises(ValueError, match=message) as caught:
-        read_trc(trc_file(edit=edit))
+        read_recording(trc_file(edit=edit))
     assert str(caught.value).startswith("subject.trc: ")
     assert "\n" not in str(caught.value)
 
 
 def test_a_trimmed_file_is_read_as_far_as_it_goes_with_a_warning(trc_file, subject):
-    recording = read_trc(trc_file(edit=lambda text: text[: len(text) // 2].rpartition("\n")[0]))
+    recording = read_recording(
+        trc_file(edit=lambda text: text[: len(text) // 2].rpartition("\n")[0])
+    )
     frames = len(recording.markers.time)
     assert 20 < frames < 30
     np.testing.assert_allclose(recording.markers.position, subject.position[:frames], atol=1e-6)
@@ -86,7 +88,7 @@ def rounded_times(text, rate_hz, decimals, first=0):
 @pytest.mark.parametrize(("rate_hz", "decimals"), [(250, 2), (240, 3), (120, 2)])
 def test_rounded_times_are_the_regular_times_of_the_rate(trc_file, rate_hz, decimals):
     path = trc_file(edit=lambda text: rounded_times(text, rate_hz, decimals))
-    recording = read_trc(path)
+    recording = read_recording(path)
     np.testing.assert_allclose(recording.markers.time, np.arange(50) / rate_hz, atol=1e-9)
 
 
@@ -97,5 +99,5 @@ def test_rounded_times_begin_where_all_of_them_say_not_where_the_first_one_does(
     rows = (f"{k / 1000} 0 {100 + k} 0 0 0 0 0 0 0" for k in range(300))
     mot = trc.with_suffix(".mot")
     mot.write_text("\n".join(["loads", "endheader", " ".join(["time", *names]), *rows]))
-    (plate,) = read_opensim_trial(trc, mot).plates
+    (plate,) = read_recording(trc, forces=mot).plates
     assert np.interp(0, plate.time, plate.wrench[:, 2]) == pytest.approx(104, abs=0.5)

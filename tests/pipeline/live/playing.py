@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 
 from pipeline.config.live import Live
-from pipeline.live.frames.chain import LiveChain, LiveFrame
+from pipeline.live.chain import LiveChain, LiveFrame
 from pipeline.live.replay import recorded_streams
 from pipeline.live.stream import Samples
 from pipeline.trial.quality import Quality

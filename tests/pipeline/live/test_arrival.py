@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from pipeline.config.schema import Settings, Subject, Treadmill
-from pipeline.live.arrival import Arrivals
 from pipeline.live.monitor import Monitor
 from pipeline.live.session import Session
-from pipeline.live.stream import Samples, StreamDescription
+from pipeline.live.stream import Arrivals, Samples, StreamDescription
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality
@@ -25,7 +24,7 @@ STREAMS = [
 
 @pytest.fixture(scope="module")
 def recording(walker):
-    return lab.cropped(walker, 0, 500)
+    return lab.cropped(walker, 0, 400)
 
 
 @pytest.fixture(scope="module")
@@ -89,17 +88,17 @@ def clock_set(recording, by_s, at_s, streams):
     ],
 )
 def test_frames_after_a_clock_was_set_are_those_without_it(recording, body, usual, by_s, streams):
-    frames, notes = followed(body, recording, clock_set(recording, by_s, 2.5, streams))
+    frames, notes = followed(body, recording, clock_set(recording, by_s, 2.0, streams))
     assert len(frames) == len(usual) == len(recording.markers.time)
     for frame, other in zip(frames, usual, strict=True):
         assert frame.time == pytest.approx(other.time, abs=1e-6)
         late = Quality.LATE in frame.quality
-        if not late and abs(frame.time - 2.5) > 0.5:
+        if not late and abs(frame.time - 2.0) > 0.5:
             np.testing.assert_allclose(frame.q, other.q, atol=1e-6)
             np.testing.assert_allclose(
                 frame.residual["measured"], other.residual["measured"], atol=1e-3
             )
-    assert all(frame.quality.counts for frame in frames[-150:-5])
+    assert all(frame.quality.counts for frame in frames[-100:-5])
     set_s = {
         note.values["stream"]: note.values["set_s"]
         for _, note in notes

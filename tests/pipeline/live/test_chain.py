@@ -26,7 +26,7 @@ REALTIME = Settings(filter="realtime")
 MARKED = Treadmill(
     accelerometers=lab.CHANNELS, platform=Platform(markers=tuple(lab.PLATFORM_MARKERS_M))
 )
-FRAMES = 900
+FRAMES = 760
 MAX_ANGLE_RAD = 1e-9
 MAX_FORCE_N = 1e-4
 

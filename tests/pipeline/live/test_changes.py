@@ -8,9 +8,9 @@ import pytest
 
 from pipeline.io.recording import Plate
 from pipeline.io.stated import Stated
-from pipeline.io.xdf.channels import Channel
-from pipeline.live.recording import describe
-from pipeline.live.sources.lsl import read_description, require_like
+from pipeline.io.streams import Channel
+from pipeline.live.lsl import read_description, require_like
+from pipeline.live.output import describe
 
 MARKERS = tuple(
     Channel(f"{name}_{axis}", "mm", f"Position{axis}", marker=name)

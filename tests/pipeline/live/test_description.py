@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.config.live import Live
-from pipeline.io.xdf.channels import Channel, parse_channels
-from pipeline.live.recording import describe, described_streams, stream_channels
+from pipeline.io.streams import Channel, parse_channels
+from pipeline.live.output import describe, described_streams, stream_channels
 from pipeline.live.replay import RecordedSource, recorded_streams
 from pipeline.live.stream import LAB_AXES
 

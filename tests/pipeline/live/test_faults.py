@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 from pipeline.config.live import Live
 from pipeline.config.schema import Platform, Settings, Subject
 from pipeline.config.study import read_study
-from pipeline.live.arrival import Arrivals
-from pipeline.live.frames.chain import LiveChain
-from pipeline.live.stream import Samples
+from pipeline.live.chain import LiveChain
+from pipeline.live.stream import Arrivals, Samples
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality
 from pipeline.trial.study_files import read_study_file, read_study_laboratory

@@ -17,18 +17,18 @@ import numpy as np
 import pytest
 
 from pipeline.config.live import Live
-from pipeline.io.recording import Analog, Metadata
+from pipeline.io.recording import Analog
 from pipeline.io.stated import Stated
 from tests.pipeline.other_formats import excerpt
 
 pytest.importorskip("pylsl", reason="the extra live is not installed")
 
-from pipeline.io.xdf.channels import Channel, parse_channels
-from pipeline.live.arrival import known
-from pipeline.live.outlet import Outlet, load_lsl, result_channels, result_outlet
+from pipeline.io.streams import Channel, parse_channels
+from pipeline.live import lsl
+from pipeline.live.lsl import ClockOffset, LslSource
+from pipeline.live.output import Outlet, load_lsl, result_channels, result_outlet
 from pipeline.live.replay import Replay, recorded_streams
-from pipeline.live.sources import lsl
-from pipeline.live.sources.lsl import ClockOffset, LslSource
+from pipeline.live.stream import known
 
 AXES = Stated(axes="forward,left,up")
 NAMES = ("LASIS", "RASIS", "SACR")
@@ -51,7 +51,7 @@ def trial(walker):
     clock = np.arange(250) / 250
     analog = Analog(clock, ("Belt",), ("m/s",), np.sin(clock)[:, None])
     some = excerpt(walker, 500, 600)
-    return replace(some, analog=analog, metadata=Metadata(subject="Anna"), source=Path("Anna.c3d"))
+    return replace(some, analog=analog, source=Path("Anna.c3d"))
 
 
 @pytest.fixture
@@ -310,7 +310,7 @@ def test_results_arrive_as_they_were_sent_with_their_labels_and_times(prefix, op
     assert parse_channels(said, 106) == result_channels()
     inlet.open_stream(5.0)
     row = np.arange(106.0)
-    outlet.push_one(123.25, row)
+    outlet.push(np.array([123.25]), row[None])
     values, stamps = inlet.pull_chunk(2.0, min_samples=1, as_numpy=True)
     np.testing.assert_array_equal(values, [row])
     np.testing.assert_allclose(stamps, [123.25])

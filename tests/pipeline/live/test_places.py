@@ -15,14 +15,12 @@ from pipeline.config.live import Live
 from pipeline.config.schema import Settings, Treadmill
 from pipeline.io.axes import parse_axes
 from pipeline.io.read import read_recording
-from pipeline.io.xdf.channels import Channel, parse_channels
-from pipeline.live.frames.channels import AnalogStreams
-from pipeline.live.frames.ground import LiveGround
+from pipeline.io.streams import Channel, parse_channels
+from pipeline.live.ground import AnalogStreams, LiveGround
+from pipeline.live.output import XdfWriter, described_streams
 from pipeline.live.preparation import place_plates
-from pipeline.live.recording import XdfWriter, described_streams
 from pipeline.live.replay import RecordedSource
-from pipeline.live.sources.description import describe_plates, describe_signals
-from pipeline.live.stream import Samples, StatedPlate
+from pipeline.live.stream import Samples, StatedPlate, describe_plates, describe_signals
 from pipeline.trial.ground.laboratory import Laboratory
 from tests.pipeline import xdf_file as xdf
 

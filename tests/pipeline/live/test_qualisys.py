@@ -9,8 +9,7 @@ import pytest
 from pipeline.config.live import Live
 from pipeline.config.schema import Settings, Treadmill
 from pipeline.io.stated import Stated
-from pipeline.live.frames.channels import AnalogStreams
-from pipeline.live.frames.ground import LiveGround
+from pipeline.live.ground import AnalogStreams, LiveGround
 from pipeline.live.preparation import place_plates
 from pipeline.live.stream import Samples
 from pipeline.trial.ground.laboratory import Laboratory
@@ -18,7 +17,7 @@ from tests.pipeline.live.qtm_server import QtmServer, frame, location, parameter
 
 pytest.importorskip("qtm_rt", reason="the extra live is not installed")
 
-from pipeline.live.sources.qualisys import Packets, QualisysSource
+from pipeline.live.qualisys import Packets, QualisysSource
 
 NAMES = ("LASIS", "RASIS", "SACR")
 AXES = Stated(axes="left,back,up")

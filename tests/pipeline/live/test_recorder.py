@@ -14,8 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.io.read import read_recording
-from pipeline.live import recording as module
-from pipeline.live.recording import RESULTS, STREAMS, Recorder, XdfWriter
+from pipeline.live import output as module
+from pipeline.live.output import RESULTS_FOLDER, STREAMS, Recorder, XdfWriter
 from pipeline.live.stream import Samples
 from tests.pipeline import xdf_file as xdf
 from tests.pipeline.other_formats import excerpt
@@ -99,7 +99,7 @@ import sys, time
 from pathlib import Path
 from xml.etree import ElementTree
 import numpy as np
-from pipeline.live.recording import Recorder
+from pipeline.live.output import Recorder
 from pipeline.live.stream import Samples
 info = ElementTree.fromstring(sys.argv[2])
 recorder = Recorder(Path(sys.argv[1]), [info], ["time_s"])
@@ -133,4 +133,4 @@ def test_of_a_killed_process_at_most_the_last_second_is_missing(tmp_path):
         frames = 2 + process.stdout.read().count("\n")
     read = read_recording(tmp_path / "live" / STREAMS)
     assert len(read.markers.time) > frames - 100
-    assert len(pd.read_parquet(tmp_path / "live" / RESULTS)) > frames - 100
+    assert len(pd.read_parquet(tmp_path / "live" / RESULTS_FOLDER)) > frames - 100

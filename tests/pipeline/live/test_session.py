@@ -13,9 +13,15 @@ from pipeline.config.schema import Settings, Subject, Treadmill
 from pipeline.io.read import read_recording
 from pipeline.live import session as module
 from pipeline.live.monitor import Monitor
-from pipeline.live.outlet import result_columns, result_row
+from pipeline.live.output import (
+    RESULTS_FOLDER,
+    STREAMS,
+    Recorder,
+    described_streams,
+    result_columns,
+    result_row,
+)
 from pipeline.live.preparation import PoseFinder
-from pipeline.live.recording import RESULTS, STREAMS, Recorder, described_streams
 from pipeline.live.replay import RecordedSource
 from pipeline.live.session import Session
 from pipeline.live.stream import Samples
@@ -98,7 +104,7 @@ def test_a_recorded_session_processed_afterwards_gives_the_residuals_of_the_tria
 
 def test_results_on_disk_are_those_of_the_frames(followed):
     _, _, frames, folder = followed
-    table = pd.read_parquet(folder / RESULTS)
+    table = pd.read_parquet(folder / RESULTS_FOLDER)
     assert tuple(table.columns) == result_columns()
     expected = np.array([result_row(frame) for frame in frames])
     np.testing.assert_array_equal(table.to_numpy()[:, 1:], expected)

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.config.schema import Settings, Subject
+from pipeline.live.chain import LiveFrame
 from pipeline.live.cycles import GaitTracker
-from pipeline.live.frames.chain import LiveFrame
 from pipeline.live.monitor import (
     GONE_S,
     DelayWatch,

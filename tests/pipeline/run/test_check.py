@@ -20,6 +20,7 @@ from pipeline.run.check import check_study
 from pipeline.run.run import run_study
 from pipeline.trial.process import process_trial
 from tests.pipeline import lab
+from tests.pipeline.lab import edit
 
 
 @pytest.fixture
@@ -29,6 +30,14 @@ def study(moving_study, tmp_path):
     for path in folder.glob("sub02*"):
         path.unlink()
     return folder
+
+
+@pytest.fixture
+def sway(study):
+    """The same with one trial."""
+    for other in ("baseline", "pitch"):
+        edit(study / "sub01.toml", f'file = "sub01_{other}.c3d"', 'exclude = "not needed here"')
+    return study
 
 
 @dataclass
@@ -47,12 +56,6 @@ def findings(folder):
         if isinstance(remark.said, Note):
             notes.setdefault(remark.place, []).append(remark.said)
     return Found(list(map(str, found.faults)), list(map(str, found.remarks)), notes)
-
-
-def edit(path, old, new):
-    text = path.read_text(encoding="utf-8")
-    assert old in text
-    path.write_text(text.replace(old, new), encoding="utf-8")
 
 
 def change(folder, name, **parts):
@@ -101,15 +104,15 @@ def test_what_a_check_predicts_is_what_processing_finds(study, tmp_path):
         assert next(note for note in notes if note.code == code) in predicted
 
 
-def test_markers_that_are_often_missing_are_named(study):
+def test_markers_that_are_often_missing_are_named(sway):
     def gaps(recording):
         position = recording.markers.position.copy()
         position[600:, recording.markers.names.index("LHEAD")] = np.nan
         position[700:760, recording.markers.names.index("RHEAD")] = np.nan
         return replace(recording.markers, position=position)
 
-    change(study, "sub01_sway", markers=gaps)
-    found = findings(study)
+    change(sway, "sub01_sway", markers=gaps)
+    found = findings(sway)
     assert found.faults == []
     assert "sub01_sway.c3d: often missing: LHEAD 50 %" in found.remarks
 
@@ -140,13 +143,11 @@ def test_markers_that_are_often_missing_are_named(study):
         (lambda f: shorten(f, "sub01_sway", 300), "sub01_sway.c3d: there are no foot strikes"),
     ],
 )
-def test_what_a_run_would_refuse_is_a_fault(study, tmp_path, change_study, fault):
-    for other in ("baseline", "pitch"):
-        edit(study / "sub01.toml", f'file = "sub01_{other}.c3d"', 'exclude = "not needed here"')
-    change_study(study)
-    found = findings(study)
+def test_what_a_run_would_refuse_is_a_fault(sway, tmp_path, change_study, fault):
+    change_study(sway)
+    found = findings(sway)
     assert any(line.startswith(fault) for line in found.faults), found.faults
-    outcomes = list(run_study(read_study(study), tmp_path / "out", conditions=["sway"]))
+    outcomes = list(run_study(read_study(sway), tmp_path / "out", conditions=["sway"]))
     assert [outcome.state for outcome in outcomes] == ["failed"]
 
 
@@ -172,10 +173,10 @@ def test_a_disagreement_of_readers_is_a_fault_with_channel_frame_and_values(
     assert "both readers read the same in 0 of 4 files" in out
 
 
-def test_a_trial_without_the_belts_speed_is_a_fault(study):
+def test_a_trial_without_the_belts_speed_is_a_fault(sway):
     belt = '[treadmill.belt]\ncalibration = "empty.c3d"\nspeed_channels = ["Belt.L"]\n'
-    edit(study / "study.toml", "[treadmill.platform]", belt + "[treadmill.platform]")
-    assert any(f == "sub01_sway.c3d: no analog channel 'Belt.L'" for f in findings(study).faults)
+    edit(sway / "study.toml", "[treadmill.platform]", belt + "[treadmill.platform]")
+    assert any(f == "sub01_sway.c3d: no analog channel 'Belt.L'" for f in findings(sway).faults)
 
 
 def test_faults_of_all_files_are_listed_at_once(study):
@@ -186,7 +187,7 @@ def test_faults_of_all_files_are_listed_at_once(study):
         assert len([fault for fault in faults if fault.startswith(name)]) >= 2, faults
 
 
-def test_a_mass_that_cannot_be_weighed_has_to_be_stated(study):
+def test_a_mass_that_cannot_be_weighed_has_to_be_stated(sway):
     def restless(recording):
         plates = []
         for plate in recording.plates:
@@ -194,14 +195,14 @@ def test_a_mass_that_cannot_be_weighed_has_to_be_stated(study):
             plates.append(replace(plate, wrench_in_plate=plate.wrench_in_plate * sway))
         return tuple(plates)
 
-    change(study, "sub01_sway", plates=restless)
-    found = findings(study)
+    change(sway, "sub01_sway", plates=restless)
+    found = findings(sway)
     assert found.faults == []
     assert any(note.code == "mass_of_file" for note in found.notes["sub01_sway.c3d"])
-    change(study, "sub01_sway", metadata=lambda recording: Metadata())
-    assert any("mass missing: nobody stands still" in fault for fault in findings(study).faults)
-    edit(study / "sub01.toml", 'id = "sub01"', 'id = "sub01"\nmass_kg = 74.6')
-    assert findings(study).faults == []
+    change(sway, "sub01_sway", metadata=lambda recording: Metadata())
+    assert any("mass missing: nobody stands still" in fault for fault in findings(sway).faults)
+    edit(sway / "sub01.toml", 'id = "sub01"', 'id = "sub01"\nmass_kg = 74.6')
+    assert findings(sway).faults == []
 
 
 def test_excluded_missing_repeated_short_and_uncompensated_trials_are_remarked(study):
@@ -222,17 +223,17 @@ def test_excluded_missing_repeated_short_and_uncompensated_trials_are_remarked(s
         assert remark in found.remarks
 
 
-def test_a_static_recording_is_checked_too(study):
-    edit(study / "sub01.toml", 'id = "sub01"', 'id = "sub01"\nstatic = "pose.c3d"')
-    shutil.copy(study / "sub01_baseline.c3d", study / "pose.c3d")
-    found = findings(study)
+def test_a_static_recording_is_checked_too(sway):
+    edit(sway / "sub01.toml", 'id = "sub01"', 'id = "sub01"\nstatic = "pose.c3d"')
+    shutil.copy(sway / "sub01_baseline.c3d", sway / "pose.c3d")
+    found = findings(sway)
     assert found.faults == []
-    (study / "pose.c3d").write_bytes(b"no c3d")
-    (fault,) = findings(study).faults
+    (sway / "pose.c3d").write_bytes(b"no c3d")
+    (fault,) = findings(sway).faults
     assert fault.startswith("pose.c3d: not a C3D file, nor ")
 
 
-def test_a_marker_hidden_at_the_beginning_is_not_a_fault(study, monkeypatch):
+def test_a_marker_hidden_at_the_beginning_is_not_a_fault(sway, monkeypatch):
     """Where the beginning alone has a fault, the whole file decides: LASIS is hidden for 3 s."""
     monkeypatch.setattr("pipeline.io.c3d.read.BEGINNING_FRAMES", 300)
 
@@ -241,8 +242,8 @@ def test_a_marker_hidden_at_the_beginning_is_not_a_fault(study, monkeypatch):
         position[:300, recording.markers.names.index("LASIS")] = np.nan
         return replace(recording.markers, position=position)
 
-    change(study, "sub01_sway", markers=covered)
-    assert findings(study).faults == []
+    change(sway, "sub01_sway", markers=covered)
+    assert findings(sway).faults == []
 
 
 def test_hbm_check_prints_everything_and_what_to_do_next(moving_study, capsys):
@@ -273,11 +274,11 @@ def test_a_preview_is_the_beginning_of_a_file(moving_study, monkeypatch):
     np.testing.assert_array_equal(beginning.analog.values, whole.analog.values[:1000])
 
 
-def test_where_a_static_pose_has_no_plates_the_trial_weighs(study):
-    pose = read_c3d(study / "sub01_baseline.c3d")
-    write_c3d(study / "pose.c3d", pose.markers)
-    edit(study / "sub01.toml", 'id = "sub01"', 'id = "sub01"\nstatic = "pose.c3d"')
-    found = findings(study)
+def test_where_a_static_pose_has_no_plates_the_trial_weighs(sway):
+    pose = read_c3d(sway / "sub01_baseline.c3d")
+    write_c3d(sway / "pose.c3d", pose.markers)
+    edit(sway / "sub01.toml", 'id = "sub01"', 'id = "sub01"\nstatic = "pose.c3d"')
+    found = findings(sway)
     assert found.faults == []
     weighed = [note for note in found.notes["sub01_sway.c3d"] if note.code == "mass_weighed"]
     assert [note.values["file"] for note in weighed] == ["sub01_sway.c3d"]

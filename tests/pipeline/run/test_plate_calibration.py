@@ -14,6 +14,7 @@ from pipeline.io.c3d.read import read_c3d
 from pipeline.run.check import check_study
 from pipeline.run.run import plan
 from tests.pipeline import lab
+from tests.pipeline.lab import edit
 from tests.pipeline.wrong_plates import write_correction, wrongly_measured
 
 AXES = "left,back,up"
@@ -31,12 +32,6 @@ def study(moving_study, tmp_path):
     edit(folder / "study.toml", "[treadmill]", NAMED)
     edit(folder / "study.toml", "name =", f'axes = "{AXES}"\nname =')
     return folder
-
-
-def edit(path, old, new):
-    text = path.read_text(encoding="utf-8")
-    assert old in text
-    path.write_text(text.replace(old, new, 1), encoding="utf-8")
 
 
 def faults_of(folder):

@@ -9,7 +9,7 @@ import pytest
 from joblib import delayed
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from pipeline.run.processes import in_processes, starting_processes
+from pipeline.run.processes import in_processes
 
 INTERRUPTED_IN_THE_SEARCH = """
 import os, signal, time
@@ -85,7 +85,5 @@ threads_counted = pytest.mark.skipif(
 def test_linear_algebra_uses_one_thread_in_any_number_of_processes(workers):
     """Sums in another order would make results differ with the number of processes."""
     with threadpool_limits(2):
-        with starting_processes(workers, threads_of_linear_algebra):
-            assert threads_of_linear_algebra() == {1}
         assert list(in_processes([delayed(threads_of_linear_algebra)()] * 2, workers)) == [{1}] * 2
         assert threads_of_linear_algebra() == {2}

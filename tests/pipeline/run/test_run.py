@@ -1,6 +1,5 @@
 """Running a study: every trial once, nothing redone or lost, a failure stops no other trial."""
 
-import importlib
 import json
 import os
 import shutil
@@ -17,6 +16,7 @@ from pipeline.run import cluster, program
 from pipeline.run.run import plan, run_jobs, run_study
 from pipeline.run.store import read_trial
 from pipeline.trial import process
+from tests.pipeline.lab import edit
 
 TRIALS = [f"sub0{n}_{c}" for n in (1, 2) for c in ("baseline", "pitch", "sway")]
 
@@ -35,12 +35,6 @@ def out(finished, tmp_path):
 
 def contents(out):
     return {path.name: path.read_bytes() for path in (out / "trials").glob("*.parquet")}
-
-
-def edit(path, old, new):
-    text = path.read_text(encoding="utf-8")
-    assert old in text
-    path.write_text(text.replace(old, new), encoding="utf-8")
 
 
 def states(outcomes):
@@ -153,26 +147,6 @@ def test_a_trial_on_which_the_engines_disagree_fails_with_one_line(study, out, m
 
 def test_two_trials_at_a_time_give_the_same_results_as_one(moving_study, finished, tmp_path):
     outcomes = list(run_study(read_study(moving_study), tmp_path, subjects=["sub01"], jobs=2))
-    assert sorted(states(outcomes).values()) == ["done"] * 3
-    whole = contents(finished)
-    assert contents(tmp_path) == {name: whole[name] for name in contents(tmp_path)}
-
-
-@pytest.mark.slow
-def test_a_dask_cluster_gives_the_same_results(moving_study, finished, tmp_path):
-    distributed = pytest.importorskip("dask.distributed", reason="the extra 'cluster' is not here")
-    patience = importlib.import_module("dask").config.set(
-        {"distributed.comm.timeouts.connect": "120s"}
-    )
-    with (
-        patience,
-        distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, dashboard_address=None
-        ) as local,
-    ):
-        study = read_study(moving_study)
-        address = local.scheduler_address
-        outcomes = list(run_study(study, tmp_path, subjects=["sub01"], scheduler=address))
     assert sorted(states(outcomes).values()) == ["done"] * 3
     whole = contents(finished)
     assert contents(tmp_path) == {name: whole[name] for name in contents(tmp_path)}
@@ -337,7 +311,7 @@ def test_a_file_that_changes_midway_gives_no_result_under_the_old_key(study, out
     ("error", "message"),
     [
         (ValueError("no markers\nat all"), "no markers at all"),
-        (KeyError("LASIS"), "KeyError: 'LASIS' (test_run.py, line "),
+        (KeyError("LASIS"), "a fault of this program: KeyError: LASIS (test_run.py, line "),
     ],
 )
 def test_whatever_goes_wrong_in_a_trial_is_a_failure_of_that_trial(
@@ -369,7 +343,7 @@ class StudyThatKillsItsWorker(Study):
 @pytest.mark.skipif(os.name == "nt", reason="signals")
 def test_a_worker_that_dies_fails_only_its_own_trial(study, out, finished):
     (study / "process_of_the_test").write_text(str(os.getpid()))
-    forget(out, "sub01_sway", "sub02_pitch", "sub02_sway")
+    forget(out, "sub01_sway", "sub02_pitch")
     read = read_study(study)
     study_that_kills = StudyThatKillsItsWorker(
         read.folder, read.file, read.subjects, read.marker_set
@@ -378,7 +352,7 @@ def test_a_worker_that_dies_fails_only_its_own_trial(study, out, finished):
     failed = only(outcomes, "failed")
     assert list(failed) == ["sub01_sway"]
     assert "the process that worked on it died" in failed["sub01_sway"]
-    assert sorted(only(outcomes, "done")) == ["sub02_pitch", "sub02_sway"]
+    assert list(only(outcomes, "done")) == ["sub02_pitch"]
     whole = contents(finished)
     del whole["sub01_sway.parquet"]
     assert contents(out) == whole

@@ -12,7 +12,7 @@ from pipeline.cli.app import main
 from pipeline.config.study import read_study
 from pipeline.config.toml_file import check_options
 from pipeline.export.compensated_c3d import Calibrations, write_compensated
-from pipeline.io.c3d.header import read_header
+from pipeline.io.c3d.data import read_header
 from pipeline.io.c3d.parameters import parameter_records, values_of
 from pipeline.io.c3d.read import read_c3d
 from pipeline.run.check import check_study
@@ -42,7 +42,7 @@ OPTIONS = {
 
 def overwrite_texts(path, group, name, new):
     """Write other texts into a parameter of a C3D file, padded to the width that it has."""
-    header, _ = read_header(path)
+    header = read_header(path)
     content = bytearray(path.read_bytes())
     start = 512 * (header.parameter_block - 1) + 4
     section = bytes(content[start : header.data_start])
@@ -143,8 +143,8 @@ def test_a_copy_with_compensated_plates_keeps_its_own_labels_and_units(plain, di
             write_compensated(recording, calibrations, target, frame=frame)
             again = replace(study, folder=tmp_path)
             wrenches.append([p.wrench for p in read_study_file(again, target.name).plates])
-            _, before = read_header(study.path("sub01_pitch.c3d"))
-            _, after = read_header(target)
+            before = read_header(study.path("sub01_pitch.c3d")).parameters
+            after = read_header(target).parameters
             for group, name in (("POINT", "UNITS"), ("POINT", "LABELS"), ("ANALOG", "UNITS")):
                 assert after.texts(group, name) == before.texts(group, name)
         for ours, expected in zip(*wrenches, strict=True):

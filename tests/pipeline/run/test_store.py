@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from hbm.coordinates import HBM_ORDER, INDEX
-from pipeline.io.recording import Event
+from pipeline.io.recording import Event, Plate
 from pipeline.run.store import (
     DIGEST,
     FORMAT_VERSION,
@@ -25,7 +25,6 @@ from pipeline.run.store import (
     write_trial,
 )
 from pipeline.trial.residuals import reported
-from pipeline.trial.result import PlateSurface
 from tests.pipeline.equality import assert_identical
 from tests.pipeline.fake_results import fake_trial
 from tests.pipeline.viewer_trial import viewer_trial
@@ -89,7 +88,7 @@ def test_numbers_other_than_the_frames_are_read_back_exactly(
         processed,
         body=body,
         onsets=onsets,
-        plates=(PlateSurface(1, center, corners),),
+        plates=(Plate(1, np.empty(0), np.empty((0, 6)), np.eye(3), center, corners),),
         uncertainty=None,
         events=(Event(event_s, "foot_strike", "left"),),
     )

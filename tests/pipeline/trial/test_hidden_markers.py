@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers
 from pipeline.config.schema import Settings, Subject
 from pipeline.trial.subject import subject_body

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from pipeline.trial.checks import check_motion
 from tests.hbm.motions import markers_of, swinging, with_noise, without
 from tests.synthetic import synthetic_body

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hbm.calibration_pose.anatomy import LimbMeasures
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from hbm.signals.filtering import butterworth
 from pipeline.config.schema import Condition, Settings, Subject, Treadmill
 from pipeline.config.study import read_study

@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from hbm.clinical import ANKLE_IN_LINE_RAD
 from hbm.markers import Markers
+from hbm.motion import ANKLE_IN_LINE_RAD
 from hbm.poses import marker_positions
 from pipeline.cli.app import main
 from pipeline.config.schema import Settings, Subject
@@ -140,7 +140,7 @@ def test_exported_forces_are_compensated_where_a_calibration_is_given(
     assert "from the compensated plate forces" in printed
     forces = read_sto(tmp_path / "compensated" / "sub01_pitch_forces.sto")
     measured = np.nanstd(processed.measured.residual[:, 0])
-    assert np.nanstd(forces.column("PelvisX_force")) < 0.2 * measured
+    assert np.nanstd(forces.columns["PelvisX_force"]) < 0.2 * measured
 
 
 @pytest.mark.parametrize(

@@ -33,7 +33,7 @@ from tests.pipeline.viewer_pictures import (
 )
 from tests.pipeline.viewer_trial import viewer_trial
 
-FRAMES = 200
+FRAMES = 100
 RATE_HZ = 100
 PIXELS = 50
 MEGABYTE = 1e6
@@ -94,8 +94,27 @@ def walk(view, frames, count, first=0):
     wait_for(lambda: view.shown + view.left_out == first + count)
 
 
+def assert_it_ends(view, frames, fault):
+    """The view says why while frames come, and the rest goes on."""
+    first = view.shown + view.left_out
+    number = count(first)
+
+    def noticed_while_frames_come():
+        k = next(number)
+        view.show(replace(frames[k % len(frames)], time=k / RATE_HZ))
+        return view.fault is not None
+
+    wait_for(noticed_while_frames_come)
+    assert view.fault == fault
+    view.show_status("on")
+    view.show_cycle("left", dict.fromkeys(frames[0].residual, np.zeros((101, 6))))
+    view.show(frames[0])
+    shown = next(number) + 1
+    wait_for(lambda: view.shown + view.left_out == shown)
+
+
 @needs_vulkan
-def test_body_residuals_and_gait_cycles_are_seen_while_frames_come(trial, frames):
+def test_body_residuals_and_gait_cycles_are_seen_until_the_drawing_process_is_killed(trial, frames):
     curves = {
         name: np.outer(np.sin(np.linspace(0, 6, 101)), np.full(6, size))
         for name, size in (("measured", 30.0), ("compensated", 10.0))
@@ -121,6 +140,10 @@ def test_body_residuals_and_gait_cycles_are_seen_while_frames_come(trial, frames
         time.sleep(1)
         hidden = count_pixels(viewer.take_screenshot(max_size=1920), MODELLED_COLOUR)
         assert hidden < 0.1 * seen, (hidden, seen)
+        processes = family(view)
+        processes[0].kill()
+        assert_it_ends(view, frames, "the process that draws the live view has ended")
+    wait_for(lambda: all(map(ended, processes)))
 
 
 @pytest.mark.slow
@@ -193,9 +216,9 @@ def test_where_the_viewer_is_stopped_frames_are_left_out_and_memory_stays(trial,
 
 @needs_signals
 @needs_vulkan
-def test_a_viewer_that_goes_on_shows_the_latest_frames(trial, frames):
+def test_a_viewer_that_goes_on_shows_the_latest_frames_until_it_is_killed(trial, frames):
     with live_view(trial, "none") as view:
-        _, viewer = family(view)
+        drawing, viewer = family(view)
         viewer.suspend()
         for k in range(4 * MAX_WAITING):
             view.show(replace(frames[k % FRAMES], time=k / RATE_HZ))
@@ -205,6 +228,9 @@ def test_a_viewer_that_goes_on_shows_the_latest_frames(trial, frames):
         assert view.shown >= MAX_WAITING
         walk(view, frames, 20, first=4 * MAX_WAITING)
         assert view.fault is None
+        viewer.kill()
+        assert_it_ends(view, frames, "the viewer was ended by SIGKILL")
+    wait_for(lambda: ended(drawing) and ended(viewer))
 
 
 @pytest.mark.slow
@@ -222,34 +248,6 @@ def test_a_drawing_process_that_is_stopped_hinders_nobody_and_is_killed(trial, f
         assert time.monotonic() - start < 10
     assert view.shown + view.left_out == 3 * MAX_WAITING
     wait_for(lambda: ended(drawing) and ended(viewer))
-
-
-@needs_vulkan
-@pytest.mark.parametrize("killed", [0, 1], ids=["drawing process", "viewer"])
-def test_where_it_is_killed_the_view_says_so_and_the_rest_goes_on(trial, frames, killed):
-    with live_view(trial, "none") as view:
-        processes = family(view)
-        walk(view, frames, 20)
-        processes[killed].kill()
-        number = count(20)
-
-        def noticed_while_frames_come():
-            k = next(number)
-            view.show(replace(frames[k % len(frames)], time=k / RATE_HZ))
-            return view.fault is not None
-
-        wait_for(noticed_while_frames_come)
-        assert view.fault == (
-            "the viewer was ended by SIGKILL"
-            if killed
-            else "the process that draws the live view has ended"
-        )
-        view.show_status("on")
-        view.show_cycle("left", dict.fromkeys(trial.ground, np.zeros((101, 6))))
-        view.show(frames[0])
-        shown = next(number) + 1
-        wait_for(lambda: view.shown + view.left_out == shown)
-    wait_for(lambda: all(map(ended, processes)))
 
 
 @needs_vulkan

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from hbm.poses import center_of_mass, marker_positions
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.explain.causes.body import JOINTS, body_causes

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hbm.coordinates import MOVING
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers
 from hbm.poses import segment_frames
 from hbm.signals.filtering import butterworth

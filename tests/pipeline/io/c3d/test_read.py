@@ -21,7 +21,6 @@ def test_the_real_treadmill_trial_is_read_in_full(shared_data):
     assert markers.rate_hz == pytest.approx(100)
     assert [len(plate.time) for plate in recording.plates] == [12060, 12060]
     assert recording.first_frame == 45
-    assert recording.metadata.subject == "SI02"
     assert recording.metadata.mass_kg == pytest.approx(55.326, abs=1e-3)
     assert recording.metadata.height_m == pytest.approx(1.7197, abs=1e-4)
     assert recording.metadata.limbs["right"].leg_length_m == pytest.approx(0.9047, abs=1e-4)

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pipeline.io.c3d import second_reader
-from pipeline.io.c3d.header import read_header
+from pipeline.io.c3d.data import read_header
 from pipeline.io.c3d.second_reader import check_rewritten, compare_readers, installed
 
 needs_ezc3d = pytest.mark.skipif(not installed(), reason="no ezc3d wheel for this system")
@@ -159,7 +159,7 @@ def test_a_library_whose_import_is_blocked_is_not_installed(everything, monkeypa
 
 def rewritten(original, change):
     """Copy a file and change its bytes, given them and where the data begin."""
-    header, _ = read_header(original)
+    header = read_header(original)
     content = bytearray(original.read_bytes())
     change(content, header.data_start, header.frame.bytes)
     path = original.with_name("written.c3d")
@@ -191,7 +191,7 @@ def test_what_was_to_change_may_differ(everything):
 )
 def test_no_bit_of_header_and_samples_may_change(everything, place, bit):
     """Free are bytes 17 and 18, which say where the data begin."""
-    header, _ = read_header(everything)
+    header = read_header(everything)
     size = everything.stat().st_size - header.data_start
     at = int(place * (BLOCK + size))
     at = at if at < BLOCK else at - BLOCK + header.data_start

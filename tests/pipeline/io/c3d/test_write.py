@@ -32,12 +32,8 @@ def test_a_trial_comes_back_from_disk_as_it_was(tmp_path, subject, plates, analo
     markers = Markers(subject.time, subject.names, position)
     events = (Event(0.1, "foot_strike", "left"), Event(0.3, "foot_off", "right"))
     metadata = Metadata(
-        subject="sub-01",
-        marker_set="hbm2",
         mass_kg=74.6,
         height_m=1.78,
-        manufacturer="A laboratory",
-        software="in software",
     )
     path = tmp_path / "trial.c3d"
     write_c3d(

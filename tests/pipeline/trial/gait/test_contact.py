@@ -1,5 +1,7 @@
 """Which foot stood on a plate: sums are exact, steps may cross, uncertain frames are flagged."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -23,7 +25,11 @@ RATE_HZ = 100.0
 
 def share(wrenches, feet, **options):
     """Share plates between feet at 100 Hz, with a threshold of 30 N."""
-    return share_between_feet(np.arange(len(feet)) / RATE_HZ, wrenches, feet, 30.0, **options)
+    time = np.arange(len(feet)) / RATE_HZ
+    found = share_between_feet(time, wrenches, feet, 30.0, **options)
+    under = by_foot(np.stack(wrenches, axis=1), found.on)
+    each = {"left_foot": under[:, LEFT], "right_foot": under[:, RIGHT]}
+    return SimpleNamespace(**found._asdict(), by_foot=each)
 
 
 def ramp(x):
@@ -167,8 +173,7 @@ def test_feet_are_assigned_by_the_forces_of_the_subject_alone():
     measured = [wrench + artefact for wrench in alone]
     by_themselves = share(measured, feet).by_foot
     assert not np.array_equal(by_themselves["left_foot"], measured[LEFT])
-    on = np.stack(share(alone, feet).foot_of_plates, axis=1)
-    shared = by_foot(np.stack(measured, axis=1), on)
+    shared = by_foot(np.stack(measured, axis=1), share(alone, feet).on)
     np.testing.assert_array_equal(shared, np.stack([measured[LEFT], measured[RIGHT]], axis=1))
 
 

@@ -8,10 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hbm.markers import Markers, marker_sets, read_marker_set
+from hbm.signals.samples import stretches
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.recording import Event
+from pipeline.trial.gait.contact import Contact
 from pipeline.trial.gait.cycles import gait_cycles, normalise
-from pipeline.trial.gait.events import SIDES, compare_events, force_events, zeni_events
+from pipeline.trial.gait.detection import plate_events
+from pipeline.trial.gait.events import SIDES, compare_events, zeni_events
+from pipeline.trial.ground.wrenches import PlateLoad
 
 HBM2 = {"sacrum": ("LPSIS", "RPSIS"), "heel": "{}HEE", "toe": "{}MT2"}
 OPENSIM = {"sacrum": ("V.Sacral",), "heel": "{}.Heel", "toe": "{}.Toe.Tip"}
@@ -97,33 +101,16 @@ def test_no_events_are_found_in_a_gap_and_all_others_are():
     assert all(a.only_in_first == 0 and a.sd_ms < 3 for a in compare_events(holed, whole))
 
 
-plate_time = np.arange(5000) / 1000
-
-
-def steps(spans, chatter=()):
-    """Contacts that build up and fade at 10 N per ms, the threshold of 20 N after 2 ms."""
-    force = np.zeros((len(plate_time), 6))
-    for start, stop in spans:
-        ramp = np.minimum(plate_time - start, stop - plate_time) * 1e4
-        force[:, 2] = np.maximum(force[:, 2], np.clip(ramp, 0, 700))
-    for instant in chatter:
-        force[round(1000 * instant), 2] = 40 - force[round(1000 * instant), 2]
-    return force
-
-
-def test_contact_starts_and_stops_where_the_force_crosses_the_threshold_between_samples():
-    spans = [(0.5004, 1.2), (1.6, 2.3007)]
-    events = force_events({"left": steps(spans)}, plate_time, 20)
-    expected = [(a + 0.002, b - 0.002) for a, b in spans]
-    np.testing.assert_allclose([e.time for e in events], np.ravel(expected), atol=1e-9)
-    assert [e.label for e in events] == ["foot_strike", "foot_off"] * 2
-
-
-def test_force_noise_at_the_threshold_and_spikes_in_swing_are_no_steps():
-    spans = [(0.5, 1.2), (1.6, 2.3)]
-    clean = force_events({"right": steps(spans)}, plate_time, 20)
-    noisy = force_events({"right": steps(spans, [0.505, 1.195, 1.4, 3.0])}, plate_time, 20)
-    np.testing.assert_allclose([e.time for e in noisy], [e.time for e in clean], atol=3e-3)
+def on_plates(vertical, time):
+    """Events of plates that carry one foot each, from their vertical forces, side -> (N,) [N]."""
+    contacts, loads = [], []
+    for number, (side, force) in enumerate(vertical.items(), start=1):
+        loads.append(PlateLoad(number, time, force))
+        for start, stop in stretches(force > 20):
+            if time[stop - 1] - time[start] > 0.1:
+                contacts.append(Contact(number, start, stop, (f"{side}_foot",), False, 0.05))
+    weight_n = 0.8 * np.median([force.max() for force in vertical.values()])
+    return plate_events(contacts, loads, time, weight_n)
 
 
 def test_agreement_of_shifted_events_is_their_shift():
@@ -203,8 +190,8 @@ def treadmill(shared_data):
 def test_file_zeni_and_force_agree_on_a_real_treadmill(treadmill):
     by_markers = zeni(treadmill.markers)
     sides = ("left" if plate.center[1] > 0 else "right" for plate in treadmill.plates)
-    wrenches = {side: plate.wrench for side, plate in zip(sides, treadmill.plates, strict=True)}
-    force = force_events(wrenches, treadmill.plates[0].time, threshold_n=20)
+    vertical = {s: plate.wrench[:, 2] for s, plate in zip(sides, treadmill.plates, strict=True)}
+    force = on_plates(vertical, treadmill.plates[0].time)
     by_file = compare_events(by_markers, treadmill.events)
     assert all(a.only_in_first == 0 and a.only_in_second <= 1 for a in by_file)
     assert all(abs(a.mean_ms) < 35 and a.sd_ms < 6 for a in by_file)
@@ -218,9 +205,7 @@ def test_contacts_of_a_real_treadmill_are_those_its_authors_published(shared_dat
     folder = shared_data / "treadmill_forces"
     read = lambda name: np.genfromtxt(folder / name, delimiter=",", names=True)  # noqa: E731
     record, published = read("UnpertPre_data.csv"), read("UnpertPre__event.csv")
-    wrenches = {side: np.zeros((len(record), 6)) for side in SIDES}
-    for side in SIDES:
-        wrenches[side][:, 2] = record[f"{side.capitalize()}GRF_y"]
+    vertical = {side: record[f"{side.capitalize()}GRF_y"] for side in SIDES}
     expected = [
         Event(instant, label, side)
         for label, suffix in (("foot_strike", "hs"), ("foot_off", "to"))
@@ -228,10 +213,10 @@ def test_contacts_of_a_real_treadmill_are_those_its_authors_published(shared_dat
         for instant in published[side[0] + suffix]
         if np.isfinite(instant)
     ]
-    found = force_events(wrenches, record["time"], threshold_n=20)
+    found = on_plates(vertical, record["time"])
     for agreement in compare_events(found, expected):
         assert agreement.matched >= 43
         assert (agreement.only_in_first, agreement.only_in_second) == (0, 0)
-        assert abs(agreement.mean_ms) < 5  # half a sample
+        assert abs(agreement.mean_ms) < 6  # half a sample; ours count from the level at rest
         assert agreement.sd_ms < 10
     assert [len(gait_cycles(found, side)[0]) for side in SIDES] == [43, 42]

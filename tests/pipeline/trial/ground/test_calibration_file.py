@@ -14,7 +14,8 @@ from pipeline.io.c3d.write import write_c3d
 from pipeline.io.stated import Stated
 from pipeline.trial.ground import laboratory
 from pipeline.trial.ground.calibration_recording import fit_calibration, read_empty
-from pipeline.trial.ground.laboratory import bind, read_calibration
+from pipeline.trial.ground.calibrations import read_calibration
+from pipeline.trial.ground.laboratory import bind
 from tests.pipeline import lab
 from tests.pipeline.trial.ground.grounds import TREADMILL
 

@@ -69,9 +69,11 @@ def test_what_compensation_leaves_of_an_empty_treadmill_is_as_uncertain_as_state
     """The plates' own noise, so that the only error is the compensation's."""
     trial = lab.on_platform(lab.without_people(20.0), motion, seed=5)
     ground = ground_of(trial, laboratory, trial.markers.time, 0.0)
-    stated = ground.uncertainty(ORIGIN).plates
-    for wrench, deviation in zip(ground.variants["compensated"], stated, strict=True):
-        ratio = rms_by_stated(trial, wrench, deviation)
+    each = zip(ground.variants["compensated"], ground.spreads, strict=True)
+    for k, (wrench, spread) in enumerate(each):
+        own = slice(6 * k, 6 * k + 6)
+        stated = sum_deviation([spread], ground.correlation[own, own], ORIGIN)
+        ratio = rms_by_stated(trial, wrench, stated)
         assert (ratio > 0.6).all()
         assert (ratio < 1.4).all()
 
@@ -105,7 +107,7 @@ def test_the_sum_of_all_plates_is_as_uncertain_as_stated():
                 np.sum(ground.variants["compensated"], axis=0),
                 ground.uncertainty(ORIGIN),
             )
-            squares[joint].append(rms_by_stated(trial, total, stated.residual) ** 2)
+            squares[joint].append(rms_by_stated(trial, total, stated) ** 2)
             assert ("go together" in " ".join(note.text for note in notes)) is not joint
     np.testing.assert_allclose(np.sqrt(np.mean(squares[True], axis=0)), 1, atol=0.12)
     assert np.sqrt(np.mean(squares[False], axis=0))[:3].min() > 1.2
@@ -115,7 +117,7 @@ def test_zeros_of_plates_are_independent_and_the_same_in_every_frame():
     calibration = fit_calibration(noisy(0, 20.0), TREADMILL)
     trial = noisy(1, 20.0)
     squares = [
-        ground_of(trial, Laboratory(TREADMILL, known)).uncertainty(ORIGIN).residual ** 2
+        ground_of(trial, Laboratory(TREADMILL, known)).uncertainty(ORIGIN) ** 2
         for known in (calibration, with_known_zeros(calibration))
     ]
     zero = [model.model_error.zero[:3] for model in calibration.plates.values()]
@@ -126,9 +128,9 @@ def test_zeros_of_plates_are_independent_and_the_same_in_every_frame():
 
 def test_trials_keep_the_uncertainty_of_every_frame_and_its_rms(processed):
     spread = processed.uncertainty
-    assert spread.residual.shape == (len(processed.motion.time), 6)
+    assert spread.shape == (len(processed.motion.time), 6)
     rows = residual_table(processed, "pitch").set_index("compensated")["compensation_sd"]
     assert rows[False].isna().all()
     counted = processed.counts
-    expected = np.sqrt(np.mean(spread.residual[counted] ** 2, axis=0))
+    expected = np.sqrt(np.mean(spread[counted] ** 2, axis=0))
     np.testing.assert_allclose(rows[True], expected, rtol=0.3)

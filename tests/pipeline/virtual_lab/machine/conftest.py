@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.virtual_lab.machine.platform import Machine, move_platform
-from pipeline.virtual_lab.trajectories import smooth_step
+from pipeline.virtual_lab.machine.platform import Machine, move_platform, smooth_step
 
 RATE_HZ = 1000.0
 

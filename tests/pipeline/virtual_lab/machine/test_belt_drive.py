@@ -7,10 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.virtual_lab.machine.belts import (
-    identified_drive,
-    run_belt,
-)
+from pipeline.virtual_lab.machine.belts import identified_drive, run_belt
 
 RATE_HZ = 1000.0
 QUIET = replace(

@@ -4,12 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.virtual_lab.faults import BeltFaults
-from pipeline.virtual_lab.machine.belts import (
-    carried_of_belts,
-    drive_belt,
-    make_drives,
-    run_belts,
-)
+from pipeline.virtual_lab.machine.belts import carried_of_belts, make_drives, run_belts
 from pipeline.virtual_lab.machine.platform import Machine
 
 RATE_HZ = 1000.0
@@ -22,12 +17,12 @@ def linear(command):
 def test_a_linear_belt_follows_its_command_late_and_does_not_overshoot():
     time = np.arange(3000) / RATE_HZ
     command = np.where(time > 1, 2.0, 1.0)
-    speed = drive_belt(Machine(), command, RATE_HZ)
+    speed = linear(command)[0].speed
     assert speed[:1000] == pytest.approx(1.0)
     assert speed.max() <= 2.0 + 1e-9
     reached = time[np.searchsorted(speed, 1.9)] - 1.0
     assert 0.5 / Machine().servo_hz < reached < 1.0 / Machine().servo_hz
-    late = drive_belt(Machine(), time, RATE_HZ)
+    late = linear(time)[0].speed
     assert time[-1] - late[-1] == pytest.approx(2 / (2 * np.pi * Machine().servo_hz), rel=1e-3)
 
 

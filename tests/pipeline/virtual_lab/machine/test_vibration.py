@@ -5,10 +5,12 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from pipeline.virtual_lab.machine.platform import (
+    BELT_ASSEMBLIES,
     Machine,
     inertial_wrench,
     motion_terms,
     move_platform,
+    smooth_step,
     specific_force,
 )
 from pipeline.virtual_lab.machine.structure import (
@@ -16,17 +18,13 @@ from pipeline.virtual_lab.machine.structure import (
     FRAME,
     FRAME_KG,
     FRAME_NODES_M,
-    Elasticity,
-    Loads,
     frame_shape,
     make_structure,
     respond,
 )
-from pipeline.virtual_lab.trajectories import smooth_step
 
 RATE_HZ = 1000.0
-ASSEMBLIES = Machine().assemblies
-SOFT = Elasticity(base_hz=(25.0, 7.0, 30.0, 22.0, 7.0, 25.0), base_damping=(0.05,) * 6)
+SOFT = {"base_hz": (25.0, 7.0, 30.0, 22.0, 7.0, 25.0), "base_damping": (0.05,) * 6}
 """Much softer than the default, so that vibration is large."""
 PLACES = (np.array([-0.9, 0.62, -0.2]), np.array([0.95, -0.58, -0.2]))
 
@@ -44,10 +42,9 @@ def smooth_loads(count, seed=0):
     return loads[0], loads[1]
 
 
-def response(structure, motion, loads=None, **more):
-    count = motion.sway.shape[1]
-    drives = (np.zeros((count, 6)), np.zeros((count, 6)))
-    return respond(structure, ASSEMBLIES, motion, Loads(drives, loads, **more), PLACES, RATE_HZ, 10)
+def response(structure, motion, loads=None, on_frame=None):
+    drives = (np.zeros((motion.sway.shape[1], 6)),) * 2
+    return respond(structure, motion, drives, loads, on_frame, PLACES, RATE_HZ, 10)
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +57,7 @@ def test_a_rigid_machine_carries_the_person_and_its_own_inertia_exactly(moving):
     motion, _ = moving
     loads = smooth_loads(motion.sway.shape[1])
     found = response(None, motion, loads)
-    for k, assembly in enumerate(ASSEMBLIES):
+    for k, assembly in enumerate(BELT_ASSEMBLIES):
         own = motion_terms(motion) @ inertial_wrench(assembly, motion.pivot).T
         np.testing.assert_allclose(found.plates[k], own + loads[k], atol=1e-9)
         np.testing.assert_allclose(found.artefacts[k], own, atol=1e-9)
@@ -75,7 +72,7 @@ def test_the_stiffer_it_is_the_nearer_it_is_to_rigid(moving):
     loads = smooth_loads(motion.sway.shape[1])
     rigid, off = response(None, motion, loads), []
     for flexibility in (0.1, 0.05, 0.025):
-        found = response(make_structure(elasticity=SOFT, flexibility=flexibility), motion, loads)
+        found = response(make_structure(flexibility, **SOFT), motion, loads)
         off.append(
             [
                 *(np.abs(f - r).max() for f, r in zip(found.plates, rigid.plates, strict=True)),
@@ -104,7 +101,7 @@ def test_a_tilted_plate_feels_its_weight_along_itself(at_rest):
     found = response(make_structure(), at_rest, on_frame=push)
     pitch = found.frame[-1, 4]
     assert pitch > 1e-4
-    for k, assembly in enumerate(ASSEMBLIES):
+    for k, assembly in enumerate(BELT_ASSEMBLIES):
         expected = -assembly.mass * 9.81 * np.sin(pitch)
         assert found.plates[k][-1, 0] == pytest.approx(expected, rel=1e-3)
     for felt in found.sensors:
@@ -118,13 +115,13 @@ def test_the_modes_agree_with_a_direct_integration_in_time():
         Machine(), 0.02 * np.sin(20 * time) ** 2, 0.01 * np.sin(15 * time) ** 2, RATE_HZ
     )
     loads = smooth_loads(len(time), seed=4)
-    structure = make_structure(elasticity=SOFT)
+    structure = make_structure(**SOFT)
     terms = motion_terms(motion)
     load = np.zeros((len(time), COORDINATES))
     for node in FRAME_NODES_M:
         felt = specific_force(motion, node) - [0, 0, 9.81]
         load[:, :FRAME] -= FRAME_KG / len(FRAME_NODES_M) * felt @ frame_shape(node)[:3]
-    for k, assembly in enumerate(ASSEMBLIES):
+    for k, assembly in enumerate(BELT_ASSEMBLIES):
         carried = terms @ inertial_wrench(assembly, motion.pivot).T + loads[k]
         load[:, FRAME + 6 * k : FRAME + 6 * k + 6] = -carried
     inverse = np.linalg.inv(structure.mass)
@@ -145,8 +142,8 @@ def test_the_modes_agree_with_a_direct_integration_in_time():
     np.testing.assert_allclose(found.frame, place[::10, :FRAME], atol=1e-9)
     for k, (by_displacement, by_velocity) in enumerate(structure.cells):
         cells = place @ by_displacement.T + speed @ by_velocity.T
-        weight = ASSEMBLIES[k].mass * np.array([0, 0, 9.81])
-        total = cells + np.concatenate([weight, np.cross(ASSEMBLIES[k].center, weight)])
+        weight = BELT_ASSEMBLIES[k].mass * np.array([0, 0, 9.81])
+        total = cells + np.concatenate([weight, np.cross(BELT_ASSEMBLIES[k].center, weight)])
         shift, turn = np.split(place[:, FRAME + 6 * k : FRAME + 6 * k + 6], 2, axis=1)
         cells[:, :3] -= np.cross(turn, total[:, :3])
         cells[:, 3:] -= np.cross(turn, total[:, 3:]) + np.cross(shift, total[:, :3])

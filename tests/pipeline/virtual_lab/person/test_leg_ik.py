@@ -27,7 +27,7 @@ def test_feet_reach_poses_that_the_legs_can_take(faults):
     for side, sole in subject.soles.items():
         ((rotation, ankle),) = segment_poses(subject.skeleton, full, [sole.segment])
         own, position = sole.from_foot(rotation, ankle)
-        targets[side] = SoleTarget(sole, own, position, np.ones((FRAMES, 4)))
+        targets[side] = SoleTarget.of(sole, own, position, np.ones((FRAMES, 4)))
     start = q.copy()
     start[legs] += rng.uniform(-0.1, 0.1, (len(legs), FRAMES))
     found = solve_legs(subject.skeleton, subject.extra_joints, q, targets, start, 1.0, 15)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hbm.body import build_body
-from hbm.kinematics import solve_ik
+from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers, marker_sets
 from pipeline.virtual_lab.faults import BodyFaults, Faults
 from pipeline.virtual_lab.person.anatomy import Proportions, t_pose

@@ -28,7 +28,6 @@ ELSEWHERE = {"platform.pivot_error_m", "machine.sway_hz"}
 """Faults of the study file and of the motion itself."""
 SIZE = {
     "sensors": 4,
-    "assembly_kg": 100.0,
     "sway_hz": 5.0,
     "clocks.scale": 100.0,
     "gaps_per_minute": 60.0,

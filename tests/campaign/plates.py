@@ -1,17 +1,27 @@
-"""Simulated plates with one known fault: is it found, sized, and the verdict right?"""
+"""Plates with one known fault each: is it found, sized, and the verdict right?
 
+``python -m tests.campaign.plates [--seeds N] [--workers N]`` writes its tables to docs/plates.md,
+after every seed.
+"""
+
+import argparse
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
+from multiprocessing import Pool
 from pathlib import Path
 from typing import Final
 
 import numpy as np
+import pandas as pd
 
 from hbm.signals.filtering import low_pass
 from hbm.spatial import Array
 from pipeline.config.plate_study import AccuracyLimits, read_plates_study
+from pipeline.io.write import markdown
 from pipeline.plate_accuracy.accuracy import check_plates
 from pipeline.plate_accuracy.response import QUANTITIES, stance_loads
 from pipeline.plate_accuracy.verdict import TOTAL, Answer, judge
@@ -23,6 +33,7 @@ from pipeline.virtual_lab.protocol.known_weights import (
     PlateErrors,
     simulate_plates,
 )
+from tests.campaign.pages import renew
 
 DESIGN: Final = {
     "speeds": (0.7, 1.0),
@@ -122,100 +133,48 @@ FAULTS: Final = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Case:
-    """A study of two plates that have the same fault, or none, and different noise."""
+def faulty(fault: str, share: float, seed: int, *, standard: bool = False) -> pd.DataFrame:
+    """Simulate a study of two plates with the same fault, and compare what is found with that.
 
-    fault: str
-    share: float
-    seed: int
-    standard: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class PlateOutcome:
-    """What was found of a plate.
-
-    Attributes
-    ----------
-    case
-        Of which it is one plate.
-    found
-        Whether the fault differs significantly from none, all its estimates; a noise, which is not
-        tested, never.
-    invented
-        Significant faults that it does not have.
-    sized
-        How many of the estimates of its fault lie within their 95 % interval, and of how many.
-    totals
-        How many true total errors are above the lower and below the upper bound, and of how many.
-    verdict, truth
-        Of `hbm plates`, and from the known fault.
+    Gives a row per plate: whether the fault differs significantly from none by all its estimates
+    (a noise, which is not tested, never), how many significant faults are ``invented``, how many of
+    the estimates lie within their 95 % interval and of how many, how many true total errors are
+    above the lower and below the upper bound and of how many, the verdict and the true one.
     """
-
-    case: Case
-    found: bool
-    invented: tuple[str, ...]
-    sized: tuple[int, int]
-    totals: tuple[int, int, int]
-    verdict: Answer
-    truth: Answer
-
-
-def cases(seeds: Sequence[int]) -> Iterator[Case]:
-    """Give every fault in every size, seed by seed."""
-    for seed in seeds:
-        for fault, share in product(FAULTS, SIZES):
-            yield Case(fault.name, share, seed)
-
-
-def faultless(count: int, standard: int) -> Iterator[Case]:
-    """Give studies of plates that are perfect but for noise."""
-    yield from (Case("none", 0.0, seed) for seed in range(count))
-    yield from (Case("none", 0.0, seed, standard=True) for seed in range(standard))
-
-
-def carry_out(case: Case) -> list[PlateOutcome]:
-    """Simulate a study and compare what is found of its plates with what they have."""
-    named = {fault.name: fault for fault in FAULTS}
-    fault = named.get(case.fault)
-    size = case.share * fault.limit if fault else 0.0
-    errors = fault.make(size) if fault else PlateErrors()
-    number = 1 + (list(named).index(case.fault) if fault else -1)
-    seed = case.seed + 1000 * number + 100_000 * round(100 * case.share) + 10**8 * case.standard
+    named = {each.name: each for each in FAULTS}
+    own = named.get(fault)
+    size = share * own.limit if own else 0.0
+    errors = own.make(size) if own else PlateErrors()
+    number = 1 + (list(named).index(fault) if own else -1)
+    seed += 1000 * number + 100_000 * round(100 * share) + 10**8 * standard
     with tempfile.TemporaryDirectory(prefix="plates") as folder:
-        simulate_plates(Path(folder), errors, seed=seed, **(STANDARD if case.standard else DESIGN))
+        simulate_plates(Path(folder), errors, seed=seed, **(STANDARD if standard else DESIGN))
         found = check_plates(read_plates_study(folder))
-    outcomes = []
+    rows = []
     for verdict in judge(found):
-        own = [one for one in found.faults if one.belt == verdict.belt]
-        total = true_totals(errors, verdict.belt)
-        wanted = fault.wanted if fault else ()
-        significant = {one.fault for one in own if one.significant}
+        significant = {f.fault for f in found.faults if f.belt == verdict.belt and f.significant}
+        wanted = set(own.wanted) if own else set()
+        rightly = wanted | ({"delay"} if fault == "delay" else set())
         judged = {one.name: one for one in verdict.judged}
-        within = [
-            judged[name].low <= size <= judged[name].high for name in wanted if name in judged
-        ]
+        sized = [judged[name] for name in sorted(wanted & set(judged))]
         totals = [judged[f"{TOTAL} of {name}"] for name in QUANTITIES]
-        above = sum(bool(one.low <= true) for one, true in zip(totals, total, strict=True))
-        below = sum(bool(one.high >= true) for one, true in zip(totals, total, strict=True))
-        outcomes.append(
-            PlateOutcome(
-                case,
-                found=bool(wanted) and significant.issuperset(wanted),
-                invented=tuple(sorted(significant - set(wanted) - _same(fault))),
-                sized=(sum(within), len(within)),
-                totals=(above, below, len(totals)),
-                verdict=verdict.answer,
-                truth=true_verdict(fault, size, verdict.belt),
-            )
+        true = true_totals(errors, verdict.belt)
+        rows.append(
+            {
+                "fault": fault,
+                "of its limit": share,
+                "found": bool(wanted) and significant >= wanted,
+                "invented": len(significant - rightly),
+                "sized": sum(one.low <= size <= one.high for one in sized),
+                "sizes": len(sized),
+                "below": sum(one.low <= value for one, value in zip(totals, true, strict=True)),
+                "above": sum(one.high >= value for one, value in zip(totals, true, strict=True)),
+                "totals": len(totals),
+                "verdict": verdict.answer,
+                "truth": true_verdict(own, size, verdict.belt),
+            }
         )
-    return outcomes
-
-
-def _same(fault: Fault | None) -> set[str]:
-    """Give other names under which a fault is rightly found."""
-    return {"delay"} if fault is not None and fault.name == "delay" else set()
+    return pd.DataFrame(rows)
 
 
 def true_verdict(fault: Fault | None, size: float, belt: str) -> Answer:
@@ -259,3 +218,57 @@ def true_totals(errors: PlateErrors, belt: str) -> Array:
         truth = load[3:] - np.cross(place, load[:3])
         off.append(np.hstack([got[:, :3] - load[:3], pressure, above - truth]))
     return np.asarray(np.sqrt(np.mean(np.square(off), axis=(0, 1))))
+
+
+def report(done: pd.DataFrame, perfect: pd.DataFrame) -> str:
+    """Give one row per fault and size, and what all plates have in common."""
+    right = done.verdict == done.truth
+    untold = ~right & (done.verdict == "cannot be told")
+    counted = done.assign(right=right, untold=untold, plates=1)
+    sums = ["found", "sized", "sizes", "right", "untold", "plates"]
+    rows = counted.groupby(["fault", "of its limit", "truth"], sort=False)[sums].sum()
+    bad = done[done.truth != "fit"]
+    share = done[["sized", "sizes", "above", "below", "totals"]].sum()
+    lines = [
+        markdown(rows.reset_index(), digits=1),
+        f"Within their 95 % intervals: {share.sized} of {share.sizes} sizes. Of the "
+        f"{share.totals} true total errors, {share.above} are below the upper bounds and "
+        f"{share.below} above the lower ones. Of {len(bad)} plates that are not fit as they are, "
+        f"{(bad.verdict == 'fit').sum()} were called fit. {(done.invented > 0).sum()} plates have "
+        "a fault found that they do not have.",
+    ]
+    for words, alike in perfect.groupby("recordings"):
+        lines.append(
+            f"Without a fault, {words}: {(alike.verdict == 'fit').sum()} of {len(alike)} are fit, "
+            f"for {(alike.verdict == 'cannot be told').sum()} it cannot be told; "
+            f"{(alike.invented > 0).sum()} have a fault that differs significantly from none."
+        )
+    return "\n\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m tests.campaign.plates", description=__doc__)
+    parser.add_argument("--seeds", type=int, default=5, help="of noise, for each fault and size")
+    parser.add_argument("--workers", type=int, default=1, help="how many studies at a time")
+    given = parser.parse_args()
+    start, done = time.monotonic(), []
+    with Pool(given.workers) as pool:
+        parts = []
+        for standard, count, words in (
+            (False, PERFECT, "24 recordings"),
+            (True, STANDARD_STUDIES, "the thesis' 72 recordings"),
+        ):
+            none = partial(faulty, "none", 0.0, standard=standard)
+            parts += [each.assign(recordings=words) for each in pool.imap(none, range(count))]
+        perfect = pd.concat(parts)
+        for seed in range(given.seeds):
+            cases = [(fault.name, share, seed) for fault, share in product(FAULTS, SIZES)]
+            done += pool.starmap(faulty, cases, 1)
+            minutes = (time.monotonic() - start) / 60
+            used = f"--seeds {seed + 1}`, {minutes:.0f} minutes, {given.workers} at a time."
+            text = f"`python -m tests.campaign.plates {used}\n\n{report(pd.concat(done), perfect)}"
+            renew("plates.md", "campaign", text)
+
+
+if __name__ == "__main__":
+    main()

@@ -19,16 +19,19 @@ from pipeline.io.axes import parse_axes
 from pipeline.io.c3d.force_plates import plate_axes
 from pipeline.io.recording import Plate
 from pipeline.io.stated import Stated
+from pipeline.io.streams import AXES, Channel, parse_xml
 from pipeline.io.units import length_in_m
-from pipeline.io.xdf.channels import AXES, Channel, parse_xml
-from pipeline.live.outlet import import_extra
-from pipeline.live.sources.description import (
+from pipeline.live.output import import_extra
+from pipeline.live.stream import (
+    LAB_AXES,
     Convert,
+    Samples,
+    StatedPlate,
+    StreamDescription,
     describe_markers,
     describe_signals,
     require_same,
 )
-from pipeline.live.stream import LAB_AXES, Samples, StatedPlate, StreamDescription
 
 MAX_CORNER_ERROR_M: Final = 0.02
 """Corners that are measured miss a rectangle by millimetres, those in no order by decimetres."""
@@ -122,7 +125,7 @@ class Packets:
     """What the program sends by its parameters in XML, and its packets as samples.
 
     A ValueError says that parameters are broken, name no markers or state no rate, or as
-    `pipeline.live.sources.description.describe_markers`.
+    `pipeline.live.stream.describe_markers`.
     """
 
     def __init__(self, written: bytes, stated: Stated) -> None:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.io.xdf.clock import find_clock
+from pipeline.io.streams import find_clock
 
 
 @settings(deadline=None, max_examples=100)

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from hbm.spatial import shift_wrench
-from pipeline.cli.simulate import demo
+from pipeline.cli.study import demo
 from pipeline.config.study import read_study
 from pipeline.run.load import collect
 from pipeline.trial.ground.laboratory import Laboratory

@@ -15,13 +15,12 @@ from hbm.kernels.native import kernels
 from hbm.model import Body
 from hbm.plausibility.outliers import MarkerTracker
 from hbm.signals.filtering import RealtimeFilter
-from hbm.spatial import Array, Mask, shift_wrench
+from hbm.spatial import Array, Indices, Mask, shift_wrench
 from hbm.spelling import listed
 from pipeline.config.live import Live
 from pipeline.config.schema import Settings
 from pipeline.io.recording import Plate
-from pipeline.live.frames.channels import AnalogStreams, SampleBuffer
-from pipeline.live.frames.ground import LiveGround, Pose
+from pipeline.live.ground import AnalogStreams, LiveGround, Pose, SampleBuffer
 from pipeline.live.stream import Samples, StreamDescription
 from pipeline.trial.checks import LEGS, MAX_UNSEEN_PELVIS_S
 from pipeline.trial.gait.carried import PLACES, Feet, Support
@@ -155,7 +154,7 @@ class LiveChain:
     --------
     >>> import pipeline
     >>> from pipeline.config.schema import Treadmill
-    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
     >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
     >>> walk = pipeline.read_c3d("walk.c3d")
     >>> body = pipeline.process_recording(walk, pipeline.Subject(), Settings()).body
@@ -365,7 +364,7 @@ class LiveChain:
             platform=platform,
         )
 
-    def _feet_on_plates(self, wrenches: Array, feet: Array) -> tuple[Array, bool]:
+    def _feet_on_plates(self, wrenches: Array, feet: Array) -> tuple[Indices, bool]:
         """Give the foot of each plate, 0 left and 1 right, (P,), and whether one is uncertain.
 
         Wrenches of the plates, (P, 6) [N, N·m], and middles of the feet, (2, 3) [m], are in the

@@ -1,0 +1,488 @@
+"""Streams of samples, as XDF holds and Lab Streaming Layer sends them: channels, plates, clocks.
+
+The conventions are those of XDF's meta-data (https://github.com/sccn/xdf/wiki), which Lab Streaming
+Layer shares. Samples have a constant rate, but their time stamps scatter, and some are missing.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import numpy as np
+from scipy.ndimage import median_filter, minimum_filter1d
+
+from hbm.notes import Note
+from hbm.spatial import Array
+from hbm.spelling import listed, printable, short
+from pipeline.io.labels import marker_columns
+from pipeline.io.recording import Plate
+from pipeline.io.stated import Stated
+from pipeline.io.units import force_in_n, moment_in_nm
+
+MOCAP: Final = "mocap"
+"""Content type of motion capture, in whatever case."""
+POSITION: Final = re.compile(r"Position([XYZ])", re.IGNORECASE)
+"""Type of a channel that holds a coordinate of a position."""
+COORDINATE: Final = re.compile(r"(.+?)[._ -](?:Pos)?([XYZ])", re.IGNORECASE)
+"""Label of a marker's channel, such as LASIS_X or LASIS.PosX."""
+AXES: Final = "XYZ"
+CONTROL: Final = re.compile(
+    r"[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]"
+    r"|&#(0*([0-8]|1[124-9]|2\d|3[01])|x0*([0-8bcef]|1[\da-f]));",
+    re.IGNORECASE,
+)
+"""Characters that XML may not hold, as they are or by their number."""
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One channel; what its description does not state is empty.
+
+    Attributes
+    ----------
+    label, unit
+        As the sender writes them.
+    type
+        What it holds, such as "PositionX".
+    marker, plate
+        The marker or the number of the plate that it is of.
+    """
+
+    label: str
+    unit: str = ""
+    type: str = ""
+    marker: str = ""
+    plate: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class MarkerLayout:
+    """Where the coordinates of markers are among the channels of a stream.
+
+    Attributes
+    ----------
+    names
+        Of the M markers.
+    columns
+        Columns of x, y and z of each marker, (3 M,).
+    metre, unit
+        One of the channels' unit [m], and that unit as the sender writes it.
+    notes
+        On labels.
+    """
+
+    names: tuple[str, ...]
+    columns: tuple[int, ...]
+    metre: float
+    unit: str
+    notes: Sequence[Note]
+
+    def positions(self, values: Array) -> Array:
+        """Give marker positions, (N, 3 M) [m], from samples of all channels, (N, K).
+
+        A marker at exactly the origin was not seen, as most programs write it; it becomes NaN.
+        """
+        position = np.take(values, self.columns, axis=1).astype(float, copy=False)
+        position *= self.metre
+        of_marker = position.reshape(len(position), -1, 3)
+        of_marker[~of_marker.any(axis=-1)] = np.nan
+        return position
+
+
+def parse_xml(text: str) -> Element:
+    """Parse what a stream says of itself, with "?" in place of control characters; a ValueError."""
+    try:
+        return ElementTree.fromstring(CONTROL.sub("?", text))
+    except ElementTree.ParseError as error:
+        raise ValueError(f"its description is no XML: {error}; correct it in the sender") from error
+
+
+def parse_channels(info: Element, count: int) -> tuple[Channel, ...]:
+    """Give the channels of a stream.
+
+    Parameters
+    ----------
+    info
+        The stream's description, whose root is ``info``.
+    count
+        How many channels it sends.
+
+    Returns
+    -------
+    tuple of Channel
+        One per channel sent; where no channel is described, their labels are numbers from 1.
+
+    Raises
+    ------
+    ValueError
+        Another number of channels is described than is sent.
+
+    Examples
+    --------
+    >>> from xml.etree.ElementTree import fromstring
+    >>> channel = "<channel><label>Fz</label><unit>kN</unit></channel>"
+    >>> info = fromstring(f"<info><desc><channels>{channel}</channels></desc></info>")
+    >>> parse_channels(info, 1)
+    (Channel(label='Fz', unit='kN', type='', marker='', plate=''),)
+    """
+    described = info.findall("desc/channels/channel")
+    if not described:
+        return tuple(Channel(str(number)) for number in range(1, count + 1))
+    if len(described) != count:
+        raise ValueError(f"it describes {len(described)} channels, but sends {count}")
+    return tuple(
+        Channel(
+            *(
+                printable((channel.findtext(part) or "").strip())
+                for part in ("label", "unit", "type", "marker", "plate")
+            )
+        )
+        for channel in described
+    )
+
+
+def has_markers(content_type: str, channels: Sequence[Channel]) -> bool:
+    """Whether a stream holds positions of markers, by its content type or its channels' types."""
+    by_label = content_type.lower() == MOCAP and any(
+        COORDINATE.fullmatch(c.label) for c in channels
+    )
+    return by_label or any(POSITION.fullmatch(c.type) for c in channels)
+
+
+def marker_layout(channels: Sequence[Channel], stated: Stated) -> MarkerLayout:
+    """Find the coordinates of markers among the channels of a stream.
+
+    Parameters
+    ----------
+    channels
+        Of the stream.
+    stated
+        What a person states about it: units, labels to rename, the prefix of the subject.
+
+    Returns
+    -------
+    MarkerLayout
+        Markers in the order of the channels. Channels of type PositionX, PositionY and PositionZ
+        belong to the marker that they name, or that their label names; where no type is stated,
+        labels such as LASIS_X and LASIS.PosX count. Positions of rigid bodies do not count where
+        markers are named.
+
+    Raises
+    ------
+    ValueError
+        There are no such channels, a coordinate is absent or doubled, units are unknown or differ,
+        or the labels fault as `pipeline.io.labels.marker_columns` says.
+    """
+    found = _coordinates(channels)
+    if not found:
+        raise ValueError(
+            "no markers: no channel of type PositionX and no label such as LASIS_X; labels there: "
+            f"{listed([channel.label for channel in channels][:5])}"
+        )
+    stems = list(dict.fromkeys(stem for stem, _ in found))
+    if absent := [(stem, axis) for stem in stems for axis in AXES if (stem, axis) not in found]:
+        stem, axis = absent[0]
+        raise ValueError(f"marker {short(stem)!r} has no channel for {axis}")
+    units = dict.fromkeys(channels[k].unit for k in found.values())
+    if len(units) > 1:
+        raise ValueError(f"the markers' channels have several units: {listed(units)}")
+    (unit,) = units
+    metre = stated.metre(unit)
+    markers, notes = marker_columns(stems, stated)
+    columns = tuple(found[stems[k], axis] for k in markers.values() for axis in AXES)
+    return MarkerLayout(tuple(markers), columns, metre, unit, notes)
+
+
+def si_units(channels: Sequence[Channel]) -> tuple[tuple[str, ...], Array]:
+    """Give the channels' units with forces in N and moments in N·m, and the factors to them, (K,).
+
+    Examples
+    --------
+    >>> units, factors = si_units([Channel("Fz", "kN"), Channel("Mx", "Nmm"), Channel("A", "V")])
+    >>> units, factors.tolist()
+    (('N', 'N·m', 'V'), [1000.0, 0.001, 1.0])
+    """
+    converted = [_si_unit(channel.unit) for channel in channels]
+    return tuple(unit for unit, _ in converted), np.array([factor for _, factor in converted])
+
+
+def _si_unit(unit: str) -> tuple[str, float]:
+    for si, convert in (("N", force_in_n), ("N·m", moment_in_nm)):
+        try:
+            return si, convert(unit)
+        except ValueError:
+            continue
+    return unit, 1.0
+
+
+def _coordinates(channels: Sequence[Channel]) -> dict[tuple[str, str], int]:
+    """Give marker and axis -> column."""
+    typed = any(POSITION.fullmatch(channel.type) for channel in channels)
+    named = any(channel.marker for channel in channels)
+    found: dict[tuple[str, str], int] = {}
+    for k, channel in enumerate(channels):
+        label = COORDINATE.fullmatch(channel.label)
+        axis = POSITION.fullmatch(channel.type) if typed else label
+        if axis is None or (typed and named and not channel.marker):
+            continue
+        stem = channel.marker or (label[1] if label else channel.label)
+        key = stem, axis[axis.re.groups].upper()
+        if key in found:
+            raise ValueError(f"marker {short(stem)!r} has several channels for {key[1]}")
+        found[key] = k
+    return found
+
+
+COMPONENTS: Final = ("ForceX", "ForceY", "ForceZ", "MomentX", "MomentY", "MomentZ")
+"""Types of a plate's channels: action on the subject about the centre of its surface."""
+PLACE: Final = {"corners": (4, 3), "rotation": (3, 3), "center": (3,)}
+"""What a description states of a plate's place, in the axes of the markers [m] -> its shape."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlateChannels:
+    """One plate: where its channels are and where it lies.
+
+    Attributes
+    ----------
+    number
+        From 1.
+    columns
+        Of Fx Fy Fz Mx My Mz in the plate's axes, (6,).
+    factors
+        One of their units in N and N·m, (6,).
+    corners, rotation, center
+        As in `pipeline.io.recording.Plate`.
+    """
+
+    number: int
+    columns: tuple[int, ...]
+    factors: Array
+    corners: Array
+    rotation: Array
+    center: Array
+
+    def plate(self, time: Array, values: Array, to_lab: Array) -> Plate:
+        """Make the plate from samples of all channels, (N, K).
+
+        ``to_lab`` turns the axes in which its place is stated to the lab's, (3, 3).
+        """
+        return Plate(
+            self.number,
+            time,
+            values[:, list(self.columns)] * self.factors,
+            to_lab @ self.rotation,
+            to_lab @ self.center,
+            self.corners @ to_lab.T,
+        )
+
+
+def find_plates(
+    info: Element, channels: Sequence[Channel]
+) -> tuple[list[PlateChannels], dict[str, str]]:
+    """Find the plates of a stream whose six channels and place are described.
+
+    Parameters
+    ----------
+    info
+        The stream's description.
+    channels
+        Its channels; those of a plate have its number and one of the types ``COMPONENTS``.
+
+    Returns
+    -------
+    plates
+        Those that are complete.
+    left_out
+        Number of each of the others, as it is written -> why.
+    """
+    found: dict[str, dict[str, int]] = {}
+    for k, channel in enumerate(channels):
+        if channel.plate and channel.type in COMPONENTS:
+            found.setdefault(channel.plate, {})[channel.type] = k
+    places = {(p.findtext("number") or "").strip(): p for p in info.findall("desc/plates/plate")}
+    plates, left_out = [], {}
+    for number, columns in found.items():
+        try:
+            place = _place(places[number]) if number in places else None
+            if place is None:
+                raise ValueError("the stream does not state its place (desc/plates/plate)")
+            if absent := [name for name in COMPONENTS if name not in columns]:
+                raise ValueError(f"it has no channel for {listed(absent)}")
+            if not number.isdecimal():
+                raise ValueError("its number is no number")
+            of_plate = [columns[component] for component in COMPONENTS]
+            units, factors = si_units([channels[k] for k in of_plate])
+            if units != ("N",) * 3 + ("N·m",) * 3:
+                raise ValueError(f"its units are {listed(units)}, expected N and N·m")
+        except ValueError as error:
+            left_out[number] = str(error)
+            continue
+        plates.append(PlateChannels(int(number), tuple(of_plate), factors, *place))
+    return plates, left_out
+
+
+def _place(described: Element) -> tuple[Array, Array, Array]:
+    """Give corners, rotation and centre of a plate."""
+    found = []
+    for part, shape in PLACE.items():
+        words = (described.findtext(part) or "").split()
+        try:
+            numbers = np.array(words, float).reshape(shape)
+        except ValueError:
+            raise ValueError(f"its {part} are not {np.prod(shape)} numbers") from None
+        if part != "corners" and not np.isfinite(numbers).all():
+            raise ValueError(f"its {part} has numbers that are not finite")
+        if part == "rotation" and not np.allclose(numbers @ numbers.T, np.eye(3), atol=1e-6):
+            raise ValueError("its rotation is no rotation")
+        found.append(numbers)
+    corners, rotation, center = found
+    return corners, rotation, center
+
+
+NEIGHBOURS: Final = 5
+"""Of so many stamps, the median shows which one is out of order."""
+OUT_OF_ORDER_FRAMES: Final = 1.5
+"""One stamp that is out of order moves the median by one frame."""
+USUAL_HZ: Final = 100.0
+MAX_RATE_DIFFERENCE: Final = 0.02
+"""Relative; beyond it the nominal rate is not that of the samples."""
+MIN_BURST_S: Final = 0.25
+"""Within it, some sample is stamped without delay."""
+MAX_DROPPED_RATIO: Final = 2
+"""Frames spanned per sample held: with more dropped, this is not one recording."""
+MAX_GAP_FRAMES: Final = 10**9
+MAX_SCATTER_FRAMES: Final = 50
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """Which frame each sample is, and when.
+
+    Attributes
+    ----------
+    index
+        Frame of each sample, from 0, increasing, (N,).
+    rate_hz, start_s
+        Frame k is at ``start_s + k / rate_hz``.
+    scatter_s
+        Standard deviation of the time stamps about that.
+    """
+
+    index: Array
+    rate_hz: float
+    start_s: float
+    scatter_s: float
+
+    @property
+    def frames(self) -> int:
+        """Number of frames, dropped ones included."""
+        return int(self.index[-1]) + 1
+
+    @property
+    def time(self) -> Array:
+        """Times of all frames, (frames,) [s]."""
+        return self.start_s + np.arange(self.frames) / self.rate_hz
+
+    def on_frames(self, values: Array) -> Array:
+        """Give samples, (N, K), at every frame, (frames, K); NaN where one was dropped."""
+        if self.frames == len(values):
+            return values
+        held = np.full((self.frames, values.shape[1]), np.nan)
+        held[self.index] = values
+        return held
+
+
+def find_clock(stamps: Array, nominal_hz: float) -> Clock:
+    """Find the constant rate of samples, and which are missing, from their time stamps.
+
+    Parameters
+    ----------
+    stamps
+        (N,) [s], N ≥ 2.
+    nominal_hz
+        The rate that the sender states; 0 where it states none.
+
+    Returns
+    -------
+    Clock
+        The rate is that of a straight line through all stamps.
+
+    Raises
+    ------
+    ValueError
+        The stamps do not advance, scatter over many frames, or most frames are missing.
+
+    Notes
+    -----
+    A stamp may be late, but not early: of the stamps of a quarter of a second some are on time.
+    Where even these come later by a whole number of frames, and stay so, frames were dropped.
+    Single stamps that are out of order by more than two frames do not count.
+
+    Examples
+    --------
+    Ten seconds at 100 Hz, of which the frames 300 to 304 are missing:
+
+    >>> import numpy as np
+    >>> frames = np.delete(np.arange(1000), slice(300, 305))
+    >>> clock = find_clock(7.0 + frames / 100, 100.0)
+    >>> clock.frames, round(clock.rate_hz, 6), bool(np.all(clock.index == frames))
+    (1000, 100.0, True)
+    """
+    period = _period(stamps, nominal_hz)
+    stamps = _in_order(stamps, period)
+    index = _frames(stamps, max(period / 2, _slope(stamps, _frames(stamps, period))))
+    if index[-1] + 1 > MAX_DROPPED_RATIO * len(stamps):
+        raise ValueError(f"its times span {index[-1] + 1} frames, but it holds {len(stamps)}")
+    slope = _slope(stamps, index)
+    if not slope > 0:
+        raise ValueError("its time stamps do not advance")
+    residual = stamps - index * slope
+    start = float(np.median(residual))
+    scatter = float(np.std(residual))
+    if scatter > MAX_SCATTER_FRAMES * slope:
+        raise ValueError(f"its time stamps scatter by {scatter:.3g} s about a constant rate")
+    return Clock(index, 1 / slope, start, scatter)
+
+
+def _in_order(stamps: Array, period: float) -> Array:
+    """Give stamps with those between their neighbours that are out of order, (N,) [s]."""
+    usual = median_filter(stamps, NEIGHBOURS, mode="nearest")
+    right = np.abs(stamps - usual) < OUT_OF_ORDER_FRAMES * period
+    if right.all() or np.count_nonzero(right) < 2:
+        return stamps
+    k = np.arange(len(stamps))
+    return np.where(right, stamps, np.interp(k, k[right], stamps[right]))
+
+
+def _frames(stamps: Array, period: float) -> Array:
+    """Give the frame of each sample, (N,), from the time per frame [s]."""
+    count = len(stamps)
+    window = max(2, round(min(MIN_BURST_S / period, count)))
+    lag = stamps - np.arange(count) * period
+    on_time = minimum_filter1d(lag, window, mode="nearest", origin=-(window // 2))
+    steps = np.rint(np.diff(on_time) / period)
+    dropped = np.clip(steps, 0, MAX_GAP_FRAMES).astype(int)
+    return np.asarray(np.arange(count) + np.concatenate([[0], np.cumsum(dropped)]))
+
+
+def _slope(stamps: Array, index: Array) -> float:
+    """Give the time per frame by a straight line through all time stamps [s]."""
+    offset = index - index.mean()
+    return float(offset @ (stamps - stamps.mean()) / (offset @ offset))
+
+
+def _period(stamps: Array, nominal_hz: float) -> float:
+    """Give the time per frame [s]: the nominal one where stamps agree with it."""
+    count = len(stamps)
+    step = max(1, min(round(MIN_BURST_S * (nominal_hz or USUAL_HZ)), count // 4))
+    usual = float(np.median(stamps[step:] - stamps[:-step])) / step
+    mean = float(stamps[-1] - stamps[0]) / (count - 1)
+    if not mean > 0 or not usual > 0:
+        raise ValueError("its time stamps do not advance")
+    single = float(np.median(np.diff(stamps)))  # of samples that do not come in bursts
+    near = (abs(each * nominal_hz - 1) < MAX_RATE_DIFFERENCE for each in (single, usual, mean))
+    return 1 / nominal_hz if any(near) else min(usual, mean)

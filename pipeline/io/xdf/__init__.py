@@ -1,1 +1,0 @@
-"""XDF files; the descriptions of streams, which they share with Lab Streaming Layer."""

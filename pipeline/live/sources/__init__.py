@@ -1,1 +1,0 @@
-"""Where live samples come from: Lab Streaming Layer, Qualisys; one module each."""

@@ -1,1 +1,0 @@
-"""Static and dynamic models of a flexible treadmill, judged on motion of other kinds."""

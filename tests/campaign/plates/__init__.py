@@ -1,1 +1,0 @@
-"""Campaign of force plates with known faults."""

@@ -1,1 +1,0 @@
-"""Which end points de Leva's upper trunk has: choices compared on real recordings."""
