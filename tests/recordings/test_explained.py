@@ -28,7 +28,9 @@ def explained(read, folder, plate_delay_s=None):
 
 
 def advice_of_delay(explanation):
-    return [own.action for own in explanation.mending if own.cause == LATE]
+    """The line to state, of the sentence."""
+    said = [own.action for own in explanation.mending if own.cause == LATE]
+    return [action.partition("; ")[2].removesuffix(".") for action in said]
 
 
 def test_causes_found_in_half_of_the_cycles_hold_in_the_other(shared_data):
