@@ -18,6 +18,14 @@ Quantity = Literal["force", "moment", "pressure"]
 CONVERT: Final = {"force": force_in_n, "moment": moment_in_nm, "pressure": length_in_m}
 STATE_UNITS: Final = 'state it: --units mm, or units = "mm" in study.toml'
 STATE_PLATE_UNITS: Final = 'state them: --plate-units N,Nmm, or plate_units = "N,Nmm" in study.toml'
+RAW_SIGNALS: Final = dict.fromkeys(("v", "mv", "uv", "volt", "volts"), "volts") | dict.fromkeys(
+    ("adc", "adu", "bit", "bits", "count", "counts"), "numbers of the converter"
+)
+"""Unit of a plate's channel before its calibration, in lower case -> what the channel holds."""
+ASK_FOR_GAINS: Final = (
+    "export forces and moments, or ask the laboratory for the plate's calibration matrix and gains "
+    "(FORCE_PLATFORM:CAL_MATRIX, TYPE 4); if the numbers are forces, state --plate-units N,Nmm"
+)
 MIN_SPAN_M: Final = 0.05
 MAX_SPAN_M: Final = 20.0
 """Between the markers of a person and a treadmill, or of a walkway."""
@@ -104,6 +112,8 @@ class Stated:
             written = unit if _is_length(unit) else length_of_moment(moment)
             length = pressure[0] if pressure else written
             unit = {"force": force, "moment": moment, "pressure": length}[quantity]
+        if raw := RAW_SIGNALS.get(unit.strip().lower()):
+            raise ValueError(f"it holds {raw} ({short(unit)}), not a {quantity}; {ASK_FOR_GAINS}")
         try:
             return CONVERT[quantity](unit)
         except ValueError as error:

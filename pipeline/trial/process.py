@@ -21,7 +21,6 @@ from pipeline.config.toml_file import read_segments
 from pipeline.io.recording import Event, Recording
 from pipeline.trial.checks import check_markers, check_motion, check_plates, other_person
 from pipeline.trial.gait.contact import contact_notes
-from pipeline.trial.gait.cycles import found_cycles
 from pipeline.trial.gait.detection import detect_events, foot_motion, plate_events
 from pipeline.trial.gait.events import check_events, reference_events
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
@@ -47,6 +46,7 @@ from pipeline.trial.study_files import (
 )
 from pipeline.trial.subject import (
     ON_PLATES,
+    BodyMass,
     body_mass,
     carried_mass,
     differing_masses,
@@ -91,9 +91,9 @@ def process_recording(
     laboratory
         The treadmill and its calibrations; by default one that stands still.
     condition
-        What counts: which gait cycles, the recording, or a span of it; by default all cycles of the
-        right foot, or of the left one if the right has none, and the whole recording where there is
-        none.
+        What counts: gait cycles, steps, stances, the recording, or a span of it; by default all
+        cycles of the right foot, or of the left one if the right has none; where there is none
+        steps, else stances, else the whole recording.
     contacts
         Whose foot was on a plate, where a person knows better.
     jobs
@@ -123,16 +123,13 @@ def process_recording(
     '74.6 kg, 3 gait cycles'
     """
     laboratory, notes = laboratory or Laboratory(Treadmill()), list[Note]()
-    _require_plates(recording)
     choose_engine(settings.engine)
     recording = with_corrected_plates(recording, laboratory.plates)
     standing = with_corrected_plates(static, laboratory.plates) if static else recording
     notes += recording.notes
 
     # body: segments and joints from the calibration pose, scaled by mass and stature
-    if marker_set is None and settings.marker_set is None:
-        marker_set = recognise_marker_set(standing.markers.names)
-    mass = body_mass(subject, standing, recording)
+    mass = _body_mass(recording, standing, subject, settings, marker_set)
     body = subject_body(
         standing,
         subject,
@@ -179,7 +176,9 @@ def process_recording(
         notes,
         settings.min_valid_share,
     )
-    carried_kg = carried_mass(motion.time, loads.measured, counted.usable, counts)
+    carried_kg = carried_mass(
+        motion.time, loads.measured, counted.usable if counted.unit == "cycle" else {}, counts
+    )
     notes += differing_masses(mass.known_kg, carried_kg)
     delay_s, delay_uncertainty_s = plate_delay(loads, ground.best, counts, settings, notes)
     if static is not None:
@@ -200,7 +199,8 @@ def process_recording(
         platform=ground.pose,
         events=events,
         cycles=counted.cycles,
-        found_cycles=found_cycles(events, counted.cycles),
+        unit=counted.unit,
+        found_cycles=counted.found,
         span=counted.span,
         quality=quality,
         onsets=counted.onsets,
@@ -285,12 +285,32 @@ def process_trial(
         )
 
 
-def _require_plates(recording: Recording) -> None:
+def _body_mass(
+    recording: Recording,
+    standing: Recording,
+    subject: Subject,
+    settings: Settings,
+    marker_set: MarkerSet | None,
+) -> BodyMass:
+    """Give the body mass, or say all at once that the trial lacks: labels, plates, mass."""
+    faults, mass = list[str](), None
+    if marker_set is None and settings.marker_set is None:
+        try:
+            recognise_marker_set(standing.markers.names)
+        except ValueError as unknown:
+            faults.append(f"{standing.source.name}: {unknown}")
     if not recording.plates:
-        raise ValueError(
+        faults.append(
             f"{recording.source.name}: {recording.why_no_plates}; residuals need the ground "
             "reaction wrench (FORCE_PLATFORM group, or a second file with forces)"
         )
+    try:
+        mass = body_mass(subject, standing, recording)
+    except ValueError as missing:
+        faults.append("the mass is missing too (--mass-kg)" if faults else str(missing))
+    if mass is None or faults:
+        raise ValueError("; ".join(faults))
+    return mass
 
 
 def _events(
