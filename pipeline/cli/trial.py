@@ -205,8 +205,7 @@ def _explain_results(request: TrialRequest, out: Path | None, jobs: int) -> int:
     for job in planned:
         explanation = up_to_date(job.target, job.key)
         if explanation:
-            sizes, mending, *_ = explanation.lines()
-            console.say(f"{job.name}: {sizes} {mending}")
+            console.say(f"{job.name}: {next(explanation.lines())}")
     console.say(f"{counts_of(finished, 'explained')}; next: hbm report {folder}")
     return int(any(outcome.failure is not None for outcome in finished))
 
