@@ -13,6 +13,7 @@ from hbm.calibration_pose.anatomy import (
     HipRule,
     LimbMeasures,
     Measures,
+    MissingLandmark,
     straight_elbows,
 )
 from hbm.calibration_pose.landmarks import locate_anatomy, stand_trunk
@@ -35,7 +36,7 @@ from hbm.segments import (
     segment_inertia,
 )
 from hbm.spatial import Array, Indices, distance
-from hbm.spelling import differing_case, listed
+from hbm.spelling import listed
 
 __all__ = ["Body", "build_body"]
 
@@ -150,10 +151,18 @@ def build_body(
     calibration = _take(static_markers, used, frames)
     poses = [dict(zip(used, p, strict=True)) for p in calibration.position]
     poses = [{name: p for name, p in at.items() if not np.isnan(p[0])} for at in poses]
-    anatomies = [
-        locate_anatomy({mark: at[n] for mark, n in landmark.items() if n in at}, measures)
-        for at in poses
-    ]
+    try:
+        anatomies = [
+            locate_anatomy({mark: at[n] for mark, n in landmark.items() if n in at}, measures)
+            for at in poses
+        ]
+    except MissingLandmark as error:
+        labels = [chosen.landmark[name] for name in error.names if name in chosen.landmark]
+        wanted = f" with {', '.join(labels)}" if labels else " that has them"
+        raise ValueError(
+            f"{error}; give a static recording{wanted} (--static), or rename markers (--rename); "
+            f"the set is {chosen.name}"
+        ) from error
     by_legs_m = float(np.mean([_stature(a) for a in anatomies]))
     if not MIN_STATURE_M <= by_legs_m <= MAX_STATURE_M:
         raise ImplausibleLegs(
@@ -223,12 +232,11 @@ def _marker_set(marker_set: str | MarkerSet | None, markers: Markers) -> MarkerS
         chosen = marker_sets()[marker_set]
     else:
         raise ValueError(f"no marker set {marker_set!r}; known: {', '.join(marker_sets())}")
-    known = [label for marker in chosen.markers for label in marker.labels]
-    if set(known).isdisjoint(markers.names):
+    if not chosen.present(markers.names).markers:
         raise ValueError(
-            f"none of the {len(known)} labels of marker set {chosen.name!r} is in the recording, "
-            f"which has {listed(markers.names)}{differing_case(markers.names, known)}; correct "
-            "the set's labels, or choose another set"
+            f"none of the {len(chosen.markers)} markers of set {chosen.name!r} is in the "
+            f"recording, which has {listed(markers.names)}; correct the set's labels, or choose "
+            "another set"
         )
     return chosen
 

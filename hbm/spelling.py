@@ -57,15 +57,6 @@ def did_you_mean(word: object, known: Iterable[str]) -> str:
     return f", did you mean {short(close[0])!r}?" if close else ""
 
 
-def differing_case(names: Iterable[str], known: Iterable[str]) -> str:
-    """Say how many names differ from known ones only in upper and lower case, or nothing."""
-    by_letters = {name.casefold(): name for name in known}
-    pairs = [(name, by_letters.get(name.casefold(), name)) for name in names]
-    differ = [f"{name!r} for {other}" for name, other in pairs if name != other]
-    verb = "differs" if len(differ) == 1 else "differ"
-    return f"; {len(differ)} {verb} in case only, such as {differ[0]}" if differ else ""
-
-
 def no_segment(name: object, known: Iterable[str]) -> str:
     """Say that a segment is none of those known here, and what to write instead.
 

@@ -109,14 +109,26 @@ class Anatomy:
     notes: list[Note] = field(default_factory=list)
 
 
-def need(landmarks: Mapping[str, Array], *names: str, purpose: str, instead: str) -> list[Array]:
-    """Give landmarks, or raise a ValueError that names the missing and what would replace them."""
+class MissingLandmark(ValueError):
+    """No marker shows landmarks that the body needs; ``names`` are these landmarks."""
+
+    def __init__(self, purpose: str, names: list[str], instead: str | None) -> None:
+        several = "s" * (len(names) > 1)
+        other = f" (or {instead})" if instead else ""
+        super().__init__(
+            f"{purpose} needs the landmark{several} {', '.join(names)}{other}, which no marker "
+            "shows in the calibration pose"
+        )
+        self.names = names
+
+
+def need(
+    landmarks: Mapping[str, Array], *names: str, purpose: str, instead: str | None
+) -> list[Array]:
+    """Give landmarks, or raise `MissingLandmark` with the missing and what would replace them."""
     missing = [name for name in names if name not in landmarks]
     if missing:
-        raise ValueError(
-            f"{purpose} needs the landmark{'s' * (len(missing) > 1)} {', '.join(missing)}, which "
-            f"no marker shows in the calibration pose; {instead} would do instead"
-        )
+        raise MissingLandmark(purpose, missing, instead)
     return [landmarks[name] for name in names]
 
 
@@ -138,7 +150,7 @@ def locate_hinge(
     """
     lateral, other = names
     sign = MEDIAL_SIGN[joint.split("_", maxsplit=1)[0]]
-    purpose = f"the {joint}"
+    purpose = "the " + joint.replace("_", " ")
     if other in landmarks or half_width is None:
         outer, inner = need(landmarks, *names, purpose=purpose, instead=instead)
         center = (outer + inner) / 2
@@ -405,12 +417,17 @@ def alignment_corner(at: Mapping[str, Array], letter: str, hip: Array) -> Array 
 
 def _locate_foot(anatomy: Anatomy, at: Mapping[str, Array], side: str) -> None:
     s = SIDES[side]
-    (heel,) = need(at, s + "HEE", purpose=f"the {side} foot", instead="no other marker")
+    (heel,) = need(at, s + "HEE", purpose=f"the {side} foot", instead=None)
     ball = [at[s + name] for name in ("MT1", "MT2") if s + name in at][:1]
     ball += [at[s + "MT5"]] if s + "MT5" in at else []
     if s + "MT2" in at or len(ball) == 2:
         front = at.get(s + "MT2", np.mean(ball, axis=0))
         tip = at.get(s + "TOE", heel + FOOT_PER_HEEL_TO_MT2 * (front - heel))
+    elif s + "MTS" in at:
+        inward = anatomy.points[f"{side}_ankle"] - at[s + "LM"]
+        heel, front = heel + inward, at[s + "MTS"] + inward
+        tip = heel + FOOT_PER_HEEL_TO_MT2 * (front - heel)
+        anatomy.rules[s + "MT2"] = "foot half the ankle's width medial to its two markers"
     else:
         (front,) = need(at, s + "TOE", purpose=f"the {side} foot", instead=s + "MT2")
         tip = front

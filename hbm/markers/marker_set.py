@@ -4,7 +4,7 @@ They are tables, shipped with the package or a user's own, and are recognised by
 """
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
@@ -12,7 +12,7 @@ from itertools import groupby
 from typing import Any, Final
 
 from hbm.coordinates import LIMBS, MOVING, SIDES
-from hbm.spelling import did_you_mean, differing_case, listed, no_segment, parse_toml, short, shown
+from hbm.spelling import did_you_mean, listed, no_segment, parse_toml, short, shown
 
 _MIDLINE: Final = {
     "SACR": "sacrum, midway between the posterior superior iliac spines",
@@ -44,6 +44,7 @@ _PAIRED: Final = {
     "MT1": "head of the 1st metatarsal",
     "MT2": "head of the 2nd metatarsal",
     "MT5": "head of the 5th metatarsal",
+    "MTS": "side of the 5th metatarsal head, if the heel's marker is on its lateral side too",
     "TOE": "tip of the second toe",
     "SHO": "acromion",
     "LEE": "lateral epicondyle of the humerus",
@@ -126,7 +127,7 @@ class MarkerSet:
         Parameters
         ----------
         names
-            Labels in the recording.
+            Labels in the recording; upper and lower case are the same.
 
         Returns
         -------
@@ -142,10 +143,17 @@ class MarkerSet:
         >>> chosen.present(["LKNE", "LMEPI", "LTHI"]).landmark
         {'LLEK': 'LKNE', 'LMEK': 'LMEPI'}
         """
-        names = set(names)
-        shown = [(m, next((n for n in m.labels if n in names), None)) for m in self.markers]
+        spelt = _spelling(names)
+        shown = [(m, next(filter(None, map(spelt, m.labels)), None)) for m in self.markers]
         markers = tuple(replace(m, labels=(label,)) for m, label in shown if label is not None)
         return replace(self, markers=markers)
+
+
+def _spelling(names: Iterable[str]) -> Callable[[str], str | None]:
+    """Give a function: label of a set -> the recording's, which may differ in case, or None."""
+    names = list(names)
+    exact, folded = set(names), {name.casefold(): name for name in reversed(names)}
+    return lambda label: label if label in exact else folded.get(label.casefold())
 
 
 EITHER_SIDE: Final = "?"
@@ -223,6 +231,13 @@ def marker_sets() -> Mapping[str, MarkerSet]:
     cgm2: CGM2.3 to 2.5, full body, 47 markers
     ior_lower: Rizzoli (IOR), lower body, 20 markers
     ior: Rizzoli (IOR), lower body and trunk, 27 markers
+    rajagopal_lower: Rajagopal 2015 and Arnold 2013, pelvis and legs, 26 markers
+    rajagopal: Rajagopal 2015 and Arnold 2013, full body, 48 markers
+    gait2354: OpenSim Gait2354, Gait2392 and Hamner 2010, 43 markers
+    opencap: OpenCap, 35 markers
+    helen_hayes_lower: Helen Hayes and Cleveland Clinic, pelvis and legs, 15 markers
+    helen_hayes: Helen Hayes and Cleveland Clinic, full body, 21 markers
+    coda: Codamotion, pelvis and legs, 20 markers
     """
     text = files("hbm").joinpath("marker_sets.toml").read_text(encoding="utf-8")
     sets: dict[str, MarkerSet] = {}
@@ -319,7 +334,12 @@ def _inherited(
 MIN_SHARE_OF_PART: Final = 1 / 2
 """Of a part's markers that must be present for a set to show it: other sets share fewer labels."""
 
-REMEDY: Final = "rename them (--rename) or give a marker set of your own (--marker-set)"
+REMEDY: Final = (
+    "rename them (--rename OLD=NEW), or write a table of them (--marker-set set.toml, "
+    "docs/marker_sets.md)"
+)
+LABELS_LISTED: Final = 20
+NEAREST_LISTED: Final = 2
 
 UPPER_PARTS: Final = {"thorax": "trunk", "head": "head"} | {
     segment: "arms" for side in SIDES for segment in LIMBS[f"{side} arm"]
@@ -347,7 +367,7 @@ def recognise_marker_set(names: Iterable[str]) -> MarkerSet:
     Raises
     ------
     ValueError
-        If the labels match no set; the message names the nearest.
+        If the labels match no set; the message lists labels and the two nearest sets.
     """
     names = list(names)
     if not names:
@@ -355,17 +375,21 @@ def recognise_marker_set(names: Iterable[str]) -> MarkerSet:
     sets = marker_sets().values()
     shown = [chosen for chosen in sets if not _short_of(_lower_body(chosen), names)]
     if not shown:
-        raise ValueError(_mismatch(_nearest(sets, names), names))
+        raise ValueError(_mismatch(names))
     return _completed(_nearest(shown, names), names)
 
 
-def _nearest(sets: Iterable[MarkerSet], names: list[str]) -> MarkerSet:
+def _legs_shown(chosen: MarkerSet, names: Iterable[str]) -> int:
+    """Count the markers of pelvis and legs that are present."""
+    return sum(m.segment not in UPPER_PARTS for m in chosen.present(names).markers)
+
+
+def _nearest(sets: Iterable[MarkerSet], names: Iterable[str]) -> MarkerSet:
     """Give the set of which most is present: of pelvis and legs, then of all; else the smaller."""
 
     def fit(chosen: MarkerSet) -> tuple[int, int, int]:
-        present = chosen.present(names).markers
-        lower = [marker for marker in present if marker.segment not in UPPER_PARTS]
-        return len(lower), len(present), -len(chosen.markers)
+        present = len(chosen.present(names).markers)
+        return _legs_shown(chosen, names), present, -len(chosen.markers)
 
     return max(sets, key=fit)
 
@@ -379,23 +403,57 @@ def _short_of(markers: list[SetMarker], names: Iterable[str]) -> bool:
     return len(_absent(markers, names)) > (1 - MIN_SHARE_OF_PART) * len(markers) or not markers
 
 
-def _mismatch(nearest: MarkerSet, names: list[str]) -> str:
-    """Say what the nearest set lacks, and what to do."""
-    needed = _lower_body(nearest)
-    missing = sorted(marker.labels[0] for marker in _absent(needed, names))
-    known = [n for each in marker_sets().values() for m in each.markers for n in m.labels]
-    found = f"none of {listed(names, 4)} is a marker of pelvis or legs"
-    if len(missing) < len(needed):
-        found = (
-            f"nearest is {nearest.name!r} with {len(needed) - len(missing)} of its {len(needed)} "
-            f"markers of pelvis and legs (missing {listed(missing)})"
-        )
-    return f"the markers match no known set: {found}{differing_case(names, known)}; {REMEDY}"
+def _mismatch(names: list[str]) -> str:
+    """Say which labels there are, what the two nearest sets lack, and what to do."""
+    sets = [each for each in marker_sets().values() if _legs_shown(each, names)]
+    nearest: list[MarkerSet] = []
+    while sets and len(nearest) < NEAREST_LISTED:
+        nearest.append(_nearest(sets, names))
+        family = nearest[-1].name.removesuffix("_lower")
+        sets = [each for each in sets if each.name.removesuffix("_lower") != family]
+    lacking = "; ".join(_lacking(each, names) for each in nearest)
+    found = f"nearest: {lacking}" if nearest else "none of them is of a known set"
+    seen = f"the markers match no known set; labels: {listed(names, LABELS_LISTED)}"
+    return f"{seen}; {found}; {_renaming(names) or REMEDY}"
+
+
+def _lacking(chosen: MarkerSet, names: list[str]) -> str:
+    """Say how many markers of a set's pelvis and legs are there, and which are not."""
+    needed = _lower_body(chosen)
+    absent = sorted(marker.labels[0] for marker in _absent(needed, names))
+    found = f"{chosen.name} with {len(needed) - len(absent)} of its {len(needed)} markers"
+    return f"{found} of pelvis and legs (missing {listed(absent)})"
+
+
+def _renaming(names: list[str]) -> str:
+    """Give the options that rename labels, if letters and digits alone make them a set's."""
+    spelt = {_letters(name): name for name in names}
+    every = (label for s in marker_sets().values() for m in s.markers for label in m.labels)
+    alike = {label: spelt[_letters(label)] for label in every if _letters(label) in spelt}
+    sets = [s for s in marker_sets().values() if not _short_of(_lower_body(s), alike)]
+    if not sets:
+        return ""
+    labels = _nearest(sets, list(alike)).present(alike).segment
+    return "try " + " ".join(f"--rename {alike[label]}={label}" for label in labels)
+
+
+def _letters(label: str) -> str:
+    return "".join(filter(str.isalnum, label)).casefold()
 
 
 def _absent(markers: Iterable[SetMarker], names: Iterable[str]) -> list[SetMarker]:
-    names = set(names)
-    return [marker for marker in markers if names.isdisjoint(marker.labels)]
+    spelt = _spelling(names)
+    return [marker for marker in markers if not any(map(spelt, marker.labels))]
+
+
+@cache
+def _meanings() -> Mapping[str, set[tuple[str, str | None]]]:
+    """Give segment and landmark of each label of the shipped sets, in lower case."""
+    found: dict[str, set[tuple[str, str | None]]] = {}
+    for marker in (m for chosen in marker_sets().values() for m in chosen.markers):
+        for label in marker.labels:
+            found.setdefault(label.casefold(), set()).add((marker.segment, marker.landmark))
+    return found
 
 
 def _completed(chosen: MarkerSet, names: list[str]) -> MarkerSet:
@@ -405,13 +463,12 @@ def _completed(chosen: MarkerSet, names: list[str]) -> MarkerSet:
         if marker.segment in UPPER_PARTS and not marker.optional:
             own[UPPER_PARTS[marker.segment]].append(marker)
     parts = [part for part, markers in own.items() if _short_of(markers, names)]
-    known = {label for marker in chosen.markers for label in marker.labels}
+    known = {label.casefold() for marker in chosen.markers for label in marker.labels}
     marked = chosen.present(names).landmark
     added: list[SetMarker] = []
     for name in names:
-        of_name = (m for s in marker_sets().values() for m in s.markers if name in m.labels)
-        meant = {(marker.segment, marker.landmark) for marker in of_name}
-        if name not in known and len(meant) == 1:
+        meant = _meanings().get(name.casefold(), set())
+        if name.casefold() not in known and len(meant) == 1:
             ((segment, landmark),) = meant
             if UPPER_PARTS.get(segment) in parts:
                 landmark = None if landmark in marked else landmark

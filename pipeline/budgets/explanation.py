@@ -11,6 +11,7 @@ import pyarrow as pa
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from pipeline.budgets.words import Mending, budget_lines, most_worth_mending
+from pipeline.config.schema import NOUNS
 from pipeline.explain.budget import Bands, Budget
 from pipeline.explain.explain import explain_trial
 from pipeline.io.recording import Recording
@@ -20,7 +21,7 @@ from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.residuals import AXES
 from pipeline.trial.result import TrialResult
 
-FORMAT_VERSION: Final = 3
+FORMAT_VERSION: Final = 4
 """Of the files; raised with every change of what they hold."""
 SUFFIX: Final = "_explained.json"
 BANDS_SUFFIX: Final = "_bands.parquet"
@@ -167,7 +168,7 @@ def study_covariances(
     draws, open_trials = {}, set(keys)
     for trial, window in sorted(set(zip(keys, residuals["window"], strict=True))):
         budget = explained[trial].budget if trial in explained else None
-        if budget is None or (window not in ("cycle", "span") and not budget.of_window):
+        if budget is None or (window not in (*NOUNS, "span") and not budget.of_window):
             continue
         open_trials.remove(trial)
         for own in budget.of_window or budget.uncertainty:

@@ -1,9 +1,10 @@
 """Causes of residuals in words: names of groups, sizes, what to mend, a table of shares, lines."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
+from hbm.spelling import listed
 from pipeline.explain.budget import Budget, EstimatedCause
 from pipeline.explain.cause import OF_PERSON, groups
 from pipeline.explain.linearise import MIN_CYCLES
@@ -18,8 +19,14 @@ MAX_MENDINGS: Final = 3
 LATE: Final = "plates are late"
 MASS: Final = "body mass"
 """Names of causes that a person can state."""
-MAX_CAUSES: Final = 5
-"""Named one by one; the file has all."""
+SENTENCES: Final[Mapping[str, str]] = {
+    ": gain of": "{plate} reads {size} too {much} {where}; recalibrate it.",
+    ": Fz in": "{plate} shows {size} of its vertical force in {of}; recalibrate it.",
+    ": zero of": "{plate} shows {size} in {of} when nobody is on it; zero it.",
+    ": place along": "{plate} is stated {size} too {far} along its {of} axis; measure it again.",
+    ": direction about": "{plate} is stated turned {size} too {far} about its {of}; measure it.",
+}
+"""Part of a cause's name -> what is wrong, and what to do."""
 CAPTION: Final = (
     "RMS with its 95 % interval of measurement; shares of the mean square in % ± 95 % interval. A "
     "negative share: without this cause the residual would be larger."
@@ -120,7 +127,10 @@ class Mending:
 
     def __str__(self) -> str:
         unit = UNITS[AXES.index(self.axis)]
-        return f"{self.action} ({self.axis} {self.before:.1f} → {self.after:.1f} {unit})"
+        fall = f"from {self.before:.0f} to {self.after:.0f} {unit}"
+        if round(self.before) == round(self.after) or self.before < 10:
+            fall = f"from {self.before:.1f} to {self.after:.1f} {unit}"
+        return f"{self.action} This alone would lower {self.axis} {fall}."
 
 
 def most_worth_mending(
@@ -138,15 +148,16 @@ def most_worth_mending(
     Returns
     -------
     tuple of Mending
-        Causes whose 95 % interval excludes zero and without which a residual would be smaller, the
-        one with the largest share first; none that nothing in the laboratory changes. A delay or a
-        mass is given as the line that states it.
+        Faults of instruments or of the stated mass that are certain and without which a residual
+        would be smaller, the one with the largest share first; of the body no single cause, since
+        walking takes one for the other.
     """
     found = []
     for cause in budget.causes:
         fall = 1 - cause.left / budget.rms
         axis = int(fall.argmax())
-        if cause.is_certain and fall[axis] >= MIN_FALL:
+        is_person = cause.group in OF_PERSON and cause.name != MASS
+        if cause.is_certain and not is_person and fall[axis] >= MIN_FALL:
             action = _stated(cause, result, laboratory)
             rms = float(budget.rms[axis]), float(cause.left[axis])
             if action:
@@ -156,17 +167,28 @@ def most_worth_mending(
 
 
 def _stated(cause: EstimatedCause, result: TrialResult, laboratory: Laboratory) -> str:
-    """Give the line that states a cause, or what to do where there is none."""
-    calibrated = laboratory.plates is not None
-    if cause.name == LATE and not calibrated:
+    """Say what is wrong and what to do; empty where nothing in the laboratory changes it."""
+    size, is_more = size_in_words(replace(cause, size=abs(cause.size))), cause.size > 0
+    much, plate = "much" if is_more else "little", cause.name.partition(":")[0].capitalize()
+    of, far = cause.name.split()[-1], "far" if is_more else "little"
+    if cause.name == LATE and laboratory.plates is None:
         delay_s = (result.settings.plate_delay_s or 0.0) + cause.size
-        return f"state plate_delay_s = {delay_s:.3f} under [settings]"
+        when = "late" if is_more else "early"
+        setting = f"plate_delay_s = {delay_s:.3f} under [settings]"
+        return f"The plates are {size} {when}; state {setting}."
     if cause.name == MASS:
         mass_kg = result.body.mass / (1 + cause.size)
-        return f"state mass_kg = {mass_kg:.1f} of the subject, once scales confirm it"
-    return (
-        groups()[cause.group].get("mend", "").format(cause=f"{cause.name} {size_in_words(cause)}")
-    )
+        large = "large" if is_more else "small"
+        fits = f"{mass_kg:.1f} kg would fit"
+        return f"The body mass is {size} too {large}; weigh the subject: {fits}."
+    for words, sentence in SENTENCES.items():
+        if words in cause.name:
+            where = "vertically" if of == "Fz" else f"in {of}"
+            shown = size_in_words(cause) if words in (": zero of", ": Fz in") else size
+            return sentence.format(plate=plate, size=shown, much=much, where=where, far=far, of=of)
+    known = f"{cause.name} {size_in_words(cause)}"
+    mend = groups()[cause.group].get("mend", "").format(cause=known)
+    return f"{mend[:1].upper()}{mend[1:]}." if mend else ""
 
 
 def budget_table(budget: Budget) -> tuple[str, tuple[str, ...], list[Column]]:
@@ -206,17 +228,16 @@ def _share(share: float, deviation: float) -> str:
 
 
 def budget_lines(budget: Budget, mendings: Sequence[Mending]) -> Iterator[str]:
-    """Say what a table of shares does not: sizes, what to mend, what is merged, the check."""
-    certain = [cause for cause in budget.causes if cause.is_certain][:MAX_CAUSES]
-    if certain:
-        named = [f"{cause.name} {size_in_words(cause)}" for cause in certain]
-        yield f"Largest causes (size ± 95 % interval): {'; '.join(named)}."
-    else:
-        yield "No single cause is certain: the 95 % interval of every size contains zero."
-    if mendings:
-        yield f"Most worth mending: {'; '.join(map(str, mendings))}."
-    else:
-        yield "Nothing is clearly worth mending: no certain cause makes much of a residual."
+    """Say what a table of shares does not: what to do, what the trial does not tell, the check."""
+    yield from map(str, mendings)
+    if not mendings:
+        yield "No certain fault makes much of a residual."
+    faults = [cause for cause in budget.causes if cause.chance < 1 or cause.group == "delay"]
+    unknown = list(dict.fromkeys(_title(cause) for cause in faults if not cause.is_told))
+    if unknown:
+        count = sum(not cause.is_told for cause in faults)
+        named = listed(sorted(unknown))
+        yield f"This trial cannot tell {count} of {len(faults)} possible faults: {named}."
     for group in budget.groups:
         if len(apart(group.groups)) > 1:
             ways = how_to_tell_apart(group.groups)
@@ -226,6 +247,11 @@ def budget_lines(budget: Budget, mendings: Sequence[Mending]) -> Iterator[str]:
     shares = zip(budget.held_out, AXES, strict=True)
     taken = ", ".join(f"{100 * share:z.0f} % of {axis}" for share, axis in shares)
     yield (
-        f"Held-out check: the causes found in one half of the {of} take away of the mean square of "
-        f"the other half {taken}{' (negative: they add)' * bool((budget.held_out < 0).any())}."
+        f"Held-out check: causes found in one half of the {of} take away of the other's mean "
+        f"square {taken}{' (negative: they add)' * bool((budget.held_out < 0).any())}."
     )
+
+
+def _title(cause: EstimatedCause) -> str:
+    """Name a fault of any plate: its kind alone, such as "gain of Fx"."""
+    return cause.name.partition(": ")[2] or cause.name

@@ -27,7 +27,7 @@ USAGE: Final = 2
 INTERRUPTED: Final = 130
 UNREAD: Final = 141
 """As in a shell: ended by the signal of a pipe that nobody reads (128 + 13)."""
-MAX_LINE: Final = 290
+MAX_LINE: Final = 690
 """Characters of an error, some lines of a terminal: names and texts out of files may have any
 length."""
 GROUP: Final = "calibration"

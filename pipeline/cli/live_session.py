@@ -16,6 +16,7 @@ from hbm.spelling import listed
 from pipeline.cli.options import require_folder
 from pipeline.cli.stopping import SIGNAL_EXIT, Terminated, stoppable, terminable, uninterrupted
 from pipeline.cli.terminal import PlainConsole
+from pipeline.config.schema import NOUNS
 from pipeline.live.chain import LiveChain
 from pipeline.live.lsl import LslSource
 from pipeline.live.monitor import Monitor
@@ -290,11 +291,12 @@ def summary(
     )
     for name, lost in monitor.losses.lost.items():
         yield f"{lost} samples of stream {name} never arrived"
-    yield f"{condition.cycles} gait cycles of both feet count"
+    unit = f"{NOUNS[condition.unit]}s"
+    yield f"{condition.cycles} {unit} of both feet count"
     yield from monitor.residuals()
     if condition.not_carried:
         beside = condition.not_carried
-        yield f"{beside} gait cycles left out: the plates did not carry the subject in them"
+        yield f"{beside} {unit} left out: the plates did not carry the subject in them"
     if not chain.received:
         yield f"stream {chain.stream.name} has sent no frame: does its program measure?"
     else:

@@ -68,6 +68,7 @@ def residuals(request: TrialRequest, out: Out = Path("results")) -> None:
 
 def print_result(result: "TrialResult", console: PlainConsole) -> None:
     """Print a trial's residuals, thresholds, marker errors and notes."""
+    from pipeline.config.schema import NOUNS
     from pipeline.trial.residuals import marker_table, residual_table, rows_of, threshold_table
 
     rows = rows_of(residual_table(result, result.source.stem))
@@ -76,9 +77,10 @@ def print_result(result: "TrialResult", console: PlainConsole) -> None:
     else:
         used = sum(map(len, result.cycles.values()))
         feet = f"the {next(iter(result.cycles))} foot" if len(result.cycles) == 1 else "both feet"
-        counts = f"{used} of {counted(result.found_cycles, 'gait cycle')} of {feet}"
-    if rows and rows[0].valid_share < 1:
-        counts += f", {100 * rows[0].valid_share:.0f} % of their frames"
+        counts = f"{used} of {counted(result.found_cycles, NOUNS[result.unit])} of {feet}"
+    if rows:
+        counts += f", {rows[0].n_frames} frames"
+        counts += f" ({100 * rows[0].valid_share:.0f} %)" * (rows[0].valid_share < 1)
     table = new_table(
         f"Pelvis residuals, {result.source.name}, {counts} "
         f"({result.settings.filter} {result.settings.cutoff_hz:g} Hz)",
@@ -203,8 +205,7 @@ def _explain_results(request: TrialRequest, out: Path | None, jobs: int) -> int:
     for job in planned:
         explanation = up_to_date(job.target, job.key)
         if explanation:
-            sizes, mending, *_ = explanation.lines()
-            console.say(f"{job.name}: {sizes} {mending}")
+            console.say(f"{job.name}: {next(explanation.lines())}")
     console.say(f"{counts_of(finished, 'explained')}; next: hbm report {folder}")
     return int(any(outcome.failure is not None for outcome in finished))
 

@@ -12,7 +12,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from hbm.spelling import printable
 from pipeline.io.axes import parse_axes
-from pipeline.io.stated import parse_plate_units
+from pipeline.io.stated import parse_mending, parse_plate_units
 from pipeline.io.units import length_in_m
 
 MAX_NAME: Final = 64
@@ -90,6 +90,7 @@ AxesText = Annotated[str, _readable(parse_axes)]
 """Lab directions of the files' x, y and z axis, such as "left,back,up"."""
 LengthUnit = Annotated[str, _readable(length_in_m)]
 PlateUnitsText = Annotated[str, _readable(parse_plate_units)]
+MendingText = Annotated[str, _readable(parse_mending)]
 """Units of force and moment, such as "N,Nmm", and of centres of pressure as a third."""
 DelayS = Annotated[float, Field(ge=-0.5, le=0.5)]
 """Two devices of one laboratory disagree by some tens of milliseconds."""

@@ -27,6 +27,7 @@ from pipeline.config.input_model import (
     InputModel,
     Labels,
     LengthUnit,
+    MendingText,
     Name,
     PlateUnitsText,
     PointM,
@@ -53,8 +54,8 @@ class Settings(InputModel):
     """
 
     marker_set: Text | None = Field(default=None, examples=["hbm2"])
-    """Marker set: hbm2, hbm1, pig, cgm2, ior (with _lower: pelvis and legs), or a TOML file;
-    default: recognised from the labels."""
+    """Marker set: hbm2, pig, rajagopal, … (docs/marker_sets.md), or a TOML file; default:
+    recognised from the labels."""
     cutoff_hz: Annotated[float, Field(ge=0.1, le=50)] = 6.0
     """Cut-off of the Butterworth low-pass on coordinates and forces alike."""
     filter: Literal["realtime", "zero_phase"] = "zero_phase"
@@ -120,6 +121,10 @@ class RecordingRules(InputModel):
     plate_units: PlateUnitsText | None = Field(default=None, examples=["N,Nmm"])
     """Units of the plates' forces, moments and, where given, centres of pressure, e.g. N,Nmm or
     N,Nmm,mm; default: the files'."""
+    mend_plates: Annotated[tuple[MendingText, ...], Field(strict=False)] = Field(
+        default=(), examples=[["2: turn 90"]]
+    )
+    """Mend a plate: '3: reverse Fx', '2: turn 90', '1: exchange 2', '2: unwrap Mz'; repeatable."""
     label_prefix: Text | None = Field(default=None, examples=["S01"])
     """Label prefix of the subject, or its number, where several carry the same labels."""
     marker_stream: Text | None = Field(default=None, examples=["Cameras"])
@@ -282,7 +287,9 @@ class Plates(InputModel):
         return name
 
 
-ALLOWED: Final = '"cycle", "motion", "recording", [start_s, stop_s] or ["10 %", "40 %"]'
+ALLOWED: Final = (
+    '"cycle", "step", "stance", "motion", "recording", [start_s, stop_s] or ["10 %", "40 %"]'
+)
 MAX_STOP: Final = 1e6
 """Seconds; no recording is longer."""
 PERCENT: Final = re.compile(r"\s*(-?\d+(?:\.\d+)?)\s*%\s*", re.ASCII)
@@ -309,8 +316,15 @@ class Interval:
         return f"{self.start:g} to {self.stop:g} {self.unit}"
 
 
+Unit = Literal["cycle", "step", "stance"]
+"""What a trial is cut into: from a foot's strike to its next strike, to the other foot's, or to its
+own foot off."""
+NOUNS: Final[dict[Unit, str]] = {"cycle": "gait cycle", "step": "step", "stance": "stance"}
+WindowName = Literal["cycle", "step", "stance", "motion", "recording"]
+
+
 def _window(stated: object) -> object:
-    if isinstance(stated, Interval) or stated in ("cycle", "motion", "recording"):
+    if isinstance(stated, Interval) or stated in get_args(WindowName):
         return stated
     if not isinstance(stated, list | tuple) or len(stated) != 2:
         raise ValueError(f"must be {ALLOWED}, got {shown(stated)}")
@@ -331,8 +345,11 @@ def _window(stated: object) -> object:
     return Interval(float(start), float(stop), unit)
 
 
-Window = Annotated[Literal["cycle", "motion", "recording"] | Interval, BeforeValidator(_window)]
-"""Gait cycles, their part while the platform moves, all of the recording, or an interval."""
+Window = Annotated[WindowName | Interval, BeforeValidator(_window)]
+"""Gait cycles, steps, stances, the part of gait cycles while the platform moves, all of the
+recording, or an interval."""
+WantedWindow = Unit | Literal["recording"] | tuple[float, float] | None
+"""What is to count; None for gait cycles or, where there is none, steps, stances or all."""
 
 
 class Condition(InputModel):
@@ -357,16 +374,18 @@ class Condition(InputModel):
     pulse_channel: Text | None = Field(default=None, examples=["Perturbation"])
     """Channel that rises at each onset; default: the platform's motion."""
     window: Window | None = Field(default=None, examples=["motion"])
-    """What counts: "cycle"; "recording", for standing; or a span [start_s, stop_s]. Of perturbed
-    gait cycles: "motion", while the platform moves fast; [start_s, stop_s] from each onset; or ["10
-    %", "40 %"] of each. Default: gait cycles, or the whole recording of a trial that has none."""
+    """What counts: "cycle"; "step", to the other foot's strike; "stance"; "recording"; or a span
+    [start_s, stop_s]. Of perturbed gait cycles: "motion", while the platform moves fast; [start_s,
+    stop_s] from each onset; or ["10 %", "40 %"] of each. Default: gait cycles; where none is
+    complete steps, stances, or the whole recording."""
 
     @model_validator(mode="after")
     def _used(self) -> "Condition":
         if self.pulse_channel is not None and not self.perturbed:
             raise ValueError("pulse_channel has no effect without perturbed = true")
         in_seconds = isinstance(self.window, Interval) and self.window.unit == "s"
-        if not (self.perturbed or in_seconds or self.window in (None, "cycle", "recording")):
+        part = self.window == "motion" or (isinstance(self.window, Interval) and not in_seconds)
+        if part and not self.perturbed:
             raise ValueError(
                 f'window "{self.window}" is a part of perturbed gait cycles; state perturbed = '
                 "true, or another window"
@@ -379,13 +398,13 @@ class Condition(InputModel):
         return self
 
     @property
-    def wanted(self) -> Literal["cycle", "recording"] | tuple[float, float] | None:
+    def wanted(self) -> WantedWindow:
         """The window; gait cycles where certain ones are asked for, which nothing can replace."""
         if self.part or (self.window is None and self._selects_cycles):
             return "cycle"
         if isinstance(self.window, Interval):
             return self.window.start, self.window.stop
-        return "recording" if self.window == "recording" else self.window and "cycle"
+        return None if self.window == "motion" else self.window
 
     @property
     def part(self) -> Literal["motion"] | Interval | None:

@@ -30,9 +30,12 @@ def _of_axes(stored: object) -> Array:
 
 ByAxis = Annotated[Array, PlainValidator(_of_axes), PlainSerializer(_by_axis)]
 """Numbers of the six axes, (6,), or of N draws, (N, 6); in JSON they are named."""
-TOLD: Final = 0.8
-"""Of the deviation before a trial is looked at, to which it has to shrink. What is usually there,
-as soft tissue is, would be certain of a trial that says nothing of it."""
+TOLD: Final = (0.8, 3.0)
+"""Of a usual size, to which the deviation of what is usually there and of a fault has to shrink:
+of a fault half of it before the trial is looked at. What is usually there, as soft tissue is, would
+else be certain of a trial that says nothing of it."""
+CERTAIN: Final = 0.95
+"""Chance above which a fault is there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,9 +47,12 @@ class EstimatedCause:
     name, group, unit
         See `pipeline.explain.cause.Cause`.
     size, deviation
-        Its most probable size and one standard deviation of it.
+        Its size if it is there, and one standard deviation of it.
     usual
-        One standard deviation before the trial was looked at.
+        One standard deviation as published.
+    chance
+        That it is there, where that is as likely as not before the trial is looked at: of faults,
+        which are rare; 1 of what is usually there.
     left
         RMS of each residual without it, (6,) [N, N·m].
     """
@@ -57,16 +63,19 @@ class EstimatedCause:
     size: float
     deviation: float
     usual: float
+    chance: float
     left: ByAxis
 
     @property
-    def is_certain(self) -> bool:
-        """Whether its 95 % interval excludes zero, and the trial tells so, not the usual size.
+    def is_told(self) -> bool:
+        """Whether the trial or a measurement tells its size."""
+        return self.deviation < TOLD[self.chance < 1.0] * self.usual
 
-        A delay is zero unless a measurement or the trial shows another one.
-        """
-        told = self.group == "delay" or self.deviation < TOLD * self.usual
-        return told and abs(self.size) > NORMAL_95 * self.deviation
+    @property
+    def is_certain(self) -> bool:
+        """Whether it is there, its 95 % interval excludes zero, and the trial tells so."""
+        there = self.chance > CERTAIN and abs(self.size) > NORMAL_95 * self.deviation
+        return there and (self.is_told or self.group == "delay")
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +97,7 @@ class GroupShare:
 
 @dataclass(frozen=True, slots=True)
 class RmsUncertainty:
-    """How sure the RMS of residuals is, by the delta method.
+    """How sure the RMS of residuals is, if errors of usual size are added to first order.
 
     Attributes
     ----------
@@ -96,8 +105,6 @@ class RmsUncertainty:
         Whether the plates are compensated.
     rms
         As measured, (6,) [N, N·m].
-    mean, deviation
-        Mean and standard deviation that the RMS has if errors of usual size are added, (6,).
     draws
         The RMS with causes of drawn sizes, (N, 6): the nth draw of a cause has the same size in all
         trials that share it, so that draws tell how residuals of different trials vary together.
@@ -105,9 +112,17 @@ class RmsUncertainty:
 
     compensated: bool
     rms: ByAxis
-    mean: ByAxis
-    deviation: ByAxis
     draws: ByAxis
+
+    @property
+    def mean(self) -> Array:
+        """Mean of the RMS with these errors, (6,) [N, N·m]."""
+        return np.asarray(self.draws.mean(axis=0))
+
+    @property
+    def deviation(self) -> Array:
+        """Standard deviation of the RMS with these errors, (6,) [N, N·m]."""
+        return np.asarray(self.draws.std(axis=0, ddof=1))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 from typing import Final
@@ -43,6 +43,10 @@ class Prior:
         What a laboratory can do to know it better; empty where nothing simple does.
     mean
         What is expected: zero but where something is known of the trial.
+    rare
+        Whether it is a fault, which is mostly absent, and larger than usual where it is there.
+    usual
+        The size as published, where what is known of the trial narrows it.
     """
 
     size: float
@@ -50,6 +54,12 @@ class Prior:
     source: str
     advice: str = ""
     mean: float = 0.0
+    rare: bool = False
+    usual: float = 0.0
+
+    def narrowed(self, size: float, mean: float = 0.0) -> "Prior":
+        """Give the prior of what was measured: one standard deviation, and what is expected."""
+        return replace(self, size=size, mean=mean, rare=False)
 
 
 @cache
@@ -61,7 +71,8 @@ def priors() -> dict[str, Prior]:
     >>> priors()["delay"].unit
     's'
     """
-    return {kind: Prior(**own) for kind, own in tomllib.loads(_text("priors.toml")).items()}
+    stated = tomllib.loads(_text("priors.toml"))
+    return {kind: Prior(**own, usual=own["size"]) for kind, own in stated.items()}
 
 
 Change = Callable[[ProcessingChain, float], ProcessingChain]

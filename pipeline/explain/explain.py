@@ -18,7 +18,7 @@ from pipeline.explain.linearise import (
 )
 from pipeline.explain.shares import NORMAL_95, indistinct, shares_of_groups
 from pipeline.explain.sizes import Posterior, sizes_from_cycles
-from pipeline.explain.uncertainty import measured_uncertainty
+from pipeline.explain.uncertainty import measured_uncertainty, noise_of_samples
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.result import TrialResult
@@ -62,8 +62,9 @@ def explain_trial(recording: Recording, laboratory: Laboratory, result: TrialRes
     part = explained_part(recording, laboratory, result)
     chain, causes, counts = part.chain, part.causes, part.counts
     left = left_by_filter(chain)
-    as_measured, effects, posterior = linearised(chain, causes, left, part.series)
-    uncertainty, of_window, bands = measured_uncertainty(part, as_measured, result)
+    noise = noise_of_samples(chain)
+    as_measured, effects, posterior = linearised(chain, causes, left, part.series, noise)
+    uncertainty, of_window, bands = measured_uncertainty(part, as_measured, noise, result)
 
     residual, of_causes = chain.residual[counts], effects[:, counts]
     whole, half = rms(residual), NORMAL_95 * uncertainty[-1].deviation
@@ -75,11 +76,12 @@ def explain_trial(recording: Recording, laboratory: Laboratory, result: TrialRes
             unit=cause.prior.unit,
             size=float(size),
             deviation=float(deviation),
-            usual=cause.prior.size,
+            usual=cause.prior.usual,
+            chance=float(chance),
             left=rms(residual - size * effect),
         )
-        for cause, size, deviation, effect in zip(
-            causes, posterior.size, posterior.deviation, of_causes, strict=True
+        for cause, size, deviation, chance, effect in zip(
+            causes, *posterior.if_there, posterior.chance, of_causes, strict=True
         )
     ]
     cycles = len(part.series) if part.found_cycles else 0
@@ -99,7 +101,7 @@ def explain_trial(recording: Recording, laboratory: Laboratory, result: TrialRes
         groups=groups,
         unexplained=unexplained,
         causes=tuple(sorted(estimated, key=lambda each: float((each.left / whole).min()))),
-        held_out=_held_out(chain.residual - left, effects, part),
+        held_out=_held_out(chain.residual - left, effects, part, noise),
         notes=tuple(notes),
         uncertainty=uncertainty,
         of_window=of_window,
@@ -136,11 +138,11 @@ def _shares(
     return tuple(groups), shares.unexplained
 
 
-def _held_out(residual: Array, effects: Array, part: ExplainedPart) -> Array:
+def _held_out(residual: Array, effects: Array, part: ExplainedPart, noise: Array) -> Array:
     """Give the share of one half's mean square that causes found in the other half take away."""
     before, after = np.zeros(6), np.zeros(6)
     for own, other in (part.halves, part.halves[::-1]):
-        size = sizes_from_cycles(residual, effects, part.causes, own).size
+        size = sizes_from_cycles(residual, effects, part.causes, own, noise).size
         frames = np.concatenate(other.frames)
         left = residual[frames] - np.tensordot(size, effects[:, frames], 1)
         before += (residual[frames] ** 2).sum(axis=0)

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from hbm.signals.samples import mean_rate_hz
+from hbm.signals.samples import mean_rate_hz, stretches
 from hbm.spatial import Array, Mask
 from pipeline.explain.cause import Cause
 from pipeline.explain.causes.body import body_causes, soft_tissue_causes
@@ -15,18 +15,34 @@ from pipeline.explain.causes.plates import plate_causes
 from pipeline.explain.causes.treadmill import compensation_causes, platform_causes
 from pipeline.explain.processing_chain import ProcessingChain, processing_chain
 from pipeline.explain.shares import NORMAL_95
-from pipeline.explain.sizes import CycleSeries, Posterior, cycle_series, sizes_from_cycles
+from pipeline.explain.sizes import (
+    CycleSeries,
+    Posterior,
+    cycle_series,
+    sizes_from_cycles,
+    stretch_series,
+)
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.quality import settling_s
-from pipeline.trial.residuals import windows
+from pipeline.trial.residuals import counted
 from pipeline.trial.result import TrialResult
+from pipeline.trial.window import frames_within
 
 MAX_FRAMES: Final = 6000
 """Of a long trial, a minute of which tells as much."""
 MIN_CYCLES: Final = 4
 """For telling what repeats from what does not, and for judging half of them by the others; of fewer
 one half of the frames judges the other."""
+WHOLE: Final = 0.9
+"""Share of the frames of gait cycles that has to count: else stretches of frames are explained, as
+where plates in a floor carry a step or two."""
+SHORTEST_S: Final = 0.4
+"""Of a stretch of frames."""
+MOST_S: Final = 10.0
+"""Of all stretches together: more of standing tells no more."""
+CYCLE_S: Final = 1.1
+"""Of a gait cycle where none is known: what skin does takes so long."""
 HIGHEST_IN_CUTOFFS: Final = 1.1
 """Frequency up to which sizes are estimated, in cut-offs of the filter: above it soft tissue
 oscillates in ways that no cause describes well, and delays would be taken for them."""
@@ -51,9 +67,9 @@ class ExplainedPart:
     causes
         What may be wrong with it.
     series
-        Its gait cycles; a single stretch where there are none.
+        Its gait cycles, or all stretches of frames as one.
     found_cycles
-        How many cycles there are; 0 for a stretch of the recording.
+        How many cycles there are; 0 where stretches are explained.
     """
 
     chain: ProcessingChain
@@ -70,14 +86,14 @@ class ExplainedPart:
 
     @property
     def halves(self) -> tuple[CycleSeries, CycleSeries]:
-        """Both halves of the cycles; of fewer than four, of the frames of each."""
+        """Both halves of the cycles; of fewer than four or of stretches, of the frames of each."""
         if len(self.series) >= MIN_CYCLES:
             middle = len(self.series) // 2
             return self.series.some(slice(middle)), self.series.some(slice(middle, None))
         time, to_hz = self.chain.time, highest_hz(self.chain)
-        bounds = [time[[own[0], own[len(own) // 2], own[-1]]] for own in self.series.frames]
+        bounds = [np.linspace(first, last, 3).astype(int) for first, last in stretches(self.counts)]
         first, second = (
-            cycle_series(time, [(own[half], own[half + 1]) for own in bounds], to_hz, self.counts)
+            stretch_series(time, [slice(*own[half : half + 2]) for own in bounds], to_hz)
             for half in (0, 1)
         )
         return first, second
@@ -89,32 +105,51 @@ def explained_part(
     """Give the part of a trial that is explained.
 
     Parameters and errors are those of `pipeline.explain.explain.explain_trial`. The cycles are
-    those of the side with the most; without any, what `pipeline.trial.residuals` counts.
+    those of the side with the most; without any, or where plates carry only steps of them, all
+    stretches of frames that count are explained.
     """
     time, counts = result.motion.time, result.counts
-    cycles = () if result.span else max(result.cycles.values(), key=len, default=())
-    spans = np.reshape(cycles if len(cycles) else windows(result)[0].spans, (-1, 2))
-    some = [counts[(time >= start) & (time < stop)].any() for start, stop in spans]
-    if not any(some):
+    cycles = np.reshape(max(result.cycles.values(), key=len, default=()), (-1, 2))
+    inside = frames_within(time, {"": cycles}, None)
+    by_cycles = not result.span and len(cycles) and np.mean(counts[inside]) >= WHOLE
+    spans = cycles if by_cycles else _stretches(result)
+    spans = spans[[counts[(time >= start) & (time < stop)].any() for start, stop in spans]]
+    if not len(spans):
         raise ValueError(
-            f"{result.source.name}: no frame counts, so that nothing tells what its residuals are "
-            "made of"
+            f"{result.source.name}: nowhere do frames of {SHORTEST_S:g} s in a row count, so that "
+            "nothing tells what its residuals are made of"
         )
-    spans = spans[some]
     frames = _frames(spans, result, laboratory)
     chain = processing_chain(recording, laboratory, result, frames)
-    inside = (spans[:, 0] >= chain.time[0]) & (spans[:, 1] <= chain.time[-1])
-    spans = spans[inside]
+    spans = spans[(spans[:, 0] >= chain.time[0]) & (spans[:, 1] <= chain.time[-1])]
+    phases = spans if by_cycles or result.span else cycles
+    if not len(phases):
+        phases = np.array([[spans[0, 0], spans[0, 0] + CYCLE_S]])
     causes = (
         *plate_causes(chain, (result.delay_s, result.delay_uncertainty_s / NORMAL_95)),
         *platform_causes(chain),
         *compensation_causes(chain),
         *body_causes(chain),
-        *marker_causes(chain, spans),
+        *marker_causes(chain, phases),
         *soft_tissue_causes(chain),
     )
-    series = cycle_series(chain.time, spans, highest_hz(chain), counts[frames])
-    return ExplainedPart(chain, causes, series, len(cycles))
+    if by_cycles:
+        series = cycle_series(chain.time, spans, highest_hz(chain), counts[frames])
+        return ExplainedPart(chain, causes, series, len(cycles))
+    own = [slice(*np.searchsorted(chain.time, span)) for span in spans]
+    return ExplainedPart(chain, causes, stretch_series(chain.time, own, highest_hz(chain)), 0)
+
+
+def _stretches(result: TrialResult) -> Array:
+    """Give the stretches of frames that count, as long as they tell more, (N, 2) [s]."""
+    time, found, left_s = result.motion.time, [], MOST_S
+    counts = counted(result) if result.span else result.counts
+    for first, after in stretches(counts):
+        start, stop = time[first], min(time[after - 1], time[first] + left_s)
+        if stop - start >= SHORTEST_S:
+            found.append((start, stop))
+            left_s -= stop - start
+    return np.reshape(found, (-1, 2))
 
 
 def highest_hz(chain: ProcessingChain) -> float:
@@ -153,7 +188,11 @@ def left_by_filter(chain: ProcessingChain) -> Array:
 
 
 def linearised(
-    chain: ProcessingChain, causes: Sequence[Cause], left: Array, series: CycleSeries
+    chain: ProcessingChain,
+    causes: Sequence[Cause],
+    left: Array,
+    series: CycleSeries,
+    noise: Array | float = 0.0,
 ) -> tuple[Array, Array, Posterior]:
     """Estimate the sizes of causes, again around the sizes found until that changes nothing.
 
@@ -167,6 +206,8 @@ def linearised(
         What the filter leaves, (T, 6), which needs no cause.
     series
         Its gait cycles.
+    noise
+        Of samples, in each axis, (6,).
 
     Returns
     -------
@@ -185,7 +226,7 @@ def linearised(
         effects = np.nan_to_num([cause.effect(corrected) for cause in causes])
         as_measured = effects if as_measured is None else as_measured
         residual = measured + np.tensordot(size, effects, 1)
-        posterior = sizes_from_cycles(residual, effects, causes, series)
+        posterior = sizes_from_cycles(residual, effects, causes, series, noise)
         expected = residual - np.tensordot(posterior.size, effects, 1)
         corrected, size = chain, posterior.size
         for cause, own in zip(causes, size, strict=True):

@@ -22,21 +22,13 @@ from pipeline.trial.result import TrialResult
 
 REST_HZ: Final = 6.0
 """Cut-off at which the noise of plates is stated."""
-ROUNDING: Final = 1e-13
-"""Of the largest eigenvalue, below which others are none."""
-TINY: Final = 1e-30
-"""Of a variance, so that nothing is divided by zero."""
-LOGARITHMS: Final = np.arange(-64.0, 64.0, 0.25)
-"""Of the variable of integration, in which the integrand falls by e^-32 towards either end."""
 DRAWS: Final = 1000
 """Of what trials share: a standard deviation is then sure to 2 %."""
 DECIMALS: Final = 3
 """Of draws of an RMS [N, N·m]."""
 
 
-def rms_uncertainty(
-    residual: Array, usual: Array, noise: Array, samples: float, sizes: Array
-) -> tuple[Array, Array, Array]:
+def drawn_rms(residual: Array, usual: Array, noise: Array, samples: float, sizes: Array) -> Array:
     """Propagate usual sizes of causes to the RMS of a residual.
 
     Parameters
@@ -54,53 +46,33 @@ def rms_uncertainty(
 
     Returns
     -------
-    mean, deviation
-        Of the RMS if errors of usual size are added, (6,): the causes are independent of each other
-        and normally distributed.
-    draws
-        The RMS with causes of the drawn sizes, (N, 6).
+    Array
+        The RMS with errors of these sizes added, (N, 6).
 
     Notes
     -----
-    To first order in the causes, the residual is ``r + Σ sₖ eₖ`` with standard normal sizes s. Its
-    mean square, a quadratic form in them, has the mean ``⟨r, r⟩ + Σ ⟨eₖ, eₖ⟩`` and the variance
-    ``4 Σ ⟨r, eₖ⟩² + 2 ΣΣ ⟨eₖ, eₗ⟩²``, each ``⟨,⟩`` over T (Mathai and Provost 1992, Quadratic forms
-    in random variables, 3.2b). The mean of its root follows from its moment-generating function,
-    and with it the deviation: squares of causes do not average out, and the gradient of the RMS
-    alone (JCGM 100:2008, 5.1.2) is wrong where causes do as much as the residual. Noise is a
-    further cause that is independent of itself in each sample.
+    To first order in the causes, the residual is ``r + Σ sₖ eₖ``, and its mean square a quadratic
+    form in the sizes s: squares of causes do not average out, so that the gradient of the RMS alone
+    (JCGM 100:2008, 5.1.2) is wrong where causes do as much as the residual. Noise is a further
+    cause that is independent of itself in each sample.
 
     Examples
     --------
-    >>> time = np.linspace(0, 1, 101)[:, None]
     >>> residual = np.full((101, 6), 10.0)
-    >>> usual = np.ones((1, 101, 6))
-    >>> _, deviation, _ = rms_uncertainty(residual, usual, np.zeros(6), 0.1, np.zeros((1, 2)))
-    >>> deviation.round(1).tolist()
+    >>> sizes = np.random.default_rng(0).standard_normal((4000, 2))
+    >>> drawn = drawn_rms(residual, np.ones((1, 101, 6)), np.zeros(6), 0.1, sizes)
+    >>> drawn.std(axis=0).round(1).tolist()
     [1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
     """
     frames = len(residual)
-    square = (residual**2).mean(axis=0)
     columns = np.moveaxis(usual, 2, 0)
     products = columns @ columns.transpose(0, 2, 1) / frames
-    along = np.einsum("tx,ktx->xk", residual, usual) / frames
-    of_noise = 2 * np.sqrt(square / (samples * frames)) * noise
-    expected = square + np.einsum("xkk->x", products) + noise**2
-    mean = np.array(
-        [
-            mean_root(own + apart**2, gram, towards)
-            for own, apart, gram, towards in zip(square, noise, products, along, strict=True)
-        ]
-    )
-    found = np.maximum(expected - mean**2, 0.0) + of_noise**2 / (4 * expected + TINY)
-    deviation = np.sqrt(found)
-    variance = (4 * along**2).sum(axis=1) + (2 * products**2).sum(axis=(1, 2)) + of_noise**2
-    of_noise *= deviation / np.sqrt(variance + TINY)
+    along = np.einsum("tx,ktx->kx", residual, usual) / frames
     size, apart = sizes[:, :-1], sizes[:, -1:]
     added = [(size @ gram * size).sum(axis=1) for gram in products]
-    form = square + 2 * size @ along.T + np.transpose(added)
-    draws = np.maximum(np.sqrt(np.maximum(form, 0.0)) + apart * of_noise, 0.0)
-    return mean, deviation, draws
+    form = (residual**2).mean(axis=0) + 2 * size @ along + np.transpose(added) + noise**2
+    rms = np.sqrt(np.maximum(form, 0.0))
+    return np.asarray(np.maximum(rms + apart * noise / np.sqrt(samples * frames), 0.0))
 
 
 def shared_sizes(causes: Sequence[Cause], subject: str, trial: str, draws: int) -> Array:
@@ -144,42 +116,6 @@ def _normal(shape: int | tuple[int, int], *names: str) -> Array:
     return np.random.default_rng(int.from_bytes(seed)).standard_normal(shape)
 
 
-def mean_root(square: float, products: Array, along: Array) -> float:
-    """Give the mean of the root of a quadratic form in standard normal variables.
-
-    Parameters
-    ----------
-    square, along, products
-        Of the form ``square + 2 along · s + s · products s``, which is nowhere negative: a number,
-        (K,) and (K, K).
-
-    Returns
-    -------
-    float
-        ``E √Q = ∫ t^(-3/2) (1 − E exp(−t Q)) dt / (2 √π)`` over t from 0 to infinity, by the
-        trapezoidal rule over the logarithm of t, where it converges exponentially.
-
-    Examples
-    --------
-    >>> print(f"{mean_root(0.0, np.eye(1), np.zeros(1)):.6f}")  # √(2/π), of a half-normal variable
-    0.797885
-    """
-    eigenvalue, axes = np.linalg.eigh(products)
-    expected = square + np.trace(products)
-    if not expected > 0:
-        return 0.0
-    some = eigenvalue > ROUNDING * eigenvalue[-1]
-    eigenvalue, towards = eigenvalue[some], axes.T[some] @ along
-    inside = towards**2 / eigenvalue
-    t = np.exp(LOGARITHMS)[:, None] / expected
-    widened = 1 + 2 * t * eigenvalue
-    exponent = -(t * inside / widened + np.log(widened) / 2).sum(axis=1)
-    t = t[:, 0]
-    exponent -= t * max(square - inside.sum(), 0.0)
-    integrand = -np.expm1(exponent) / np.sqrt(t)
-    return float(integrand.sum() * (LOGARITHMS[1] - LOGARITHMS[0]) / (2 * np.sqrt(np.pi)))
-
-
 def noise_of_samples(chain: ProcessingChain, seed: int = 0) -> Array:
     """Draw once what noise of markers and plates changes the residual by: its RMS, (6,)."""
     rng = np.random.default_rng(seed)
@@ -219,7 +155,7 @@ def with_noise(
 
 
 def measured_uncertainty(
-    part: ExplainedPart, effects: Array, result: TrialResult
+    part: ExplainedPart, effects: Array, noise: Array, result: TrialResult
 ) -> tuple[tuple[RmsUncertainty, ...], tuple[RmsUncertainty, ...], Bands]:
     """Say how sure the residuals of a trial are, from the effects of causes of usual size.
 
@@ -229,6 +165,8 @@ def measured_uncertainty(
         The part of the trial that is explained.
     effects
         What each cause adds to the residual as it was measured, per unit, (K, T, 6).
+    noise
+        Of samples, in each axis, (6,) (`noise_of_samples`).
     result
         The processed trial. What trials share is drawn alike in all of the same subject, or of the
         laboratory.
@@ -243,7 +181,6 @@ def measured_uncertainty(
     """
     chain, causes, cycles = part.chain, part.causes, part.series.frames
     usual = np.array([cause.prior.size for cause in causes])[:, None, None] * effects
-    noise = noise_of_samples(chain)
     samples = 2 * chain.settings.cutoff_hz / mean_rate_hz(chain.time)
     sizes = shared_sizes(causes, result.subject.id, result.source.name, DRAWS)
     first = int(np.searchsorted(result.motion.time, chain.time[0]))
@@ -255,11 +192,10 @@ def measured_uncertainty(
     def over(frames: Indices) -> Iterator[RmsUncertainty]:
         for compensated, residual in variants.items():
             own = [k for k, c in enumerate(causes) if compensated or c.group != "compensation"]
-            mean, deviation, draws = rms_uncertainty(
+            draws = drawn_rms(
                 residual[frames], usual[own][:, frames], noise, samples, sizes[:, [*own, -1]]
             )
-            found = rms(residual[frames])
-            yield RmsUncertainty(compensated, found, mean, deviation, draws.round(DECIMALS))
+            yield RmsUncertainty(compensated, rms(residual[frames]), draws.round(DECIMALS))
 
     frames = np.concatenate(cycles)
     in_window = frames[counted(result)[trial][frames] & (result.part is not None)]

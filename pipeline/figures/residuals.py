@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from hbm.spatial import Array
+from pipeline.config.schema import NOUNS
 from pipeline.figures.style import COLOURS, STYLE, draw_band
 from pipeline.trial.gait.cycles import mean_and_sd, normalise
 from pipeline.trial.quality import Quality, free_of
@@ -97,13 +98,13 @@ def _over_cycle(result: TrialResult) -> Figure:
                     own = normalise(result.motion.time, result.uncertainty[:, [k]], spans)
                     spread = np.sqrt(np.nanmean(own[..., 0] ** 2, axis=0))
                     _draw_uncertainty(panel, percent, mean[:, k], spread)
-        label_panels(panels)
+        label_panels(panels, label=f"{NOUNS[result.unit]} (%)")
         draw_part(panels, mean_part([result]))
         if len(result.variants) > 1:
             legend_below(figure, panels[0])
-        count = len(result.cycles[side])
+        count, noun = len(result.cycles[side]), NOUNS[result.unit]
         figure.suptitle(
-            f"{result.source.name}: pelvis residuals, mean ± SD of {count} {side} gait cycles",
+            f"{result.source.name}: pelvis residuals, mean ± SD of {count} {side} {noun}s",
             fontsize=10,
         )
     return figure

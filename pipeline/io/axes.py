@@ -15,7 +15,7 @@ from hbm.spelling import listed, short
 
 PELVIS_AND_SHOULDERS: Final = ("ASIS", "PSIS", "SHO")
 HEEL: Final = "HEE"
-TOES: Final = ("TOE", "MT2", "MT5")
+TOES: Final = ("TOE", "MT2", "MT5", "MTS")
 ANKLES: Final = ("LM", "MM")
 """Landmarks without their side."""
 USUAL_LABELS: Final = {

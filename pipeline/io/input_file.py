@@ -9,8 +9,8 @@ from typing import BinaryIO, Final
 
 from hbm.spelling import both_ends, printable
 
-MAX_MESSAGE: Final = 299
-"""Characters of what is said about a file: some lines of a terminal."""
+MAX_MESSAGE: Final = 699
+"""Characters of what is said about a file: twenty labels, two sets and what to do."""
 
 
 MAX_REASON: Final = 200

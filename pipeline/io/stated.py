@@ -1,5 +1,6 @@
 """What a person states about files; it is used instead of what a file says or leaves out."""
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -18,9 +19,40 @@ Quantity = Literal["force", "moment", "pressure"]
 CONVERT: Final = {"force": force_in_n, "moment": moment_in_nm, "pressure": length_in_m}
 STATE_UNITS: Final = 'state it: --units mm, or units = "mm" in study.toml'
 STATE_PLATE_UNITS: Final = 'state them: --plate-units N,Nmm, or plate_units = "N,Nmm" in study.toml'
+RAW_SIGNALS: Final = dict.fromkeys(("v", "mv", "uv", "volt", "volts"), "volts") | dict.fromkeys(
+    ("adc", "adu", "bit", "bits", "count", "counts"), "numbers of the converter"
+)
+"""Unit of a plate's channel before its calibration, in lower case -> what the channel holds."""
+ASK_FOR_GAINS: Final = (
+    "export forces and moments, or ask the laboratory for the plate's calibration matrix and gains "
+    "(FORCE_PLATFORM:CAL_MATRIX, TYPE 4); if the numbers are forces, state --plate-units N,Nmm"
+)
 MIN_SPAN_M: Final = 0.05
 MAX_SPAN_M: Final = 20.0
 """Between the markers of a person and a treadmill, or of a walkway."""
+
+
+MENDING: Final = re.compile(
+    r"\s*(\d{1,2})\s*:\s*(?:(reverse)\s+([FM][xyz]|all)|(turn)\s+(90|180|270)"
+    r"|(exchange)\s+(\d{1,2})|(unwrap)\s+([FM][xyz]))\s*",
+    re.ASCII,
+)
+EXAMPLES: Final = "3: reverse Fx, 2: turn 90, 1: exchange 2, or 2: unwrap Mz"
+
+
+def parse_mending(text: str) -> tuple[int, str, str]:
+    """Parse what is done to one plate: its number, the deed, and with what.
+
+    Examples
+    --------
+    >>> parse_mending("2: turn 90")
+    (2, 'turn', '90')
+    """
+    match = MENDING.fullmatch(text)
+    if match is None:
+        raise ValueError(f"a plate is mended by such as {EXAMPLES}; got {short(text)!r}")
+    number, deed, what = (part for part in match.groups() if part is not None)
+    return int(number), deed, what
 
 
 def parse_plate_units(text: str) -> tuple[str, ...]:
@@ -49,6 +81,8 @@ class Stated:
     rename
         Label in the files, without subject prefix -> label wanted. A label that a file does not
         have is a note.
+    mend_plates
+        What is done to single plates, such as "2: turn 90" (`pipeline.io.mended_plates`).
     label_prefix
         Prefix of the subject wanted, or its number, where several carry the same labels.
     units
@@ -76,6 +110,7 @@ class Stated:
     plate_units: str | None = None
     marker_set: MarkerSet | None = field(default=None, hash=False)
     marker_stream: str | None = None
+    mend_plates: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "rename", MappingProxyType(dict(self.rename)))
@@ -104,6 +139,8 @@ class Stated:
             written = unit if _is_length(unit) else length_of_moment(moment)
             length = pressure[0] if pressure else written
             unit = {"force": force, "moment": moment, "pressure": length}[quantity]
+        if raw := RAW_SIGNALS.get(unit.strip().lower()):
+            raise ValueError(f"it holds {raw} ({short(unit)}), not a {quantity}; {ASK_FOR_GAINS}")
         try:
             return CONVERT[quantity](unit)
         except ValueError as error:

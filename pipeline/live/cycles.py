@@ -1,4 +1,4 @@
-"""Gait cycles as soon as they are known, and the residuals of a condition so far."""
+"""Gait cycles and steps as soon as they are known, and the residuals of a condition so far."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from hbm.spatial import Array
+from pipeline.config.schema import Unit
 from pipeline.live.chain import LiveFrame
 from pipeline.trial.gait.contact import MIN_STANCE_S
 from pipeline.trial.gait.cycles import MAX_DURATION, MIN_DURATION
@@ -24,7 +25,7 @@ PERCENT: Final = np.arange(101)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveCycle:
-    """A stride that has just ended.
+    """A stride, or a step to the other foot's strike, that has just ended.
 
     Attributes
     ----------
@@ -48,6 +49,8 @@ class LiveCycle:
         NaN unless all its frames count, or would if the plates carried the subject.
     carried_share
         Share of its frames in which the plates carry the subject.
+    unit
+        "cycle" or "step".
     """
 
     side: str
@@ -60,6 +63,7 @@ class LiveCycle:
     curve: Mapping[str, Array]
     vertical_n: float = np.nan
     carried_share: float = 1.0
+    unit: Unit = "cycle"
 
 
 @dataclass(slots=True)
@@ -85,11 +89,12 @@ class _Foot:
 
 @dataclass(slots=True)
 class GaitTracker:
-    """Finds gait cycles frame by frame.
+    """Finds gait cycles and steps frame by frame.
 
     A contact and its loss count once they last 0.1 s, as in trials (``MIN_STANCE_S``), and are
     known that much later. A stride takes 0.4 to 2.5 s and 0.6 to 1.5 of the median of the last ten;
-    it is a gait cycle if the other foot has struck once in it, if that foot strikes at all.
+    it is a gait cycle if the other foot has struck once in it, if that foot strikes at all. A step,
+    from one foot's strike to the other's, takes half as long.
     Contacts are those of the filtered forces, and as late as these.
 
     Examples
@@ -109,37 +114,46 @@ class GaitTracker:
 
     _frames: deque[LiveFrame] = field(default_factory=deque)
     _feet: tuple[_Foot, _Foot] = field(default_factory=lambda: (_Foot(), _Foot()))
-    _durations: deque[float] = field(default_factory=lambda: deque(maxlen=TYPICAL_OF))
+    _durations: dict[Unit, deque[float]] = field(
+        default_factory=lambda: {u: deque(maxlen=TYPICAL_OF) for u in ("cycle", "step")}
+    )
 
     def add(self, frame: LiveFrame) -> list[LiveCycle]:
-        """Take a frame and give the strides that it ends."""
+        """Take a frame and give the strides and steps that it ends."""
         self._frames.append(frame)
         while frame.time - self._frames[0].time > MAX_CYCLE_S + 2 * MIN_STANCE_S:
             self._frames.popleft()
-        strides = []
-        for side, foot, other, loaded in zip(
-            SIDES, self._feet, self._feet[::-1], frame.contact.tolist(), strict=True
+        ended = []
+        for side, other_side, foot, other, loaded in zip(
+            SIDES, SIDES[::-1], self._feet, self._feet[::-1], frame.contact.tolist(), strict=True
         ):
             at = foot.change(loaded, frame.time)
             if at is None or not loaded:
                 continue
             other.others_strikes += 1
-            if foot.strike_s is not None and self._is_stride(foot.strike_s, at):
+            if foot.strike_s is not None and self._is_usual("cycle", foot.strike_s, at):
                 whole = other.strike_s is None or foot.others_strikes == 1
-                strides.append(self._cycle(side, foot.strike_s, at, whole))
+                ended.append(self._cycle("cycle", side, foot.strike_s, at, whole))
+            own_s = -np.inf if foot.strike_s is None else foot.strike_s
+            last_s = -np.inf if other.strike_s is None else other.strike_s
+            if own_s < last_s and self._is_usual("step", last_s, at):
+                ended.append(self._cycle("step", other_side, last_s, at, True))
             foot.strike_s, foot.others_strikes = at, 0
-        return strides
+        return ended
 
-    def _is_stride(self, start_s: float, stop_s: float) -> bool:
-        duration = stop_s - start_s
-        usual = float(np.median(self._durations)) if self._durations else duration
-        if not MIN_STRIDE_S <= duration <= MAX_CYCLE_S:
+    def _is_usual(self, unit: Unit, start_s: float, stop_s: float) -> bool:
+        duration, past = stop_s - start_s, self._durations[unit]
+        usual = float(np.median(past)) if past else duration
+        part = 1.0 if unit == "cycle" else 0.5
+        if not part * MIN_STRIDE_S <= duration <= part * MAX_CYCLE_S:
             return False
-        self._durations.append(duration)
+        past.append(duration)
         kept = self._frames[0].time <= start_s  # not so after a gap in the stream
         return kept and MIN_DURATION <= duration / usual <= MAX_DURATION
 
-    def _cycle(self, side: str, start_s: float, stop_s: float, whole: bool) -> LiveCycle:
+    def _cycle(
+        self, unit: Unit, side: str, start_s: float, stop_s: float, whole: bool
+    ) -> LiveCycle:
         inside = [f for f in self._frames if start_s <= f.time < stop_s]
         time = np.array([f.time for f in inside])
         counts = np.array([f.quality.counts for f in inside])
@@ -166,6 +180,7 @@ class GaitTracker:
             curve,
             float(force[:, 2].mean()) if known else np.nan,
             1 - float(np.mean(beside)),
+            unit,
         )
 
 
@@ -184,7 +199,7 @@ class Limits(NamedTuple):
 
 @dataclass(slots=True)
 class ConditionSoFar:
-    """Summarises the gait cycles of a condition as they end, in memory that does not grow.
+    """Summarises the gait cycles, or steps, of a condition as they end, in memory that stays.
 
     A frame that is in a cycle of either foot counts once; trials count the cycles of one foot.
 
@@ -192,14 +207,17 @@ class ConditionSoFar:
     ----------
     min_valid_share
         Of a gait cycle's frames in which the plates carry the subject: with less it does not count.
+    unit
+        "cycle" or "step".
     cycles
-        Gait cycles that count, of both sides.
+        Those that count, of both sides.
     not_carried
         Gait cycles that do not, since the plates carried the subject in less than
         ``min_valid_share`` of them.
     """
 
     min_valid_share: float
+    unit: Unit = "cycle"
     cycles: int = 0
     not_carried: int = 0
     _counted_s: float = -np.inf

@@ -13,6 +13,7 @@ from hbm.notes import Note
 from hbm.signals.filtering import acceleration_lag_s
 from hbm.signals.samples import stretches
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array
+from pipeline.config.schema import NOUNS
 from pipeline.io.recording import Plate
 from pipeline.live.chain import LiveChain, LiveFrame
 from pipeline.live.cycles import ConditionSoFar, GaitTracker, Limits, LiveCycle
@@ -347,7 +348,8 @@ class Monitor:
         streams = (chain.stream.name, *chain.analog.used)
         self._arrived_s = dict.fromkeys(streams, monotonic())
         self._silent: set[str] = set()
-        self.condition = ConditionSoFar(chain.settings.min_valid_share)
+        least = chain.settings.min_valid_share
+        self._so_far = {unit: ConditionSoFar(least, unit) for unit in ("cycle", "step")}
         self.cycles: deque[LiveCycle] = deque(maxlen=10)
         self.notes: deque[tuple[float, Note]] = deque(maxlen=MAX_NOTES)
         self.reasons: Counter[str] = Counter()
@@ -376,12 +378,15 @@ class Monitor:
         self._time = frame.time
         self._latency.append(latency_s)
         self.reasons.update(reason.name or "" for reason in Quality if reason in frame.quality)
-        strides = self._gait.add(frame)
+        ended = self._gait.add(frame)
+        strides = [each for each in ended if each.unit == "cycle"]
         for stride in strides:
             self._note(*self._weight.add(stride))
+        for each in ended:
+            if each.whole:
+                self._so_far[each.unit].add(each)
         cycles = [stride for stride in strides if stride.whole]
-        for cycle in cycles:
-            self.condition.add(cycle)
+        if ended:
             self._height_m = height_of_mass(self._chain.body, frame.q[None])
         self.cycles.extend(cycles)
         self._note(*self._delay.add(frame), *self._fit.add(frame))
@@ -394,6 +399,12 @@ class Monitor:
             if stream not in self._silent and now - arrived_s > SILENT_S:
                 self._silent.add(stream)
                 self._note(Note.of("live_stream_silent", stream=stream))
+
+    @property
+    def condition(self) -> ConditionSoFar:
+        """The gait cycles so far or, where plates carry none of them, the steps."""
+        cycles, steps = self._so_far.values()
+        return steps if steps.cycles and not cycles.cycles else cycles
 
     @property
     def limits(self) -> dict[str, Limits]:
@@ -412,10 +423,10 @@ class Monitor:
             parts.append(f"{chain.late} late")
         if condition.cycles:
             *_, best = condition.rms.values()
-            parts.append(f"{condition.cycles} gait cycles")
+            parts.append(f"{condition.cycles} {NOUNS[condition.unit]}s")
             parts.append(f"RMS {_in_words(best)}")
         if condition.not_carried:
-            parts.append(f"{condition.not_carried} gait cycles beside the plates")
+            parts.append(f"{condition.not_carried} {NOUNS[condition.unit]}s beside the plates")
         parts.append(f"{self.latency_ms(50):.1f} ms (99 %: {self.latency_ms(99):.1f})")
         return " · ".join(parts)
 

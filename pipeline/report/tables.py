@@ -7,6 +7,7 @@ from typing import Final
 
 import pandas as pd
 
+from pipeline.config.schema import NOUNS
 from pipeline.report.blocks import Table
 from pipeline.statistics.design import CONFIDENCE, MIN_SUBJECTS, Design
 from pipeline.statistics.table_3 import (
@@ -21,6 +22,8 @@ from pipeline.statistics.verdict import MAX_SUBJECTS, POWER, Verdict, join_names
 
 WINDOWS: Final = {
     "cycle": "whole gait cycles",
+    "step": "steps, from one foot's strike to the other's",
+    "stance": "stances, from a foot's strike to its foot off",
     "span": "spans of the recordings",
     "motion": "the time from the onset of each perturbation for which the platform moves fast",
 }
@@ -96,7 +99,7 @@ def windows_sentence(residuals: pd.DataFrame) -> str:
     unlike = (
         " Conditions differ in the part of the gait cycle that counts, and so may their residuals."
     )
-    within = [name for name in conditions if name not in ("cycle", "span")]
+    within = [name for name in conditions if name not in (*NOUNS, "span")]
     return f"RMS over {join_names(parts)}.{unlike * bool(within and len(conditions) > 1)}"
 
 

@@ -8,6 +8,7 @@ import pandas as pd
 
 from pipeline.budgets.explanation import Explanation
 from pipeline.budgets.words import CAPTION, budget_table
+from pipeline.config.schema import NOUNS
 from pipeline.report.blocks import Check, Table, Text
 from pipeline.run.load import Results
 from pipeline.run.provenance import Provenance, TrialState
@@ -112,6 +113,7 @@ def _counted(trial: TrialResult, headline: pd.DataFrame) -> Check:
         value, sides = f"{trial.span[0]:.2f}–{trial.span[1]:.2f} s", "no gait cycles"
     else:
         value = f"{sum(counts.values())} of {trial.found_cycles}"
+        value += "" if trial.unit == "cycle" else f" {NOUNS[trial.unit]}s"
         sides = ", ".join(f"{n} {side}" for side, n in counts.items())
         sides += f"; {trial.part.name}" if trial.part else ""
     return "none", value, "; ".join(filter(None, (sides, share)))

@@ -65,8 +65,8 @@ class TrialRequest(Settings, Subject, RecordingRequest):
     plate_delay_ms: Annotated[float, Field(ge=-500, le=500)] | None = None
     """Delay of the plates relative to the markers; default: their calibration's, or none."""
     span: str | None = None
-    """What counts in place of gait cycles: start and stop in s, e.g. 5,15, or all; default: all
-    where there is no gait cycle."""
+    """What counts in place of gait cycles: step, stance, start and stop in s, e.g. 5,15, or all;
+    default: where there is no gait cycle steps, else stances, else all."""
     plate_calibration: Path | None = None
     """Calibration of the plates by known weights (hbm plates)."""
     calibration: Path | None = None
@@ -79,15 +79,17 @@ class TrialRequest(Settings, Subject, RecordingRequest):
         """What counts; a ValueError where the span is not understood."""
         if self.span is None:
             return Condition()
-        if self.span.strip().lower() == "all":
-            return Condition(window="recording")
+        windows = {"all": "recording", "step": "step", "stance": "stance"}
+        if (word := self.span.strip().lower()) in windows:
+            return Condition.model_validate({"window": windows[word]})
         try:
             start, stop = (float(part) for part in self.span.split(","))
         except ValueError:
             start, stop = 0.0, 0.0
         if not 0 <= start < stop <= MAX_STOP:
             raise ValueError(
-                f"--span {self.span!r}: expected start and stop in seconds, such as 5,15, or all"
+                f"--span {self.span!r}: expected step, stance, start and stop in seconds, such as "
+                "5,15, or all"
             )
         return Condition(window=Interval(start, stop, "s"))
 

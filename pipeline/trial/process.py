@@ -1,6 +1,8 @@
 """One trial from recording to residuals: the whole method, top to bottom."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 
 from hbm.body import Body
 from hbm.engines.engine import choose_engine
@@ -20,14 +22,21 @@ from pipeline.config.study import Study
 from pipeline.config.toml_file import read_segments
 from pipeline.io.recording import Event, Recording
 from pipeline.trial.checks import check_markers, check_motion, check_plates, other_person
+from pipeline.trial.gait.carried import places_of
 from pipeline.trial.gait.contact import contact_notes
-from pipeline.trial.gait.cycles import found_cycles
 from pipeline.trial.gait.detection import detect_events, foot_motion, plate_events
-from pipeline.trial.gait.events import check_events, reference_events
+from pipeline.trial.gait.events import SIDES, check_events, reference_events
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import BoundLaboratory, Laboratory, bind
 from pipeline.trial.ground.uncertainty import uncertainty_notes
 from pipeline.trial.ground.wrenches import Ground, ground_wrenches, plate_loads
+from pipeline.trial.plate_faults import (
+    Witnesses,
+    misweigh,
+    plate_faults,
+    weight_of_steps,
+    without_explained,
+)
 from pipeline.trial.quality import NO_SUPPORT, carried_notes, free_of, settling_s
 from pipeline.trial.result import TrialResult
 from pipeline.trial.stages import (
@@ -47,9 +56,11 @@ from pipeline.trial.study_files import (
 )
 from pipeline.trial.subject import (
     ON_PLATES,
+    BodyMass,
+    MassUnknownError,
     body_mass,
-    carried_mass,
     differing_masses,
+    roughly_weighed,
     subject_body,
 )
 from pipeline.trial.window import what_counts
@@ -91,9 +102,9 @@ def process_recording(
     laboratory
         The treadmill and its calibrations; by default one that stands still.
     condition
-        What counts: which gait cycles, the recording, or a span of it; by default all cycles of the
-        right foot, or of the left one if the right has none, and the whole recording where there is
-        none.
+        What counts: gait cycles, steps, stances, the recording, or a span of it; by default all
+        cycles of the right foot, or of the left one if the right has none; where there is none
+        steps, else stances, else the whole recording.
     contacts
         Whose foot was on a plate, where a person knows better.
     jobs
@@ -123,16 +134,31 @@ def process_recording(
     '74.6 kg, 3 gait cycles'
     """
     laboratory, notes = laboratory or Laboratory(Treadmill()), list[Note]()
-    _require_plates(recording)
     choose_engine(settings.engine)
     recording = with_corrected_plates(recording, laboratory.plates)
     standing = with_corrected_plates(static, laboratory.plates) if static else recording
     notes += recording.notes
 
     # body: segments and joints from the calibration pose, scaled by mass and stature
-    if marker_set is None and settings.marker_set is None:
-        marker_set = recognise_marker_set(standing.markers.names)
-    mass = body_mass(subject, standing, recording)
+    try:
+        mass = _body_mass(recording, standing, subject, settings, marker_set)
+    except MassUnknownError as unknown:
+        rough = subject.model_copy(update={"mass_kg": roughly_weighed(recording, unknown)})
+        again = partial(
+            process_recording,
+            recording,
+            settings=settings,
+            static=static,
+            static_window_s=static_window_s,
+            hip_trial=hip_trial,
+            segments=segments,
+            marker_set=marker_set,
+            laboratory=laboratory,
+            condition=condition,
+            contacts=contacts,
+            jobs=jobs,
+        )
+        return _weighed_by_steps(again, again(rough), unknown)
     body = subject_body(
         standing,
         subject,
@@ -167,6 +193,26 @@ def process_recording(
     notes += () if uncertainty is None else uncertainty_notes(uncertainty[counts])
     notes += carried_notes(quality, motion.time, loads.need, loads.measured)
 
+    # plates: each by itself, against its raw samples, the motion and the feet
+    witnesses = Witnesses.of(
+        motion.time,
+        ground.variants[ground.best],
+        loads.dynamics[ground.best].residual,
+        motion.q[:, :3],
+        counts,
+        places_of(body, pose.solved.q),
+        [body.lengths[f"{side}_foot"] for side in SIDES],
+        body.mass * GRAVITY_MPS2,
+        settings.cutoff_hz,
+        settings.filter,
+    )
+    faults = plate_faults(recording.plates, witnesses, still=ground.pose is None)
+    notes = [*without_explained(notes, faults), *faults]
+    carried_kg = None if misweigh(faults) else weight_of_steps(witnesses)
+    if carried_kg is not None:
+        notes.append(Note.of("mass_carried", mass_kg=carried_kg))
+    notes += differing_masses(mass.known_kg, carried_kg)
+
     # gait: events, the cycles that count, and the delay that the residuals show
     events = _events(lab, body, pose, ground, loads, quality, notes, settings)
     counted = what_counts(
@@ -179,8 +225,6 @@ def process_recording(
         notes,
         settings.min_valid_share,
     )
-    carried_kg = carried_mass(motion.time, loads.measured, counted.usable, counts)
-    notes += differing_masses(mass.known_kg, carried_kg)
     delay_s, delay_uncertainty_s = plate_delay(loads, ground.best, counts, settings, notes)
     if static is not None:
         known_kg = {**mass.known_kg, **({ON_PLATES: carried_kg} if carried_kg else {})}
@@ -200,7 +244,8 @@ def process_recording(
         platform=ground.pose,
         events=events,
         cycles=counted.cycles,
-        found_cycles=found_cycles(events, counted.cycles),
+        unit=counted.unit,
+        found_cycles=counted.found,
         span=counted.span,
         quality=quality,
         onsets=counted.onsets,
@@ -285,12 +330,48 @@ def process_trial(
         )
 
 
-def _require_plates(recording: Recording) -> None:
+def _weighed_by_steps(
+    again: Callable[[Subject], TrialResult], rough: TrialResult, unknown: MassUnknownError
+) -> TrialResult:
+    """Process a trial once more with the mass that its steps show, where nothing else tells it."""
+    carried = [note for note in rough.notes if note.code == "mass_carried"]
+    if not carried:
+        raise unknown
+    mass_kg = float(str(carried[0].values["mass_kg"]))
+    result = again(rough.subject.model_copy(update={"mass_kg": mass_kg}))
+    by_steps = Note.of("mass_by_steps", mass_kg=mass_kg)
+    notes = (by_steps if note.code == "mass_stated" else note for note in result.notes)
+    return replace(result, notes=tuple(notes))
+
+
+def _body_mass(
+    recording: Recording,
+    standing: Recording,
+    subject: Subject,
+    settings: Settings,
+    marker_set: MarkerSet | None,
+) -> BodyMass:
+    """Give the body mass, or say all at once that the trial lacks: labels, plates, mass."""
+    faults, mass = list[str](), None
+    if marker_set is None and settings.marker_set is None:
+        try:
+            recognise_marker_set(standing.markers.names)
+        except ValueError as unknown:
+            faults.append(f"{standing.source.name}: {unknown}")
     if not recording.plates:
-        raise ValueError(
+        faults.append(
             f"{recording.source.name}: {recording.why_no_plates}; residuals need the ground "
             "reaction wrench (FORCE_PLATFORM group, or a second file with forces)"
         )
+    try:
+        mass = body_mass(subject, standing, recording)
+    except MassUnknownError:
+        if not faults:
+            raise
+        faults.append("the mass is missing too (--mass-kg)")
+    if mass is None or faults:
+        raise ValueError("; ".join(faults))
+    return mass
 
 
 def _events(

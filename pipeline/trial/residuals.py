@@ -33,7 +33,7 @@ CYCLE_COLUMNS: Final = (
 RESIDUAL_COLUMNS: Final = (
     *("subject", "condition", "compensated", "window", "headline", "axis", "unit"),
     *("rms", "rms_of_cycles", "mean", "sd", "peak", "rms_percent"),
-    *("n_cycles", "valid_share", "compensation_sd"),
+    *("n_cycles", "n_frames", "valid_share", "compensation_sd"),
 )
 THRESHOLD_COLUMNS: Final = ("compensated", "quantity", "unit", "peak", "limit", "passed")
 EVERY_MARKER: Final = "all"
@@ -99,7 +99,7 @@ def windows(result: TrialResult) -> tuple[Window, ...]:
     """Give what a trial's residuals are summarised over, the headline first."""
     if result.span:
         return (Window("span", True, np.array([result.span])),)
-    cycles = Window("cycle", result.part is None, _joined(result.cycles))
+    cycles = Window(result.unit, result.part is None, _joined(result.cycles))
     if result.part is None:
         return (cycles,)
     spans = {side: result.part.spans[side] for side in result.cycles}
@@ -182,7 +182,8 @@ def residual_table(result: TrialResult, condition: str) -> pd.DataFrame:
         compensated
             Whether the plates' wrenches were compensated.
         window, headline
-            What counts: "cycle", "span" of the recording, or a part of the perturbed gait cycles:
+            What counts: "cycle", "step", "stance", "span" of the recording, or a part of the
+            perturbed gait cycles:
             "motion", or what was stated, such as "0.2 to 0.5 s"; and whether this is the window
             that the condition asks for. Where that is a part, there are rows of "cycle" too.
         axis, unit
@@ -194,10 +195,11 @@ def residual_table(result: TrialResult, condition: str) -> pd.DataFrame:
         rms_percent
             The RMS in percent of body weight, or of body weight × stature.
         n_cycles
-            Number of gait cycles of which any frame in the window counts; 0 for a span.
-        valid_share
-            Share of the window's frames that count: the pose is known and the plates carry the
-            subject.
+            Number of gait cycles, steps or stances of which any frame in the window counts; 0 for a
+            span.
+        n_frames, valid_share
+            Number and share of the window's frames that count: the pose is known and the plates
+            carry the subject.
         compensation_sd
             RMS of one standard deviation of the residual due to the compensation; NaN where there
             is none.
@@ -254,6 +256,7 @@ def _summary(result: TrialResult, condition: str, window: Window, variant: str) 
             "peak": np.abs(value).max(axis=0),
             "rms_percent": rms / percent,
             "n_cycles": 0 if result.span else sum(with_data),
+            "n_frames": np.count_nonzero(counts),
             "valid_share": np.count_nonzero(counts) / np.count_nonzero(inside),
             "compensation_sd": spread,
         }
@@ -263,7 +266,7 @@ def _summary(result: TrialResult, condition: str, window: Window, variant: str) 
 def _rms_of_cycles(result: TrialResult, variant: str, window: Window) -> Array:
     """Give the RMS over cycles of each cycle's RMS in a window, (6,); NaN without cycles."""
     curves = np.concatenate(list(cycle_residuals(result, variant).values()))
-    if window.name != "cycle" and not result.span:
+    if result.part is not None and window.name == result.part.name:
         share = np.linspace(0, 1, curves.shape[1])
         start, stop = _joined(result.cycles).T[..., None]
         first, last = ((bound[:, None] - start) / (stop - start) for bound in window.spans.T)

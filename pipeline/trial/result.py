@@ -20,7 +20,7 @@ from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.notes import Note
 from hbm.spatial import Array, Indices, Mask
-from pipeline.config.schema import Settings, Subject
+from pipeline.config.schema import Settings, Subject, Unit
 from pipeline.io.recording import Event, Plate
 from pipeline.trial.quality import free_of
 
@@ -105,6 +105,8 @@ class TrialResult:
         Side -> start and stop of each gait cycle that counts, (C, 2) [s].
     found_cycles
         How many gait cycles the events of these sides show, counted or not.
+    unit
+        "cycle", or "step" or "stance" where ``cycles`` and ``found_cycles`` are these.
     span
         Start and stop of the stretch of the recording that counts in place of gait cycles [s]; None
         where gait cycles count.
@@ -169,6 +171,7 @@ class TrialResult:
     overridden_segments: tuple[str, ...] = ()
     onsets: Array = field(default_factory=lambda: np.empty(0))
     part: CyclePart | None = None
+    unit: Unit = "cycle"
     uncertainty: Array | None = None
     condition: str = ""
     key: str = ""

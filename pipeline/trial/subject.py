@@ -123,12 +123,18 @@ LONG_TENTHS: Final = 20
 """Two seconds: however a person moves in them, the mean vertical force is about the weight."""
 MIN_WHOLE_SHARE: Final = 0.9
 """Of that mean, or of the mass in a file: plates that carry less do not carry the whole subject."""
+MIN_LOAD_SHARE: Final = 0.7
+"""Of the largest mean over a tenth of a second: with less, a foot is on the floor."""
 MAX_MASS_DIFFERENCE: Final = 0.03
 """Of the smallest: more than clothes, shoes, a meal and a plate's gain error together."""
-ON_PLATES: Final = "on the plates over gait cycles"
+ON_PLATES: Final = "on the plates over steps"
 MIN_HEIGHT_M: Final = 0.5
 MAX_HEIGHT_M: Final = 2.6
 """Bounds of stature that the body builder takes; a file that says otherwise has another unit."""
+
+
+class MassUnknownError(ValueError):
+    """Body mass is neither stated nor in a file, and nobody stands still on the plates."""
 
 
 class BodyMass(NamedTuple):
@@ -169,7 +175,7 @@ def body_mass(subject: Subject, pose: Recording, trial: Recording | None = None)
 
     Raises
     ------
-    ValueError
+    MassUnknownError
         If it is neither stated nor in a file, and there is no such second.
 
     Notes
@@ -195,7 +201,7 @@ def body_mass(subject: Subject, pose: Recording, trial: Recording | None = None)
     if weighings and not whole:
         found["standing on the plates"] = weighings[0]
     if not found:
-        raise ValueError(_nothing_known(pose.source.name, recordings))
+        raise MassUnknownError(_nothing_known(pose.source.name, recordings))
     mass_kg, note = next(iter(found.values()))
     return BodyMass(mass_kg, {source: mass for source, (mass, _) in found.items()}, note)
 
@@ -208,7 +214,8 @@ def differing_masses(known_kg: Mapping[str, float], carried_kg: float | None) ->
     known_kg
         Where a mass comes from -> that mass; the one that is used is the first.
     carried_kg
-        What the plates carry over gait cycles, as `carried_mass` gives it.
+        What the plates carry over steps, as
+        `pipeline.trial.plate_faults.weight_of_steps` gives it.
 
     Returns
     -------
@@ -262,6 +269,25 @@ def _weigh(recording: Recording, expected_kg: float | None) -> tuple[float, Note
     return mass_kg, Note.of("mass_weighed", mass_kg=mass_kg, **times, file=recording.source.name)
 
 
+def roughly_weighed(recording: Recording, unknown: MassUnknownError) -> float:
+    """Guess the body mass by the load of all plates while they carry most [kg].
+
+    It is within a tenth for somebody who walks over them, near enough to find the steps that weigh
+    better (`pipeline.trial.plate_faults.weight_of_steps`). Where nobody is on them, the
+    error is raised that says that the mass is unknown.
+    """
+    markers, plates = recording.markers, recording.plates
+    every = common_tenths(markers.time, *(plate.time for plate in plates))
+    loads = [
+        tenths(plate.wrench_in_plate[:, :3] @ plate.rotation[2], plate.time, *every)
+        for plate in plates
+    ]
+    mass = np.nan_to_num(np.sum(loads, axis=0)) / GRAVITY_MPS2
+    if mass.max(initial=0.0) < MIN_MASS_KG:
+        raise unknown
+    return float(mass[mass > MIN_LOAD_SHARE * mass.max()].mean())
+
+
 def _nothing_known(name: str, recordings: tuple[Recording, ...]) -> str:
     """Say that the body mass is not known, and what to do."""
     plates = next((r.plates for r in recordings if r.plates), ())
@@ -274,33 +300,6 @@ def _nothing_known(name: str, recordings: tuple[Recording, ...]) -> str:
         f"{name}: mass missing: {why}; state the mass (--mass-kg, mass_kg of the subject)"
         f"{hint if mean_kg > MIN_MASS_KG else ''}"
     )
-
-
-def carried_mass(
-    time: Array, vertical: Array, cycles: Mapping[str, Array], valid: Mask
-) -> float | None:
-    """Give the mass that the plates carry over whole gait cycles, to compare a stated one with.
-
-    Parameters
-    ----------
-    time
-        (T,) [s].
-    vertical
-        Vertical force of all plates on the subject, filtered, (T,) [N].
-    cycles
-        Side -> start and stop of each gait cycle, (C, 2) [s].
-    valid
-        Frames in which the plates carry the subject, (T,).
-
-    Returns
-    -------
-    float or None
-        Mean vertical force by gravity, over those cycles of either side in which the plates carry
-        the subject throughout: over whole cycles a body gains no vertical speed. None without any.
-    """
-    edges = [np.searchsorted(time, span) for spans in cycles.values() for span in spans]
-    carried = [vertical[a:b] for a, b in edges if a < b and valid[a:b].all()]
-    return float(np.concatenate(carried).mean()) / GRAVITY_MPS2 if carried else None
 
 
 EXPECTED_HIP_DISTANCE_M: Final = 0.03

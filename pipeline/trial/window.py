@@ -11,7 +11,7 @@ import numpy as np
 from compensation.platform import PlatformPose
 from hbm.notes import Note
 from hbm.spatial import Array, Indices, Mask
-from pipeline.config.schema import Condition, Interval
+from pipeline.config.schema import NOUNS, Condition, Interval, Unit, WantedWindow
 from pipeline.io.recording import Event, Recording
 from pipeline.trial.gait.cycles import (
     MIN_PLATFORM_SPEED_MPS,
@@ -86,8 +86,6 @@ def counted_reasons(left_out: Sequence[str]) -> str:
 
 
 Span = tuple[float, float]
-WantedWindow = Literal["cycle", "recording"] | Span | None
-"""What is to count; None for gait cycles or, where none counts, the whole recording."""
 NO_POSE: Final = (
     'window = "motion" needs the platform\'s pose; state its markers or channels under '
     "[treadmill.platform], or another window"
@@ -110,6 +108,10 @@ class Counted:
         The part of the gait cycles that the condition asks for; None for all of them.
     span
         Start and stop of what counts in place of gait cycles [s]; None where these count.
+    unit
+        Whether ``usable`` and ``cycles`` are gait cycles, steps or stances.
+    found
+        How many of them the events of these sides show, whether they count or not.
     """
 
     usable: dict[str, Array]
@@ -117,6 +119,8 @@ class Counted:
     onsets: Array
     part: CyclePart | None
     span: Span | None
+    unit: Unit
+    found: int
 
 
 def what_counts(
@@ -135,12 +139,15 @@ def what_counts(
     so are the errors; the platform's pose is at the T frames. What is left out is noted.
     """
     time, counts, wanted = recording.markers.time, free_of(quality), rule.wanted
-    usable, left_out = cut_cycles(events, time, quality, min_valid_share)
+    unit, usable, left_out = _cut(events, time, quality, wanted, min_valid_share)
     onsets = perturbation_onsets(recording, rule, pose) if rule.perturbed else np.empty(0)
-    cycles, selection = select_cycles(usable, rule, onsets)
+    cycles, selection = select_cycles(usable, rule, onsets) if unit == "cycle" else (usable, ())
     part, of_part = perturbed_part(rule, cycles, onsets, time, pose)
     span = counted_span(wanted, cycles, time, settling, counts, min_valid_share)
-    counted = Counted(usable, cycles, onsets, part, span)
+    found = found_cycles(events, cycles)
+    if unit != "cycle":
+        found = sum(map(len, usable.values())) + len(left_out)
+    counted = Counted(usable, cycles, onsets, part, span, unit, found)
     if left_out:
         reasons = counted_reasons(left_out)
         notes.append(Note.of("cycles_left_out", cycles=len(left_out), reasons=reasons))
@@ -150,6 +157,25 @@ def what_counts(
     notes += (*selection, *of_part)
     notes += _nothing_counts(wanted, counted, events, shortage, time, counts, solved)
     return counted
+
+
+def _cut(
+    events: Sequence[Event],
+    time: Array,
+    quality: Indices,
+    wanted: WantedWindow,
+    min_valid_share: float,
+) -> tuple[Unit, dict[str, Array], tuple[str, ...]]:
+    """Cut a trial into the unit that is wanted; by default gait cycles, else steps, else stances.
+
+    With why each was left out; where none is complete, of gait cycles.
+    """
+    units: tuple[Unit, ...] = ("cycle", "step", "stance")
+    if wanted in units:
+        units = (wanted,)
+    cut = {unit: cut_cycles(events, time, quality, min_valid_share, unit) for unit in units}
+    unit = next((unit for unit in units if any(map(len, cut[unit][0].values()))), units[0])
+    return unit, *cut[unit]
 
 
 def counted_span(
@@ -201,7 +227,7 @@ def counted_span(
     >>> counted_span(None, {}, time, (1 / 6, 1 / 6), valid, 0.5) is None
     True
     """
-    if wanted == "cycle" or (wanted is None and any(map(len, cycles.values()))):
+    if wanted in ("cycle", "step", "stance") or (wanted is None and any(map(len, cycles.values()))):
         return None
     settled = float(time[0] + settling[0]), float(time[-1] - settling[1])
     if settled[0] >= settled[1]:
@@ -335,8 +361,12 @@ def _nothing_counts(
     some_cycles = any(map(len, cycles.values()))
     parts = cycles if part is None else {s: np.reshape(p, (-1, 2)) for s, p in part.spans.items()}
     if (frames_within(time, parts, span) & counts).any():
-        if span is None or wanted is not None:
+        if wanted is not None or (span is None and counted.unit == "cycle"):
             return ()
+        if span is None:
+            count = sum(map(len, cycles.values()))
+            unit = NOUNS[counted.unit] + "s" * (count > 1)
+            return (Note.of("steps_for_cycles", reason=shortage, count=count, unit=unit),)
         code = "gait_cycles_left_out" if found_cycles(events, SIDES) else "no_gait_cycle"
         return (Note.of(code, reason=shortage, start_s=span[0], stop_s=span[1]),)
     inside = frames_within(time, {}, span) if span else np.ones(len(time), bool)

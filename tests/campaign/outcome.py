@@ -10,7 +10,7 @@ MAX_SECONDS: Final = 20.0
 """An attempt that takes longer hangs."""
 MAX_MEMORY_BYTES: Final = 2 << 30
 """An attempt that needs more, beyond what the campaign itself holds, needs too much."""
-MAX_MESSAGE_CHARACTERS: Final = 300
+MAX_MESSAGE_CHARACTERS: Final = 700
 SURVIVED: Final = ("fine", "noted", "one datum", "refused")
 KINDS: Final = (
     *SURVIVED,

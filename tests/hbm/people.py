@@ -35,10 +35,10 @@ def hbm1_person(names):
 
 def mirrored(markers):
     """The person's mirror image, left and right exchanged."""
-    swap = {"L": "R", "R": "L"}
+    own = {name.casefold(): name for name in markers.names}
+    other = {"l": "r", "r": "l"}
     names = tuple(
-        swap[n[0]] + n[1:] if n[0] in swap and swap[n[0]] + n[1:] in markers.names else n
-        for n in markers.names
+        own.get(other.get(n[0].casefold(), "") + n[1:].casefold(), n) for n in markers.names
     )
     return Markers(markers.time, names, markers.position * [1, -1, 1])
 

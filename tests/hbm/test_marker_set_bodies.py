@@ -17,6 +17,8 @@ from tests.synthetic import MASS_KG, STATURE_M
 LEGS = ("thigh", "shank", "foot")
 ARMS = ("upper_arm", "forearm", "hand")
 ROD_M = 0.1
+LOOSE_M = {"gait2354": 1e-4, "opencap": 1e-3, "helen_hayes": 1e-3}
+"""Sets with fewer markers on trunk or arms than coordinates: these are locked, the markers not."""
 
 
 def built(markers, **options):
@@ -39,7 +41,7 @@ def test_every_set_is_recognised_and_makes_a_body_that_fits_its_pose(name):
     body = built(static)
     assert body.marker_set == marker_sets()[name]
     assert set(body.markers) == set(static.names)
-    assert solve_ik(body, static).marker_error.max() < 1e-9
+    assert solve_ik(body, static).marker_error.max() < LOOSE_M.get(name, 1e-9)
 
 
 @pytest.mark.parametrize("name", ["pig", "cgm2"])

@@ -67,6 +67,55 @@ IOR_TRUNK = {
     "RA": "RSHO",
 }
 
+RAJAGOPAL_LOWER = {n: n + "S" for n in ("LASI", "RASI", "LPSI", "RPSI")} | _either_side(
+    {"TH1": "LTHI", "TH2": "THAP", "TH3": "THAD", "LFC": "LEK", "MFC": "MEK", "TB1": "LSHA"}
+    | {"TB2": "TIAP", "TB3": "TIAD", "LMAL": "LM", "MMAL": "MM", "CAL": "HEE", "MT5": "MT5"}
+    | {"TOE": "TOE"}
+)
+RAJAGOPAL = (
+    RAJAGOPAL_LOWER
+    | {"C7": "C7", "CLAV": "JN"}
+    | _either_side({"ACR": "SHO", "UA1": "DELT", "LEL": "LEE", "MEL": "MEE", "FAulna": "LW"})
+    | _either_side({"FAradius": "MW", "FAsuperior": "FRM"})
+)
+
+
+def _dotted(labels):
+    return {f"{s}.{label}": s + point for s in "LR" for label, point in labels.items()}
+
+
+GAIT2354 = {"V.Sacral": "SACR", "Sternum": "JN", "Top.Head": "THEAD"} | _dotted(
+    {"ASIS": "ASIS", "Thigh.Upper": "LTHI", "Thigh.Front": "THAP", "Thigh.Rear": "THAD"}
+    | {"Knee.Lat": "LEK", "Knee.Med": "MEK", "Shank.Upper": "LSHA", "Shank.Front": "TIAP"}
+    | {"Shank.Rear": "TIAD", "Ankle.Lat": "LM", "Ankle.Med": "MM", "Heel": "HEE"}
+    | {"Midfoot.Sup": "INSTEP", "Toe.Lat": "MT5", "Toe.Med": "MT1", "Toe.Tip": "TOE"}
+    | {"Acromium": "SHO", "Bicep": "DELT", "Elbow": "LEE", "Wrist.Lat": "LW", "Wrist.Med": "MW"}
+)
+OPENCAP = {"C7_study": "C7"} | {
+    f"{side}{label}_study": s + point
+    for side, s in (("L", "L"), ("r", "R"))
+    for label, point in (
+        {".ASIS": "ASIS", ".PSIS": "PSIS", "_thigh1": "LTHI", "_thigh2": "THAP", "_thigh3": "THAD"}
+        | {"_knee": "LEK", "_mknee": "MEK", "_sh1": "LSHA", "_sh2": "TIAP", "_sh3": "TIAD"}
+        | {"_ankle": "LM", "_mankle": "MM", "_calc": "HEE", "_toe": "MT2", "_5meta": "MT5"}
+        | {"_shoulder": "SHO", "_lelbow": "LEE", "_melbow": "MEE", "_lwrist": "MW"}
+        | {"_mwrist": "LW"}
+    ).items()
+}
+HELEN_HAYES_LOWER = {"VSAC": "SACR", "LASI": "LASIS", "RASI": "RASIS"} | _either_side(
+    {"THI": "LTHI", "KNE": "LEK", "KNE_2": "MEK", "SHA": "LSHA", "ANK": "LM", "ANK_2": "MM"}
+    | {"HEE": "HEE", "TOE": "MT2", "FOO": "MT1", "FOO_2": "MT5"}
+)
+HELEN_HAYES = (
+    HELEN_HAYES_LOWER
+    | {"C7": "C7", "IJ": "JN", "PX": "XIPH", "ROFF": "RBAK"}
+    | _either_side({"SHO": "SHO", "ELB": "LEE", "WRI": "MW"})
+)
+CODA = _dotted(
+    {"ASIS": "ASIS", "PSIS": "PSIS", "Ant.Fem.": "THAP", "Post.Fem.": "THAD", "Knee": "LEK"}
+    | {"Ant.Tib.": "TIAP", "Post.Tib.": "TIAD", "Ankle": "LM", "Heel": "HEE", "Toe": "MT5"}
+)
+
 SETS = {
     "hbm2": {name: name for name in T_POSE_MM},
     "hbm1_lower": _of_hbm1("hbm1_lower"),
@@ -80,6 +129,13 @@ SETS = {
     | CGM2_HEAD,
     "ior_lower": IOR_LOWER | IOR_MEDIAL,
     "ior": IOR_LOWER | IOR_MEDIAL | IOR_TRUNK,
+    "rajagopal_lower": RAJAGOPAL_LOWER,
+    "rajagopal": RAJAGOPAL,
+    "gait2354": GAIT2354,
+    "opencap": OPENCAP,
+    "helen_hayes_lower": HELEN_HAYES_LOWER,
+    "helen_hayes": HELEN_HAYES,
+    "coda": CODA,
 }
 """Marker set -> label -> the point of the person that carries the marker."""
 

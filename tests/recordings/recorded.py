@@ -10,7 +10,6 @@ from pipeline.config.schema import Settings, Subject
 from pipeline.io.read import read_recording
 from pipeline.io.stated import Stated
 from pipeline.trial.process import process_recording
-from tests.hbm.motions import relabelled
 
 TESTS = Path(__file__).resolve().parents[1]
 AXES = "forward,up,right"
@@ -20,10 +19,6 @@ MASS_KG, STATURE_M = 72.84, 1.808
 
 def marker_set(path):
     return read_marker_set(path.read_text(encoding="utf-8"), path.stem)
-
-
-def of_subjects(name):
-    return marker_set(TESTS.parent / "subjects" / "marker_sets" / f"{name}.toml")
 
 
 def treadmill(folder):
@@ -44,14 +39,14 @@ def overground(folder):
     walk = read_recording(folder / "subject01_walk1.trc", AXES, forces)
     static = read_recording(folder / "subject01_static.trc", AXES)
     known = {"subject": Subject(mass_kg=72.6), "static": static}
-    return walk, known | {"marker_set": of_subjects("gait2354")}
+    return walk, known
 
 
 def generated(folder):
     folder = folder / "truth_walk"
     walk = read_recording(folder / "markers.trc", AXES, folder / "grf.mot")
     person = Subject(sex="male", mass_kg=MASS_KG, height_m=STATURE_M)
-    return walk, {"subject": person, "marker_set": of_subjects("arnold2013")}
+    return walk, {"subject": person}
 
 
 @cache
@@ -76,10 +71,7 @@ def standing(folder):
 def two_plates(folder):
     """Overground walking over two plates; the file states no mass."""
     walk = pipeline.read_c3d(folder / "c3d_samples" / "Gait.c3d")
-    chosen = (TESTS / "recordings" / "two_plates.toml").read_text(encoding="utf-8")
-    known = {"marker_set": read_marker_set(chosen.replace("VSAC", "SACR"), "two_plates")}
-    walk = replace(walk, markers=relabelled(walk.markers, ("VSAC", "SACR")))
-    return walk, known | {"subject": Subject(mass_kg=72.0)}
+    return walk, {"subject": Subject(mass_kg=72.0)}
 
 
 def later(recording, delay_s):

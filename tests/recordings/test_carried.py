@@ -148,7 +148,11 @@ def test_a_plate_with_a_wrong_gain_is_not_hidden(treadmill):
     assert free_of(result.quality, NO_SUPPORT).all()
     assert sum(map(len, result.cycles.values())) == 10
     assert rms(result, "Fz") > 80
-    assert "mass_differs" in codes(result)
+    vertical = [
+        n.values for n in result.notes if n.code == "plate_gain" and n.values["component"] == "Fz"
+    ]
+    assert [values["plate"] for values in vertical] == [2]
+    assert vertical[0]["low"] < 1.3 < vertical[0]["high"]
 
 
 def test_of_a_walk_over_two_plates_the_stride_on_them_counts(shared_data):

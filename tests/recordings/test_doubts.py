@@ -26,6 +26,8 @@ DOUBTS = {
     *("marker_error_large", "joint_angles_impossible"),
     *("events_of_other_side", "events_offset"),
     *("plates_not_zeroed", "load_jumps", "mass_differs"),
+    *("plate_wraps", "plate_jumps", "plates_exchanged", "plate_turned", "plate_reversed"),
+    *("plate_elsewhere", "plate_askew", "plate_gain"),
 }
 
 
@@ -59,18 +61,15 @@ def test_overground_and_generated_walking_is_not_doubted(shared_data, read):
     assert doubts_of(processed(read, shared_data)) == {}
 
 
-def test_of_a_descent_of_steps_the_plates_zeros_are_doubted_and_the_mass_that_they_carry(
+def test_of_a_descent_of_steps_the_plates_zeros_are_doubted_and_explain_the_mass_they_carry(
     shared_data,
 ):
     """Four plates that read 6 to 12 N each without anybody on them, 36 N or 4 kg in all."""
     trial, known = recorded(steps, shared_data)
     chosen = marker_set(TESTS / "recordings" / "plug_in_gait.toml")
     found = doubts(trial, static=known["static"], marker_set=chosen)
-    assert set(found) == {"plates_not_zeroed", "mass_differs"}
+    assert set(found) == {"plates_not_zeroed"}
     assert found["plates_not_zeroed"].values["total_n"] == pytest.approx(36, abs=2)
-    in_file_kg, carried_kg = found["mass_differs"].values["known_kg"].values()
-    assert in_file_kg == 85.0
-    assert carried_kg - 36 / 9.81 == pytest.approx(85.0, abs=2)
 
 
 def test_exchanged_heels_are_doubted_throughout_a_trial_and_for_a_few_seconds(walk):
@@ -84,9 +83,17 @@ def test_exchanged_heels_are_doubted_throughout_a_trial_and_for_a_few_seconds(wa
     assert (values["first_s"], values["last_s"]) == pytest.approx((4.0, 7.0))
 
 
-def test_a_plate_that_rests_below_zero_is_doubted(shared_data):
-    """Overground walking over two plates; the second one reads −16 N before anybody steps on it."""
+def test_a_plate_that_rests_below_zero_is_doubted_and_a_mass_that_the_steps_contradict(shared_data):
+    """Overground walking over two plates; the second one reads −16 N before anybody steps on it.
+
+    The file states no mass, and the one that is stated of it here was guessed.
+    """
     found = doubts_of(processed(two_plates, shared_data))
-    assert list(found) == ["plates_not_zeroed"]
+    assert set(found) == {"plates_not_zeroed", "mass_differs"}
     rest_n = found["plates_not_zeroed"].values["rest_n"]
     assert rest_n == {"plate 1": pytest.approx(0, abs=1), "plate 2": pytest.approx(-16, abs=1)}
+    _, steps_kg = found["mass_differs"].values["known_kg"].values()
+    trial, known = recorded(two_plates, shared_data)
+    known = known | {"subject": Subject(mass_kg=steps_kg)}
+    again = process_recording(trial, settings=Settings(), **known)
+    assert set(doubts_of(again)) == {"plates_not_zeroed"}

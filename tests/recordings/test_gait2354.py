@@ -19,7 +19,7 @@ ROTATIONS = ("pelvis_list_moment", "pelvis_tilt_moment", "pelvis_rotation_moment
 @pytest.fixture(scope="module")
 def body(shared_data):
     _, known = recorded(overground, shared_data)
-    return build_body(known["static"].markers, mass=MASS_KG, marker_set=known["marker_set"])
+    return build_body(known["static"].markers, mass=MASS_KG)
 
 
 @pytest.fixture(scope="module")

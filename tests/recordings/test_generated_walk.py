@@ -10,11 +10,12 @@ from hbm.calibration_pose.functional import functional_hips
 from hbm.coordinates import MOVING
 from hbm.dynamics import filter_motion, inverse_dynamics
 from hbm.ik.tracking import solve_ik
+from hbm.markers import marker_sets
 from hbm.poses import segment_frames
 from hbm.segments import SegmentOverride
 from hbm.signals.filtering import butterworth
 from hbm.signals.resampling import resample
-from tests.recordings.recorded import MASS_KG, STATURE_M, generated, of_subjects, recorded
+from tests.recordings.recorded import MASS_KG, STATURE_M, generated, recorded
 
 INNER = slice(20, -20)
 PARTS = {
@@ -35,7 +36,7 @@ def trial(shared_data):
 
 @pytest.fixture(scope="module")
 def marker_set():
-    return of_subjects("arnold2013")
+    return marker_sets()["rajagopal"]
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,7 @@ from hbm.body import build_body
 from hbm.calibration_pose.functional import functional_hips
 from hbm.coordinates import FIXED_TO, MOVING
 from hbm.ik.tracking import solve_ik
+from hbm.markers import marker_sets
 from hbm.poses import segment_frames
 from hbm.segments import NO_INERTIA, Inertia
 from pipeline.config.schema import Settings, Subject
@@ -19,7 +20,6 @@ from tests.recordings.recorded import (
     TESTS,
     generated,
     marker_set,
-    of_subjects,
     recorded,
     standing,
     steps,
@@ -77,7 +77,7 @@ def test_the_generated_walk_s_trunk_is_near_that_of_the_model_that_made_it(share
     too small.
     """
     walk, _ = recorded(generated, shared_data)
-    chosen, markers = of_subjects("arnold2013"), walk.markers
+    chosen, markers = marker_sets()["rajagopal"], walk.markers
     hips = functional_hips(markers, chosen)
     body = build_body(
         markers, mass=MASS_KG, sex="male", height_m=STATURE_M, marker_set=chosen, hip=hips

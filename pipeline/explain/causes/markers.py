@@ -128,7 +128,8 @@ def _series(
 ) -> Iterator[Cause]:
     """Give the terms of a Fourier series of a displacement, whose first harmonic has a prior."""
     for h in range(1, HARMONICS + 1):
-        prior = replace(first, size=first.size / h**DECREASE)
+        size = first.size / h**DECREASE
+        prior = replace(first, size=size, usual=size)
         for wave, course in (("sine", np.sin(h * phase)), ("cosine", np.cos(h * phase))):
             change = partial(moved, course=course)
             yield Cause(f"{name}, {wave} {h} a cycle", group, prior, change)

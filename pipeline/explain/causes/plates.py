@@ -121,7 +121,7 @@ def zeros(chain: ProcessingChain, k: int) -> Sequence[Prior]:
     threshold_n = chain.settings.contact_threshold_n
     swing = swing_zero(chain.time, chain.wrenches[k], chain.plates[k], threshold_n)
     if swing is not None:
-        return [combined(prior, *own) for prior, *own in zip(usual, *swing, strict=True)]
+        return [measured(prior, *own) for prior, *own in zip(usual, *swing, strict=True)]
     error = chain.lab.models[k].model_error if chain.lab.models else None
     if error is None:
         return usual
@@ -132,11 +132,9 @@ def zeros(chain: ProcessingChain, k: int) -> Sequence[Prior]:
     return [replace(prior, size=size) for prior, size in zip(usual, sizes, strict=True)]
 
 
-def combined(prior: Prior, value: float, error: float) -> Prior:
-    """Combine what is expected of a zero with what was measured of it."""
-    precision = prior.size**-2 + error**-2
-    mean = (prior.mean * prior.size**-2 + value * error**-2) / precision
-    return replace(prior, size=float(precision**-0.5), mean=float(mean))
+def measured(prior: Prior, value: float, error: float) -> Prior:
+    """Give what is expected of a zero after it was measured, if that tells more than before."""
+    return prior.narrowed(float(error), float(value)) if error < prior.size else prior
 
 
 def swing_zero(
@@ -210,7 +208,7 @@ def _measured_delay(chain: ProcessingChain) -> Prior | None:
         if late is not None:
             least = known["calibrated_delay"].size
             size = np.linalg.norm([late.standard_error, chain.sensors_apart_s, least])
-            return replace(known["delay"], size=float(size), mean=late.seconds)
+            return known["delay"].narrowed(float(size), late.seconds)
     return None
 
 

@@ -1,7 +1,7 @@
 """Gait cycles: which there are, which a condition asks for, and signals over 0–100 %."""
 
 from collections.abc import Iterable, Sequence
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +12,7 @@ from hbm.signals.filtering import low_pass
 from hbm.signals.resampling import interpolate
 from hbm.signals.samples import stretches
 from hbm.spatial import Array, Indices, Mask
-from pipeline.config.schema import Condition
+from pipeline.config.schema import Condition, Unit
 from pipeline.io.recording import Event, Recording
 from pipeline.trial.gait.events import SIDES, event_times
 from pipeline.trial.ground.accelerometers import read_channel
@@ -207,23 +207,71 @@ def gait_cycles(events: Iterable[Event], side: str) -> tuple[Array, tuple[str, .
     events = tuple(events)
     strikes = event_times(events, "foot_strike", side)
     spans = np.column_stack([strikes[:-1], strikes[1:]])
-    duration = np.diff(spans, axis=1)[:, 0]
-    typical = np.median(duration) if len(duration) else np.nan
     other = SIDES[1 - SIDES.index(side)]
     kinds = [event_times(events, "foot_off", side), event_times(events, "foot_strike", other)]
     alternate = np.ones(len(spans), bool)
     for times in kinds:
         within = np.searchsorted(times, spans[:, 1]) - np.searchsorted(times, spans[:, 0], "right")
         alternate &= (within == 1) | (not len(times))
+    return _of_usual_duration(spans, alternate)
+
+
+def steps(
+    events: Iterable[Event], side: str, unit: Literal["step", "stance"]
+) -> tuple[Array, tuple[str, ...]]:
+    """Cut a trial into steps of one side, to the other foot's strike, or stances, to its foot off.
+
+    Parameters
+    ----------
+    events
+        Gait events.
+    side
+        Of the foot whose strike begins them.
+    unit
+        "step" or "stance".
+
+    Returns
+    -------
+    spans, left_out
+        As of `gait_cycles`; one within which that foot strikes again does not alternate.
+
+    Examples
+    --------
+    >>> strikes = [Event(0.5, "foot_strike", "left"), Event(1.1, "foot_strike", "right")]
+    >>> steps(strikes, "left", "step")[0].tolist(), len(steps(strikes, "right", "step")[0])
+    ([[0.5, 1.1]], 0)
+    """
+    events = tuple(events)
+    starts = event_times(events, "foot_strike", side)
+    other = SIDES[1 - SIDES.index(side)]
+    to_other = unit == "step"
+    kind, foot = ("foot_strike", other) if to_other else ("foot_off", side)
+    ends = event_times(events, kind, foot)
+    following = np.searchsorted(ends, starts, "right")
+    ended = following < len(ends)
+    spans = np.column_stack([starts[ended], ends[following[ended]]])
+    alternate = spans[:, 1] < np.append(starts[1:], np.inf)[ended]
+    kept, left_out = _of_usual_duration(spans[alternate], np.ones(alternate.sum(), bool))
+    return kept, (*left_out, *(NOT_ALTERNATING,) * np.count_nonzero(~alternate))
+
+
+def _of_usual_duration(spans: Array, alternate: Mask) -> tuple[Array, tuple[str, ...]]:
+    """Keep the spans, (C, 2), whose events alternate and whose duration is near the median."""
+    duration = np.diff(spans, axis=1)[:, 0]
+    typical = np.median(duration) if len(duration) else np.nan
     usual = (duration >= MIN_DURATION * typical) & (duration <= MAX_DURATION * typical)
     far, wrong = np.count_nonzero(~usual), np.count_nonzero(usual & ~alternate)
     return spans[usual & alternate], (FAR_DURATION,) * far + (NOT_ALTERNATING,) * wrong
 
 
 def cut_cycles(
-    events: Sequence[Event], time: Array, quality: Indices, min_valid_share: float
+    events: Sequence[Event],
+    time: Array,
+    quality: Indices,
+    min_valid_share: float,
+    unit: Unit = "cycle",
 ) -> tuple[dict[str, Array], tuple[str, ...]]:
-    """Cut gait cycles of both sides; leave out those of which too little counts.
+    """Cut gait cycles, steps or stances of both sides; leave out those of which too little counts.
 
     Parameters
     ----------
@@ -235,6 +283,8 @@ def cut_cycles(
         Flags of every frame, (T,).
     min_valid_share
         Of a cycle's frames that count: with less the cycle is left out.
+    unit
+        What the trial is cut into.
 
     Returns
     -------
@@ -248,7 +298,8 @@ def cut_cycles(
     known = free_of(quality, Quality.POSE_UNKNOWN)
     masks = free_of(quality, NO_SUPPORT), free_of(quality)
     for side in SIDES:
-        spans, reasons = gait_cycles(events, side)
+        cut = gait_cycles(events, side) if unit == "cycle" else steps(events, side, unit)
+        spans, reasons = cut
         left_out += reasons
         accepted = []
         for start, stop in spans:

@@ -33,7 +33,7 @@ NONE_IN_FILE: Final = 'the file has none, and others are not looked for with eve
 
 SACRUM: Final = (("SACR",), ("LPSIS", "RPSIS"))
 HEEL: Final = "HEE"
-TOE: Final = ("MT2", "TOE", "MT5")
+TOE: Final = ("MT2", "TOE", "MT5", "MTS")
 """Landmarks that show the sacrum, the heel and the front of a foot, the first that has a marker."""
 
 

@@ -234,10 +234,10 @@ def test_an_arm_is_found_without_the_other_acromion():
     [
         (
             ("LASIS", "LPSIS"),
-            "the pelvis needs the landmark LASIS.*one ASIS with both PSIS would do",
+            "the pelvis needs the landmark LASIS .or one ASIS with both PSIS.",
         ),
-        (("LLEK",), "the left_knee needs the landmark LLEK.*LLEK with knee_width_m would do"),
-        (("RMT2",), "the right foot needs the landmark RTOE.*RMT2 would do instead"),
+        (("LLEK",), "the left knee needs the landmark LLEK .or LLEK with knee_width_m."),
+        (("RMT2",), "the right foot needs the landmark RTOE .or RMT2."),
     ],
 )
 def test_a_landmark_that_no_rule_replaces_is_named(missing, message):

@@ -142,12 +142,34 @@ def test_unknown_labels_are_refused_with_the_nearest_set():
     labels = labels_of("hbm1_lower")[:12]
     with pytest.raises(
         ValueError,
-        match=r"match no known set: nearest is 'hbm1_lower' with 8 of its 21 markers of pelvis and "
-        r"legs \(missing .* more\); rename them \(--rename\) or give a marker set",
+        match=r"match no known set; labels: SACR, .*; nearest: hbm1_lower with 8 of its 21 markers "
+        r"of pelvis and legs \(missing .* more\); hbm2_lower with 5 of .*; rename them \(--rename",
     ):
         recognise_marker_set(labels)
 
 
-def test_labels_that_differ_in_case_only_are_named():
-    with pytest.raises(ValueError, match=r"46 differ in case only, such as 'lasis' for LASIS"):
-        recognise_marker_set([name.lower() for name in labels_of("hbm2")])
+def test_a_refusal_lists_twenty_labels_and_no_set_of_which_no_label_is_there():
+    with pytest.raises(ValueError, match=r"labels: P0, .*, P19 and 10 more; none of them is of a"):
+        recognise_marker_set([f"P{i}" for i in range(30)])
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_upper_and_lower_case_are_the_same(name):
+    lower = [label.lower() for label in labels_of(name)]
+    found = recognise_marker_set(lower)
+    assert found == marker_sets()[name]
+    assert set(found.present(lower).segment) == set(lower)
+
+
+def test_labels_that_differ_in_signs_alone_are_refused_with_the_options_that_rename_them():
+    labels = [f"{name[0]}_{name[1:]}" for name in labels_of("pig_lower")]
+    with pytest.raises(ValueError, match=r"try --rename L_ASI=LASI --rename ") as caught:
+        recognise_marker_set(labels)
+    options = str(caught.value).split("--rename ")[1:]
+    renamed = dict(option.strip().split("=") for option in options)
+    assert recognise_marker_set([renamed[label] for label in labels]).name == "pig_lower"
+
+
+def test_the_labels_of_opencap_s_laboratory_are_those_of_its_videos_without_study():
+    labels = [label.removesuffix("_study") for label in labels_of("opencap")]
+    assert recognise_marker_set(labels) == marker_sets()["opencap"]

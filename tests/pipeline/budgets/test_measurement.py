@@ -17,8 +17,6 @@ def uncertainty(*draws, compensated=False):
     return RmsUncertainty(
         compensated=compensated,
         rms=NONE,
-        mean=NONE,
-        deviation=NONE,
         draws=np.repeat(np.array(draws, float)[:, None], 6, axis=1),
     )
 

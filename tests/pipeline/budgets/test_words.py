@@ -7,12 +7,13 @@ import pytest
 
 from pipeline.budgets.words import (
     MASS,
+    budget_lines,
     most_worth_mending,
     size_in_words,
 )
 from pipeline.explain.budget import Budget, EstimatedCause
 
-CAUSE = EstimatedCause("x", "gain", "1", 0.012, 0.001, 0.01, np.ones(6))
+CAUSE = EstimatedCause("x", "gain", "1", 0.012, 0.001, 0.01, 1.0, np.ones(6))
 
 
 @pytest.mark.parametrize(
@@ -58,13 +59,15 @@ def test_a_mass_is_advised_as_the_scales_would_show_it():
     (found,) = most_worth_mending(
         budget(replace(CAUSE, name=MASS, size=0.01)), Processed, Uncalibrated
     )
-    assert found.action == "state mass_kg = 70.0 of the subject, once scales confirm it"
+    assert found.action == (
+        "The body mass is 1.00 ± 0.20 % too large; weigh the subject: 70.0 kg would fit."
+    )
 
 
 def test_a_delay_that_a_calibration_gives_is_not_stated_a_second_time():
     late = replace(CAUSE, name="plates are late", group="delay", unit="s")
     (found,) = most_worth_mending(budget(late), Processed, Calibrated)
-    assert found.action == "measure the plates' delay (plates are late 12.0 ± 2.0 ms)"
+    assert found.action == "Measure the plates' delay (plates are late 12.0 ± 2.0 ms)."
 
 
 @pytest.mark.parametrize(
@@ -75,3 +78,24 @@ def test_a_delay_that_a_calibration_gives_is_not_stated_a_second_time():
 def test_what_is_not_sure_or_changes_nothing_is_not_worth_mending(changed):
     own = budget(replace(CAUSE, **changed))
     assert most_worth_mending(own, Processed, Uncalibrated) == ()
+
+
+def test_a_fault_is_said_with_its_plate_size_and_what_to_do_in_twenty_words():
+    left = np.array([2, 2, 1.4, 2, 2, 2])
+    gain = replace(CAUSE, name="plate 1: gain of Fz", size=0.029, deviation=0.003, left=left)
+    (found,) = most_worth_mending(budget(gain), Processed, Uncalibrated)
+    first, second = str(found).split(". ", 1)
+    assert first == "Plate 1 reads 2.90 ± 0.59 % too much vertically; recalibrate it"
+    assert second == "This alone would lower Fz from 2.0 to 1.4 N."
+    for name in ("zero of Fx", "Fz in Fy", "place along x", "direction about z"):
+        cause = replace(gain, name=f"plate 2: {name}", size=-0.029)
+        (found,) = most_worth_mending(budget(cause), Processed, Uncalibrated)
+        assert found.action.startswith("Plate 2 ")
+        assert len(found.action.split()) <= 20
+
+
+def test_faults_that_a_trial_does_not_tell_are_named():
+    unknown = replace(CAUSE, name="plate 1: gain of Mz", deviation=0.05, chance=0.5)
+    told = replace(CAUSE, name="plate 1: gain of Fz", chance=0.2)
+    said = list(budget_lines(budget(unknown, told), ()))
+    assert "This trial cannot tell 1 of 2 possible faults: gain of Mz." in said

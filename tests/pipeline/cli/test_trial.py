@@ -126,7 +126,6 @@ def test_a_trial_in_opensims_files_runs_the_same_way(shared_data, tmp_path):
     options = {
         "--forces": f"{subject}_walk1_grf.mot",
         "--static": f"{subject}_static.trc",
-        "--marker-set": str(Path(__file__).parents[1] / "fixtures" / "opensim_subject01.toml"),
         "--mass-kg": "72.6",
     }
     trial = subject.with_name("subject01_walk1.trc")

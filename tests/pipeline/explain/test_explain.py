@@ -13,7 +13,7 @@ from pipeline.explain.linearise import left_by_filter
 )
 def test_a_cause_is_certain_if_it_cannot_be_zero_and_the_trial_tells_so(size, deviation, certain):
     """Of 3 N usually, a deviation of 3 N after the trial says that it told nothing."""
-    cause = EstimatedCause("x", "zero", "N", size, deviation, 3.0, np.ones(6))
+    cause = EstimatedCause("x", "zero", "N", size, deviation, 3.0, 1.0, np.ones(6))
     assert cause.is_certain == certain
 
 

@@ -11,13 +11,14 @@ from pipeline.config.schema import Treadmill
 from pipeline.explain.cause import Cause, priors
 from pipeline.explain.linearise import explained_part
 from pipeline.explain.uncertainty import (
+    drawn_rms,
     measured_uncertainty,
     noise_of_samples,
-    rms_uncertainty,
     shared_sizes,
 )
 from pipeline.trial.ground.laboratory import Laboratory
-from tests.pipeline.explain.monte_carlo import draw_residuals, drawn_rms
+from tests.pipeline.explain.monte_carlo import draw_residuals
+from tests.pipeline.explain.monte_carlo import drawn_rms as rms_of_draws
 
 NO_NOISE = np.zeros(6)
 TIME = np.linspace(0, 1, 200)
@@ -34,14 +35,15 @@ def waves(*sizes):
 
 
 def propagated(residual, usual, noise=NO_NOISE, samples=1.0):
-    """Mean and deviation of the RMS."""
-    sizes = np.zeros((1, len(usual) + 1))
-    return rms_uncertainty(residual, usual, noise, samples, sizes)[:2]
+    """Mean and deviation of the RMS: over so many draws, sure to 1 %."""
+    sizes = np.random.default_rng(7).standard_normal((20_000, len(usual) + 1))
+    drawn = drawn_rms(residual, usual, noise, samples, sizes)
+    return drawn.mean(axis=0), drawn.std(axis=0)
 
 
 def test_a_small_error_of_the_residuals_own_shape_changes_the_rms_by_its_own():
     _, deviation = propagated(waves(10.0)[0], waves(0.01))
-    np.testing.assert_allclose(deviation, 0.01 / np.sqrt(2), rtol=0.01)
+    np.testing.assert_allclose(deviation, 0.01 / np.sqrt(2), rtol=0.02)
 
 
 def test_errors_of_another_shape_add_by_their_squares_alone():
@@ -50,7 +52,7 @@ def test_errors_of_another_shape_add_by_their_squares_alone():
     # s² of one error, of mean 1 and deviation √2, adds to the mean square
     square = (residual**2).mean(axis=0)
     added = (waves(0.0, 3.0)[1] ** 2).mean(axis=0)
-    np.testing.assert_allclose(mean**2 + deviation**2, square + added, rtol=1e-6)
+    np.testing.assert_allclose(mean**2 + deviation**2, square + added, rtol=0.01)
     assert (mean > np.sqrt(square)).all()
     np.testing.assert_allclose(deviation, added / np.sqrt(2 * square), rtol=0.15)
 
@@ -166,14 +168,8 @@ def test_directions_of_two_trials_covary_as_far_as_they_point_the_same_way():
     np.testing.assert_allclose(np.cov(sizes), [[1.0, 0.6], [0.6, 1.0]], atol=0.03)
 
 
-def test_draws_have_mean_and_deviation_of_the_delta_method(part, effects, result):
-    (found,), _, _ = measured_uncertainty(part, effects, result)
-    np.testing.assert_allclose(found.draws.mean(axis=0), found.mean, rtol=0.05)
-    np.testing.assert_allclose(found.draws.std(axis=0), found.deviation, rtol=0.1)
-
-
 def test_bands_hold_two_thirds_of_the_draws(part, effects, result):
-    *_, bands = measured_uncertainty(part, effects, result)
+    *_, bands = measured_uncertainty(part, effects, noise_of_samples(part.chain), result)
     drawn = np.array(
         [residual[part.counts] for residual in draw_residuals(part.chain, part.causes, 36)]
     )
@@ -192,8 +188,8 @@ def test_delta_method_and_monte_carlo_agree_within_a_tenth(trial, request):
     draws, found = 200, explained_part(recording, laboratory, result)
     assert np.isfinite(found.chain.residual[found.counts]).all()
     effects = np.nan_to_num([cause.effect(found.chain) for cause in found.causes])
-    drawn = drawn_rms(found, draws)
-    delta = measured_uncertainty(found, effects, result)[0][-1]
+    drawn = rms_of_draws(found, draws)
+    delta = measured_uncertainty(found, effects, noise_of_samples(found.chain), result)[0][-1]
     error = 1 / np.sqrt(2 * draws)
     np.testing.assert_allclose(delta.deviation, drawn.std(axis=0, ddof=1), rtol=0.1 + 3 * error)
     np.testing.assert_allclose(delta.mean, drawn.mean(axis=0), rtol=0.1)

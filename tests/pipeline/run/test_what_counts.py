@@ -69,6 +69,53 @@ def test_a_trial_without_gait_cycles_counts_as_a_whole_however_short(
     assert (residual_table(summary, "")["rms"] < 10).all()
 
 
+def carried(walker, start_s, stop_s):
+    """The walk over a floor whose plates are there between two times alone, without events."""
+    plates = tuple(
+        replace(
+            p,
+            wrench_in_plate=np.where(
+                ((p.time >= start_s) & (p.time < stop_s))[:, None], p.wrench_in_plate, 0.0
+            ),
+        )
+        for p in walker.plates
+    )
+    return replace(walker, plates=plates)
+
+
+def test_plates_that_carry_one_step_give_its_residuals_and_say_so(walker, study, tmp_path):
+    """Of the strides of 1.1 s each, less than half is carried: no gait cycle counts."""
+    strikes = [e.time for e in zeni_events(walker.markers, marker_sets()["hbm2"])
+               if e.label == "foot_strike" and e.time > 6]  # fmt: skip
+    start, stop = sorted(strikes)[:2]
+    short = carried(walker, start - 0.05, stop + 0.02)
+    _, outcome = checked_and_run(study(short), tmp_path / "out")
+    result = read_trial(outcome.job.target)
+    assert result.unit == "step"
+    (span,) = [own for spans in result.cycles.values() for own in spans.tolist()]
+    assert span == pytest.approx((start, stop), abs=0.05)
+    table = residual_table(result, "")
+    assert set(table["window"]) == {"step"}
+    assert (table["n_cycles"] == 1).all()
+    assert (table["n_frames"] < 100 * (stop - start) + 1).all()
+    assert (table["rms"] < 15).all()
+    (note,) = [note for note in result.notes if note.code == "steps_for_cycles"]
+    assert "residuals are of 1 step, in their place" in note.text
+
+
+@pytest.mark.parametrize("unit", ["step", "stance"])
+def test_a_condition_can_ask_for_steps_or_stances(walker, study, tmp_path, unit):
+    _, outcome = checked_and_run(study(walker, f'window = "{unit}"'), tmp_path / "out")
+    result = read_trial(outcome.job.target)
+    table = residual_table(result, "")
+    assert set(table["window"]) == {unit}
+    spans = np.concatenate(list(result.cycles.values()))
+    union = np.any([(result.motion.time >= a) & (result.motion.time < b) for a, b in spans], axis=0)
+    residual = result.measured.residual[union & result.counts, 0]
+    assert table["rms"].iloc[0] == pytest.approx(np.sqrt(np.mean(residual**2)))
+    assert table["n_frames"].iloc[0] == len(residual), "no frame is counted twice"
+
+
 @pytest.mark.parametrize(
     ("condition", "span"),
     [

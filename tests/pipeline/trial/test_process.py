@@ -35,6 +35,19 @@ def standing_still(walker):
     return process_recording(walker, PERSON, Settings())
 
 
+def test_what_a_trial_lacks_is_said_at_once_labels_plates_mass(walker):
+    names = tuple(f"P{k}" for k in range(len(walker.markers.names)))
+    bare = replace(
+        walker,
+        markers=replace(walker.markers, names=names, position=walker.markers.position[:, ::-1]),
+        plates=(),
+        metadata=Metadata(),
+    )
+    said = r"no known set; labels: P0, .*; residuals need the ground .*; the mass is missing too"
+    with pytest.raises(ValueError, match=said):
+        process_recording(bare, PERSON, Settings())
+
+
 def rms(result, compensated):
     table = residual_table(result, "condition")
     return table[table.compensated == compensated].set_index("axis")["rms"]

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from hbm.notes import Note
 from pipeline.config.schema import Subject
-from pipeline.trial.subject import body_mass, carried_mass, differing_masses
+from pipeline.trial.subject import body_mass, differing_masses
 from tests.pipeline.trial.standing import WEIGHT_N, late, standing, without_plates
 
 NOBODY = Subject()
@@ -121,12 +121,3 @@ def test_masses_are_compared_from_3_percent_on_and_never_below(stated, share, ca
     assert bool(notes) == (max(every) / min(every) - 1 > 0.03)
     for note in notes:
         assert list(note.values["known_kg"].values()) == every
-
-
-def test_only_cycles_that_the_plates_carry_throughout_are_weighed_of_either_side():
-    time = np.arange(300) / 100
-    carried = time < 2.2
-    vertical = np.where(carried, 700.0, 0.0)
-    cycles = {"left": np.array([[0.0, 1.0], [1.0, 2.0]]), "right": np.array([[1.5, 2.5]])}
-    assert carried_mass(time, vertical, cycles, carried) == pytest.approx(700 / 9.81)
-    assert carried_mass(time, vertical, {"right": cycles["right"]}, carried) is None

@@ -9,7 +9,7 @@ from compensation import PlateCalibration, PlateCalibrations
 from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Settings, Treadmill
 from pipeline.explain.cause import priors
-from pipeline.explain.causes.plates import combined, plate_causes, swing_zero
+from pipeline.explain.causes.plates import measured, plate_causes, swing_zero
 from pipeline.trial.ground.laboratory import Laboratory
 from tests.pipeline.explain.moving_trial import (
     MARKERS,
@@ -83,12 +83,12 @@ def in_laboratory(chain, **known):
     return chain.changed(lab=replace(chain.lab, laboratory=replace(STILL, **known)))
 
 
-@pytest.mark.parametrize("error_n", [1e-6, 3.0])
-def test_what_is_expected_of_a_zero_and_what_was_measured_meet_by_their_precision(chain, error_n):
+def test_a_large_zero_that_was_measured_is_not_drawn_to_the_usual_one():
     """Its usual size is 3 N."""
-    found = combined(priors()["zero_force"], 2.0, error_n)
-    share = 3.0**2 / (3.0**2 + error_n**2)
-    assert (found.mean, found.size) == pytest.approx((2.0 * share, error_n * share**0.5))
+    usual = priors()["zero_force"]
+    found = measured(usual, 25.0, 0.5)
+    assert (found.mean, found.size, found.rare) == (25.0, 0.5, False)
+    assert measured(usual, 25.0, 4.0) == usual
 
 
 def test_errors_of_a_calibration_are_those_of_the_plate_in_its_own_axes(chain):

@@ -116,7 +116,7 @@ def test_a_cause_is_what_the_same_fault_of_a_plate_is(perfect: PerfectTrial, nam
         perfect.series.coefficients(added),
         perfect.series.coefficients(effect)[None],
         np.array([10 * size]),
-        np.array([False]),
+        *np.zeros((2, 1), bool),
     )
     assert found.size[0] == pytest.approx(size, rel=0.02)
 

@@ -193,6 +193,14 @@ def test_the_refusal_of_a_plates_unit_names_the_option_that_states_it(plate_file
         read_c3d(path, AXES)
 
 
+@pytest.mark.parametrize(("unit", "holds"), [("V", "volts"), ("ADC", "numbers of the converter")])
+def test_raw_signals_are_refused_with_what_to_ask_the_laboratory_for(plate_file, unit, holds):
+    path = plate_file(2, origin=[0, 0, -40], units=[unit] * 6)
+    asked = rf"it holds {holds} \({unit}\), not a force; .* calibration matrix and gains .*"
+    with pytest.raises(ValueError, match=rf"plate 1: channel .*: {asked}--plate-units N,Nmm"):
+        read_c3d(path, AXES)
+
+
 @pytest.mark.parametrize(
     ("extra", "reason"),
     [

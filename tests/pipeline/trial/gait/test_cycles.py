@@ -1,18 +1,16 @@
 """Gait events and cycles: of sines with known events, of plates, and of a real trial."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hbm.markers import Markers, marker_sets, read_marker_set
+from hbm.markers import Markers, marker_sets
 from hbm.signals.samples import stretches
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.recording import Event
 from pipeline.trial.gait.contact import Contact
-from pipeline.trial.gait.cycles import gait_cycles, normalise
+from pipeline.trial.gait.cycles import gait_cycles, normalise, steps
 from pipeline.trial.gait.detection import plate_events
 from pipeline.trial.gait.events import SIDES, compare_events, zeni_events
 from pipeline.trial.ground.wrenches import PlateLoad
@@ -20,9 +18,7 @@ from tests.hbm.motions import without
 
 HBM2 = {"sacrum": ("LPSIS", "RPSIS"), "heel": "{}HEE", "toe": "{}MT2"}
 OPENSIM = {"sacrum": ("V.Sacral",), "heel": "{}.Heel", "toe": "{}.Toe.Tip"}
-SUBJECTS = Path(__file__).resolve().parents[4] / "subjects" / "marker_sets"
 SETS = marker_sets()
-GAIT2354 = read_marker_set((SUBJECTS / "gait2354.toml").read_text("utf-8"), "gait2354")
 
 STRIDE_S = 1.13
 STRIKE = {"left": 0.203, "right": 0.203 + STRIDE_S / 2}
@@ -72,7 +68,7 @@ def assert_known_events(events, atol, start=0.0):
     ("names", "marker_set"),
     [
         (HBM2, SETS["hbm2"]),
-        (OPENSIM, GAIT2354),
+        (OPENSIM, SETS["gait2354"]),
     ],
 )
 def test_feet_strike_and_leave_where_they_change_direction_against_the_sacrum(names, marker_set):
@@ -218,3 +214,35 @@ def test_contacts_of_a_real_treadmill_are_those_its_authors_published(shared_dat
         assert abs(agreement.mean_ms) < 6  # half a sample; ours count from the level at rest
         assert agreement.sd_ms < 10
     assert [len(gait_cycles(found, side)[0]) for side in SIDES] == [43, 42]
+
+
+def alternating(first_s, step_s, stance_s, count):
+    """Events of steps that last equally long, the left foot first."""
+    strikes = [(first_s + step_s * k, SIDES[k % 2]) for k in range(count)]
+    offs = [Event(at + stance_s, "foot_off", side) for at, side in strikes]
+    return [*(Event(at, "foot_strike", side) for at, side in strikes), *offs]
+
+
+@given(step_s=st.floats(0.3, 1.0), double=st.floats(0.02, 0.2), count=st.integers(2, 9))
+def test_steps_follow_one_another_without_overlap_and_stances_overlap_in_double_support(
+    step_s, double, count
+):
+    events = alternating(0.5, step_s, step_s + double, count)
+    of_steps = np.concatenate([steps(events, side, "step")[0] for side in SIDES])
+    of_steps = of_steps[np.argsort(of_steps[:, 0])]
+    assert len(of_steps) == count - 1
+    np.testing.assert_allclose(np.diff(of_steps), step_s)
+    np.testing.assert_array_equal(of_steps[1:, 0], of_steps[:-1, 1])
+    for side, own in zip(SIDES, (-(-count // 2), count // 2), strict=True):
+        stances, left_out = steps(events, side, "stance")
+        assert (len(stances), left_out) == (own, ())
+        np.testing.assert_allclose(np.diff(stances), step_s + double)
+
+
+def test_a_step_without_the_other_foot_s_strike_is_none():
+    strikes = [Event(at, "foot_strike", "left") for at in (0.5, 1.6, 2.7)]
+    assert not len(steps(strikes, "left", "step")[0])
+    late = [*strikes, Event(2.2, "foot_strike", "right")]
+    spans, left_out = steps(late, "left", "step")
+    assert spans.tolist() == [[1.6, 2.2]]
+    assert len(left_out) == 1

@@ -1,0 +1,638 @@
+"""Faults of single plates: what no foot can do, and what the motion and the feet contradict.
+
+Every plate is judged in its own axes by three witnesses. Its raw samples: a foot cannot change a
+load from one sample to the next. The motion: the total wrench that the body's momentum needs, from
+the markers alone. The feet: pressure lies under the foot that stands on the plate, and moves from
+its heel to its ball.
+
+The errors of the witnesses are systematic, as markers move on the skin and bodies differ from
+tables: more frames do not make them smaller. Their sizes are standard deviations over healthy
+recordings of six laboratories and over virtual ones (`tests.campaign.plate_doubts`).
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from hbm.notes import Note
+from hbm.signals.filtering import Method, low_pass
+from hbm.signals.samples import stretches
+from hbm.spatial import (
+    GRAVITY_MPS2,
+    WRENCH_COMPONENTS,
+    Array,
+    Mask,
+    rotate_wrench,
+    shift_wrench,
+)
+from pipeline.io.mended_plates import find_jumps, reversing, turning
+from pipeline.io.recording import Plate
+from pipeline.trial.checks import rest_level
+
+MIN_JUMP: Final = np.array([0.08, 0.08, 0.15, 0.012, 0.012, 0.012])
+"""Of body weight, of body weight × 1 m for moments: smaller ones hardly change a residual."""
+
+MIN_STANCE_S: Final = 0.25
+MAX_STANCE_S: Final = 1.5
+"""Of a foot that walks or runs over a plate; a longer one stands."""
+LOADED: Final = 0.1
+"""Of body weight, either way: a plate that carries a foot."""
+ALONE: Final = 0.03
+"""Of body weight on all other plates: the foot on this one is all that carries."""
+MIN_FRAMES_S: Final = 0.15
+"""For which a plate has to carry before it is judged by the motion."""
+CORRELATED_S: Final = 0.15
+"""Errors of the motion's forces are about independent after it."""
+MAX_STANCE_MPS: Final = 0.3
+"""Sum over axes of the standard deviation of the velocity of the ball of a foot that stands: 0.02
+to 0.09; of one that swings 0.8 and more."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Witnesses:
+    """What motion and feet say about the load of the plates, at T frames.
+
+    Attributes
+    ----------
+    time
+        (T,) [s].
+    wrenches
+        Of each plate, lab axes about the lab origin, unfiltered, (P, T, 6) [N, N·m].
+    filtered
+        The same through the filter of the motion.
+    need
+        What the motion needs in all, in the same form, (T, 6).
+    carried
+        Frames in which the plates carry the subject and motion and forces are known, (T,).
+    ankle, ball
+        Of the left and the right foot, (T, 2, 3) [m].
+    foot_m
+        Length of the left and the right foot, (2,).
+    weight_n
+        Body weight.
+    """
+
+    time: Array
+    wrenches: Array
+    filtered: Array
+    need: Array
+    carried: Mask
+    ankle: Array
+    ball: Array
+    foot_m: Array
+    weight_n: float
+
+    @classmethod
+    def of(
+        cls,
+        time: Array,
+        wrenches: Sequence[Array],
+        residual: Array,
+        pelvis: Array,
+        carried: Mask,
+        places: Array,
+        foot_m: Sequence[float],
+        weight_n: float,
+        cutoff_hz: float,
+        method: Method,
+    ) -> "Witnesses":
+        """Collect them from the stages of a trial.
+
+        ``residual`` is about the pelvis, (T, 3) [m]; ``places`` are pelvis, ankles and balls, left
+        before right, (T, 5, 3) [m].
+        """
+        every = np.stack([*wrenches])
+        filtered = np.stack([low_pass(one, time, cutoff_hz, method) for one in every])
+        need = filtered.sum(axis=0) + shift_wrench(residual, -pelvis)
+        known = carried & np.isfinite(need).all(axis=1)
+        ankle, ball = places[:, 1:3], places[:, 3:]
+        return cls(time, every, filtered, need, known, ankle, ball, np.array(foot_m), weight_n)
+
+    @property
+    def step_s(self) -> float:
+        """From frame to frame."""
+        return float(np.median(np.diff(self.time)))
+
+    def alone(self, number: int) -> Mask:
+        """Frames in which a plate alone carries the subject, (T,)."""
+        load = np.abs(self.filtered[..., 2]) / self.weight_n
+        others = np.delete(load, number, axis=0).sum(axis=0)
+        return np.asarray(self.carried & (load[number] > LOADED) & (others < ALONE))
+
+
+class Stance(NamedTuple):
+    """A foot on a plate.
+
+    Attributes
+    ----------
+    plate
+        Index of the plate.
+    foot
+        0 left, 1 right.
+    frames
+        The middle half of the contact.
+    along, left
+        Of the foot in the lab, horizontally, (F, 3).
+    expected
+        Where its pressure usually is, (F, 3) [m].
+    """
+
+    plate: int
+    foot: int
+    frames: slice
+    along: Array
+    left: Array
+    expected: Array
+
+
+PRESSURE_ALONG: Final = 0.40
+PRESSURE_MEDIAL_M: Final = 0.0
+"""Where pressure lies under a foot in the middle half of a stance: from the ankle to the tip by the
+length of the foot, and from the line from ankle to ball."""
+SOLE: Final = 0.12
+"""Height of the ball above the sole, by the length of the foot."""
+
+
+def find_stances(witnesses: Witnesses) -> Iterator[Stance]:
+    """Find single feet on plates; which foot stands, its motion says, not the pressure."""
+    time, load = witnesses.time, np.abs(witnesses.wrenches[..., 2])
+    velocity = np.gradient(witnesses.ball, time, axis=0)
+    for plate, own in enumerate(load):
+        for start, stop in stretches(own > LOADED * witnesses.weight_n):
+            lasts_s = time[stop - 1] - time[start]
+            if start == 0 or stop == len(time) or not MIN_STANCE_S < lasts_s < MAX_STANCE_S:
+                continue
+            quarter = (stop - start) // 4
+            frames = slice(start + quarter, stop - quarter)
+            spread = velocity[frames].std(axis=0).sum(axis=-1)
+            foot = int(np.argmin(spread))
+            if not (spread[foot] < MAX_STANCE_MPS < spread[1 - foot]):
+                continue
+            ankle, ball = witnesses.ankle[frames, foot], witnesses.ball[frames, foot]
+            along = (ball - ankle) * [1.0, 1.0, 0.0]
+            along /= np.linalg.norm(along, axis=1)[:, None]
+            left = np.column_stack([-along[:, 1], along[:, 0], np.zeros(len(along))])
+            length = witnesses.foot_m[foot]
+            medial = PRESSURE_MEDIAL_M * (1.0 if foot == 1 else -1.0)
+            expected = ankle + PRESSURE_ALONG * length * along + medial * left
+            expected[:, 2] = ball[:, 2] - SOLE * length
+            yield Stance(plate, foot, frames, along, left, expected)
+
+
+# Plates that are turned, exchanged, or have a channel of the wrong sign
+
+ERRORS: Final = np.array([0.03, 0.03, 0.05, 0.008])
+"""Standard deviation of what the motion needs, by body weight, body weight × 1 m for the moment
+about the vertical: forward, sideways, upward, and that moment."""
+PLACE_ERROR_M: Final = 0.03
+"""Of the pressure, by motion or foot."""
+LEAST_GAIN: Final = 15.0
+"""By which another state of a plate has to be more likely (its logarithm, twice). Healthy plates
+reach 4."""
+MAX_LEFT: Final = 0.45
+"""Of the misfit, that the other state may leave: it has to explain what is wrong."""
+
+
+STATES: Final[dict[str, Array]] = {
+    "": np.eye(6),
+    **{f"turn {degrees}": turning(degrees) for degrees in (90, 180, 270)},
+    **{f"reverse {what}": reversing(what) for what in (*WRENCH_COMPONENTS, "all")},
+}
+"""What may have to be done to the channels of a plate, as `pipeline.io.mended_plates` does it."""
+
+
+def misfit(
+    wrench: Array, plate: Plate, witnesses: Witnesses, alone: Mask, stances: Sequence[Stance]
+) -> float:
+    """Give how unlikely what a plate says is, by the motion where it is alone and by the feet.
+
+    ``wrench`` is in the plate's axes about its centre, (T, 6), filtered like the motion. The sum of
+    squares of differences by their standard deviations, independent ones.
+    """
+    count, weight_n = witnesses.step_s / CORRELATED_S, witnesses.weight_n
+    total = 0.0
+    load = np.where(np.abs(wrench[:, 2]) < 1.0, np.nan, wrench[:, 2])
+    pressure = np.column_stack([-wrench[:, 4], wrench[:, 3]]) / load[:, None]
+    if alone.any():
+        need = _in_plate(witnesses.need, plate)[alone]
+        off = (need - wrench[alone])[:, [0, 1, 2, 5]] / (ERRORS * weight_n)
+        total += count * float(np.square(off).sum())
+        wanted = np.column_stack([-need[:, 4], need[:, 3]]) / need[:, 2:3]
+        off = (wanted - pressure[alone]) / PLACE_ERROR_M
+        total += count * float(np.nansum(np.square(off)))
+    for stance in stances:
+        down = np.minimum(plate.rotation[2, 2] * wrench[stance.frames, 2] / weight_n, 0.0)
+        total += count * float(np.square(down / ERRORS[2]).sum())
+        expected = ((stance.expected - plate.center) @ plate.rotation)[:, :2]
+        off = (expected - pressure[stance.frames]) / PLACE_ERROR_M
+        total += count * float(np.nansum(np.square(off)))
+    return total
+
+
+def _in_plate(wrench: Array, plate: Plate) -> Array:
+    return rotate_wrench(shift_wrench(wrench, plate.center), plate.rotation.T)
+
+
+def find_states(
+    plates: Sequence[Plate], witnesses: Witnesses, stances: Sequence[Stance]
+) -> tuple[dict[int, str], list[tuple[int, int]]]:
+    """Find plates whose channels are turned or reversed, and pairs that are exchanged.
+
+    Returns
+    -------
+    dict and list
+        Index of a plate -> the state that undoes what happened; pairs of indices.
+    """
+    own = {k: [s for s in stances if s.plate == k] for k in range(len(plates))}
+    frames = {k: witnesses.alone(k) for k in own}
+    enough = MIN_FRAMES_S / witnesses.step_s
+    judged = [
+        k
+        for k, plate in enumerate(plates)
+        if np.isfinite(plate.corners).all() and (own[k] or frames[k].sum() > enough)
+    ]
+
+    def cost(source: int, place: int, state: Array) -> float:
+        wrench = _in_plate(witnesses.filtered[source], plates[source]) @ state.T
+        return misfit(wrench, plates[place], witnesses, frames[source], own[source])
+
+    plain = {k: cost(k, k, STATES[""]) for k in judged}
+    pairs = []
+    for one, other in combinations(judged, 2):
+        before = plain[one] + plain[other]
+        after = cost(one, other, STATES[""]) + cost(other, one, STATES[""])
+        if _better(before, after):
+            pairs.append((one, other))
+    exchanged = {k for pair in pairs for k in pair}
+    states = {}
+    for k in judged:
+        if k in exchanged:
+            continue
+        costs = {name: cost(k, k, state) for name, state in STATES.items()}
+        best = min(costs, key=lambda name: costs[name])
+        if _better(plain[k], costs[best]):
+            states[k] = best
+    return states, pairs
+
+
+def _better(before: float, after: float) -> bool:
+    return before - after > LEAST_GAIN and after < MAX_LEFT * before
+
+
+# Gains of single channels
+
+SHEAR_ERROR: Final = 0.012
+LOAD_ERROR: Final = 0.012
+"""Standard deviation of what a plate's force differs by from the motion's, by body weight, in the
+direction of the force itself."""
+MIN_SHEAR: Final = 0.05
+"""RMS by body weight of a horizontal force that a plate is judged by."""
+SURE: Final = 2.7
+"""Standard deviations: with a dozen channels in a trial, one healthy trial of a hundred."""
+SURE_ALONE: Final = 4.0
+"""The same where no other plate of the trial carried long enough to compare it with."""
+BESIDE: Final = 0.8
+"""Of these, the difference from the other plates, which know less than the motion does."""
+MIN_OFF: Final = np.array([0.25, 0.25, 0.05])
+"""Smallest error of a gain that is named."""
+
+
+class Gain(NamedTuple):
+    """What share of a force a plate measures, with the 95 % interval."""
+
+    plate: int
+    axis: int
+    share: float
+    low: float
+    high: float
+
+
+def find_gains(plates: Sequence[Plate], witnesses: Witnesses, left_out: set[int]) -> list[Gain]:
+    """Find plates that measure too much or too little of one force beside the others.
+
+    What the motion needs is the sum of the plates' forces by their gains, so that all are found
+    together. One is wrong if it differs from 1 and from those of the others.
+    """
+    filtered, weight_n = witnesses.filtered, witnesses.weight_n
+    mass_kg, use = weight_n / GRAVITY_MPS2, witnesses.carried
+    used = [
+        k
+        for k in range(len(plates))
+        if (use & (np.abs(filtered[k, :, 2]) > LOADED * weight_n)).sum() * witnesses.step_s
+        > MIN_FRAMES_S
+    ]
+    if not used or left_out & {*used}:
+        return []
+    found = []
+    for axes, error in (((0, 1), SHEAR_ERROR), ((2,), LOAD_ERROR)):
+        columns, names = [], []
+        for k in used:
+            in_plate = filtered[k, use, :3] @ plates[k].rotation
+            for axis in axes:
+                part = in_plate[:, axis, None] * plates[k].rotation[:, axis]
+                columns.append(part[:, list(axes)].ravel())
+                names.append((k, axis))
+        design = np.column_stack(columns)
+        target = witnesses.need[use][:, list(axes)].ravel()
+        if axes != (2,):  # a wrong mass is no fault of the plates' shear
+            target = target * (weight_of_steps(witnesses) or mass_kg) / mass_kg
+        normal = design.T @ design
+        if np.linalg.cond(normal) > 1e6:
+            continue
+        inverse = np.linalg.inv(normal)
+        factor = inverse @ design.T @ target
+        loaded = np.array(
+            [(np.abs(filtered[k, use, 2]) > LOADED * weight_n).sum() for k, _ in names]
+        )
+        sd = error * weight_n * np.sqrt(np.diag(inverse) * loaded)
+        for number, (k, axis) in enumerate(names):
+            same = [n for n, (other, a) in enumerate(names) if a == axis and other != k]
+            strength = np.sqrt(np.diag(normal)[number] / loaded[number]) / weight_n
+            beside = np.median(factor[same]) if same else 1.0
+            off = factor[number] - 1
+            differs = factor[number] - beside
+            if axis != 2 and strength * abs(factor[number]) < MIN_SHEAR:
+                continue
+            if axis == 2 and not same:
+                continue
+            sure = SURE if same else SURE_ALONE
+            certain = abs(off) > sure * sd[number] and abs(differs) > BESIDE * sure * sd[number]
+            share = 1 / factor[number]
+            if certain and abs(share - 1) > MIN_OFF[axis]:
+                bounds = 1 / (factor[number] + np.array([1.96, -1.96]) * sd[number])
+                found.append((abs(off) / sd[number], Gain(k, axis, share, *sorted(bounds))))
+    return [gain for _, gain in sorted(found, reverse=True, key=lambda each: each[0])]
+
+
+# Places of plates
+
+OWN: Final = {"motion": (0.010, 0.006, 9.0), "feet": (0.020, 0.009, 9.0)}
+COMMON: Final = {"motion": (0.018, 0.011, 5.0), "feet": (0.025, 0.022, 9.0)}
+"""Standard deviations of the pressure that motion and feet show beside that of a plate: along and
+across the foot [m], and of the direction of the shear, or of the path of the pressure [°]; of each
+plate, and common to all of a trial."""
+MIN_PLACE: Final = (0.02, 0.02, 8.0)
+SURE_PLACE: Final = (2.9, 2.9, 3.3)
+"""Standard deviations."""
+MIN_PATH_M: Final = 0.06
+"""A shorter path of the pressure has no direction."""
+
+
+class Place(NamedTuple):
+    """Where the pressure of a plate is beside where it should be: [m] or [°], with 1.96 SD."""
+
+    plate: int
+    axis: int
+    off: float
+    interval: float
+
+
+def find_places(witnesses: Witnesses, stances: Sequence[Stance], left_out: set[int]) -> list[Place]:
+    """Find plates that are not where they are said to be, along, across, or in direction."""
+    rows = list(_place_rows(witnesses, stances))
+    found, askew = list[Place](), set[int]()
+    for axis in (2, 0, 1):
+        askew |= {place.plate for place in found if place.axis == 2}
+        mine = [row for row in rows if np.isfinite(row[3][axis])]
+        mine = [row for row in mine if row[1] not in left_out | askew]
+        while mine:
+            kinds = np.array([row[0] for row in mine])
+            of = np.array([row[1] for row in mine])
+            sign = np.array([row[2] if axis else 1.0 for row in mine])
+            value = np.array([row[3][axis] for row in mine])
+            own = np.array([OWN[kind][axis] for kind in kinds])
+            covariance = np.diag(own**2)
+            for kind, common in COMMON.items():
+                side = np.where(kinds == kind, sign if kind == "feet" else 1.0, 0.0)
+                covariance += common[axis] ** 2 * np.outer(side, side)
+            inverse = np.linalg.inv(covariance)
+            certain = []
+            for plate in {*of}:
+                here = (of == plate).astype(float)
+                information = here @ inverse @ here
+                off, sd = here @ inverse @ value / information, information**-0.5
+                if abs(off) > max(SURE_PLACE[axis] * sd, MIN_PLACE[axis]):
+                    place = Place(int(plate), axis, float(off), float(1.96 * sd))
+                    certain.append((abs(off) / sd, place))
+            if not certain:
+                break
+            _, best = max(certain)
+            found.append(best)
+            mine = [row for row in mine if row[1] != best.plate]
+    return found
+
+
+def _place_rows(
+    witnesses: Witnesses, stances: Sequence[Stance]
+) -> Iterator[tuple[str, int, float, Array]]:
+    """Give witness, plate, side (1 where left is medial), and along, left, direction off, (3,)."""
+    for k in range(len(witnesses.wrenches)):
+        own = [stance for stance in stances if stance.plate == k]
+        if not own:
+            continue
+        ahead = np.mean([stance.along.mean(axis=0) for stance in own], axis=0)
+        ahead /= np.linalg.norm(ahead)
+        across = np.array([-ahead[1], ahead[0], 0.0])
+        off = []
+        for stance in own:
+            frames = stance.frames
+            pressure = _pressure(witnesses.wrenches[k, frames], stance.expected[:, 2])
+            away = pressure - stance.expected
+            path = pressure[-1] - pressure[0]
+            relative = path - (stance.expected[-1] - stance.expected[0])
+            along, left = stance.along.mean(axis=0), stance.left.mean(axis=0)
+            turned = np.degrees(np.arctan2(relative @ left, relative @ along))
+            if np.hypot(relative @ left, relative @ along) < MIN_PATH_M:
+                turned = np.nan
+            side = 1.0 if stance.foot == 1 else -1.0
+            means = [
+                np.mean((away * stance.along).sum(axis=1)),
+                np.mean((away * stance.left).sum(axis=1)),
+                turned - side * 10.0,
+            ]
+            off.append((side, means))
+        for side in (1.0, -1.0):
+            if same := [means for its, means in off if its == side]:
+                yield "feet", k, side, np.median(same, axis=0)
+        alone = witnesses.alone(k)
+        if alone.sum() * witnesses.step_s > MIN_FRAMES_S:
+            level = np.full(int(alone.sum()), np.mean([s.expected[:, 2].mean() for s in own]))
+            away = _pressure(witnesses.filtered[k, alone], level)
+            away -= _pressure(witnesses.need[alone], level)
+            mean = np.average(away, axis=0, weights=witnesses.need[alone, 2])
+            one, other = witnesses.need[alone, :2], witnesses.filtered[k, alone, :2]
+            turned = np.degrees(
+                np.arctan2(
+                    np.sum(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]),
+                    np.sum(one * other),
+                )
+            )
+            yield "motion", k, 1.0, np.array([mean @ ahead, mean @ across, turned])
+
+
+def _pressure(wrench: Array, level: Array) -> Array:
+    """Give the centre of pressure at a height, (F,) [m], of wrenches in the lab, (F, 3) [m]."""
+    fx, fy, fz, mx, my, _ = wrench.T
+    return np.column_stack([(level * fx - my) / fz, (level * fy + mx) / fz, level])
+
+
+# Weight
+
+MIN_WEIGHING_S: Final = 0.35
+"""Of a stretch that the plates carry: over it, the change of the vertical velocity divided by the
+time is known to 0.03 m/s², a third of a percent of gravity."""
+
+MAX_APART: Final = 0.12
+"""RMS difference of the load from what the motion needs, by their mean: healthy walks differ by 2
+to 7 %; where they differ by more, something else than the mass is wrong."""
+
+
+def weight_of_steps(witnesses: Witnesses) -> float | None:
+    """Give the body mass by the steps that the plates carry [kg]; None without any.
+
+    What plates read without load does not count.
+
+    The mean vertical force is m (g + Δv/Δt) of the centre of mass over any stretch, Δv from the
+    markers; over whole gait cycles Δv is zero.
+    """
+    at_rest = sum(
+        rest_level(wrench[:, 2], witnesses.time, witnesses.weight_n) or 0.0
+        for wrench in witnesses.wrenches
+    )
+    load, need = witnesses.filtered[..., 2].sum(axis=0) - at_rest, witnesses.need[:, 2]
+    weighing = np.zeros(len(load), bool)
+    for start, stop in stretches(witnesses.carried):
+        weighing[start:stop] = witnesses.time[stop - 1] - witnesses.time[start] >= MIN_WEIGHING_S
+    if not weighing.any():
+        return None
+    load, need = load[weighing], need[weighing]
+    factor = float(load.sum() / need.sum())
+    apart = float(np.sqrt(np.mean(np.square(load - factor * need))) / load.mean())
+    return None if apart > MAX_APART else factor * witnesses.weight_n / GRAVITY_MPS2
+
+
+# All of them
+
+AXES: Final = ("forward", "sideways", "vertical")
+DIRECTIONS: Final = ("ahead", "left")
+
+
+def plate_faults(plates: Sequence[Plate], witnesses: Witnesses, *, still: bool) -> list[Note]:
+    """Name what is wrong with single plates.
+
+    Parameters
+    ----------
+    plates
+        As recorded.
+    witnesses
+        What motion and feet say of them.
+    still
+        Whether the ground stands still; else raw samples alone are judged.
+
+    Returns
+    -------
+    list of Note
+        ``plate_wraps``, ``plate_jumps``, ``plates_exchanged``, ``plate_turned``,
+        ``plate_reversed``, ``plate_elsewhere``, ``plate_askew`` and ``plate_gain``. A plate that
+        one of them explains is not judged by those after it.
+    """
+    notes, explained = list[Note](), set[int]()
+    for k, plate in enumerate(plates):
+        if own := _jump_notes(plate, witnesses.weight_n):
+            notes += own
+            explained.add(k)
+    if not still:
+        return notes
+    stances = [stance for stance in find_stances(witnesses) if stance.plate not in explained]
+    states, pairs = find_states(plates, witnesses, stances)
+    for one, other in pairs:
+        first, second = plates[one].number, plates[other].number
+        remedy = _remedy(first, f"exchange {second}")
+        notes.append(Note.of("plates_exchanged", first=first, second=second, remedy=remedy))
+        explained |= {one, other}
+    for k, state in states.items():
+        if k not in explained:
+            kind, what = state.split()
+            code = "plate_turned" if kind == "turn" else "plate_reversed"
+            remedy = _remedy(plates[k].number, state)
+            notes.append(Note.of(code, plate=plates[k].number, what=what, remedy=remedy))
+            explained.add(k)
+    for gain in find_gains(plates, witnesses, explained):
+        explained.add(gain.plate)
+        if gain.share < 0:
+            what = WRENCH_COMPONENTS[gain.axis]
+            number = plates[gain.plate].number
+            remedy = _remedy(number, f"reverse {what}")
+            notes.append(Note.of("plate_reversed", plate=number, what=what, remedy=remedy))
+            continue
+        along = np.abs(plates[gain.plate].rotation[:, gain.axis])
+        notes.append(
+            Note.of(
+                "plate_gain",
+                plate=plates[gain.plate].number,
+                component=WRENCH_COMPONENTS[gain.axis],
+                direction=AXES[int(np.argmax(along))],
+                share=gain.share,
+                low=gain.low,
+                high=gain.high,
+            )
+        )
+    found = find_places(witnesses, stances, explained)
+    for k in dict.fromkeys(place.plate for place in found):
+        off = {place.axis: place for place in found if place.plate == k}
+        number = plates[k].number
+        if 2 in off:
+            turn = {"turn_deg": off[2].off, "interval_deg": off[2].interval}
+            notes.append(Note.of("plate_askew", plate=number, **turn))
+        else:
+            off_m = {DIRECTIONS[axis]: place.off for axis, place in off.items()}
+            interval_m = max(place.interval for place in off.values())
+            note = Note.of("plate_elsewhere", plate=number, off_m=off_m, interval_m=interval_m)
+            notes.append(note)
+    return notes
+
+
+EXPLAINED: Final = {"pressure_far_from_feet", "carried_in_part"}
+"""Notes that say less than those of single plates."""
+RAW: Final = {"plate_wraps", "plate_jumps", "plate_reversed"}
+
+
+def without_explained(notes: Sequence[Note], faults: Sequence[Note]) -> list[Note]:
+    """Leave out what the faults of plates explain."""
+    return [note for note in notes if not (faults and note.code in EXPLAINED)]
+
+
+def misweigh(faults: Sequence[Note]) -> bool:
+    """Whether plates have faults with which steps do not weigh the body."""
+    return any(note.code in RAW or note.values.get("component") == "Fz" for note in faults)
+
+
+def _remedy(number: int, what: str) -> str:
+    """Give what to state, in a study and as an option."""
+    return f'mend_plates = ["{number}: {what}"] (--mend-plates "{number}: {what}")'
+
+
+def _jump_notes(plate: Plate, weight_n: float) -> list[Note]:
+    """Name the channels of a plate that wrap, and those that jump."""
+    found = {
+        name: find_jumps(channel, float(least))
+        for name, channel, least in zip(
+            WRENCH_COMPONENTS, plate.wrench_in_plate.T, MIN_JUMP * weight_n, strict=True
+        )
+    }
+    notes = []
+    for code, wraps in (("plate_wraps", True), ("plate_jumps", False)):
+        these = {name: each for name, each in found.items() if len(each.at) and each.wraps == wraps}
+        if these:
+            sizes = {name: float(np.abs(each.size).max()) for name, each in these.items()}
+            first = min(int(each.at[0]) for each in these.values())
+            count = sum(len(each.at) for each in these.values())
+            values = {"sizes": sizes, "first_s": plate.time[first], "jumps": count}
+            if wraps:
+                unwrap = [_remedy(plate.number, f"unwrap {name}") for name in these]
+                values["remedy"] = " and ".join(unwrap)
+            notes.append(Note.of(code, plate=plate.number, **values))
+    return notes

@@ -1,0 +1,193 @@
+"""What is wrong with single plates is named, with what mends it; healthy plates are not doubted."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hbm.spatial import GRAVITY_MPS2
+from pipeline.config.schema import Settings, Subject
+from pipeline.io.mended_plates import find_jumps, with_mended_plates
+from pipeline.io.stated import Stated, parse_mending
+from pipeline.trial.plate_faults import Witnesses, weight_of_steps
+from pipeline.trial.process import process_recording
+from pipeline.virtual_lab.protocol.overground_walk import simulate_overground
+from tests.campaign.plate_doubts import (
+    CODES,
+    amplified,
+    channel,
+    exchanged,
+    moved,
+    turned,
+    wrapped,
+)
+
+RATE_HZ = 1000.0
+TIME = np.arange(2000) / RATE_HZ
+STANCE = np.where((TIME > 0.5) & (TIME < 1.2), np.sin(np.pi * (TIME - 0.5) / 0.7), 0.0)
+
+
+@given(
+    load=st.floats(200, 3000),
+    noise=st.floats(0.01, 3.0),
+    impact=st.floats(0.0, 1.0),
+    rise_s=st.floats(0.004, 0.05),
+)
+def test_the_load_of_a_foot_with_any_impact_is_no_jump(load, noise, impact, rise_s):
+    since = np.clip(TIME - 0.5, 0.0, None)
+    spike = impact * load * np.sin(np.pi * np.clip(since / rise_s, 0, 1)) ** 2
+    rng = np.random.default_rng(1)
+    measured = load * STANCE + spike + noise * rng.normal(size=len(TIME))
+    assert not len(find_jumps(measured, 20.0).at)
+
+
+@given(share=st.floats(0.2, 0.9), noise=st.floats(0.0, 0.2))
+def test_a_channel_that_overflows_wraps_and_one_that_slips_jumps(share, noise):
+    rng = np.random.default_rng(2)
+    moment = 60.0 * STANCE + noise * rng.normal(size=len(TIME)) + 1e-6
+    limit = share * 60.0
+    found = find_jumps((moment + limit) % (2 * limit) - limit, 4.0)
+    assert found.wraps
+    assert np.abs(found.size) == pytest.approx(2 * limit, rel=0.05)
+    slipped = find_jumps(moment + 15.0 * (TIME > 0.8), 4.0)
+    assert not slipped.wraps
+    assert slipped.at.tolist() == [800]
+    assert slipped.size[0] == pytest.approx(15.0, abs=1.5)
+
+
+def test_samples_that_are_lost_are_not_called_jumps():
+    moment = 60.0 * STANCE + 1e-6
+    moment[800:803] = 0.0
+    assert not len(find_jumps(moment, 4.0).at)
+
+
+@given(mass_kg=st.floats(20, 150), rise_mps=st.floats(-1.0, 1.0), start=st.integers(20, 60))
+def test_steps_weigh_a_body_that_gains_speed(mass_kg, rise_mps, start):
+    """Over half a second, in which the centre of mass is accelerated upwards or downwards."""
+    time = np.arange(150) / 100
+    carried = (np.arange(150) >= start) & (np.arange(150) < start + 50)
+    force = mass_kg * (GRAVITY_MPS2 + rise_mps / 0.5)
+    stated_kg = 70.0
+    wrench, need = np.zeros((1, 150, 6)), np.zeros((150, 6))
+    wrench[0, carried, 2] = force
+    need[carried, 2] = force * stated_kg / mass_kg
+    feet = np.zeros((150, 2, 3))
+    known = (carried, feet, feet, np.full(2, 0.25), stated_kg * GRAVITY_MPS2)
+    found = weight_of_steps(Witnesses(time, wrench, wrench, need, *known))
+    assert found == pytest.approx(mass_kg, rel=1e-9)
+
+
+def test_steps_do_not_weigh_what_the_plates_carry_too_briefly():
+    time, empty = np.arange(150) / 100, np.zeros((150, 6))
+    feet = np.zeros((150, 2, 3))
+    known = (np.arange(150) < 20, feet, feet, np.full(2, 0.25), 700.0)
+    assert weight_of_steps(Witnesses(time, empty[None] + 700, empty[None], empty, *known)) is None
+
+
+@pytest.fixture(scope="module")
+def laboratory():
+    return simulate_overground(seed=5)
+
+
+def doubts(laboratory, recording):
+    result = process_recording(recording, Subject(sex="male"), Settings(), static=laboratory.static)
+    return [note for note in result.notes if note.code in CODES]
+
+
+def test_healthy_plates_are_not_doubted(laboratory):
+    assert doubts(laboratory, laboratory.walk) == []
+
+
+def test_a_mass_that_nothing_tells_is_weighed_by_steps(laboratory):
+    """Over the steps on three plates, to 1 %; the pose is recorded beside them."""
+    beside = replace(laboratory.static, plates=())
+    result = process_recording(laboratory.walk, Subject(sex="male"), Settings(), static=beside)
+    person = laboratory.subject.person
+    assert result.body.mass == pytest.approx(person.mass_kg, rel=0.01)
+    codes = {note.code for note in result.notes}
+    assert "mass_by_steps" in codes
+    assert "mass_stated" not in codes
+    stated = process_recording(
+        laboratory.walk,
+        Subject(sex="male", mass_kg=0.83 * person.mass_kg),
+        Settings(),
+        static=beside,
+    )
+    (differs,) = [note for note in stated.notes if note.code == "mass_differs"]
+    steps_kg = [*differs.values["known_kg"].values()][-1]
+    assert steps_kg == pytest.approx(person.mass_kg, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("code", "fault"),
+    [
+        ("plate_wraps", lambda walk: wrapped(walk, 1, 4, 0.6)),
+        ("plate_turned", lambda walk: turned(walk, 1, 180, corners=False)),
+        ("plate_turned", lambda walk: turned(walk, 0, 90, corners=False)),
+        ("plate_reversed", lambda walk: amplified(walk, 2, 0, -1.0)),
+        ("plate_reversed", lambda walk: amplified(walk, 1, 2, -1.0)),
+        ("plates_exchanged", lambda walk: exchanged(walk, 0, 1)),
+    ],
+)
+def test_a_fault_is_named_and_what_its_note_states_mends_it(laboratory, code, fault):
+    faulty = fault(laboratory.walk)
+    (note,) = doubts(laboratory, faulty)
+    assert note.code == code
+    mending = re.findall(r'--mend-plates "([^"]+)"', note.values["remedy"])
+    mended = with_mended_plates(replace(faulty, stated=Stated(mend_plates=tuple(mending))))
+    assert doubts(laboratory, mended) == []
+    for one, other in zip(mended.plates, laboratory.walk.plates, strict=True):
+        assert np.allclose(one.wrench, other.wrench, atol=2.0 if code == "plate_wraps" else 1e-6)
+
+
+def test_a_weak_channel_is_sized(laboratory):
+    (note,) = doubts(laboratory, amplified(laboratory.walk, 1, 0, 0.35))
+    assert (note.code, note.values["plate"], note.values["component"]) == ("plate_gain", 2, "Fx")
+    assert note.values["low"] < 0.35 < note.values["high"]
+    assert note.values["direction"] == "forward"
+
+
+def test_a_plate_that_lies_elsewhere_is_sized(laboratory):
+    (note,) = doubts(laboratory, moved(laboratory.walk, 1, np.array([0.0, 0.08, 0.0])))
+    assert (note.code, note.values["plate"]) == ("plate_elsewhere", 2)
+    assert note.values["off_m"] == {"left": pytest.approx(0.08, abs=note.values["interval_m"])}
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["turn 90", "2: turn 45", "2: reverse Fw", "2 reverse Fx", "0x2: turn 90", "2: unwrap all"],
+)
+def test_what_cannot_be_mended_is_refused_with_what_can(text):
+    with pytest.raises(ValueError, match="3: reverse Fx, 2: turn 90"):
+        parse_mending(text)
+
+
+def mended(recording, *mending):
+    return with_mended_plates(replace(recording, stated=Stated(mend_plates=mending)))
+
+
+def test_mending_refuses_a_plate_that_is_not_there_beside_others(laboratory):
+    for mending, message in {
+        "4: turn 90": "no plate 4; the recording has plates 1, 2, 3",
+        "1: exchange 7": "no plate 7",
+    }.items():
+        with pytest.raises(ValueError, match=message):
+            mended(laboratory.walk, mending)
+    beside = replace(laboratory.static, plates=())
+    assert mended(beside, "4: turn 90").plates == ()
+
+
+def test_unwrapping_leaves_channels_that_do_not_wrap(laboratory):
+    """The same is stated of trial and calibration pose, and a channel may wrap in one of them."""
+    every = [f"{k}: unwrap {name}" for k in (1, 2, 3) for name in ("Fx", "Fz", "Mx", "Mz")]
+    for recording in (laboratory.walk, laboratory.static):
+        for one, other in zip(mended(recording, *every).plates, recording.plates, strict=True):
+            assert np.array_equal(one.wrench_in_plate, other.wrench_in_plate)
+
+
+def test_a_constant_channel_neither_jumps_nor_wraps(laboratory):
+    flat = channel(laboratory.walk, 0, 4, lambda values: 0 * values)
+    assert not any(note.code in ("plate_wraps", "plate_jumps") for note in doubts(laboratory, flat))
