@@ -49,7 +49,7 @@ print((folder / "study.toml").read_text(encoding="utf-8"))
 
 # %%
 for outcome in run_study(read_study(folder), Path("results"), jobs=2):
-    print(outcome.job.subject, outcome.job.condition, outcome.state, outcome.reason)
+    print(outcome.job.name, outcome.state, outcome.reason)
 
 # %% [markdown]
 # ## 3. Statistics

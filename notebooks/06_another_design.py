@@ -96,7 +96,7 @@ for person in people:
 # %%
 study = read_study(folder)
 for outcome in run_study(study, Path("results"), jobs=2):
-    print(outcome.job.subject, outcome.job.condition, outcome.state, outcome.reason)
+    print(outcome.job.name, outcome.state, outcome.reason)
 
 # %%
 design, results = study_design(study.file), collect(Path("results"))

@@ -10,13 +10,16 @@ import pandas as pd
 import pyarrow as pa
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
+from hbm.spatial import Array
 from pipeline.budgets.words import Mending, budget_lines, most_worth_mending
-from pipeline.config.schema import NOUNS
+from pipeline.config.schema import NOUNS, TrialName
 from pipeline.explain.budget import Bands, Budget
 from pipeline.explain.explain import explain_trial
 from pipeline.io.recording import Recording
 from pipeline.io.write import whole_file, write_text
+from pipeline.statistics.design import Weigh
 from pipeline.statistics.measurement import CELL, Covariances
+from pipeline.statistics.recordings import recording_weights, root_mean_square
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.residuals import AXES
 from pipeline.trial.result import TrialResult
@@ -25,8 +28,6 @@ FORMAT_VERSION: Final = 4
 """Of the files; raised with every change of what they hold."""
 SUFFIX: Final = "_explained.json"
 BANDS_SUFFIX: Final = "_bands.parquet"
-Trial = tuple[str, str]
-"""Subject and condition."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +146,7 @@ def read_bands(path: Path) -> Bands:
 
 
 def study_covariances(
-    explained: Mapping[Trial, Explanation], residuals: pd.DataFrame
+    explained: Mapping[TrialName, Explanation], residuals: pd.DataFrame, weigh: Weigh = "cycle"
 ) -> tuple[Covariances | None, str]:
     """Give how errors of measurement vary together in a study's residuals.
 
@@ -154,7 +155,8 @@ def study_covariances(
     explained
         Explanations of its trials.
     residuals
-        Long table of RMS residuals, each of the window that its condition asks for.
+        Long table of RMS residuals, one row per recording and axis, each of the window that its
+        condition asks for.
 
     Returns
     -------
@@ -164,17 +166,24 @@ def study_covariances(
     missing
         Why there are none, and what adds them; empty where there are.
     """
-    keys = [*residuals[["subject", "condition"]].itertuples(index=False, name=None)]
-    draws, open_trials = {}, set(keys)
-    for trial, window in sorted(set(zip(keys, residuals["window"], strict=True))):
+    once = residuals.drop_duplicates([*TrialName._fields])
+    open_trials, weights = set[TrialName](), recording_weights(once, weigh)
+    found: dict[tuple[str, str, bool], list[tuple[Array, float]]] = {}
+    names = [TrialName(*key) for key in once[[*TrialName._fields]].itertuples(index=False)]
+    for trial, window, weight in zip(names, once["window"], weights, strict=True):
         budget = explained[trial].budget if trial in explained else None
         if budget is None or (window not in (*NOUNS, "span") and not budget.of_window):
+            open_trials.add(trial)
             continue
-        open_trials.remove(trial)
         for own in budget.of_window or budget.uncertainty:
-            draws[(*trial, own.compensated)] = own.draws
+            cell = trial.subject, trial.condition, own.compensated
+            found.setdefault(cell, []).append((own.draws, weight))
+    draws = {}
+    for cell, recordings in sorted(found.items()):
+        of_each, weights_of_cell = zip(*recordings, strict=True)
+        draws[cell] = root_mean_square(np.stack(of_each), np.array(weights_of_cell))
     if open_trials or not draws:
-        every, known = len(set(keys)), len(set(keys)) - len(open_trials)
+        every, known = len(once), len(once) - len(open_trials)
         some = f"; {known} of {every} trials are explained" * (known > 0)
         return None, f"'hbm explain RESULTS' adds intervals of measurement{some}." * (every > 0)
     cells = pd.MultiIndex.from_tuples(draws, names=CELL)

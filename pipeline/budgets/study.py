@@ -19,6 +19,7 @@ from pipeline.budgets.explanation import (
     write_bands,
     write_explanation,
 )
+from pipeline.config.schema import TrialName
 from pipeline.config.study import Study, read_study
 from pipeline.explain.budget import Bands
 from pipeline.io.input_file import describe_error
@@ -153,14 +154,13 @@ def processed(job: Job) -> tuple[Recording, Laboratory, TrialResult]:
         result = read_trial(path)
     except FileNotFoundError:
         raise ValueError("it has no result; run 'hbm run' first") from None
-    person = job.study.subjects[job.subject]
-    trial = person.trials[job.condition]
+    person, trial = job.study.subject(job.name.subject), job.study.trial(job.name)
     assert trial.file is not None  # it would not be planned
     if not job.study.path(trial.file).is_file():
         raise ValueError(
             f"the recording {trial.file} is gone, and only it shows what residuals are made of"
         )
-    if result.key != trial_key(job.study, job.subject, job.condition):
+    if result.key != trial_key(job.study, job.name):
         raise ValueError("its result is not up to date; run 'hbm run' first")
     recording = read_study_file(job.study, trial.file, trial, person.static)
     return recording, read_study_laboratory(job.study), result
@@ -181,16 +181,16 @@ def bands_of(result: Path, trial: TrialResult) -> Bands | None:
 
 
 def explanations(
-    folder: Path, trials: Mapping[tuple[str, str], TrialResult]
-) -> tuple[dict[tuple[str, str], Explanation], dict[str, str], str]:
-    """Give what is known of the trials of a results folder, by subject and condition.
+    folder: Path, trials: Mapping[TrialName, TrialResult]
+) -> tuple[dict[TrialName, Explanation], dict[str, str], str]:
+    """Give what is known of the trials of a results folder, by their names.
 
     Returns
     -------
     explained
         The explanations of these results by this program.
     reasons
-        "subject condition" -> why it could not be explained.
+        "subject condition recording" -> why it could not be explained.
     stale
         Which explanations are of other results or programs, or damaged, and what makes them anew;
         empty where there are none.
@@ -199,7 +199,7 @@ def explanations(
     for _, own in recorded_failures(folder / FOLDER):
         reasons |= own
     for key, trial in trials.items():
-        path, name = folder / FOLDER / f"{'_'.join(key)}.json", " ".join(key)
+        path, name = folder / FOLDER / f"{key.stem}.json", str(key)
         found = up_to_date(path, explanation_key(trial.key))
         if found is not None:
             explained[key] = found

@@ -64,7 +64,7 @@ def check(
     if not found.faults:
         stated = "" if loaded.file.comparison else "no [comparison] is stated: "
         console.say(f"{stated}{in_words(study_design(loaded.file))}")
-    trials = sum(t.exclude is None for s in loaded.subjects.values() for t in s.trials.values())
+    trials = sum(trial.exclude is None for trial in loaded.trials.values())
     console.say(
         f"{counted(len(loaded.subjects), 'subject')}, {counted(trials, 'trial')}, "
         f"{counted(len(found.faults), 'fault')}"
@@ -143,6 +143,9 @@ def view(
     results: ResultsFolder = Path("results"),
     subject: Annotated[str | None, Option(help="Default: the first.")] = None,
     condition: Annotated[str | None, Option(help="Default: the first.")] = None,
+    number: Annotated[
+        str | None, Option("--recording", help="Of several, such as 02; default: the first.")
+    ] = None,
     web: Annotated[bool, Option("--web", help="In a browser on this machine.")] = False,
     save: Annotated[Path | None, Option(help="Only write the recording (.rrd).")] = None,
 ) -> None:
@@ -155,7 +158,9 @@ def view(
     from pipeline.viewer.trial import write_recording
 
     console = PlainConsole()
-    result = results if results.suffix == RESULT else _result_of(results, subject, condition)
+    result = (
+        results if results.suffix == RESULT else _result_of(results, subject, condition, number)
+    )
     summary = read_trial(result, frames=False)
     bands = bands_of(result, summary)
     folder = result.parent.parent if result.parent.name == "trials" else result.parent
@@ -175,18 +180,18 @@ def view(
     show(recording, web=web, announce=console.say)
 
 
-def _result_of(folder: Path, subject: str | None, condition: str | None) -> Path:
-    """Find the result of a trial; of the first where subject or condition are not given."""
+def _result_of(folder: Path, *wanted: str | None) -> Path:
+    """Find the result of a subject's recording of a condition; of the first where not given."""
     from pipeline.run.store import read_trial
 
     if folder.is_file():
         raise ValueError(f"{folder}: is neither a results folder nor a result ({RESULT})")
     names = []
     for path in sorted((folder / "trials").glob(f"*{RESULT}")):
-        trial = read_trial(path, frames=False)
-        if subject in (None, trial.subject.id) and condition in (None, trial.condition):
+        name = read_trial(path, frames=False).name
+        if all(one in (None, own) for one, own in zip(wanted, name, strict=True)):
             return path
-        names.append(f"{trial.subject.id} {trial.condition}")
+        names.append(str(name))
     if not names:
         raise ValueError(f"{folder}: no results of trials here; run 'hbm run STUDY --out {folder}'")
     raise ValueError(f"{folder}: no such trial; there are: {', '.join(names)}")

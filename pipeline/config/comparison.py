@@ -148,4 +148,5 @@ def study_design(file: StudyFile) -> Design:
         covariates=usual if stated.covariates is None else stated.covariates,
         margin=stated.margin,
         group=stated.group,
+        weigh=stated.weigh,
     )

@@ -3,7 +3,7 @@
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Final, Literal, get_args
+from typing import Annotated, Final, Literal, NamedTuple, get_args
 
 from pydantic import (
     AfterValidator,
@@ -459,6 +459,9 @@ class Comparison(InputModel):
     margin: Annotated[float, Field(gt=0, le=1)] = 0.2
     """Share of the reference residual by which a residual may exceed it and still be at its
     level."""
+    weigh: Literal["cycle", "recording"] = "cycle"
+    """What is equal in a subject's value over several recordings: each gait cycle or each
+    recording."""
     group: Literal["group", "sex"] | None = Field(default=None, examples=["group"])
     """Key of the subjects' files that tells groups apart: group or sex."""
 
@@ -486,8 +489,42 @@ class PlateContact(InputModel):
     """left or right."""
 
 
+class TrialName(NamedTuple):
+    """Which trial of a study.
+
+    Attributes
+    ----------
+    subject, condition
+        Whose, and under which condition.
+    recording
+        "01", "02", … where the subject has several recordings of the condition; else empty.
+
+    Examples
+    --------
+    >>> name = TrialName("sub03", "sway", "02")
+    >>> str(name), name.stem
+    ('sub03 sway 02', 'sub03_sway_02')
+    """
+
+    subject: str
+    condition: str
+    recording: str = ""
+
+    def __str__(self) -> str:
+        return " ".join(filter(None, self))
+
+    @property
+    def stem(self) -> str:
+        """Name of the trial's files, without their ending."""
+        return "_".join(filter(None, self))
+
+
 class Trial(InputModel):
-    """One recording with the files that belong to it, or the reason why there is none."""
+    """One recording with the files that belong to it, or the reason why there is none.
+
+    Where a subject has several recordings of a condition, state their ``files`` as a list, or a
+    table each, [[trials.CONDITION]].
+    """
 
     exclude: Text | None = None
     """Why the trial cannot be used; it stays in the table with this reason."""
@@ -497,6 +534,10 @@ class Trial(InputModel):
     """Ground reaction forces (.mot) of a .trc file."""
     record: RecordingName | None = Field(default=None, examples=["sub01_record.txt"])
     """Record module's file of D-Flow's mocap text."""
+    session: Name | None = Field(default=None, examples=["day2"])
+    """When it was recorded, where subjects came more than once."""
+    window: Window | None = Field(default=None, examples=[[2.0, 30.0]])
+    """What of this recording counts; default: as the condition says."""
     contacts: Annotated[tuple[PlateContact, ...], Field(strict=False)] = ()
 
     @model_validator(mode="after")
@@ -509,6 +550,29 @@ class Trial(InputModel):
     def files(self) -> tuple[str, ...]:
         """Names of the trial's files, those that are stated."""
         return tuple(filter(None, (self.file, self.forces, self.record)))
+
+
+def _recordings(stated: object) -> object:
+    """Give the tables of a condition's recordings, stated as one table, as files or as tables."""
+    if isinstance(stated, list | tuple) and stated:
+        return tuple(stated)
+    if not isinstance(stated, dict):
+        raise ValueError(f"must be a table with a file, or a list of such, got {shown(stated)}")
+    if "files" not in stated:
+        return (stated,)
+    files, others = stated["files"], {k: v for k, v in stated.items() if k != "files"}
+    if not isinstance(files, list) or not files:
+        raise ValueError(f"files: must be a list of recordings, got {shown(files)}")
+    of_one = [key for key in others if key not in ("session", "window")]
+    if of_one:
+        raise ValueError(
+            f"{of_one[0]}: belongs to one recording; state a table for each, [[trials.CONDITION]]"
+        )
+    return tuple({"file": file, **others} for file in files)
+
+
+Recordings = Annotated[tuple[Trial, ...], BeforeValidator(_recordings)]
+"""A subject's recordings of one condition."""
 
 
 class StudyFile(RecordingRules):
@@ -537,7 +601,7 @@ class SubjectFile(Subject):
     """Recording in which both thighs swing, for functional hip centres."""
     segments: SegmentsName | None = Field(default=None, examples=["sub01_segments.toml"])
     """TOML with known segment inertias: prostheses, braces, shoes, scans."""
-    trials: dict[ConditionName, Trial]
+    trials: dict[ConditionName, Recordings]
 
     @model_validator(mode="after")
     def _hips(self, info: ValidationInfo) -> "SubjectFile":
@@ -552,6 +616,15 @@ class SubjectFile(Subject):
                 'hip_trial: has no effect unless settings.hip = "functional" in study.toml'
             )
         return self
+
+    @property
+    def named_trials(self) -> dict[TrialName, Trial]:
+        """All trials by name, also excluded ones; several recordings are numbered."""
+        return {
+            TrialName(self.id, condition, f"{number:02d}" if len(recordings) > 1 else ""): trial
+            for condition, recordings in self.trials.items()
+            for number, trial in enumerate(recordings, start=1)
+        }
 
     @property
     def files(self) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from hbm.markers import MarkerSet, marker_sets, read_marker_set
 from hbm.spelling import Table, did_you_mean, shown
 from pipeline.config.comparison import comparison_faults
 from pipeline.config.plate_correction import read_plate_correction
-from pipeline.config.schema import Condition, StudyFile, SubjectFile
+from pipeline.config.schema import Condition, StudyFile, SubjectFile, Trial, TrialName
 from pipeline.config.toml_file import SIMULATED, Around, StudyFaults, check_table, read_table
 from pipeline.io.input_file import is_file, read_text
 from pipeline.io.stated import Stated
@@ -73,14 +73,39 @@ class Study:
         """Give a condition; a ValueError names those that exist."""
         return _known("condition", condition, self.file.conditions)
 
+    @property
+    def trials(self) -> dict[TrialName, Trial]:
+        """All trials by name, excluded ones too."""
+        return {
+            name: trial
+            for person in self.subjects.values()
+            for name, trial in person.named_trials.items()
+        }
 
+    def trial(self, name: TrialName) -> Trial:
+        """Give a trial; a ValueError names those that the subject has."""
+        return _known("trial", name, self.subject(name.subject).named_trials)
+
+    def rule(self, name: TrialName) -> Condition:
+        """Give what counts in a trial: as its condition says or, instead, its own window."""
+        condition, window = self.condition(name.condition), self.trial(name).window
+        if window is None:
+            return condition
+        stated = condition.model_dump(exclude={"window"})
+        if not condition.perturbed:
+            stated |= {"cycles": None, "skip_s": 0.0}
+        return Condition.model_validate(stated | {"window": window})
+
+
+Key = TypeVar("Key", str, TrialName)
 Stating = TypeVar("Stating")
 
 
-def _known(kind: str, name: str, stated: Mapping[str, Stating]) -> Stating:
+def _known(kind: str, name: Key, stated: Mapping[Key, Stating]) -> Stating:
     if name not in stated:
-        hint = did_you_mean(name, stated)
-        raise ValueError(f"no {kind} {name!r}{hint}; there are {', '.join(stated)}")
+        known = [str(each) for each in stated]
+        hint = did_you_mean(str(name), known)
+        raise ValueError(f"no {kind} {str(name)!r}{hint}; there are {', '.join(known)}")
     return stated[name]
 
 
@@ -229,15 +254,14 @@ def _laboratory_faults(folder: Path, file: StudyFile) -> list[str]:
 
 def _result_name_faults(subjects: Mapping[str, SubjectFile]) -> list[str]:
     """Find trials whose results would be written to the same file."""
-    taken: dict[str, str] = {}
+    taken: dict[str, TrialName] = {}
     faults = []
-    for subject, person in subjects.items():
-        for condition in person.trials:
-            name = f"{subject}_{condition}"
-            other = taken.setdefault(name.casefold(), f"{subject} {condition}")
-            if other != f"{subject} {condition}":
+    for person in subjects.values():
+        for name in person.named_trials:
+            other = taken.setdefault(name.stem.casefold(), name)
+            if other != name:
                 faults.append(
-                    f"the results of {subject} {condition} and of {other} would both be called "
-                    f"{name}; rename the subject or the condition"
+                    f"the results of {name} and of {other} would both be called {name.stem}; "
+                    "rename the subject or the condition"
                 )
     return faults

@@ -78,7 +78,7 @@ def check_table(
         try:
             model = model or kind.model_validate(table, context=context)
         except ValidationError as error:
-            found |= dict.fromkeys(describe_faults(error, kind))
+            found |= dict.fromkeys(describe_faults(error, kind, table))
     faults += [f"{name}: {fault}" for fault in found]
     return model
 
@@ -132,9 +132,9 @@ SegmentsName = Annotated[RecordingName, _among(_readable)]
 ConditionName = Annotated[str, _among(_known)]
 
 
-def describe_faults(error: ValidationError, kind: type[BaseModel]) -> list[str]:
+def describe_faults(error: ValidationError, kind: type[BaseModel], table: object) -> list[str]:
     """Describe pydantic's findings on a model, each as "key: what is wrong, nearest known word"."""
-    return [_line(fault, kind) for fault in error.errors()]
+    return [_line(fault, kind, _place(fault["loc"], table)) for fault in error.errors()]
 
 
 def check_options(kind: type[Model], options: Mapping[str, Option]) -> Model:
@@ -145,13 +145,27 @@ def check_options(kind: type[Model], options: Mapping[str, Option]) -> Model:
     try:
         return kind.model_validate(options)
     except ValidationError as error:
-        faults = [fault.partition(":") for fault in describe_faults(error, kind)]
+        faults = [fault.partition(":") for fault in describe_faults(error, kind, options)]
         lines = [f"--{key.replace('_', '-')}:{fault}" for key, _, fault in faults]
         raise ValueError("; ".join(lines)) from error
 
 
-def _line(fault: ErrorDetails, kind: type[BaseModel]) -> str:
-    place = [part for part in fault["loc"] if part != "[key]"]
+def _place(location: tuple[int | str, ...], table: object) -> list[str]:
+    """Give the keys that lead to a place as they are stated, and numbers in lists from 1."""
+    place, inner = [], table
+    for part in location:
+        if isinstance(part, int) and isinstance(inner, Mapping):
+            continue  # one table, where a list of tables is possible
+        if part != "[key]":
+            place.append(str(part + 1) if isinstance(part, int) else part)
+        if isinstance(inner, Mapping):
+            inner = inner.get(part)
+        elif isinstance(inner, list) and isinstance(part, int):
+            inner = inner[part] if part < len(inner) else None
+    return place
+
+
+def _line(fault: ErrorDetails, kind: type[BaseModel], place: Sequence[str]) -> str:
     key = ".".join(short(part) for part in place)
     value = fault["input"]
     if fault["type"] == "extra_forbidden":
@@ -166,7 +180,7 @@ def _line(fault: ErrorDetails, kind: type[BaseModel]) -> str:
     if fault["type"] == "string_pattern_mismatch":
         return f"{key}: must be letters, digits, '_', '-' and '.', got {shown(value)}"
     text = fault["msg"][0].lower() + fault["msg"][1:].replace("valid tuple", "list")
-    name = next(part for part in reversed(place) if isinstance(part, str))
+    name = next(part for part in reversed(place) if not part.isdecimal())
     return f"{key}: {text}, got {shown(value)}{_hint(fault, name)}"
 
 

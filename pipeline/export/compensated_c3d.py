@@ -254,7 +254,6 @@ def recordings_of(study: Study) -> dict[str, Trial]:
     """Give every recording of a study's trials once: name of the file -> its trial."""
     return {
         trial.file: trial
-        for person in study.subjects.values()
-        for trial in person.trials.values()
+        for trial in study.trials.values()
         if trial.file is not None and trial.exclude is None
     }

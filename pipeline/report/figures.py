@@ -86,7 +86,7 @@ def study_figures(
     subject = example_subject(results.cycles)
     if subject is None:
         return
-    spans = {c: trial.cycles for (s, c), trial in results.trials.items() if s == subject}
+    spans = {n[1:]: trial.cycles for n, trial in results.trials.items() if n.subject == subject}
     own = results.cycles[results.cycles["subject"] == subject]
     for axis in AXES:
         yield f"raw_{axis}", raw_figure(own, spans, axis, design)
@@ -135,7 +135,7 @@ def gait_cycle_figure(
     shown = shown.assign(value=shown["value"].where(~mirrored, -shown["value"]))
     counts = shown.groupby("condition")["subject"].nunique()
     single = counts.max() == 1
-    unit = ["subject", "side", "cycle"] if single else ["subject"]
+    unit = ["recording", "side", "cycle"] if single else ["subject"]
     keys = ["condition", "compensated", "axis", "percent"]
     values = shown.groupby([*keys, *unit], sort=False)["value"].mean().groupby(keys)
     mean, sd = values.mean().unstack("percent"), values.std().unstack("percent")
@@ -252,7 +252,7 @@ def _p_value(statistics: pd.DataFrame, axis: str, design: Design) -> str:
 
 
 def raw_figure(
-    cycles: pd.DataFrame, spans: Mapping[str, Spans], axis: str, design: Design
+    cycles: pd.DataFrame, spans: Mapping[tuple[str, str], Spans], axis: str, design: Design
 ) -> Figure:
     """Draw one residual of one subject in every gait cycle of every condition.
 
@@ -261,7 +261,8 @@ def raw_figure(
     cycles
         One subject's gait cycles, as `pipeline.run.load.Results.cycles`.
     spans
-        Condition -> side -> start and stop of each cycle [s], by which the cycles are ordered.
+        Condition and recording -> side -> start and stop of each cycle [s], by which the cycles
+        are ordered.
     axis
         The residual, such as "Fx".
     design
@@ -282,8 +283,15 @@ def raw_figure(
         for condition, panel in zip(conditions, panels, strict=True):
             for compensated, trial in own[own["condition"] == condition].groupby("compensated"):
                 variant = VARIANTS[bool(compensated)]
-                keys = _in_time(spans[condition])
-                curves = trial.pivot(index=["side", "cycle"], columns="percent", values="value")
+                keys = [
+                    (recording, *key)
+                    for (of, recording), own_spans in sorted(spans.items())
+                    if of == condition
+                    for key in _in_time(own_spans)
+                ]
+                curves = trial.pivot(
+                    index=["recording", "side", "cycle"], columns="percent", values="value"
+                )
                 values = curves.loc[keys].to_numpy()
                 x = np.arange(len(values))[:, None] + curves.columns.to_numpy() / 100
                 panel.plot(

@@ -103,6 +103,29 @@ def windows_sentence(residuals: pd.DataFrame) -> str:
     return f"RMS over {join_names(parts)}.{unlike * bool(within and len(conditions) > 1)}"
 
 
+def recordings_sentence(residuals: pd.DataFrame, design: Design) -> str:
+    """Say of how many recordings and gait cycles each value is; empty where of one recording each.
+
+    Of the values as `pipeline.statistics.recordings.pool_recordings` gives them.
+    """
+    if residuals["n_recordings"].max() <= 1:
+        return ""
+    once = residuals.drop_duplicates(["subject", "condition"]).set_index("condition")
+    parts = []
+    for condition in design.in_order(once.index):
+        own = once.loc[[condition]]
+        recordings = numbers(own["n_recordings"], "recording")
+        parts.append(f"{condition} {recordings} and {numbers(own['n_cycles'], 'gait cycle')}")
+    equal = f"each {'gait cycle' if design.weigh == 'cycle' else 'recording'} is equal"
+    return f"Per subject: {join_names(parts)}; {equal}."
+
+
+def numbers(counts: pd.Series, noun: str) -> str:
+    """Write the range of counts with their noun, such as "3 to 5 recordings"."""
+    low, high = int(counts.min()), int(counts.max())
+    return f"{low} {noun}{'s' * (low != 1)}" if low == high else f"{low} to {high} {noun}s"
+
+
 def described(window: str) -> str:
     """Say what a window is."""
     of_cycle = window.endswith("%")

@@ -1,6 +1,6 @@
 """Single trials on the page of a report: problems, quality, what their residuals are made of."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -8,7 +8,7 @@ import pandas as pd
 
 from pipeline.budgets.explanation import Explanation
 from pipeline.budgets.words import CAPTION, budget_table
-from pipeline.config.schema import NOUNS
+from pipeline.config.schema import NOUNS, TrialName
 from pipeline.report.blocks import Check, Table, Text
 from pipeline.run.load import Results
 from pipeline.run.provenance import Provenance, TrialState
@@ -40,23 +40,25 @@ LIMITS: Final = {
 
 
 def problems(
-    states: Sequence[TrialState], provenance: Provenance, results: Results
+    states: Sequence[TrialState],
+    provenance: Provenance,
+    results: Results,
+    compared: Collection[TrialName],
 ) -> dict[str, Any]:
     """Name trials that are not simply done or not compared, and settings or versions that differ.
 
-    `results` lacks residuals that are not compared. Lines are pairs of a trial and a text.
+    Lines are pairs of a trial and a text.
     """
     lines = [
-        (f"{s.subject} {s.condition} {s.state}", s.reason) for s in states if s.state != "done"
+        (f"{state.name} {state.state}", state.reason) for state in states if state.state != "done"
     ]
-    compared = set(results.residuals["subject"] + " " + results.residuals["condition"])
-    for key, trial in results.trials.items():
-        if trial.span is not None and " ".join(key) not in compared:
+    for name, trial in results.trials.items():
+        if trial.span is not None and name not in compared:
             text = (
                 f"counts {trial.span[0]:.2f} to {trial.span[1]:.2f} s of the recording and no gait "
                 "cycles, so it is left out of tables and tests; its residuals are in residuals.csv"
             )
-            lines.append((" ".join(key), text))
+            lines.append((str(name), text))
     for quantity, different in (
         ("settings", provenance.settings),
         ("versions", provenance.versions),

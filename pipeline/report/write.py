@@ -10,7 +10,7 @@ from hbm.spelling import did_you_mean, listed, short
 from pipeline.budgets.explanation import study_covariances
 from pipeline.budgets.study import explanations
 from pipeline.config.comparison import groups, study_design
-from pipeline.config.schema import COVARIATES, Settings
+from pipeline.config.schema import COVARIATES, Settings, TrialName
 from pipeline.config.study import Study, read_study
 from pipeline.figures.style import save_figure
 from pipeline.io.write import whole_file, write_csv, write_text
@@ -18,7 +18,13 @@ from pipeline.report.blocks import TEMPLATES, Check, picture
 from pipeline.report.effects import residual_tests
 from pipeline.report.figures import example_subject, study_figures
 from pipeline.report.methods import bibtex, methods
-from pipeline.report.tables import plan_markdown, plan_table, residual_tables, windows_sentence
+from pipeline.report.tables import (
+    plan_markdown,
+    plan_table,
+    recordings_sentence,
+    residual_tables,
+    windows_sentence,
+)
 from pipeline.report.trials import LIMITS, causes, problems, quality_table, trial_quality
 from pipeline.report.verdict import question, verdict_values
 from pipeline.run.job import read_failures
@@ -26,6 +32,7 @@ from pipeline.run.load import Results, collect, select_trials
 from pipeline.run.provenance import provenance, trial_states
 from pipeline.statistics.comparison import statistics
 from pipeline.statistics.design import Design, unstated_design
+from pipeline.statistics.recordings import pool_recordings
 from pipeline.statistics.table_3 import table_3, table_3_markdown
 from pipeline.statistics.verdict import verdicts
 from pipeline.trial.result import TrialResult
@@ -81,28 +88,37 @@ def write_report(
     """
     study = read_study(study_folder, recordings=False) if study_folder is not None else None
     announce("collecting the trials")
-    quality: dict[tuple[str, str], dict[str, tuple[Check, ...]]] = {}
+    quality: dict[TrialName, dict[str, tuple[Check, ...]]] = {}
 
     def rate(trial: TrialResult) -> None:
-        quality[trial.subject.id, trial.condition] = trial_quality(trial)
+        quality[trial.name] = trial_quality(trial)
 
     results = collect(folder, rate)
     states = trial_states(results, read_failures(folder), study)
-    results = select_trials(results, {(s.subject, s.condition) for s in states if s.in_tables})
+    results = select_trials(results, {state.name for state in states if state.in_tables})
     write_csv(results.residuals, folder / "residuals.csv")
     write_csv(results.by_cycle, folder / "cycles.csv")
     headline = results.residuals[results.residuals["headline"].astype(bool)]
-    results = replace(results, residuals=headline.reset_index(drop=True))
 
     announce("computing statistics")
-    design = _design(results.residuals, study, covariates)
-    results = replace(results, residuals=design.comparable(results.residuals))
+    design = _design(headline, study, covariates)
+    compared = design.comparable(headline)
+    names = {TrialName(*key) for key in compared[[*TrialName._fields]].itertuples(index=False)}
+    results = replace(results, residuals=pool_recordings(compared, design.weigh))
     tests = statistics(results.residuals, _all_subjects(results.subjects, study), design)
     explained, failed, stale = explanations(folder, results.trials)
-    compared = results.residuals[results.residuals["condition"].isin(design.conditions)]
-    measurement, missing = study_covariances(explained, compared)
+    compared = compared[compared["condition"].isin(design.conditions)]
+    measurement, missing = study_covariances(explained, compared, design.weigh)
     table = table_3(results.residuals, tests, design, measurement)
-    windows = windows_sentence(results.residuals)
+    windows = " ".join(
+        filter(
+            None,
+            (
+                windows_sentence(results.residuals),
+                recordings_sentence(results.residuals, design),
+            ),
+        )
+    )
     write_csv(tests, folder / "statistics.csv")
     write_csv(table, folder / "table_3.csv")
     below = "\n".join(filter(None, (windows, missing)))
@@ -124,9 +140,9 @@ def write_report(
         suffix = ".png" if name.startswith("raw_") else ".svg"  # every cycle is too many lines
         pictures[name] = picture(folder / "figures" / f"{name}{suffix}")
 
-    order = design.in_order(condition for _, condition in results.trials)
-    keys = sorted(results.trials, key=lambda key: (key[0], order.index(key[1])))
-    trials = {" ".join(key): results.trials[key] for key in keys}
+    order = design.in_order(name.condition for name in results.trials)
+    keys = sorted(results.trials, key=lambda n: (n.subject, order.index(n.condition), n.recording))
+    trials = {str(name): results.trials[name] for name in keys}
     paragraphs = methods(results, tests, design, study)
     of_study = {} if study is None else groups(study.file, study.subjects)
     stated = study is not None and study.file.comparison is not None
@@ -137,7 +153,7 @@ def write_report(
         design=design,
         windows=windows,
         measurement=missing,
-        problems=problems(states, source, results),
+        problems=problems(states, source, results, names),
         verdict=verdict_values(found, results.residuals, design, stated=stated),
         tables=residual_tables(
             results.residuals, table, design, {s: g for s, g in of_study.items() if g is not None}
@@ -149,10 +165,10 @@ def write_report(
         has_reference=design.reference in set(results.cycles["condition"]),
         trials=trials,
         states=states,
-        quality=quality_table({" ".join(key): quality[key] for key in keys}),
+        quality=quality_table({str(name): quality[name] for name in keys}),
         limits=LIMITS,
         explained=bool(explained or failed or stale),
-        causes=[causes(" ".join(key), explained[key]) for key in keys if key in explained],
+        causes=[causes(str(name), explained[name]) for name in keys if name in explained],
         unexplained=[f"{name}: {failed[name]}" for name in trials if name in failed],
         stale=stale,
         methods=paragraphs,

@@ -19,7 +19,14 @@ from hbm.engines.engine import choose_engine
 from hbm.notes import Note
 from hbm.signals.filtering import low_pass
 from hbm.spelling import did_you_mean, listed
-from pipeline.config.schema import Condition, PlateContact, Settings, SubjectFile, Trial
+from pipeline.config.schema import (
+    Condition,
+    PlateContact,
+    Settings,
+    SubjectFile,
+    Trial,
+    TrialName,
+)
 from pipeline.config.study import Study
 from pipeline.config.toml_file import read_segments
 from pipeline.io.c3d.second_reader import compare_readers
@@ -118,17 +125,16 @@ def check_study(study: Study) -> Findings:
         found.remark(file, *describe_sensors(calibration.sensors))
     elif not study.file.treadmill.calibration:
         found.remark("study.toml", "no treadmill.calibration, so nothing will be compensated")
-    trial_of: dict[Path, str] = {}
+    trial_of: dict[Path, TrialName] = {}
     for subject, person in study.subjects.items():
-        for condition, trial in person.trials.items():
-            name = f"{subject} {condition}"
+        for name, trial in person.named_trials.items():
             if trial.exclude is not None:
-                found.remark(name, f"excluded: {trial.exclude}")
+                found.remark(str(name), f"excluded: {trial.exclude}")
             elif trial.file is not None:
                 other = trial_of.setdefault(study.path(trial.file).resolve(), name)
                 if other != name:
-                    found.remark(name, f"the same recording as {other}")
-                _check_trial(study, condition, person, trial, laboratory, found)
+                    found.remark(str(name), f"the same recording as {other}")
+                _check_trial(study, name, laboratory, found)
         without = [name for name in study.file.conditions if name not in person.trials]
         if without:
             found.remark(subject, f"no trial for {listed(without)}")
@@ -138,14 +144,10 @@ def check_study(study: Study) -> Findings:
 
 
 def _check_trial(
-    study: Study,
-    condition: str,
-    person: SubjectFile,
-    trial: Trial,
-    laboratory: Laboratory,
-    found: Findings,
+    study: Study, trial_name: TrialName, laboratory: Laboratory, found: Findings
 ) -> None:
     """Check one trial: its beginning and, if that has a fault or contacts are stated, all of it."""
+    person, trial = study.subject(trial_name.subject), study.trial(trial_name)
     file, *_ = trial.files
     path = study.path(file)
     forces, record, static = (
@@ -156,7 +158,7 @@ def _check_trial(
         own = Findings()
         preview = own.attempt(path.name, read)
         if preview is not None:
-            rule = study.file.conditions[condition]
+            rule = study.rule(trial_name)
             _check_stages(study, rule, person, trial, laboratory, preview, own)
         return own, preview
 
@@ -362,8 +364,8 @@ def study_recordings(study: Study) -> tuple[Path, ...]:
     names: list[str | None] = [*study.file.treadmill.files]
     for person in study.subjects.values():
         names += [person.static, person.hip_trial]
-        for trial in person.trials.values():
-            names += trial.files if trial.exclude is None else ()
+    for trial in study.trials.values():
+        names += trial.files if trial.exclude is None else ()
     return tuple(dict.fromkeys(study.path(name) for name in names if name))
 
 

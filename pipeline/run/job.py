@@ -13,6 +13,7 @@ from pydantic import TypeAdapter
 
 from hbm.engines.engine import engine_identity
 from hbm.notes import Note
+from pipeline.config.schema import TrialName
 from pipeline.config.study import Study
 from pipeline.io.input_file import describe_error, last_written
 from pipeline.io.write import write_text
@@ -32,7 +33,7 @@ class Job:
 
     Attributes
     ----------
-    study, subject, condition
+    study, name
         The trial.
     target
         File of its result.
@@ -41,20 +42,14 @@ class Job:
     """
 
     study: Study
-    subject: str
-    condition: str
+    name: TrialName
     target: Path
     key: str
 
     @property
-    def name(self) -> str:
-        """The trial, as "subject condition"."""
-        return f"{self.subject} {self.condition}"
-
-    @property
     def size(self) -> int:
         """Size of the recording [bytes]; 0 where there is none."""
-        name = self.study.subjects[self.subject].trials[self.condition].file
+        name = self.study.trial(self.name).file
         try:
             return self.study.path(name).stat().st_size if name else 0
         except OSError:
@@ -94,13 +89,13 @@ def process_job(job: Job, laboratory: Laboratory | None = None) -> Outcome:
     try:
         if (there := stored_outcome(job)) is not None:
             return there
-        result = process_trial(job.study, job.subject, job.condition, laboratory=laboratory)
-        if trial_key(job.study, job.subject, job.condition) != job.key:
+        result = process_trial(job.study, *job.name, laboratory=laboratory)
+        if trial_key(job.study, job.name) != job.key:
             raise ValueError(
                 "one of its files changed while it was processed, or this process has another "
                 "version of the program or its libraries; run it again"
             )
-        result = replace(result, condition=job.condition, key=job.key)
+        result = replace(result, key=job.key)
         write_trial(result, job.target)
     except Exception as error:
         return Outcome(job, "failed", describe_error(error))
@@ -123,14 +118,14 @@ def _outcome(job: Job, state: Literal["done", "kept"], result: TrialResult) -> O
     return Outcome(job, state, of_calibration=result.of_calibration)
 
 
-def trial_key(study: Study, subject: str, condition: str) -> str:
+def trial_key(study: Study, name: TrialName) -> str:
     """Give a digest of everything a trial's result depends on.
 
     Parameters
     ----------
     study
         The study.
-    subject, condition
+    name
         Which trial.
 
     Returns
@@ -139,14 +134,14 @@ def trial_key(study: Study, subject: str, condition: str) -> str:
         Digests of the contents of its files, of what the study states about it, and of the program:
         sources, libraries and engine that compute it, and the format in which it is stored.
     """
-    person = study.subject(subject)
-    trial = person.trials[condition]
+    person, trial = study.subject(name.subject), study.trial(name)
     treadmill = study.file.treadmill
     names = [trial.file, trial.forces, trial.record, *treadmill.files]
     names += [person.static, person.hip_trial, person.segments, study.file.plates.calibration]
     stated = {
         "study": study.file.model_dump(exclude={"name", "conditions", "comparison"}),
-        "condition": study.condition(condition).model_dump(),
+        "trial": (name.recording, trial.session),
+        "condition": study.rule(name).model_dump(),
         "subject": person.person.model_dump(),
         "contacts": [contact.model_dump() for contact in trial.contacts],
         "marker_set": str(study.marker_set),
@@ -181,7 +176,7 @@ def replacement(job: Job) -> str:
         return ""
     if before["stated"] == now["stated"]:
         return "its files have changed"
-    person = job.study.subject(job.subject).person
+    person = job.study.subject(job.name.subject).person
     both = (stored.settings, job.study.file.settings), (stored.subject, person)
     changed = [
         f"{name} {value} → {getattr(new, name)}"
@@ -216,19 +211,19 @@ SUFFIX: Final = ".failed.json"
 _REASONS: Final = TypeAdapter(dict[str, str])
 
 
-def record_failure(target: Path, name: str, reason: str | None) -> None:
+def record_failure(target: Path, name: TrialName, reason: str | None) -> None:
     """Store beside a result why the trial failed, or, without a reason, remove what is stored."""
     path = target.with_suffix(SUFFIX)
     if reason is None:
         path.unlink(missing_ok=True)
     else:
-        write_text(json.dumps({name: reason}, ensure_ascii=False), path)
+        write_text(json.dumps({str(name): reason}, ensure_ascii=False), path)
 
 
 def collect_failures(out: Path, known: Iterable[str]) -> dict[str, str]:
     """Write ``failures.json`` from what is stored next to the results: trial -> reason.
 
-    Trials are "subject condition"; failures of those that the study does not have are removed.
+    Trials are "subject condition recording"; failures of others than the study's are removed.
     """
     wanted = set(known)
     failures: dict[str, str] = {}

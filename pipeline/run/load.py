@@ -8,12 +8,21 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
+from pipeline.config.schema import TrialName
 from pipeline.run.store import read_trial, without_frames
-from pipeline.trial.residuals import AXES, counted, cycle_residuals, cycles_of, residual_table
+from pipeline.trial.residuals import (
+    AXES,
+    TRIAL_COLUMNS,
+    counted,
+    cycle_residuals,
+    cycles_of,
+    residual_table,
+)
 from pipeline.trial.result import TrialResult
 
 CYCLE_COLUMNS: Final = (
-    *("subject", "condition", "compensated"),
+    *TRIAL_COLUMNS,
+    "compensated",
     *("side", "cycle", "percent", "axis", "value"),
 )
 
@@ -29,14 +38,15 @@ class Results:
     residuals
         As `pipeline.trial.residuals.residual_table`, of all trials.
     cycles
-        subject, condition, compensated, side, cycle (from 1 for each side), percent, axis, value:
+        subject, condition, recording, session, compensated, side, cycle (from 1 for each side),
+        percent, axis, value:
         every sample of every gait cycle over 0–100 %; NaN where it does not count.
     by_cycle
         As `pipeline.trial.residuals.cycles_of`, of all trials.
     subjects
         subject, sex, height_m, mass_kg, age_years; stature and mass are means over the trials.
     trials
-        (subject, condition) -> the trial without its frames.
+        Name -> the trial without its frames.
     """
 
     folder: Path
@@ -44,7 +54,7 @@ class Results:
     cycles: pd.DataFrame
     by_cycle: pd.DataFrame
     subjects: pd.DataFrame
-    trials: dict[tuple[str, str], TrialResult]
+    trials: dict[TrialName, TrialResult]
 
 
 def collect(folder: Path, visit: Callable[[TrialResult], None] = lambda trial: None) -> Results:
@@ -74,7 +84,7 @@ def collect(folder: Path, visit: Callable[[TrialResult], None] = lambda trial: N
     for path in paths:
         trial = read_trial(path)
         visit(trial)
-        trials[trial.subject.id, trial.condition] = without_frames(trial)
+        trials[trial.name] = without_frames(trial)
         name = trial.condition
         tables.append((residual_table(trial, name), _curves(trial), cycles_of(trial, name)))
     residuals, cycles, by_cycle = map(_joined, zip(*tables, strict=True))
@@ -86,7 +96,7 @@ def _joined(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
     return pd.concat([t for t in tables if len(t)] or tables[:1], ignore_index=True)
 
 
-def select_trials(results: Results, wanted: Collection[tuple[str, str]]) -> Results:
+def select_trials(results: Results, wanted: Collection[TrialName]) -> Results:
     """Keep the results of some trials.
 
     Parameters
@@ -94,7 +104,7 @@ def select_trials(results: Results, wanted: Collection[tuple[str, str]]) -> Resu
     results
         All results.
     wanted
-        (subject, condition) of the trials to keep.
+        Names of the trials to keep.
 
     Returns
     -------
@@ -119,13 +129,13 @@ def select_trials(results: Results, wanted: Collection[tuple[str, str]]) -> Resu
     return Results(results.folder, residuals, cycles, by_cycle, _subjects(trials), trials)
 
 
-def _rows_of(table: pd.DataFrame, wanted: Collection[tuple[str, str]]) -> pd.DataFrame:
+def _rows_of(table: pd.DataFrame, wanted: Collection[TrialName]) -> pd.DataFrame:
     """Give a table's rows of some trials."""
-    keys = zip(table["subject"], table["condition"], strict=True)
+    keys = zip(table["subject"], table["condition"], table["recording"], strict=True)
     return table[np.array([key in wanted for key in keys], bool)].reset_index(drop=True)
 
 
-def _subjects(trials: Mapping[tuple[str, str], TrialResult]) -> pd.DataFrame:
+def _subjects(trials: Mapping[TrialName, TrialResult]) -> pd.DataFrame:
     """List the subjects of the results."""
     rows = [
         {
@@ -156,6 +166,8 @@ def _curves(trial: TrialResult) -> pd.DataFrame:
                 {
                     "subject": trial.subject.id,
                     "condition": trial.condition,
+                    "recording": trial.recording,
+                    "session": trial.session,
                     "compensated": compensated[variant],
                     "side": side,
                     "cycle": cycle + 1,

@@ -9,7 +9,7 @@ from typing import Final, Literal, TypeVar
 from pydantic import TypeAdapter
 
 from hbm.engines.engine import EngineUsed
-from pipeline.config.schema import Comparison, Condition, Plates, Settings, Treadmill
+from pipeline.config.schema import Comparison, Condition, Plates, Settings, Treadmill, TrialName
 from pipeline.config.study import Study
 from pipeline.run.job import file_digest, trial_key
 from pipeline.run.load import Results
@@ -28,7 +28,7 @@ class TrialState:
 
     Attributes
     ----------
-    subject, condition
+    subject, condition, recording
         The trial.
     state
         "done"; "outdated": done, but not as the study states it now; "failed"; "excluded";
@@ -44,11 +44,17 @@ class TrialState:
 
     subject: str
     condition: str
+    recording: str
     state: State
     reason: str
     in_tables: bool
     source: str | None
     key: str | None
+
+    @property
+    def name(self) -> TrialName:
+        """The trial."""
+        return TrialName(self.subject, self.condition, self.recording)
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +118,7 @@ def trial_states(
     results
         What `hbm run` left.
     failures
-        "subject condition" -> reason (`pipeline.run.job.read_failures`).
+        "subject condition recording" -> reason (`pipeline.run.job.read_failures`).
     study
         What was to be done; without it, every subject is taken to have every condition.
 
@@ -121,16 +127,25 @@ def trial_states(
     list of TrialState
         In order of subject, conditions as the study has them.
     """
-    failed = [name.split(" ", 1) for name in failures]
-    known = dict.fromkeys([*results.trials, *((subject, name) for subject, name in failed)])
-    subjects = sorted({key[0] for key in known}) if study is None else study.subjects
-    conditions = [key[1] for key in known] if study is None else study.file.conditions
-    keys = dict.fromkeys((s, c) for s in subjects for c in conditions) | results.trials
-    return [_state(key, results.trials.get(key), failures, study) for key in keys]
+    known = [*results.trials, *(TrialName(*name.split(" ")) for name in failures)]
+    planned, conditions = known, [name.condition for name in known]
+    subjects = sorted({name.subject for name in known})
+    if study is not None:
+        planned, conditions = [*study.trials], [*study.file.conditions]
+        subjects = [*study.subjects]
+    names: dict[TrialName, None] = {}
+    for subject in subjects:
+        for condition in conditions:
+            own = [each for each in planned if each[:2] == (subject, condition)]
+            names |= dict.fromkeys(own or [TrialName(subject, condition)])
+    return [
+        _state(name, results.trials.get(name), failures, study)
+        for name in dict.fromkeys([*names, *results.trials])
+    ]
 
 
 def _state(
-    key: tuple[str, str],
+    key: TrialName,
     trial: TrialResult | None,
     failures: Mapping[str, str],
     study: Study | None,
@@ -144,17 +159,14 @@ def _state(
             older = "; an older result is left out of the tables"
         return TrialState(*key, state, reason + older, False, *identity)
 
-    subject, condition = key
-    failure = failures.get(" ".join(key)) or (trial.shortage if trial is not None else "")
+    failure = failures.get(str(key)) or (trial.shortage if trial is not None else "")
     if failure:
         return left_out("failed", failure)
-    in_study = study is None or (subject in study.subjects and condition in study.file.conditions)
-    if study is not None and in_study:
-        planned = study.subjects[subject].trials.get(condition)
-        if planned is None:
-            return left_out("missing", "not in the subject's file")
-        if planned.exclude is not None:
-            return left_out("excluded", planned.exclude)
+    in_study = study is None or key in study.trials
+    if study is not None and in_study and (reason := study.trial(key).exclude) is not None:
+        return left_out("excluded", reason)
+    if trial is None and not in_study:
+        return left_out("missing", "not in the subject's file")
     if trial is None:
         return left_out("missing", "no result: hbm run has not done it")
     if not in_study:
@@ -163,7 +175,7 @@ def _state(
     changed = ""
     if study is not None and trial.settings != study.file.settings:
         changed = "processed with other settings than the study states now; run it again"
-    elif study is not None and trial.key != trial_key(study, *key):
+    elif study is not None and trial.key != trial_key(study, key):
         changed = "the program, its files or what is stated has changed since; run it again"
     return TrialState(*key, "outdated" if changed else "done", changed, True, *identity)
 
@@ -233,11 +245,7 @@ def input_digests(study: Study) -> dict[str, str]:
     names = {path.name for path in study.folder.glob("*.toml")}
     names |= {name for person in study.subjects.values() for name in person.files}
     names |= {
-        name
-        for person in study.subjects.values()
-        for trial in person.trials.values()
-        if trial.exclude is None
-        for name in trial.files
+        name for trial in study.trials.values() if trial.exclude is None for name in trial.files
     }
     names |= {*study.file.treadmill.files}
     if study.file.plates.calibration:

@@ -118,10 +118,11 @@ def plan(
     for condition in conditions or ():
         study.condition(condition)
     trials = [
-        (subject, condition)
-        for subject in wanted
-        for condition, trial in study.subjects[subject].trials.items()
-        if trial.exclude is None and (not conditions or condition in conditions)
+        name
+        for name, trial in study.trials.items()
+        if trial.exclude is None
+        and name.subject in wanted
+        and (not conditions or name.condition in conditions)
     ]
     if not trials:
         raise ValueError(
@@ -129,12 +130,10 @@ def plan(
             "excluded, or there are none"
         )
     with ThreadPoolExecutor(HASHED_AT_ONCE) as pool:
-        keys = pool.map(lambda trial: trial_key(absolute, *trial), trials)
+        keys = pool.map(lambda name: trial_key(absolute, name), trials)
         return [
-            Job(
-                absolute, subject, condition, out / "trials" / f"{subject}_{condition}.parquet", key
-            )
-            for (subject, condition), key in zip(trials, keys, strict=True)
+            Job(absolute, name, out / "trials" / f"{name.stem}.parquet", key)
+            for name, key in zip(trials, keys, strict=True)
         ]
 
 
@@ -169,12 +168,7 @@ def run_planned(
     remove_leftovers(out / "trials")
     record_study_folder(out, study.folder)
     kernels(announce)
-    trials = [
-        f"{subject} {condition}"
-        for subject, person in study.subjects.items()
-        for condition, trial in person.trials.items()
-        if trial.exclude is None
-    ]
+    trials = [str(name) for name, trial in study.trials.items() if trial.exclude is None]
     try:
         for outcome in run_jobs(planned, workers=jobs, scheduler=scheduler):
             with suppress(OSError):  # of a full disk the outcome tells too

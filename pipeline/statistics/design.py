@@ -15,6 +15,8 @@ CONFIDENCE: Final = 0.95
 ALPHA: Final = 0.05
 """Level of significance."""
 Correction = Literal["bonferroni", "holm"]
+Weigh = Literal["cycle", "recording"]
+"""What is equal in a subject's value of a condition: each gait cycle, or each recording."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +43,8 @@ class Design:
         Non-inferiority margin, as a fraction of the reference residual.
     group
         Column of the table of subjects with a between-subject factor; None without.
+    weigh
+        What is equal in a subject's value where there are several recordings.
 
     Examples
     --------
@@ -60,6 +64,7 @@ class Design:
     covariates: tuple[str, ...] = ("sex", "height_m")
     margin: float = 0.2
     group: str | None = None
+    weigh: Weigh = "cycle"
 
     @property
     def variants(self) -> tuple[bool, ...]:

@@ -17,6 +17,7 @@ from pipeline.config.schema import (
     Settings,
     Subject,
     Treadmill,
+    TrialName,
 )
 from pipeline.config.study import Study
 from pipeline.config.toml_file import read_segments
@@ -261,6 +262,7 @@ def process_trial(
     study: Study,
     subject: str,
     condition: str,
+    recording: str = "",
     *,
     laboratory: Laboratory | None = None,
     jobs: int = 1,
@@ -271,8 +273,8 @@ def process_trial(
     ----------
     study
         The study.
-    subject, condition
-        Which trial.
+    subject, condition, recording
+        Which trial; the recording is "01", "02", … where the condition has several.
     laboratory
         The study's, where it was read before.
     jobs
@@ -301,22 +303,20 @@ def process_trial(
     >>> result.compensated is None
     True
     """
-    person, rule = study.subject(subject), study.condition(condition)
-    if condition not in person.trials:
-        raise ValueError(f"subject {subject} has no trial {condition!r}")
-    trial = person.trials[condition]
+    name = TrialName(subject, condition, recording)
+    person, trial, rule = study.subject(subject), study.trial(name), study.rule(name)
     if trial.file is None or trial.exclude is not None:
-        raise ValueError(f"{subject} {condition} is excluded: {trial.exclude}")
+        raise ValueError(f"{name} is excluded: {trial.exclude}")
 
     def read(name: str | None) -> Recording | None:
         return read_study_file(study, name) if name else None
 
-    recording = read_study_file(study, trial.file, trial, person.static)
+    walk = read_study_file(study, trial.file, trial, person.static)
     static, hip_trial = read(person.static), read(person.hip_trial)
-    recording = with_unused_renames(recording, static, hip_trial)
-    with naming_unused_renames(recording):
-        return process_recording(
-            recording,
+    walk = with_unused_renames(walk, static, hip_trial)
+    with naming_unused_renames(walk):
+        result = process_recording(
+            walk,
             person.person,
             study.file.settings,
             static=static,
@@ -328,6 +328,7 @@ def process_trial(
             contacts=trial.contacts,
             jobs=jobs,
         )
+    return replace(result, condition=condition, recording=recording, session=trial.session or "")
 
 
 def _weighed_by_steps(

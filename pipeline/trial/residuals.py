@@ -30,8 +30,11 @@ CYCLE_COLUMNS: Final = (
     *("compensated", "side", "cycle", "start_s", "stop_s"),
     *("axis", "unit", "rms", "peak", "valid_share"),
 )
+TRIAL_COLUMNS: Final = ("subject", "condition", "recording", "session")
+"""Which trial: the recording is empty where there is one of the condition."""
 RESIDUAL_COLUMNS: Final = (
-    *("subject", "condition", "compensated", "window", "headline", "axis", "unit"),
+    *TRIAL_COLUMNS,
+    *("compensated", "window", "headline", "axis", "unit"),
     *("rms", "rms_of_cycles", "mean", "sd", "peak", "rms_percent"),
     *("n_cycles", "n_frames", "valid_share", "compensation_sd"),
 )
@@ -134,9 +137,10 @@ def cycles_of(result: TrialResult, condition: str) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        subject, condition, compensated, side, cycle (from 1 for each side), start_s, stop_s, axis,
-        unit, rms and peak (largest magnitude) over the frames of the cycle that count, and their
-        share of its frames; NaN where none counts. Empty where a span of the recording counts.
+        subject, condition, recording, session, compensated, side, cycle (from 1 for each side),
+        start_s, stop_s, axis, unit, rms and peak (largest magnitude) over the frames of the cycle
+        that count, and their share of its frames; NaN where none counts. Empty where a span of the
+        recording counts.
     """
     time, counts, rows = result.motion.time, result.counts, list[tuple[object, ...]]()
     for name, dynamics in result.variants.items():
@@ -149,8 +153,14 @@ def cycles_of(result: TrialResult, condition: str) -> pd.DataFrame:
                 measures = zip(AXES, UNITS, *_rms_and_peak(residual[inside & counts]), strict=True)
                 rows += [(*cycle, *measure, share) for measure in measures]
     table = pd.DataFrame(rows, columns=CYCLE_COLUMNS)
-    table.insert(0, "condition", condition)
-    table.insert(0, "subject", result.subject.id)
+    return _named(table, result, condition)
+
+
+def _named(table: pd.DataFrame, result: TrialResult, condition: str) -> pd.DataFrame:
+    """Put the trial's name before the columns of a table."""
+    names = result.subject.id, condition, result.recording, result.session
+    for name, value in reversed([*zip(TRIAL_COLUMNS, names, strict=True)]):
+        table.insert(0, name, value)
     return table
 
 
@@ -177,8 +187,8 @@ def residual_table(result: TrialResult, condition: str) -> pd.DataFrame:
         The headline window first; of each, as measured and then compensated; axes in the order of
         `AXES`. Empty where no frame of the headline window counts.
 
-        subject, condition
-            The trial.
+        subject, condition, recording, session
+            The trial; recording and session are empty where there is one.
         compensated
             Whether the plates' wrenches were compensated.
         window, headline
@@ -221,14 +231,12 @@ def residual_table(result: TrialResult, condition: str) -> pd.DataFrame:
     if not counted(result).any():
         return pd.DataFrame(columns=RESIDUAL_COLUMNS)
     parts = [
-        _summary(result, condition, window, name)
-        for window in windows(result)
-        for name in result.variants
+        _summary(result, window, name) for window in windows(result) for name in result.variants
     ]
-    return pd.concat(parts, ignore_index=True)[[*RESIDUAL_COLUMNS]]
+    return _named(pd.concat(parts, ignore_index=True), result, condition)
 
 
-def _summary(result: TrialResult, condition: str, window: Window, variant: str) -> pd.DataFrame:
+def _summary(result: TrialResult, window: Window, variant: str) -> pd.DataFrame:
     """Summarise the residuals of one variant over one window."""
     time, counts = result.motion.time, _counted(result, window)
     inside = frames_within(time, {"": window.spans}, None)
@@ -242,8 +250,6 @@ def _summary(result: TrialResult, condition: str, window: Window, variant: str) 
         spread = np.sqrt(np.mean(result.uncertainty[counts] ** 2, axis=0))
     return pd.DataFrame(
         {
-            "subject": result.subject.id,
-            "condition": condition,
             "compensated": variant == "compensated",
             "window": window.name,
             "headline": window.headline,

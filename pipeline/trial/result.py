@@ -20,7 +20,7 @@ from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.notes import Note
 from hbm.spatial import Array, Indices, Mask
-from pipeline.config.schema import Settings, Subject, Unit
+from pipeline.config.schema import Settings, Subject, TrialName, Unit
 from pipeline.io.recording import Event, Plate
 from pipeline.trial.quality import free_of
 
@@ -130,9 +130,12 @@ class TrialResult:
     uncertainty
         One standard deviation of the residual with compensation, due to the compensation, lab axes
         about the pelvis origin, (T, 6) [N, N·m]; None without a calibration of the platform.
-    condition, key
-        Name of the condition, and digest of everything that the trial depends on
-        (`pipeline.run.job.trial_key`); empty outside a study.
+    condition, recording, session
+        Name of the condition; number of the recording where there are several, and the session
+        where subjects came more than once; empty outside a study.
+    key
+        Digest of everything that the trial depends on (`pipeline.run.job.trial_key`); empty
+        outside a study.
     versions
         Package -> version that the trial was processed with.
 
@@ -174,6 +177,8 @@ class TrialResult:
     unit: Unit = "cycle"
     uncertainty: Array | None = None
     condition: str = ""
+    recording: str = ""
+    session: str = ""
     key: str = ""
     versions: Mapping[str, str] = field(default_factory=package_versions)
 
@@ -188,6 +193,11 @@ class TrialResult:
             if count != frames:
                 raise ValueError(f"{self.source.name}: {name} {count} frames, the motion {frames}")
         self.quality.setflags(write=False)
+
+    @property
+    def name(self) -> TrialName:
+        """Which trial of its study it is."""
+        return TrialName(self.subject.id, self.condition, self.recording)
 
     @property
     def measured(self) -> Dynamics:

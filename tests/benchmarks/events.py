@@ -71,7 +71,7 @@ def race(folder: Path) -> dict[str, list[dict[str, float | str]]]:
         study = read_study(
             simulate_study(folder / str(seed), Setting(seed=seed, protocol=PROTOCOL))
         )
-        paths = [study.path(p.trials[c].file) for p in study.subjects.values() for c in p.trials]
+        paths = [study.path(p.trials[c][0].file) for p in study.subjects.values() for c in p.trials]
         others, peer = gaitkit_events(paths)
         for name, condition, sources in _sources(study):
             found = ours(sources) | others.get(name, {})

@@ -276,7 +276,7 @@ def read_setting(text: str) -> Setting:
     try:
         return Setting.model_validate(table)
     except ValidationError as error:
-        raise ValueError("setting: " + "; ".join(describe_faults(error, Setting))) from error
+        raise ValueError("setting: " + "; ".join(describe_faults(error, Setting, table))) from error
 
 
 def setting_toml(setting: Setting) -> str:

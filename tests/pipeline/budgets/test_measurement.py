@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.budgets.explanation import FORMAT_VERSION, Explanation, study_covariances
+from pipeline.config.schema import TrialName
 from pipeline.explain.budget import Budget, RmsUncertainty
 from pipeline.trial.residuals import AXES
 
@@ -42,10 +43,13 @@ def explanation(*values, of_window=()):
 
 
 def table(*trials, window="cycle"):
-    return pd.DataFrame(trials, columns=["subject", "condition"]).assign(window=window)
+    """One row per trial, each of the same number of gait cycles."""
+    names = pd.DataFrame(trials, columns=["subject", "condition", "recording"])
+    row = {"compensated": False, "axis": "Fx", "unit": "N", "n_cycles": 20, "n_frames": 2000}
+    return names.assign(window=window, **row)
 
 
-TRIALS = (("s1", "baseline"), ("s1", "sway"))
+TRIALS = (TrialName("s1", "baseline"), TrialName("s1", "sway"))
 
 
 def covariance(first, second):
@@ -77,7 +81,7 @@ def test_a_part_of_the_cycles_is_not_taken_to_be_as_sure_as_whole_ones():
 def test_measured_and_compensated_plates_are_values_of_their_own():
     both = explanation(uncertainty(0.0, 2.0), uncertainty(0.0, 6.0, compensated=True))
     found = study_covariances({TRIALS[0]: both}, table(TRIALS[0]))[0]["Fx"]
-    assert list(found) == [(*TRIALS[0], False), (*TRIALS[0], True)]
+    assert list(found) == [(*TRIALS[0][:2], False), (*TRIALS[0][:2], True)]
     np.testing.assert_allclose(found, [[2, 6], [6, 18]])
 
 

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def trials(study, laboratory):
     """Recording, laboratory and result of two gait cycles each of two trials of a subject."""
-    files = {name: study.subject("sub01").trials[name].file for name in CONDITIONS}
+    files = {name: study.subject("sub01").trials[name][0].file for name in CONDITIONS}
     found = {}
     for name, file in files.items():
         result = process_trial(study, "sub01", name)

@@ -66,7 +66,7 @@ def outcomes(out):
 
 
 def states(out):
-    return {outcome.job.condition: outcome.state for outcome in outcomes(out)}
+    return {outcome.job.name.condition: outcome.state for outcome in outcomes(out)}
 
 
 def report(out):

@@ -103,7 +103,7 @@ def test_an_impossible_setting_is_refused_with_its_value(write, typed, message):
         ("[treadmill.platform]", "treadmill.platform: give its markers, or its sway_channel"),
         (
             '[treadmill.platform]\nsway_channel = "S"\npivot_m = [0, 0, -300]',
-            "treadmill.platform.pivot_m.2: input should be greater than or equal to -2, got -300 "
+            "treadmill.platform.pivot_m.3: input should be greater than or equal to -2, got -300 "
             "(it is in metres)",
         ),
     ],
@@ -126,7 +126,7 @@ def test_an_impossible_subject_file_is_refused(write, person, message):
 
 def test_what_a_person_writes_reaches_nobody_with_characters_that_steer_a_terminal(write):
     folder = write(sub01='id = "s"\n[trials.walk]\nexclude = "\\u001b[2J ill\\nfor a\\tday"\n')
-    assert read_study(folder).subjects["s"].trials["walk"].exclude == "?[2J ill for a day"
+    assert read_study(folder).subjects["s"].trials["walk"][0].exclude == "?[2J ill for a day"
 
 
 def test_two_trials_with_the_same_result_file_are_refused(write):
@@ -185,7 +185,7 @@ def test_the_template_is_valid_but_for_the_missing_recordings(tmp_path):
         (tmp_path / name).touch()
     study = read_study(tmp_path)
     assert study.file.conditions["sway"].perturbed
-    assert study.subjects["sub01"].trials["pitch"].exclude == "not recorded yet"
+    assert study.subjects["sub01"].trials["pitch"][0].exclude == "not recorded yet"
 
 
 def test_the_template_with_every_key_uncommented_is_valid(tmp_path):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pipeline.config.schema import TrialName
 from pipeline.config.study import read_study
 from pipeline.run.check import check_study
 from pipeline.run.job import trial_key
@@ -65,9 +66,9 @@ def test_trc_and_dflow_files_give_the_same_residuals(folder):
 def test_a_change_in_an_accompanying_file_changes_the_trials_key(folder):
     study = read_study(folder)
     assert {"walk.mot", "record.txt"} <= set(input_digests(study))
-    before = [trial_key(study, "sub01", name) for name in ("trc", "dflow")]
+    before = [trial_key(study, TrialName("sub01", name)) for name in ("trc", "dflow")]
     for name in ("walk.mot", "record.txt"):
         path = folder / name
         path.write_bytes(path.read_bytes() + b"\n")
-    after = [trial_key(study, "sub01", name) for name in ("trc", "dflow")]
+    after = [trial_key(study, TrialName("sub01", name)) for name in ("trc", "dflow")]
     assert all(a != b for a, b in zip(before, after, strict=True))

@@ -26,7 +26,7 @@ def chain(walk):
 @pytest.fixture(scope="session")
 def moving(study, laboratory, processed):
     """Recording, laboratory and result of a trial on a platform that pitches, compensated."""
-    recording = read_study_file(study, study.subject("sub01").trials["pitch"].file)
+    recording = read_study_file(study, study.subject("sub01").trials["pitch"][0].file)
     return recording, laboratory, processed
 
 

@@ -216,8 +216,8 @@ def test_a_study_is_written_whole_and_what_fails_is_listed(study, tmp_path):
     (tmp_path / "study" / "empty.c3d").symlink_to(study.path("empty.c3d"))
     (tmp_path / "study" / "damaged.c3d").write_bytes(b"\2\x50" + bytes(5000))
     first = study.subjects["sub01"]
-    damaged = first.trials["sway"].model_copy(update={"file": "damaged.c3d"})
-    subject = first.model_copy(update={"trials": first.trials | {"sway": damaged}})
+    damaged = first.trials["sway"][0].model_copy(update={"file": "damaged.c3d"})
+    subject = first.model_copy(update={"trials": first.trials | {"sway": (damaged,)}})
     other = replace(study, folder=tmp_path / "study", subjects={"sub01": subject})
     outcomes = dict(write_compensated_study(other, tmp_path / "out", None))
     assert len(list((tmp_path / "out").iterdir())) == 2

@@ -81,7 +81,7 @@ def test_marginal_means_are_over_the_same_subjects_in_all_cells(results, tests):
 
 def test_single_cycles_follow_one_another_in_time(results):
     own = results.cycles[results.cycles["subject"] == "sub02"]
-    spans = {c: trial.cycles for (s, c), trial in results.trials.items() if s == "sub02"}
+    spans = {n[1:]: trial.cycles for n, trial in results.trials.items() if n.subject == "sub02"}
     panel = raw_figure(own, spans, "Fy", EXPERIMENT_3).axes[1]
     assert panel.get_title(loc="left") == "sway"
     peaks = line(panel, "no IC").get_ydata().reshape(-1, 101)

@@ -59,7 +59,7 @@ def study(tmp_path_factory):
     return folder
 
 
-def large_errors(explained, residuals):
+def large_errors(explained, residuals, weigh):
     """Errors of measurement of which tables have as much to show as of any."""
     return {axis: independent(own) for axis, own in residuals.groupby("axis")}, ""
 

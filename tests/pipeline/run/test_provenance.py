@@ -8,6 +8,7 @@ from dataclasses import asdict, replace
 import pytest
 
 from hbm.engines.engine import EngineUsed
+from pipeline.config.schema import TrialName
 from pipeline.config.study import read_study
 from pipeline.run.job import trial_key
 from pipeline.run.load import collect, select_trials
@@ -37,13 +38,13 @@ def results(tmp_path_factory, study):
         subjects=3,
         cycles=2,
         without={("sub02", "sway"), ("sub03", "pitch")},
-        key=lambda subject, condition: trial_key(study, subject, condition),
+        key=lambda subject, condition: trial_key(study, TrialName(subject, condition)),
     )
     return collect(folder)
 
 
 def states(results, failures, study=None):
-    return {(s.subject, s.condition): s for s in trial_states(results, failures, study)}
+    return {s.name[:2]: s for s in trial_states(results, failures, study)}
 
 
 def test_every_trial_of_the_study_has_a_state_and_a_reason(results, study):
@@ -75,10 +76,10 @@ def test_a_trial_excluded_after_it_was_processed_no_longer_counts(tmp_path, stud
     everything = collect(write_fake_results(tmp_path, subjects=3, cycles=2))
     found = states(everything, {}, study)
     assert (found["sub03", "pitch"].state, found["sub03", "pitch"].in_tables) == ("excluded", False)
-    left = select_trials(everything, {key for key, state in found.items() if state.in_tables})
-    assert set(everything.trials) - set(left.trials) == {("sub03", "pitch")}
+    left = select_trials(everything, {state.name for state in found.values() if state.in_tables})
+    assert set(everything.trials) - set(left.trials) == {TrialName("sub03", "pitch")}
     for table in (left.residuals, left.cycles):
-        keys = set(table[["subject", "condition"]].drop_duplicates().itertuples(index=False))
+        keys = set(table[[*TrialName._fields]].drop_duplicates().itertuples(index=False))
         assert keys == set(left.trials)
     assert set(left.subjects["subject"]) == {"sub01", "sub02", "sub03"}
 
@@ -110,7 +111,7 @@ def test_provenance_is_json_and_complete(results, study):
     assert stored["engines"] == [asdict(replace(ENGINE, frames=16 * len(results.trials)))]
     trial = next(t for t in stored["trials"] if (t["subject"], t["condition"]) == ("sub01", "sway"))
     assert (trial["state"], trial["source"]) == ("done", "sub01_sway.c3d")
-    assert trial["key"] == trial_key(study, "sub01", "sway")
+    assert trial["key"] == trial_key(study, TrialName("sub01", "sway"))
 
 
 def test_each_engine_is_named_once_with_the_largest_difference():
@@ -132,8 +133,8 @@ def test_every_file_of_the_treadmill_makes_a_trial_outdated(tmp_path):
     for name in names:
         (folder / name).write_text("first", encoding="utf-8")
     study = read_study(folder)
-    keys = {trial_key(study, "sub01", "sway")}
+    keys = {trial_key(study, TrialName("sub01", "sway"))}
     for name in names:
         (folder / name).write_text("another", encoding="utf-8")
-        keys.add(trial_key(study, "sub01", "sway"))
+        keys.add(trial_key(study, TrialName("sub01", "sway")))
     assert len(keys) == 1 + len(names)

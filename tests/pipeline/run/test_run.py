@@ -37,7 +37,7 @@ def contents(out):
 
 
 def states(outcomes):
-    return {f"{o.job.subject}_{o.job.condition}": o.state for o in outcomes}
+    return {o.job.name.stem: o.state for o in outcomes}
 
 
 def only(outcomes, state):

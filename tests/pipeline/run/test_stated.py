@@ -9,6 +9,7 @@ import pytest
 
 from hbm.markers import Markers
 from pipeline.cli.app import main
+from pipeline.config.schema import TrialName
 from pipeline.config.study import read_study
 from pipeline.config.toml_file import check_options
 from pipeline.export.compensated_c3d import Calibrations, write_compensated
@@ -23,6 +24,7 @@ from pipeline.trial.process import process_trial
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
 from tests.pipeline import lab
 
+PITCH = TrialName("sub01", "pitch")
 DISGUISED = {"LASIS": "hip_l_front", "RASIS": "hip_r_front", "LHEE": "heel_l", "PF1": "corner"}
 """The set's labels -> those of the files."""
 RENAME = {new: old for old, new in DISGUISED.items()}
@@ -125,10 +127,10 @@ def test_check_reads_a_study_as_a_run_does(disguised):
 @pytest.mark.parametrize("key", ["plate_units = 'N,Nm'", "rename = {A = 'B'}"])
 def test_what_is_stated_about_files_is_part_of_a_trials_key(plain, tmp_path, key):
     folder = shutil.copytree(plain, tmp_path / "study")
-    before = trial_key(read_study(folder), "sub01", "pitch")
+    before = trial_key(read_study(folder), PITCH)
     text = (folder / "study.toml").read_text(encoding="utf-8")
     (folder / "study.toml").write_text(f"{key}\n{text}", encoding="utf-8")
-    assert trial_key(read_study(folder), "sub01", "pitch") != before
+    assert trial_key(read_study(folder), PITCH) != before
 
 
 def test_a_copy_with_compensated_plates_keeps_its_own_labels_and_units(plain, disguised, tmp_path):

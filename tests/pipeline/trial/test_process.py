@@ -232,8 +232,8 @@ def test_an_unknown_trial_is_refused(study):
 
 def test_an_excluded_trial_is_refused_with_its_reason(study):
     person = study.subjects["sub01"]
-    trial = person.trials["sway"].model_copy(update={"exclude": "fell"})
-    subjects = {"sub01": person.model_copy(update={"trials": {"sway": trial}})}
+    trial = person.trials["sway"][0].model_copy(update={"exclude": "fell"})
+    subjects = {"sub01": person.model_copy(update={"trials": {"sway": (trial,)}})}
     changed = replace(study, subjects=subjects)
     with pytest.raises(ValueError, match="sub01 sway is excluded: fell"):
         process_trial(changed, "sub01", "sway")

@@ -11,7 +11,7 @@ from hbm.markers import Markers
 from hbm.motion import ANKLE_IN_LINE_RAD
 from hbm.poses import marker_positions
 from pipeline.cli.app import main
-from pipeline.config.schema import Settings, Subject
+from pipeline.config.schema import Settings, Subject, TrialName
 from pipeline.config.study import read_study
 from pipeline.config.toml_file import read_segments
 from pipeline.io.c3d.write import write_c3d
@@ -26,6 +26,8 @@ from tests.hbm.calibration_pose.test_functional import swings
 from tests.pipeline import lab
 from tests.pipeline.lab import edit
 
+PITCH = TrialName("sub01", "pitch")
+
 
 @pytest.fixture
 def study(moving_study, tmp_path):
@@ -35,7 +37,7 @@ def study(moving_study, tmp_path):
 
 def test_a_prosthesis_and_a_shoe_stated_in_a_file_are_in_the_body(study, processed):
     (study / "sub01_segments.toml").write_text(SEGMENTS, encoding="utf-8")
-    before = trial_key(read_study(study), "sub01", "pitch")
+    before = trial_key(read_study(study), PITCH)
     edit(study / "sub01.toml", 'id = "sub01"', 'id = "sub01"\nsegments = "sub01_segments.toml"')
     read = read_study(study)
     result = process_trial(read, "sub01", "pitch")
@@ -48,9 +50,9 @@ def test_a_prosthesis_and_a_shoe_stated_in_a_file_are_in_the_body(study, process
     assert result.overridden_segments == ("left_shank", "right_foot")
     changed = np.nanmax(abs(result.compensated.residual - processed.compensated.residual))
     assert changed > 1.0
-    after = trial_key(read, "sub01", "pitch")
+    after = trial_key(read, PITCH)
     (study / "sub01_segments.toml").write_text(SEGMENTS.replace("1.9", "2.0"), encoding="utf-8")
-    assert len({before, after, trial_key(read, "sub01", "pitch")}) == 3
+    assert len({before, after, trial_key(read, PITCH)}) == 3
 
 
 def test_functional_hips_come_from_the_trial_that_is_named(study):

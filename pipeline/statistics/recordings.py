@@ -1,0 +1,71 @@
+"""A subject's value of a condition, where there are several recordings of it."""
+
+from typing import Final
+
+import numpy as np
+import pandas as pd
+
+from hbm.spatial import Array
+from pipeline.statistics.design import Weigh
+
+CELL_COLUMNS: Final = ("subject", "condition", "compensated", "axis", "unit")
+"""What has one value."""
+MEAN_SQUARES: Final = ("rms", "rms_percent")
+POOLED_COLUMNS: Final = (
+    *(*CELL_COLUMNS, "window", *MEAN_SQUARES),
+    *("n_recordings", "n_cycles", "n_frames"),
+)
+
+
+def pool_recordings(residuals: pd.DataFrame, weigh: Weigh = "cycle") -> pd.DataFrame:
+    """Give each subject one residual per condition: the RMS over all of its recordings.
+
+    Parameters
+    ----------
+    residuals
+        Rows of `pipeline.trial.residuals.residual_table`, one per recording, variant and axis, each
+        of the window that its condition asks for.
+    weigh
+        What is equal: each gait cycle (step, stance; frame where windows differ or are spans of the
+        recordings), or each recording.
+
+    Returns
+    -------
+    pandas.DataFrame
+        subject, condition, compensated, axis, unit; window; rms and rms_percent; n_recordings,
+        n_cycles and n_frames that they are of. A single recording keeps its values to the last bit.
+
+    Examples
+    --------
+    >>> cell = {"subject": "sub01", "condition": "sway", "compensated": False, "axis": "Fx"}
+    >>> cell |= {"unit": "N", "window": "cycle", "n_frames": 900, "rms_percent": 0.1}
+    >>> found = [cell | {"rms": 1.0, "n_cycles": 3}, cell | {"rms": 7.0, "n_cycles": 1}]
+    >>> found = pd.DataFrame(found)
+    >>> [float(pool_recordings(found, w)["rms"].iloc[0]) for w in ("cycle", "recording")]
+    [3.605551275463989, 5.0]
+    """
+    rows = []
+    for cell, own in residuals.groupby([*CELL_COLUMNS], sort=False):
+        row: dict[str, object] = dict(zip(CELL_COLUMNS, cell, strict=True))
+        row["window"] = " and ".join(own["window"].unique())
+        weights = recording_weights(own, weigh)
+        row |= {name: root_mean_square(own[name].to_numpy(), weights) for name in MEAN_SQUARES}
+        row["n_recordings"] = len(own)
+        rows.append({**row, "n_cycles": own["n_cycles"].sum(), "n_frames": own["n_frames"].sum()})
+    return pd.DataFrame(rows, columns=POOLED_COLUMNS)
+
+
+def root_mean_square(values: Array, weights: Array) -> Array:
+    """Give the RMS over recordings, (R, ...), with weights (R,); a single one as it is."""
+    return values[0] if len(values) == 1 else np.sqrt(np.tensordot(weights, values**2, axes=1))
+
+
+def recording_weights(residuals: pd.DataFrame, weigh: Weigh) -> Array:
+    """Give the weight of each row in the mean square of its cell; those of a cell sum to 1."""
+    cells = residuals.groupby([*CELL_COLUMNS], sort=False)
+    weight = pd.Series(1.0, residuals.index)
+    if weigh == "cycle":
+        alike = cells["window"].transform("nunique") == 1
+        alike &= cells["n_cycles"].transform("min") > 0
+        weight = residuals["n_cycles"].where(alike, residuals["n_frames"]).astype(float)
+    return (weight / weight.groupby(cells.ngroup()).transform("sum")).to_numpy(float)
