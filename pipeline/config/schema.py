@@ -3,7 +3,7 @@
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Final, Literal, NamedTuple, get_args
+from typing import Annotated, Any, Final, Literal, NamedTuple, get_args
 
 from pydantic import (
     AfterValidator,
@@ -585,6 +585,11 @@ class StudyFile(RecordingRules):
     treadmill: Treadmill = Treadmill()
     live: Live = Live()
     conditions: Annotated[dict[Name, Condition], Field(min_length=1)]
+    variants: dict[Name, dict[str, Any]] = Field(
+        default_factory=dict, examples=[{"cutoff_10": {"cutoff_hz": 10.0}}]
+    )
+    """Other ways of processing: name, and the settings that differ; also treadmill.KEY and
+    plates.KEY. Each is processed too, and the report says whether the conclusion depends on it."""
     comparison: Comparison | None = None
 
 
@@ -605,13 +610,13 @@ class SubjectFile(Subject):
 
     @model_validator(mode="after")
     def _hips(self, info: ValidationInfo) -> "SubjectFile":
-        hip = None if info.context is None else info.context.hip
-        if hip == "functional" and self.hip_trial is None:
+        hips = () if info.context is None else info.context.hips
+        if "functional" in hips and self.hip_trial is None:
             raise ValueError(
                 'hip_trial: is missing; settings.hip = "functional" in study.toml needs a '
                 "recording in which both thighs swing"
             )
-        if hip not in (None, "functional") and self.hip_trial is not None:
+        if hips and "functional" not in hips and self.hip_trial is not None:
             raise ValueError(
                 'hip_trial: has no effect unless settings.hip = "functional" in study.toml'
             )

@@ -5,7 +5,7 @@ folder is a subject. File names in them are relative to the folder.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final, TypeVar
 
@@ -13,12 +13,25 @@ from hbm.coordinates import SEGMENTS
 from hbm.markers import MarkerSet, marker_sets, read_marker_set
 from hbm.spelling import Table, did_you_mean, shown
 from pipeline.config.comparison import comparison_faults
+from pipeline.config.input_model import InputModel
 from pipeline.config.plate_correction import read_plate_correction
-from pipeline.config.schema import Condition, StudyFile, SubjectFile, Trial, TrialName
+from pipeline.config.schema import (
+    Condition,
+    Plates,
+    Settings,
+    StudyFile,
+    SubjectFile,
+    Treadmill,
+    Trial,
+    TrialName,
+)
 from pipeline.config.toml_file import SIMULATED, Around, StudyFaults, check_table, read_table
 from pipeline.io.input_file import is_file, read_text
 from pipeline.io.stated import Stated
 
+MAIN: Final = "main"
+"""Name of the study's own way of processing among its variants."""
+RESERVED_VARIANTS: Final = (MAIN, "measured", "compensated")
 MIN_PLATFORM_MARKERS: Final = 3
 """Fewer points do not determine the pose of a rigid body."""
 OTHER_TABLES: Final = ("markers", "trunk", *SEGMENTS)
@@ -39,6 +52,8 @@ class Study:
         Subject id -> contents of the subject's file, in order of the file names.
     marker_set
         The study's own marker set; None for a shipped one.
+    variants
+        Name -> the same study with the settings of a variant.
 
     Examples
     --------
@@ -54,6 +69,7 @@ class Study:
     file: StudyFile
     subjects: Mapping[str, SubjectFile]
     marker_set: MarkerSet | None
+    variants: Mapping[str, "Study"] = field(default_factory=dict)
 
     @property
     def stated(self) -> Stated:
@@ -157,8 +173,10 @@ def read_study(folder: str | Path, *, recordings: bool = True) -> Study:
         stated = table.get("conditions")
         conditions = [*stated] if isinstance(stated, dict) else None
         file = check_table("study.toml", table, StudyFile, faults, Around(folder))
-    hip = None if file is None else file.settings.hip
-    subjects = _subjects(Around(folder, recordings, conditions, hip), faults)
+    variants = {} if file is None else _variants(folder, file, faults)
+    hips = set() if file is None else {file.settings.hip}
+    hips |= {own.settings.hip for own, _ in variants.values()}
+    subjects = _subjects(Around(folder, recordings, conditions, hips), faults)
     if file is not None:
         marker_set = _own_marker_set(folder, file, faults)
         faults += _laboratory_faults(folder, file)
@@ -167,7 +185,44 @@ def read_study(folder: str | Path, *, recordings: bool = True) -> Study:
         raise StudyFaults([f"{folder}: no recordings yet; 'hbm simulate {folder}' writes them"])
     if faults or file is None:
         raise StudyFaults(faults)
-    return Study(folder, file, subjects, marker_set)
+    study = Study(folder, file, subjects, marker_set)
+    return replace(
+        study,
+        variants={
+            name: replace(study, file=own, marker_set=own_set)
+            for name, (own, own_set) in variants.items()
+        },
+    )
+
+
+def _variants(
+    folder: Path, file: StudyFile, faults: list[str]
+) -> dict[str, tuple[StudyFile, MarkerSet | None]]:
+    """Give what the study states with the settings of each variant, and its own marker set."""
+    kinds: dict[str, type[InputModel]]
+    kinds = {"settings": Settings, "plates": Plates, "treadmill": Treadmill}
+    found = {}
+    for name, stated in file.variants.items():
+        where, before = f"study.toml: variants.{name}", len(faults)
+        tables: dict[str, Table] = {"settings": {}}
+        for key, value in stated.items():
+            if key in kinds and isinstance(value, dict):
+                tables[key] = value
+            else:
+                tables["settings"][key] = value
+        if name in RESERVED_VARIANTS:
+            faults.append(f"{where}: {name!r} is what a variant differs from; choose another name")
+        if not stated:
+            faults.append(f"{where}: states no setting that differs")
+        models = {}
+        for key, values in tables.items():
+            table = getattr(file, key).model_dump() | values
+            models[key] = check_table(where, table, kinds[key], faults, Around(folder))
+        if len(faults) == before:
+            own = file.model_copy(update={**models, "variants": {}})
+            found[name] = own, _own_marker_set(folder, own, faults)
+            faults += _laboratory_faults(folder, own)
+    return found
 
 
 def _table(path: Path, faults: list[str]) -> Table | None:

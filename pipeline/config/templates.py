@@ -95,6 +95,9 @@ def _lines(kind: type[BaseModel], table: str, given: Mapping[str, Any] | None) -
         if inner := models_in(field.annotation):
             tables += _tables(inner[0], place, field, stated)
         elif isinstance(example := _example(field), dict):
+            if all(isinstance(inner, dict) for inner in example.values()):
+                ((inner_name, example),) = example.items()
+                place = f"{place}.{inner_name}"
             comment = _comment(f"# [{place}]", field.description)
             tables += ["", *comment, *(f"# {k} = {json.dumps(v)}" for k, v in example.items())]
         else:

@@ -56,14 +56,15 @@ class Around:
         Where the files are that it names.
     recordings
         Whether those of subjects and trials have to be there.
-    conditions, hip
-        Names of the study's conditions, and its rule for hips; None where unknown.
+    conditions, hips
+        Names of the study's conditions; None where unknown. Its rules for hips, and those of its
+        variants.
     """
 
     folder: Path
     recordings: bool = True
     conditions: Collection[str] | None = None
-    hip: str | None = None
+    hips: Collection[str] = ()
 
 
 def check_table(

@@ -2,9 +2,9 @@
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Final, Literal
@@ -39,12 +39,15 @@ class Job:
         File of its result.
     key
         Digest of everything the result depends on (`trial_key`).
+    variants
+        The same trial with the settings of each variant: name -> job.
     """
 
     study: Study
     name: TrialName
     target: Path
     key: str
+    variants: Mapping[str, "Job"] = field(default_factory=dict)
 
     @property
     def size(self) -> int:
@@ -60,18 +63,21 @@ class Job:
 class Outcome:
     """What became of a job: processed, kept because its result was there already, or failed.
 
-    With a result, also what to know of the calibration that it used.
+    With a result, also what to know of the calibration that it used, and variants that failed:
+    name -> why.
     """
 
     job: Job
     state: Literal["done", "kept", "failed"]
     reason: str = ""
     of_calibration: tuple[Note, ...] = ()
+    failed_variants: Mapping[str, str] = field(default_factory=dict)
 
     def __str__(self) -> str:
         if self.failure is not None:
             return f"FAILED {self.job.name}: {self.reason}"
-        return f"{self.state} {self.job.name}"
+        failed = (f"; variant {name} FAILED: {why}" for name, why in self.failed_variants.items())
+        return f"{self.state} {self.job.name}{''.join(failed)}"
 
     @property
     def failure(self) -> str | None:
@@ -80,14 +86,33 @@ class Outcome:
 
 
 def process_job(job: Job, laboratory: Laboratory | None = None) -> Outcome:
-    """Process one trial and write its result whole or not at all; failures become outcomes.
+    """Process one trial and its variants and write results; failures become outcomes.
 
-    Without a ``laboratory``, that of the study is read.
+    Each result is written whole or not at all. Without a ``laboratory``, that of the study is read.
     """
+    outcome = _process(job, laboratory)
+    if outcome.failure is not None:
+        return outcome
+    failed = {}
+    for name, variant in job.variants.items():
+        alike = variant.study.file.treadmill == job.study.file.treadmill
+        alike &= variant.study.file.plates == job.study.file.plates
+        of_variant = _process(variant, laboratory if alike else None)
+        with suppress(OSError):
+            record_failure(variant.target, variant.name, of_variant.failure)
+        if of_variant.failure is not None:
+            failed[name] = of_variant.failure
+        elif of_variant.state == "done":
+            outcome = replace(outcome, state="done")
+    return replace(outcome, failed_variants=failed)
+
+
+def _process(job: Job, laboratory: Laboratory | None) -> Outcome:
+    """Process one trial as one study states it."""
     from pipeline.trial.process import process_trial
 
     try:
-        if (there := stored_outcome(job)) is not None:
+        if (there := _stored(job)) is not None:
             return there
         result = process_trial(job.study, *job.name, laboratory=laboratory)
         if trial_key(job.study, job.name) != job.key:
@@ -103,7 +128,14 @@ def process_job(job: Job, laboratory: Laboratory | None = None) -> Outcome:
 
 
 def stored_outcome(job: Job) -> Outcome | None:
-    """Give what became of a job that was done before; None where its result is not up to date."""
+    """Give what became of a job that was done before; None where a result is not up to date."""
+    if any(_stored(variant) is None for variant in job.variants.values()):
+        return None
+    return _stored(job)
+
+
+def _stored(job: Job) -> Outcome | None:
+    """Give what became of a trial as one study states it."""
     try:
         stored = read_trial(job.target, frames=False)
     except (OSError, ValueError):
@@ -139,7 +171,7 @@ def trial_key(study: Study, name: TrialName) -> str:
     names = [trial.file, trial.forces, trial.record, *treadmill.files]
     names += [person.static, person.hip_trial, person.segments, study.file.plates.calibration]
     stated = {
-        "study": study.file.model_dump(exclude={"name", "conditions", "comparison"}),
+        "study": study.file.model_dump(exclude={"name", "conditions", "comparison", "variants"}),
         "trial": (name.recording, trial.session),
         "condition": study.rule(name).model_dump(),
         "subject": person.person.model_dump(),

@@ -14,6 +14,7 @@ from joblib import delayed
 
 from hbm.engines.engine import choose_engine
 from hbm.kernels.native import kernels
+from pipeline.config.schema import TrialName
 from pipeline.config.study import Study
 from pipeline.io.write import remove_leftovers, require_writable
 from pipeline.run.cluster import on_cluster
@@ -113,7 +114,9 @@ def plan(
     cannot be imported.
     """
     choose_engine(study.file.settings.engine)
-    absolute, out = replace(study, folder=study.folder.resolve()), out.resolve()
+    folder, out = study.folder.resolve(), out.resolve()
+    variants = {name: replace(own, folder=folder) for name, own in study.variants.items()}
+    absolute = replace(study, folder=folder, variants=variants)
     wanted = [study.subject(s).id for s in dict.fromkeys(subjects or study.subjects)]
     for condition in conditions or ():
         study.condition(condition)
@@ -130,24 +133,38 @@ def plan(
             "excluded, or there are none"
         )
     with ThreadPoolExecutor(HASHED_AT_ONCE) as pool:
-        keys = pool.map(lambda name: trial_key(absolute, name), trials)
-        return [
-            Job(absolute, name, out / "trials" / f"{name.stem}.parquet", key)
-            for name, key in zip(trials, keys, strict=True)
-        ]
+        keys = [*pool.map(lambda name: trial_key(absolute, name), trials)]
+
+    def job(own: Study, name: TrialName, folder: Path, key: str) -> Job:
+        return Job(own, name, folder / "trials" / f"{name.stem}.parquet", key)
+
+    jobs = []
+    for name, key in zip(trials, keys, strict=True):
+        of_variants = {
+            variant: job(own, name, variant_folder(out, variant), trial_key(own, name))
+            for variant, own in absolute.variants.items()
+        }
+        jobs.append(replace(job(absolute, name, out, key), variants=of_variants))
+    return jobs
+
+
+def variant_folder(out: Path, variant: str) -> Path:
+    """Give where the results of a variant are."""
+    return out / "variants" / variant
 
 
 def require_nothing_replaced(planned: Sequence[Job], out: Path) -> None:
     """Refuse to replace results that were made with other settings or files: ValueError."""
-    reasons = Counter(filter(None, map(replacement, planned)))
+    every = [each for job in planned for each in (job, *job.variants.values())]
+    reasons = Counter(filter(None, map(replacement, every)))
     if reasons:
         why = "; ".join(
-            f"{trials} of {len(planned)} trials: {reason}"
+            f"{trials} of {len(every)} results: {reason}"
             for reason, trials in reasons.most_common()
         )
         raise ValueError(
             f"{out}: results there that were made otherwise would be replaced ({why}); --overwrite "
-            "replaces them, --out FOLDER keeps both"
+            "replaces them; to keep both, state the change as [variants.NAME] in study.toml"
         )
 
 
@@ -164,8 +181,10 @@ def run_planned(
 
     Parameters, outcomes and errors as for `run_study`.
     """
-    require_writable(out / "trials")
-    remove_leftovers(out / "trials")
+    folders = [out, *(variant_folder(out, variant) for variant in study.variants)]
+    for folder in folders:
+        require_writable(folder / "trials")
+        remove_leftovers(folder / "trials")
     record_study_folder(out, study.folder)
     kernels(announce)
     trials = [str(name) for name, trial in study.trials.items() if trial.exclude is None]
@@ -176,7 +195,8 @@ def run_planned(
             yield outcome
     finally:
         with suppress(OSError):
-            collect_failures(out, trials)
+            for folder in folders:
+                collect_failures(folder, trials)
 
 
 def run_jobs(

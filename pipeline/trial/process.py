@@ -312,7 +312,8 @@ def process_trial(
         return read_study_file(study, name) if name else None
 
     walk = read_study_file(study, trial.file, trial, person.static)
-    static, hip_trial = read(person.static), read(person.hip_trial)
+    functional = study.file.settings.hip == "functional"
+    static, hip_trial = read(person.static), read(person.hip_trial if functional else None)
     walk = with_unused_renames(walk, static, hip_trial)
     with naming_unused_renames(walk):
         result = process_recording(
