@@ -40,6 +40,8 @@ from pipeline.io.units import acceleration_in_mps2
 
 Covariate = Literal["height_m", "mass_kg", "sex", "age_years"]
 COVARIATES: Final[tuple[Covariate, ...]] = get_args(Covariate)
+MAIN: Final = "main"
+"""Name of the study's own way of processing among its variants."""
 EventMethod = Literal["file", "zeni", "plates", "auto"]
 """Where a trial's gait events come from."""
 
@@ -432,7 +434,10 @@ class Comparison(InputModel):
     """
 
     factor: Name = "condition"
-    """What the conditions are levels of, as tables name it."""
+    """What the conditions are levels of, as tables name it; "variant" compares the study's own way
+    of processing, main, with its variants."""
+    condition: Name | None = Field(default=None, examples=["baseline"])
+    """Condition in which variants are compared; default: the only one."""
     levels: Annotated[Labels, Field(min_length=2)] | None = Field(
         None, examples=[["baseline", "sway", "pitch"]]
     )

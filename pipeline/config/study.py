@@ -16,6 +16,7 @@ from pipeline.config.comparison import comparison_faults
 from pipeline.config.input_model import InputModel
 from pipeline.config.plate_correction import read_plate_correction
 from pipeline.config.schema import (
+    MAIN,
     Condition,
     Plates,
     Settings,
@@ -29,8 +30,6 @@ from pipeline.config.toml_file import SIMULATED, Around, StudyFaults, check_tabl
 from pipeline.io.input_file import is_file, read_text
 from pipeline.io.stated import Stated
 
-MAIN: Final = "main"
-"""Name of the study's own way of processing among its variants."""
 RESERVED_VARIANTS: Final = (MAIN, "measured", "compensated")
 MIN_PLATFORM_MARKERS: Final = 3
 """Fewer points do not determine the pose of a rigid body."""

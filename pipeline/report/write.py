@@ -9,8 +9,8 @@ import pandas as pd
 from hbm.spelling import did_you_mean, listed, short
 from pipeline.budgets.explanation import study_covariances
 from pipeline.budgets.study import explanations
-from pipeline.config.comparison import groups, study_design
-from pipeline.config.schema import COVARIATES, Settings, TrialName
+from pipeline.config.comparison import VARIANT, compared_condition, groups, study_design
+from pipeline.config.schema import COVARIATES, MAIN, Settings, TrialName
 from pipeline.config.study import Study, read_study
 from pipeline.figures.style import save_figure
 from pipeline.io.write import whole_file, write_csv, write_text
@@ -26,6 +26,12 @@ from pipeline.report.tables import (
     windows_sentence,
 )
 from pipeline.report.trials import LIMITS, causes, problems, quality_table, trial_quality
+from pipeline.report.variants import (
+    as_conditions,
+    choices,
+    variant_residuals,
+    variant_results,
+)
 from pipeline.report.verdict import question, verdict_values
 from pipeline.run.job import read_failures
 from pipeline.run.load import Results, collect, select_trials
@@ -96,13 +102,25 @@ def write_report(
     results = collect(folder, rate)
     states = trial_states(results, read_failures(folder), study)
     results = select_trials(results, {state.name for state in states if state.in_tables})
+    of_variants = {MAIN: results}
+    if study is not None and study.variants:
+        announce("collecting the variants")
+        of_variants |= variant_results(folder, study)
     write_csv(results.residuals, folder / "residuals.csv")
     write_csv(results.by_cycle, folder / "cycles.csv")
+    if study is not None and study_design(study.file).factor == VARIANT:
+        results = as_conditions(of_variants, compared_condition(study.file))
     headline = results.residuals[results.residuals["headline"].astype(bool)]
 
     announce("computing statistics")
     design = _design(headline, study, covariates)
     compared = design.comparable(headline)
+    sensitivity = None
+    if len(of_variants) > 1:
+        by_variant = variant_residuals(of_variants, design)
+        write_csv(by_variant, folder / "variants.csv")
+        if design.factor != VARIANT:
+            sensitivity = choices(by_variant, design)
     names = {TrialName(*key) for key in compared[[*TrialName._fields]].itertuples(index=False)}
     results = replace(results, residuals=pool_recordings(compared, design.weigh))
     tests = statistics(results.residuals, _all_subjects(results.subjects, study), design)
@@ -158,6 +176,7 @@ def write_report(
         tables=residual_tables(
             results.residuals, table, design, {s: g for s, g in of_study.items() if g is not None}
         ),
+        choices=sensitivity,
         tests=residual_tests(tests, design),
         pictures=pictures,
         example_subject=example_subject(results.cycles),
@@ -165,7 +184,7 @@ def write_report(
         has_reference=design.reference in set(results.cycles["condition"]),
         trials=trials,
         states=states,
-        quality=quality_table({str(name): quality[name] for name in keys}),
+        quality=quality_table({str(name): quality[name] for name in of_variants[MAIN].trials}),
         limits=LIMITS,
         explained=bool(explained or failed or stale),
         causes=[causes(str(name), explained[name]) for name in keys if name in explained],

@@ -1,0 +1,115 @@
+"""Whether a study's conclusion depends on its choices: its residuals under each variant."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import pandas as pd
+
+from pipeline.config.schema import TrialName
+from pipeline.config.study import Study
+from pipeline.report.blocks import Table
+from pipeline.run.job import trial_key
+from pipeline.run.load import Results, collect, select_trials
+from pipeline.run.run import variant_folder
+from pipeline.statistics.design import Design
+from pipeline.statistics.recordings import pool_recordings
+from pipeline.statistics.table_3 import number
+from pipeline.statistics.verdict import Verdict, join_names, judged_conditions, verdicts
+
+
+def variant_results(folder: Path, study: Study) -> dict[str, Results]:
+    """Gather the results of each variant, of trials that are as the study states them now."""
+    found = {}
+    for variant, own in study.variants.items():
+        if not any((variant_folder(folder, variant) / "trials").glob("*.parquet")):
+            continue
+        results = collect(variant_folder(folder, variant))
+        current = {
+            name
+            for name, trial in results.trials.items()
+            if name in own.trials and trial.key == trial_key(own, name) and not trial.shortage
+        }
+        if current:
+            found[variant] = select_trials(results, current)
+    return found
+
+
+def as_conditions(of_variants: Mapping[str, Results], condition: str) -> Results:
+    """Put one condition of all variants together, each variant as a condition of its name."""
+    parts = []
+    for variant, results in of_variants.items():
+        own = select_trials(results, {n for n in results.trials if n.condition == condition})
+        tables = {
+            name: getattr(own, name).assign(condition=variant)
+            for name in ("residuals", "cycles", "by_cycle")
+        }
+        trials = {
+            TrialName(name.subject, variant, name.recording): replace(trial, condition=variant)
+            for name, trial in own.trials.items()
+        }
+        parts.append(replace(own, **tables, trials=trials))
+    together = {
+        name: pd.concat([getattr(part, name) for part in parts], ignore_index=True)
+        for name in ("residuals", "cycles", "by_cycle")
+    }
+    return replace(
+        parts[0],
+        **together,
+        trials={name: trial for part in parts for name, trial in part.trials.items()},
+    )
+
+
+def variant_residuals(of_variants: Mapping[str, Results], design: Design) -> pd.DataFrame:
+    """Give the values of `pool_recordings` under each variant, with its name in front."""
+    parts = []
+    for variant, results in of_variants.items():
+        headline = results.residuals[results.residuals["headline"].astype(bool)]
+        values = pool_recordings(design.comparable(headline), design.weigh)
+        values.insert(0, "variant", variant)
+        parts.append(values)
+    return pd.concat(parts, ignore_index=True)
+
+
+def choices(residuals: pd.DataFrame, design: Design) -> tuple[str, list[Table]]:
+    """Say whether a conclusion depends on the variant, and show the differences under each.
+
+    Parameters
+    ----------
+    residuals
+        As `variant_residuals` gives them, of two variants or more.
+    design
+        What is compared.
+    """
+    found = {
+        str(variant): verdicts(own, design)
+        for variant, own in residuals.groupby("variant", sort=False)
+    }
+    tables = [_table(found, condition, design) for condition in judged_conditions(design)]
+    answers: dict[tuple[str, str], dict[str, str]] = {}
+    for variant, own in found.items():
+        for verdict in own:
+            answers.setdefault((verdict.axis, verdict.condition), {})[variant] = verdict.answer
+    depend = [cell for cell, own in answers.items() if len(set(own.values())) > 1]
+    if not depend:
+        every = f"all {len(answers)} comparisons" if len(answers) > 1 else "the comparison"
+        return f"No: the answer of {every} is the same under all {len(found)} variants.", tables
+    named = join_names([f"{axis} {condition}" for axis, condition in depend])
+    lead = f"Yes, in {len(depend)} of {len(answers)} comparisons the answer differs: {named}."
+    return lead, tables
+
+
+def _table(found: Mapping[str, Sequence[Verdict]], condition: str, design: Design) -> Table:
+    """Show the difference of each residual from its reference under each variant."""
+    rows = []
+    for variant, own in found.items():
+        cells = []
+        for verdict in (each for each in own if each.condition == condition):
+            difference = number(verdict.difference, "+z.1f")
+            interval = f"{number(verdict.low, '+z.1f')} to {number(verdict.high, '+z.1f')}"
+            cells.append(f"{difference}\n[{interval}]\n{verdict.answer}")
+        rows.append((variant, *cells))
+    axes = [f"{v.axis} ({v.unit})" for v in next(iter(found.values())) if v.condition == condition]
+    judged, reference = design.judged(condition), design.reference_cell
+    caption = f"{judged} − {reference}: mean difference [95 % CI], answer under each variant"
+    return Table(caption, ("Variant", *axes), rows, "numbers")
