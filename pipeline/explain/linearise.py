@@ -14,14 +14,9 @@ from pipeline.explain.causes.markers import marker_causes
 from pipeline.explain.causes.plates import plate_causes
 from pipeline.explain.causes.treadmill import compensation_causes, platform_causes
 from pipeline.explain.processing_chain import ProcessingChain, processing_chain
+from pipeline.explain.series import CycleSeries, cycle_series, stretch_series
 from pipeline.explain.shares import NORMAL_95
-from pipeline.explain.sizes import (
-    CycleSeries,
-    Posterior,
-    cycle_series,
-    sizes_from_cycles,
-    stretch_series,
-)
+from pipeline.explain.sizes import Posterior, sizes_from_cycles
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.quality import settling_s

@@ -10,15 +10,17 @@ so that sizes of their causes are normally distributed; instruments have faults 
 ones.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Final
 
 import numpy as np
-from scipy.linalg import block_diag, cho_factor, cho_solve
+from scipy.linalg import cho_solve, solve_triangular
 
 from hbm.spatial import Array, Indices, Mask
 from pipeline.explain.cause import Cause
+from pipeline.explain.series import CycleSeries
 
 ROUNDS: Final = 80
 """Of drawing what no cause describes, after the faults were drawn in some sweeps."""
@@ -44,121 +46,6 @@ MOST_PATTERNS: Final = 10
 """Of what follows the platform, by how it varies over cycles, and patterns that are told apart."""
 HELD: Final = 1e-3
 """Of the standard deviation of a size that was found elsewhere: so near the residuals leave it."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CycleSeries:
-    """How frames become Fourier coefficients of each gait cycle.
-
-    The coefficients are those of least squares over the frames of a cycle, scaled so that the sum
-    of their squares is the mean square over the cycle. In frames that do not count, signals are
-    taken as zero.
-
-    Attributes
-    ----------
-    frames
-        Per cycle its frames that count.
-    inverse
-        Per cycle what gives its coefficients from these frames, (B, N): the mean, and sine and
-        cosine of each harmonic.
-    """
-
-    frames: tuple[Indices, ...]
-    inverse: tuple[Array, ...]
-
-    def __len__(self) -> int:
-        return len(self.frames)
-
-    def coefficients(self, signal: Array) -> Array:
-        """Give the coefficients of a signal, (…, T, 6) to (…, C, B, 6)."""
-        parts = [
-            inverse @ signal[..., frames, :]
-            for inverse, frames in zip(self.inverse, self.frames, strict=True)
-        ]
-        return np.stack(parts, axis=-3)
-
-    def some(self, cycles: slice) -> "CycleSeries":
-        """Give the same of some of the cycles."""
-        return CycleSeries(self.frames[cycles], self.inverse[cycles])
-
-
-def cycle_series(
-    time: Array, spans: Sequence[tuple[float, float]], to_hz: float, counts: Mask | None = None
-) -> CycleSeries:
-    """Find how the frames of gait cycles become Fourier coefficients.
-
-    Parameters
-    ----------
-    time
-        Frame times, (T,) [s].
-    spans
-        Start and stop of each cycle, half-open, (C, 2) [s].
-    to_hz
-        Up to which frequency [Hz]; no more than a third of the frames of a cycle allow.
-    counts
-        Whether each frame counts, (T,); by default all do.
-
-    Returns
-    -------
-    CycleSeries
-        With the mean, and sine and cosine of each harmonic of the cycle.
-
-    Examples
-    --------
-    >>> time = np.arange(0, 2, 0.01)
-    >>> series = cycle_series(time, [(0.0, 1.0), (1.0, 2.0)], 2.0)
-    >>> signal = np.tile(3 + 4 * np.sin(2 * np.pi * time)[:, None], (1, 6))
-    >>> np.abs(series.coefficients(signal)[0, :3, 0]).round(3).tolist()
-    [3.0, 2.828, 0.0]
-    """
-    counts = np.ones(len(time), bool) if counts is None else counts
-    every = [np.arange(*np.searchsorted(time, span)) for span in spans]
-    frames = tuple(each[counts[each]] for each in every)
-    duration = float(np.median([stop - start for start, stop in spans]))
-    harmonics = max(1, min(int(np.ceil(to_hz * duration)), min(map(len, frames)) // 6))
-    inverse = []
-    for (start, stop), each in zip(spans, every, strict=True):
-        phase = 2 * np.pi * (time[each] - start) / (stop - start)
-        waves = [np.ones(len(phase))]
-        for h in range(1, harmonics + 1):
-            waves += [np.sqrt(2) * np.sin(h * phase), np.sqrt(2) * np.cos(h * phase)]
-        inverse.append(np.linalg.pinv(np.column_stack(waves))[:, counts[each]])
-    return CycleSeries(frames, tuple(inverse))
-
-
-def stretch_series(time: Array, stretches: Sequence[slice], to_hz: float) -> CycleSeries:
-    """Find how stretches of frames that repeat nothing become coefficients: as of one gait cycle.
-
-    Parameters
-    ----------
-    time
-        Frame times, (T,) [s].
-    stretches
-        Frames of each.
-    to_hz
-        Up to which frequency [Hz].
-
-    Returns
-    -------
-    CycleSeries
-        With the mean and cosines of each stretch, by its share of all frames: half a period of a
-        cosine passes from one end of a stretch to the other, which need not be alike.
-
-    Examples
-    --------
-    >>> series = stretch_series(np.arange(0, 1, 0.01), [slice(0, 40), slice(50, 90)], 2.0)
-    >>> abs(series.coefficients(np.full((100, 6), 2.0))[0, :, 0]).round(3).tolist()
-    [1.414, 0.0, 1.414, 0.0]
-    """
-    frames = [np.arange(len(time))[own] for own in stretches]
-    whole, inverse = sum(map(len, frames)), []
-    for own in frames:
-        duration_s = len(own) * (time[-1] - time[0]) / (len(time) - 1)
-        waves = np.arange(max(1, min(int(2 * to_hz * duration_s), len(own) // 3)) + 1)
-        phase = np.pi * (np.arange(len(own)) + 0.5) / len(own)
-        basis = np.cos(np.outer(phase, waves)) * np.where(waves, np.sqrt(2), 1)
-        inverse.append(np.linalg.pinv(basis) * np.sqrt(len(own) / whole))
-    return CycleSeries((np.concatenate(frames),), (block_diag(*inverse),))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -235,6 +122,25 @@ def estimate_sizes(
     as the mean cycle is, with a size of its own of what no cause describes. What is left beside all
     patterns shows the variance between cycles.
     """
+    names = tuple(map(str, range(len(prior))))
+    sharing = np.full(len(prior), Sharing.TRIAL)
+    seen = Evidence(
+        *_coefficients(residual, effects, prior, of_platform, noise), names, rare, sharing
+    )
+    found = _posterior(seen, find_faults([seen]))
+    return Posterior(
+        found.size * prior,
+        found.covariance * np.outer(prior, prior),
+        found.unexplained[:6] / np.sqrt(len(residual)),
+        found.chance,
+        found.if_there * prior,
+    )
+
+
+def _coefficients(
+    residual: Array, effects: Array, prior: Array, of_platform: Mask, noise: Array | float
+) -> tuple[Array, Array, Indices, Array]:
+    """Give values, their noise, their axes and the effects of usual sizes, as of `Evidence`."""
     cycles = len(residual)
     effect = effects.mean(axis=1)
     moving = (effects - effect[:, None]) * of_platform[:, None, None, None]
@@ -249,24 +155,25 @@ def estimate_sizes(
     if cycles > 1:
         between = _by_frequency((rest**2).sum(axis=0) / degrees)
     axis = np.arange(6 * len(along)).reshape(-1, 1, 6)
-    seen = Seen(
+    return (
         along.ravel(),
         np.broadcast_to(between + MIN_VARIANCE, along.shape).ravel(),
         np.broadcast_to(axis, along.shape).ravel(),
+        prior[:, None] * added.reshape(len(prior), -1),
     )
-    found = _drawn(seen, prior[:, None] * added.reshape(len(prior), -1), rare)
-    return Posterior(
-        found.size * prior,
-        found.covariance * np.outer(prior, prior),
-        found.unexplained[:6] / np.sqrt(cycles),
-        found.chance,
-        found.if_there * prior,
-    )
+
+
+class Sharing(IntEnum):
+    """What has one size of a cause."""
+
+    TRIAL = 0
+    SUBJECT = 1
+    LABORATORY = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Seen:
-    """Coefficients that causes are to explain.
+class Evidence:
+    """What one trial says of its causes: coefficients that they are to explain.
 
     Attributes
     ----------
@@ -274,48 +181,219 @@ class Seen:
         (N,) [N, N·m], and the variance of each between cycles.
     axis
         Which of them have one size of what no cause describes, (N,).
+    effects
+        Of each cause of its usual size, (K, N).
+    names
+        Identity of each cause: trials that share a cause give it the same.
+    rare
+        Causes that are faults, (K,).
+    sharing
+        What has one size of each cause, (K,).
+    subject
+        Whose trial it is.
     """
 
     values: Array
     noise: Array
     axis: Indices
+    effects: Array
+    names: tuple[str, ...]
+    rare: Mask
+    sharing: Indices
+    subject: str = ""
+
+    def information(self, undescribed: Array) -> "Information":
+        """Give its normal equations, with variances of what no cause describes, (A,)."""
+        weighted = self.effects / (self.noise + undescribed[self.axis])
+        return Information(self.names, weighted @ self.effects.T, weighted @ self.values)
+
+    def others(self, sharing: Sharing) -> set[str]:
+        """Give the causes that are no faults and have one size in a trial, subject, laboratory."""
+        own = ~self.rare & (self.sharing == sharing)
+        return {name for name, is_own in zip(self.names, own, strict=True) if is_own}
 
 
-def _drawn(seen: Seen, effects: Array, rare: Mask) -> Posterior:
-    """Estimate sizes of causes in usual sizes, of which the effects (K, N) are."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Information:
+    """Normal equations of sizes with names.
+
+    Attributes
+    ----------
+    names
+        Of K causes.
+    precision, pull
+        (K, K) and (K,), without priors, in usual sizes.
+    """
+
+    names: tuple[str, ...]
+    precision: Array
+    pull: Array
+
+    @staticmethod
+    def sum(parts: Sequence["Information"]) -> "Information":
+        """Add up what independent trials say."""
+        names = tuple(dict.fromkeys(name for part in parts for name in part.names))
+        place = {name: k for k, name in enumerate(names)}
+        precision, pull = np.zeros((len(names), len(names))), np.zeros(len(names))
+        for part in parts:
+            own = np.array([place[name] for name in part.names], int)
+            precision[np.ix_(own, own)] += part.precision
+            pull[own] += part.pull
+        return Information(names, precision, pull)
+
+    def without(self, names: Collection[str]) -> tuple["Information", "Given"]:
+        """Integrate sizes of a usual variance out; also give how they follow the others."""
+        gone = np.array([name in names for name in self.names], bool)
+        factor = np.linalg.cholesky(self.precision[np.ix_(gone, gone)] + np.eye(gone.sum()))
+        across = self.precision[np.ix_(gone, ~gone)]
+        solved = cho_solve((factor, True), np.column_stack([across, self.pull[gone]]))
+        slope, mean = solved[:, :-1], solved[:, -1]
+        kept = tuple(name for name in self.names if name not in names)
+        rest = self.precision[np.ix_(~gone, ~gone)] - across.T @ slope
+        left = Information(kept, rest, self.pull[~gone] - across.T @ mean)
+        integrated = tuple(name for name in self.names if name in names)
+        return left, Given(integrated, kept, mean, slope, factor)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Given:
+    """Sizes given others: normally distributed.
+
+    Attributes
+    ----------
+    names, others
+        Of M sizes, and of those that they follow.
+    mean, slope
+        Their mean is ``mean - slope @ others``.
+    factor
+        Cholesky factor of their precision, (M, M).
+    """
+
+    names: tuple[str, ...]
+    others: tuple[str, ...]
+    mean: Array
+    slope: Array
+    factor: Array
+
+    def drawn(self, sizes: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
+        """Draw the sizes."""
+        others = np.array([sizes[name] for name in self.others])
+        random = rng.standard_normal(len(self.names))
+        spread = solve_triangular(self.factor, random, lower=True, trans="T")
+        return dict(zip(self.names, self.mean - self.slope @ others + spread, strict=True))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Faults:
+    """What trials say of their faults, in usual sizes.
+
+    Attributes
+    ----------
+    names
+        Of F faults.
+    size, covariance
+        Mean over all that may be, (F,) and (F, F).
+    chance, if_there
+        As those of a `Posterior`.
+    undescribed
+        Per trial the variance of a coefficient of what no cause describes, (A,).
+    """
+
+    names: tuple[str, ...]
+    size: Array
+    covariance: Array
+    chance: Array
+    if_there: Array
+    undescribed: tuple[Array, ...]
+
+
+def find_faults(trials: Sequence[Evidence]) -> Faults:
+    """Find which faults are there and how large they are, from one trial or several together.
+
+    Parameters
+    ----------
+    trials
+        What each says. A cause that they share has one size.
+
+    Returns
+    -------
+    Faults
+        By Gibbs sampling; equal input gives equal numbers.
+
+    Notes
+    -----
+    Drawn in turn are: which faults are there, each given the others, with all sizes integrated out;
+    all sizes; what no cause describes; its variance in each axis of each trial. Sizes that are no
+    faults are integrated out within each trial first, then within each subject, then within the
+    laboratory.
+    """
     rng = np.random.default_rng(0)
-    faults, others = effects[rare], effects[~rare]
-    count, power = np.bincount(seen.axis), np.bincount(seen.axis, seen.values**2)
-    least = LEAST * power / count
-    square, kept = START * power / count, list[Array]()
-    there, draws = np.zeros(len(faults), bool), list[tuple[Array, ...]]()
+    count = [np.bincount(trial.axis) for trial in trials]
+    power = [np.bincount(t.axis, t.values**2) / n for t, n in zip(trials, count, strict=True)]
+    undescribed, kept = [START * own for own in power], list[list[Array]]()
+    faults, given = _faults(trials, undescribed)
+    there, draws = np.zeros(len(faults.names), bool), list[tuple[Array, ...]]()
     for number in range(ROUNDS):
-        # all but the faults: other causes, what no cause describes, and noise
-        factor = cho_factor(others.T @ others + np.diag(seen.noise + square[seen.axis]))
-        solved = cho_solve(factor, np.column_stack([faults.T, seen.values]))
-        precision, pull = faults @ solved[:, :-1], faults @ solved[:, -1]
-        known = precision + np.diag(1 / VARIANCE[there.astype(int)])
-        covariance: Array = np.asarray(np.linalg.inv(known), float)
-        size = covariance @ pull
+        if number:
+            faults, given = _faults(trials, undescribed)
+        known = faults.precision + np.diag(1 / VARIANCE[there.astype(int)])
+        covariance = np.linalg.inv(known)
+        size = covariance @ faults.pull
         for _ in range(SWEEPS):
             chance, if_there = _sweep(there, size, covariance, rng)
             if number >= SETTLING:
                 draws.append((chance, *if_there, size.copy(), covariance.copy()))
-        # what no cause describes: drawn together with all else, and corrected by what is seen
-        deviation = np.sqrt(square[seen.axis])
-        missed = deviation * rng.standard_normal(len(deviation))
-        drawn = missed + np.sqrt(seen.noise) * rng.standard_normal(len(deviation))
-        drawn += rng.standard_normal(len(others)) @ others
-        drawn += np.sqrt(VARIANCE[there.astype(int)]) * rng.standard_normal(len(faults)) @ faults
-        apart = cho_solve(factor, seen.values - drawn)
-        apart -= solved[:, :-1] @ (covariance @ (faults @ apart))
-        missed += deviation**2 * apart
-        squares = np.bincount(seen.axis, missed**2) + least
-        square = squares / rng.chisquare(count - 1)  # all deviations equally likely before
+        spread = np.linalg.cholesky(covariance) @ rng.standard_normal(len(size))
+        sizes = dict(zip(faults.names, size + spread, strict=True))
+        for level in given:
+            sizes |= level.drawn(sizes, rng)
+        undescribed = [
+            _drawn_variance(trial, sizes, before, LEAST * mean_square, rng)
+            for trial, before, mean_square in zip(trials, undescribed, power, strict=True)
+        ]
         if number >= SETTLING:
-            kept.append(square)
-    square = np.mean(kept, axis=0)
-    return _joined(seen, others, faults, rare, square, draws)
+            kept.append(undescribed)
+    averages = tuple(np.mean(own, axis=0) for own in zip(*kept, strict=True))
+    return Faults(faults.names, *_averaged(draws), averages)
+
+
+def _faults(
+    trials: Sequence[Evidence], undescribed: Sequence[Array]
+) -> tuple[Information, list[Given]]:
+    """Give the normal equations of faults alone, and the other sizes, those shared most first."""
+    of_subjects, given = dict[str, list[Information]](), list[Given]()
+    for trial, own in zip(trials, undescribed, strict=True):
+        rest, level = trial.information(own).without(trial.others(Sharing.TRIAL))
+        of_subjects.setdefault(trial.subject, []).append(rest)
+        given.append(level)
+    others = {
+        sharing: {name for trial in trials for name in trial.others(sharing)}
+        for sharing in (Sharing.SUBJECT, Sharing.LABORATORY)
+    }
+    of_laboratory = []
+    for parts in of_subjects.values():
+        rest, level = Information.sum(parts).without(others[Sharing.SUBJECT])
+        of_laboratory.append(rest)
+        given.append(level)
+    rest, level = Information.sum(of_laboratory).without(others[Sharing.LABORATORY])
+    return rest, [*given, level][::-1]
+
+
+def _drawn_variance(
+    trial: Evidence,
+    sizes: Mapping[str, float],
+    undescribed: Array,
+    least: Array,
+    rng: np.random.Generator,
+) -> Array:
+    """Draw the variance of what no cause describes in each axis, given all sizes."""
+    size = np.array([sizes[name] for name in trial.names])
+    left, own = trial.values - size @ trial.effects, undescribed[trial.axis]
+    missed = left * own / (own + trial.noise)
+    missed += np.sqrt(own * trial.noise / (own + trial.noise)) * rng.standard_normal(len(left))
+    count = np.bincount(trial.axis)
+    squares = np.bincount(trial.axis, missed**2) + least
+    return np.asarray(squares / rng.chisquare(count - 1))  # all deviations equally likely before
 
 
 def _sweep(
@@ -350,37 +428,36 @@ def _sweep(
     return chance, (if_there[0], if_there[1])
 
 
-def _joined(
-    seen: Seen,
-    others: Array,
-    faults: Array,
-    rare: Mask,
-    square: Array,
-    draws: Sequence[tuple[Array, ...]],
-) -> Posterior:
-    """Join the draws of faults, and give the other causes given these."""
+def _averaged(draws: Sequence[tuple[Array, ...]]) -> tuple[Array, Array, Array, Array]:
+    """Average the draws of faults: mean and covariance, chance, size and deviation if there."""
     chance, size, variance, mean, covariance = (np.array(own) for own in zip(*draws, strict=True))
     weight = chance / chance.sum(axis=0)
     named = (weight * size).sum(axis=0)
     spread = (weight * (variance + size**2)).sum(axis=0) - named**2
     odds = chance.mean(axis=0)
     odds = odds / np.maximum(1 - odds, np.exp(-MOST_ODDS)) * np.exp(-LOG_ODDS)
-    of_faults = mean.mean(axis=0)
-    apart = mean - of_faults
+    apart = mean - mean.mean(axis=0)
     between = covariance.mean(axis=0) + apart.T @ apart / len(mean)
+    if_there = np.array([named, np.sqrt(spread)])
+    return mean.mean(axis=0), between, odds / (1 + odds), if_there
 
-    factor = cho_factor(others.T @ others + np.diag(seen.noise + square[seen.axis]))
-    follow = others @ cho_solve(factor, np.column_stack([faults.T, others.T, seen.values]))
-    by_faults, own = -follow[:, : len(faults)], np.eye(len(others)) - follow[:, len(faults) : -1]
-    result = np.empty(len(rare)), np.empty((len(rare), len(rare)))
-    result[0][rare], result[0][~rare] = of_faults, follow[:, -1] + by_faults @ of_faults
-    result[1][np.ix_(rare, rare)] = between
-    result[1][np.ix_(~rare, rare)] = by_faults @ between
-    result[1][np.ix_(rare, ~rare)] = between @ by_faults.T
-    result[1][np.ix_(~rare, ~rare)] = own + by_faults @ between @ by_faults.T
-    every, if_there = np.ones(len(rare)), np.array([result[0], np.sqrt(np.diag(result[1]))])
-    every[rare], if_there[:, rare] = odds / (1 + odds), (named, np.sqrt(spread))
-    return Posterior(*result, np.sqrt(square), every, if_there)
+
+def _posterior(trial: Evidence, faults: Faults) -> Posterior:
+    """Give the sizes of all causes of one trial, those that are no faults given the faults."""
+    _, given = trial.information(faults.undescribed[0]).without(
+        {name for name, rare in zip(trial.names, trial.rare, strict=True) if not rare}
+    )
+    rare, size = trial.rare, np.empty(len(trial.rare))
+    covariance = np.empty((len(rare), len(rare)))
+    size[rare], size[~rare] = faults.size, given.mean - given.slope @ faults.size
+    across = -given.slope @ faults.covariance
+    own = cho_solve((given.factor, True), np.eye(len(given.names)))
+    covariance[np.ix_(rare, rare)] = faults.covariance
+    covariance[np.ix_(~rare, rare)], covariance[np.ix_(rare, ~rare)] = across, across.T
+    covariance[np.ix_(~rare, ~rare)] = own - across @ given.slope.T
+    chance, if_there = np.ones(len(rare)), np.array([size, np.sqrt(np.diag(covariance))])
+    chance[rare], if_there[:, rare] = faults.chance, faults.if_there
+    return Posterior(size, covariance, np.sqrt(faults.undescribed[0]), chance, if_there)
 
 
 def _patterns(moving: Array, residual: Array) -> Array:

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.explain.sizes import MIN_VARIANCE, cycle_series, estimate_sizes
+from pipeline.explain.series import cycle_series
+from pipeline.explain.sizes import MIN_VARIANCE, estimate_sizes
 
 TIME = np.arange(600) / 100
 SPANS = [(0.5, 1.62), (1.62, 2.70), (2.70, 3.85), (3.85, 4.93)]

@@ -10,7 +10,8 @@ from pipeline.config.schema import Settings, Subject, Treadmill
 from pipeline.explain.cause import Cause
 from pipeline.explain.causes.plates import plate_causes
 from pipeline.explain.processing_chain import ProcessingChain, processing_chain
-from pipeline.explain.sizes import CycleSeries, cycle_series, estimate_sizes
+from pipeline.explain.series import CycleSeries, cycle_series
+from pipeline.explain.sizes import estimate_sizes
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.result import TrialResult
