@@ -1,9 +1,10 @@
 """What a trial's residuals are made of, with what follows from it: files, and errors of a study."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final, TypeVar
+from zipfile import BadZipFile
 
 import numpy as np
 import pandas as pd
@@ -11,10 +12,11 @@ import pyarrow as pa
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from hbm.spatial import Array
-from pipeline.budgets.words import Mending, budget_lines, most_worth_mending
+from pipeline.budgets.words import Mending, StatedNow, budget_lines, most_worth_mending
 from pipeline.config.schema import NOUNS, TrialName
-from pipeline.explain.budget import Bands, Budget
+from pipeline.explain.budget import Bands, Budget, SharedCause, TrialEvidence
 from pipeline.explain.explain import explain_trial
+from pipeline.explain.sizes import Evidence
 from pipeline.io.recording import Recording
 from pipeline.io.write import whole_file, write_text
 from pipeline.statistics.design import Weigh
@@ -24,10 +26,36 @@ from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.residuals import AXES
 from pipeline.trial.result import TrialResult
 
-FORMAT_VERSION: Final = 4
+FORMAT_VERSION: Final = 5
 """Of the files; raised with every change of what they hold."""
 SUFFIX: Final = "_explained.json"
 BANDS_SUFFIX: Final = "_bands.parquet"
+EVIDENCE_SUFFIX: Final = "_evidence.npz"
+
+
+@dataclass(frozen=True, slots=True)
+class StudyExplanation:
+    """The faults that the trials of a study show together.
+
+    Attributes
+    ----------
+    version, key
+        As those of an `Explanation`.
+    trials
+        Names of the trials.
+    causes
+        Delay and faults of the laboratory, of subjects and of trials.
+    lines
+        Those that are certain, and what to do.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
+
+    version: int
+    key: str
+    trials: tuple[str, ...]
+    causes: tuple[SharedCause, ...]
+    lines: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,13 +85,6 @@ class Explanation:
         """Say what a table of shares does not: sizes, what to mend, what is merged, the check."""
         return budget_lines(self.budget, self.mending)
 
-    def to_json(self) -> str:
-        """Give the content of the file; numbers come back exactly."""
-        return _JSON.dump_json(self, indent=1).decode()
-
-
-_JSON: Final = TypeAdapter(Explanation)
-
 
 def explain(
     recording: Recording,
@@ -74,17 +95,22 @@ def explain(
     """Explain the residuals of a processed trial; parameters as for `explain_trial`."""
     found = explain_trial(recording, laboratory, result)
     budget = replace(found, source=Path(found.source.name))
-    mending = most_worth_mending(budget, result, laboratory)
+    stated = StatedNow.of(result, calibrated=laboratory.plates is not None)
+    mending = most_worth_mending(budget, stated)
     return Explanation(FORMAT_VERSION, key, budget, mending)
 
 
-def write_explanation(explanation: Explanation, path: Path) -> None:
-    """Write an explanation as JSON, whole or not at all."""
-    write_text(explanation.to_json(), path)
+def write_explanation(explanation: Explanation | StudyExplanation, path: Path) -> None:
+    """Write an explanation as JSON, whole or not at all; numbers come back exactly."""
+    kind = TypeAdapter(type(explanation))
+    write_text(kind.dump_json(explanation, indent=1).decode(), path)
 
 
-def read_explanation(path: Path) -> Explanation:
-    """Read an explanation back.
+Kind = TypeVar("Kind", Explanation, StudyExplanation)
+
+
+def read_explanation(path: Path, kind: type[Kind]) -> Kind:
+    """Read an explanation of a trial or of a study back.
 
     Raises
     ------
@@ -94,7 +120,7 @@ def read_explanation(path: Path) -> Explanation:
         If it cannot be opened.
     """
     try:
-        found = _JSON.validate_json(path.read_bytes())
+        found = TypeAdapter(kind).validate_json(path.read_bytes())
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(map(str, first["loc"]))
@@ -120,6 +146,58 @@ def write_bands(bands: Bands, path: Path) -> None:
         table[[f"{name}.{axis}" for axis in AXES]] = getattr(bands, name)
     with whole_file(path) as temporary:
         table.to_parquet(temporary, index=False)
+
+
+def write_evidence(evidence: TrialEvidence, path: Path) -> None:
+    """Write what a trial says of causes that others share, whole or not at all."""
+    with whole_file(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **_arrays(evidence))
+
+
+def _arrays(value: Any, prefix: str = "") -> dict[str, np.ndarray[Any, Any]]:
+    """Give the fields of a dataclass as arrays, those of inner ones too."""
+    found: dict[str, np.ndarray[Any, Any]] = {}
+    for name in (field.name for field in fields(value)):
+        own = getattr(value, name)
+        inner = _arrays(own, f"{name}.") if is_dataclass(own) else {name: np.asarray(own)}
+        found |= {f"{prefix}{key}": array for key, array in inner.items()}
+    return found
+
+
+def read_evidence(path: Path) -> TrialEvidence:
+    """Read what a trial says back.
+
+    Raises
+    ------
+    ValueError
+        If the file is damaged, or none of `write_evidence`.
+    OSError
+        If it cannot be opened.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+        parts: dict[str, Any] = {
+            part: Evidence(
+                **{
+                    name.partition(".")[2]: _typed(array)
+                    for name, array in arrays.items()
+                    if name.startswith(f"{part}.")
+                }
+            )
+            for part in ("whole", "first", "second")
+        }
+        rest = {name: _typed(own) for name, own in arrays.items() if "." not in name}
+        return TrialEvidence(**parts, **rest)
+    except (BadZipFile, KeyError, TypeError, EOFError) as error:
+        raise ValueError(f"{path.name} is damaged; run 'hbm explain' again") from error
+
+
+def _typed(array: np.ndarray[Any, Any]) -> Any:
+    """Give an array of numbers as it is, of texts as a tuple, and a single value as itself."""
+    if array.ndim == 0:
+        return array.item()
+    return array if array.dtype.kind != "U" else tuple(map(str, array))
 
 
 def read_bands(path: Path) -> Bands:

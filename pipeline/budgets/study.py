@@ -1,7 +1,7 @@
 """What the residuals of a study's trials are made of: every trial once, in parallel, resumable."""
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
@@ -12,16 +12,23 @@ from hbm.kernels.native import kernels
 from hbm.spelling import listed
 from pipeline.budgets.explanation import (
     BANDS_SUFFIX,
+    EVIDENCE_SUFFIX,
+    FORMAT_VERSION,
     Explanation,
+    StudyExplanation,
     explain,
     read_bands,
+    read_evidence,
     read_explanation,
     write_bands,
+    write_evidence,
     write_explanation,
 )
+from pipeline.budgets.words import StatedNow, study_lines
 from pipeline.config.schema import TrialName
 from pipeline.config.study import Study, read_study
 from pipeline.explain.budget import Bands
+from pipeline.explain.joint import explain_together
 from pipeline.io.input_file import describe_error
 from pipeline.io.recording import Recording
 from pipeline.io.write import remove_leftovers, require_writable
@@ -32,6 +39,7 @@ from pipeline.run.job import (
     recorded_failures,
     trial_key,
 )
+from pipeline.run.processes import one_thread
 from pipeline.run.program import explanation_digest
 from pipeline.run.run import Announce, plan, work_on
 from pipeline.run.store import read_trial, recorded_study_folder
@@ -39,6 +47,7 @@ from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.result import TrialResult
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
 
+STUDY: Final = "study.json"
 FOLDER: Final = "explained"
 """In a results folder, beside ``trials``."""
 
@@ -115,7 +124,11 @@ def explain_planned(
     require_writable(folder / FOLDER)
     remove_leftovers(folder / FOLDER)
     kernels(announce)
-    ready = {job.target for job in planned if up_to_date(job.target, job.key)}
+    ready = {
+        job.target
+        for job in planned
+        if up_to_date(job.target, job.key) and evidence_path(job.target).is_file()
+    }
     kept = (Outcome(job, "kept") for job in planned if job.target in ready)
     todo = [job for job in planned if job.target not in ready]
     for outcome in chain(kept, work_on(todo, explain_job, jobs)):
@@ -126,10 +139,40 @@ def explain_planned(
 def up_to_date(path: Path, key: str) -> Explanation | None:
     """Read the explanation with a key; None where there is none, or it is damaged or older."""
     try:
-        found = read_explanation(path)
+        found = read_explanation(path, Explanation)
     except (OSError, ValueError):
         return None
     return found if found.key == key else None
+
+
+def explain_study(study: Study, folder: Path, planned: Sequence[Job]) -> StudyExplanation:
+    """Explain all explained trials together and write ``explained/study.json``.
+
+    Nothing is computed again where no trial has changed.
+    """
+    jobs = {str(job.name): job for job in planned if up_to_date(job.target, job.key)}
+    key = explanation_key(" ".join(job.key for job in jobs.values()))
+    path = folder / FOLDER / STUDY
+    with suppress(OSError, ValueError):
+        there = read_explanation(path, StudyExplanation)
+        if there.key == key:
+            return there
+    calibrated = study.file.plates.calibration is not None
+    trials = folder.resolve() / "trials"
+    stated = {
+        name: StatedNow.of(
+            read_trial(trials / f"{job.name.stem}.parquet", frames=False), calibrated=calibrated
+        )
+        for name, job in jobs.items()
+    }
+    with one_thread():
+        causes = explain_together(
+            {name: read_evidence(evidence_path(job.target)) for name, job in jobs.items()}
+        )
+    lines = study_lines(causes, stated)
+    found = StudyExplanation(FORMAT_VERSION, key, tuple(jobs), tuple(causes), lines)
+    write_explanation(found, path)
+    return found
 
 
 def explain_job(job: Job) -> Outcome:
@@ -138,6 +181,8 @@ def explain_job(job: Job) -> Outcome:
         explanation = explain(*processed(job), job.key)
         if explanation.budget.bands:
             write_bands(explanation.budget.bands, bands_path(job.target))
+        if explanation.budget.evidence:
+            write_evidence(explanation.budget.evidence, evidence_path(job.target))
         write_explanation(explanation, job.target)
     except Exception as error:
         return Outcome(job, "failed", describe_error(error))
@@ -169,6 +214,11 @@ def processed(job: Job) -> tuple[Recording, Laboratory, TrialResult]:
 def bands_path(explanation: Path) -> Path:
     """Give the file of residuals over time that belongs to an explanation's."""
     return explanation.with_name(f"{explanation.stem}{BANDS_SUFFIX}")
+
+
+def evidence_path(explanation: Path) -> Path:
+    """Give the file of what a trial says of causes that others share."""
+    return explanation.with_name(f"{explanation.stem}{EVIDENCE_SUFFIX}")
 
 
 def bands_of(result: Path, trial: TrialResult) -> Bands | None:

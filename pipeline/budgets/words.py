@@ -5,11 +5,10 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from hbm.spelling import listed
-from pipeline.explain.budget import Budget, EstimatedCause
+from pipeline.explain.budget import Budget, EstimatedCause, SharedCause
 from pipeline.explain.cause import OF_PERSON, groups
 from pipeline.explain.linearise import MIN_CYCLES
 from pipeline.explain.shares import NORMAL_95
-from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.residuals import AXES, UNITS
 from pipeline.trial.result import TrialResult
 
@@ -42,6 +41,28 @@ SHOWN_UNITS: Final[Mapping[str, tuple[float, str]]] = {
     "1": (100.0, "%"),
 }
 """Unit of a size -> factor and the unit that a person reads it in."""
+
+
+@dataclass(frozen=True, slots=True)
+class StatedNow:
+    """What a trial was processed with.
+
+    Attributes
+    ----------
+    delay_s, mass_kg
+        Of the plates, and of the body.
+    calibrated
+        Whether the plates are corrected by a calibration, which has its own delays.
+    """
+
+    delay_s: float
+    mass_kg: float
+    calibrated: bool
+
+    @classmethod
+    def of(cls, result: TrialResult, *, calibrated: bool) -> "StatedNow":
+        """Give what a result was processed with."""
+        return cls(result.settings.plate_delay_s or 0.0, result.body.mass, calibrated)
 
 
 def group_name(names: Sequence[str]) -> str:
@@ -133,17 +154,15 @@ class Mending:
         return f"{self.action} This alone would lower {self.axis} {fall}."
 
 
-def most_worth_mending(
-    budget: Budget, result: TrialResult, laboratory: Laboratory
-) -> tuple[Mending, ...]:
+def most_worth_mending(budget: Budget, stated: StatedNow) -> tuple[Mending, ...]:
     """Find what is most worth mending.
 
     Parameters
     ----------
     budget
         What the residuals are made of.
-    result, laboratory
-        The trial and its laboratory: what is stated of them now.
+    stated
+        What is stated of the trial now.
 
     Returns
     -------
@@ -158,7 +177,7 @@ def most_worth_mending(
         axis = int(fall.argmax())
         is_person = cause.group in OF_PERSON and cause.name != MASS
         if cause.is_certain and not is_person and fall[axis] >= MIN_FALL:
-            action = _stated(cause, result, laboratory)
+            action = what_to_do(cause, stated)
             rms = float(budget.rms[axis]), float(cause.left[axis])
             if action:
                 found.append((fall[axis], Mending(cause.name, action, AXES[axis], *rms)))
@@ -166,18 +185,46 @@ def most_worth_mending(
     return tuple(own for _, own in found[:MAX_MENDINGS])
 
 
-def _stated(cause: EstimatedCause, result: TrialResult, laboratory: Laboratory) -> str:
+def study_lines(causes: Sequence[SharedCause], stated: Mapping[str, StatedNow]) -> tuple[str, ...]:
+    """Say which faults trials share, those of the laboratory first, and what to do.
+
+    Parameters
+    ----------
+    causes
+        As `pipeline.explain.joint.explain_together` gives them.
+    stated
+        Name of a trial -> what is stated of it now.
+    """
+    lines = []
+    for own in causes:
+        fall = 1 - own.cause.left / own.rms
+        axis = int(fall.argmax())
+        is_person = own.cause.group in OF_PERSON and own.cause.name != MASS
+        if not own.cause.is_certain or is_person or fall[axis] < MIN_FALL:
+            continue
+        action = what_to_do(own.cause, stated[own.trials[0]])
+        rms = float(own.rms[axis]), float(own.cause.left[axis])
+        owner = own.name.removesuffix(own.cause.name)
+        count = f" ({len(own.trials)} trials)" * (len(own.trials) > 1)
+        held = ""
+        if not own.holds:
+            held = " It does not lower residuals in which it was not found: do not believe it."
+        lines.append(f"{owner}{Mending(own.cause.name, action, AXES[axis], *rms)}{count}{held}")
+    return tuple(lines)
+
+
+def what_to_do(cause: EstimatedCause, stated: StatedNow) -> str:
     """Say what is wrong and what to do; empty where nothing in the laboratory changes it."""
     size, is_more = size_in_words(replace(cause, size=abs(cause.size))), cause.size > 0
     much, plate = "much" if is_more else "little", cause.name.partition(":")[0].capitalize()
     of, far = cause.name.split()[-1], "far" if is_more else "little"
-    if cause.name == LATE and laboratory.plates is None:
-        delay_s = (result.settings.plate_delay_s or 0.0) + cause.size
+    if cause.name == LATE and not stated.calibrated:
+        delay_s = stated.delay_s + cause.size
         when = "late" if is_more else "early"
         setting = f"plate_delay_s = {delay_s:.3f} under [settings]"
         return f"The plates are {size} {when}; state {setting}."
     if cause.name == MASS:
-        mass_kg = result.body.mass / (1 + cause.size)
+        mass_kg = stated.mass_kg / (1 + cause.size)
         large = "large" if is_more else "small"
         fits = f"{mass_kg:.1f} kg would fit"
         return f"The body mass is {size} too {large}; weigh the subject: {fits}."

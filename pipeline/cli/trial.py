@@ -190,7 +190,14 @@ def print_explanation(explanation: "Explanation", console: PlainConsole) -> None
 
 
 def _explain_results(request: TrialRequest, out: Path | None, jobs: int) -> int:
-    from pipeline.budgets.study import explain_planned, plan_explanations, study_of, up_to_date
+    from rich.text import Text
+
+    from pipeline.budgets.study import (
+        explain_planned,
+        explain_study,
+        plan_explanations,
+        study_of,
+    )
     from pipeline.run.processes import keep_freed_memory
 
     folder = request.trial
@@ -199,13 +206,14 @@ def _explain_results(request: TrialRequest, out: Path | None, jobs: int) -> int:
         raise ValueError(f"leave out --out: explanations of a study go to {folder / 'explained'}")
     console = PlainConsole()
     keep_freed_memory()
-    planned = plan_explanations(study_of(folder), folder)
+    study = study_of(folder)
+    planned = plan_explanations(study, folder)
     outcomes = explain_planned(planned, folder, jobs=jobs, announce=announcer(console))
     finished = follow_trials(outcomes, len(planned), "explaining", "explained", console)
-    for job in planned:
-        explanation = up_to_date(job.target, job.key)
-        if explanation:
-            console.say(f"{job.name}: {next(explanation.lines())}")
+    with console.status(Text("all trials together")):
+        together = explain_study(study, folder, planned)
+    for line in together.lines or ("No certain fault makes much of a residual.",):
+        console.say(line)
     console.say(f"{counts_of(finished, 'explained')}; next: hbm report {folder}")
     return int(any(outcome.failure is not None for outcome in finished))
 

@@ -126,7 +126,9 @@ class RecordingRules(InputModel):
     mend_plates: Annotated[tuple[MendingText, ...], Field(strict=False)] = Field(
         default=(), examples=[["2: turn 90"]]
     )
-    """Mend a plate: '3: reverse Fx', '2: turn 90', '1: exchange 2', '2: unwrap Mz'; repeatable."""
+    """Mend a plate: '3: reverse Fx', '2: turn 90', '1: exchange 2', '2: unwrap Mz'; '1: gain Fz
+    0.97' (a factor), '1: zero Fx 2.5' (subtracted), '1: move x -0.008' (metres, along an axis of
+    the plate); repeatable."""
     label_prefix: Text | None = Field(default=None, examples=["S01"])
     """Label prefix of the subject, or its number, where several carry the same labels."""
     marker_stream: Text | None = Field(default=None, examples=["Cameras"])

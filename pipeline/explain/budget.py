@@ -10,6 +10,7 @@ from pydantic import Field, PlainSerializer, PlainValidator
 
 from hbm.spatial import Array, Indices, read_only
 from pipeline.explain.shares import NORMAL_95
+from pipeline.explain.sizes import Evidence
 from pipeline.trial.residuals import AXES
 from pipeline.trial.result import StoredNote
 
@@ -147,6 +148,75 @@ class Bands:
     deviation: Array
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class TrialEvidence:
+    """What one trial says of its causes, and what each of them does to its residuals.
+
+    Attributes
+    ----------
+    subject
+        Whose trial it is.
+    whole, first, second
+        Of all its gait cycles, and of either half of them.
+    titles, groups, units
+        Of K causes, as those of `pipeline.explain.cause.Cause`.
+    usual, size, mean, found
+        As published; the usual size and the mean that the evidence is around; the deviation of a
+        size that was found elsewhere, NaN of others, (K,).
+    mean_square, frames
+        Of the residuals, (6,), and of how many frames they are.
+    along, square
+        Mean product of the residual with what a cause adds per unit, and its mean square, (K, 6).
+    """
+
+    subject: str
+    whole: Evidence
+    first: Evidence
+    second: Evidence
+    titles: tuple[str, ...]
+    groups: tuple[str, ...]
+    units: tuple[str, ...]
+    usual: Array
+    size: Array
+    mean: Array
+    found: Array
+    mean_square: Array
+    frames: int
+    along: Array
+    square: Array
+
+
+@dataclass(frozen=True, slots=True)
+class SharedCause:
+    """A cause with one size in some trials of a study.
+
+    Attributes
+    ----------
+    name
+        Its identity: its own name after that of its subject or trial, if it is theirs.
+    trials
+        Names of the trials.
+    cause
+        Its size, and the RMS over these trials without it.
+    rms
+        RMS over these trials as they are, (6,) [N, N·m].
+    held_out
+        Share of the mean square of one half of the trials or cycles that it takes away with a size
+        found in the other half, (6,); NaN where it is not certain.
+    """
+
+    name: str
+    trials: tuple[str, ...]
+    cause: EstimatedCause
+    rms: ByAxis
+    held_out: ByAxis
+
+    @property
+    def holds(self) -> bool:
+        """Whether it lowers residuals in which its size was not found."""
+        return bool(np.nansum(self.held_out) > 0)
+
+
 @dataclass(frozen=True, slots=True)
 class Budget:
     """What a trial's residuals are made of, and how sure that is.
@@ -182,8 +252,9 @@ class Budget:
     of_window
         The same over the part of the gait cycles that the condition asks for; empty where it asks
         for whole ones.
-    bands
-        The residuals over time; not in files of JSON.
+    bands, evidence
+        The residuals over time, and what the trial says of causes that others share; not in files
+        of JSON.
     """
 
     source: Path
@@ -201,3 +272,6 @@ class Budget:
     uncertainty: tuple[RmsUncertainty, ...] = ()
     of_window: tuple[RmsUncertainty, ...] = ()
     bands: Annotated[Bands | None, PlainValidator(lambda bands: bands), Field(exclude=True)] = None
+    evidence: Annotated[
+        TrialEvidence | None, PlainValidator(lambda evidence: evidence), Field(exclude=True)
+    ] = None

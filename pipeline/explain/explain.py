@@ -8,6 +8,7 @@ from hbm.notes import Note
 from hbm.spatial import Array
 from pipeline.explain.budget import Budget, EstimatedCause, GroupShare
 from pipeline.explain.cause import OF_PERSON, Cause
+from pipeline.explain.joint import trial_evidence
 from pipeline.explain.linearise import (
     MIN_CYCLES,
     ExplainedPart,
@@ -64,6 +65,7 @@ def explain_trial(recording: Recording, laboratory: Laboratory, result: TrialRes
     left = left_by_filter(chain)
     noise = noise_of_samples(chain)
     as_measured, effects, posterior = linearised(chain, causes, left, part.series, noise)
+    of = result.subject.id, str(result.name)
     uncertainty, of_window, bands = measured_uncertainty(part, as_measured, noise, result)
 
     residual, of_causes = chain.residual[counts], effects[:, counts]
@@ -106,6 +108,7 @@ def explain_trial(recording: Recording, laboratory: Laboratory, result: TrialRes
         uncertainty=uncertainty,
         of_window=of_window,
         bands=bands,
+        evidence=trial_evidence(part, chain.residual - left, effects, noise, of),
     )
 
 

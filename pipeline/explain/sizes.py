@@ -12,14 +12,14 @@ ones.
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from enum import IntEnum
+from enum import StrEnum
 from typing import Final
 
 import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
 
 from hbm.spatial import Array, Indices, Mask
-from pipeline.explain.cause import Cause
+from pipeline.explain.cause import Cause, groups
 from pipeline.explain.series import CycleSeries
 
 ROUNDS: Final = 80
@@ -39,6 +39,8 @@ MOST_ODDS: Final = 300.0
 VARIANCE: Final = np.array([0.5, 6.0]) ** 2
 """Of a size without and with a fault, in squared usual sizes: what is published of plates in use is
 a mixture of both."""
+MOST_CERTAIN: Final = 1 - 1e-9
+"""Chance of a fault at most; 1 is that of what is usually there."""
 MIN_VARIANCE: Final = 1e-10
 """So that nothing is divided by zero."""
 PATTERNS_SHARE: Final = 0.99
@@ -123,15 +125,18 @@ def estimate_sizes(
     patterns shows the variance between cycles.
     """
     names = tuple(map(str, range(len(prior))))
-    sharing = np.full(len(prior), Sharing.TRIAL)
-    seen = Evidence(
-        *_coefficients(residual, effects, prior, of_platform, noise), names, rare, sharing
-    )
-    found = _posterior(seen, find_faults([seen]))
+    sharing = (Sharing.TRIAL,) * len(prior)
+    seen = _coefficients(residual, effects, prior, of_platform, noise)
+    found = _posterior(trial := Evidence(*seen, names, rare, sharing), find_faults([trial]))
+    return _in_units(found, prior, len(residual))
+
+
+def _in_units(found: Posterior, prior: Array, cycles: int) -> Posterior:
+    """Give sizes in their units from those in usual sizes."""
     return Posterior(
         found.size * prior,
         found.covariance * np.outer(prior, prior),
-        found.unexplained[:6] / np.sqrt(len(residual)),
+        found.unexplained[:6] / np.sqrt(cycles),
         found.chance,
         found.if_there * prior,
     )
@@ -163,12 +168,12 @@ def _coefficients(
     )
 
 
-class Sharing(IntEnum):
-    """What has one size of a cause."""
+class Sharing(StrEnum):
+    """What has one size of a cause, by the names of `groups.toml`."""
 
-    TRIAL = 0
-    SUBJECT = 1
-    LABORATORY = 2
+    TRIAL = "trial"
+    SUBJECT = "subject"
+    LABORATORY = "laboratory"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -188,7 +193,7 @@ class Evidence:
     rare
         Causes that are faults, (K,).
     sharing
-        What has one size of each cause, (K,).
+        What has one size of each cause, K.
     subject
         Whose trial it is.
     """
@@ -199,7 +204,7 @@ class Evidence:
     effects: Array
     names: tuple[str, ...]
     rare: Mask
-    sharing: Indices
+    sharing: tuple[Sharing, ...]
     subject: str = ""
 
     def information(self, undescribed: Array) -> "Information":
@@ -209,8 +214,8 @@ class Evidence:
 
     def others(self, sharing: Sharing) -> set[str]:
         """Give the causes that are no faults and have one size in a trial, subject, laboratory."""
-        own = ~self.rare & (self.sharing == sharing)
-        return {name for name, is_own in zip(self.names, own, strict=True) if is_own}
+        every = zip(self.names, self.rare, self.sharing, strict=True)
+        return {name for name, rare, own in every if own == sharing and not rare}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -337,7 +342,7 @@ def find_faults(trials: Sequence[Evidence]) -> Faults:
         if number:
             faults, given = _faults(trials, undescribed)
         known = faults.precision + np.diag(1 / VARIANCE[there.astype(int)])
-        covariance = np.linalg.inv(known)
+        covariance: Array = np.asarray(np.linalg.inv(known), float)
         size = covariance @ faults.pull
         for _ in range(SWEEPS):
             chance, if_there = _sweep(there, size, covariance, rng)
@@ -439,7 +444,8 @@ def _averaged(draws: Sequence[tuple[Array, ...]]) -> tuple[Array, Array, Array, 
     apart = mean - mean.mean(axis=0)
     between = covariance.mean(axis=0) + apart.T @ apart / len(mean)
     if_there = np.array([named, np.sqrt(spread)])
-    return mean.mean(axis=0), between, odds / (1 + odds), if_there
+    chance = np.minimum(odds / (1 + odds), MOST_CERTAIN)
+    return mean.mean(axis=0), between, chance, if_there
 
 
 def _posterior(trial: Evidence, faults: Faults) -> Posterior:
@@ -480,14 +486,15 @@ def _by_frequency(variance: Array) -> Array:
     return np.vstack([variance[:1], np.repeat(of_both, 2, axis=0)])
 
 
-def sizes_from_cycles(
+def evidence_of(
     residual: Array,
     effects: Array,
     causes: Sequence[Cause],
     series: CycleSeries,
     noise: Array | float = 0.0,
-) -> Posterior:
-    """Estimate the sizes of causes from some gait cycles.
+    of: tuple[str, str] = ("", ""),
+) -> Evidence:
+    """Give what some gait cycles say of their causes.
 
     Parameters
     ----------
@@ -501,6 +508,52 @@ def sizes_from_cycles(
         The gait cycles.
     noise
         As for `estimate_sizes`.
+    of
+        The subject, and the trial.
+
+    Returns
+    -------
+    Evidence
+        Around the sizes that are expected (`expected`). What a calibration leaves is a cause of
+        each trial, as its directions are.
+    """
+    mean, prior, _ = expected(causes)
+    usual = residual - np.tensordot(mean, effects, 1)
+    of_platform = np.array([cause.of_platform for cause in causes])
+    rare = np.array([cause.prior.rare and not cause.found for cause in causes])
+    sharing = tuple(
+        Sharing.TRIAL if cause.along is not None else Sharing(groups()[cause.group]["within"])
+        for cause in causes
+    )
+    subject, trial = of
+    owner = {Sharing.TRIAL: trial, Sharing.SUBJECT: subject, Sharing.LABORATORY: ""}
+    names = [
+        f"{owner[own]}: {cause.name}".removeprefix(": ")
+        for cause, own in zip(causes, sharing, strict=True)
+    ]
+    coefficients = series.coefficients(usual), series.coefficients(effects)
+    seen = _coefficients(*coefficients, prior, of_platform, noise)
+    return Evidence(*seen, tuple(names), rare, sharing, subject)
+
+
+def expected(causes: Sequence[Cause]) -> tuple[Array, Array, dict[int, float]]:
+    """Give the mean and usual size of each cause, and the deviation of those found elsewhere."""
+    mean = np.array([cause.prior.mean for cause in causes])
+    prior = np.array([cause.prior.size for cause in causes])
+    found = {k: cause.found for k, cause in enumerate(causes) if cause.found}
+    for k, (size, deviation) in found.items():
+        mean[k], prior[k] = size, HELD * deviation
+    return mean, prior, {k: deviation for k, (_, deviation) in found.items()}
+
+
+def sizes_from_cycles(
+    residual: Array,
+    effects: Array,
+    causes: Sequence[Cause],
+    series: CycleSeries,
+    noise: Array | float = 0.0,
+) -> Posterior:
+    """Estimate the sizes of causes from some gait cycles; parameters as for `evidence_of`.
 
     Returns
     -------
@@ -508,18 +561,11 @@ def sizes_from_cycles(
         Of all causes. Those whose size was found elsewhere keep it, and the others are as unsure as
         that makes them.
     """
-    mean = np.array([cause.prior.mean for cause in causes])
-    prior = np.array([cause.prior.size for cause in causes])
-    of_platform = np.array([cause.of_platform for cause in causes])
-    rare = np.array([cause.prior.rare and not cause.found for cause in causes])
-    found = {k: cause.found for k, cause in enumerate(causes) if cause.found}
-    for k, (size, deviation) in found.items():
-        mean[k], prior[k] = size, HELD * deviation
-    usual = residual - np.tensordot(mean, effects, 1)
-    coefficients = series.coefficients(usual), series.coefficients(effects)
-    posterior = estimate_sizes(*coefficients, prior, of_platform, rare, noise)
+    trial = evidence_of(residual, effects, causes, series, noise)
+    mean, prior, found = expected(causes)
+    posterior = _in_units(_posterior(trial, find_faults([trial])), prior, len(series))
     covariance, if_there = posterior.covariance, posterior.if_there.copy()
-    for k, (_, deviation) in found.items():  # the others follow it
+    for k, deviation in found.items():  # the others follow it
         follow = deviation * covariance[:, k] / covariance[k, k]
         covariance = covariance + np.outer(follow, follow)
         if_there[1] = np.hypot(if_there[1], follow)

@@ -1,4 +1,4 @@
-"""Plates mended as a person states it: channels reversed, turned, exchanged or unwrapped."""
+"""Plates mended as a person states it: channels reversed, turned, scaled; plates moved."""
 
 from dataclasses import replace
 from typing import Final, NamedTuple
@@ -77,9 +77,9 @@ def _wraps(channel: Array, jumps: Array, least: float) -> bool:
 def with_mended_plates(recording: Recording) -> Recording:
     """Mend the plates of a recording as is stated of it; a note says what was done.
 
-    Reversed, turned and unwrapped channels are those of the plate's own axes about the centre of
-    its surface; one that does not wrap in this recording stays as it is. Exchanged plates keep
-    their places and exchange what they measured. A recording without plates stays as it is.
+    Channels are those of the plate's own axes about the centre of its surface, the action on the
+    subject. One that does not wrap in this recording stays as it is. Exchanged plates keep their
+    places and exchange what they measured. A recording without plates stays as it is.
 
     Raises
     ------
@@ -107,6 +107,18 @@ def with_mended_plates(recording: Recording) -> Recording:
             wrench = np.array(plate.wrench_in_plate)
             k = WRENCH_COMPONENTS.index(what)
             wrench[:, k] = _unwrapped(wrench[:, k])
+            plates[number] = _measuring(plate, plate.time, wrench)
+        elif deed == "move":
+            axis, metres = what.split()
+            moved = float(metres) * plate.rotation[:, "xyz".index(axis)]
+            plates[number] = replace(
+                plate, center=plate.center + moved, corners=plate.corners + moved
+            )
+        elif deed in ("gain", "zero"):
+            component, value = what.split()
+            wrench = np.array(plate.wrench_in_plate)
+            channel = wrench[:, WRENCH_COMPONENTS.index(component)]
+            channel[:] = channel * float(value) if deed == "gain" else channel - float(value)
             plates[number] = _measuring(plate, plate.time, wrench)
         else:
             change = turning(int(what)) if deed == "turn" else reversing(what)

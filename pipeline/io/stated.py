@@ -34,10 +34,15 @@ MAX_SPAN_M: Final = 20.0
 
 MENDING: Final = re.compile(
     r"\s*(\d{1,2})\s*:\s*(?:(reverse)\s+([FM][xyz]|all)|(turn)\s+(90|180|270)"
-    r"|(exchange)\s+(\d{1,2})|(unwrap)\s+([FM][xyz]))\s*",
+    r"|(exchange)\s+(\d{1,2})|(unwrap)\s+([FM][xyz])"
+    r"|(gain|zero)\s+([FM][xyz]\s+[-+]?\d+(?:\.\d+)?)"
+    r"|(move)\s+([xyz]\s+[-+]?\d+(?:\.\d+)?))\s*",
     re.ASCII,
 )
-EXAMPLES: Final = "3: reverse Fx, 2: turn 90, 1: exchange 2, or 2: unwrap Mz"
+EXAMPLES: Final = (
+    "3: reverse Fx, 2: turn 90, 1: exchange 2, 2: unwrap Mz, 1: gain Fz 0.97, 1: zero Fx 2.5 or "
+    "1: move x -0.008"
+)
 
 
 def parse_mending(text: str) -> tuple[int, str, str]:

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.budgets.explanation import read_explanation
+from pipeline.budgets.explanation import Explanation, read_explanation
 from pipeline.budgets.study import FOLDER, bands_of, explain_planned, plan_explanations, study_of
 from pipeline.cli.app import main
 from pipeline.config.study import read_study
@@ -56,7 +56,7 @@ def quick(monkeypatch):
 @pytest.fixture
 def known(copy, monkeypatch):
     """Trials are explained as they were: what that takes is not tested here."""
-    stored = {path: read_explanation(path) for path in (copy / FOLDER).glob("*.json")}
+    stored = {path: read_explanation(path, Explanation) for path in (copy / FOLDER).glob("sub*.json")}
     by_key = {explanation.key: explanation for explanation in stored.values()}
     monkeypatch.setattr("pipeline.budgets.study.explain", lambda *trial: by_key[trial[-1]])
 
@@ -144,7 +144,7 @@ def test_a_report_says_which_explanations_it_does_not_show_and_what_adds_them(co
 
 def test_the_uncertainty_of_a_perturbed_trial_is_also_of_the_part_that_counts(explained):
     budgets = {
-        name: read_explanation(explained / FOLDER / f"sub01_{name}.json").budget
+        name: read_explanation(explained / FOLDER / f"sub01_{name}.json", Explanation).budget
         for name in ("baseline", "sway")
     }
     assert budgets["baseline"].of_window == ()
