@@ -30,7 +30,8 @@ from pipeline.run.request import TrialRequest
 if TYPE_CHECKING:
     import pandas as pd
 
-    from pipeline.budgets.explanation import Explanation
+    from pipeline.budgets.explanation import Explanation, StudyExplanation
+    from pipeline.config.study import Study
     from pipeline.export.compensated_c3d import Frame, Written
     from pipeline.trial.result import TrialResult
 
@@ -129,14 +130,20 @@ def explain(
     request: TrialRequest,
     out: Annotated[Path | None, Option(help="For one trial; default: results.")] = None,
     jobs: Jobs = 1,
+    apply: Annotated[
+        Path | None, Option(help="Folder for the study with what is certain corrected.")
+    ] = None,
 ) -> int:
-    """Of each pelvis residual: shares of its causes, and how sure they are. Nothing is corrected.
+    """Of each pelvis residual: shares of its causes, and how sure they are.
 
     TRIAL may be a results folder of 'hbm run': all trials of the study are explained, from their
-    recordings, and 'hbm report' shows it.
+    recordings, and 'hbm report' shows it. With --apply, a study is written whose settings correct
+    delay, zeros, gains and places of plates and masses; never the recordings.
     """
     if request.trial.is_dir():
-        return _explain_results(request, out, jobs)
+        return _explain_results(request, out, jobs, apply)
+    if apply:
+        raise ValueError("--apply goes with the results of a study (hbm explain RESULTS --apply)")
     return _explain_trial(request, out or Path("results"))
 
 
@@ -189,7 +196,9 @@ def print_explanation(explanation: "Explanation", console: PlainConsole) -> None
     console.say_notes(explanation.budget.notes)
 
 
-def _explain_results(request: TrialRequest, out: Path | None, jobs: int) -> int:
+def _explain_results(
+    request: TrialRequest, out: Path | None, jobs: int, corrected: Path | None
+) -> int:
     from rich.text import Text
 
     from pipeline.budgets.study import (
@@ -215,7 +224,33 @@ def _explain_results(request: TrialRequest, out: Path | None, jobs: int) -> int:
     for line in together.lines or ("No certain fault makes much of a residual.",):
         console.say(line)
     console.say(f"{counts_of(finished, 'explained')}; next: hbm report {folder}")
+    if corrected:
+        _apply(study, folder, together, corrected, console)
     return int(any(outcome.failure is not None for outcome in finished))
+
+
+def _apply(
+    study: "Study",
+    folder: Path,
+    found: "StudyExplanation",
+    corrected: Path,
+    console: PlainConsole,
+) -> None:
+    """Write the corrected study and say what is in it."""
+    from pipeline.budgets.corrections import write_corrected
+    from pipeline.run.store import read_trial
+
+    results = [read_trial(path, frames=False) for path in (folder / "trials").glob(f"*{RESULT}")]
+    mass_kg = {result.subject.id: result.body.mass for result in results}
+    written, left_out = write_corrected(study, found, mass_kg, folder, corrected)
+    for each in written:
+        console.say(f"corrected: {each.cause}: {each.setting}")
+    for name in left_out:
+        console.say(f"not corrected: {name} does not lower residuals in which it was not found")
+    count = counted(len(written), "correction")
+    console.say(
+        f"{corrected}: study with {count}; next: hbm run {corrected} --out {corrected}/results"
+    )
 
 
 AnkleZero = Literal["right_angle", "in_line"]

@@ -545,6 +545,10 @@ class Trial(InputModel):
     """When it was recorded, where subjects came more than once."""
     window: Window | None = Field(default=None, examples=[[2.0, 30.0]])
     """What of this recording counts; default: as the condition says."""
+    mend_plates: Annotated[tuple[MendingText, ...], Field(strict=False)] = Field(
+        default=(), examples=[["1: zero Fx 2.5"]]
+    )
+    """Mend a plate in this recording, after what the study states."""
     contacts: Annotated[tuple[PlateContact, ...], Field(strict=False)] = ()
 
     @model_validator(mode="after")
@@ -559,7 +563,7 @@ class Trial(InputModel):
         return tuple(filter(None, (self.file, self.forces, self.record)))
 
 
-def _recordings(stated: object) -> object:
+def recording_tables(stated: object) -> tuple[Any, ...]:
     """Give the tables of a condition's recordings, stated as one table, as files or as tables."""
     if isinstance(stated, list | tuple) and stated:
         return tuple(stated)
@@ -578,8 +582,29 @@ def _recordings(stated: object) -> object:
     return tuple({"file": file, **others} for file in files)
 
 
-Recordings = Annotated[tuple[Trial, ...], BeforeValidator(_recordings)]
+Recordings = Annotated[tuple[Trial, ...], BeforeValidator(recording_tables)]
 """A subject's recordings of one condition."""
+
+
+class Correction(InputModel):
+    """What 'hbm explain --apply' corrected in this study, and why; the setting itself does it."""
+
+    setting: Text
+    """As it is stated."""
+    cause: Text
+    """What was found, with its 95 % interval."""
+    trials: int
+    """How many trials share it."""
+    residual: Text
+    """The one that it lowers most."""
+    before: float
+    """Its RMS over these trials."""
+    after: float
+    """Its RMS if only this is corrected, as explained."""
+    held_out_percent: float
+    """Of its mean square in trials or gait cycles in which the size was not found."""
+    source: Text
+    """Results that were explained."""
 
 
 class StudyFile(RecordingRules):
@@ -598,6 +623,7 @@ class StudyFile(RecordingRules):
     """Other ways of processing: name, and the settings that differ; also treadmill.KEY and
     plates.KEY. Each is processed too, and the report says whether the conclusion depends on it."""
     comparison: Comparison | None = None
+    corrections: Annotated[tuple[Correction, ...], Field(strict=False, exclude=True)] = ()
 
 
 class SubjectFile(Subject):

@@ -97,6 +97,11 @@ class Study:
             for name, trial in person.named_trials.items()
         }
 
+    def stated_of(self, trial: Trial) -> Stated:
+        """How the recording of a trial is to be read: as all, and what is stated of it alone."""
+        every = self.stated
+        return replace(every, mend_plates=(*every.mend_plates, *trial.mend_plates))
+
     def trial(self, name: TrialName) -> Trial:
         """Give a trial; a ValueError names those that the subject has."""
         return _known("trial", name, self.subject(name.subject).named_trials)

@@ -90,6 +90,8 @@ def _lines(kind: type[BaseModel], table: str, given: Mapping[str, Any] | None) -
     """Lay out a model's keys, then its tables; all behind a # where nothing is given."""
     keys, tables = [], []
     for name, field in kind.model_fields.items():
+        if field.exclude:
+            continue
         place = f"{table}.{name}" if table else name
         stated = None if given is None else given.get(name)
         if inner := models_in(field.annotation):

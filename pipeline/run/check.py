@@ -163,7 +163,9 @@ def _check_trial(
         return own, preview
 
     own, preview = check(
-        lambda: preview_recording(path, study.stated, forces, record=record, static=static)
+        lambda: preview_recording(
+            path, study.stated_of(trial), forces, record=record, static=static
+        )
     )
     if own.faults or trial.contacts:
         missing = preview.missing if preview is not None else {}

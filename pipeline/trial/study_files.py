@@ -47,7 +47,7 @@ def read_study_file(
         require_file(study.folder, wanted)
     return read_recording(
         study.path(name),
-        study.stated,
+        study.stated_of(trial),
         study.path(trial.forces) if trial.forces else None,
         record=study.path(trial.record) if trial.record else None,
         static=study.path(static) if static else None,

@@ -56,7 +56,9 @@ def quick(monkeypatch):
 @pytest.fixture
 def known(copy, monkeypatch):
     """Trials are explained as they were: what that takes is not tested here."""
-    stored = {path: read_explanation(path, Explanation) for path in (copy / FOLDER).glob("sub*.json")}
+    stored = {
+        path: read_explanation(path, Explanation) for path in (copy / FOLDER).glob("sub*.json")
+    }
     by_key = {explanation.key: explanation for explanation in stored.values()}
     monkeypatch.setattr("pipeline.budgets.study.explain", lambda *trial: by_key[trial[-1]])
 

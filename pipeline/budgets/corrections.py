@@ -1,0 +1,151 @@
+"""A study with what its explanation found corrected: settings with their source, no recordings."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import tomli_w
+
+from hbm.spelling import Table
+from pipeline.budgets.explanation import StudyExplanation
+from pipeline.budgets.words import LATE, MASS, size_in_words
+from pipeline.config.schema import Correction, TrialName, recording_tables
+from pipeline.config.study import Study
+from pipeline.config.toml_file import read_table
+from pipeline.explain.budget import SharedCause
+from pipeline.explain.joint import MENDABLE
+from pipeline.io.write import whole_file
+from pipeline.trial.residuals import AXES
+
+MENDINGS: Final[Mapping[str, str]] = {
+    "gain of ": "{plate}: gain {what} {factor:.5f}",
+    "zero of ": "{plate}: zero {what} {size:.3f}",
+    "place along ": "{plate}: move {what} {back:.5f}",
+}
+"""Beginning of a fault of a plate -> how `mend_plates` states its correction."""
+NOT_FILES: Final = ("name", "id", "exclude", "rename")
+"""Keys whose texts are no files."""
+
+
+def write_corrected(
+    study: Study, found: StudyExplanation, mass_kg: Mapping[str, float], results: Path, out: Path
+) -> tuple[list[Correction], list[str]]:
+    """Write a study whose settings carry the corrections that are certain.
+
+    Parameters
+    ----------
+    study
+        The study that was explained.
+    found
+        Its explanation.
+    mass_kg
+        Subject -> body mass that the results are of [kg].
+    results
+        Folder of its results.
+    out
+        Folder for the corrected study; its files name the recordings where they are.
+
+    Returns
+    -------
+    written
+        The corrections: of the delay, of zeros, gains and places of plates, and of masses, each of
+        which lowers residuals in which its size was not found.
+    left_out
+        Names of other causes that are certain, but do not.
+
+    Raises
+    ------
+    ValueError
+        If ``out`` holds a study already.
+    OSError
+        If it cannot be written to.
+    """
+    if (out / "study.toml").exists():
+        raise ValueError(f"{out}: there is a study already; name another folder with --apply")
+    every = {path.name: read_table(path) for path in sorted(study.folder.glob("*.toml"))}
+    tables = {n: own for n, own in every.items() if n == "study.toml" or "trials" in own}
+    people = {table["id"]: table for table in tables.values() if "trials" in table}
+    for person in people.values():
+        trials = person["trials"].items()
+        person["trials"] = {key: recording_tables(stated) for key, stated in trials}
+    written, left_out = list[Correction](), list[str]()
+    for own in found.causes:
+        if not own.cause.is_certain or own.cause.group not in MENDABLE:
+            continue
+        setting = ""
+        if own.holds:
+            setting = _state(own, study, tables["study.toml"], people, mass_kg)
+        if setting:
+            written.append(_correction(own, setting, os.path.relpath(results, out)))
+        elif not own.holds:
+            left_out.append(f"{own.name} {size_in_words(own.cause)}")
+    tables["study.toml"]["corrections"] = [each.model_dump() for each in written]
+    for name, table in tables.items():
+        with whole_file(out / name) as temporary:
+            moved = _moved(table, study.folder, out)
+            temporary.write_text(tomli_w.dumps(moved), encoding="utf-8")
+    return written, left_out
+
+
+def _correction(own: SharedCause, setting: str, source: str) -> Correction:
+    """Give what is stated of a correction."""
+    fall = 1 - own.cause.left / own.rms
+    axis = int(fall.argmax())
+    return Correction(
+        setting=setting,
+        cause=f"{own.name} {size_in_words(own.cause)}",
+        trials=len(own.trials),
+        residual=AXES[axis],
+        before=round(float(own.rms[axis]), 2),
+        after=round(float(own.cause.left[axis]), 2),
+        held_out_percent=round(100 * float(own.held_out[axis]), 1),
+        source=source,
+    )
+
+
+def _state(
+    own: SharedCause,
+    study: Study,
+    file: Table,
+    people: Mapping[str, Table],
+    mass_kg: Mapping[str, float],
+) -> str:
+    """State the correction of a cause in the tables of a study; empty where no setting does it."""
+    cause, trial = own.cause, TrialName(*own.trials[0].split(" "))
+    calibrated = study.file.plates.calibration is not None
+    if cause.name == MASS:
+        mass = round(mass_kg[trial.subject] / (1 + cause.size), 2)
+        people[trial.subject]["mass_kg"] = mass
+        return f"{trial.subject} mass_kg = {mass}"
+    if calibrated:  # its own delay, matrix and offset go before
+        return ""
+    if cause.name == LATE:
+        delay_s = round((study.file.settings.plate_delay_s or 0.0) + cause.size, 5)
+        file.setdefault("settings", {})["plate_delay_s"] = delay_s
+        return f"plate_delay_s = {delay_s}"
+    plate, _, fault = cause.name.removeprefix("plate ").partition(": ")
+    for kind, pattern in MENDINGS.items():
+        if fault.startswith(kind):
+            factor, back = 1 / (1 + cause.size), -cause.size
+            text = pattern.format(
+                plate=plate, what=fault.split()[-1], factor=factor, size=cause.size, back=back
+            )
+            stated = file
+            if own.name != cause.name:  # of one trial
+                recordings = people[trial.subject]["trials"][trial.condition]
+                stated = recordings[int(trial.recording or 1) - 1]
+            stated["mend_plates"] = [*stated.get("mend_plates", ()), text]
+            return f'{own.name.removesuffix(cause.name)}mend_plates "{text}"'
+    return ""
+
+
+def _moved(value: Any, folder: Path, out: Path, key: str = "") -> Any:
+    """Name the files of a study as seen from another folder."""
+    if isinstance(value, dict):
+        return {name: _moved(own, folder, out, name) for name, own in value.items()}
+    if isinstance(value, list | tuple):
+        return [_moved(own, folder, out, key) for own in value]
+    if isinstance(value, str) and key not in NOT_FILES and (folder / value).is_file():
+        return os.path.relpath(folder / value, out)
+    return value
