@@ -90,8 +90,7 @@ def write_corrected(
 
 def _correction(own: SharedCause, setting: str, source: str) -> Correction:
     """Give what is stated of a correction."""
-    fall = 1 - own.cause.left / own.rms
-    axis = int(fall.argmax())
+    axis = own.axis
     return Correction(
         setting=setting,
         cause=f"{own.name} {size_in_words(own.cause)}",

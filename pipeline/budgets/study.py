@@ -151,12 +151,9 @@ def explain_study(study: Study, folder: Path, planned: Sequence[Job]) -> StudyEx
     Nothing is computed again where no trial has changed.
     """
     jobs = {str(job.name): job for job in planned if up_to_date(job.target, job.key)}
-    key = explanation_key(" ".join(job.key for job in jobs.values()))
-    path = folder / FOLDER / STUDY
-    with suppress(OSError, ValueError):
-        there = read_explanation(path, StudyExplanation)
-        if there.key == key:
-            return there
+    key = explanation_key(" ".join(sorted(job.key for job in jobs.values())))
+    if (there := explained_study(folder, key)) is not None:
+        return there
     calibrated = study.file.plates.calibration is not None
     trials = folder.resolve() / "trials"
     stated = {
@@ -171,8 +168,17 @@ def explain_study(study: Study, folder: Path, planned: Sequence[Job]) -> StudyEx
         )
     lines = study_lines(causes, stated)
     found = StudyExplanation(FORMAT_VERSION, key, tuple(jobs), tuple(causes), lines)
-    write_explanation(found, path)
+    write_explanation(found, folder / FOLDER / STUDY)
     return found
+
+
+def explained_study(folder: Path, key: str) -> StudyExplanation | None:
+    """Read the explanation of all trials together with a key; None where there is none."""
+    try:
+        found = read_explanation(folder / FOLDER / STUDY, StudyExplanation)
+    except (OSError, ValueError):
+        return None
+    return found if found.key == key else None
 
 
 def explain_job(job: Job) -> Outcome:
@@ -232,7 +238,7 @@ def bands_of(result: Path, trial: TrialResult) -> Bands | None:
 
 def explanations(
     folder: Path, trials: Mapping[TrialName, TrialResult]
-) -> tuple[dict[TrialName, Explanation], dict[str, str], str]:
+) -> tuple[dict[TrialName, Explanation], dict[str, str], tuple[str, ...], str]:
     """Give what is known of the trials of a results folder, by their names.
 
     Returns
@@ -241,6 +247,8 @@ def explanations(
         The explanations of these results by this program.
     reasons
         "subject condition recording" -> why it could not be explained.
+    lines
+        What all of them show together, and what to do; empty where that is of other trials.
     stale
         Which explanations are of other results or programs, or damaged, and what makes them anew;
         empty where there are none.
@@ -259,4 +267,7 @@ def explanations(
         f"Not shown are the explanations of {listed(others)}: they are of other results or made by "
         "another version of hbm, or damaged; run 'hbm explain RESULTS'."
     )
-    return explained, reasons, stale * bool(others)
+    of_all = explanation_key(" ".join(sorted(own.key for own in explained.values())))
+    together = explained_study(folder, of_all)
+    lines = together.lines if together is not None else ()
+    return explained, reasons, lines, stale * bool(others)

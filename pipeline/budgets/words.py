@@ -197,13 +197,12 @@ def study_lines(causes: Sequence[SharedCause], stated: Mapping[str, StatedNow]) 
     """
     lines = []
     for own in causes:
-        fall = 1 - own.cause.left / own.rms
-        axis = int(fall.argmax())
+        axis = own.axis
+        rms = float(own.rms[axis]), float(own.cause.left[axis])
         is_person = own.cause.group in OF_PERSON and own.cause.name != MASS
-        if not own.cause.is_certain or is_person or fall[axis] < MIN_FALL:
+        if not own.cause.is_certain or is_person or rms[1] > (1 - MIN_FALL) * rms[0]:
             continue
         action = what_to_do(own.cause, stated[own.trials[0]])
-        rms = float(own.rms[axis]), float(own.cause.left[axis])
         owner = own.name.removesuffix(own.cause.name)
         count = f" ({len(own.trials)} trials)" * (len(own.trials) > 1)
         held = ""

@@ -212,9 +212,14 @@ class SharedCause:
     held_out: ByAxis
 
     @property
+    def axis(self) -> int:
+        """The residual that would fall most, as a share of itself."""
+        return int(np.argmax(1 - self.cause.left / self.rms))
+
+    @property
     def holds(self) -> bool:
-        """Whether it lowers residuals in which its size was not found."""
-        return bool(np.nansum(self.held_out) > 0)
+        """Whether it lowers that residual where its size was not found."""
+        return bool(self.held_out[self.axis] > 0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -85,15 +85,13 @@ def explain_together(trials: Mapping[str, TrialEvidence]) -> list[SharedCause]:
     late = (name for name, own in usual.items() if not np.isnan(own.found))
     sizes |= {name: (usual[name].mean, usual[name].found, 1.0) for name in late}
     shared = [_shared(name, trials, *own) for name, own in sizes.items()]
-    of_trials: dict[tuple[str, ...], list[SharedCause]] = {}
-    for own in shared:
-        if own.cause.is_certain and own.cause.group in MENDABLE:
-            of_trials.setdefault(own.trials, []).append(own)
-    judged = {
-        name: held_out
-        for names, causes in of_trials.items()
-        for name, held_out in _held_out(causes, {n: trials[n] for n in names}, usual).items()
-    }
+    certain = [own for own in shared if own.cause.is_certain and own.cause.group in MENDABLE]
+    judged: dict[str, Array] = {}
+    for names in dict.fromkeys(own.trials for own in certain):
+        asked = [own for own in certain if own.trials == names]
+        known = {own.name: own.cause.size for own in certain if own not in asked}
+        own_trials = {name: _without(trials[name], known) for name in names}
+        judged |= _held_out(asked, own_trials, usual)
     return [replace(own, held_out=judged.get(own.name, own.held_out)) for own in shared]
 
 
@@ -170,6 +168,20 @@ def _shared(
     return SharedCause(name, tuple(own), cause, before, np.full(6, np.nan))
 
 
+def _without(trial: TrialEvidence, sizes: Mapping[str, float]) -> TrialEvidence:
+    """Give what a trial says once some causes are taken away."""
+
+    def left(own: Evidence) -> Evidence:
+        gone = np.zeros(len(own.names))
+        for k, name in enumerate(own.names):
+            if name in sizes:
+                gone[k] = (sizes[name] - trial.mean[k]) / trial.size[k]
+        return replace(own, values=own.values - gone @ own.effects)
+
+    first, second = left(trial.first), left(trial.second)
+    return replace(trial, whole=left(trial.whole), first=first, second=second)
+
+
 def _held_out(
     causes: Sequence[SharedCause], trials: Mapping[str, TrialEvidence], usual: Mapping[str, _Usual]
 ) -> dict[str, Array]:
@@ -199,16 +211,13 @@ def _held_out(
             for cause in causes
         }
         for trial, own in judged_in:
-            raw = own.values + (trial.mean / trial.size) @ own.effects
-            added = {
-                name: size * own.effects[k] / trial.size[k]
-                for name, size in sizes.items()
-                if name in own.names and (k := own.names.index(name)) >= 0
-            }
-            left = raw - np.sum([*added.values()], axis=0)
+            place = {name: own.names.index(name) for name in sizes if name in own.names}
+            effect = {name: own.effects[k] / trial.size[k] for name, k in place.items()}
+            left = own.values + sum(trial.mean[k] * effect[name] for name, k in place.items())
+            left = left - sum(sizes[name] * effect[name] for name in place)
             with_all += _by_axis(left**2, own)
-            for name, effect in added.items():
-                without[name] += _by_axis((left + effect) ** 2, own)
+            for name in place:
+                without[name] += _by_axis((left + sizes[name] * effect[name]) ** 2, own)
     return {name: 1 - with_all / square for name, square in without.items()}
 
 

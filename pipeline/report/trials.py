@@ -1,6 +1,7 @@
 """Single trials on the page of a report: problems, quality, what their residuals are made of."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from typing import Any, Final
 
 import numpy as np
@@ -9,6 +10,7 @@ import pandas as pd
 from pipeline.budgets.explanation import Explanation
 from pipeline.budgets.words import CAPTION, budget_table
 from pipeline.config.schema import NOUNS, TrialName
+from pipeline.config.study import Study
 from pipeline.report.blocks import Check, Table, Text
 from pipeline.run.load import Results
 from pipeline.run.provenance import Provenance, TrialState
@@ -72,6 +74,42 @@ def problems(
     if missing:
         lead = f"{missing} of {len(states)} trials are not in the tables and figures."
     return {"lead": lead, "lines": lines}
+
+
+def corrections_table(study: Study | None, headline: pd.DataFrame) -> Table | None:
+    """Name what 'hbm explain --apply' corrected, and residuals before and after; None without.
+
+    `headline` has the residuals of this study's trials; those before are in the results that were
+    explained, as long as these are there.
+    """
+    if study is None or not study.file.corrections:
+        return None
+    rows = [
+        (
+            each.cause,
+            each.setting,
+            str(each.trials),
+            f"{each.residual} {each.before:.1f} → {each.after:.1f}",
+            f"{each.held_out_percent:.0f} %",
+        )
+        for each in study.file.corrections
+    ]
+    before = study.folder / study.file.corrections[0].source / "residuals.csv"
+    legend = "What the results that were explained had is not there any more."
+    with suppress(OSError, KeyError, ValueError):
+        old = _mean_rms(pd.read_csv(before).query("headline"))
+        new = _mean_rms(headline)
+        fall = ", ".join(f"{axis} {old[axis]:.1f} → {new[axis]:.1f}" for axis in new.index)
+        legend = f"Mean RMS over all trials before and after all corrections: {fall}."
+    heads = ("Found by hbm explain", "Corrected by", "Trials", "This alone", "Where not found")
+    caption = "Corrections. Share of the mean square in trials or cycles where it was not found"
+    return Table(caption, heads, rows, "numbers", legend)
+
+
+def _mean_rms(headline: pd.DataFrame) -> pd.Series:
+    """Give the mean RMS of each residual, compensated where it is."""
+    best = headline[headline["compensated"].astype(bool) == headline["compensated"].any()]
+    return best.groupby("axis", sort=False)["rms"].mean()
 
 
 def quality_table(rated: Mapping[str, Mapping[str, tuple[Check, ...]]]) -> Table:

@@ -25,7 +25,14 @@ from pipeline.report.tables import (
     residual_tables,
     windows_sentence,
 )
-from pipeline.report.trials import LIMITS, causes, problems, quality_table, trial_quality
+from pipeline.report.trials import (
+    LIMITS,
+    causes,
+    corrections_table,
+    problems,
+    quality_table,
+    trial_quality,
+)
 from pipeline.report.variants import (
     as_conditions,
     choices,
@@ -124,7 +131,7 @@ def write_report(
     names = {TrialName(*key) for key in compared[[*TrialName._fields]].itertuples(index=False)}
     results = replace(results, residuals=pool_recordings(compared, design.weigh))
     tests = statistics(results.residuals, _all_subjects(results.subjects, study), design)
-    explained, failed, stale = explanations(folder, results.trials)
+    explained, failed, together, stale = explanations(folder, results.trials)
     compared = compared[compared["condition"].isin(design.conditions)]
     measurement, missing = study_covariances(explained, compared, design.weigh)
     table = table_3(results.residuals, tests, design, measurement)
@@ -190,6 +197,8 @@ def write_report(
         causes=[causes(str(name), explained[name]) for name in keys if name in explained],
         unexplained=[f"{name}: {failed[name]}" for name in trials if name in failed],
         stale=stale,
+        together=together,
+        corrections=corrections_table(study, headline),
         methods=paragraphs,
         bibtex=bibtex(paragraphs, source.report["hbm-residuals"]),
         source=source,
