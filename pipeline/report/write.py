@@ -52,8 +52,8 @@ from pipeline.trial.result import TrialResult
 
 
 def write_report(
-    folder: Path,
-    study_folder: Path | None = None,
+    folder: str | Path,
+    study_folder: str | Path | None = None,
     announce: Callable[[str], None] = lambda step: None,
     *,
     covariates: Sequence[str] = (),
@@ -95,10 +95,11 @@ def write_report(
     Examples
     --------
     >>> import pipeline
-    >>> pipeline.write_report(Path("results"))
+    >>> pipeline.write_report("results")
     Traceback (most recent call last):
     ValueError: results: no results of trials here; run 'hbm run STUDY --out results'
     """
+    folder = Path(folder)
     study = read_study(study_folder, recordings=False) if study_folder is not None else None
     announce("collecting the trials")
     quality: dict[TrialName, dict[str, tuple[Check, ...]]] = {}

@@ -41,7 +41,7 @@ Announce = Callable[[str], None]
 
 def run_study(
     study: Study,
-    out: Path,
+    out: str | Path,
     *,
     subjects: Sequence[str] | None = None,
     conditions: Sequence[str] | None = None,
@@ -90,10 +90,11 @@ def run_study(
     >>> _ = Path("study.toml").write_text("[conditions.level]")
     >>> trials = '[trials.level]\nfile = "walk.c3d"'
     >>> _ = Path("sub01.toml").write_text(f'id = "sub01"\nsex = "male"\n{trials}')
-    >>> for outcome in pipeline.run_study(pipeline.read_study("."), Path("results")):
+    >>> for outcome in pipeline.run_study(pipeline.read_study("."), "results"):
     ...     print(outcome)
     done sub01 level
     """
+    out = Path(out)
     planned = plan(study, out, subjects=subjects, conditions=conditions)
     if not overwrite:
         require_nothing_replaced(planned, out)

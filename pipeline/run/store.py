@@ -108,7 +108,7 @@ def _digest(content: bytes | mmap.mmap, place: int) -> bytes:
     return digest.hexdigest().encode()
 
 
-def read_trial(path: Path, *, frames: bool = True) -> TrialResult:
+def read_trial(path: str | Path, *, frames: bool = True) -> TrialResult:
     r"""Read a trial's result back, as it was written.
 
     Parameters
@@ -138,12 +138,13 @@ def read_trial(path: Path, *, frames: bool = True) -> TrialResult:
     >>> _ = Path("study.toml").write_text("[conditions.level]")
     >>> trials = '[trials.level]\nfile = "walk.c3d"'
     >>> _ = Path("sub01.toml").write_text(f'id = "sub01"\nsex = "male"\n{trials}')
-    >>> (outcome,) = pipeline.run_study(pipeline.read_study("."), Path("results"))
+    >>> (outcome,) = pipeline.run_study(pipeline.read_study("."), "results")
     >>> outcome.job.target.name
     'sub01_level.parquet'
     >>> f"{pipeline.read_trial(outcome.job.target).body.mass:.1f} kg"
     '74.6 kg'
     """
+    path = Path(path)
     with _readable(path):
         with open_file(path) as opened:
             content = opened.read()

@@ -11,7 +11,7 @@ import numpy as np
 
 from hbm.calibration_pose.anatomy import LimbMeasures
 from hbm.coordinates import SIDES
-from hbm.markers import Markers
+from hbm.markers import Markers, recognise_marker_set
 from hbm.notes import Note
 from hbm.spatial import Array, frozen
 from hbm.spelling import short
@@ -84,6 +84,8 @@ OUTPUT_GROUPS: Final = (
 OUTPUT_NAME: Final = re.compile(r"(Angles?|Moments?|Forces?|Powers?|NormalisedGRF)$")
 SEGMENT_FRAME_SUFFIXES: Final = ("O", "A", "L", "P")
 """Vicon's four points of a segment frame: origin, anterior, lateral, proximal."""
+FEWEST_OF_A_PERSON: Final = 12
+"""Markers; fewer are of plates alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -316,14 +318,17 @@ def read_c3d_file(path: Path, stated: Stated, max_frames: int | None = None) -> 
     samples = read_samples(header, max_frames)
     labels = sort_labels(header, stated)
     unit = parameters.text("POINT", "UNITS")
-    layouts, plate_notes = plate_layouts(header, stated)
-    wrenches = [plate.wrench(samples.analog[:, plate.channels]) for plate in layouts]
-    taken = {channel for plate in layouts for channel in plate.channels}
-
     position = samples.points[:, list(labels.markers.values())]
     if labels.markers:
         position *= stated.metre(unit)
     stated.check_span(position, unit)
+    try:
+        layouts, plate_notes = plate_layouts(header, stated)
+    except ValueError as error:
+        raise _with_faults_of_markers(error, tuple(labels.markers), position, stated) from error
+    wrenches = [plate.wrench(samples.analog[:, plate.channels]) for plate in layouts]
+    taken = {channel for plate in layouts for channel in plate.channels}
+
     axes, axes_notes = settle_axes(
         stated.axes,
         position,
@@ -379,6 +384,21 @@ def read_c3d_file(path: Path, stated: Stated, max_frames: int | None = None) -> 
             *_plate_notes(parameters, layouts, compensation),
         ),
     )
+
+
+def _with_faults_of_markers(
+    plates: ValueError, names: tuple[str, ...], position: Array, stated: Stated
+) -> ValueError:
+    """Give the fault of plates together with those of labels or axes, which come before it."""
+    if len(names) < FEWEST_OF_A_PERSON:
+        return plates
+    try:
+        if stated.marker_set is None:
+            recognise_marker_set(names)
+        settle_axes(stated.axes, position, names, marker_set=stated.marker_set)
+    except ValueError as error:
+        return type(error)(f"{error}; and {plates}")
+    return plates
 
 
 def _first_frame(header: Header) -> tuple[int, list[str]]:

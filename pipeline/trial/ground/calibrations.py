@@ -67,11 +67,11 @@ def once_in_a_process(
 
 
 def read_calibration(
-    path: Path,
+    path: str | Path,
     treadmill: Treadmill,
     stated: Stated | str | None = None,
     plates: PlateCorrection | None = None,
-    beside: tuple[Path, ...] = (),
+    beside: Sequence[str | Path] = (),
 ) -> Calibration:
     """Read a fitted calibration (JSON), or fit one to a recording of the empty treadmill (C3D).
 
@@ -108,9 +108,10 @@ def read_calibration(
     >>> fitted = Calibration({"plate 1": compensation.fit_inertia(felt, wrench, setup)})
     >>> _ = Path("lab.json").write_text(compensation.to_json(fitted))
     >>> rear = pipeline.Treadmill(accelerometers={"rear": ("Acc1.X", "Acc1.Y", "Acc1.Z")})
-    >>> list(pipeline.read_calibration(Path("lab.json"), rear).plates)
+    >>> list(pipeline.read_calibration("lab.json", rear).plates)
     ['plate 1']
     """
+    path = Path(path)
     if path.suffix.lower() == ".json":
         with naming(path):
             calibration = from_json(read_text(path))
@@ -118,7 +119,7 @@ def read_calibration(
             _require_as_stated(calibration, treadmill)
             require_same_plates(calibration, plates)
         return calibration
-    files = path, *beside
+    files = path, *map(Path, beside)
 
     def fitted() -> Calibration:
         forward = plates is None

@@ -8,8 +8,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.budgets.explanation import Explanation, read_explanation
-from pipeline.budgets.study import FOLDER, bands_of, explain_planned, plan_explanations, study_of
+from pipeline.budgets.explanation import Explanation, read_evidence, read_explanation
+from pipeline.budgets.study import (
+    FOLDER,
+    bands_of,
+    evidence_path,
+    explain_planned,
+    plan_explanations,
+    study_of,
+)
 from pipeline.cli.app import main
 from pipeline.config.study import read_study
 from pipeline.report.write import write_report
@@ -56,10 +63,11 @@ def quick(monkeypatch):
 @pytest.fixture
 def known(copy, monkeypatch):
     """Trials are explained as they were: what that takes is not tested here."""
-    stored = {
-        path: read_explanation(path, Explanation) for path in (copy / FOLDER).glob("sub*.json")
-    }
-    by_key = {explanation.key: explanation for explanation in stored.values()}
+    by_key = {}
+    for path in (copy / FOLDER).glob("sub*.json"):
+        own = read_explanation(path, Explanation)
+        budget = replace(own.budget, evidence=read_evidence(evidence_path(path)))
+        by_key[own.key] = replace(own, budget=budget)
     monkeypatch.setattr("pipeline.budgets.study.explain", lambda *trial: by_key[trial[-1]])
 
 

@@ -155,9 +155,7 @@ def test_a_delay_that_bodies_show_is_surer_with_every_subject_but_not_with_every
         found.found[1], found.mean[1], found.size[1] = 0.004, seconds, 0.004e-3
         return replace(found, whole=replace(own, rare=own.rare & (np.arange(12) != 1)))
 
-    trials = {
-        f"t{k}": late(trial(rng, f"t{k}", f"s{k // 2}", np.zeros(4)), 0.01) for k in range(8)
-    }
+    trials = {f"t{k}": late(trial(rng, f"t{k}", f"s{k // 2}", np.zeros(4)), 0.01) for k in range(8)}
     (found,) = (own for own in explain_together(trials) if own.name == "place")
     assert found.cause.size == pytest.approx(0.01)
     assert found.cause.deviation == pytest.approx(0.004 / np.sqrt(4))

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hbm.spatial import GRAVITY_MPS2
+from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.mended_plates import find_jumps, with_mended_plates
 from pipeline.io.stated import Stated, parse_mending
@@ -158,7 +158,17 @@ def test_a_plate_that_lies_elsewhere_is_sized(laboratory):
 
 @pytest.mark.parametrize(
     "text",
-    ["turn 90", "2: turn 45", "2: reverse Fw", "2 reverse Fx", "0x2: turn 90", "2: unwrap all"],
+    [
+        "turn 90",
+        "2: turn 45",
+        "2: reverse Fw",
+        "2 reverse Fx",
+        "0x2: turn 90",
+        "2: unwrap all",
+        "1: gain Fz",
+        "1: zero all 2",
+        "1: move w 1",
+    ],
 )
 def test_what_cannot_be_mended_is_refused_with_what_can(text):
     with pytest.raises(ValueError, match="3: reverse Fx, 2: turn 90"):
@@ -167,6 +177,29 @@ def test_what_cannot_be_mended_is_refused_with_what_can(text):
 
 def mended(recording, *mending):
     return with_mended_plates(replace(recording, stated=Stated(mend_plates=mending)))
+
+
+@given(
+    gain=st.floats(0.5, 1.5),
+    zero=st.floats(-30, 30),
+    metres=st.floats(-0.1, 0.1),
+    which=st.integers(0, 5),
+)
+def test_stated_gains_zeros_and_moves_undo_those_of_a_plate(laboratory, gain, zero, metres, which):
+    """Plate 2 measures gain * wrench + zero, and lies elsewhere along its own x."""
+    component, plate = WRENCH_COMPONENTS[which], laboratory.walk.plates[1]
+    faulty = channel(laboratory.walk, 1, which, lambda values: gain * values + zero)
+    faulty = moved(faulty, 1, metres * plate.rotation[:, 0])
+    back = mended(
+        faulty,
+        f"2: zero {component} {zero:.9f}",
+        f"2: gain {component} {1 / gain:.9f}",
+        f"2: move x {-metres:.9f}",
+    )
+    for one, other in zip(back.plates, laboratory.walk.plates, strict=True):
+        np.testing.assert_allclose(one.center, other.center, atol=1e-8)
+        np.testing.assert_allclose(one.wrench_in_plate, other.wrench_in_plate, atol=1e-4)
+        np.testing.assert_allclose(one.wrench, other.wrench, atol=1e-4)
 
 
 def test_mending_refuses_a_plate_that_is_not_there_beside_others(laboratory):

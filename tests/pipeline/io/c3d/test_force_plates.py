@@ -201,6 +201,28 @@ def test_raw_signals_are_refused_with_what_to_ask_the_laboratory_for(plate_file,
         read_c3d(path, AXES)
 
 
+def test_labels_and_plates_that_cannot_be_read_are_refused_at_once_labels_first(raw_c3d):
+    names = [f"Own{k}" for k in range(30)]
+    path = raw_c3d(
+        np.random.default_rng(0).normal(0, 500, size=(20, 30, 4)),
+        np.full((20, 4, 6), 200.0),
+        POINT={"LABELS": names},
+        ANALOG={"UNITS": ["V"] * 6},
+        FORCE_PLATFORM={
+            "USED": np.array([1]),
+            "TYPE": np.array([2]),
+            "CORNERS": CORNERS.T[..., None].astype(float),
+            "ORIGIN": np.array([[0.0], [0.0], [-40.0]]),
+            "CHANNEL": np.arange(1, 7)[:, None],
+        },
+    )
+    with pytest.raises(
+        ValueError, match=r"^made_to_order\.c3d: .*Own0.*; and force plate 1: .*volts"
+    ) as refused:
+        read_c3d(path)
+    assert "\n" not in str(refused.value)
+
+
 @pytest.mark.parametrize(
     ("extra", "reason"),
     [
