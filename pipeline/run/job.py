@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
@@ -20,6 +20,7 @@ from pipeline.io.write import write_text
 from pipeline.run.program import computation_digest
 from pipeline.run.store import FORMAT_VERSION, read_trial, write_trial
 from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.once import computing_once
 from pipeline.trial.result import TrialResult
 
 KEY_DIGITS: Final = 16
@@ -90,7 +91,12 @@ def process_job(job: Job, laboratory: Laboratory | None = None) -> Outcome:
 
     Each result is written whole or not at all. Without a ``laboratory``, that of the study is read.
     """
-    outcome = _process(job, laboratory)
+    with computing_once() if job.variants else nullcontext():
+        return _with_variants(job, _process(job, laboratory), laboratory)
+
+
+def _with_variants(job: Job, outcome: Outcome, laboratory: Laboratory | None) -> Outcome:
+    """Process the variants of a trial whose main outcome is known."""
     if outcome.failure is not None:
         return outcome
     failed = {}

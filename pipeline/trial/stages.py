@@ -41,6 +41,7 @@ from pipeline.trial.gait.contact import (
     share_between_feet,
 )
 from pipeline.trial.ground.wrenches import Ground
+from pipeline.trial.once import once
 from pipeline.trial.quality import NO_SUPPORT, Quality, flagged, free_of, settled_frames
 
 
@@ -57,7 +58,7 @@ def solve_pose(
     body: Body, markers: Markers, settings: Settings, notes: list[Note], jobs: int = 1
 ) -> Pose:
     """Find the coordinates that the markers show, without outliers, and filter them."""
-    used, solved, outliers = solve_motion(body, markers, settings.filter, jobs)
+    used, solved, outliers = once(solve_motion)(body, markers, settings.filter, jobs)
     notes += outliers
     motion = filter_motion(solved, cutoff=settings.cutoff_hz, method=settings.filter)
     return Pose(used, solved, motion)

@@ -14,6 +14,7 @@ from pipeline.io.read import read_recording
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.calibrations import read_belts, read_calibration, read_check
 from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.once import once
 
 
 def read_study_file(
@@ -45,7 +46,7 @@ def read_study_file(
     trial = trial or Trial()
     for wanted in filter(None, (name, trial.forces, trial.record)):
         require_file(study.folder, wanted)
-    return read_recording(
+    return once(read_recording)(
         study.path(name),
         study.stated_of(trial),
         study.path(trial.forces) if trial.forces else None,

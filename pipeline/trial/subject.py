@@ -17,6 +17,7 @@ from hbm.segments import SegmentOverride
 from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.recording import Recording
+from pipeline.trial.once import once
 
 TENTH_S: Final = 0.1
 """Noise of plates and markers averages out in it, and a subject who stands hardly moves."""
@@ -363,7 +364,7 @@ def subject_body(
 
     def built(hip: HipRule | dict[str, Array]) -> Body:
         try:
-            return build_body(
+            return once(build_body)(
                 pose.markers,
                 mass=mass,
                 sex=subject.sex,

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -14,6 +15,7 @@ from hbm.spelling import short
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording
 from pipeline.io.units import acceleration_in_mps2, speed_in_mps
+from pipeline.trial.once import once
 
 MAX_HELD_S: Final = 0.5
 """At either end, over which the nearest known value is used: no delay is longer."""
@@ -280,7 +282,8 @@ class RealtimeAccelerometers:
         return np.hstack(kinds) if self.lags_s else now
 
     def _readings(self, time: Array, readings: Array, at: Array) -> Array:
-        evaluate, delays_s = self.resampling.evaluate, self.delays_s
+        evaluate = partial(once(Convolution.evaluate), self.resampling)
+        delays_s = self.delays_s
         if len(set(delays_s)) == 1:
             return evaluate(time, readings, at + delays_s[0])
         each = [

@@ -33,6 +33,7 @@ from pipeline.trial.ground.uncertainty import (
     uncertainty_limits,
     wrench_spread,
 )
+from pipeline.trial.once import once
 
 
 def plate_artefacts(
@@ -198,7 +199,7 @@ def ground_wrenches(
     recording, laboratory, plates = lab.recording, lab.laboratory, lab.recording.plates
     platform, belt = laboratory.treadmill.platform, laboratory.treadmill.belt
     live = method == "realtime"
-    at_markers = resample_in_real_time if live else resample
+    at_markers = once(resample_in_real_time if live else resample)
     times = [time + delay_s for delay_s in lab.delays_s]
     measured = [
         at_markers(p.time, p.wrench_in_plate, t) for p, t in zip(plates, times, strict=True)
@@ -232,8 +233,11 @@ def ground_wrenches(
     if pose is None and lab.models:
         notes.append(Note.of("platform_pose", source=LEVEL))
     if live and marked:
-        for wrench in (w for wrenches in variants.values() for w in wrenches):
-            wrench[:NEUTRAL_FRAMES] = np.nan
+        later = (np.arange(len(time)) >= NEUTRAL_FRAMES)[:, None]
+        variants = {
+            name: [np.where(later, wrench, np.nan) for wrench in wrenches]
+            for name, wrenches in variants.items()
+        }
     if marked and lab.models:
         assert pose is not None
         readings = felt[0][:, : len(lab.models[0].acceleration_mean)]
