@@ -88,7 +88,7 @@ def run(
     from pipeline.config.study import read_study
     from pipeline.config.toml_file import StudyFaults
     from pipeline.run.processes import keep_freed_memory
-    from pipeline.run.run import plan, require_nothing_replaced, run_planned
+    from pipeline.run.run import forecast, plan, require_nothing_replaced, run_planned
     from pipeline.trial.study_files import read_study_laboratory
 
     console, start = PlainConsole(), time.monotonic()
@@ -104,6 +104,7 @@ def run(
         require_nothing_replaced(planned, out)
     if loaded.file.treadmill.check:
         console.say_notes(read_study_laboratory(loaded).notes)
+    console.say(str(forecast(planned, out, jobs)))
     outcomes = run_planned(
         loaded, planned, out, jobs=jobs, scheduler=scheduler, announce=announcer(console)
     )
@@ -111,7 +112,7 @@ def run(
     console.say_notes(dict.fromkeys(note for one in finished for note in one.of_calibration))
     seconds = time.monotonic() - start
     console.say(f"{counts_of(finished, 'processed')}, in {seconds:.1f} s; next: hbm report {out}")
-    return int(any(outcome.failure is not None for outcome in finished))
+    return int(any(one.failure is not None or one.failed_variants for one in finished))
 
 
 def report(

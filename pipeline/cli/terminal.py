@@ -150,7 +150,7 @@ def follow_trials(
         for outcome in outcomes:
             finished.append(outcome)
             kept = sum(each.state == "kept" for each in finished)
-            failed = outcome.failure is not None
+            failed = outcome.failure is not None or bool(outcome.failed_variants)
             progress.show(str(outcome), len(finished) - kept, total - kept, always=failed)
     return finished
 

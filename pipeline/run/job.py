@@ -77,12 +77,12 @@ class Outcome:
     def __str__(self) -> str:
         if self.failure is not None:
             return f"FAILED {self.job.name}: {self.reason}"
-        failed = (f"; variant {name} FAILED: {why}" for name, why in self.failed_variants.items())
+        failed = (f"; FAILED variant {name}: {why}" for name, why in self.failed_variants.items())
         return f"{self.state} {self.job.name}{''.join(failed)}"
 
     @property
     def failure(self) -> str | None:
-        """Why the trial failed; None if it did not."""
+        """Why the trial failed; None if it did not, though variants of it may have."""
         return self.reason if self.state == "failed" else None
 
 
@@ -196,22 +196,28 @@ def _digest(value: object) -> str:
     return hashlib.sha256(text).hexdigest()[:KEY_DIGITS]
 
 
-def replacement(job: Job) -> str:
-    """Say why a stored result with residuals would be replaced by another one; empty if not.
+OTHER_PROGRAM: Final = "another version of the program or its libraries"
+"""Results that it made are replaced without being asked for."""
 
-    A result of an earlier version of the program is replaced without a reason.
+
+def outdated(job: Job) -> str | None:
+    """Say why a stored result is not up to date; None where it is, or there is none.
+
+    An empty reason is that of a result without residuals, which is made again.
     """
     try:
         stored = read_trial(job.target, frames=False)
     except (OSError, ValueError):
-        return ""
+        return None
+    if stored.key == job.key:
+        return None
     if not job.size or stored.shortage:
         return ""  # without its recording nothing will replace it
     before, now = (
         dict(part.split(":", 1) for part in key.split()) for key in (stored.key, job.key)
     )
     if all(before[part] == now[part] for part in ("files", "stated")):
-        return ""
+        return OTHER_PROGRAM
     if before["stated"] == now["stated"]:
         return "its files have changed"
     person = job.study.subject(job.name.subject).person

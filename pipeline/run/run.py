@@ -1,11 +1,13 @@
 """A whole study: every trial once, in parallel, resumable, nothing half-written."""
 
+import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from datetime import timedelta
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -19,18 +21,19 @@ from pipeline.config.study import Study
 from pipeline.io.write import remove_leftovers, require_writable
 from pipeline.run.cluster import on_cluster
 from pipeline.run.job import (
+    OTHER_PROGRAM,
     WORKER_DIED,
     Job,
     Outcome,
     collect_failures,
+    outdated,
     process_job,
     record_failure,
-    replacement,
     stored_outcome,
     trial_key,
 )
 from pipeline.run.processes import in_processes, one_thread
-from pipeline.run.store import record_study_folder
+from pipeline.run.store import record_run, recorded_speed
 from pipeline.trial.study_files import read_study_laboratory
 
 HASHED_AT_ONCE: Final = 2
@@ -157,7 +160,8 @@ def variant_folder(out: Path, variant: str) -> Path:
 def require_nothing_replaced(planned: Sequence[Job], out: Path) -> None:
     """Refuse to replace results that were made with other settings or files: ValueError."""
     every = [each for job in planned for each in (job, *job.variants.values())]
-    reasons = Counter(filter(None, map(replacement, every)))
+    reasons = Counter(filter(None, map(outdated, every)))
+    del reasons[OTHER_PROGRAM]
     if reasons:
         why = "; ".join(
             f"{trials} of {len(every)} results: {reason}"
@@ -167,6 +171,47 @@ def require_nothing_replaced(planned: Sequence[Job], out: Path) -> None:
             f"{out}: results there that were made otherwise would be replaced ({why}); --overwrite "
             "replaces them; to keep both, state the change as [variants.NAME] in study.toml"
         )
+
+
+@dataclass(frozen=True, slots=True)
+class Forecast:
+    """What a run is going to do.
+
+    Attributes
+    ----------
+    new, kept
+        Trials without a result, and those whose result is up to date.
+    outdated
+        Why results are not up to date -> how many trials.
+    seconds
+        How long it will take by the last run into the same folder; None without one.
+    """
+
+    new: int
+    kept: int
+    outdated: Mapping[str, int]
+    seconds: float | None
+
+    def __str__(self) -> str:
+        parts = [f"{self.new} new"] * bool(self.new)
+        parts += [f"{count} outdated ({reason})" for reason, count in self.outdated.items()]
+        parts += [f"{self.kept} up to date"] * bool(self.kept)
+        time_s = "" if self.seconds is None else f"; about {timedelta(seconds=round(self.seconds))}"
+        return f"trials: {', '.join(parts)}{time_s}"
+
+
+def forecast(planned: Sequence[Job], out: Path, workers: int = 1) -> Forecast:
+    """Say what a run of planned trials into a folder is going to do, and how long it will take."""
+    kept = [job for job in planned if stored_outcome(job) is not None]
+    todo = [job for job in planned if job not in kept]
+    reasons = Counter[str]()
+    for job in todo:
+        of_each = map(outdated, (job, *job.variants.values()))
+        reasons.update([*filter(None, of_each)][:1])
+    count = sum(job.size * (1 + len(job.variants)) for job in todo)
+    speed = recorded_speed(out)
+    seconds = count / speed / max(1, min(workers, len(todo))) if todo and speed else None
+    return Forecast(len(todo) - reasons.total(), len(kept), dict(reasons), seconds)
 
 
 def run_planned(
@@ -186,11 +231,14 @@ def run_planned(
     for folder in folders:
         require_writable(folder / "trials")
         remove_leftovers(folder / "trials")
-    record_study_folder(out, study.folder)
+    record_run(out, study.folder)
     kernels(announce)
     trials = [str(name) for name, trial in study.trials.items() if trial.exclude is None]
+    start, done, workers = time.monotonic(), 0, 1 if scheduler else jobs
     try:
         for outcome in run_jobs(planned, workers=jobs, scheduler=scheduler):
+            if outcome.state == "done":
+                done += outcome.job.size * (1 + len(outcome.job.variants))
             with suppress(OSError):  # of a full disk the outcome tells too
                 record_failure(outcome.job.target, outcome.job.name, outcome.failure)
             yield outcome
@@ -198,6 +246,8 @@ def run_planned(
         with suppress(OSError):
             for folder in folders:
                 collect_failures(folder, trials)
+            if done:
+                record_run(out, study.folder, done / (time.monotonic() - start) / workers)
 
 
 def run_jobs(

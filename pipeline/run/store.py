@@ -51,7 +51,7 @@ COMPRESSED: Final = ("observed.", "quality", "time_s", "event")
 quarter would be saved, 9 % of a file, for half the time that it takes to write it."""
 MAX_REASON: Final = 120
 """Characters of a library's message, or of a file's name, within ours."""
-STUDY_POINTER: Final = "run.json"
+RUN: Final = "run.json"
 WRENCH: Final = ("fx", "fy", "fz", "mx", "my", "mz")
 POSE: Final = (*(f"r{row}{column}" for row in "123" for column in "123"), "x", "y", "z")
 """Rotation matrix, row by row, and position of the platform."""
@@ -401,20 +401,35 @@ def _readable(path: Path) -> Iterator[None]:
         raise ValueError(f"{name}: {reason}; {again}") from error
 
 
-def record_study_folder(folder: Path, study: Path) -> None:
-    """Note in a results folder where its study is, relative to the folder."""
+def record_run(folder: Path, study: Path, bytes_per_s: float | None = None) -> None:
+    """Note in a results folder where its study is, relative to the folder, and how fast it ran.
+
+    The speed is that of one process; without one, that of the run before remains.
+    """
     try:
         where = os.path.relpath(study.resolve(), folder.resolve())
     except ValueError:
         where = str(study.resolve())
-    write_text(json.dumps({"study": where}, ensure_ascii=False), folder / STUDY_POINTER)
+    speed = bytes_per_s or recorded_speed(folder)
+    text = json.dumps({"study": where, "bytes_per_s": speed}, ensure_ascii=False)
+    write_text(text, folder / RUN)
 
 
 def recorded_study_folder(folder: Path) -> Path | None:
     """Give the study that a results folder comes from; None if it is unknown or gone."""
+    study = Path(os.path.normpath(folder / str(_recorded(folder).get("study"))))
+    return study if (study / "study.toml").is_file() else None
+
+
+def recorded_speed(folder: Path) -> float | None:
+    """Give how fast one process got through recordings [bytes/s]; None where it is unknown."""
+    speed = _recorded(folder).get("bytes_per_s")
+    return speed if isinstance(speed, float) and speed > 0 else None
+
+
+def _recorded(folder: Path) -> dict[str, object]:
+    """Give what `record_run` noted; empty where that is damaged or not there."""
     try:
-        where = json.loads((folder / STUDY_POINTER).read_text(encoding="utf-8"))["study"]
-        study = Path(os.path.normpath(folder / where))
-        return study if (study / "study.toml").is_file() else None
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return None
+        return dict(json.loads((folder / RUN).read_text(encoding="utf-8")))
+    except (OSError, ValueError, TypeError, RecursionError):
+        return {}

@@ -27,6 +27,7 @@ from pipeline.trial.ground.calibration_recording import (
     setup_of,
 )
 from pipeline.trial.ground.corrected_plates import plate_delays_s, relative_delays_s
+from pipeline.trial.once import once
 
 
 def require_same_plates(calibration: Calibration, plates: PlateCorrection | None) -> None:
@@ -186,7 +187,7 @@ class BoundLaboratory:
         late = relative_delays_s(self.recording.plates, self.laboratory.plates)
         earlier = [time - late_s for time, late_s in zip(times, late, strict=True)]
         if method != "realtime":
-            return at_plate_times(*self.filtered, earlier, self.sensor_delays_s, self.lags_s)
+            return once(at_plate_times)(*self.filtered, earlier, self.sensor_delays_s, self.lags_s)
         assert self.recording.analog is not None
         rates_hz = self.recording.analog.rate_hz, self.recording.markers.rate_hz
         live = RealtimeAccelerometers.of(self.sensor_delays_s, self.lags_s, *rates_hz)

@@ -121,5 +121,7 @@ def test_residuals_fall_to_those_of_a_laboratory_without_the_faults(tmp_path, ca
 
 
 def mean_rms(results):
-    tables = [residual_table(read_trial(path), "walk") for path in (results / "trials").glob("*.parquet")]
+    tables = [
+        residual_table(read_trial(path), "walk") for path in (results / "trials").glob("*.parquet")
+    ]
     return pd.concat(tables).query("headline").groupby("axis")["rms"].mean()

@@ -1,0 +1,117 @@
+"""Variants of processing: each is a study of its own, and what they share is computed once."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from pipeline.cli.app import main
+from pipeline.config.study import read_study
+from pipeline.run.run import forecast, plan, run_study
+from pipeline.run.store import read_trial
+from pipeline.trial import process, stages
+from pipeline.trial.once import computing_once, once
+from tests.pipeline.lab import edit
+
+CUTOFFS_HZ = (5, 8, 10, 12)
+
+
+@pytest.fixture
+def study(moving_study, tmp_path):
+    """One trial of the moving treadmill, processed with the study's own cut-off and four others."""
+    folder = shutil.copytree(moving_study, tmp_path / "study")
+    for path in folder.glob("sub02*"):
+        path.unlink()
+    person = folder / "sub01.toml"
+    for name in ("baseline", "pitch"):
+        edit(person, f'file = "sub01_{name}.c3d"', 'exclude = "not recorded"')
+    variants = "".join(f"[variants.cutoff_{c}]\ncutoff_hz = {c}\n" for c in CUTOFFS_HZ)
+    file = folder / "study.toml"
+    file.write_text(file.read_text() + variants)
+    return folder
+
+
+def counting(monkeypatch, module, name):
+    """Count the calls of a function of a module."""
+    calls, function = [], getattr(module, name)
+
+    def counted(*args, **kwargs):
+        calls.append(args)
+        return function(*args, **kwargs)
+
+    counted.__qualname__, counted.__module__ = function.__qualname__, function.__module__
+    monkeypatch.setattr(module, name, counted)
+    return calls
+
+
+def test_five_cut_offs_need_inverse_kinematics_once_and_give_what_each_gives_alone(
+    study, tmp_path, monkeypatch
+):
+    calls = counting(monkeypatch, stages, "solve_motion")
+    out = tmp_path / "out"
+    (outcome,) = run_study(read_study(study), out)
+    assert outcome.failure is None
+    assert len(calls) == 1
+    loaded = read_study(study)
+    for name, own in loaded.variants.items():
+        together = read_trial(out / "variants" / name / "trials" / "sub01_sway.parquet")
+        alone = process.process_trial(own, "sub01", "sway")
+        assert together.settings.cutoff_hz == own.file.settings.cutoff_hz
+        np.testing.assert_array_equal(together.motion.q, alone.motion.q)
+        for variant, dynamics in alone.variants.items():
+            np.testing.assert_array_equal(together.variants[variant].residual, dynamics.residual)
+
+
+def test_a_variant_that_fails_costs_nothing_but_itself(study, tmp_path, monkeypatch, capsys):
+    function = process.process_trial
+
+    def failing(study, *name, **options):
+        if study.file.settings.cutoff_hz == 8:
+            raise ValueError("too smooth")
+        return function(study, *name, **options)
+
+    monkeypatch.setattr(process, "process_trial", failing)
+    out = tmp_path / "out"
+    assert main(["run", str(study), "--out", str(out)]) == 1
+    said = capsys.readouterr().out
+    assert "done sub01 sway; FAILED variant cutoff_8: too smooth" in said
+    there = {path.parts[-3] for path in (out / "variants").glob("*/trials/*.parquet")}
+    assert there == {"cutoff_5", "cutoff_10", "cutoff_12"}
+    assert (out / "trials" / "sub01_sway.parquet").is_file()
+    monkeypatch.undo()
+    assert main(["run", str(study), "--out", str(out)]) == 0
+    assert main(["report", str(out)]) == 0
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "Does the conclusion depend on the choices?" in page
+    assert "cutoff_8" in (out / "variants.csv").read_text(encoding="utf-8")
+
+
+def test_a_run_says_what_is_new_what_is_outdated_and_why_and_how_long_it_takes(study, tmp_path):
+    out = tmp_path / "out"
+
+    def said():
+        return str(forecast(plan(read_study(study), out), out))
+
+    assert said() == "trials: 1 new"
+    list(run_study(read_study(study), out))
+    assert said() == "trials: 1 up to date"
+    edit(study / "study.toml", "cutoff_hz = 12", "cutoff_hz = 13")
+    assert said().startswith("trials: 1 outdated (cutoff_hz 12.0 → 13.0); about 0:00:")
+
+
+def test_equal_arguments_give_one_result_within_a_block_and_changed_ones_another():
+    calls = []
+
+    @once
+    def total(values, scale=1.0):
+        calls.append(scale)
+        return scale * values.sum()
+
+    values = np.arange(5.0)
+    with computing_once():
+        assert total(values) == total(values.copy()) == 10
+        assert total(values + 1) == 15
+        assert total(values, scale=2.0) == 20
+        assert len(calls) == 3
+    assert total(values) == total(values) == 10
+    assert len(calls) == 5
