@@ -26,4 +26,6 @@ for outcome in trials:
 
     # The stored result holds body, motion, forces, joint moments and residuals, frame by frame.
     result = pipeline.read_trial(outcome.job.target)
-    print(pipeline.residual_table(result, condition).round(1).to_string(index=False))
+    table = pipeline.residual_table(result, condition)
+    columns = ["subject", "condition", "compensated", "axis", "unit", "rms", "peak", "n_cycles"]
+    print(table[columns].round(1).to_string(index=False))

@@ -52,4 +52,6 @@ for note in result.notes:
 
 # Residuals over the gait cycles, in N and N·m, with the plates as measured and compensated:
 # x forward, y to the right, z up; moments about mid-hip.
-print(pipeline.residual_table(result, "pitch").round(1).to_string(index=False))
+table = pipeline.residual_table(result, "pitch")
+columns = ["subject", "condition", "compensated", "axis", "unit", "rms", "peak", "n_cycles"]
+print(table[columns].round(1).to_string(index=False))

@@ -10,7 +10,7 @@ from pipeline.config.schema import TrialName
 from pipeline.config.study import Study
 from pipeline.report.blocks import Table
 from pipeline.run.job import trial_key
-from pipeline.run.load import Results, collect, select_trials
+from pipeline.run.load import TABLES, Results, collect, select_trials
 from pipeline.run.run import variant_folder
 from pipeline.statistics.design import Design
 from pipeline.statistics.recordings import pool_recordings
@@ -40,10 +40,7 @@ def as_conditions(of_variants: Mapping[str, Results], condition: str) -> Results
     parts = []
     for variant, results in of_variants.items():
         own = select_trials(results, {n for n in results.trials if n.condition == condition})
-        tables = {
-            name: getattr(own, name).assign(condition=variant)
-            for name in ("residuals", "cycles", "by_cycle")
-        }
+        tables = {name: getattr(own, name).assign(condition=variant) for name in TABLES}
         trials = {
             TrialName(name.subject, variant, name.recording): replace(trial, condition=variant)
             for name, trial in own.trials.items()
@@ -51,7 +48,7 @@ def as_conditions(of_variants: Mapping[str, Results], condition: str) -> Results
         parts.append(replace(own, **tables, trials=trials))
     together = {
         name: pd.concat([getattr(part, name) for part in parts], ignore_index=True)
-        for name in ("residuals", "cycles", "by_cycle")
+        for name in TABLES
     }
     return replace(
         parts[0],

@@ -1,10 +1,11 @@
 """The report of a study: tables, statistics, figures and one page, from what `hbm run` left."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
+from matplotlib.figure import Figure
 
 from hbm.spelling import did_you_mean, listed, short
 from pipeline.budgets.explanation import study_covariances
@@ -15,8 +16,10 @@ from pipeline.config.study import Study, read_study
 from pipeline.figures.style import save_figure
 from pipeline.io.write import whole_file, write_csv, write_text
 from pipeline.report.blocks import TEMPLATES, Check, picture
+from pipeline.report.columns import write_columns
 from pipeline.report.effects import residual_tests
 from pipeline.report.figures import example_subject, study_figures
+from pipeline.report.joints import compensation_tables, joint_figures
 from pipeline.report.methods import bibtex, methods
 from pipeline.report.tables import (
     plan_markdown,
@@ -116,6 +119,8 @@ def write_report(
         of_variants |= variant_results(folder, study)
     write_csv(results.residuals, folder / "residuals.csv")
     write_csv(results.by_cycle, folder / "cycles.csv")
+    write_csv(results.joints, folder / "joints.csv")
+    _write_parquet(results.joint_cycles, folder / "joint_cycles.parquet")
     if study is not None and study_design(study.file).factor == VARIANT:
         results = as_conditions(of_variants, compared_condition(study.file))
     headline = results.residuals[results.residuals["headline"].astype(bool)]
@@ -152,19 +157,21 @@ def write_report(
     found = verdicts(results.residuals, design, measurement)
     write_csv(plan_table(found, design), folder / "plan.csv")
     write_text(plan_markdown(found, design), folder / "plan.md")
-    with whole_file(folder / "cycles.parquet") as temporary:
-        results.cycles.to_parquet(temporary, index=False, compression="zstd")
+    _write_parquet(results.cycles, folder / "cycles.parquet")
+    write_columns(folder)
     if study is not None:
         announce("hashing the study's files")
     source = provenance(results, states, study)
     write_text(source.to_json(), folder / "study.json")
 
-    pictures = {}
-    for name, figure in study_figures(results, tests, design):
-        announce(f"drawing {name}")
-        save_figure(figure, folder / "figures" / name)
-        suffix = ".png" if name.startswith("raw_") else ".svg"  # every cycle is too many lines
-        pictures[name] = picture(folder / "figures" / f"{name}{suffix}")
+    def drawn(figures: Iterator[tuple[str, Figure]]) -> dict[str, str]:
+        shown = {}
+        for name, figure in figures:
+            announce(f"drawing {name}")
+            save_figure(figure, folder / "figures" / name)
+            suffix = ".png" if name.startswith("raw_") else ".svg"  # every cycle is too many lines
+            shown[name] = picture(folder / "figures" / f"{name}{suffix}")
+        return shown
 
     order = design.in_order(name.condition for name in results.trials)
     keys = sorted(results.trials, key=lambda n: (n.subject, order.index(n.condition), n.recording))
@@ -186,7 +193,9 @@ def write_report(
         ),
         choices=sensitivity,
         tests=residual_tests(tests, design),
-        pictures=pictures,
+        joints=drawn(joint_figures(results.joint_cycles, design)),
+        joint_tables=compensation_tables(results.joints, design),
+        pictures=drawn(study_figures(results, tests, design)),
         example_subject=example_subject(results.cycles),
         any_compensated=bool(results.residuals["compensated"].any()),
         has_reference=design.reference in set(results.cycles["condition"]),
@@ -210,6 +219,12 @@ def write_report(
     )
     write_text(page, folder / "report.html")
     return folder / "report.html"
+
+
+def _write_parquet(table: pd.DataFrame, path: Path) -> None:
+    """Write a table whole or not at all."""
+    with whole_file(path) as temporary:
+        table.to_parquet(temporary, index=False, compression="zstd")
 
 
 def _design(residuals: pd.DataFrame, study: Study | None, covariates: Sequence[str]) -> Design:

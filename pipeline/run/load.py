@@ -10,6 +10,7 @@ import pandas as pd
 
 from pipeline.config.schema import TrialName
 from pipeline.run.store import read_trial, without_frames
+from pipeline.trial.joints import joint_tables
 from pipeline.trial.residuals import (
     AXES,
     TRIAL_COLUMNS,
@@ -25,6 +26,8 @@ CYCLE_COLUMNS: Final = (
     "compensated",
     *("side", "cycle", "percent", "axis", "value"),
 )
+TABLES: Final = ("residuals", "cycles", "by_cycle", "joints", "joint_cycles")
+"""Of `Results`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +46,8 @@ class Results:
         every sample of every gait cycle over 0–100 %; NaN where it does not count.
     by_cycle
         As `pipeline.trial.residuals.cycles_of`, of all trials.
+    joints, joint_cycles
+        As `pipeline.trial.joints.joint_tables`, of all trials.
     subjects
         subject, sex, height_m, mass_kg, age_years; stature and mass are means over the trials.
     trials
@@ -53,6 +58,8 @@ class Results:
     residuals: pd.DataFrame
     cycles: pd.DataFrame
     by_cycle: pd.DataFrame
+    joints: pd.DataFrame
+    joint_cycles: pd.DataFrame
     subjects: pd.DataFrame
     trials: dict[TrialName, TrialResult]
 
@@ -86,9 +93,10 @@ def collect(folder: Path, visit: Callable[[TrialResult], None] = lambda trial: N
         visit(trial)
         trials[trial.name] = without_frames(trial)
         name = trial.condition
-        tables.append((residual_table(trial, name), _curves(trial), cycles_of(trial, name)))
-    residuals, cycles, by_cycle = map(_joined, zip(*tables, strict=True))
-    return Results(folder, residuals, cycles, by_cycle, _subjects(trials), trials)
+        of_residuals = residual_table(trial, name), _curves(trial), cycles_of(trial, name)
+        tables.append((*of_residuals, *joint_tables(trial, name)))
+    joined = dict(zip(TABLES, map(_joined, zip(*tables, strict=True)), strict=True))
+    return Results(folder=folder, subjects=_subjects(trials), trials=trials, **joined)
 
 
 def _joined(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
@@ -124,9 +132,8 @@ def select_trials(results: Results, wanted: Collection[TrialName]) -> Results:
             f"{results.folder}: every result here is of a trial that failed, is excluded or is no "
             f"longer in the study; run 'hbm run STUDY --out {results.folder}'"
         )
-    tables = (results.residuals, results.cycles, results.by_cycle)
-    residuals, cycles, by_cycle = (_rows_of(table, trials) for table in tables)
-    return Results(results.folder, residuals, cycles, by_cycle, _subjects(trials), trials)
+    tables = {name: _rows_of(getattr(results, name), trials) for name in TABLES}
+    return Results(results.folder, subjects=_subjects(trials), trials=trials, **tables)
 
 
 def _rows_of(table: pd.DataFrame, wanted: Collection[TrialName]) -> pd.DataFrame:

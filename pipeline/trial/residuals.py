@@ -153,11 +153,11 @@ def cycles_of(result: TrialResult, condition: str) -> pd.DataFrame:
                 measures = zip(AXES, UNITS, *_rms_and_peak(residual[inside & counts]), strict=True)
                 rows += [(*cycle, *measure, share) for measure in measures]
     table = pd.DataFrame(rows, columns=CYCLE_COLUMNS)
-    return _named(table, result, condition)
+    return with_name(table, result, condition)
 
 
-def _named(table: pd.DataFrame, result: TrialResult, condition: str) -> pd.DataFrame:
-    """Put the trial's name before the columns of a table."""
+def with_name(table: pd.DataFrame, result: TrialResult, condition: str) -> pd.DataFrame:
+    """Put the trial's name before the columns of a table, which is changed."""
     names = result.subject.id, condition, result.recording, result.session
     for name, value in reversed([*zip(TRIAL_COLUMNS, names, strict=True)]):
         table.insert(0, name, value)
@@ -233,7 +233,7 @@ def residual_table(result: TrialResult, condition: str) -> pd.DataFrame:
     parts = [
         _summary(result, window, name) for window in windows(result) for name in result.variants
     ]
-    return _named(pd.concat(parts, ignore_index=True), result, condition)
+    return with_name(pd.concat(parts, ignore_index=True), result, condition)
 
 
 def _summary(result: TrialResult, window: Window, variant: str) -> pd.DataFrame:

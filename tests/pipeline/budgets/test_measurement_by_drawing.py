@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from pipeline.budgets.explanation import explain, study_covariances
+from pipeline.config.schema import TrialName
 from pipeline.explain.cause import groups
 from pipeline.explain.linearise import explained_part, left_by_filter, linearised
 from pipeline.statistics.measurement import deviation, mean_covariance
@@ -60,8 +61,10 @@ def drawn(trials):
 @pytest.fixture(scope="module")
 def covariances(trials):
     """The same by the delta method."""
-    found = {("sub01", name): explain(*trial) for name, trial in trials.items()}
-    table = pd.DataFrame(list(found), columns=["subject", "condition"]).assign(window="cycle")
+    found = {TrialName("sub01", name, ""): explain(*trial) for name, trial in trials.items()}
+    table = pd.DataFrame(list(found), columns=TrialName._fields).assign(
+        compensated=False, axis="Fx", unit="N", window="cycle", n_cycles=1, n_frames=1
+    )
     return study_covariances(found, table)[0]
 
 

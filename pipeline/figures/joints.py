@@ -1,0 +1,49 @@
+"""Joint angles, moments and powers over the gait cycle: a row each, a column per joint motion."""
+
+from collections.abc import Iterable
+from typing import Final
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from hbm.spatial import Array
+from pipeline.figures.residuals import legend_below
+from pipeline.figures.style import STYLE, draw_band
+from pipeline.trial.joints import CURVES, JOINT_MOTIONS, JointMotion
+
+LEG: Final = tuple(m for m in JOINT_MOTIONS if m.joint in ("hip", "knee", "ankle"))
+UPPER_BODY: Final = tuple(m for m in JOINT_MOTIONS if m not in LEG)
+PANEL_INCH: Final = (2.2, 1.7)
+
+Curve = tuple[str, str, str, Array, Array]
+"""Label, colour and line style of a curve; mean and standard deviation, (101, 13, 3)."""
+
+
+def joint_figure(
+    curves: Iterable[Curve], title: str, motions: tuple[JointMotion, ...] = LEG
+) -> Figure:
+    """Draw means over the gait cycle with one standard deviation as a band."""
+    columns = [JOINT_MOTIONS.index(motion) for motion in motions]
+    percent = np.linspace(0, 100, 101)
+    with mpl.rc_context(STYLE):
+        size = PANEL_INCH[0] * len(motions), PANEL_INCH[1] * len(CURVES) + 0.9
+        figure = Figure(figsize=size, layout="constrained")
+        panels = figure.subplots(len(CURVES), len(motions), sharex=True)
+        for label, colour, linestyle, mean, spread in curves:
+            for (row, column), panel in np.ndenumerate(panels):
+                own = mean[:, columns[column], row], spread[:, columns[column], row]
+                draw_band(panel, percent, *own, colour, label=label, linestyle=linestyle)
+        for (row, column), panel in np.ndenumerate(panels):
+            if row == 0:
+                panel.set_title(f"{motions[column].joint} {motions[column].direction}", loc="left")
+            if column == 0:
+                name, unit = [*CURVES.items()][row]
+                panel.set_ylabel(f"{name} ({unit})")
+            if row == len(CURVES) - 1:
+                panel.set_xlabel("gait cycle (%)")
+            panel.axhline(0, color="black", lw=0.5)
+            panel.set_xlim(0, 100)
+        legend_below(figure, panels[0, 0])
+        figure.suptitle(title, fontsize=11)
+    return figure

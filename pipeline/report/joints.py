@@ -1,0 +1,132 @@
+"""Joints of a study: their curves, and what the compensation changes in their peaks."""
+
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from scipy import stats
+
+from hbm.spatial import Array
+from pipeline.figures.joints import LEG, UPPER_BODY, Curve, joint_figure
+from pipeline.figures.style import COLOURS
+from pipeline.report.blocks import Table
+from pipeline.report.figures import VARIANTS
+from pipeline.statistics.design import CONFIDENCE, Design, Weigh
+from pipeline.statistics.table_3 import number
+from pipeline.trial.joints import CURVES, JOINT_MOTIONS
+
+PEAKS: Final = ("largest moment", "smallest moment")
+MIN_PEAK: Final = 0.1
+"""Of a moment that is in the table of what compensation changes [N·m/kg]."""
+CONDITION_COLOURS: Final = (COLOURS["baseline"], "#0072B2", "#D55E00", "#009E73", "#CC79A7")
+"""Of the palette of Okabe and Ito; further conditions begin anew."""
+
+
+def subject_values(joints: pd.DataFrame, weigh: Weigh) -> pd.DataFrame:
+    """Average the values of `joint_tables` over sides and recordings of each subject's condition.
+
+    By gait cycles, or each recording equal. Rows: subject, condition, compensated, joint,
+    direction, quantity, unit; value, n_cycles.
+    """
+    keys = ["subject", "condition", "compensated", "joint", "direction", "quantity", "unit"]
+    weight = joints["n_cycles"] if weigh == "cycle" else 1.0
+    own = joints.assign(weight=weight)
+    own["weighted"] = own["value"] * own["weight"]
+    sums = own.groupby(keys, sort=False)[["weighted", "weight", "n_cycles"]].sum().reset_index()
+    sums["value"] = sums["weighted"] / sums["weight"]
+    return sums[[*keys, "value", "n_cycles"]]
+
+
+def compensation_tables(joints: pd.DataFrame, design: Design) -> list[Table]:
+    """Say what the compensation changes in the peaks of leg moments, a table per condition."""
+    values = subject_values(joints, design.weigh)
+    leg = [(motion.joint, motion.direction) for motion in LEG]
+    tables = []
+    for condition in design.in_order(values["condition"].unique()):
+        own = values[(values["condition"] == condition) & values["quantity"].isin(PEAKS)]
+        cells = own.pivot_table(
+            index=["joint", "direction", "quantity", "subject"],
+            columns="compensated",
+            values="value",
+        )
+        if len(cells.columns) < 2:  # without and with compensation
+            continue
+        of_peak = {
+            key: pair.to_numpy(float)
+            for key, pair in cells.dropna().groupby(["joint", "direction", "quantity"])
+        }
+        rows = []
+        for motion in leg:
+            for quantity in PEAKS:
+                pair = of_peak.get((*motion, quantity))
+                if pair is not None and np.abs(pair).max() >= MIN_PEAK:
+                    rows.append((f"{' '.join(motion)}, {quantity}", *_change(pair)))
+        heads = ("Moment (N·m/kg)", "no IC", "IC", "IC − no IC [95 % CI]", "of the peak")
+        count = own["subject"].nunique()
+        caption = f"What compensation changes, {condition}: means over {count} subject"
+        tables.append(Table(caption + "s" * (count > 1), heads, rows, "numbers"))
+    return tables
+
+
+def _change(pair: Array) -> tuple[str, str, str, str]:
+    """Give the means of a peak without and with compensation, and its change with interval.
+
+    Of subjects, (N, 2).
+    """
+    before, after = pair.T
+    change, n = after - before, len(pair)
+    text = number(change.mean(), "+z.3f")
+    if n > 1:
+        half = stats.t.isf((1 - CONFIDENCE) / 2, n - 1) * change.std(ddof=1) / np.sqrt(n)
+        low, high = (number(change.mean() + end, "+z.3f") for end in (-half, half))
+        text += f"\n[{low} to {high}]"
+    percent = 100 * change.mean() / abs(before.mean())
+    return f"{before.mean():.2f}", f"{after.mean():.2f}", text, f"{percent:+.1f} %"
+
+
+def joint_figures(cycles: pd.DataFrame, design: Design) -> Iterator[tuple[str, Figure]]:
+    """Draw joints: each condition with and without compensation; then conditions together.
+
+    Yields
+    ------
+    name, figure
+        ``joints_CONDITION``, and ``joints`` and ``upper_body`` of all conditions.
+    """
+    conditions = design.in_order(cycles["condition"].unique())
+    people = cycles.groupby("condition", sort=False)["subject"].nunique()
+    over = {c: f"{people[c]} subjects" if people[c] > 1 else "gait cycles" for c in conditions}
+    curves = {
+        (condition, compensated): _mean_and_spread(own)
+        for (condition, compensated), own in cycles.groupby(["condition", "compensated"])
+    }
+    best = bool(cycles["compensated"].any())
+    for condition in conditions if best else ():
+        drawn: list[Curve] = []
+        for compensated, variant in VARIANTS.items():
+            if (condition, compensated) in curves:
+                style = variant.label, variant.colour, variant.linestyle
+                drawn.append((*style, *curves[condition, compensated]))
+        title = f"Joints of the legs, {condition}: mean ± SD over {over[condition]}"
+        yield f"joints_{condition}", joint_figure(drawn, title)
+    together: list[Curve] = [
+        (name, CONDITION_COLOURS[k % len(CONDITION_COLOURS)], "-", *curves[name, best])
+        for k, name in enumerate(conditions)
+        if (name, best) in curves
+    ]
+    for name, motions in (("joints", LEG), ("upper_body", UPPER_BODY)):
+        what = "Joints of the legs" if motions == LEG else "Trunk and arms"
+        yield name, joint_figure(together, f"{what}: mean ± SD", motions)
+
+
+def _mean_and_spread(cycles: pd.DataFrame) -> tuple[Array, Array]:
+    """Give mean and SD over subjects, or over cycles of a single one, (101, 13, 3) each."""
+    columns = [f"{motion.name}_{curve}" for motion in JOINT_MOTIONS for curve in CURVES]
+    single = cycles["subject"].nunique() == 1
+    unit = ["recording", "side", "cycle"] if single else ["subject"]
+    each = cycles.groupby(["percent", *unit], sort=False)[columns].mean()
+    of_percent = each.groupby("percent", sort=True)
+    shape = -1, len(JOINT_MOTIONS), len(CURVES)
+    mean, spread = of_percent.mean().to_numpy(float), of_percent.std().to_numpy(float)
+    return mean.reshape(shape), spread.reshape(shape)
