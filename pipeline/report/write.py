@@ -13,13 +13,19 @@ from pipeline.budgets.study import explanations
 from pipeline.config.comparison import VARIANT, compared_condition, groups, study_design
 from pipeline.config.schema import COVARIATES, MAIN, Settings, TrialName
 from pipeline.config.study import Study, read_study
+from pipeline.config.toml_file import SIMULATED
 from pipeline.figures.style import save_figure
 from pipeline.io.write import whole_file, write_csv, write_text
 from pipeline.report.blocks import TEMPLATES, Check, picture
 from pipeline.report.columns import write_columns
 from pipeline.report.effects import residual_tests
 from pipeline.report.figures import example_subject, study_figures
-from pipeline.report.joints import compensation_tables, joint_figures
+from pipeline.report.joints import (
+    compensation_tables,
+    error_table,
+    joint_figures,
+    moment_errors,
+)
 from pipeline.report.methods import bibtex, methods
 from pipeline.report.tables import (
     plan_markdown,
@@ -107,8 +113,13 @@ def write_report(
     announce("collecting the trials")
     quality: dict[TrialName, dict[str, tuple[Check, ...]]] = {}
 
+    errors = list[pd.DataFrame]()
+
     def rate(trial: TrialResult) -> None:
         quality[trial.name] = trial_quality(trial)
+        if study is not None and trial.name in study.trials:
+            recording = Path(study.trial(trial.name).file or "").with_suffix(".parquet")
+            errors.append(moment_errors(trial, study.path(SIMULATED).with_name(recording.name)))
 
     results = collect(folder, rate)
     states = trial_states(results, read_failures(folder), study)
@@ -194,7 +205,10 @@ def write_report(
         choices=sensitivity,
         tests=residual_tests(tests, design),
         joints=drawn(joint_figures(results.joint_cycles, design)),
-        joint_tables=compensation_tables(results.joints, design),
+        joint_tables=[
+            *compensation_tables(results.joints, design),
+            *filter(None, [error_table(errors, design)]),
+        ],
         pictures=drawn(study_figures(results, tests, design)),
         example_subject=example_subject(results.cycles),
         any_compensated=bool(results.residuals["compensated"].any()),

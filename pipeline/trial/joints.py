@@ -68,6 +68,9 @@ JOINT_MOTIONS: Final = (
 CURVES: Final = {"angle": "deg", "moment": "N·m/kg", "power": "W/kg"}
 """What is known of each joint motion, and its unit."""
 JOULES: Final = "J/kg"
+MIN_KNOWN: Final = 0.8
+"""Of a gait cycle that is summarised: where a stumble makes it uncertain whose foot is on a plate,
+moments of some instants are unknown."""
 
 
 def joint_spans(result: TrialResult) -> dict[str, Array]:
@@ -174,7 +177,7 @@ def joint_tables(result: TrialResult, condition: str) -> tuple[pd.DataFrame, pd.
         As `joints.csv` holds it: subject, condition, recording, session, compensated, side, joint,
         direction, quantity (`QUANTITIES`), unit; value and sd, mean and standard deviation over
         cycles, and the mean percent of the cycle at which a peak is (NaN of ranges and work);
-        n_cycles, the cycles that are known throughout.
+        n_cycles, the cycles of which at least `MIN_KNOWN` is known.
     cycles
         As `joint_cycles.parquet` holds it: subject, condition, recording, session, compensated,
         side, cycle (from 1 for each side), percent, and a column for every joint motion and curve,
@@ -214,7 +217,7 @@ def _quantities(curves: Array, duration_s: Array) -> Iterator[tuple[object, ...]
     for k, motion in enumerate(JOINT_MOTIONS):
         for quantity, (curve, unit) in QUANTITIES.items():
             own = curves[:, :, k, [*CURVES].index(curve)]
-            known = np.isfinite(own).all(axis=1)
+            known = np.isfinite(own).mean(axis=1) >= MIN_KNOWN
             if known.any():
                 values, at = _quantity(quantity, own[known], duration_s[known])
                 spread = values.std(ddof=1) if len(values) > 1 else np.nan
@@ -225,12 +228,12 @@ def _quantities(curves: Array, duration_s: Array) -> Iterator[tuple[object, ...]
 def _quantity(quantity: str, curves: Array, duration_s: Array) -> tuple[Array, float]:
     """Give a quantity of each cycle, of curves (C, 101), and the mean percent at which it is."""
     measure: Mapping[str, Array] = {
-        "range of motion": np.ptp(curves, axis=1),
-        "positive work": np.trapezoid(np.maximum(curves, 0), axis=1) / 100 * duration_s,
-        "negative work": np.trapezoid(np.minimum(curves, 0), axis=1) / 100 * duration_s,
+        "range of motion": np.nanmax(curves, axis=1) - np.nanmin(curves, axis=1),
+        "positive work": np.nanmean(np.maximum(curves, 0), axis=1) * duration_s,
+        "negative work": np.nanmean(np.minimum(curves, 0), axis=1) * duration_s,
     }
     if quantity in measure:
         return measure[quantity], np.nan
-    peak = np.argmax if quantity.startswith("largest") else np.argmin
+    peak = np.nanargmax if quantity.startswith("largest") else np.nanargmin
     at = peak(curves, axis=1)
     return curves[np.arange(len(curves)), at], float(at.mean())

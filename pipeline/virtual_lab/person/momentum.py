@@ -157,7 +157,7 @@ def ground_wrench(
         found = frames(skeleton, tuple(values[:, chunk] for values in motion))
         own = wrench[:, chunk]
         for name, part, moment in parts:
-            _add_segment(own, found[name], part, moment)
+            add_segment(own, found[name], part, moment)
         for oscillator in oscillators:
             oscillator.add_reaction(own, found[oscillator.mass.segment])
     return wrench.T
@@ -186,7 +186,8 @@ def add_force(wrench: Array, force: Array, place: Array) -> None:
         wrench[3 + i] += place[j] * force[k] - place[k] * force[j]
 
 
-def _add_segment(wrench: Array, frame: Frame, part: Inertia, moment: Array) -> None:
+def add_segment(wrench: Array, frame: Frame, part: Inertia, moment: Array) -> None:
+    """Add what a segment with a `second_moment` needs to a wrench (6, T) about the lab origin."""
     rotation, _, second = frame.rotation
     first = part.mass * part.center
     arm, inertial = first @ rotation, first @ second

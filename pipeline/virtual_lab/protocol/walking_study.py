@@ -23,6 +23,7 @@ from pipeline.virtual_lab.machine.instrumented_treadmill import (
 )
 from pipeline.virtual_lab.machine.instruments import SAMPLES_PER_FRAME, SENSOR_NAMES
 from pipeline.virtual_lab.machine.platform import Machine
+from pipeline.virtual_lab.person.joint_moments import leg_moments
 from pipeline.virtual_lab.person.subject import Person
 from pipeline.virtual_lab.person.walk import foot_events, foot_wrenches
 from pipeline.virtual_lab.protocol.calibration_trial import beside_names, run_beside
@@ -323,7 +324,8 @@ def truth_table(trial: WalkingTrial) -> pd.DataFrame:
         origin; ``artefact_1_fx`` to ``artefact_2_mz``, what the plates' load cells carry of the
         treadmill itself (all that they carry, less the person's load), in the moving platform's
         frame about its origin; ``residual_fx`` to ``residual_mz``, the residual of the equations of
-        motion about mid-hip; ``sway`` [m] and ``pitch`` [rad] of the platform.
+        motion about mid-hip; ``moment_RHipFlexion`` and so on, the internal moments of the legs'
+        coordinates [N·m]; ``sway`` [m] and ``pitch`` [rad] of the platform.
     """
     motion, walk = trial.motion, trial.walk
     time = motion.time[::SAMPLES_PER_FRAME]
@@ -336,6 +338,8 @@ def truth_table(trial: WalkingTrial) -> pd.DataFrame:
         columns |= _named(f"artefact_{number}", wrench[::SAMPLES_PER_FRAME])
     residual = shift_wrench(walk.ground.at(time) - feet["left"] - feet["right"], q[:, :3])
     columns |= _named("residual", residual)
+    moments = leg_moments(walk, time)
+    columns |= {f"moment_{name}": moment for name, moment in moments.items()}
     columns["sway"], columns["pitch"] = (
         x[0][::SAMPLES_PER_FRAME] for x in (motion.platform.sway, motion.platform.pitch)
     )

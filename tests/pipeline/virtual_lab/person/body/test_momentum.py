@@ -4,11 +4,14 @@ import numpy as np
 import pytest
 
 from hbm.coordinates import N_Q
+from hbm.dynamics import inverse_dynamics
 from hbm.kernels.native import kernels
+from hbm.motion import Motion
 from hbm.poses import marker_positions as production_markers
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.virtual_lab.faults import BodyFaults, Faults
 from pipeline.virtual_lab.person.body import ALL_COORDINATES, frames, marker_positions
+from pipeline.virtual_lab.person.joint_moments import COORDINATES, moments_of
 from pipeline.virtual_lab.person.momentum import center_of_mass, ground_wrench
 from pipeline.virtual_lab.person.subject import Person, make_subject
 from tests.validation.true_body import true_body
@@ -57,6 +60,21 @@ def test_the_ground_wrench_is_that_of_the_production_s_newton_euler_equations(sa
     coordinates = (np.ascontiguousarray(values[:N_Q].T) for values in state)
     expected = kernels().newton_euler(*coordinates, body.geometry, body.inertia_vector)[1]
     np.testing.assert_allclose(ground_wrench(same.skeleton, state), expected, atol=1e-9)
+
+
+def test_leg_moments_are_those_of_the_production_s_inverse_dynamics(same):
+    """Segments beyond a joint by Newton's and Euler's laws, against recursive spatial algebra."""
+    state = random_state(200, N_Q, seed=5)
+    rng = np.random.default_rng(6)
+    feet = {side: 500 * rng.normal(size=(200, 6)) for side in ("left", "right")}
+    q, v, a = (np.ascontiguousarray(values[:N_Q].T) for values in state)
+    known = np.ones(q.shape, bool)
+    motion = Motion(np.arange(200) / 100, q, v, a, (), np.zeros((200, 0)), known[:, 0], known)
+    wrenches = {f"{side}_foot": wrench for side, wrench in feet.items()}
+    expected = inverse_dynamics(true_body(same), motion, wrenches)
+    found = moments_of(same.skeleton, state, feet, [])
+    for name, moment in zip(COORDINATES, found, strict=True):
+        np.testing.assert_allclose(moment, expected.force(name), atol=1e-8, err_msg=name)
 
 
 def test_markers_are_where_the_production_s_kinematics_put_them(same):
