@@ -1,5 +1,6 @@
 """What is where when a recording is opened, and what its shapes and colours mean."""
 
+from collections.abc import Mapping
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -7,6 +8,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from hbm.spatial import Array
+from pipeline.figures.joints import LEG
 from pipeline.trial.residuals import AXES
 from pipeline.viewer.file import rgba
 from pipeline.viewer.plots import BACKGROUND, HEIGHT, SHOWN_CYCLES, WIDTH, panel_name
@@ -73,6 +75,14 @@ def trial_layout(pelvis: Array, *, phases: bool, figure: bool) -> rrb.Blueprint:
             rrb.Tabs(
                 _residuals("Residuals around the cursor", window),
                 _residuals("Residuals, whole trial", whole),
+                _panels(
+                    "Joint moments",
+                    {
+                        f"{motion.joint} {motion.direction} (N·m/kg)": f"joints/{motion.name}"
+                        for motion in LEG
+                    },
+                    window,
+                ),
                 _series("Marker errors (mm)", "marker_error_mm", whole),
             ),
             rrb.Tabs(_text("summary"), _text("legend"), *([cycle] if figure else [])),
@@ -141,14 +151,17 @@ def _scene(pelvis: Array) -> rrb.Spatial3DView:
 
 def _residuals(name: str, shown: rrb.VisibleTimeRange, columns: int = 2) -> rrb.Grid:
     """Give six panels: forces left of moments in two columns, above them in three."""
+    order = (0, 3, 1, 4, 2, 5) if columns == 2 else range(6)
+    return _panels(name, {panel_name(k): f"residual/{AXES[k]}" for k in order}, shown, columns)
+
+
+def _panels(
+    name: str, entities: Mapping[str, str], shown: rrb.VisibleTimeRange, columns: int = 2
+) -> rrb.Grid:
+    """Give panels of curves, title -> entity; the first has the legend."""
     panels = [
-        _series(
-            panel_name(k),
-            f"residual/{AXES[k]}",
-            shown,
-            plot_legend=rrb.PlotLegend(visible=k == 0),
-        )
-        for k in ((0, 3, 1, 4, 2, 5) if columns == 2 else range(6))
+        _series(title, entity, shown, plot_legend=rrb.PlotLegend(visible=k == 0))
+        for k, (title, entity) in enumerate(entities.items())
     ]
     return rrb.Grid(*panels, grid_columns=columns, name=name)
 

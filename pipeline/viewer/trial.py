@@ -14,6 +14,7 @@ from hbm.notes import provenance, warnings_of
 from hbm.spatial import Array
 from pipeline.explain.budget import Bands
 from pipeline.explain.shares import NORMAL_95
+from pipeline.figures.joints import LEG
 from pipeline.figures.residuals import residual_figure
 from pipeline.io.write import markdown
 from pipeline.trial.quality import Quality, free_of
@@ -31,9 +32,11 @@ from pipeline.viewer.file import Timelines, printable, recording_file
 from pipeline.viewer.layout import LEGEND, log_text, trial_layout
 from pipeline.viewer.plots import (
     changes_of,
+    draw_curves,
     draw_residual_curves,
     log_marker_errors,
     log_states,
+    send_curves,
     send_residual_curves,
 )
 from pipeline.viewer.scene import draw_scene, send_scene
@@ -45,6 +48,8 @@ PERTURBATION_S: Final = 1.0
 """How long a perturbation is drawn; only its onset is known."""
 PHASES: Final = {"foot_strike": "stance", "foot_off": "swing"}
 PHASE_COLOURS: Final = {"stance": "#009E73", "swing": "#3A4A45"}
+SIDE_COLOURS: Final = {"right": "#D55E00", "left": "#56B4E9"}
+"""Warm and cool, as in the scene."""
 STATES: Final = {"perturbation": "#E69F00", "uncertain": "#CC79A7", "does not count": "#D55E00"}
 """Colours of other states."""
 
@@ -118,6 +123,7 @@ def write_recording(
             curves |= _ends_of_bands(bands, motion.time)
         draw_residual_curves(stream, curves)
         send_residual_curves(stream, whole, curves)
+        _send_joint_moments(stream, whole, result)
         log_marker_errors(stream, view, motion.markers, motion.marker_error[shown] * 1000)
         for side in ("left", "right"):
             phases = [(e.time, PHASES[e.label]) for e in result.events if e.side == side]
@@ -132,6 +138,17 @@ def write_recording(
             residual_figure(result).savefig(picture, format="png", dpi=150)
             image = rr.EncodedImage(contents=picture.getvalue(), media_type="image/png")
             stream.log("gait_cycle", image, static=True)
+
+
+def _send_joint_moments(
+    stream: rr.RecordingStream, timelines: Timelines, result: TrialResult
+) -> None:
+    """Send the moments of both legs by body mass [N·m/kg], of the plates closest to the truth."""
+    tau = [*result.variants.values()][-1].tau / result.body.mass
+    for motion in LEG:
+        columns = [motion.column(side)[0] for side in SIDE_COLOURS]
+        draw_curves(stream, f"joints/{motion.name}", [*SIDE_COLOURS], [*SIDE_COLOURS.values()])
+        send_curves(stream, timelines, f"joints/{motion.name}", tau[:, columns])
 
 
 def _ends_of_bands(bands: Bands, time: Array) -> dict[str, Array]:

@@ -57,7 +57,8 @@ def copy(study, explained, tmp_path):
 @pytest.fixture
 def quick(monkeypatch):
     """Draw no figures: they are not tested here."""
-    monkeypatch.setattr("pipeline.report.write.study_figures", lambda *given: iter(()))
+    for figures in ("study_figures", "joint_figures"):
+        monkeypatch.setattr(f"pipeline.report.write.{figures}", lambda *given: iter(()))
 
 
 @pytest.fixture

@@ -1,5 +1,6 @@
 """The demonstration from start to end: its files exist, and its residuals are right."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -95,3 +96,18 @@ def test_compensated_residuals_are_what_they_would_be_without_a_moving_treadmill
     assert (off < QUANTILE_95 * stated).all(), off / stated
     assert off.max() < CLOSE, off
     assert (rms[False] - without_artefact).abs().max() > 100 * CLOSE
+
+
+def test_compensated_moments_are_close_to_the_true_ones_where_the_treadmill_moves(out):
+    """RMS errors of leg moments [N·m/kg] against the person's true mechanics."""
+    page = (out / "results" / "report.html").read_text(encoding="utf-8")
+    table = page[page.index("Errors of leg moments in this simulated study") :]
+    heads = re.findall(r"<th[^>]*>([^<]+)</th>", table[: table.index("</thead>")])
+    error = {}
+    for joint in ("hip flexion", "hip abduction", "knee flexion", "ankle plantarflexion"):
+        row = table[table.index(f">{joint}<") :]
+        values = re.findall(r">\s*([\d.]+)\s*<", row[: row.index("</tr>")])
+        error[joint] = dict(zip(heads[1:], map(float, values), strict=True))
+    assert all(own[f"{name}, IC"] < 0.2 for own in error.values() for name in PROTOCOL.conditions)
+    assert error["hip flexion"]["pitch, no IC"] > 10 * error["hip flexion"]["pitch, IC"]
+    assert error["hip abduction"]["sway, no IC"] > 10 * error["hip abduction"]["sway, IC"]

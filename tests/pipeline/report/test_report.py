@@ -92,7 +92,8 @@ def page(folder):
 @pytest.fixture
 def quick(monkeypatch):
     """Draw no figures: they are not tested here."""
-    monkeypatch.setattr(report, "study_figures", lambda *given: iter(()))
+    for figures in ("study_figures", "joint_figures"):
+        monkeypatch.setattr(report, figures, lambda *given: iter(()))
 
 
 @pytest.fixture
@@ -307,7 +308,7 @@ def test_the_page_raises_no_error_and_requests_nothing_but_itself(browser):
 @needs_chromium
 def test_every_figure_is_drawn(browser):
     sizes = browser.evaluate("[...document.images].map(i => [i.complete, i.naturalWidth])")
-    assert len(sizes) == 9
+    assert len(sizes) == 9 + 5  # of residuals and of joints
     assert all(complete and width > 500 for complete, width in sizes)
 
 

@@ -157,6 +157,14 @@ def test_residual_curves_are_the_reported_residuals_to_the_last_bit(stored, tria
         np.testing.assert_allclose(stored.times(entity), trial.motion.time, atol=1e-9)
 
 
+def test_joint_moments_of_both_legs_are_shown_by_body_mass(stored, trial):
+    curves = np.array(stored.rows("joints/knee_flexion", "scalars"))
+    for column, name in enumerate(("RKneeFlexion", "LKneeFlexion")):
+        expected = trial.compensated.force(name) / trial.body.mass
+        np.testing.assert_allclose(curves[:, column], expected, rtol=1e-12)
+    assert list(stored.rows("joints/knee_flexion", "names", static=True)[0]) == ["right", "left"]
+
+
 def test_marker_errors_are_in_millimetres_with_the_largest_first(stored, trial):
     motion = trial.motion
     names = list(stored.rows("marker_error_mm", "names", static=True)[0])
