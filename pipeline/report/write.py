@@ -147,7 +147,7 @@ def write_report(
             sensitivity = choices(by_variant, design)
     names = {TrialName(*key) for key in compared[[*TrialName._fields]].itertuples(index=False)}
     results = replace(results, residuals=pool_recordings(compared, design.weigh))
-    tests = statistics(results.residuals, _all_subjects(results.subjects, study), design)
+    tests = statistics(results.residuals, _all_subjects(results.subjects, study), design, compared)
     explained, failed, together, stale = explanations(folder, results.trials)
     compared = compared[compared["condition"].isin(design.conditions)]
     measurement, missing = study_covariances(explained, compared, design.weigh)
@@ -165,7 +165,7 @@ def write_report(
     write_csv(table, folder / "table_3.csv")
     below = "\n".join(filter(None, (windows, missing)))
     write_text(f"{table_3_markdown(table, design)}\n{below}\n", folder / "table_3.md")
-    found = verdicts(results.residuals, design, measurement)
+    found = verdicts(results.residuals, design, measurement, compared)
     write_csv(plan_table(found, design), folder / "plan.csv")
     write_text(plan_markdown(found, design), folder / "plan.md")
     _write_parquet(results.cycles, folder / "cycles.parquet")

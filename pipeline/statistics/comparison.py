@@ -13,6 +13,12 @@ import pandas as pd
 
 from hbm.spatial import Array
 from pipeline.statistics.design import ALPHA, EXPERIMENT_3, MIN_SUBJECTS, Design
+from pipeline.statistics.mixed import (
+    compare_cells,
+    effects_of_factors,
+    is_incomplete_or_repeated,
+    recording_values,
+)
 from pipeline.statistics.paired import IntervalEstimate, compare_paired
 from pipeline.statistics.rm_glm import (
     GlmTerm,
@@ -23,6 +29,7 @@ from pipeline.statistics.rm_glm import (
 
 RM_ANOVA: Final = "RM-ANOVA"
 MIXED_ANOVA: Final = "mixed ANOVA"
+MIXED_MODEL: Final = "mixed model"
 """Names of the tests without and with a between-subject group."""
 MIN_SUBJECTS_FRIEDMAN: Final = 3
 """Below, the chi-square approximation does not hold."""
@@ -40,7 +47,10 @@ EMPTY: Final[Row] = {
 
 
 def statistics(
-    residuals: pd.DataFrame, subjects: pd.DataFrame | None = None, design: Design = EXPERIMENT_3
+    residuals: pd.DataFrame,
+    subjects: pd.DataFrame | None = None,
+    design: Design = EXPERIMENT_3,
+    recordings: pd.DataFrame | None = None,
 ) -> pd.DataFrame:
     """Run every test of a design on every residual.
 
@@ -55,6 +65,9 @@ def statistics(
         covariates out.
     design
         Conditions, planned pairs, covariates; by default those of experiment 3.
+    recordings
+        The same long table with a row per recording: where a subject lacks a cell or has several
+        recordings of one, mixed models use all of them.
 
     Returns
     -------
@@ -104,7 +117,10 @@ def statistics(
     for (axis, unit), group in data.groupby(["axis", "unit"], sort=False):
         cells = group.pivot(index="subject", columns="cell", values="rms")
         cells = cells.reindex(index=everyone, columns=list(design.cells))
-        rows += [{"axis": axis, "unit": unit, **row} for row in _tests(cells, subjects, design)]
+        tests = _tests(cells, subjects, design)
+        if recordings is not None:
+            tests += _mixed(recording_values(recordings, str(axis), design), design)
+        rows += [{"axis": axis, "unit": unit, **row} for row in tests]
     others = sorted(set(residuals["condition"]) - set(design.conditions))
     if others:
         note = f"conditions outside the design were not tested: {', '.join(others)}"
@@ -304,6 +320,37 @@ def _pairs(cells: pd.DataFrame, design: Design) -> Iterator[Row]:
             for row, p in zip(rows, corrected, strict=True):
                 yield row | {"correction": correction, "p_corrected": float(p)}
     yield from estimates
+
+
+def _mixed(values: pd.DataFrame, design: Design) -> Iterator[Row]:
+    """Compare by mixed models, where these are more than the tests of complete subjects."""
+    if not design.factors or not is_incomplete_or_repeated(values, design.cells):
+        return
+    n, recordings = values["subject"].nunique(), values[["subject", "recording"]].drop_duplicates()
+    used = f"{len(recordings)} recordings of {n} subjects"
+    if n > MIN_SUBJECTS:
+        for effect, chi2, df, p in effects_of_factors(values, design):
+            of_test = {"statistic_name": "chi2", "statistic": chi2, "df1": df}
+            yield _row(MIXED_MODEL, effect, n, used, **of_test, **_uncorrected(p))
+    for first, second in design.pairs:
+        effect, found = f"{first} - {second}", compare_cells(values, first, second)
+        if found is None:
+            yield _too_few(MIXED_MODEL, effect, n, MIN_SUBJECTS, "in each cell")
+            continue
+        count = len(design.pairs)
+        low, high = found.interval()
+        yield _row(
+            MIXED_MODEL,
+            effect,
+            found.subjects,
+            f"{found.recordings} recordings",
+            statistic_name="t",
+            statistic=found.t,
+            p_uncorrected=found.p,
+            p_corrected=min(1.0, count * found.p),
+            correction=f"Bonferroni x{count}",
+            **_size("mean difference", IntervalEstimate(found.difference, low, high)),
+        )
 
 
 def _size(name: str, size: IntervalEstimate) -> Row:

@@ -17,6 +17,7 @@ from pipeline.statistics.measurement import (
     half_interval,
     mean_covariance,
 )
+from pipeline.statistics.mixed import compare_cells, is_incomplete_or_repeated, recording_values
 
 POWER: Final = 0.8
 """By convention (Cohen 1988)."""
@@ -53,7 +54,9 @@ class Verdict:
     sd
         Standard deviation of the differences between subjects.
     n
-        Subjects.
+        Subjects with both cells.
+    mixed
+        Whether difference, interval and answer are those of mixed models of all recordings.
     measurement
         The 95 % interval of the difference by errors of measurement of usual size; None where they
         are not known.
@@ -79,6 +82,7 @@ class Verdict:
     high_percent: float = nan
     sd: float = nan
     n: int = 0
+    mixed: bool = False
     measurement: tuple[float, float] | None = None
     open_margin: bool = False
     needed: int | None = None
@@ -93,6 +97,7 @@ def verdicts(
     residuals: pd.DataFrame,
     design: Design = EXPERIMENT_3,
     measurement: Covariances | None = None,
+    recordings: pd.DataFrame | None = None,
 ) -> list[Verdict]:
     """Compare every residual in every condition with the reference.
 
@@ -104,6 +109,10 @@ def verdicts(
         What is compared.
     measurement
         Covariances of the residuals by errors of measurement, if they are known.
+    recordings
+        The same long table with a row per recording: where a subject lacks a cell or has several
+        recordings of one, the difference, its interval and the answer are those of mixed models of
+        all recordings.
 
     Returns
     -------
@@ -140,6 +149,13 @@ def verdicts(
             difference, margin = float(differences.mean()), design.margin * baseline
             excess = both[judged] - (1 + design.margin) * both[reference]
             low, high = _interval(differences, alpha)
+            within = _interval(excess, alpha)[1] <= 0
+            mixed = None
+            if recordings is not None:
+                values = recording_values(recordings, axis, design)
+                mixed = _by_mixed_model(values, condition, design, alpha)
+            if mixed is not None:
+                difference, low, high, within = mixed
             relative = ratio_interval(both[judged].to_numpy(), both[reference].to_numpy(), alpha)
             needed = [
                 None
@@ -160,7 +176,8 @@ def verdicts(
             found.append(
                 Verdict(
                     *(axis, unit, condition),
-                    answer=_answer(low, within=_interval(excess, alpha)[1] <= 0),
+                    answer=_answer(low, within=within),
+                    mixed=mixed is not None,
                     no_ic=float(both[False, condition].mean(skipna=False)),
                     ic=float(both[judged].mean()),
                     baseline=baseline,
@@ -178,6 +195,22 @@ def verdicts(
                 )
             )
     return found
+
+
+def _by_mixed_model(
+    values: pd.DataFrame, condition: str, design: Design, alpha: float
+) -> tuple[float, float, float, bool] | None:
+    """Give difference, interval and whether it is within the margin; None where pairs tell it."""
+    cells = design.judged(condition), design.reference_cell
+    own = values[values["cell"].isin(cells)]
+    if not is_incomplete_or_repeated(own, cells):
+        return None
+    found = compare_cells(own, *cells)
+    margin = own["value"].where(own["cell"] == cells[0], (1 + design.margin) * own["value"])
+    excess = compare_cells(own.assign(value=margin), *cells)
+    if found is None or excess is None:
+        return None
+    return found.difference, *found.interval(2 * alpha), excess.interval(2 * alpha)[1] <= 0
 
 
 def judged_conditions(design: Design) -> list[str]:
