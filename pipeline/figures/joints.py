@@ -1,6 +1,7 @@
 """Joint angles, moments and powers over the gait cycle: a row each, a column per joint motion."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Final
 
 import matplotlib as mpl
@@ -9,7 +10,8 @@ from matplotlib.figure import Figure
 
 from hbm.spatial import Array
 from pipeline.figures.residuals import legend_below
-from pipeline.figures.style import STYLE, draw_band
+from pipeline.figures.style import STYLE, draw_band, draw_differences
+from pipeline.statistics.curves import CurveDifference
 from pipeline.trial.joints import CURVES, JOINT_MOTIONS, JointMotion
 
 LEG: Final = tuple(m for m in JOINT_MOTIONS if m.joint in ("hip", "knee", "ankle"))
@@ -21,9 +23,15 @@ Curve = tuple[str, str, str, Array, Array]
 
 
 def joint_figure(
-    curves: Iterable[Curve], title: str, motions: tuple[JointMotion, ...] = LEG
+    curves: Iterable[Curve],
+    title: str,
+    motions: tuple[JointMotion, ...] = LEG,
+    differing: Mapping[tuple[str, str], Sequence[CurveDifference]] = MappingProxyType({}),
 ) -> Figure:
-    """Draw means over the gait cycle with one standard deviation as a band."""
+    """Draw means over the gait cycle with one standard deviation as a band.
+
+    ``differing`` are parts that differ, drawn as bars: name of a joint motion and curve -> parts.
+    """
     columns = [JOINT_MOTIONS.index(motion) for motion in motions]
     percent = np.linspace(0, 100, 101)
     with mpl.rc_context(STYLE):
@@ -44,6 +52,7 @@ def joint_figure(
                 panel.set_xlabel("gait cycle (%)")
             panel.axhline(0, color="black", lw=0.5)
             panel.set_xlim(0, 100)
+            draw_differences(panel, differing.get((motions[column].name, [*CURVES][row]), ()))
         legend_below(figure, panels[0, 0])
         figure.suptitle(title, fontsize=11)
     return figure

@@ -1,5 +1,6 @@
 """The style of all figures, and how they are written."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,12 +12,15 @@ from matplotlib.figure import Figure
 
 from hbm.spatial import Array
 from pipeline.io.write import whole_file
+from pipeline.statistics.curves import CurveDifference
 
 COLOURS: Final = {"measured": "#D55E00", "compensated": "#0072B2", "baseline": "#555555"}
 """Vermilion, blue and grey of the colour-blind safe palette of Okabe and Ito."""
 LINE_WIDTH_PT: Final = 1.5
 BAND_OPACITY: Final = 0.2
 """Two bands and their overlap can be distinguished."""
+BAR: Final = 0.02
+"""Height of a bar over a part of the gait cycle, as a share of the panel's."""
 DPI: Final = 150
 """Resolution of PNG files: 1400 pixels for a figure across a page."""
 
@@ -57,6 +61,16 @@ def draw_band(
     """
     panel.plot(x, mean, color=colour, label=label, ls=linestyle, lw=linewidth)
     panel.fill_between(x, mean - spread, mean + spread, color=colour, alpha=BAND_OPACITY, lw=0)
+
+
+def draw_differences(panel: Axes, parts: Iterable[CurveDifference]) -> None:
+    """Draw bars below curves over the parts of the gait cycle in which these differ, with p."""
+    for part in parts:
+        panel.axvspan(part.start, part.stop, ymin=0, ymax=BAR, color="black", lw=0)
+        text = "p < 0.001" if part.p < 0.001 else f"p = {part.p:.3f}"
+        middle = (part.start + part.stop) / 2
+        place = panel.get_xaxis_transform()
+        panel.text(middle, 1.5 * BAR, text, fontsize=6, ha="center", transform=place)
 
 
 def save_figure(figure: Figure, path: Path) -> None:

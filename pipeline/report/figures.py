@@ -1,7 +1,8 @@
 """Figures of a study: gait cycles over subjects, marginal means, every cycle of one subject."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, Final
 
 import matplotlib as mpl
@@ -19,9 +20,16 @@ from pipeline.figures.residuals import (
     mean_part,
     six_panels,
 )
-from pipeline.figures.style import COLOURS, LINE_WIDTH_PT, STYLE, draw_band
+from pipeline.figures.style import (
+    COLOURS,
+    LINE_WIDTH_PT,
+    STYLE,
+    draw_band,
+    draw_differences,
+)
 from pipeline.run.load import Results
 from pipeline.statistics.comparison import MIXED_ANOVA, RM_ANOVA
+from pipeline.statistics.curves import CurveDifference, parts_of
 from pipeline.statistics.design import CONFIDENCE, Design
 from pipeline.statistics.table_3 import format_p
 from pipeline.trial.residuals import AXES, UNITS
@@ -59,7 +67,7 @@ VARIANTS: Final = {
 
 
 def study_figures(
-    results: Results, statistics: pd.DataFrame, design: Design
+    results: Results, statistics: pd.DataFrame, design: Design, curves: pd.DataFrame
 ) -> Iterator[tuple[str, Figure]]:
     """Draw every figure of a study's report.
 
@@ -71,6 +79,8 @@ def study_figures(
         The table that `pipeline.statistics.comparison.statistics` returned for them.
     design
         The design that it was computed for.
+    curves
+        As `pipeline.report.curves.differing_curves`.
 
     Yields
     ------
@@ -80,7 +90,11 @@ def study_figures(
     """
     for condition in drawn_conditions(results.cycles, design):
         grey = mean_part(t for t in results.trials.values() if t.condition == condition)
-        figure = gait_cycle_figure(results.cycles, condition, design, grey=grey)
+        compared = f"{design.judged(condition)} - {design.reference_cell}"
+        differing = {axis: parts_of(curves, axis, compared) for axis in AXES}
+        figure = gait_cycle_figure(
+            results.cycles, condition, design, grey=grey, differing=differing
+        )
         yield f"gait_cycle_{condition}", figure
     yield "marginal_means", marginal_means_figure(results.residuals, statistics, design)
     subject = example_subject(results.cycles)
@@ -104,12 +118,19 @@ def example_subject(cycles: pd.DataFrame) -> str | None:
     return None if cells.empty else str(cells.groupby("subject", sort=True).size().idxmax())
 
 
+def mirrored(cycles: pd.DataFrame) -> pd.DataFrame:
+    """Mirror the cycles of the left foot in the sagittal plane."""
+    left = (cycles["side"] == "left") & cycles["axis"].isin(LATERAL)
+    return cycles.assign(value=cycles["value"].where(~left, -cycles["value"]))
+
+
 def gait_cycle_figure(
     cycles: pd.DataFrame,
     condition: str,
     design: Design,
     *,
     grey: tuple[float, float] | None = None,
+    differing: Mapping[str, Sequence[CurveDifference]] = MappingProxyType({}),
 ) -> Figure:
     """Draw a condition's residuals over the gait cycle with and without compensation.
 
@@ -123,6 +144,8 @@ def gait_cycle_figure(
         The reference, and the order of the conditions.
     grey
         Start and stop of the part that counts [% of the cycle], drawn as a grey band.
+    differing
+        Axis -> parts of the cycle in which the condition differs from the reference, drawn as bars.
 
     Returns
     -------
@@ -130,9 +153,7 @@ def gait_cycle_figure(
         Six panels: mean ± SD over the subjects' mean cycles; for a single subject, over its cycles.
         Cycles of the left foot are mirrored, as lateral residuals would cancel otherwise.
     """
-    shown = cycles[cycles["condition"].isin((design.reference, condition))]
-    mirrored = (shown["side"] == "left") & shown["axis"].isin(LATERAL)
-    shown = shown.assign(value=shown["value"].where(~mirrored, -shown["value"]))
+    shown = mirrored(cycles[cycles["condition"].isin((design.reference, condition))])
     counts = shown.groupby("condition")["subject"].nunique()
     single = counts.max() == 1
     unit = ["recording", "side", "cycle"] if single else ["subject"]
@@ -165,10 +186,13 @@ def gait_cycle_figure(
                 )
         label_panels(panels)
         draw_part(panels, grey)
+        for axis, panel in zip(AXES, panels, strict=True):
+            draw_differences(panel, differing.get(axis, ()))
         legend_below(figure, panels[0])
         over = "gait cycles of one subject" if single else f"{counts[condition]} subjects"
         title = f"Pelvis residuals, {condition}: mean ± SD over {over}"
         title += "; grey: the part that counts" * (grey is not None)
+        title += f"; bars: differs from {design.reference}" * any(differing.values())
         figure.suptitle(title, fontsize=TITLE_PT)
     return figure
 

@@ -16,6 +16,7 @@ from pipeline.figures.joints import LEG, UPPER_BODY, Curve, joint_figure
 from pipeline.figures.style import COLOURS
 from pipeline.report.blocks import Table
 from pipeline.report.figures import VARIANTS
+from pipeline.statistics.curves import parts_of
 from pipeline.statistics.design import CONFIDENCE, Design, Weigh
 from pipeline.statistics.table_3 import number
 from pipeline.trial.joints import CURVES, JOINT_MOTIONS
@@ -131,8 +132,12 @@ def error_table(of_trials: Sequence[pd.DataFrame], design: Design) -> Table | No
     return Table(caption, ("Moment (N·m/kg)", *heads), rows, "numbers")
 
 
-def joint_figures(cycles: pd.DataFrame, design: Design) -> Iterator[tuple[str, Figure]]:
+def joint_figures(
+    cycles: pd.DataFrame, design: Design, differing: pd.DataFrame
+) -> Iterator[tuple[str, Figure]]:
     """Draw joints: each condition with and without compensation; then conditions together.
+
+    ``differing`` is as `pipeline.report.curves.differing_curves` gives it.
 
     Yields
     ------
@@ -154,7 +159,14 @@ def joint_figures(cycles: pd.DataFrame, design: Design) -> Iterator[tuple[str, F
                 style = variant.label, variant.colour, variant.linestyle
                 drawn.append((*style, *curves[condition, compensated]))
         title = f"Joints of the legs, {condition}: mean ± SD over {over[condition]}"
-        yield f"joints_{condition}", joint_figure(drawn, title)
+        compared = f"{design.cell(condition, True)} - {design.cell(condition, False)}"
+        parts = {
+            (motion.name, curve): parts_of(differing, f"{motion.name}_{curve}", compared)
+            for motion in LEG
+            for curve in CURVES
+        }
+        title += "; bars: IC differs from no IC" * any(parts.values())
+        yield f"joints_{condition}", joint_figure(drawn, title, differing=parts)
     together: list[Curve] = [
         (name, CONDITION_COLOURS[k % len(CONDITION_COLOURS)], "-", *curves[name, best])
         for k, name in enumerate(conditions)

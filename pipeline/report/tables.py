@@ -19,6 +19,7 @@ from pipeline.statistics.table_3 import (
     table_3_legend,
 )
 from pipeline.statistics.verdict import MAX_SUBJECTS, POWER, Verdict, join_names, level_name
+from pipeline.trial.residuals import AXES, TRIAL_COLUMNS, rows_of
 
 WINDOWS: Final = {
     "cycle": "whole gait cycles",
@@ -118,6 +119,45 @@ def recordings_sentence(residuals: pd.DataFrame, design: Design) -> str:
         parts.append(f"{condition} {recordings} and {numbers(own['n_cycles'], 'gait cycle')}")
     equal = f"each {'gait cycle' if design.weigh == 'cycle' else 'recording'} is equal"
     return f"Per subject: {join_names(parts)}; {equal}."
+
+
+def repeated_values(residuals: pd.DataFrame, joints: pd.DataFrame) -> pd.DataFrame:
+    """Give the values whose repeatability is reported, as `reliability` takes them.
+
+    RMS residuals, and the peaks of joints as means of both sides.
+    """
+    names = [*TRIAL_COLUMNS, "compensated"]
+    own = residuals.rename(columns={"axis": "name", "rms": "value"})
+    peaks = joints[joints["percent"].notna()]
+    quantity = peaks["joint"] + " " + peaks["direction"] + ", " + peaks["quantity"]
+    keys = [*names, "name", "unit"]
+    peaks = peaks.assign(name=quantity).groupby(keys, sort=False)["value"].mean().reset_index()
+    return pd.concat([own[[*keys, "value"]], peaks], ignore_index=True)
+
+
+def reliability_tables(found: pd.DataFrame, design: Design) -> list[Table]:
+    """Show how well residuals and joint moments repeat, a table per condition."""
+    best = found[found["compensated"] == found["compensated"].any()]
+    best = best[best["name"].isin(AXES) | best["name"].str.endswith("moment")]
+    tables = []
+    for condition in design.in_order(best["condition"].unique()):
+        own = best[best["condition"] == condition]
+        rows = [
+            (
+                f"{row.what} ({row.unit})",
+                f"{row.mean:.2f}",
+                f"{row.sd_within:.2f}",
+                f"{row.icc:.2f} [{row.icc_low:.2f}, {row.icc_high:.2f}]",
+                f"{row.sem:.2f}",
+                f"{row.smallest_detectable_change:.2f}",
+            )
+            for row in rows_of(own.rename(columns={"name": "what"}))
+        ]
+        first = own.iloc[0]
+        heads = ("", "mean", "SD within subjects", "ICC [95 % CI]", "SEM", "smallest detectable")
+        repeats = f"{first['n_repeats']} {first['repeated']}s of {first['n_subjects']} subjects"
+        tables.append(Table(f"Repeatability, {condition}: {repeats}", heads, rows, "numbers"))
+    return tables
 
 
 def numbers(counts: pd.Series, noun: str) -> str:

@@ -18,6 +18,7 @@ from pipeline.figures.style import save_figure
 from pipeline.io.write import whole_file, write_csv, write_text
 from pipeline.report.blocks import TEMPLATES, Check, picture
 from pipeline.report.columns import write_columns
+from pipeline.report.curves import differing_curves
 from pipeline.report.effects import residual_tests
 from pipeline.report.figures import example_subject, study_figures
 from pipeline.report.joints import (
@@ -31,6 +32,8 @@ from pipeline.report.tables import (
     plan_markdown,
     plan_table,
     recordings_sentence,
+    reliability_tables,
+    repeated_values,
     residual_tables,
     windows_sentence,
 )
@@ -55,6 +58,7 @@ from pipeline.run.provenance import provenance, trial_states
 from pipeline.statistics.comparison import statistics
 from pipeline.statistics.design import Design, unstated_design
 from pipeline.statistics.recordings import pool_recordings
+from pipeline.statistics.reliability import reliability
 from pipeline.statistics.table_3 import table_3, table_3_markdown
 from pipeline.statistics.verdict import verdicts
 from pipeline.trial.result import TrialResult
@@ -148,6 +152,12 @@ def write_report(
     names = {TrialName(*key) for key in compared[[*TrialName._fields]].itertuples(index=False)}
     results = replace(results, residuals=pool_recordings(compared, design.weigh))
     tests = statistics(results.residuals, _all_subjects(results.subjects, study), design, compared)
+    repeated = reliability(repeated_values(compared, results.joints))
+    if len(repeated):
+        write_csv(repeated, folder / "reliability.csv")
+    announce("comparing curves")
+    curves = differing_curves(results.cycles, results.joint_cycles, design)
+    write_csv(curves, folder / "curves.csv")
     explained, failed, together, stale = explanations(folder, results.trials)
     compared = compared[compared["condition"].isin(design.conditions)]
     measurement, missing = study_covariances(explained, compared, design.weigh)
@@ -202,14 +212,15 @@ def write_report(
         tables=residual_tables(
             results.residuals, table, design, {s: g for s, g in of_study.items() if g is not None}
         ),
+        repeatability=reliability_tables(repeated, design),
         choices=sensitivity,
         tests=residual_tests(tests, design),
-        joints=drawn(joint_figures(results.joint_cycles, design)),
+        joints=drawn(joint_figures(results.joint_cycles, design, curves)),
         joint_tables=[
             *compensation_tables(results.joints, design),
             *filter(None, [error_table(errors, design)]),
         ],
-        pictures=drawn(study_figures(results, tests, design)),
+        pictures=drawn(study_figures(results, tests, design, curves)),
         example_subject=example_subject(results.cycles),
         any_compensated=bool(results.residuals["compensated"].any()),
         has_reference=design.reference in set(results.cycles["condition"]),
