@@ -7,7 +7,7 @@ from typing import Any, Final
 import pandas as pd
 
 from pipeline.report.blocks import Table, Text
-from pipeline.statistics.comparison import MIXED_ANOVA, RM_ANOVA
+from pipeline.statistics.comparison import MIXED_ANOVA, MIXED_MODEL, RM_ANOVA
 from pipeline.statistics.design import ALPHA, Design
 from pipeline.statistics.table_3 import format_p, number
 from pipeline.trial.residuals import AXES, DIRECTIONS, rows_of
@@ -16,6 +16,7 @@ ANOVA_HEADS: Final = (
     *("Effect", "F", "df", "ε GG", "p", "p corrected", "partial η² [95 % CI]"),
     *("power", "Mauchly's W", "its p"),
 )
+MIXED_HEADS: Final = ("Pair", "n", "mean difference [95 % CI]", "t", "p, corrected")
 FRIEDMAN_HEADS: Final = ("Cells", "χ²", "df", "p", "Kendall's W")
 PAIR_HEADS: Final = (
     *("Pair", "n", "mean difference [95 % CI]", "Cohen's dz [95 % CI]"),
@@ -46,7 +47,9 @@ def residual_tests(statistics: pd.DataFrame, design: Design) -> list[tuple[Text,
         own = statistics[statistics["axis"] == axis]
         if not own.empty:
             name = f"{axis} {'' if k < 3 else 'about '}{DIRECTIONS[k]}"
-            tables = [*_anova_tables(own), *_friedman_table(own), *_pair_table(own, design)]
+            mixed, others = own["test"] == MIXED_MODEL, own[own["test"] != MIXED_MODEL]
+            tables = [*_mixed_tables(own[mixed]), *_anova_tables(others)]
+            tables += [*_friedman_table(others), *_pair_table(others, design)]
             found.append((Text(name, tuple(_lines(own))), tables))
     reasons = {text.lines for text, _ in found}
     if len(found) > 1 and len(reasons) == 1 and not any(tables for _, tables in found):
@@ -68,6 +71,38 @@ def _anova_names(tests: pd.DataFrame) -> list[str]:
     """Give the names of the analyses of variance, the one with covariates last."""
     names = tests["test"].drop_duplicates()
     return [n for n in names if n.partition(" with ")[0] in (RM_ANOVA, MIXED_ANOVA)]
+
+
+def _mixed_tables(tests: pd.DataFrame) -> Iterator[Table]:
+    """Show mixed models of all recordings: planned pairs, and factors."""
+    computed = tests[tests["p_corrected"].notna()]
+    pairs = rows_of(computed[computed["statistic_name"] == "t"])
+    if pairs:
+        rows = [
+            (
+                row.effect.replace(" - ", " − "),
+                f"{row.n} ({row.note})",
+                _with_interval(row, "+z.1f"),
+                number(row.statistic, ".2f"),
+                format_p(row.p_corrected),
+            )
+            for row in pairs
+        ]
+        caption = "All recordings, by mixed models: planned pairs"
+        yield Table(caption, MIXED_HEADS, rows, "numbers tests")
+    factors = rows_of(computed[computed["statistic_name"] == "chi2"])
+    if factors:
+        terms = [
+            (
+                row.effect.replace(":", " × "),
+                number(row.statistic, ".2f"),
+                f"{row.df1:g}",
+                format_p(row.p_corrected),
+            )
+            for row in factors
+        ]
+        caption = f"All recordings, by a mixed model of all cells: {factors[0].note}"
+        yield Table(caption, ("Effect", "χ² (Wald)", "df", "p"), terms, "numbers tests")
 
 
 def _anova_tables(tests: pd.DataFrame) -> Iterator[Table]:

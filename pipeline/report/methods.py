@@ -17,6 +17,7 @@ from pipeline.report.blocks import TEMPLATES
 from pipeline.report.tables import described
 from pipeline.run.load import Results
 from pipeline.run.provenance import engines_of
+from pipeline.statistics.curves import MIN_SUBJECTS
 from pipeline.statistics.design import Design
 from pipeline.statistics.verdict import judged_conditions, level_name
 from pipeline.trial.gait.cycles import MIN_PLATFORM_SPEED_MPS
@@ -80,6 +81,8 @@ def methods(
         versions=trials[0].versions,
         python=platform.python_version(),
         pingouin=version("pingouin"),
+        statsmodels=version("statsmodels"),
+        curves_tested=bool(design.factors) and len(results.subjects) >= MIN_SUBJECTS,
         **_cycles(trials, study, design),
     )
     paragraphs = (" ".join(paragraph.split()) for paragraph in re.split(r"\n\s*\n", text))

@@ -6,6 +6,7 @@ from typing import Any, Final
 
 import pandas as pd
 
+from pipeline.report.blocks import each
 from pipeline.statistics.design import EXPERIMENT_3, MIN_SUBJECTS, Design
 from pipeline.statistics.table_3 import number
 from pipeline.statistics.verdict import (
@@ -69,11 +70,24 @@ def verdict_values(
         "headline": [_why_none(residuals, most, design)]
         if no_verdict
         else headlines(found, design),
-        "basis": "" if stated else _basis(design),
+        "basis": " ".join(filter(None, ("" if stated else _basis(design), _of_recordings(found)))),
         "heads": [f"{c}: {_label('at baseline', c, design)}?" for c in shown],
         "rows": rows,
         "most": most,
     }
+
+
+def _of_recordings(found: Sequence[Verdict]) -> str:
+    """Say where a verdict is by all recordings; empty where all are of complete pairs."""
+    mixed = [verdict for verdict in found if verdict.mixed]
+    if not mixed:
+        return ""
+    people = each(str(verdict.n) for verdict in mixed)
+    return (
+        "Subjects lack a condition or have several recordings of one: differences, intervals and "
+        "answers are by mixed models of all recordings; means are of the subjects who have both "
+        f"({people}). Tests of complete subjects are below."
+    )
 
 
 def _basis(design: Design) -> str:
