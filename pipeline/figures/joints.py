@@ -17,6 +17,8 @@ from pipeline.trial.joints import CURVES, JOINT_MOTIONS, JointMotion
 LEG: Final = tuple(m for m in JOINT_MOTIONS if m.joint in ("hip", "knee", "ankle"))
 UPPER_BODY: Final = tuple(m for m in JOINT_MOTIONS if m not in LEG)
 PANEL_INCH: Final = (2.2, 1.7)
+MARGIN_INCH: Final = (0.7, 0.8)
+"""Left and below; to lay out so many panels by their texts would take a second each time."""
 
 Curve = tuple[str, str, str, Array, Array]
 """Label, colour and line style of a curve; mean and standard deviation, (101, 13, 3)."""
@@ -36,8 +38,11 @@ def joint_figure(
     percent = np.linspace(0, 100, 101)
     with mpl.rc_context(STYLE):
         size = PANEL_INCH[0] * len(motions), PANEL_INCH[1] * len(CURVES) + 0.9
-        figure = Figure(figsize=size, layout="constrained")
+        figure = Figure(figsize=size)
         panels = figure.subplots(len(CURVES), len(motions), sharex=True)
+        left, bottom = MARGIN_INCH[0] / size[0], MARGIN_INCH[1] / size[1]
+        right, top = 1 - 0.2 / size[0], 1 - 0.6 / size[1]
+        figure.subplots_adjust(left, bottom, right, top, wspace=0.3, hspace=0.2)
         for label, colour, linestyle, mean, spread in curves:
             for (row, column), panel in np.ndenumerate(panels):
                 own = mean[:, columns[column], row], spread[:, columns[column], row]

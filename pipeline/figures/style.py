@@ -64,13 +64,14 @@ def draw_band(
 
 
 def draw_differences(panel: Axes, parts: Iterable[CurveDifference]) -> None:
-    """Draw bars below curves over the parts of the gait cycle in which these differ, with p."""
+    """Draw bars below curves over the parts of the gait cycle that differ; p of the longest."""
+    parts = sorted(parts, key=lambda part: part.stop - part.start)
     for part in parts:
         panel.axvspan(part.start, part.stop, ymin=0, ymax=BAR, color="black", lw=0)
+    for part in parts[-1:]:
         text = "p < 0.001" if part.p < 0.001 else f"p = {part.p:.3f}"
-        middle = (part.start + part.stop) / 2
-        place = panel.get_xaxis_transform()
-        panel.text(middle, 1.5 * BAR, text, fontsize=6, ha="center", transform=place)
+        place = (part.start + part.stop) / 2, 1.5 * BAR
+        panel.text(*place, text, fontsize=6, ha="center", transform=panel.get_xaxis_transform())
 
 
 def save_figure(figure: Figure, path: Path) -> None:

@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 from matplotlib.figure import Figure
 from scipy import stats
 
@@ -99,8 +100,9 @@ def moment_errors(trial: TrialResult, truth: Path) -> pd.DataFrame:
     count, of both legs. Empty where the laboratory left no true moments.
     """
     rows, counts = [], counted(trial)
-    if truth.is_file():
-        true = pd.read_parquet(truth)
+    wanted = [f"moment_{COORDINATES[m.column(side)[0]]}" for m in LEG for side in SIDES]
+    if truth.is_file() and {*wanted} <= {*pq.read_schema(truth).names}:
+        true = pd.read_parquet(truth, columns=["time", *wanted])
         for (variant, dynamics), motion, side in product(trial.variants.items(), LEG, SIDES):
             k, _ = motion.column(side)
             at = np.interp(trial.motion.time, true["time"], true[f"moment_{COORDINATES[k]}"])

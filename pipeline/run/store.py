@@ -10,7 +10,7 @@ import mmap
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from functools import cache
 from pathlib import Path
 from types import NoneType, UnionType
@@ -28,7 +28,7 @@ from hbm.engines.engine import EngineUsed
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.notes import Note
-from hbm.spatial import Array, Indices, Mask
+from hbm.spatial import Array, Indices, Mask, frozen
 from hbm.spelling import short
 from pipeline.io.input_file import open_file
 from pipeline.io.recording import Event, Plate
@@ -172,7 +172,20 @@ def read_trial(path: str | Path, *, frames: bool = True) -> TrialResult:
 
 def without_frames(result: TrialResult) -> TrialResult:
     """Give a trial without its frames, of which there is room for a whole study."""
-    return _result(frame_table(result).slice(0, 0), json.loads(_metadata(result)))
+    frames = len(result.motion.time)
+    return replace(result, **{name: _cut(getattr(result, name), frames) for name in OF_FRAMES})
+
+
+def _cut(value: Any, frames: int) -> Any:
+    """Leave out all frames of arrays, in whatever holds them."""
+    if isinstance(value, np.ndarray):
+        return value[:0] if len(value) == frames else value
+    if isinstance(value, Mapping):
+        return {key: _cut(own, frames) for key, own in value.items()}
+    if is_dataclass(value) and not isinstance(value, type):
+        own = {field.name: _cut(getattr(value, field.name), frames) for field in fields(value)}
+        return replace(value, **own)
+    return value
 
 
 def _metadata(result: TrialResult) -> bytes:
@@ -309,7 +322,7 @@ def _frames(table: pa.Table, engine: EngineUsed) -> dict[str, Any]:
 
     def read(prefix: str, names: Iterable[str]) -> Array:
         found = [table.column(f"{prefix}.{name}").to_numpy() for name in names]
-        return np.column_stack(found) if found else np.empty((table.num_rows, 0))
+        return frozen(np.column_stack(found) if found else np.empty((table.num_rows, 0)))
 
     def named(prefix: str, last: str = "") -> tuple[str, ...]:
         columns = (n for n in table.column_names if n.startswith(prefix) and n.endswith(last))
@@ -326,19 +339,21 @@ def _frames(table: pa.Table, engine: EngineUsed) -> dict[str, Any]:
         markers=in_motion,
         marker_error=read("marker_error", in_motion),
         converged=table.column("converged").to_numpy(),
-        observed=np.asarray(read("observed", COORDINATES), bool),
+        observed=read("observed", COORDINATES).astype(bool),
         gradient=table.column("gradient").to_numpy(),
     )
     variants, ground = {}, {}
     for name in named("residual.", f".{AXES[0]}"):
         force, residual = read(f"tau.{name}", COORDINATES), reported(read(f"residual.{name}", AXES))
-        variants[name] = Dynamics(time, force, residual, force * motion.v, engine)
+        variants[name] = Dynamics(time, force, frozen(residual), frozen(force * motion.v), engine)
         feet = named(f"ground.{name}.", f".{WRENCH[0]}")
         ground[name] = {foot: read(f"ground.{name}.{foot}", WRENCH) for foot in feet}
     pose = read("platform", POSE) if named("platform.") else None
     return {
         "markers": Markers(
-            time, names, np.stack(position, axis=1) if position else np.empty((len(time), 0, 3))
+            time,
+            names,
+            frozen(np.stack(position, axis=1) if position else np.empty((len(time), 0, 3))),
         ),
         "motion": motion,
         "variants": variants,

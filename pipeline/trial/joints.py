@@ -5,7 +5,7 @@ the direction in which the angle grows, so that moment times angular velocity is
 joint gives to the body. Angles are those of the model's coordinates (`hbm.coordinates`).
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -93,23 +93,21 @@ def joint_spans(result: TrialResult) -> dict[str, Array]:
     return spans
 
 
-def joint_curves(result: TrialResult, variant: str) -> dict[str, Array]:
+def joint_curves(result: TrialResult) -> dict[str, dict[str, Array]]:
     """Give angles, moments and powers of every gait cycle over 0–100 %.
 
     Parameters
     ----------
     result
         The trial.
-    variant
-        "measured" or "compensated": of moments and powers.
 
     Returns
     -------
-    dict[str, Array]
-        Side -> (C, 101, 13, 3), in the order of `JOINT_MOTIONS` and `CURVES` [deg, N·m/kg, W/kg],
-        of the cycles of `joint_spans`. NaN where the pose is unknown and, of moments and powers,
-        where plates do not carry the subject, it is unknown which foot they carry, or filters
-        settle.
+    dict
+        Variant ("measured", "compensated") -> side -> (C, 101, 13, 3), in the order of
+        `JOINT_MOTIONS` and `CURVES` [deg, N·m/kg, W/kg], of the cycles of `joint_spans`. NaN where
+        the pose is unknown and, of moments and powers, where plates do not carry the subject, it is
+        unknown which foot they carry, or filters settle.
 
     Examples
     --------
@@ -118,24 +116,22 @@ def joint_curves(result: TrialResult, variant: str) -> dict[str, Array]:
     >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
     >>> walk = pipeline.read_c3d("walk.c3d")
     >>> result = pipeline.process_recording(walk, pipeline.Subject(sex="male"), pipeline.Settings())
-    >>> {side: curves.shape[1:] for side, curves in joint_curves(result, "measured").items()}
+    >>> {side: own.shape[1:] for side, own in joint_curves(result)["measured"].items()}
     {'right': (101, 13, 3), 'left': (101, 13, 3)}
     """
-    dynamics, motion = result.variants[variant], result.motion
+    motion, found = result.motion, {variant: dict[str, Array]() for variant in result.variants}
     posed = free_of(result.quality, Quality.POSE_UNKNOWN | Quality.LIMB_UNSEEN | Quality.SETTLING)
-    loaded = free_of(result.quality, NO_SUPPORT)
-    angle = np.where(posed[:, None], np.degrees(motion.q), np.nan)
-    forces = [
-        np.where((posed & loaded)[:, None], values / result.body.mass, np.nan)
-        for values in (dynamics.tau, dynamics.power)
-    ]
-    found = {}
+    loaded = posed & free_of(result.quality, NO_SUPPORT)
     for side, spans in joint_spans(result).items():
         columns, signs = map(np.array, zip(*(m.column(side) for m in JOINT_MOTIONS), strict=True))
-        moments, powers = (values[:, columns] for values in forces)
-        of_each = (angle[:, columns] * signs, moments * signs, powers)
-        curves = [normalise(motion.time, values, spans) for values in of_each]
-        found[side] = np.stack(curves, axis=3)
+        table = [np.where(posed[:, None], np.degrees(motion.q[:, columns]) * signs, np.nan)]
+        for dynamics in result.variants.values():
+            for forces, sign in ((dynamics.tau, signs), (dynamics.power, 1.0)):
+                by_mass = forces[:, columns] * sign / result.body.mass
+                table.append(np.where(loaded[:, None], by_mass, np.nan))
+        angle, *others = np.moveaxis(normalise(motion.time, np.stack(table, 1), spans), 2, 0)
+        for variant, moment, power in zip(found, others[::2], others[1::2], strict=True):
+            found[variant][side] = np.stack([angle, moment, power], axis=3)
     return found
 
 
@@ -192,12 +188,12 @@ def joint_tables(result: TrialResult, condition: str) -> tuple[pd.DataFrame, pd.
     >>> result = pipeline.process_recording(walk, pipeline.Subject(sex="male"), pipeline.Settings())
     >>> summary, cycles = joint_tables(result, "level")
     >>> summary.query("joint == 'knee' and quantity == 'range of motion'")["value"].round().tolist()
-    [61.0, 61.0]
+    [53.0, 54.0]
     """
     rows, parts = [], [pd.DataFrame(columns=CYCLE_COLUMNS)]
     time_s = {side: np.diff(spans)[:, 0] for side, spans in joint_spans(result).items()}
-    for variant in result.variants:
-        for side, curves in joint_curves(result, variant).items():
+    for variant, of_sides in joint_curves(result).items():
+        for side, curves in of_sides.items():
             of_side = variant == "compensated", side
             rows += [(*of_side, *row) for row in _quantities(curves, time_s[side])]
             count, percents = curves.shape[:2]
@@ -214,26 +210,31 @@ def joint_tables(result: TrialResult, condition: str) -> tuple[pd.DataFrame, pd.
 
 def _quantities(curves: Array, duration_s: Array) -> Iterator[tuple[object, ...]]:
     """Give the rows of a side from the joint on, of curves (C, 101, 13, 3)."""
-    for k, motion in enumerate(JOINT_MOTIONS):
-        for quantity, (curve, unit) in QUANTITIES.items():
-            own = curves[:, :, k, [*CURVES].index(curve)]
-            known = np.isfinite(own).mean(axis=1) >= MIN_KNOWN
-            if known.any():
-                values, at = _quantity(quantity, own[known], duration_s[known])
+    known = np.isfinite(curves).mean(axis=1) >= MIN_KNOWN
+    for quantity, (curve, unit) in QUANTITIES.items():
+        c = [*CURVES].index(curve)
+        of_cycles, percent = _quantity(quantity, curves[..., c], duration_s)
+        for k, motion in enumerate(JOINT_MOTIONS):
+            values = of_cycles[known[:, k, c], k]
+            if len(values):
                 spread = values.std(ddof=1) if len(values) > 1 else np.nan
-                of_cycles = values.mean(), spread, at, len(values)
-                yield motion.joint, motion.direction, quantity, unit, *of_cycles
+                at = float(percent[known[:, k, c], k].mean())
+                name = motion.joint, motion.direction, quantity, unit
+                yield *name, values.mean(), spread, at, len(values)
 
 
-def _quantity(quantity: str, curves: Array, duration_s: Array) -> tuple[Array, float]:
-    """Give a quantity of each cycle, of curves (C, 101), and the mean percent at which it is."""
-    measure: Mapping[str, Array] = {
-        "range of motion": np.nanmax(curves, axis=1) - np.nanmin(curves, axis=1),
-        "positive work": np.nanmean(np.maximum(curves, 0), axis=1) * duration_s,
-        "negative work": np.nanmean(np.minimum(curves, 0), axis=1) * duration_s,
-    }
-    if quantity in measure:
-        return measure[quantity], np.nan
-    peak = np.nanargmax if quantity.startswith("largest") else np.nanargmin
-    at = peak(curves, axis=1)
-    return curves[np.arange(len(curves)), at], float(at.mean())
+def _quantity(quantity: str, curves: Array, duration_s: Array) -> tuple[Array, Array]:
+    """Give a quantity of each cycle and the percent at which it is, of (C, 101, K), (C, K) each."""
+    unknown = np.isnan(curves)
+    if quantity.endswith("work"):
+        part = np.maximum(curves, 0) if quantity.startswith("positive") else np.minimum(curves, 0)
+        samples = np.maximum(np.count_nonzero(~unknown, axis=1), 1)
+        work = np.where(unknown, 0.0, part).sum(axis=1) / samples * duration_s[:, None]
+        return work, np.full(work.shape, np.nan)
+    high, low = np.where(unknown, -np.inf, curves), np.where(unknown, np.inf, curves)
+    if quantity == "range of motion":
+        span = high.max(axis=1) - low.min(axis=1)
+        return span, np.full(span.shape, np.nan)
+    if quantity.startswith("largest"):
+        return high.max(axis=1), high.argmax(axis=1).astype(float)
+    return low.min(axis=1), low.argmin(axis=1).astype(float)

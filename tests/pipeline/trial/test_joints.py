@@ -84,7 +84,7 @@ def test_powers_of_joints_residual_and_ground_are_the_rate_of_energy(name, reque
 
 
 def test_curves_are_the_model_s_coordinates_forces_and_powers_over_cycles(virtual):
-    curves = joint_curves(virtual, "compensated")
+    curves = joint_curves(virtual)["compensated"]
     for side, letter in (("right", "R"), ("left", "L")):
         (start, stop), own = joint_spans(virtual)[side][0], curves[side][0]
         at = start + (stop - start) * np.linspace(0, 1, 101)
@@ -99,7 +99,7 @@ def test_curves_are_the_model_s_coordinates_forces_and_powers_over_cycles(virtua
 def test_a_trunk_that_bends_to_the_right_bends_to_the_side_of_right_cycles_only(virtual):
     bent = virtual.motion.q.copy()
     bent[:, INDEX["TrunkRightBend"]] = 0.2
-    curves = joint_curves(replace(virtual, motion=replace(virtual.motion, q=bent)), "measured")
+    curves = joint_curves(replace(virtual, motion=replace(virtual.motion, q=bent)))["measured"]
     k = [motion.direction for motion in JOINT_MOTIONS].index("ipsilateral bend")
     assert np.nanmean(curves["right"][:, :, k, 0]) == pytest.approx(np.degrees(0.2))
     assert np.nanmean(curves["left"][:, :, k, 0]) == pytest.approx(-np.degrees(0.2))
@@ -122,7 +122,7 @@ def test_peaks_ranges_and_work_are_those_of_the_curves(virtual):
     assert own["range of motion"] == pytest.approx(
         own["largest angle"] - own["smallest angle"], rel=0.2
     )
-    curves = joint_curves(virtual, "compensated")["right"]
+    curves = joint_curves(virtual)["compensated"]["right"]
     k = [motion.name for motion in JOINT_MOTIONS].index("ankle_plantarflexion")
     spans = joint_spans(virtual)["right"]
     net = np.nanmean(curves[:, :, k, 2], axis=1) * np.diff(spans)[:, 0]
