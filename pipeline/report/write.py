@@ -223,7 +223,7 @@ def write_report(
         pictures=drawn(study_figures(results, tests, design, curves)),
         example_subject=example_subject(results.cycles),
         any_compensated=bool(results.residuals["compensated"].any()),
-        has_reference=design.reference in set(results.cycles["condition"]),
+        has_reference=design.reference in results.cycles["condition"].unique(),
         trials=trials,
         states=states,
         quality=quality_table({str(name): quality[name] for name in of_variants[MAIN].trials}),

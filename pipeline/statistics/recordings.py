@@ -44,6 +44,8 @@ def pool_recordings(residuals: pd.DataFrame, weigh: Weigh = "cycle") -> pd.DataF
     >>> [float(pool_recordings(found, w)["rms"].iloc[0]) for w in ("cycle", "recording")]
     [3.605551275463989, 5.0]
     """
+    if not residuals.duplicated([*CELL_COLUMNS]).any():
+        return residuals.assign(n_recordings=1)[[*POOLED_COLUMNS]].reset_index(drop=True)
     rows = []
     for cell, own in residuals.groupby([*CELL_COLUMNS], sort=False):
         row: dict[str, object] = dict(zip(CELL_COLUMNS, cell, strict=True))

@@ -60,8 +60,8 @@ def reliability(values: pd.DataFrame) -> pd.DataFrame:
     >>> (row["repeated"], int(row["n_subjects"]), bool(row["icc"] > 0.99))
     ('recording', 9, True)
     """
-    rows = []
-    for key, own in values.groupby(KEYS, sort=False):
+    rows, several_of = [], values.duplicated([*KEYS, "subject"], keep=False)
+    for key, own in values[several_of].groupby(KEYS, sort=False):
         sessions = own.groupby("subject")["session"].nunique()
         of_session = bool((sessions > 1).sum() >= MIN_SUBJECTS)
         unit = "session" if of_session else "recording"
