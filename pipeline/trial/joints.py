@@ -18,6 +18,7 @@ from pipeline.trial.gait.cycles import gait_cycles, normalise
 from pipeline.trial.quality import NO_SUPPORT, Quality, free_of
 from pipeline.trial.residuals import with_name
 from pipeline.trial.result import TrialResult
+from pipeline.trial.window import frames_within
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +69,8 @@ JOINT_MOTIONS: Final = (
 CURVES: Final = {"angle": "deg", "moment": "N·m/kg", "power": "W/kg"}
 """What is known of each joint motion, and its unit."""
 JOULES: Final = "J/kg"
+BESIDE_S: Final = np.array([-0.2, 0.2])
+"""Time before and after gait cycles from which their curves are interpolated."""
 MIN_KNOWN: Final = 0.8
 """Of a gait cycle that is summarised: where a stumble makes it uncertain whose foot is on a plate,
 moments of some instants are unknown."""
@@ -124,12 +127,15 @@ def joint_curves(result: TrialResult) -> dict[str, dict[str, Array]]:
     loaded = posed & free_of(result.quality, NO_SUPPORT)
     for side, spans in joint_spans(result).items():
         columns, signs = map(np.array, zip(*(m.column(side) for m in JOINT_MOTIONS), strict=True))
-        table = [np.where(posed[:, None], np.degrees(motion.q[:, columns]) * signs, np.nan)]
+        near = np.flatnonzero(frames_within(motion.time, {side: spans + BESIDE_S}, None))
+        place = np.ix_(near, columns)
+        table = [np.where(posed[near, None], np.degrees(motion.q[place]) * signs, np.nan)]
         for dynamics in result.variants.values():
             for forces, sign in ((dynamics.tau, signs), (dynamics.power, 1.0)):
-                by_mass = forces[:, columns] * sign / result.body.mass
-                table.append(np.where(loaded[:, None], by_mass, np.nan))
-        angle, *others = np.moveaxis(normalise(motion.time, np.stack(table, 1), spans), 2, 0)
+                by_mass = forces[place] * sign / result.body.mass
+                table.append(np.where(loaded[near, None], by_mass, np.nan))
+        curves = normalise(motion.time[near], np.stack(table, 1), spans)
+        angle, *others = np.moveaxis(curves, 2, 0)
         for variant, moment, power in zip(found, others[::2], others[1::2], strict=True):
             found[variant][side] = np.stack([angle, moment, power], axis=3)
     return found
