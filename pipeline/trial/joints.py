@@ -80,7 +80,7 @@ def joint_spans(result: TrialResult) -> dict[str, Array]:
     """Give the gait cycles whose joints are reported: side -> start and stop, (C, 2) [s].
 
     Those that the condition asks for. Where these are of one side, the cycles of the other side
-    are those that begin meanwhile. Empty where no gait cycles count.
+    are those that begin meanwhile. Without sides that have no gait cycle.
     """
     counted = {side: np.reshape(own, (-1, 2)) for side, own in result.cycles.items() if len(own)}
     if result.unit != "cycle" or not counted:
@@ -92,7 +92,8 @@ def joint_spans(result: TrialResult) -> dict[str, Array]:
         if own is None:
             found = np.reshape(gait_cycles(result.events, side)[0], (-1, 2))
             own = found[(found[:, 0] >= first) & (found[:, 1] <= last)]
-        spans[side] = own
+        if len(own):
+            spans[side] = own
     return spans
 
 
