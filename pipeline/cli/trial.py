@@ -261,7 +261,7 @@ def export(
     request: TrialRequest,
     osim: Annotated[Path | None, Option(help="Write the body for OpenSim 4.")] = None,
     urdf: Annotated[Path | None, Option(help="Write the body as URDF.")] = None,
-    tables: Annotated[Path | None, Option(help="Folder for .mot, .sto, .trc and .csv.")] = None,
+    tables: Annotated[Path | None, Option(help="Folder for .mot, .sto, .trc, .csv.")] = None,
     ankle_zero: Annotated[AnkleZero, Option(help="in_line: as in the HBM.")] = "right_angle",
     bids: Annotated[Path | None, Option(help="BIDS data set to add the recording to.")] = None,
     subject: Annotated[str, Option(help="BIDS label of the subject.")] = "01",
@@ -279,6 +279,7 @@ def export(
 
     TRIAL may be a result, RESULTS/trials/*.parquet: it is exported as it is, not processed again.
     With --c3d, TRIAL may be a study's folder: the recordings of all its trials are written.
+    With --tables, TRIAL may be the RESULTS of a study: its tables are written as CSV and workbook.
     """
     models = osim or urdf or tables
     processed = request.trial.suffix == RESULT
@@ -296,6 +297,8 @@ def export(
         if models or bids:
             raise ValueError("of a whole study only --c3d is exported; leave the others out")
         return _export_study(request.trial, c3d, frame)
+    if tables and request.trial.is_dir():
+        return _export_tables(request.trial, tables)
     if processed:
         require_no_options(request, "a result that has been processed already")
     if processed and (bids or c3d):
@@ -314,6 +317,18 @@ def export(
     if models:
         written += _export_models(request, osim, urdf, tables, ankle_zero, console)
     console.say("written: " + ", ".join(map(str, written)))
+    return 0
+
+
+def _export_tables(results: Path, out: Path) -> int:
+    """Write the tables of a study for statistics programs."""
+    from pipeline.report.workbook import write_workbook
+
+    require_folder(out, "--tables")
+    console = PlainConsole()
+    with console.status("writing the tables"):
+        *tables, workbook = write_workbook(results, out)
+    console.say(f"{counted(len(tables), 'table')} as CSV, and all of them in {workbook}")
     return 0
 
 

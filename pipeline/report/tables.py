@@ -18,7 +18,14 @@ from pipeline.statistics.table_3 import (
     reduction_percent,
     table_3_legend,
 )
-from pipeline.statistics.verdict import MAX_SUBJECTS, POWER, Verdict, join_names, level_name
+from pipeline.statistics.verdict import (
+    MAX_SUBJECTS,
+    PLANNED_RECORDINGS,
+    POWER,
+    Verdict,
+    join_names,
+    level_name,
+)
 from pipeline.trial.residuals import AXES, TRIAL_COLUMNS, rows_of
 
 WINDOWS: Final = {
@@ -181,7 +188,8 @@ def plan_table(found: Sequence[Verdict], design: Design) -> pd.DataFrame:
     pandas.DataFrame
         axis, unit, condition; reference: its mean residual; difference and sd: mean and standard
         deviation of the differences from it; margin; n; needed and needed_as_observed, empty
-        beyond 1000 subjects or where the difference observed exceeds the margin.
+        beyond 1000 subjects or where the difference observed exceeds the margin; where recordings
+        are repeated, needed_with_1 to needed_with_10, needed with so many per condition.
     """
     table = pd.DataFrame(found, columns=[field.name for field in fields(Verdict)])
     table = table.rename(columns={"baseline": "reference"})
@@ -189,8 +197,13 @@ def plan_table(found: Sequence[Verdict], design: Design) -> pd.DataFrame:
         *("axis", "unit", "condition", "reference", "difference", "sd", "margin", "n"),
         *("needed", "needed_as_observed"),
     ]
-    counts = {"needed": "Int64", "needed_as_observed": "Int64"}
-    return table.assign(margin=design.margin * table["reference"])[columns].astype(counts)
+    counts = ["needed", "needed_as_observed"]
+    if any(verdict.needed_with for verdict in found):
+        for k, recordings in enumerate(PLANNED_RECORDINGS):
+            counts.append(f"needed_with_{recordings}")
+            table[counts[-1]] = [v.needed_with[k] if v.needed_with else None for v in found]
+    table = table.assign(margin=design.margin * table["reference"])
+    return table[[*columns, *counts[2:]]].astype(dict.fromkeys(counts, "Int64"))
 
 
 def plan_markdown(found: Sequence[Verdict], design: Design) -> str:
@@ -218,6 +231,22 @@ def plan_markdown(found: Sequence[Verdict], design: Design) -> str:
         f"{100 * CONFIDENCE:g} % simultaneous confidence{together}, if the true difference is zero;"
         "\nin brackets, if it is the one observed (–: that one exceeds the margin). From the "
         f"variance between {most}\nsubjects, which is itself uncertain.\n"
+        f"{_recordings_plan(found)}"
+    )
+
+
+def _recordings_plan(found: Sequence[Verdict]) -> str:
+    """Render the subjects needed with other numbers of recordings; empty where none is repeated."""
+    rows = [
+        [f"{v.axis}, {v.condition}", *map(_count, v.needed_with)] for v in found if v.needed_with
+    ]
+    if not rows:
+        return ""
+    heads = ["Recordings per condition", *map(str, PLANNED_RECORDINGS)]
+    return (
+        f"\n{markdown_table(heads, rows)}\n\n"
+        "Subjects needed with other numbers of recordings per condition, if the true difference is "
+        "zero.\n"
     )
 
 
@@ -226,8 +255,9 @@ def _planned(verdict: Verdict, design: Design) -> str:
     if verdict.n < MIN_SUBJECTS:
         return "–"
     beyond = verdict.difference >= design.margin * verdict.baseline
-    first, second = (
-        f">{MAX_SUBJECTS}" if subjects is None else str(subjects)
-        for subjects in (verdict.needed, verdict.needed_as_observed)
-    )
-    return f"{first} ({'–' if beyond else second})"
+    second = "–" if beyond else _count(verdict.needed_as_observed)
+    return f"{_count(verdict.needed)} ({second})"
+
+
+def _count(subjects: int | None) -> str:
+    return f">{MAX_SUBJECTS}" if subjects is None else str(subjects)

@@ -52,6 +52,7 @@ from pipeline.report.variants import (
     variant_results,
 )
 from pipeline.report.verdict import question, verdict_values
+from pipeline.report.workbook import write_wide_tables
 from pipeline.run.job import read_failures
 from pipeline.run.load import Results, collect, select_trials
 from pipeline.run.provenance import provenance, trial_states
@@ -151,7 +152,9 @@ def write_report(
             sensitivity = choices(by_variant, design)
     names = {TrialName(*key) for key in compared[[*TrialName._fields]].itertuples(index=False)}
     results = replace(results, residuals=pool_recordings(compared, design.weigh))
-    tests = statistics(results.residuals, _all_subjects(results.subjects, study), design, compared)
+    people = _all_subjects(results.subjects, study)
+    tests = statistics(results.residuals, people, design, compared)
+    write_wide_tables(folder, results.residuals, results.joints, people, design)
     repeated = reliability(repeated_values(compared, results.joints))
     if len(repeated):
         write_csv(repeated, folder / "reliability.csv")

@@ -119,7 +119,11 @@ def statistics(
         cells = cells.reindex(index=everyone, columns=list(design.cells))
         tests = _tests(cells, subjects, design)
         if recordings is not None:
-            tests += _mixed(recording_values(recordings, str(axis), design), design)
+            values = recording_values(recordings, str(axis), design)
+            if subjects is not None and design.group is not None:
+                of_group = subjects.set_index("subject")[design.group]
+                values = values.assign(group=values["subject"].map(of_group))
+            tests += _mixed(values, design)
         rows += [{"axis": axis, "unit": unit, **row} for row in tests]
     others = sorted(set(residuals["condition"]) - set(design.conditions))
     if others:

@@ -191,7 +191,9 @@ def is_incomplete_or_repeated(values: pd.DataFrame, cells: Sequence[str]) -> boo
 def effects_of_factors(
     values: pd.DataFrame, design: Design
 ) -> Iterator[tuple[str, float, int, float]]:
-    """Test the factors and their interaction by all recordings.
+    """Test the factors and their interactions by all recordings.
+
+    Of the design's groups where the values have a column ``group``.
 
     Yields
     ------
@@ -201,6 +203,9 @@ def effects_of_factors(
     terms = {COMPENSATION: "C(compensated, Sum)", design.factor: "C(condition, Sum)"}
     named = [terms[factor] for factor in design.factors]
     own = values.assign(scaled=values["value"] / values["value"].std())
+    if design.group is not None and "group" in values:
+        terms[design.group] = "C(group, Sum)"
+        own, named = own.dropna(subset="group"), [*named, terms[design.group]]
     components = _components(own)
     formulas = {name: f"0 + C({name})" for name in components}
     formula = f"scaled ~ {' * '.join(named)}"

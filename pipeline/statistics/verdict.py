@@ -21,6 +21,8 @@ from pipeline.statistics.mixed import compare_cells, is_incomplete_or_repeated, 
 
 POWER: Final = 0.8
 """By convention (Cohen 1988)."""
+PLANNED_RECORDINGS: Final = (1, 2, 3, 5, 10)
+"""Per subject and condition, for which a study is planned."""
 MAX_SUBJECTS: Final = 1000
 """No gait study has more; beyond, the answer is that it cannot be shown."""
 MAX_NONCENTRALITY: Final = 1e3
@@ -66,6 +68,8 @@ class Verdict:
     needed, needed_as_observed
         Subjects who would show "at baseline" with 80 % power, if the true difference is zero and
         if it is the one observed; None where it cannot be shown or is not known.
+    needed_with
+        ``needed`` with each of `PLANNED_RECORDINGS` per condition; empty where the study has one.
     """
 
     axis: str
@@ -87,6 +91,7 @@ class Verdict:
     open_margin: bool = False
     needed: int | None = None
     needed_as_observed: int | None = None
+    needed_with: tuple[int | None, ...] = ()
 
     def percent(self, value: float) -> float:
         """Give a difference in percent of the baseline."""
@@ -150,10 +155,12 @@ def verdicts(
             excess = both[judged] - (1 + design.margin) * both[reference]
             low, high = _interval(differences, alpha)
             within = _interval(excess, alpha)[1] <= 0
-            mixed = None
+            mixed, spreads = None, tuple[float, ...]()
             if recordings is not None:
                 values = recording_values(recordings, axis, design)
                 mixed = _by_mixed_model(values, condition, design, alpha)
+                complete = values[values["subject"].isin(both.index)]
+                spreads = _planned_spreads(complete, condition, design, float(excess.var()))
             if mixed is not None:
                 difference, low, high, within = mixed
             relative = ratio_interval(both[judged].to_numpy(), both[reference].to_numpy(), alpha)
@@ -192,6 +199,7 @@ def verdicts(
                     open_margin=open_margin,
                     needed=needed[0],
                     needed_as_observed=needed[1],
+                    needed_with=tuple(subjects_needed(sd, margin, alpha) for sd in spreads),
                 )
             )
     return found
@@ -211,6 +219,34 @@ def _by_mixed_model(
     if found is None or excess is None:
         return None
     return found.difference, *found.interval(2 * alpha), excess.interval(2 * alpha)[1] <= 0
+
+
+def _planned_spreads(
+    values: pd.DataFrame, condition: str, design: Design, variance: float
+) -> tuple[float, ...]:
+    """Give the SD between subjects of ``ic - 1.2 baseline`` with other numbers of recordings.
+
+    With each of `PLANNED_RECORDINGS` per condition, from its variance between subjects with the
+    recordings that there are; empty where no recording is repeated. A mean of k recordings has the
+    variance within subjects by k.
+    """
+    cells, factors = (design.judged(condition), design.reference_cell), (1, 1 + design.margin)
+    own = values[values["cell"].isin(cells)]
+    each = own.pivot(index=["subject", "recording"], columns="cell", values="value")
+    parts = [factor * each[cell].dropna() for cell, factor in zip(cells, factors, strict=True)]
+    if len(parts[0]) == len(parts[1]) == len(each):  # of the same recordings
+        parts = [parts[0] - parts[1]]
+    within = of_means = 0.0
+    for part in parts:
+        of_subject = part.groupby("subject")
+        count = of_subject.size()
+        if count.max() < 2:
+            return ()
+        own_variance = np.average(of_subject.var()[count > 1], weights=count[count > 1] - 1)
+        within += own_variance
+        of_means += own_variance * float((1 / count).mean())
+    between = max(variance - of_means, 0.0)
+    return tuple(float(np.sqrt(between + within / count)) for count in PLANNED_RECORDINGS)
 
 
 def judged_conditions(design: Design) -> list[str]:

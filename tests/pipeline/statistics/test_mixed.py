@@ -1,5 +1,6 @@
 """Mixed models: published numbers, the paired t-test where nothing is missing, true differences."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from pipeline.statistics.comparison import statistics
 from pipeline.statistics.design import design_of
 from pipeline.statistics.mixed import compare_cells, fit_mixed
 from pipeline.statistics.recordings import pool_recordings
-from pipeline.statistics.verdict import verdicts
+from pipeline.statistics.verdict import PLANNED_RECORDINGS, subjects_needed, verdicts
 
 SLEEP = Path(__file__).with_name("sleepstudy.csv")
 """Reaction times [ms] of 18 people over days of little sleep: Belenky et al. 2003, J Sleep Res
@@ -120,3 +121,49 @@ def test_a_verdict_uses_all_recordings_where_cells_are_missing():
     complete = table[table["subject"] != "s0"]
     pooled = pool_recordings(complete, "cycle")
     assert verdicts(pooled, DESIGN, recordings=complete) == verdicts(pooled, DESIGN)
+
+
+def repeated(seed, subjects=9, repeats=4):
+    return residuals(recordings(np.random.default_rng(seed), subjects, repeats)).assign(n_cycles=1)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_as_many_recordings_as_there_were_need_the_same_subjects(seed):
+    table = repeated(seed, repeats=5)
+    means = pool_recordings(table, "cycle")
+    mean = table.groupby(["subject", "condition"])["rms"].mean()
+    means["rms"] = [mean[key] for key in zip(means["subject"], means["condition"], strict=True)]
+    (found,) = verdicts(means, DESIGN, recordings=table)
+    assert found.needed_with[PLANNED_RECORDINGS.index(5)] == found.needed
+    assert list(found.needed_with) == sorted(found.needed_with, reverse=True)
+
+
+def test_subjects_needed_follow_from_the_variances_between_and_within_subjects():
+    """Cells vary by 0.5 between subjects and by 0.7 between recordings, of a mean of 4."""
+    table = repeated(1, subjects=60, repeats=4)
+    (found,) = verdicts(pool_recordings(table, "recording"), DESIGN, recordings=table)
+    for count, needed in zip(PLANNED_RECORDINGS, found.needed_with, strict=True):
+        both = 1 + 1.2**2
+        variance = 0.5**2 * both + 0.2**2 + 0.7**2 * both / count
+        expected = subjects_needed(np.sqrt(variance), 0.2 * 4, 0.025)
+        assert needed == pytest.approx(expected, rel=0.3)
+
+
+def test_one_recording_per_condition_plans_no_other_number():
+    table = residuals(recordings(np.random.default_rng(2)))
+    (found,) = verdicts(pool_recordings(table), DESIGN, recordings=table)
+    assert found.needed_with == ()
+
+
+def test_groups_are_a_factor_of_the_model_of_all_cells():
+    table = residuals(recordings(np.random.default_rng(3), subjects=12, repeats=2))
+    second = table["subject"].isin([f"s{k}" for k in range(6)])
+    table["rms"] += 3.0 * (second & (table["condition"] == "ramp"))
+    people = pd.DataFrame({"subject": [f"s{k}" for k in range(12)]})
+    people["group"] = ["old"] * 6 + ["young"] * 6
+    design = replace(DESIGN, group="group", covariates=())
+    tests = statistics(pool_recordings(table), people, design, table)
+    mixed = tests[(tests["test"] == "mixed model") & (tests["statistic_name"] == "chi2")]
+    p = mixed.set_index("effect")["p_corrected"]
+    assert set(p.index) == {"condition", "group", "condition:group"}
+    assert p["condition:group"] < 1e-6
