@@ -11,6 +11,8 @@ import pandas as pd
 from pipeline.statistics.design import MIN_SUBJECTS
 
 KEYS: Final = ["condition", "compensated", "name", "unit"]
+MIN_VALUES: Final = 5
+"""Of an intraclass correlation."""
 COLUMNS: Final = (
     *KEYS,
     *("repeated", "n_subjects", "n_repeats", "mean", "sd_within", "icc", "icc_low", "icc_high"),
@@ -91,13 +93,16 @@ def _of_repeats(repeats: pd.Series, count: int) -> Iterator[float]:
 
 
 def _agreement(table: pd.DataFrame) -> tuple[float, tuple[float, float]]:
-    """Give the intraclass correlation of single repeats with its interval; NaN without variance."""
+    """Give the intraclass correlation of single repeats with its interval.
+
+    NaN without variance, and of two repeats of two subjects.
+    """
     import pingouin
 
-    if not table["value"].std() > 0:
+    if not table["value"].std() > 0 or len(table) < MIN_VALUES:
         return nan, (nan, nan)
-    with warnings.catch_warnings():  # pandas deprecates what pingouin calls
-        warnings.simplefilter("ignore", DeprecationWarning)
+    with warnings.catch_warnings():  # of pandas' deprecations, and of subjects who are all alike
+        warnings.simplefilter("ignore")
         found = pingouin.intraclass_corr(table, "subject", "repeat", "value")
     row = found.set_index("Type").loc["ICC(A,1)"]
     low, high = row["CI95"]

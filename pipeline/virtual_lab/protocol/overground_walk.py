@@ -70,6 +70,7 @@ def simulate_overground(
     speed_mps: float = 1.25,
     plates: int = 3,
     seed: int = 0,
+    body_seed: int | None = None,
     faults: Faults | None = None,
 ) -> OvergroundWalk:
     """Simulate a person who stands on a plate of three in a floor, and then walks across them.
@@ -84,6 +85,8 @@ def simulate_overground(
         How many there are, in a row along the walkway.
     seed
         Equal seeds give equal recordings.
+    body_seed
+        Of the person's body, for several walks of one person; by default `seed` counts.
     faults
         Of body, cameras and plates, by default those of a well-maintained laboratory. The plates'
         placement counts for all of them together.
@@ -96,6 +99,8 @@ def simulate_overground(
     """
     faults = faults or Faults()
     of_subject, of_walk, of_aim, of_plates, of_markers = np.random.default_rng(seed).spawn(5)
+    if body_seed is not None:
+        of_subject = np.random.default_rng(body_seed).spawn(1)[0]
     subject = make_subject(
         person or Person(), individuality=1.0, faults=faults.body, rng=of_subject
     )
