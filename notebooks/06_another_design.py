@@ -95,8 +95,8 @@ print(about + trials)
 # %% [markdown]
 # ## 3. Residuals and statistics
 #
-# What follows is what `hbm run treadmills` and `hbm report` do. The report is a page for the browser;
-# its tables are files, and `columns.csv` says what each column is.
+# What follows is what `hbm run treadmills` and `hbm report` do. The report is a page for the
+# browser; its tables are files, and `columns.csv` says what each column is.
 
 # %%
 results = Path("results")
@@ -109,17 +109,16 @@ tests = pd.read_csv(results / "statistics.csv").query("test == 'mixed model' and
 tests[["axis", "effect_size", "ci_low", "ci_high", "p_corrected", "n", "note"]].round(3)
 
 # %% [markdown]
-# The mixed models use all 35 recordings. The difference of the treadmills is significant for all six
-# residuals. The verdict of the report asks another question: not whether the treadmills differ, but
-# whether the old one is at most the margin above the new one. The plan tells how many people would
-# show it, with so many recordings each.
+# The mixed models use all 35 recordings. The treadmills differ significantly in all six residuals.
+# The verdict of the report asks another question: whether the old one is at most the margin above
+# the new one. The plan tells how many people would show it, with how many recordings each.
 
 # %%
 print((results / "plan.md").read_text(encoding="utf-8"))
 
 # %% [markdown]
-# How well do the residuals repeat? `smallest_detectable_change` is the change between two recordings
-# of one person that exceeds what three of them scatter.
+# How well do the residuals repeat? A change of one person between two recordings that is above
+# `smallest_detectable_change` is more than scatter.
 
 # %%
 repeated = pd.read_csv(results / "reliability.csv").query("name in ['Fx', 'Fz', 'My']")
