@@ -139,7 +139,8 @@ def repeated_values(residuals: pd.DataFrame, joints: pd.DataFrame) -> pd.DataFra
     quantity = peaks["joint"] + " " + peaks["direction"] + ", " + peaks["quantity"]
     keys = [*names, "name", "unit"]
     peaks = peaks.assign(name=quantity).groupby(keys, sort=False)["value"].mean().reset_index()
-    return pd.concat([own[[*keys, "value"]], peaks], ignore_index=True)
+    known = [values for values in (own[[*keys, "value"]], peaks) if len(values)]
+    return pd.concat(known, ignore_index=True)
 
 
 def reliability_tables(found: pd.DataFrame, design: Design) -> list[Table]:
