@@ -1,7 +1,8 @@
 """Notes: what was found while processing, each with a code and a sentence.
 
-Warnings are for a person to act on, and ``docs/notes.md`` says how; all others are provenance:
-how a result was made, a row of a table. The sentences are in one catalogue, ``notes.toml``.
+Warnings are for a person to act on, with advice; all others are provenance: how a result was made,
+a row of a table. Texts, meanings and advice are in one catalogue, ``notes.toml``, of which
+``docs/notes.md`` is made.
 """
 
 import tomllib
@@ -27,7 +28,7 @@ class Note:
     Attributes
     ----------
     code
-        Its kind, as in the catalogue and, of warnings, in ``docs/notes.md``.
+        Its kind, as in the catalogue and in ``docs/notes.md``.
     values
         Name -> number, text, names, or numbers by name; exactly those of the code's sentence, in
         the unit that the name ends in.
@@ -43,8 +44,9 @@ class Note:
     >>> note.level
     'warning'
     >>> print(note)
-    the legs differ by 41 mm (left 0.843 m, right 0.802 m from hip to ankle); check the markers \
-of pelvis, knees and ankles
+    leg lengths differ by 41 mm (hip to ankle: left 0.843 m, right 0.802 m)
+    >>> print(note.advice)
+    Look at the calibration pose in the viewer, and check the markers of pelvis, knees and ankles.
     """
 
     code: str
@@ -94,14 +96,20 @@ of pelvis, knees and ankles
         """Give its sentence."""
         return _SENTENCE.vformat(catalogue()[self.code]["text"], (), self.values)
 
+    @property
+    def advice(self) -> str:
+        """Give what to do about a warning, without marks of code; empty for provenance."""
+        return catalogue()[self.code].get("advice", "").replace("`", "")
+
     def to_dict(self) -> dict[str, str | dict[str, NoteValue]]:
-        """Give code, level, item, text and values, ready for JSON."""
-        shown: dict[str, str] = {name: getattr(self, name) for name in ("level", "item", "text")}
+        """Give code, level, item, text, advice and values, ready for JSON."""
+        names = ("level", "item", "text", "advice")
+        shown: dict[str, str] = {name: getattr(self, name) for name in names}
         return {"code": self.code, **shown, "values": dict(self.values)}
 
     @classmethod
     def from_dict(cls, plain: object) -> "Note":
-        """Make the note that `to_dict` wrote; level, item and text are the catalogue's of today.
+        """Make the note that `to_dict` wrote; all but code and values is the catalogue's of today.
 
         A ValueError where that is no note, or of a code or with values that are unknown today.
         """
@@ -126,7 +134,7 @@ def provenance(notes: Iterable[Note]) -> tuple[tuple[str, str], ...]:
 
 @cache
 def catalogue() -> Mapping[str, Mapping[str, str]]:
-    """Give code -> "text" and, unless it is a warning, "item"."""
+    """Give code -> "text", and "item", or the "meaning" and "advice" of a warning."""
     return tomllib.loads(files("hbm").joinpath("notes.toml").read_text(encoding="utf-8"))
 
 
@@ -150,7 +158,7 @@ class _Sentence(Formatter):
 
     Python's format of numbers, with a factor before it and a unit behind it, both optional:
     ``{difference_m:1000*.0f mm}``. Names are joined by commas, and so are numbers by name.
-    ``{frames:frame|frames}`` counts in singular or plural.
+    ``{frames:frame|frames}`` is singular or plural.
     """
 
     def format_field(self, value: Any, format_spec: str) -> str:

@@ -11,14 +11,16 @@ import os
 import sys
 from collections.abc import Mapping, Sequence
 from importlib import import_module
+from importlib.metadata import version
 from inspect import getdoc
 from typing import Annotated, Any, Final
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 from typer.exceptions import TyperException
 
 from hbm.spelling import both_ends, did_you_mean, printable, short
+from pipeline.cli.output import PANELS, printing
 from pipeline.cli.stopping import Stopped
 from pipeline.io.input_file import describe_error
 
@@ -31,6 +33,10 @@ MAX_LINE: Final = 690
 """Characters of an error, some lines of a terminal: names and texts out of files may have any
 length."""
 GROUP: Final = "calibration"
+WITH_JSON: Final = frozenset(
+    {"residuals", "check", "run", "explain", "plates", "fit", "rank"}
+)
+"""Commands that print one object with --json."""
 COMMANDS: Final = {
     "residuals": ("trial", "Process one trial: residuals as tables and figure."),
     "export": ("trial", "Write models for OpenSim or as URDF, tables, BIDS or C3D."),
@@ -38,7 +44,7 @@ COMMANDS: Final = {
     "init": ("study", "Write a commented study.toml and a subject file."),
     "check": ("study", "List all problems of a study before anything is computed."),
     "run": ("study", "Process a study; finished trials are skipped."),
-    "explain": ("trial", "Say what residuals are made of and what to mend."),
+    "explain": ("trial", "Find the causes of residuals, and what to fix first."),
     "report": ("study", "Write tables, statistics, figures and report.html."),
     "view": ("study", "Open a trial in the Rerun viewer."),
     "plates": ("treadmill", "Check force plates against known weights (experiment 1)."),
@@ -51,9 +57,26 @@ CALIBRATION: Final = {
     "fit": ("treadmill", "Fit a calibration to a recording of the empty treadmill."),
     "check": ("treadmill", "Check a calibration with a recording of another day."),
     "signals": ("treadmill", "Write calibration and validation signals."),
-    "rank": ("treadmill", "Rank calibration trials by what they leave of validation trials."),
+    "rank": ("treadmill", "Rank calibration trials by what remains of validation trials."),
 }
 """Command -> its module, and what it does; its docstring says what else there is to know."""
+
+
+class GroupedCommand(TyperCommand):
+    """A command whose help lists options by what they are about."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """List the arguments, then each group of options, the others last."""
+        groups: dict[str, list[tuple[str, str]]] = {}
+        for param in self.get_params(ctx):
+            record = param.get_help_record(ctx)
+            if record is not None:
+                argument = param.param_type_name == "argument"
+                panel = getattr(param, "rich_help_panel", None) or PANELS[5]
+                groups.setdefault(PANELS[0] if argument else panel, []).append(record)
+        for panel in sorted(groups, key=PANELS.index):
+            with formatter.section(panel):
+                formatter.write_dl(groups[panel])
 
 
 class Group(TyperGroup):
@@ -74,7 +97,9 @@ class Group(TyperGroup):
             return CalibrationGroup(name=cmd_name, help=sentence, rich_markup_mode=None)
         one = typer.Typer(add_completion=False, rich_markup_mode=None)
         command = getattr(import_module(f"pipeline.cli.{module}"), cmd_name)
-        one.command(cmd_name, help=f"{sentence}\n\n{getdoc(command)}")(command)
+        printed = printing(command, with_json=cmd_name in WITH_JSON)
+        text = f"{sentence}\n\n{getdoc(command)}"
+        one.command(cmd_name, cls=GroupedCommand, help=text)(printed)
         return typer.main.get_command(one)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
@@ -89,17 +114,28 @@ class CalibrationGroup(Group):
     listed = CALIBRATION
 
 
-app = typer.Typer(
-    cls=Group, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None
-)
+app = typer.Typer(cls=Group, pretty_exceptions_enable=False, rich_markup_mode=None)
+
+
+def _version(asked: bool) -> None:
+    """Print the version, and nothing else."""
+    if asked:
+        print(f"hbm-residuals {version('hbm-residuals')}")
+        raise typer.Exit
 
 
 @app.callback()
 def common(
     debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", is_eager=True, callback=_version, help="Print the version.")
+    ] = False,
 ) -> None:
-    """Pelvis residuals of a full-body gait model on instrumented treadmills that move."""
-    del debug  # taken from the arguments by main
+    """Pelvis residuals of a full-body gait model on instrumented treadmills that move.
+
+    'hbm FILE' says what a file or folder is and what can be done with it.
+    """
+    del debug, version  # taken from the arguments by main, printed by the callback
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

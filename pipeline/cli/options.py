@@ -11,6 +11,7 @@ import typer
 from pydantic.fields import FieldInfo
 
 from pipeline.config.input_model import InputModel, bounds_of
+from pipeline.config.schema import Settings, Subject
 from pipeline.config.toml_file import check_options
 from pipeline.run.request import NO_OPTIONS, TrialRequest
 
@@ -18,7 +19,9 @@ Command = Callable[..., int | None]
 RESULT = ".parquet"
 """Suffix of the file of a processed trial."""
 
-Out = Annotated[Path, typer.Option("--out", help="Folder for the output.")]
+Out = Annotated[
+    Path, typer.Option("--out", help="Folder for the output.", rich_help_panel="Output")
+]
 Jobs = Annotated[int, typer.Option(min=1, help="How many trials at a time.")]
 Seed = Annotated[int, typer.Option(min=0, help="Equal seeds give equal signals and results.")]
 Simulate = Annotated[bool, typer.Option("--simulate", help="Simulate the recordings first.")]
@@ -74,9 +77,18 @@ def _parameter(kind_of_request: type[InputModel], name: str, field: FieldInfo) -
         default = typer.Argument(help=help_text)
     else:
         value = field.default if isinstance(field.default, str | float) else None
-        default = typer.Option(value, help=help_text)
+        default = typer.Option(value, help=help_text, rich_help_panel=_panel(name))
         kind = kind | None if value is None else kind
     return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)
+
+
+def _panel(name: str) -> str:
+    """Say what an option is about, for the help."""
+    if name in {"segments", *Subject.model_fields}:
+        return "Subject"
+    if name in {"calibration", "plate_calibration", "platform_markers", "accelerometer"}:
+        return "Treadmill"
+    return "Processing" if name in {"span", *Settings.model_fields} else "Recording"
 
 
 def require_no_options(request: TrialRequest, what: str) -> None:

@@ -13,6 +13,7 @@ from rich.text import Text
 
 from hbm.notes import Note, provenance, warnings_of
 from hbm.spelling import printable
+from pipeline.cli.output import OUTPUT
 from pipeline.cli.stopping import stoppable
 
 if TYPE_CHECKING:
@@ -28,7 +29,8 @@ class PlainConsole(Console):
     """A console that prints text as it is: brackets are no markup, escapes do not escape."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__(highlight=False, markup=False, **options)
+        silent = OUTPUT.quiet or OUTPUT.json
+        super().__init__(highlight=False, markup=False, quiet=silent, **options)
         if self.width < MIN_COLUMNS:
             self.width = MIN_COLUMNS
 
@@ -37,11 +39,11 @@ class PlainConsole(Console):
         self.print(*parts, soft_wrap=True)
 
     def say_notes(self, notes: Iterable[Note]) -> None:
-        """Print warnings, each in one line with its code, and provenance as a table."""
+        """Print warnings with advice; with --verbose provenance as a table."""
         notes = tuple(notes)
         for note in warnings_of(notes):
             self.say(note_line(note))
-        rows = provenance(notes)
+        rows = provenance(notes) if OUTPUT.verbose else ()
         width = max((len(item) for item, _ in rows), default=0)
         for item, sentence in rows:
             self.say(Text.assemble((f"{item:{width}}  ", "dim"), sentence))
@@ -94,10 +96,11 @@ def announcer(console: Console) -> Callable[[str], None]:
 
 
 def note_line(note: Note) -> Text:
-    """Lay out a warning with its code, which ``docs/notes.md`` explains, else item and sentence."""
+    """Lay out a warning with its code and advice, else item and sentence."""
     if note.item:
         return Text(f"- {note.item}: {note}")
-    return Text.assemble((f"- warning: {note} ", "bold"), (f"[{note.code}]", "dim"))
+    code = (f" [{note.code}]", "dim")
+    return Text.assemble((f"- warning: {note}", "bold"), code, f"\n  {note.advice}")
 
 
 def counted(number: int, noun: str) -> str:
@@ -116,7 +119,7 @@ class StepProgress(Progress):
             console=console,
             transient=True,
             disable=not console.is_interactive,
-            speed_estimate_period=math.inf,  # steps may take minutes: all of them count
+            speed_estimate_period=math.inf,  # steps may take minutes: all of them are used
         )
         self.work, self.unit = work, unit
         self.task = self.add_task(work, total=None)

@@ -1,0 +1,83 @@
+"""How much commands print: --quiet, --verbose, and --json, one object for scripts."""
+
+import json
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import wraps
+from inspect import Parameter, signature
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+from typer import Option
+
+from hbm.notes import Note
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+PANELS: Final = ("Arguments", "Recording", "Subject", "Processing", "Treadmill", "Options", "Output")
+"""Groups of arguments and options, in the order of a command's help."""
+PANEL: Final = "Output"
+QUIET: Final = Annotated[
+    bool, Option("--quiet", help="Print only errors.", rich_help_panel=PANEL)
+]
+VERBOSE: Final = Annotated[
+    bool, Option("--verbose", help="Print also how results were made.", rich_help_panel=PANEL)
+]
+JSON: Final = Annotated[
+    bool,
+    Option("--json", help="Print one object with numbers and notes.", rich_help_panel=PANEL),
+]
+
+
+@dataclass(slots=True)
+class Output:
+    """What the command that runs may print."""
+
+    quiet: bool = False
+    verbose: bool = False
+    json: bool = False
+
+
+OUTPUT: Final = Output()
+
+
+def printing(command: Callable[..., Any], *, with_json: bool) -> Callable[..., Any]:
+    """Give a command the options --quiet and --verbose, and --json where it can."""
+    options = {"quiet": QUIET, "verbose": VERBOSE} | ({"json": JSON} if with_json else {})
+    added = [
+        Parameter(name, Parameter.KEYWORD_ONLY, default=False, annotation=kind)
+        for name, kind in options.items()
+    ]
+
+    @wraps(command)
+    def typed(**values: Any) -> Any:
+        chosen = {name: values.pop(name) for name in options}
+        if sum(chosen.values()) > 1:
+            raise ValueError(f"{' and '.join(f'--{n}' for n, v in chosen.items() if v)}: give one")
+        for name in ("quiet", "verbose", "json"):
+            setattr(OUTPUT, name, chosen.get(name, False))
+        try:
+            return command(**values)
+        finally:
+            OUTPUT.quiet = OUTPUT.verbose = OUTPUT.json = False
+
+    own = [p.replace(kind=Parameter.KEYWORD_ONLY) for p in signature(command).parameters.values()]
+    typed.__annotations__ = {p.name: p.annotation for p in (*own, *added)}
+    vars(typed)["__signature__"] = signature(command).replace(parameters=[*own, *added])
+    return typed
+
+
+def print_object(**values: Any) -> None:
+    """Print the result of a command as one JSON object, if --json asks for it."""
+    if OUTPUT.json:
+        print(json.dumps(values, ensure_ascii=False, allow_nan=False))
+
+
+def records(table: "pd.DataFrame") -> Any:
+    """Give the rows of a table for JSON; what is not a number is null."""
+    return json.loads(table.to_json(orient="records", double_precision=12))
+
+
+def plain_notes(notes: Iterable[Note]) -> list[dict[str, Any]]:
+    """Give notes for JSON: code, level, item, text, advice; infinite values are in the text."""
+    return [{n: v for n, v in note.to_dict().items() if n != "values"} for note in notes]
