@@ -11,9 +11,9 @@ from hbm.notes import catalogue
 
 INTRODUCTION = """# What the notes mean
 
-A note is a **warning**, with something to do, or **provenance**: how a result was made. Warnings are
-listed here by the codes that the console prints in brackets. Provenance is a table in the report,
-in the viewer, in results files and, with `--verbose`, on the console.
+A note is a **warning**, with something to do, or **provenance**: how a result was made. Warnings
+are listed here by the codes that the console prints in brackets. Provenance is a table in the
+report, in the viewer, in results files and, with `--verbose`, on the console.
 """
 
 
@@ -21,7 +21,9 @@ def notes_page() -> str:
     """Give the page: every warning with its meaning and advice."""
     source = files("hbm").joinpath("notes.toml").read_text(encoding="utf-8")
     lines = [INTRODUCTION]
-    for heading, code in re.findall(r"^# ([A-Z].*)$|^\[(\w+)\]$", source.partition("\n\n")[2], re.M):
+    for heading, code in re.findall(
+        r"^# ([A-Z].*)$|^\[(\w+)\]$", source.partition("\n\n")[2], re.M
+    ):
         entry = catalogue().get(code, {})
         if heading:
             lines.append(f"## {heading}\n")

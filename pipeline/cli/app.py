@@ -7,6 +7,7 @@ at once; what it needs to run is imported when it runs.
 import atexit
 import gc
 import io
+import json
 import os
 import sys
 from collections.abc import Mapping, Sequence
@@ -33,9 +34,7 @@ MAX_LINE: Final = 690
 """Characters of an error, some lines of a terminal: names and texts out of files may have any
 length."""
 GROUP: Final = "calibration"
-WITH_JSON: Final = frozenset(
-    {"residuals", "check", "run", "explain", "plates", "fit", "rank"}
-)
+WITH_JSON: Final = frozenset({"residuals", "check", "run", "explain", "plates", "fit", "rank"})
 """Commands that print one object with --json."""
 COMMANDS: Final = {
     "residuals": ("trial", "Process one trial: residuals as tables and figure."),
@@ -162,7 +161,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if typed in ([], [GROUP]):
         typed.append("--help")
     try:
-        code = int(app(args=typed, prog_name="hbm", standalone_mode=False) or 0)
+        full = _with_command(typed)
+        if full is None:
+            return 0
+        code = int(app(args=full, prog_name="hbm", standalone_mode=False) or 0)
         if sys.stdout is not None:
             sys.stdout.flush()
     except BrokenPipeError:
@@ -180,6 +182,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if code == INTERRUPTED:
         print_error("interrupted")
     return code
+
+
+def _with_command(typed: list[str]) -> list[str] | None:
+    """Put a command before a file that is given alone: residuals of a trial.
+
+    What else a file or folder is, is printed, with what can be done with it; None is returned.
+    """
+    if typed[0] in COMMANDS or typed[0].startswith("-") or not os.path.lexists(typed[0]):
+        return typed
+    from pathlib import Path
+
+    from pipeline.cli.recognise import recognise
+
+    found = recognise(Path(typed[0]))
+    if "--json" not in typed and "--quiet" not in typed:
+        print(f"{typed[0]}: {found.what}")
+    if found.walking:
+        return ["residuals", *typed]
+    if "--json" in typed:
+        print(json.dumps({"file": typed[0], "what": found.what, "commands": found.commands}))
+    else:
+        print("\n".join(f"  {command}" for command in found.commands))
+    return None
 
 
 def one_line(error: BaseException) -> str:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import wraps
 from inspect import Parameter, signature
+from math import isfinite
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from typer import Option
@@ -14,12 +15,18 @@ from hbm.notes import Note
 if TYPE_CHECKING:
     import pandas as pd
 
-PANELS: Final = ("Arguments", "Recording", "Subject", "Processing", "Treadmill", "Options", "Output")
+PANELS: Final = (
+    "Arguments",
+    "Recording",
+    "Subject",
+    "Processing",
+    "Treadmill",
+    "Options",
+    "Output",
+)
 """Groups of arguments and options, in the order of a command's help."""
 PANEL: Final = "Output"
-QUIET: Final = Annotated[
-    bool, Option("--quiet", help="Print only errors.", rich_help_panel=PANEL)
-]
+QUIET: Final = Annotated[bool, Option("--quiet", help="Print only errors.", rich_help_panel=PANEL)]
 VERBOSE: Final = Annotated[
     bool, Option("--verbose", help="Print also how results were made.", rich_help_panel=PANEL)
 ]
@@ -70,7 +77,16 @@ def printing(command: Callable[..., Any], *, with_json: bool) -> Callable[..., A
 def print_object(**values: Any) -> None:
     """Print the result of a command as one JSON object, if --json asks for it."""
     if OUTPUT.json:
-        print(json.dumps(values, ensure_ascii=False, allow_nan=False))
+        print(json.dumps(_finite(values), ensure_ascii=False, allow_nan=False))
+
+
+def _finite(value: Any) -> Any:
+    """Give null for numbers that JSON does not have."""
+    if isinstance(value, dict):
+        return {name: _finite(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [*map(_finite, value)]
+    return None if isinstance(value, float) and not isfinite(value) else value
 
 
 def records(table: "pd.DataFrame") -> Any:

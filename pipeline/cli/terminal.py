@@ -3,6 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from rich.console import Console, ConsoleOptions, RenderableType
@@ -165,3 +166,17 @@ def counts_of(outcomes: Iterable["Outcome"], done: str) -> str:
         f"{counted(states['done'], 'trial')} {done}, {states['kept']} were there already, "
         f"{states['failed']} failed"
     )
+
+
+def outcome_record(outcome: "Outcome") -> dict[str, object]:
+    """Give what became of a trial, for scripts."""
+    failed = dict(outcome.failed_variants)
+    what = {"trial": str(outcome.job.name), "state": outcome.state, "failure": outcome.failure}
+    return what | ({"failed_variants": failed} if failed else {})
+
+
+def open_in_browser(page: Path) -> None:
+    """Open a page in the default browser."""
+    import webbrowser
+
+    webbrowser.open(page.resolve().as_uri())

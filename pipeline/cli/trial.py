@@ -1,5 +1,6 @@
 """One trial on the command line: residuals, what they are made of, export to other programs."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -14,6 +15,7 @@ from pipeline.cli.options import (
     require_no_options,
     takes,
 )
+from pipeline.cli.output import OUTPUT, plain_notes, print_object, records
 from pipeline.cli.terminal import (
     PlainConsole,
     StepProgress,
@@ -23,6 +25,8 @@ from pipeline.cli.terminal import (
     follow_trials,
     new_table,
     note_line,
+    open_in_browser,
+    outcome_record,
     print_table,
 )
 from pipeline.run.request import TrialRequest
@@ -36,35 +40,64 @@ if TYPE_CHECKING:
     from pipeline.trial.result import TrialResult
 
 
+Open = Annotated[
+    bool, Option("--open", help="Open the page in the browser.", rich_help_panel="Output")
+]
+PAGE = ".html"
+"""Suffix of a trial's page."""
+
+
+MOST_MARKERS = 5
+"""Printed with their errors, unless --verbose asks for all."""
+NO_RECORDINGS = (RESULT, ".toml", ".json", ".rrd", ".html")
+
+
 @takes(TrialRequest)
-def residuals(request: TrialRequest, out: Out = Path("results")) -> None:
-    """Pelvis residuals are printed; tables, frames and figures are written to --out."""
+def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open = False) -> None:
+    """Pelvis residuals are printed; page, tables, frames and figures are written to --out."""
+    from pipeline.cli.recognise import recognise
     from pipeline.figures.residuals import residual_figure
     from pipeline.figures.style import save_figure
     from pipeline.io.write import write_csv
+    from pipeline.report.trial_page import write_trial_page
     from pipeline.run.one_trial import process_request
     from pipeline.run.store import write_trial
     from pipeline.trial.residuals import cycles_of, residual_table
 
-    if request.trial.suffix == RESULT:
-        raise ValueError(
-            f"{request.trial} is a result already; 'hbm view' shows it, 'hbm export' exports it"
-        )
+    if request.trial.is_dir() or request.trial.suffix in NO_RECORDINGS:
+        raise ValueError(f"{request.trial} is no recording, but {recognise(request.trial)}")
     console = PlainConsole()
     require_folder(out)
-    result = process_request(request, announcer(console)).result
-    name = request.trial.stem
+    trial = process_request(request, announcer(console))
+    result, name = trial.result, request.trial.stem
     write_trial(replace(result, condition=name), out / f"{name}.parquet")
     write_csv(residual_table(result, name), out / f"{name}_residuals.csv")
     write_csv(cycles_of(result, name), out / f"{name}_cycles.csv")
     save_figure(residual_figure(result), out / f"{name}_residuals")
+    page = write_trial_page(result, out / f"{name}{PAGE}", plates=trial.recording.plates)
     print_result(result, console)
     console.say(
-        f"written to {out}: {name}.parquet (frames), {name}_residuals.csv, .png and .svg, "
-        f"{name}_cycles.csv (each gait cycle)"
+        f"written to {out}: {page.name}; {name}.parquet (frames), {name}_residuals.csv, .png and "
+        f".svg, {name}_cycles.csv (each gait cycle)"
     )
+    print_object(**_numbers(result), page=str(page))
+    if open_page:
+        open_in_browser(page)
     if reason := result.shortage:
         raise ValueError(f"{request.trial.name}: there are no residuals: {reason}")
+
+
+def _numbers(result: "TrialResult") -> dict[str, object]:
+    """Give the numbers and notes of a trial for scripts."""
+    from pipeline.trial.residuals import marker_table, residual_table, threshold_table
+
+    return {
+        "trial": result.source.name,
+        "residuals": records(residual_table(result, result.source.stem)),
+        "thresholds": records(threshold_table(result)),
+        "markers": records(marker_table(result)),
+        "notes": plain_notes(result.notes),
+    }
 
 
 def print_result(result: "TrialResult", console: PlainConsole) -> None:
@@ -79,6 +112,11 @@ def print_result(result: "TrialResult", console: PlainConsole) -> None:
         used = sum(map(len, result.cycles.values()))
         feet = f"the {next(iter(result.cycles))} foot" if len(result.cycles) == 1 else "both feet"
         counts = f"{used} of {counted(result.found_cycles, NOUNS[result.unit])} of {feet}"
+        if used < result.found_cycles:
+            why = next(
+                (n.values["reasons"] for n in result.notes if n.code == "cycles_left_out"), ""
+            )
+            counts += f" (others: {why})" if why else ""
     if rows:
         counts += f", {rows[0].n_frames} frames"
         counts += f" ({100 * rows[0].valid_share:.0f} %)" * (rows[0].valid_share < 1)
@@ -100,8 +138,8 @@ def print_result(result: "TrialResult", console: PlainConsole) -> None:
         verdict = "passes" if threshold.passed else "FAILS"
         console.print(
             f"{verdict} Hicks (2015): peak residual {threshold.quantity} {threshold.peak:.1f} "
-            f"{threshold.unit}, limit {threshold.limit:.1f} {threshold.unit} "
-            f"({_plates(threshold.compensated)})"
+            f"{threshold.unit}, limit {threshold.limit:.1f} {threshold.unit}, above it in "
+            f"{threshold.above_percent:.1f} % of frames ({_plates(threshold.compensated)})"
         )
     console.print(_marker_errors(marker_table(result)))
     console.say_notes(result.notes)
@@ -113,11 +151,13 @@ def _marker_errors(table: "pd.DataFrame") -> str:
     single, overall_mm = rms_mm[:-1], rms_mm.iloc[-1]
     seen = single.dropna().sort_values(ascending=False, kind="stable")
     unseen = ", ".join(single.index[single.isna()])
-    errors = ", ".join(f"{marker} {error:.1f}" for marker, error in seen.items())
-    never = f"never seen: {unseen}"
+    shown = seen if OUTPUT.verbose else seen[:MOST_MARKERS]
+    errors = ", ".join(f"{marker} {error:.1f}" for marker, error in shown.items())
+    never = f"never visible: {unseen}"
     if seen.empty:
         return f"marker error unknown; {never}"
-    text = f"marker error {overall_mm:.1f} mm RMS over {len(seen)} markers: {errors}"
+    largest = ", largest" if len(shown) < len(seen) else ""
+    text = f"marker error {overall_mm:.1f} mm RMS over {len(seen)} markers{largest}: {errors}"
     return f"{text}; {never}" if unseen else text
 
 
@@ -152,6 +192,7 @@ def _explain_trial(request: TrialRequest, out: Path) -> int:
     from pipeline.budgets.explanation import SUFFIX, explain, write_bands, write_explanation
     from pipeline.figures.explained import bands_figure, budget_figure
     from pipeline.figures.style import save_figure
+    from pipeline.report.trial_page import write_trial_page
     from pipeline.run.one_trial import process_request
 
     if request.trial.suffix == RESULT:
@@ -169,10 +210,22 @@ def _explain_trial(request: TrialRequest, out: Path) -> int:
     assert bands is not None  # it was not read from a file
     write_bands(bands, out / f"{name}{BANDS}")
     save_figure(bands_figure(bands, request.trial.name), out / f"{name}_bands")
+    plates = trial.recording.plates
+    page = write_trial_page(
+        trial.result, out / f"{name}{PAGE}", plates=plates, explanation=explanation
+    )
     print_explanation(explanation, console)
     console.say(
-        f"written to {out}: {name}{SUFFIX} (all numbers), {name}{BANDS} (residuals over time), "
-        f"{name}_explained and {name}_bands as .png and .svg"
+        f"written to {out}: {page.name}; {name}{SUFFIX} (all numbers), {name}{BANDS} (residuals "
+        f"over time), {name}_explained and {name}_bands as .png and .svg"
+    )
+    numbers = json.loads((out / f"{name}{SUFFIX}").read_text(encoding="utf-8"))
+    print_object(
+        trial=request.trial.name,
+        explanation=numbers,
+        lines=[*explanation.lines()],
+        notes=plain_notes(explanation.budget.notes),
+        page=str(page),
     )
     return 0
 
@@ -226,6 +279,7 @@ def _explain_results(
     console.say(f"{counts_of(finished, 'explained')}; next: hbm report {folder}")
     if corrected:
         _apply(study, folder, together, corrected, console)
+    print_object(trials=[outcome_record(outcome) for outcome in finished], lines=[*together.lines])
     return int(any(outcome.failure is not None for outcome in finished))
 
 

@@ -38,7 +38,9 @@ RESIDUAL_COLUMNS: Final = (
     *("rms", "rms_of_cycles", "mean", "sd", "peak", "rms_percent"),
     *("n_cycles", "n_frames", "valid_share", "compensation_sd"),
 )
-THRESHOLD_COLUMNS: Final = ("compensated", "quantity", "unit", "peak", "limit", "passed")
+THRESHOLD_COLUMNS: Final = (
+    *("compensated", "quantity", "unit", "peak", "limit", "passed", "above_percent"),
+)
 EVERY_MARKER: Final = "all"
 """Name of the row over all markers."""
 
@@ -304,14 +306,14 @@ def threshold_table(result: TrialResult) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        compensated, quantity (force, moment), unit, peak, limit, passed; empty where no frame
-        counts.
+        compensated, quantity (force, moment), unit, peak, limit, passed, and the percentage of
+        used frames above the limit; empty where no frame is used.
 
     Notes
     -----
     Hicks et al. 2015 (J Biomech Eng 137:020905): the peak residual force should stay below 5 % of
     the peak net external force, the peak residual moment below 1 % of the height of the centre of
-    mass times that force. Peaks are of the vectors' magnitudes, over the frames that count; the
+    mass times that force. Peaks are of the vectors' magnitudes, over the used frames; the
     height is the mean one above the lowest joint of the feet (ankles and toes) in each frame.
     """
     inside = counted(result)
@@ -328,9 +330,10 @@ def threshold_table(result: TrialResult) -> pd.DataFrame:
             ("force", "N", residual[:, :3], MAX_FORCE_SHARE * external),
             ("moment", "N·m", residual[:, 3:], MAX_MOMENT_SHARE * height * external),
         ):
-            peak = float(np.linalg.norm(part, axis=1).max())
+            size = np.linalg.norm(part, axis=1)
+            peak, above = float(size.max()), 100 * float(np.mean(size >= limit))
             compensated = name == "compensated"
-            rows.append((compensated, quantity, unit, peak, limit, peak < limit))
+            rows.append((compensated, quantity, unit, peak, limit, peak < limit, above))
     return pd.DataFrame(rows, columns=THRESHOLD_COLUMNS)
 
 

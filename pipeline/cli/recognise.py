@@ -1,0 +1,164 @@
+"""What a file or folder is, and what can be done with it: ``hbm FILE``."""
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from hbm.spelling import listed
+
+MOST_OF_A_PLATFORM: Final = 8
+"""Markers on a treadmill without a person: fewer show no body."""
+CALIBRATIONS: Final = ("calibration/", "validation/")
+
+
+@dataclass(frozen=True, slots=True)
+class Recognised:
+    """What a path is.
+
+    Attributes
+    ----------
+    what
+        A noun phrase, such as "a study of 3 subjects".
+    commands
+        What can be done with it, the likeliest first.
+    walking
+        Whether it is a recording with markers and plates, whose residuals can be computed.
+    """
+
+    what: str
+    commands: tuple[str, ...]
+    walking: bool = False
+
+    def __str__(self) -> str:
+        first = f"; next: {self.commands[0]}" if self.commands else ""
+        return f"{self.what}{first}"
+
+
+def recognise(path: Path) -> Recognised:
+    """Say what a file or folder is; a ValueError or OSError where it cannot be read."""
+    if path.is_dir():
+        return _folder(path)
+    name, suffix = path.name, path.suffix.lower()
+    if suffix == ".parquet":
+        return _result(path)
+    if suffix == ".toml":
+        return _toml(path)
+    if suffix == ".json":
+        return _json(path)
+    if suffix in (".html", ".md", ".svg", ".png", ".csv.gz"):
+        return Recognised(f"a page or picture; open {name} in a browser", ())
+    if suffix == ".rrd":
+        return Recognised("a recording of the Rerun viewer", (f"rerun {path}",))
+    return _recording(path)
+
+
+def _folder(path: Path) -> Recognised:
+    """Say what a folder holds."""
+    if (path / "study.toml").is_file():
+        subjects = len([*path.glob("*.toml")]) - 1
+        what = f"a study with {subjects} subject file{'s' * (subjects != 1)}"
+        return Recognised(what, (f"hbm check {path}", f"hbm run {path}", f"hbm live {path}"))
+    if (path / "plates.toml").is_file():
+        return Recognised("recordings of known weights (experiment 1)", (f"hbm plates {path}",))
+    if results := [*path.glob("trials/*.parquet")]:
+        what = f"the results of a study, {len(results)} trial{'s' * (len(results) > 1)}"
+        commands = (f"hbm report {path}", f"hbm view {path}", f"hbm explain {path}")
+        return Recognised(what, (*commands, f"hbm export {path} --tables DIR"))
+    if all((path / name).is_dir() for name in CALIBRATIONS):
+        return Recognised("calibration trials (experiment 2)", (f"hbm calibration rank {path}",))
+    found = [file for file in sorted(path.iterdir()) if file.is_file() and _is_recording(file)]
+    if found:
+        what = f"a folder with {len(found)} recording{'s' * (len(found) > 1)} and no study"
+        return Recognised(what, (f"hbm {found[0]}", f"hbm init {path}"))
+    what = "a folder without study, results or recordings"
+    return Recognised(what, (f"hbm init {path}", "hbm demo"))
+
+
+def _is_recording(file: Path) -> bool:
+    """Say whether the beginning of a file is that of a recording."""
+    from pipeline.io.read import file_format
+
+    try:
+        return bool(file_format(file))
+    except (ValueError, OSError):
+        return False
+
+
+def _result(path: Path) -> Recognised:
+    """Say of which trial a result is."""
+    from pipeline.run.store import read_trial
+
+    result = read_trial(path, frames=False)
+    commands = (f"hbm view {path}", f"hbm export {path} --tables DIR")
+    return Recognised(f"the result of a trial, {result.source.name}", commands)
+
+
+def _toml(path: Path) -> Recognised:
+    """Say what a text file of settings is about."""
+    from pipeline.config.toml_file import read_table
+
+    table = read_table(path)
+    if path.name == "study.toml" or "conditions" in table:
+        return _folder(path.absolute().parent)
+    if "weights" in table:
+        return Recognised("a list of known weights", (f"hbm plates {path.parent}",))
+    if "trials" in table:
+        return Recognised("a subject file of a study", (f"hbm check {path.parent}",))
+    if "markers" in table or "landmarks" in table:
+        return Recognised("a marker set", (f"hbm residuals TRIAL --marker-set {path}",))
+    if "protocol" in table or "faults" in table:
+        return Recognised("a setting of the simulation", (f"hbm simulate DIR --setting {path}",))
+    what = f"a TOML file with {listed(table) or 'nothing in it'}, in no known role"
+    return Recognised(what, ("hbm residuals TRIAL --segments FILE", "hbm init DIR"))
+
+
+def _json(path: Path) -> Recognised:
+    """Say which calibration a file holds."""
+    from compensation import from_json, plate_calibration
+    from pipeline.io.input_file import read_text
+
+    text = read_text(path)
+    with suppress(ValueError, KeyError, TypeError):
+        plates = plate_calibration.from_json(text).plates
+        what = f"a calibration of {len(plates)} plates by known weights"
+        return Recognised(what, (f"hbm residuals TRIAL --plate-calibration {path}",))
+    with suppress(ValueError, KeyError, TypeError):
+        plates_of = listed(from_json(text).plates)
+        commands = (
+            f"hbm residuals TRIAL --calibration {path}",
+            f"hbm calibration check {path} RECORDING",
+        )
+        return Recognised(f"a calibration of a moving treadmill, {plates_of}", commands)
+    return Recognised("a JSON file that is no calibration", ())
+
+
+def _recording(path: Path) -> Recognised:
+    """Say what a recording holds."""
+    from pipeline.io.read import file_format, read_recording
+    from pipeline.io.stated import Stated
+
+    kind = file_format(path)
+    recording = read_recording(path, Stated())
+    markers, plates = recording.markers, recording.plates
+    held = [f"{len(markers.time) / markers.rate_hz:.1f} s", f"{len(markers.names)} markers"]
+    held.append(f"{len(plates)} plates" if plates else "no plates")
+    what = f"a {kind} recording, {', '.join(held)}"
+    uses = tuple(_uses(path, len(markers.names), len(plates)))
+    return Recognised(what, uses, walking=len(markers.names) > MOST_OF_A_PLATFORM and bool(plates))
+
+
+def _uses(path: Path, markers: int, plates: int) -> Iterator[str]:
+    """Say what can be done with a recording."""
+    if plates and markers > MOST_OF_A_PLATFORM:
+        yield f"hbm residuals {path}"
+        yield f"hbm explain {path}"
+        yield f"hbm export {path} --osim body.osim --tables DIR"
+        yield f"hbm live --replay {path}"
+    elif plates:
+        yield f"hbm calibration fit {path} --out calibration.json"
+        yield f"hbm calibration check CALIBRATION {path}"
+    else:
+        yield f"hbm residuals TRIAL --static {path}"
+        yield f"hbm residuals {path} --forces FORCES.mot"

@@ -1,0 +1,231 @@
+"""The page of one trial: its residuals, doubts, joints, causes and provenance."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from hbm.notes import Note, provenance, warnings_of
+from pipeline.budgets.explanation import Explanation
+from pipeline.figures.explained import bands_figure
+from pipeline.figures.joints import Curve, joint_figure
+from pipeline.figures.residuals import legend_below, residual_figure, six_panels
+from pipeline.figures.style import COLOURS, STYLE
+from pipeline.io.recording import Plate
+from pipeline.io.write import write_text
+from pipeline.report.blocks import TEMPLATES, Table, drawing
+from pipeline.report.trials import causes, trial_quality
+from pipeline.trial.joints import joint_curves
+from pipeline.trial.residuals import AXES, UNITS, residual_table, rows_of, threshold_table
+from pipeline.trial.result import TrialResult
+
+HEALTHY_RMS: Final = (37.1, 30.4, 63.1, 11.4, 20.5, 4.5)
+"""Of seven healthy adults on a treadmill at rest: van de Loosdrecht (2018), Table III [N, N·m]."""
+MAX_POINTS: Final = 3000
+"""Of a drawn channel: finer ones are drawn as the extremes of as many intervals."""
+
+
+def write_trial_page(
+    result: TrialResult,
+    path: Path,
+    *,
+    plates: Iterable[Plate] = (),
+    explanation: Explanation | None = None,
+    study: str = "",
+) -> Path:
+    """Write the page of a trial.
+
+    Parameters
+    ----------
+    result
+        The trial, with its frames.
+    path
+        The page to write.
+    plates
+        As recorded: the channels of plates in doubt are drawn.
+    explanation
+        Of the residuals; without it, the page names the command that finds their causes.
+    study
+        Address of the study's report, relative to the page; empty for a trial by itself.
+
+    Returns
+    -------
+    Path
+        The page.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+
+    Examples
+    --------
+    >>> import pipeline
+    >>> from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
+    >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
+    >>> walk = pipeline.read_c3d("walk.c3d")
+    >>> result = pipeline.process_recording(walk, pipeline.Subject(sex="male"), pipeline.Settings())
+    >>> write_trial_page(result, Path("trial.html"), plates=walk.plates).name
+    'trial.html'
+    """
+    name = str(result.name) if result.key else result.source.stem
+    recorded = {plate.number: plate for plate in plates}
+    curves = _mean_curves(result)
+    bands = explanation.budget.bands if explanation is not None else None
+    command = "hbm explain RESULTS" if study else f"hbm explain {result.source.name}"
+    page = TEMPLATES.get_template("trial.html").render(
+        name=name,
+        scope=_scope(result),
+        study=study,
+        verdict=[*_verdict(result)],
+        residuals=drawing(residual_figure(result)),
+        tables=[*_tables(result)],
+        doubts=[
+            (note, drawing(figure, ".png") if (figure := _doubt_figure(note, result, recorded)) else "")
+            for note in warnings_of(result.notes)
+        ],
+        joints=drawing(joint_figure(curves, "Joints of the legs, mean ± SD")) if curves else "",
+        causes=causes(name, explanation) if explanation is not None else None,
+        bands=drawing(bands_figure(bands, name)) if bands is not None else "",
+        command=command,
+        provenance=provenance(result.notes),
+        settings=[(k, str(v)) for k, v in result.settings.model_dump().items() if v is not None],
+        versions=[*result.versions.items()],
+    )
+    write_text(page, path)
+    return path
+
+
+def _scope(result: TrialResult) -> str:
+    """Say of whom and of which file the page is."""
+    filtered = f"{result.settings.filter} Butterworth {result.settings.cutoff_hz:g} Hz"
+    return (
+        f"{result.source.name}; {result.body.mass:.1f} kg, {result.body.height_m:.2f} m; {filtered}"
+    )
+
+
+def _verdict(result: TrialResult) -> Iterable[str]:
+    """Compare the residuals closest to the truth with published limits; count the warnings."""
+    if result.shortage:
+        yield f"No residuals: {result.shortage}."
+    rows = rows_of(threshold_table(result))
+    best = [row for row in rows if row.compensated == (result.compensated is not None)]
+    for row in best:
+        relation = "below" if row.passed else f"above it in {row.above_percent:.1f} % of the frames"
+        yield (
+            f"Peak residual {row.quantity} {row.peak:.1f} {row.unit}, limit {row.limit:.1f} "
+            f"{row.unit} (Hicks et al. 2015): {relation}."
+        )
+    warnings = len(warnings_of(result.notes))
+    yield f"{warnings or 'No'} warning{'s' * (warnings != 1)}."
+
+
+def _tables(result: TrialResult) -> Iterable[Table]:
+    """Give the residuals, with those of healthy walking, and the quality of the trial."""
+    table = residual_table(result, "")
+    headline = table[table["headline"].astype(bool)] if len(table) else table
+    heads = ("Residual", "Unit", "Plates", "RMS", "Mean", "SD", "Peak", "RMS, %", "Healthy RMS")
+    rows = [
+        (
+            row.axis,
+            row.unit,
+            "compensated" if row.compensated else "measured",
+            *(f"{value:.1f}" for value in (row.rms, row.mean, row.sd, row.peak)),
+            f"{row.rms_percent:.2f}",
+            f"{HEALTHY_RMS[AXES.index(row.axis)]:.1f}",
+        )
+        for row in rows_of(headline)
+    ]
+    legend = (
+        "x forward, y right, z up; moments about mid-hip; % of body weight, or of body weight × "
+        "stature. Healthy RMS: seven adults on a treadmill at rest (van de Loosdrecht 2018, "
+        "Table III)."
+    )
+    if rows:
+        yield Table("Pelvis residuals", heads, rows, "numbers", legend)
+    quality = [(item, checks) for item, checks in trial_quality(result).items()]
+    yield Table("Quality", ("Criterion", "Finding"), quality, "trials")
+
+
+def _mean_curves(result: TrialResult) -> list[Curve]:
+    """Give mean and SD of the joints over the gait cycles of both sides."""
+    found: list[Curve] = []
+    for variant, of_sides in joint_curves(result).items():
+        cycles = [*of_sides.values()]
+        if cycles:
+            every = np.concatenate(cycles)
+            with np.errstate(invalid="ignore"):
+                known = np.isfinite(every).any(axis=0)
+                filled = np.where(known, every, 0.0)
+                mean = np.where(known, np.nanmean(filled, axis=0), np.nan)
+                spread = np.where(known, np.nanstd(filled, axis=0), np.nan)
+            found.append((variant, COLOURS[variant], "-", mean, spread))
+    return found
+
+
+def _doubt_figure(note: Note, result: TrialResult, plates: dict[int, Plate]) -> Figure | None:
+    """Draw the channels of a plate, or the errors of markers, that a warning is about."""
+    numbers = [note.values.get(key) for key in ("plate", "first", "second")]
+    doubted = [plates[n] for n in numbers if isinstance(n, int) and n in plates]
+    if doubted and note.code.startswith(("plate", "pressure")):
+        return _plate_figure(doubted, note)
+    texts = " ".join(map(str, _names(note)))
+    markers = [name for name in result.motion.markers if name in texts.replace("–", " ").split()]
+    return _marker_figure(result, markers) if markers else None
+
+
+def _names(note: Note) -> Iterable[str]:
+    """Give the names among the values of a note."""
+    for value in note.values.values():
+        if isinstance(value, str):
+            yield value.replace(",", " ")
+        elif not isinstance(value, int | float):
+            yield from value
+
+
+def _plate_figure(plates: list[Plate], note: Note) -> Figure:
+    """Draw the six components of plates in their own axes, as recorded, over time."""
+    first = [
+        value for key in ("first_s", "at_s") if isinstance(value := note.values.get(key), float)
+    ]
+    with mpl.rc_context(STYLE):
+        figure, panels = six_panels()
+        for k, panel in enumerate(panels):
+            for plate, colour in zip(plates, COLOURS.values(), strict=False):
+                time, low, high = _extremes(plate.time, plate.wrench_in_plate[:, k])
+                label = f"plate {plate.number}"
+                panel.fill_between(time, low, high, color=colour, lw=0.6, label=label)
+            for instant in first:
+                panel.axvline(instant, color="black", lw=0.8, ls=":")
+            panel.set_title(f"{('Fx', 'Fy', 'Fz', 'Mx', 'My', 'Mz')[k]} of the plate", loc="left")
+            panel.set_ylabel(UNITS[k])
+        for panel in panels[3:]:
+            panel.set_xlabel("time (s)")
+        legend_below(figure, panels[0])
+    return figure
+
+
+def _extremes(time: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Give time, minimum and maximum of at most `MAX_POINTS` intervals."""
+    step = max(1, -(-len(time) // MAX_POINTS))
+    starts = np.arange(0, len(time), step)
+    low, high = (each.reduceat(value, starts) for each in (np.fmin, np.fmax))
+    return time[starts], low, high
+
+
+def _marker_figure(result: TrialResult, markers: list[str]) -> Figure:
+    """Draw how far markers are from the model over time."""
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(9, 2.6), layout="constrained")
+        panel = figure.subplots()
+        for name in markers[:6]:
+            error_mm = 1000 * result.motion.marker_error[:, result.motion.markers.index(name)]
+            panel.plot(result.motion.time, error_mm, lw=0.8, label=name)
+        panel.set_xlabel("time (s)")
+        panel.set_ylabel("marker error (mm)")
+        panel.set_ylim(bottom=0)
+        legend_below(figure, panel)
+    return figure
