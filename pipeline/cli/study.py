@@ -8,6 +8,7 @@ from rich.text import Text
 from typer import Argument, Option
 
 from pipeline.cli.options import RESULT, Jobs, Out, ResultsFolder, StudyFolder
+from pipeline.cli.output import OUTPUT, plain_notes, print_object
 from pipeline.cli.stopping import stoppable
 from pipeline.cli.terminal import (
     PlainConsole,
@@ -18,11 +19,19 @@ from pipeline.cli.terminal import (
     follow_trials,
     new_table,
     note_line,
+    outcome_record,
     print_table,
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from hbm.notes import Note
+    from pipeline.run.check import Finding
     from pipeline.virtual_lab.protocol.walking_protocol import Setting
+
+MOST_PLACES = 3
+"""Files that are named with what concerns all of them."""
 
 
 def init(folder: Annotated[Path, Argument(help="Folder for the new study.")]) -> None:
@@ -53,24 +62,56 @@ def check(
             for done, path in enumerate(recordings, 1):
                 agree += read_twice(path, found)
                 progress.show(path.name, done, len(recordings))
-    for place in dict.fromkeys(remark.place for remark in found.remarks):
-        console.say(place)
-        for said in (remark.said for remark in found.remarks if remark.place == place):
-            console.say(f"- {said}" if isinstance(said, str) else note_line(said))
     for fault in found.faults:
         console.say(f"FAULT {fault}")
+    places = {remark.place for remark in found.remarks}
+    doubtful = [remark for remark in found.remarks if remark.doubtful]
+    for said, where in _by_text(found.remarks if OUTPUT.verbose else doubtful).items():
+        console.say(f"{_abbreviated(where)}:")
+        console.say(f"- {said}" if isinstance(said, str) else note_line(said))
+    if (healthy := len(places - {remark.place for remark in doubtful})) and not OUTPUT.verbose:
+        console.say(f"no warnings: {counted(healthy, 'file')} (--verbose shows their contents)")
     if second_reader:
         console.say(f"both readers read the same in {agree} of {len(recordings)} files")
+    design = in_words(study_design(loaded.file))
     if not found.faults:
-        stated = "" if loaded.file.comparison else "no [comparison] is stated: "
-        console.say(f"{stated}{in_words(study_design(loaded.file))}")
+        console.say(
+            f"{'' if loaded.file.comparison else 'no [comparison] in study.toml: '}{design}"
+        )
     trials = sum(trial.exclude is None for trial in loaded.trials.values())
+    remarks = [remark for remark in found.remarks if isinstance(remark.said, str)]
+    print_object(
+        faults=[str(fault) for fault in found.faults],
+        subjects=len(loaded.subjects),
+        trials=trials,
+        remarks=[{"place": remark.place, "text": remark.said} for remark in remarks],
+        notes=[
+            {"place": remark.place, **plain_notes([remark.said])[0]}
+            for remark in found.remarks
+            if not isinstance(remark.said, str)
+        ],
+    )
     console.say(
         f"{counted(len(loaded.subjects), 'subject')}, {counted(trials, 'trial')}, "
         f"{counted(len(found.faults), 'fault')}"
         + ("" if found.faults else f"; next: hbm run {study}")
     )
     return 2 if found.faults else 0
+
+
+def _by_text(remarks: "Iterable[Finding]") -> "dict[Note | str, list[str]]":
+    """Give the places of each remark, so that one of many files is printed once."""
+    places: dict[Note | str, list[str]] = {}
+    for remark in remarks:
+        places.setdefault(remark.said, []).append(remark.place)
+    return places
+
+
+def _abbreviated(places: list[str]) -> str:
+    """Name places; of many, the first ones."""
+    more = len(places) - MOST_PLACES
+    named = ", ".join(places[:MOST_PLACES])
+    return f"{named} and {counted(more, 'other')}" if more > 0 else named
 
 
 def run(
@@ -111,6 +152,7 @@ def run(
     finished = follow_trials(outcomes, len(planned), "processing", "done and kept", console)
     console.say_notes(dict.fromkeys(note for one in finished for note in one.of_calibration))
     seconds = time.monotonic() - start
+    print_object(trials=[outcome_record(outcome) for outcome in finished], seconds=seconds)
     console.say(f"{counts_of(finished, 'processed')}, in {seconds:.1f} s; next: hbm report {out}")
     return int(any(one.failure is not None or one.failed_variants for one in finished))
 
@@ -134,6 +176,7 @@ def report(
             recorded_study_folder(folder),
             lambda step: status.update(Text(step)),
             covariates=covariate or (),
+            pages=True,
         )
     if plan:
         console.say((page.parent / "plan.md").read_text(encoding="utf-8"))

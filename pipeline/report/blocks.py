@@ -2,7 +2,7 @@
 
 from base64 import b64encode
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Final
@@ -46,6 +46,8 @@ class Table:
     rows: Sequence[Sequence[str | Sequence[Check]]]
     css_class: str = ""
     legend: str = ""
+    links: Mapping[str, str] = field(default_factory=dict)
+    """Name of a row -> address that it links to."""
 
 
 def picture(path: Path) -> str:

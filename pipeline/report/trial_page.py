@@ -1,15 +1,19 @@
 """The page of one trial: its residuals, doubts, joints, causes and provenance."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
 import matplotlib as mpl
 import numpy as np
+from joblib import delayed
 from matplotlib.figure import Figure
 
 from hbm.notes import Note, provenance, warnings_of
 from pipeline.budgets.explanation import Explanation
+from pipeline.config.schema import TrialName
+from pipeline.config.study import Study
 from pipeline.figures.explained import bands_figure
 from pipeline.figures.joints import Curve, joint_figure
 from pipeline.figures.residuals import legend_below, residual_figure, six_panels
@@ -18,12 +22,18 @@ from pipeline.io.recording import Plate
 from pipeline.io.write import write_text
 from pipeline.report.blocks import TEMPLATES, Table, drawing
 from pipeline.report.trials import causes, trial_quality
+from pipeline.run.processes import in_processes
+from pipeline.run.program import program_digest
+from pipeline.run.store import read_trial
 from pipeline.trial.joints import joint_curves
 from pipeline.trial.residuals import AXES, UNITS, residual_table, rows_of, threshold_table
 from pipeline.trial.result import TrialResult
+from pipeline.trial.study_files import read_study_file
 
 HEALTHY_RMS: Final = (37.1, 30.4, 63.1, 11.4, 20.5, 4.5)
 """Of seven healthy adults on a treadmill at rest: van de Loosdrecht (2018), Table III [N, N·m]."""
+PROCESSES: Final = 2
+"""That write pages of a study at the same time."""
 MAX_POINTS: Final = 3000
 """Of a drawn channel: finer ones are drawn as the extremes of as many intervals."""
 
@@ -35,6 +45,7 @@ def write_trial_page(
     plates: Iterable[Plate] = (),
     explanation: Explanation | None = None,
     study: str = "",
+    key: str = "",
 ) -> Path:
     """Write the page of a trial.
 
@@ -50,6 +61,8 @@ def write_trial_page(
         Of the residuals; without it, the page names the command that finds their causes.
     study
         Address of the study's report, relative to the page; empty for a trial by itself.
+    key
+        A comment at the end of the page.
 
     Returns
     -------
@@ -84,7 +97,12 @@ def write_trial_page(
         residuals=drawing(residual_figure(result)),
         tables=[*_tables(result)],
         doubts=[
-            (note, drawing(figure, ".png") if (figure := _doubt_figure(note, result, recorded)) else "")
+            (
+                note,
+                drawing(figure, ".png")
+                if (figure := _doubt_figure(note, result, recorded))
+                else "",
+            )
             for note in warnings_of(result.notes)
         ],
         joints=drawing(joint_figure(curves, "Joints of the legs, mean ± SD")) if curves else "",
@@ -95,8 +113,47 @@ def write_trial_page(
         settings=[(k, str(v)) for k, v in result.settings.model_dump().items() if v is not None],
         versions=[*result.versions.items()],
     )
-    write_text(page, path)
+    write_text(page + key, path)
     return path
+
+
+def write_trial_pages(
+    folder: Path,
+    explained: Mapping[TrialName, Explanation],
+    study: Study | None,
+    names: Iterable[TrialName],
+) -> Iterator[TrialName]:
+    """Write the page of each trial of a results folder where it has changed; give their names."""
+    tasks = [
+        delayed(_write_page)(folder / "trials" / name.stem, explained.get(name), study, name)
+        for name in names
+    ]
+    yield from in_processes(tasks, min(PROCESSES, len(tasks)))
+
+
+def _write_page(
+    path: Path, explanation: Explanation | None, study: Study | None, name: TrialName
+) -> TrialName:
+    """Write a trial's page beside its result, unless it is of this result and program already."""
+    result, page = read_trial(Path(f"{path}.parquet")), Path(f"{path}.html")
+    key = f"<!-- {result.key} {explanation.key if explanation else ''} {program_digest()} -->"
+    if page.is_file() and page.read_text(encoding="utf-8").endswith(key):
+        return name
+    plates: Iterable[Plate] = ()
+    if study is not None and name in study.trials and any(map(_of_plates, result.notes)):
+        trial = study.trial(name)
+        with suppress(ValueError, OSError):  # the recording may be gone since
+            static = study.subject(name.subject).static
+            plates = read_study_file(study, str(trial.file), trial, static).plates
+    write_trial_page(
+        result, page, plates=plates, explanation=explanation, study="../report.html", key=key
+    )
+    return name
+
+
+def _of_plates(note: Note) -> bool:
+    """Say whether a warning is about the samples of a plate."""
+    return note.level == "warning" and note.code.startswith(("plate", "pressure"))
 
 
 def _scope(result: TrialResult) -> str:
@@ -170,7 +227,7 @@ def _doubt_figure(note: Note, result: TrialResult, plates: dict[int, Plate]) -> 
     """Draw the channels of a plate, or the errors of markers, that a warning is about."""
     numbers = [note.values.get(key) for key in ("plate", "first", "second")]
     doubted = [plates[n] for n in numbers if isinstance(n, int) and n in plates]
-    if doubted and note.code.startswith(("plate", "pressure")):
+    if doubted and _of_plates(note):
         return _plate_figure(doubted, note)
     texts = " ".join(map(str, _names(note)))
     markers = [name for name in result.motion.markers if name in texts.replace("–", " ").split()]

@@ -112,13 +112,15 @@ def _mean_rms(headline: pd.DataFrame) -> pd.Series:
     return best.groupby("axis", sort=False)["rms"].mean()
 
 
-def quality_table(rated: Mapping[str, Mapping[str, tuple[Check, ...]]]) -> Table:
-    """Show what `trial_quality` says of every trial."""
+def quality_table(
+    rated: Mapping[str, Mapping[str, tuple[Check, ...]]], links: Mapping[str, str]
+) -> Table:
+    """Show what `trial_quality` says of every trial, with links to pages."""
     heads = ("Trial", *next(iter(rated.values())))
     rows: list[tuple[str | Sequence[Check], ...]] = [
         (name, *checks.values()) for name, checks in rated.items()
     ]
-    return Table("Quality of every trial", heads, rows, "trials")
+    return Table("Quality of every trial", heads, rows, "trials", links=links)
 
 
 def trial_quality(trial: TrialResult) -> dict[str, tuple[Check, ...]]:
@@ -193,7 +195,8 @@ def _peaks(thresholds: pd.DataFrame, quantity: str) -> Iterator[Check]:
         if row.quantity == quantity:
             name = "IC" if row.compensated else "no IC"
             value = f"{name} {row.peak:.0f} of {row.limit:.0f} {row.unit}"
-            yield "pass" if row.passed else "fail", value, ""
+            above = f"above in {row.above_percent:.1f} % of frames"
+            yield "pass" if row.passed else "fail", value, "" if row.passed else above
 
 
 def _delay(delay_s: float, uncertainty_s: float) -> Check:

@@ -37,6 +37,7 @@ from pipeline.report.tables import (
     residual_tables,
     windows_sentence,
 )
+from pipeline.report.trial_page import write_trial_pages
 from pipeline.report.trials import (
     LIMITS,
     causes,
@@ -71,6 +72,7 @@ def write_report(
     announce: Callable[[str], None] = lambda step: None,
     *,
     covariates: Sequence[str] = (),
+    pages: bool = False,
 ) -> Path:
     """Write tables, statistics, figures and ``report.html`` into a results folder.
 
@@ -86,6 +88,8 @@ def write_report(
     covariates
         Of the further analysis of variance, in place of the study's: height_m, mass_kg, sex,
         age_years.
+    pages
+        Whether a page is written for each trial, ``trials/NAME.html``, and linked.
 
     Returns
     -------
@@ -229,7 +233,10 @@ def write_report(
         has_reference=design.reference in results.cycles["condition"].unique(),
         trials=trials,
         states=states,
-        quality=quality_table({str(name): quality[name] for name in of_variants[MAIN].trials}),
+        quality=quality_table(
+            {str(name): quality[name] for name in of_variants[MAIN].trials},
+            {str(name): f"trials/{name.stem}.html" for name in keys} if pages else {},
+        ),
         limits=LIMITS,
         explained=bool(explained or failed or stale),
         causes=[causes(str(name), explained[name]) for name in keys if name in explained],
@@ -246,6 +253,9 @@ def write_report(
         },
     )
     write_text(page, folder / "report.html")
+    if pages:
+        for done in write_trial_pages(folder, explained, study, keys):
+            announce(f"page of {done}")
     return folder / "report.html"
 
 

@@ -56,10 +56,17 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What is to be known of a file or trial before it is processed."""
+    """What to know of a file or trial before it is processed."""
 
     place: str
     said: Note | str
+    contents: bool = False
+    """Whether it is only what a file holds."""
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether somebody should look at it."""
+        return not self.contents if isinstance(self.said, str) else self.said.level == "warning"
 
     def __str__(self) -> str:
         text = str(self.said)
@@ -80,6 +87,10 @@ class Findings:
     def remark(self, place: str, *said: Note | str) -> None:
         """Add what is to be known of a place."""
         self.add(Findings(remarks=[Finding(place, one) for one in said]))
+
+    def contents(self, place: str, text: str) -> None:
+        """Add what a file holds."""
+        self.add(Findings(remarks=[Finding(place, text, contents=True)]))
 
     def fault(self, place: str, reason: str) -> None:
         """Add what stops a trial."""
@@ -121,7 +132,8 @@ def check_study(study: Study) -> Findings:
     found.remark("study.toml", *laboratory.notes)
     if (calibration := laboratory.calibration) is not None:
         file = str(study.file.treadmill.calibration)
-        found.remark(file, f"compensates {listed(calibration.plates)}", *calibration.notes)
+        found.contents(file, f"compensates {listed(calibration.plates)}")
+        found.remark(file, *calibration.notes)
         found.remark(file, *describe_sensors(calibration.sensors))
     elif not study.file.treadmill.calibration:
         found.remark("study.toml", "no treadmill.calibration, so nothing will be compensated")
@@ -197,7 +209,8 @@ def _check_stages(
     recording = found.attempt(name, lambda: corrected(preview.beginning))
     if recording is None:
         return
-    found.remark(name, _contents(recording, preview.frames), *recording.notes)
+    found.contents(name, _contents(recording, preview.frames))
+    found.remark(name, *recording.notes)
     duration_s = preview.frames / recording.markers.rate_hz
     if rule.cycles and duration_s < rule.skip_s + rule.cycles * MIN_CYCLE_S:
         found.remark(name, f"too short for {rule.cycles} gait cycles after {rule.skip_s:g} s")
@@ -287,7 +300,7 @@ def _check_markers(body: Body, preview: Preview, found: Findings) -> None:
     needed = [marker for marker in known.markers if not marker.optional]
     absent = [m.labels[0] for m in needed if not set(m.labels) & set(present)]
     there = f"{len(needed) - len(absent)} of the {len(needed)} markers of {known.name}"
-    found.remark(name, f"{there}; missing: {listed(absent)}" if absent else there)
+    found.contents(name, f"{there}; missing: {listed(absent)}" if absent else there)
     used = {segment for marker, segment in body.segment_of.items() if marker in present}
     shown = {i for segment in used for i in support(LAST_Q[segment])}
     locked = tuple(c for i, c in enumerate(COORDINATES) if i not in shown)
