@@ -1,0 +1,103 @@
+"""All that a script needs, under one name: ``import hbm_residuals as hr``.
+
+The names are those of `pipeline`, where their documentation is. A user's own file ``pipeline.py``
+does not hide them.
+"""
+
+import sys
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from pipeline.budgets.explanation import explain as explain
+    from pipeline.config.schema import Condition as Condition
+    from pipeline.config.schema import Platform as Platform
+    from pipeline.config.schema import Settings as Settings
+    from pipeline.config.schema import Subject as Subject
+    from pipeline.config.schema import Treadmill as Treadmill
+    from pipeline.config.study import read_study as read_study
+    from pipeline.io.read import read_recording as read
+    from pipeline.io.recording import Recording as Recording
+    from pipeline.report.trial_page import write_trial_page as write_page
+    from pipeline.report.write import write_report as report
+    from pipeline.run.run import run_study as run
+    from pipeline.run.store import read_trial as read_result
+    from pipeline.run.store import write_trial as write_result
+    from pipeline.trial.ground.calibration_recording import fit_calibration as fit_calibration
+    from pipeline.trial.ground.calibrations import read_calibration as read_calibration
+    from pipeline.trial.ground.laboratory import Laboratory as Laboratory
+    from pipeline.trial.joints import joint_curves as joints
+    from pipeline.trial.process import process_recording as process
+    from pipeline.trial.process import process_trial as process_trial
+    from pipeline.trial.residuals import cycle_residuals as cycles
+    from pipeline.trial.residuals import residual_table as residuals
+    from pipeline.trial.residuals import threshold_table as thresholds
+    from pipeline.viewer.trial import view_result as view
+    from pipeline.virtual_lab.protocol.walking_trial import simulate_trial as simulate
+
+_HOME: Final = {
+    "Condition": "config.schema:Condition",
+    "Laboratory": "trial.ground.laboratory:Laboratory",
+    "Platform": "config.schema:Platform",
+    "Recording": "io.recording:Recording",
+    "Settings": "config.schema:Settings",
+    "Subject": "config.schema:Subject",
+    "Treadmill": "config.schema:Treadmill",
+    "cycles": "trial.residuals:cycle_residuals",
+    "explain": "budgets.explanation:explain",
+    "fit_calibration": "trial.ground.calibration_recording:fit_calibration",
+    "joints": "trial.joints:joint_curves",
+    "process": "trial.process:process_recording",
+    "process_trial": "trial.process:process_trial",
+    "read": "io.read:read_recording",
+    "read_calibration": "trial.ground.calibrations:read_calibration",
+    "read_result": "run.store:read_trial",
+    "read_study": "config.study:read_study",
+    "report": "report.write:write_report",
+    "residuals": "trial.residuals:residual_table",
+    "run": "run.run:run_study",
+    "simulate": "virtual_lab.protocol.walking_trial:simulate_trial",
+    "thresholds": "trial.residuals:threshold_table",
+    "view": "viewer.trial:view_result",
+    "write_page": "report.trial_page:write_trial_page",
+    "write_result": "run.store:write_trial",
+}
+"""Name -> module of ``pipeline``, and its name there."""
+__all__ = sorted(_HOME)
+
+
+def _find_own_packages() -> None:
+    """Find the packages beside this one even where a script's folder has files of their names.
+
+    An ImportError if such a file has been imported already.
+    """
+    folder = Path(__file__).resolve().parent.parent
+    for name in ("hbm", "compensation", "pipeline"):
+        loaded = sys.modules.get(name)
+        origin = (
+            getattr(loaded, "__file__", None)
+            if loaded
+            else getattr(find_spec(name), "origin", None)
+        )
+        if Path(origin or "").resolve().parent.parent == folder:
+            continue
+        if loaded is not None:
+            raise ImportError(
+                f"{origin} has been imported as {name!r}, which is a package of hbm-residuals; import "
+                "hbm_residuals first, or rename that file"
+            )
+        sys.path.insert(0, str(folder))  # of processes that this one starts, too
+        return
+
+
+_find_own_packages()
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first used, so that importing the package costs nothing."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'hbm_residuals' has no attribute {name!r}")
+    module, _, name = _HOME[name].partition(":")
+    return getattr(import_module(f"pipeline.{module}"), name)

@@ -1,0 +1,58 @@
+"""``import hbm_residuals as hr``: all that scripts call, under a name that nobody else has."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import hbm_residuals as hr
+import pipeline
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def test_there_are_at_most_25_names_and_each_is_one_of_the_packages():
+    assert len(hr.__all__) <= 25
+    for name in hr.__all__:
+        assert getattr(hr, name).__module__.startswith("pipeline."), name
+    assert hr.process is pipeline.process_recording
+    assert hr.read is pipeline.read_recording
+
+
+def script(tmp_path, code):
+    """Run a script in a folder that has a file ``pipeline.py`` of its own."""
+    (tmp_path / "pipeline.py").write_text("mine = True\n")
+    (tmp_path / "script.py").write_text(code)
+    return subprocess.run(
+        [sys.executable, tmp_path / "script.py"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        check=False,
+    )
+
+
+def test_a_file_called_pipeline_beside_a_script_does_not_hide_the_package(tmp_path):
+    assert script(tmp_path, "import pipeline; print(pipeline.mine)").stdout == "True\n"
+    done = script(tmp_path, "import hbm_residuals as hr; print(hr.Subject(sex='male').sex)")
+    assert (done.stdout, done.stderr) == ("male\n", "")
+
+
+def test_processes_that_a_script_starts_find_the_package_too(tmp_path):
+    code = """
+import hbm_residuals as hr
+from joblib import delayed
+from pipeline.run.processes import in_processes
+from pipeline.config.schema import Interval
+if __name__ == "__main__":
+    tasks = [delayed(Interval)(0.0, stop, "s") for stop in (1.0, 2.0)]
+    print([span.stop for span in in_processes(tasks, 2, ordered=True)])
+"""
+    done = script(tmp_path, code)
+    assert done.stdout == "[1.0, 2.0]\n", done.stderr
+
+
+def test_a_file_called_pipeline_that_was_imported_before_is_named_in_the_error(tmp_path):
+    done = script(tmp_path, "import pipeline, hbm_residuals")
+    assert "pipeline.py has been imported as 'pipeline'" in done.stderr.splitlines()[-1]
