@@ -213,7 +213,7 @@ def _impact(
 
 PRECISE_S: Final = 0.001
 """Half of the 95 % interval up to which the delay in motion is taken, however precise the hammer's:
-a fifth of what the thesis' plates are late by, and of the default limit of a delay."""
+a fifth of what the thesis' plates delayed by, and of the default limit of a delay."""
 
 
 class AgreedDelay(NamedTuple):

@@ -76,16 +76,12 @@ def _find_own_packages() -> None:
     folder = Path(__file__).resolve().parent.parent
     for name in ("hbm", "compensation", "pipeline"):
         loaded = sys.modules.get(name)
-        origin = (
-            getattr(loaded, "__file__", None)
-            if loaded
-            else getattr(find_spec(name), "origin", None)
-        )
+        origin = loaded.__file__ if loaded else getattr(find_spec(name), "origin", None)
         if Path(origin or "").resolve().parent.parent == folder:
             continue
         if loaded is not None:
             raise ImportError(
-                f"{origin} has been imported as {name!r}, which is a package of hbm-residuals; import "
+                f"{origin} has been imported as {name!r}, a package of hbm-residuals; import "
                 "hbm_residuals first, or rename that file"
             )
         sys.path.insert(0, str(folder))  # of processes that this one starts, too

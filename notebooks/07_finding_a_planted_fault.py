@@ -96,7 +96,7 @@ for component in ("Fx", "Fy"):
 # We state the delay that was found, and process the trial again.
 
 # %%
-(late,) = (cause for cause in explanation.budget.causes if cause.name == "plates are late")
+(late,) = (cause for cause in explanation.budget.causes if cause.name == "plates delayed")
 stated = pipeline.Settings(plate_delay_s=round(late.size, 3))
 mended = pipeline.process_recording(tampered, subject, stated)
 again = explain(tampered, laboratory, mended)

@@ -19,7 +19,7 @@ def test_a_fault_truly_makes_what_is_missing_without_it(monkeypatch: pytest.Monk
     monkeypatch.setattr(campaign_trial, "explain_trial", lambda *_: "explained")
     done = carried_out(VirtualLaboratory(7), PLAN)
     assert done.true["plate 1: zero of Fz"] == pytest.approx(60.0)
-    assert done.true["plates are late"] == pytest.approx(0.002)
+    assert done.true["plates delayed"] == pytest.approx(0.002)
     assert done.true["plate 2: zero of Fz"] == 0.0
     assert done.share["zero"][2] > 0.8
     assert done.budgets == {"as usual": "explained"}

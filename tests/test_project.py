@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 CITATION = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
-PACKAGES = ("hbm", "compensation", "pipeline")
+PACKAGES = ("hbm", "compensation", "pipeline", "hbm_residuals")
 
 
 def tracked_texts():

@@ -12,7 +12,7 @@ import pyarrow as pa
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from hbm.spatial import Array
-from pipeline.budgets.words import Mending, StatedNow, budget_lines, most_worth_mending
+from pipeline.budgets.words import Fix, StatedNow, budget_lines, what_to_fix_first
 from pipeline.config.schema import NOUNS, TrialName
 from pipeline.explain.budget import Bands, Budget, SharedCause, TrialEvidence
 from pipeline.explain.explain import explain_trial
@@ -79,7 +79,7 @@ class Explanation:
     version: int
     key: str
     budget: Budget
-    mending: tuple[Mending, ...]
+    mending: tuple[Fix, ...]
 
     def lines(self) -> Iterator[str]:
         """Say what a table of shares does not: sizes, what to mend, what is merged, the check."""
@@ -96,7 +96,7 @@ def explain(
     found = explain_trial(recording, laboratory, result)
     budget = replace(found, source=Path(found.source.name))
     stated = StatedNow.of(result, calibrated=laboratory.plates is not None)
-    mending = most_worth_mending(budget, stated)
+    mending = what_to_fix_first(budget, stated)
     return Explanation(FORMAT_VERSION, key, budget, mending)
 
 

@@ -72,7 +72,7 @@ def study_of(folder: Path) -> Study:
     if where is None:
         raise ValueError(
             f"{folder}: the study that these results are of is not known or gone, and only its "
-            f"recordings show what residuals are made of; run 'hbm run STUDY --out {folder}' again"
+            f"recordings show the causes of residuals; run 'hbm run STUDY --out {folder}' again"
         )
     return read_study(where, recordings=False)
 
@@ -209,7 +209,7 @@ def processed(job: Job) -> tuple[Recording, Laboratory, TrialResult]:
     assert trial.file is not None  # it would not be planned
     if not job.study.path(trial.file).is_file():
         raise ValueError(
-            f"the recording {trial.file} is gone, and only it shows what residuals are made of"
+            f"the recording {trial.file} is missing, and only it shows the causes of residuals"
         )
     if result.key != trial_key(job.study, job.name):
         raise ValueError("its result is not up to date; run 'hbm run' first")

@@ -1,4 +1,4 @@
-"""Causes of residuals in words: names of groups, sizes, what to mend, a table of shares, lines."""
+"""Causes of residuals in words: names of groups, sizes, what to fix, a table, lines."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,21 +14,21 @@ from pipeline.trial.result import TrialResult
 
 MIN_FALL: Final = 0.03
 """Share of a residual's RMS that mending a cause has to take away to be worth a word."""
-MAX_MENDINGS: Final = 3
-LATE: Final = "plates are late"
+MAX_FIXES: Final = 3
+LATE: Final = "plates delayed"
 MASS: Final = "body mass"
 """Names of causes that a person can state."""
 SENTENCES: Final[Mapping[str, str]] = {
     ": gain of": "{plate} reads {size} too {much} {where}; recalibrate it.",
-    ": Fz in": "{plate} shows {size} of its vertical force in {of}; recalibrate it.",
-    ": zero of": "{plate} shows {size} in {of} when nobody is on it; zero it.",
-    ": place along": "{plate} is stated {size} too {far} along its {of} axis; measure it again.",
-    ": direction about": "{plate} is stated turned {size} too {far} about its {of}; measure it.",
+    ": Fz in": "{plate}: {size} of its vertical force appears in {of}; recalibrate it.",
+    ": zero of": "{plate} reads {size} in {of} without load; zero it.",
+    ": place along": "{plate}: position {size} too {far} along its {of} axis; measure it again.",
+    ": direction about": "{plate}: orientation {size} too {far} about its {of}; measure it.",
 }
 """Part of a cause's name -> what is wrong, and what to do."""
 CAPTION: Final = (
-    "RMS with its 95 % interval of measurement; shares of the mean square in % ± 95 % interval. A "
-    "negative share: without this cause the residual would be larger."
+    "RMS with 95 % interval of measurement; percentage of the mean square ± 95 % interval. "
+    "Negative: without this cause the residual would be larger."
 )
 Column = tuple[str, tuple[str, ...]]
 """Head and cells of a column."""
@@ -125,7 +125,7 @@ def size_in_words(cause: EstimatedCause) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Mending:
+class Fix:
     """What to do about a cause of certain size, and what that would change.
 
     Attributes
@@ -154,8 +154,8 @@ class Mending:
         return f"{self.action} This alone would lower {self.axis} {fall}."
 
 
-def most_worth_mending(budget: Budget, stated: StatedNow) -> tuple[Mending, ...]:
-    """Find what is most worth mending.
+def what_to_fix_first(budget: Budget, stated: StatedNow) -> tuple[Fix, ...]:
+    """Find what to fix first.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def most_worth_mending(budget: Budget, stated: StatedNow) -> tuple[Mending, ...]
 
     Returns
     -------
-    tuple of Mending
+    tuple of Fix
         Faults of instruments or of the stated mass that are certain and without which a residual
         would be smaller, the one with the largest share first; of the body no single cause, since
         walking takes one for the other.
@@ -180,9 +180,9 @@ def most_worth_mending(budget: Budget, stated: StatedNow) -> tuple[Mending, ...]
             action = what_to_do(cause, stated)
             rms = float(budget.rms[axis]), float(cause.left[axis])
             if action:
-                found.append((fall[axis], Mending(cause.name, action, AXES[axis], *rms)))
+                found.append((fall[axis], Fix(cause.name, action, AXES[axis], *rms)))
     found.sort(key=lambda each: -each[0])
-    return tuple(own for _, own in found[:MAX_MENDINGS])
+    return tuple(own for _, own in found[:MAX_FIXES])
 
 
 def study_lines(causes: Sequence[SharedCause], stated: Mapping[str, StatedNow]) -> tuple[str, ...]:
@@ -207,8 +207,8 @@ def study_lines(causes: Sequence[SharedCause], stated: Mapping[str, StatedNow]) 
         count = f" ({len(own.trials)} trials)" * (len(own.trials) > 1)
         held = ""
         if not own.holds:
-            held = " It does not lower residuals in which it was not found: do not believe it."
-        lines.append(f"{owner}{Mending(own.cause.name, action, AXES[axis], *rms)}{count}{held}")
+            held = " It does not lower the residuals of other trials: do not apply it."
+        lines.append(f"{owner}{Fix(own.cause.name, action, AXES[axis], *rms)}{count}{held}")
     return tuple(lines)
 
 
@@ -221,7 +221,7 @@ def what_to_do(cause: EstimatedCause, stated: StatedNow) -> str:
         delay_s = stated.delay_s + cause.size
         when = "late" if is_more else "early"
         setting = f"plate_delay_s = {delay_s:.3f} under [settings]"
-        return f"The plates are {size} {when}; state {setting}."
+        return f"The plates are {size} {when}; set {setting}."
     if cause.name == MASS:
         mass_kg = stated.mass_kg / (1 + cause.size)
         large = "large" if is_more else "small"
@@ -253,9 +253,7 @@ def budget_table(budget: Budget) -> tuple[str, tuple[str, ...], list[Column]]:
     counts = "no gait cycles"
     if budget.cycles:
         counts = f"{budget.cycles} of {budget.found_cycles} gait cycles of one side"
-    title = (
-        f"Pelvis residuals of {budget.source.name} and what they are made of, {plates}, {counts}"
-    )
+    title = f"Causes of the pelvis residuals of {budget.source.name}, {plates}, {counts}"
     interval = [f"{low:.1f}–{high:.1f}" for low, high in zip(budget.low, budget.high, strict=True)]
     columns = [("RMS", tuple(f"{value:.1f}" for value in budget.rms)), ("95 %", tuple(interval))]
     for group in budget.groups:
@@ -273,28 +271,28 @@ def _share(share: float, deviation: float) -> str:
     return f"{text} ± {half:.0f}" if half >= 0.5 else text
 
 
-def budget_lines(budget: Budget, mendings: Sequence[Mending]) -> Iterator[str]:
+def budget_lines(budget: Budget, mendings: Sequence[Fix]) -> Iterator[str]:
     """Say what a table of shares does not: what to do, what the trial does not tell, the check."""
     yield from map(str, mendings)
     if not mendings:
-        yield "No certain fault makes much of a residual."
+        yield "No certain fault explains much of a residual."
     faults = [cause for cause in budget.causes if cause.chance < 1 or cause.group == "delay"]
     unknown = list(dict.fromkeys(_title(cause) for cause in faults if not cause.is_told))
     if unknown:
         count = sum(not cause.is_told for cause in faults)
         named = listed(sorted(unknown))
-        yield f"This trial cannot tell {count} of {len(faults)} possible faults: {named}."
+        yield f"Not determined by this trial, {count} of {len(faults)} possible faults: {named}."
     for group in budget.groups:
         if len(apart(group.groups)) > 1:
             ways = how_to_tell_apart(group.groups)
             how = f": {'; '.join(ways)}" if ways else ""
-            yield f"This trial cannot tell apart {group_name(group.groups)}{how or ' from it'}."
+            yield f"Not separable in this trial, {group_name(group.groups)}{how}."
     of = "cycles" if budget.cycles >= MIN_CYCLES else "frames"
     shares = zip(budget.held_out, AXES, strict=True)
     taken = ", ".join(f"{100 * share:z.0f} % of {axis}" for share, axis in shares)
     yield (
-        f"Held-out check: causes found in one half of the {of} take away of the other's mean "
-        f"square {taken}{' (negative: they add)' * bool((budget.held_out < 0).any())}."
+        f"Held-out check: causes estimated in one half of the {of} explain of the other half's "
+        f"mean square {taken}{' (negative: they add)' * bool((budget.held_out < 0).any())}."
     )
 
 

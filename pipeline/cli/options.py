@@ -45,7 +45,7 @@ ResultsFolder = Annotated[Path, typer.Argument(help="Folder of hbm run; view: or
 
 
 def takes(kind: type[InputModel]) -> Callable[[Command], Command]:
-    """Give a command, which takes a request of some kind first, the options it is made of."""
+    """Give a command, which takes a request of some kind first, its options."""
 
     def decorated(command: Command) -> Command:
         _, *own = signature(command).parameters.values()

@@ -124,7 +124,7 @@ def fit(
     ]
     console.say_notes(notes)
     if calibration.notes:
-        advice = "calibration not fit for trials: mend what the warnings name, then fit it again"
+        advice = "calibration not fit for trials: follow the advice of the warnings, then fit again"
     else:
         plates_too = f" --plate-calibration {plate_calibration}" if plate_calibration else ""
         advice = (

@@ -274,7 +274,7 @@ def _explain_results(
     finished = follow_trials(outcomes, len(planned), "explaining", "explained", console)
     with console.status(Text("all trials together")):
         together = explain_study(study, folder, planned)
-    for line in together.lines or ("No certain fault makes much of a residual.",):
+    for line in together.lines or ("No certain fault explains much of a residual.",):
         console.say(line)
     console.say(f"{counts_of(finished, 'explained')}; next: hbm report {folder}")
     if corrected:
@@ -300,7 +300,7 @@ def _apply(
     for each in written:
         console.say(f"corrected: {each.cause}: {each.setting}")
     for name in left_out:
-        console.say(f"not corrected: {name} does not lower residuals in which it was not found")
+        console.say(f"not corrected: {name} does not lower the residuals of other trials")
     count = counted(len(written), "correction")
     console.say(
         f"{corrected}: study with {count}; next: hbm run {corrected} --out {corrected}/results"

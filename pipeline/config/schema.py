@@ -71,7 +71,7 @@ class Settings(InputModel):
     contact_threshold_n: Annotated[float, Field(gt=0, le=200)] = 30.0
     """Vertical force above which a foot is on a plate."""
     min_valid_share: Annotated[float, Field(gt=0, le=1)] = 0.5
-    """Smallest share of frames that count in a gait cycle, or in a recording without one."""
+    """Smallest share of used frames in a gait cycle, or in a recording without one."""
     events: EventMethod | None = Field(default=None, examples=["auto"])
     """Gait events: file, zeni, plates or auto; default: the file's if any, else auto."""
     engine: EngineName | None = Field(default=None, examples=["kernels"])
@@ -378,7 +378,7 @@ class Condition(InputModel):
     pulse_channel: Text | None = Field(default=None, examples=["Perturbation"])
     """Channel that rises at each onset; default: the platform's motion."""
     window: Window | None = Field(default=None, examples=["motion"])
-    """What counts: "cycle"; "step", to the other foot's strike; "stance"; "recording"; or a span
+    """What is used: "cycle"; "step", to the other foot's strike; "stance"; "recording"; or a span
     [start_s, stop_s]. Of perturbed gait cycles: "motion", while the platform moves fast; [start_s,
     stop_s] from each onset; or ["10 %", "40 %"] of each. Default: gait cycles; where none is
     complete steps, stances, or the whole recording."""
@@ -481,7 +481,7 @@ class Comparison(InputModel):
         if self.factor in ("IC", "group", *COVARIATES):
             raise ValueError(f"factor: {self.factor} is the name of another factor; choose another")
         if self.group is not None and self.group in (self.covariates or ()):
-            raise ValueError(f"covariates: {self.group} tells the groups apart already")
+            raise ValueError(f"covariates: {self.group} is the grouping already")
         return self
 
 
@@ -544,7 +544,7 @@ class Trial(InputModel):
     session: Name | None = Field(default=None, examples=["day2"])
     """When it was recorded, where subjects came more than once."""
     window: Window | None = Field(default=None, examples=[[2.0, 30.0]])
-    """What of this recording counts; default: as the condition says."""
+    """Part of this recording that is used; default: that of the condition."""
     mend_plates: Annotated[tuple[MendingText, ...], Field(strict=False)] = Field(
         default=(), examples=[["1: zero Fx 2.5"]]
     )

@@ -111,8 +111,8 @@ def explained_part(
     spans = spans[[counts[(time >= start) & (time < stop)].any() for start, stop in spans]]
     if not len(spans):
         raise ValueError(
-            f"{result.source.name}: nowhere do frames of {SHORTEST_S:g} s in a row count, so that "
-            "nothing tells what its residuals are made of"
+            f"{result.source.name}: no stretch of used frames of {SHORTEST_S:g} s, so that "
+            "causes of its residuals cannot be estimated"
         )
     frames = _frames(spans, result, laboratory)
     chain = processing_chain(recording, laboratory, result, frames)

@@ -55,9 +55,9 @@ def budget_figure(budget: Budget) -> Figure:
             panel.text(k, above[k] + 2, text, ha="center", va="bottom", fontsize=8)
         panel.set_ylim(min(below.min() * 1.1, 0), above.max() * 1.15)
         panel.axhline(0, color="black", lw=0.5)
-        panel.set_ylabel("share of the mean square (%)")
+        panel.set_ylabel("percentage of the mean square (%)")
         figure.suptitle(
-            f"{budget.source.name}: what the pelvis residuals are made of, RMS [95 % interval]",
+            f"{budget.source.name}: causes of the pelvis residuals, RMS [95 % interval]",
             fontsize=10,
         )
         figure.legend(loc="outside lower center", ncols=2, frameon=False)
@@ -106,7 +106,7 @@ def bands_figure(bands: Bands, name: str) -> Figure:
         label_panels(panels)
         legend_below(figure, panels[0])
         figure.suptitle(
-            f"{name}: pelvis residuals of {len(spans)} gait cycles and how sure they are",
+            f"{name}: pelvis residuals of {len(spans)} gait cycles with 95 % intervals",
             fontsize=10,
         )
     return figure

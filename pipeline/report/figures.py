@@ -191,7 +191,7 @@ def gait_cycle_figure(
         legend_below(figure, panels[0])
         over = "gait cycles of one subject" if single else f"{counts[condition]} subjects"
         title = f"Pelvis residuals, {condition}: mean ± SD over {over}"
-        title += "; grey: the part that counts" * (grey is not None)
+        title += "; grey: the part that is used" * (grey is not None)
         title += f"; bars: differs from {design.reference}" * any(differing.values())
         figure.suptitle(title, fontsize=TITLE_PT)
     return figure

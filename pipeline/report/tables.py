@@ -105,7 +105,7 @@ def windows_sentence(residuals: pd.DataFrame) -> str:
     if not parts:
         return ""
     unlike = (
-        " Conditions differ in the part of the gait cycle that counts, and so may their residuals."
+        " Conditions differ in the part of the gait cycle that is used, and so may their residuals."
     )
     within = [name for name in conditions if name not in (*NOUNS, "span")]
     return f"RMS over {join_names(parts)}.{unlike * bool(within and len(conditions) > 1)}"

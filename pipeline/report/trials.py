@@ -57,8 +57,8 @@ def problems(
     for name, trial in results.trials.items():
         if trial.span is not None and name not in compared:
             text = (
-                f"counts {trial.span[0]:.2f} to {trial.span[1]:.2f} s of the recording and no gait "
-                "cycles, so it is left out of tables and tests; its residuals are in residuals.csv"
+                f"uses {trial.span[0]:.2f} to {trial.span[1]:.2f} s of the recording, without gait "
+                "cycles; left out of tables and tests; its residuals are in residuals.csv"
             )
             lines.append((str(name), text))
     for quantity, different in (
@@ -95,14 +95,14 @@ def corrections_table(study: Study | None, headline: pd.DataFrame) -> Table | No
         for each in study.file.corrections
     ]
     before = study.folder / study.file.corrections[0].source / "residuals.csv"
-    legend = "What the results that were explained had is not there any more."
+    legend = "The results before the corrections are missing."
     with suppress(OSError, KeyError, ValueError):
         old = _mean_rms(pd.read_csv(before).query("headline"))
         new = _mean_rms(headline)
         fall = ", ".join(f"{axis} {old[axis]:.1f} → {new[axis]:.1f}" for axis in new.index)
         legend = f"Mean RMS over all trials before and after all corrections: {fall}."
-    heads = ("Found by hbm explain", "Corrected by", "Trials", "This alone", "Where not found")
-    caption = "Corrections. Share of the mean square in trials or cycles where it was not found"
+    heads = ("Cause", "Setting", "Trials", "Effect alone", "Held-out")
+    caption = "Corrections. Held-out: percentage of the mean square in other trials or cycles"
     return Table(caption, heads, rows, "numbers", legend)
 
 
@@ -139,7 +139,8 @@ def trial_quality(trial: TrialResult) -> dict[str, tuple[Check, ...]]:
         "Marker gaps": (_marker_gaps(markers),),
         "Delay of plates": (_delay(trial.delay_s, trial.delay_uncertainty_s),),
         "Unsolved frames": (("check" if unsolved else "pass", str(unsolved), f"of {len(solved)}"),),
-        "1σ of IC": tuple(_compensation(headline)) or (("none", "–", ""),),
+        "Uncertainty added by compensation (1σ)": tuple(_compensation(headline))
+        or (("none", "–", ""),),
         "Locked": (("none", str(locked), ""),),
         "Peak force": tuple(_peaks(limits, "force")),
         "Peak moment": tuple(_peaks(limits, "moment")),
@@ -209,7 +210,7 @@ def _delay(delay_s: float, uncertainty_s: float) -> Check:
 
 
 def causes(name: str, explanation: Explanation) -> tuple[Text, Table]:
-    """Show what a trial's residuals are made of: shares, sizes, what to mend, what is open."""
+    """Show what a trial's residuals are made of: percentages, sizes, what to fix, what is open."""
     title, axes, columns = budget_table(explanation.budget)
     heads, cells = zip(*columns, strict=True)
     table = Table(

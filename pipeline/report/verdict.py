@@ -98,7 +98,7 @@ def _basis(design: Design) -> str:
         return NO_COMPENSATION
     order = ", ".join(design.conditions)
     return (
-        f"No [comparison] is stated, so the conditions are compared in the order {order}, with "
+        f"No [comparison] in study.toml: conditions are compared in the order {order}, with "
         f"{design.reference} as reference."
     ) * (len(design.conditions) > 1)
 

@@ -277,7 +277,7 @@ def _design(residuals: pd.DataFrame, study: Study | None, covariates: Sequence[s
             hint = did_you_mean(name, COVARIATES) or f"; there are {listed(COVARIATES)}"
             raise ValueError(f"--covariate {short(name)}: no such covariate{hint}")
     if design.group is not None and design.group in covariates:
-        raise ValueError(f"--covariate {design.group} tells the groups apart already; leave it out")
+        raise ValueError(f"--covariate {design.group} is the grouping already; leave it out")
     return replace(design, covariates=tuple(dict.fromkeys(covariates)) or design.covariates)
 
 

@@ -176,7 +176,7 @@ def _state(
     if study is not None and trial.settings != study.file.settings:
         changed = "processed with other settings than the study states now; run it again"
     elif study is not None and trial.key != trial_key(study, key):
-        changed = "the program, its files or what is stated has changed since; run it again"
+        changed = "the program, its files or its settings have changed; run it again"
     return TrialState(*key, "outdated" if changed else "done", changed, True, *identity)
 
 

@@ -65,7 +65,7 @@ class TrialRequest(Settings, Subject, RecordingRequest):
     plate_delay_ms: Annotated[float, Field(ge=-500, le=500)] | None = None
     """Delay of the plates relative to the markers; default: their calibration's, or none."""
     span: str | None = None
-    """What counts in place of gait cycles: step, stance, start and stop in s, e.g. 5,15, or all;
+    """What is used in place of gait cycles: step, stance, start and stop in s, e.g. 5,15, or all;
     default: where there is no gait cycle steps, else stances, else all."""
     plate_calibration: Path | None = None
     """Calibration of the plates by known weights (hbm plates)."""

@@ -420,14 +420,14 @@ def _needed(undecided: Sequence[Verdict]) -> str:
     parts = []
     if needed:
         parts.append(
-            f"{max(needed)} would show {len(needed)} to be at the level of the reference if there "
-            f"is no difference ({100 * POWER:g} % power)"
+            f"about {max(needed)} subjects are needed for {len(needed)} of them "
+            f"({100 * POWER:g} % power, no true difference)"
         )
     if never := sum(v.needed is None for v in undecided):
-        parts.append(f"{MAX_SUBJECTS} would not decide {never}")
+        parts.append(f"{MAX_SUBJECTS} subjects are too few for {never} of them")
     if enough:
         parts.append(
-            f"these would have been enough for {len(enough)} if there were no difference: there "
+            f"enough were measured for {len(enough)} of them if there is no true difference: there "
             "may be one"
         )
     return "; ".join(parts)

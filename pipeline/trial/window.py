@@ -370,11 +370,11 @@ def _nothing_counts(
         code = "gait_cycles_left_out" if found_cycles(events, SIDES) else "no_gait_cycle"
         return (Note.of(code, reason=shortage, start_s=span[0], stop_s=span[1]),)
     inside = frames_within(time, {}, span) if span else np.ones(len(time), bool)
-    frames = f"{np.count_nonzero(counts & inside)} of {np.count_nonzero(inside)} frames count"
+    frames = f"{np.count_nonzero(counts & inside)} of {np.count_nonzero(inside)} frames are used"
     why = f"{np.count_nonzero(inside & ~solved)} unsolved, else the plates do not carry the subject"
     reason = shortage
     if part is not None and some_cycles:
-        reason = f'no frame of the window "{part.name}" of the gait cycles counts'
+        reason = f'no frame of the window "{part.name}" of the gait cycles is used'
     elif span is not None:
         reason = f"from {span[0]:.2f} to {span[1]:.2f} s {frames} ({why})"
     elif wanted is None:

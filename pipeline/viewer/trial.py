@@ -2,6 +2,7 @@
 
 from io import BytesIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Final
 
 import numpy as np
@@ -40,6 +41,7 @@ from pipeline.viewer.plots import (
     send_residual_curves,
 )
 from pipeline.viewer.scene import draw_scene, send_scene
+from pipeline.viewer.serve import view
 
 APPLICATION: Final = "hbm_residuals_trial"
 VIEW_RATE_HZ: Final = 50.0
@@ -50,8 +52,34 @@ PHASES: Final = {"foot_strike": "stance", "foot_off": "swing"}
 PHASE_COLOURS: Final = {"stance": "#009E73", "swing": "#3A4A45"}
 SIDE_COLOURS: Final = {"right": "#D55E00", "left": "#56B4E9"}
 """Warm and cool, as in the scene."""
-STATES: Final = {"perturbation": "#E69F00", "uncertain": "#CC79A7", "does not count": "#D55E00"}
+STATES: Final = {"perturbation": "#E69F00", "uncertain": "#CC79A7", "not used": "#D55E00"}
 """Colours of other states."""
+
+
+def view_result(result: TrialResult, *, web: bool = False) -> None:
+    """Show a trial in the viewer's window, or in a browser (``web``), until it is closed.
+
+    Parameters
+    ----------
+    result
+        The processed trial, with its frames.
+    web
+        Whether the page is served to a browser on this machine, until Ctrl-C.
+
+    Raises
+    ------
+    OSError
+        If there is no screen, or the viewer does not start.
+
+    Examples
+    --------
+    >>> import hbm_residuals as hr
+    >>> hr.view(hr.read_result("results/trials/sub01_sway.parquet"))  # doctest: +SKIP
+    """
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "trial.rrd"
+        write_recording(result, path)
+        view(path, web=web)
 
 
 def write_recording(
@@ -95,7 +123,7 @@ def write_recording(
     states = {
         "perturbation": pushed,
         "plate_split": changes_of(uncertain, motion.time, "uncertain"),
-        "residual": changes_of(~counts, motion.time, "does not count"),
+        "residual": changes_of(~counts, motion.time, "not used"),
     }
     has_cycles = any(len(spans) for spans in result.cycles.values())
     has_phases = bool(result.events or any(states.values()))
@@ -195,8 +223,8 @@ def trial_summary(result: TrialResult) -> str:
             markdown(limits, 1),
         ]
     else:
-        blocks.append("No frame counts, so there is no table of residuals; the warnings say why.")
-    warnings = [f"- {note} `{note.code}`" for note in warnings_of(result.notes)]
+        blocks.append("No frame is used: no residuals; see the warnings.")
+    warnings = [f"- **{note}** `{note.code}`: {note.advice}" for note in warnings_of(result.notes)]
     items = pd.DataFrame(provenance(result.notes), columns=["item", " "]).replace(
         "[|]", "/", regex=True
     )

@@ -14,7 +14,7 @@ from tests.recordings.recorded import generated, overground, processed, recorded
 from tests.recordings.test_generated_walk import masses_of_model
 
 STILL = Laboratory(Treadmill())
-LATE = "plates are late"
+LATE = "plates delayed"
 LINEAR_PROTOTYPE = [[11.8, 5.8, 13.9, 2.4, 3.3, 1.8], [9.5, 6.3, 13.6, 2.4, 3.1, 1.8]]
 """What 56 linear effects of the plates and the body, fitted to one half, left in the other."""
 LEFT_BY_PROTOTYPE = np.sqrt(np.mean(np.square(LINEAR_PROTOTYPE), axis=0))

@@ -48,7 +48,7 @@ def plate_causes(
     Yields
     ------
     Cause
-        That all plates are late, and per plate: its zeros and gains by component, cross-talk of the
+        That all plates delayed, and per plate: its zeros and gains by component, cross-talk of the
         vertical force into the horizontal ones, and its place and direction. All are faults of the
         plate in its own axes, which move with the platform.
     """
@@ -59,7 +59,7 @@ def plate_causes(
         late = priors()["stated_delay" if is_stated else "delay"]
         if delay is not None:
             found = delay if np.isfinite(delay[0]) else (late.mean, late.size)
-    yield Cause("plates are late", "delay", late, _late, found=found)
+    yield Cause("plates delayed", "delay", late, _late, found=found)
     for k, plate in enumerate(chain.plates):
         name, error = f"plate {plate.number}", response_error(chain, plate)
         for i, zero in enumerate(zeros(chain, k)):

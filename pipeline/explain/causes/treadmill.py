@@ -34,7 +34,7 @@ def compensation_causes(chain: ProcessingChain) -> Iterator[Cause]:
     ------
     Cause
         The principal directions of what the inertia models may leave, each of one standard
-        deviation by the calibration; that the accelerometers are later than the calibration found;
+        deviation by the calibration; that the accelerometers delayedr than the calibration found;
         and per plate the size and delay of what was predicted of its belt. Nothing where nothing
         was subtracted.
     """
@@ -49,7 +49,7 @@ def compensation_causes(chain: ProcessingChain) -> Iterator[Cause]:
             change, usual = partial(_subtracted, more=added), known["inertia_model"]
             yield Cause(title, "compensation", usual, change, of_platform=True, along=along)
         late = _sensors_delay(chain)
-        yield Cause("accelerometers are late", "compensation", late, _late_sensors, True)
+        yield Cause("accelerometers delayed", "compensation", late, _late_sensors, True)
     belts = chain.lab.laboratory.belts if chain.belts else ()
     for k, model in enumerate(belts):
         name, share = f"plate {chain.plates[k].number}", known["belt_model"]
@@ -60,7 +60,7 @@ def compensation_causes(chain: ProcessingChain) -> Iterator[Cause]:
         own[k] = chain.belts[k]
         larger, later = partial(_subtracted, more=own), partial(_late_belt, plate=k)
         yield Cause(f"{name}: size of its belt's moment", "compensation", share, larger)
-        yield Cause(f"{name}: belt's speed is late", "compensation", known["belt_delay"], later)
+        yield Cause(f"{name}: belt speed delayed", "compensation", known["belt_delay"], later)
 
 
 def principal_directions(chain: ProcessingChain) -> list[tuple[Array, list[Array]]]:

@@ -89,7 +89,7 @@ def explained(recording: Recording, known: dict[str, Any]) -> tuple[EstimatedCau
 
 def possible(of: Base) -> dict[str, str]:
     """Give the faults that can be put into a recording, by name of cause, with the prior's kind."""
-    kinds = {"plates are late": "delay"}
+    kinds = {"plates delayed": "delay"}
     if of.known["subject"].mass_kg is not None:
         kinds["body mass"] = "body_mass"
     for plate in of.recording.plates:
@@ -127,7 +127,7 @@ def with_faults(of: Base, sizes: dict[str, float]) -> tuple[Recording, dict[str,
         subject: Subject = known["subject"]
         mass_kg = (subject.mass_kg or 0.0) * (1 + sizes["body mass"])
         known["subject"] = subject.model_copy(update={"mass_kg": mass_kg})
-    return later(recording, sizes.get("plates are late", 0.0)), known
+    return later(recording, sizes.get("plates delayed", 0.0)), known
 
 
 def one_fault(name: str, size: float) -> PlateFault:

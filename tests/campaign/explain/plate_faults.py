@@ -97,7 +97,7 @@ def true_sizes(
         that are not among the causes count as those of the causes that are most alike under them.
     """
     delays = [plate.clock.delay_s for plate in treadmill.plates]
-    sizes = {"plates are late": float(np.mean(delays))}
+    sizes = {"plates delayed": float(np.mean(delays))}
     truth = zip(
         treadmill.plates, shown_by(treadmill), recording.plates, PLATE_CENTERS_M, loads, strict=True
     )

@@ -211,7 +211,7 @@ def sizes(
         sensors = np.mean([sensor.clock.delay_s for sensor in treadmill.sensors])
         plates = np.mean([plate.clock.delay_s for plate in treadmill.plates])
         found = np.mean([sensor.delay_s for sensor in known.calibration.sensors])
-        platform["accelerometers are late"] = float(sensors - plates - found)
+        platform["accelerometers delayed"] = float(sensors - plates - found)
     return (
         true_sizes(treadmill, recording, loads)
         | platform

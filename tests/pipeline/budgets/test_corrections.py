@@ -19,7 +19,7 @@ SIZES = {
     "plate 1: gain of Fz": ("gain", "1", 0.05),
     "plate 2: place along x": ("place", "m", 0.02),
     "sub01 sway: plate 2: zero of Mx": ("zero", "N·m", -1.5),
-    "plates are late": ("delay", "s", 0.01),
+    "plates delayed": ("delay", "s", 0.01),
     "sub01: body mass": ("inertia", "1", 0.04),
 }
 """Identity -> group, unit, size."""

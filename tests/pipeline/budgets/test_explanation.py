@@ -53,7 +53,7 @@ def stretch(walker) -> Explanation:
 
 def test_a_planted_delay_is_the_first_cause_and_stated_on_top_of_what_is_stated(late):
     first = late.budget.causes[0]
-    assert first.name == "plates are late"
+    assert first.name == "plates delayed"
     assert first.size == pytest.approx(DELAY_S - STATED_S, abs=1.96 * first.deviation)
     assert first.deviation < 0.002
     zero = next(each for each in late.budget.causes if each.name == "plate 1: zero of Fy")

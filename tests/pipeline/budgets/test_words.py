@@ -9,8 +9,8 @@ from pipeline.budgets.words import (
     MASS,
     StatedNow,
     budget_lines,
-    most_worth_mending,
     size_in_words,
+    what_to_fix_first,
 )
 from pipeline.explain.budget import Budget, EstimatedCause
 
@@ -38,16 +38,16 @@ UNCALIBRATED = StatedNow(delay_s=0.0, mass_kg=70.7, calibrated=False)
 
 
 def test_a_mass_is_advised_as_the_scales_would_show_it():
-    (found,) = most_worth_mending(budget(replace(CAUSE, name=MASS, size=0.01)), UNCALIBRATED)
+    (found,) = what_to_fix_first(budget(replace(CAUSE, name=MASS, size=0.01)), UNCALIBRATED)
     assert found.action == (
         "The body mass is 1.00 ± 0.20 % too large; weigh the subject: 70.0 kg would fit."
     )
 
 
 def test_a_delay_that_a_calibration_gives_is_not_stated_a_second_time():
-    late = replace(CAUSE, name="plates are late", group="delay", unit="s")
-    (found,) = most_worth_mending(budget(late), replace(UNCALIBRATED, calibrated=True))
-    assert found.action == "Measure the plates' delay (plates are late 12.0 ± 2.0 ms)."
+    late = replace(CAUSE, name="plates delayed", group="delay", unit="s")
+    (found,) = what_to_fix_first(budget(late), replace(UNCALIBRATED, calibrated=True))
+    assert found.action == "Measure the plates' delay (plates delayed 12.0 ± 2.0 ms)."
 
 
 @pytest.mark.parametrize(
@@ -57,19 +57,19 @@ def test_a_delay_that_a_calibration_gives_is_not_stated_a_second_time():
 )
 def test_what_is_not_sure_or_changes_nothing_is_not_worth_mending(changed):
     own = budget(replace(CAUSE, **changed))
-    assert most_worth_mending(own, UNCALIBRATED) == ()
+    assert what_to_fix_first(own, UNCALIBRATED) == ()
 
 
 def test_a_fault_is_said_with_its_plate_size_and_what_to_do_in_twenty_words():
     left = np.array([2, 2, 1.4, 2, 2, 2])
     gain = replace(CAUSE, name="plate 1: gain of Fz", size=0.029, deviation=0.003, left=left)
-    (found,) = most_worth_mending(budget(gain), UNCALIBRATED)
+    (found,) = what_to_fix_first(budget(gain), UNCALIBRATED)
     first, second = str(found).split(". ", 1)
     assert first == "Plate 1 reads 2.90 ± 0.59 % too much vertically; recalibrate it"
     assert second == "This alone would lower Fz from 2.0 to 1.4 N."
     for name in ("zero of Fx", "Fz in Fy", "place along x", "direction about z"):
         cause = replace(gain, name=f"plate 2: {name}", size=-0.029)
-        (found,) = most_worth_mending(budget(cause), UNCALIBRATED)
+        (found,) = what_to_fix_first(budget(cause), UNCALIBRATED)
         assert found.action.startswith("Plate 2 ")
         assert len(found.action.split()) <= 20
 

@@ -98,7 +98,7 @@ def test_what_a_model_leaves_of_a_motion_has_the_variance_that_the_calibration_e
 def test_late_accelerometers_leave_what_their_recording_leaves(chain):
     late = chain_of(moved(accelerometer_delay_s=0.005), laboratory())
     expected = (late.residual - chain.residual)[SETTLED]
-    (cause,) = [c for c in compensation_causes(chain) if c.name == "accelerometers are late"]
+    (cause,) = [c for c in compensation_causes(chain) if c.name == "accelerometers delayed"]
     found = (cause.change(chain, 0.005).residual - chain.residual)[SETTLED]
     assert np.abs(expected).max() > 1.0
     np.testing.assert_allclose(found, expected, atol=0.01 * np.abs(expected).max())
@@ -110,7 +110,7 @@ def test_the_delay_of_accelerometers_is_as_uncertain_as_the_calibration_says(cha
         calibration = replace(lab.laboratory.calibration, sensors=sensors)
         laboratory = replace(lab.laboratory, calibration=calibration)
         known = replace(chain, lab=replace(lab, laboratory=laboratory))
-        (cause,) = [c for c in compensation_causes(known) if c.name == "accelerometers are late"]
+        (cause,) = [c for c in compensation_causes(known) if c.name == "accelerometers delayed"]
         return cause.prior
 
     rear, front = chain.lab.sensors
@@ -145,7 +145,7 @@ def test_a_belt_of_which_the_model_predicts_too_much_leaves_its_moment(chain):
 
 def test_a_late_belt_speed_leaves_the_difference_of_its_moments(chain):
     belts = belt_chain(chain, 0.2)
-    late = next(c for c in compensation_causes(belts) if c.name.endswith("speed is late"))
+    late = next(c for c in compensation_causes(belts) if c.name.endswith("speed delayed"))
     wrong = [chain.wrenches[0].copy(), chain.wrenches[1]]
     for sign, delay_s in ((1, 0.0), (-1, 0.02)):
         wrong[0][:, 4] += sign * 10 * np.sin(2 * np.pi * (chain.time - delay_s))

@@ -56,7 +56,7 @@ def with_one(
     trial: PerfectTrial, name: str, size: float
 ) -> tuple[ProcessingChain, dict[str, float]]:
     """Record the same walk by plates with one fault; gives its chain and the true sizes."""
-    late_s = size if name == "plates are late" else 0.0
+    late_s = size if name == "plates delayed" else 0.0
     faults = [one_fault(name, size) if f"plate {k}:" in name else PlateFault() for k in (1, 2)]
     treadmill = with_faults(trial.treadmill, faults, late_s)
     recording = restated(recorded(trial.walked, treadmill), faults)
@@ -79,7 +79,7 @@ def one_fault(name: str, size: float) -> PlateFault:
 
 def size_of(name: str) -> float:
     """Give a size that is large but possible: 8 ms late and 0.03 rad beside those of `SIZES`."""
-    if name == "plates are late":
+    if name == "plates delayed":
         return 0.008
     return next((size for kind, size in SIZES.items() if f": {kind}" in name), 0.03)
 
@@ -97,7 +97,7 @@ KINDS = (
     *(f"place along {letter}" for letter in "xyz"),
     *(f"direction about {letter}" for letter in "xyz"),
 )
-NAMES = ["plates are late", *(f"plate {1 + k % 2}: {kind}" for k, kind in enumerate(KINDS))]
+NAMES = ["plates delayed", *(f"plate {1 + k % 2}: {kind}" for k, kind in enumerate(KINDS))]
 """Each kind of fault, of the one plate or the other by turns."""
 
 
