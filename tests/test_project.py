@@ -1,6 +1,7 @@
 """The project as a whole: public names, imports, packaging, and its texts."""
 
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -54,17 +55,32 @@ def test_the_version_is_the_same_everywhere():
     assert f"\nversion: {version}\ndate-released: {date}\n" in CITATION
 
 
-def test_commands_and_options_in_the_readme_exist():
-    shown = re.findall(r"^hbm (.+)$", README, re.MULTILINE)
-    assert shown
-    for line in shown:
-        words = line.split()
+def shown_commands():
+    """Every ``hbm`` command in a shell block of the README and of the docs, with its page."""
+    for page in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))):
+        for block in re.findall(r"```sh\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL):
+            for line in re.findall(r"^hbm (.+)$", block, re.MULTILINE):
+                yield page.name, shlex.split(line, comments=True)
+
+
+def test_commands_and_options_in_the_readme_and_the_docs_exist():
+    shown = list(shown_commands())
+    assert {"README.md", "recording.md", "treadmill.md", "study.md"} <= {page for page, _ in shown}
+    for page, words in shown:
+        line = f"{page}: {' '.join(words)}"
         command = typer.main.get_command(app)
         while hasattr(command, "list_commands"):
             assert words[0] in command.list_commands(None), line
             command = command.get_command(None, words.pop(0))
         known = {option for parameter in command.params for option in parameter.opts}
         assert {word for word in words if word.startswith("--")} <= known, line
+
+
+def test_pages_by_task_are_short():
+    """A page for a task is read while one works: 700 words; notes and reference are looked up."""
+    for name in ("recording", "treadmill", "study", "why", "live", "python"):
+        words = (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8").split()
+        assert len(words) <= 700, f"{name}.md: {len(words)} words"
 
 
 def test_no_text_names_a_machine_or_an_index():
