@@ -60,7 +60,7 @@ def setup(app: Sphinx) -> None:
     (DOCS / "api" / "priors.md").write_text(_priors(), encoding="utf-8")
     (DOCS / "api" / "settings.md").write_text(settings_table(), encoding="utf-8")
     app.connect("include-read", _lead_links_to_the_root)
-    app.connect("source-read", _lead_links_to_the_laboratory)
+    app.connect("source-read", _lead_links_to_notebooks)
     app.connect("autodoc-process-signature", _shorten_arrays)
 
 
@@ -118,9 +118,10 @@ def _no_notebook(_: str, names: list[str]) -> list[str]:
     return [name for name in names if Path(name).suffix not in {".md", ".csv", ".svg"}]
 
 
-def _lead_links_to_the_laboratory(_: Sphinx, page: str, content: list[str]) -> None:
-    """Let links to laboratory notebooks lead where they do in the repository."""
-    content[0] = content[0].replace("](../tests/validation/", "](laboratory/")
+def _lead_links_to_notebooks(_: Sphinx, page: str, content: list[str]) -> None:
+    """Let links to notebooks lead to the pages that are made of them."""
+    text = content[0].replace("](../tests/validation/", "](laboratory/")
+    content[0] = text.replace("](../notebooks/", "](notebooks/")
 
 
 def _lead_links_to_the_root(_: Sphinx, path: Path, parent: str, content: list[str]) -> None:

@@ -76,6 +76,15 @@ def test_commands_and_options_in_the_readme_and_the_docs_exist():
         assert {word for word in words if word.startswith("--")} <= known, line
 
 
+def test_links_between_texts_lead_to_files_of_the_repository():
+    """As GitHub shows them; pages of the API are made with the site."""
+    link = re.compile(r"\]\((?!https?:|#|api/)([^)#\s]+)")
+    texts = [(path, text) for path, text in tracked_texts() if path.suffix == ".md"]
+    links = [(path, to) for path, text in texts for to in link.findall(text)]
+    assert len(links) > 100
+    assert [f"{path.name}: {to}" for path, to in links if not (path.parent / to).exists()] == []
+
+
 def test_pages_by_task_are_short():
     """A page for a task is read while one works: 700 words; notes and reference are looked up."""
     for name in ("recording", "treadmill", "study", "why", "live", "python"):
