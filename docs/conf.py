@@ -32,6 +32,7 @@ html_title = f"{project} {version}"
 html_show_sphinx = False
 html_show_copyright = False
 html_copy_source = False
+html_static_path = html_css_files = ["site.css"]
 
 default_role = "py:obj"
 autodoc_member_order = "bysource"
