@@ -48,10 +48,10 @@ BELT_KINDS: Final = ("random", "gaps", "square", "constant", "perturbations", "a
 ADVISED_PLATFORM_SIGNAL: Final = "all_60s_3mps"
 """To begin with, on any machine. It does not leave less than others: kinds of signals differ by 4 %
 on average, and this one leaves a fifth more of the lateral force than plain random motion
-(docs/calibration_signals.md). But it holds everything that the others hold, at the fastest belts,
-so that neither sway, pitch nor belt speed of a trial leaves the range of the calibration. The
-thesis found this kind best in 7 of 24 columns, in 8 that with square waves of sway, the faster
-belts better (F.2.4) and the longer duration not necessary (IV.B)."""
+(tests/validation/calibration_signals.md). But it holds everything that the others hold, at the
+fastest belts, so that neither sway, pitch nor belt speed of a trial leaves the range of the
+calibration. The thesis found this kind best in 7 of 24 columns, in 8 that with square waves of
+sway, the faster belts better (F.2.4) and the longer duration not necessary (IV.B)."""
 ADVISED_BELT_SIGNAL: Final = "belt_perturbations_60s_1mps"
 """The kind and duration that the thesis found best (III.B.2), at one of its two mean speeds; in
 simulated experiments any signal will do."""

@@ -25,14 +25,14 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
 project = PROJECT["name"]
 version = release = PROJECT["version"]
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
-exclude_patterns = ["conf.py", "viewer_picture.py", "api/priors.md", "api/settings.md"]
-# those of api/ are included
+exclude_patterns = ["*.py", "api/priors.md", "api/settings.md"]  # those of api/ are included
 
 html_theme = "furo"
 html_title = f"{project} {version}"
 html_show_sphinx = False
 html_show_copyright = False
 html_copy_source = False
+html_static_path = html_css_files = ["site.css"]
 
 default_role = "py:obj"
 autodoc_member_order = "bysource"
@@ -53,12 +53,15 @@ os.environ.pop("MPLBACKEND", None)  # each figure appears under its cell
 def setup(app: Sphinx) -> None:
     """Collect what the pages take from outside this folder, and adapt it."""
     shutil.copytree(ROOT / "notebooks", DOCS / "notebooks", dirs_exist_ok=True)
+    shutil.rmtree(DOCS / "laboratory", ignore_errors=True)
+    shutil.copytree(ROOT / "tests/validation", DOCS / "laboratory", ignore=_no_notebook)
     (DOCS / "api").mkdir(exist_ok=True)
     for name, page in {**{p: _public_names(p) for p in PACKAGES}, "modules": _modules()}.items():
         (DOCS / "api" / f"{name}.md").write_text(page, encoding="utf-8")
     (DOCS / "api" / "priors.md").write_text(_priors(), encoding="utf-8")
     (DOCS / "api" / "settings.md").write_text(settings_table(), encoding="utf-8")
     app.connect("include-read", _lead_links_to_the_root)
+    app.connect("source-read", _lead_links_to_notebooks)
     app.connect("autodoc-process-signature", _shorten_arrays)
 
 
@@ -111,12 +114,26 @@ def _title(path: Path) -> str:
     return docstring.partition("\n")[0].replace("``", "`")
 
 
+def _no_notebook(_: str, names: list[str]) -> list[str]:
+    """Leave out what is no laboratory notebook, nor a table or figure of one."""
+    return [name for name in names if Path(name).suffix not in {".md", ".csv", ".svg"}]
+
+
+def _lead_links_to_notebooks(_: Sphinx, page: str, content: list[str]) -> None:
+    """Let links to notebooks lead to the pages that are made of them."""
+    text = content[0].replace("](../tests/validation/", "](laboratory/")
+    content[0] = text.replace("](../notebooks/", "](notebooks/")
+
+
 def _lead_links_to_the_root(_: Sphinx, path: Path, parent: str, content: list[str]) -> None:
-    """Let links in an included file of the root lead where they do in the repository."""
+    """Let links in an included file lead where they do in the repository."""
+    text = content[0].replace("](../tests/validation/", "](laboratory/")
     if path.parent == Path(".."):
-        text = re.sub(r"\]\((CHANGELOG|CONTRIBUTING)", lambda link: link[0].lower(), content[0])
+        text = re.sub(r"\]\((CHANGELOG|CONTRIBUTING)", lambda link: link[0].lower(), text)
         text = text.replace("](subjects/README.md", "](subjects.md")
-        content[0] = re.sub(r"\]\((?!https?:|#|notebooks/|[a-z]+\.md)", "](../", text)
+        text = text.replace("](tests/validation/", "](laboratory/").replace("](docs/", "](")
+        text = re.sub(r"\]\((?!https?:|#|notebooks/|laboratory/|[a-z0-9_]+\.[a-z])", "](../", text)
+    content[0] = text
 
 
 def _shorten_arrays(*event: object) -> tuple[str | None, ...]:

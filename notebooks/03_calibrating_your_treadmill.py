@@ -46,7 +46,7 @@ cutoff_hz = 20.0
 # machine can follow it.
 #
 # Why this one of the 28 signals of the package? Not because it leaves less. In ten simulated
-# laboratories (docs/calibration_signals.md), calibrations with all
+# laboratories (tests/validation/calibration_signals.md), calibrations with all
 # variations left 1.02 times the RMS of plain random motion in trials that were not used for the fit
 # (95 % interval 0.99–1.05), those with square waves of sway 1.04 (0.99–1.08), and belts at 3 m/s
 # as much as belts at rest (1.00, 0.97–1.02); of the lateral force this one left a fifth more than

@@ -1,7 +1,9 @@
 """The catalogue of notes and the code that makes them agree."""
 
 import ast
+import runpy
 from pathlib import Path
+from string import Formatter
 
 from hbm.notes import catalogue
 
@@ -29,3 +31,20 @@ def test_every_code_is_made_somewhere_and_none_is_made_that_is_not_in_the_catalo
                 assert strings_of(argument) <= codes, ast.unparse(argument)
     whole = "\n".join(texts)
     assert {code for code in codes if f'"{code}"' not in whole} == set()
+
+
+def test_every_warning_has_a_meaning_and_advice_and_the_page_of_the_notes_is_made_of_them():
+    for code, entry in catalogue().items():
+        assert ("item" in entry) != ({"meaning", "advice"} <= set(entry)), code
+    path = ROOT / "docs" / "notes_page.py"
+    page = runpy.run_path(str(path))["notes_page"]()
+    assert (ROOT / "docs" / "notes.md").read_text(encoding="utf-8") == page, f"run {path}"
+
+
+def test_a_warning_has_at_most_20_words_with_its_values_and_asks_nothing():
+    for code, entry in catalogue().items():
+        parts = Formatter().parse(entry["text"])
+        words = " ".join(before + ("x" if field else "") for before, field, *_ in parts).split()
+        if "advice" in entry:
+            assert len(words) <= 20, (code, entry["text"])
+            assert "?" not in entry["text"], code

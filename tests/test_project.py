@@ -1,6 +1,7 @@
 """The project as a whole: public names, imports, packaging, and its texts."""
 
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -16,6 +17,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 CITATION = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+PAGES = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md")))
 PACKAGES = ("hbm", "compensation", "pipeline", "hbm_residuals")
 
 
@@ -54,17 +56,52 @@ def test_the_version_is_the_same_everywhere():
     assert f"\nversion: {version}\ndate-released: {date}\n" in CITATION
 
 
-def test_commands_and_options_in_the_readme_exist():
-    shown = re.findall(r"^hbm (.+)$", README, re.MULTILINE)
-    assert shown
-    for line in shown:
-        words = line.split()
+def shown_commands():
+    """Every ``hbm`` command in a shell block of the README and of the docs, with its page."""
+    for page in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))):
+        for block in re.findall(r"```sh\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL):
+            for line in re.findall(r"^hbm (.+)$", block, re.MULTILINE):
+                words = shlex.split(line, comments=True)
+                # a file alone is processed as a trial
+                yield page.name, ["residuals", *words] if words[0].endswith(".c3d") else words
+
+
+def test_commands_and_options_in_the_readme_and_the_docs_exist():
+    shown = list(shown_commands())
+    assert {"README.md", "recording.md", "treadmill.md", "study.md"} <= {page for page, _ in shown}
+    for page, words in shown:
+        line = f"{page}: {' '.join(words)}"
         command = typer.main.get_command(app)
         while hasattr(command, "list_commands"):
             assert words[0] in command.list_commands(None), line
             command = command.get_command(None, words.pop(0))
         known = {option for parameter in command.params for option in parameter.opts}
         assert {word for word in words if word.startswith("--")} <= known, line
+
+
+def test_the_first_pages_are_short_and_all_pages_together_are_at_most_28000_words():
+    """Notes of the laboratory (tests/validation) and the notebooks are read by those who check."""
+    words = {page.name: len(page.read_text(encoding="utf-8").split()) for page in PAGES}
+    assert words["README.md"] <= 900
+    tasks = ("recording.md", "treadmill.md", "study.md", "why.md", "live.md", "python.md")
+    assert {name for name in tasks if words[name] > 700} == set()
+    assert sum(words.values()) <= 28000
+
+
+def test_links_between_texts_lead_to_files_of_the_repository():
+    """As GitHub shows them; pages of the API are made with the site."""
+    link = re.compile(r"\]\((?!https?:|#|api/)([^)#\s]+)")
+    texts = [(path, text) for path, text in tracked_texts() if path.suffix == ".md"]
+    links = [(path, to) for path, text in texts for to in link.findall(text)]
+    assert len(links) > 100
+    assert [f"{path.name}: {to}" for path, to in links if not (path.parent / to).exists()] == []
+
+
+def test_pages_by_task_are_short():
+    """A page for a task is read while one works: 700 words; notes and reference are looked up."""
+    for name in ("recording", "treadmill", "study", "why", "live", "python"):
+        words = (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8").split()
+        assert len(words) <= 700, f"{name}.md: {len(words)} words"
 
 
 def test_no_text_names_a_machine_or_an_index():

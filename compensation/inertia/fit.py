@@ -48,7 +48,7 @@ two, and three or more: a tenth and less of what a calibration signal excites. T
 line show the platform's motion by themselves, and the differences have to account for bending
 alone; with fewer they also stand in for rotation that is not shown, but comes with vibration.
 Directions that the calibration hardly excites keep the gains of the static model. Judged in
-docs/inertia_models.md."""
+tests/validation/inertia_models.md."""
 
 
 def fit_inertia(

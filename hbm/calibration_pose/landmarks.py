@@ -309,8 +309,8 @@ def locate_trunk_levels(anatomy: Anatomy, at: Mapping[str, Array], sex: Sex) -> 
 
     Deviations from the original
     ----------------------------
-    Where the Human Body Model ends the parts of the trunk is not known. docs/trunk_ends.md compares
-    these ends with others on recordings.
+    Where the Human Body Model ends the parts of the trunk is not known.
+    tests/validation/trunk_ends.md compares these ends with others on recordings.
     """
     up = anatomy.frames["thorax"][:, 2]
     top, hips = anatomy.points["trunk_top"], anatomy.points["pelvis"]

@@ -23,7 +23,7 @@ MIN_WINS: Final = 0.01
 More would exclude too many: the resamples do not draw another random signal, which changes the
 order too. In simulated laboratories that differ in everything random, in which signals hardly
 differ, half of the winners of one are possibly the best of another by this share
-(docs/calibration_signals.md).
+(tests/validation/calibration_signals.md).
 """
 Model = TypeVar("Model", InertiaModel, BeltModel)
 Trial = TypeVar("Trial", PlatformTrial, BeltTrial)

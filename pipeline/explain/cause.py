@@ -14,7 +14,7 @@ from pipeline.explain.processing_chain import ProcessingChain
 
 OF_PERSON: Final = ("inertia", "soft_tissue", "markers", "skin")
 """Groups that are always named together: in simulated trials, of which the truth is known, walking
-shows that body or markers are wrong, and takes one for the other (docs/explain.md)."""
+shows that body or markers are wrong, and takes one for the other (docs/explanation.md)."""
 
 
 @cache

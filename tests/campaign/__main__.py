@@ -1,6 +1,7 @@
 """Attack the program: ``python -m tests.campaign [--short] [--seed N] [--only NAME]``.
 
-The long form writes its table to docs/reliability.md. Ends with 1 where an attack was not survived.
+The long form writes its table to validation/reliability.md. Ends with 1 where an attack was
+not survived.
 """
 
 import argparse

@@ -1,7 +1,7 @@
 """Which signal calibrates best: experiment 2 repeated with everything random drawn again.
 
 ``python -m tests.campaign.calibration_signals [--seeds N …]``; without seeds it takes the reserved
-ones and writes docs/calibration_signals.md.
+ones and writes validation/calibration_signals.md.
 """
 
 import argparse

@@ -1,6 +1,6 @@
 """A thousand hammers of known delay: how far the estimate is off, and how often it says so.
 
-``python -m tests.campaign.hammer [--draws N]``; without N it is that of docs/hammer_delay.md.
+``python -m tests.campaign.hammer [--draws N]``; without N it is that of validation/hammer_delay.md.
 Ends with 1 where not 95 % of those answered are within 0.3 ms, intervals hold less than 93 or more
 than 97 %, or less than 80 % of the short contacts are answered.
 """

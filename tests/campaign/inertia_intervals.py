@@ -1,8 +1,8 @@
 """How often the 95 % intervals of compensated plates hold, and how wide they are.
 
 ``python -m tests.campaign.inertia_intervals [--seeds N …] [--rate-hz R]``;
-without seeds it takes the reserved ones, of which docs/inertia_intervals.md has the tables. Ends
-with 1 where the intervals do not do what is demanded of them.
+without seeds it takes the reserved ones, of which validation/inertia_intervals.md has the tables.
+Ends with 1 where the intervals do not do what is demanded of them.
 """
 
 import argparse

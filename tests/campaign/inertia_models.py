@@ -1,8 +1,8 @@
 """Static and dynamic models of a flexible treadmill, judged on motion of other kinds.
 
-``python -m tests.campaign.inertia_models --seeds FIRST END``, of which docs/inertia_models.md has
-the numbers. FIRST is the first seed, END one more than the last. Ends with 1 where the models do
-not do what is demanded of them.
+``python -m tests.campaign.inertia_models --seeds FIRST END``, of which
+validation/inertia_models.md has the numbers. FIRST is the first seed,
+END one more than the last. Ends with 1 where the models do not do what is demanded of them.
 """
 
 import argparse

@@ -16,7 +16,7 @@ KINDS: Final = (
     *SURVIVED,
     *("silent", "unclear", "traceback", "hang", "crash", "memory", "orphan", "leftover", "leak"),
 )
-"""Kinds of outcomes; docs/reliability.md says what each means."""
+"""Kinds of outcomes; validation/reliability.md says what each means."""
 TOLD: Final = "told"
 """File in which an attempt tells what it does, for the case that it cannot say it at the end."""
 

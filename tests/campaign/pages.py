@@ -1,14 +1,14 @@
-"""Tables that campaigns measure, within pages that people wrote."""
+"""Tables that campaigns measure, within laboratory notebooks that people wrote."""
 
 import re
 from pathlib import Path
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
+NOTEBOOKS = Path(__file__).resolve().parents[1] / "validation"
 
 
 def renew(page: str, name: str, text: str) -> None:
-    """Replace what stands between the two comments of a name in a page of docs/, and print it."""
-    path = DOCS / page
+    """Replace what stands between the two comments of a name in a laboratory notebook; print it."""
+    path = NOTEBOOKS / page
     start, end = f"<!-- {name} -->\n\n", f"\n\n<!-- end of {name} -->"
     old = path.read_text(encoding="utf-8")
     new, count = re.subn(

@@ -1,7 +1,7 @@
 """Plates with one known fault each: is it found, sized, and the verdict right?
 
-``python -m tests.campaign.plates [--seeds N] [--workers N]`` writes its tables to docs/plates.md,
-after every seed.
+``python -m tests.campaign.plates [--seeds N] [--workers N]`` writes its tables to
+validation/plates.md, after every seed.
 """
 
 import argparse

@@ -1,1 +1,1 @@
-"""Studies of our own that say how good the pipeline is; the docs have their numbers."""
+"""Studies of our own and laboratory notebooks; docs/validation.md has their numbers."""

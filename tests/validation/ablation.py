@@ -1,4 +1,4 @@
-"""What each fault of a laboratory adds to each residual, one fault at a time (docs/ablation.md).
+"""What each fault of a laboratory adds to each residual, one fault at a time (ablation.md).
 
 Everything but the fault is known without error: the body, the platform's pose, and the treadmill's
 own wrench, unless the case states otherwise.

@@ -1,4 +1,4 @@
-"""The thesis' Table III in the virtual laboratory (docs/table_3.md).
+"""The thesis' Table III in the virtual laboratory (table_3.md).
 
 As it is, and with what the thesis documents.
 """

@@ -1,7 +1,7 @@
 """Whether the simulated gait is realistic: beside published norms.
 
 Run as ``python -m tests.virtual_gait.realism NORMS.csv`` with the norms of Pinzone et al. (2014) as
-published. Prints the rows of the table of docs/realism.md.
+published. Prints the rows of the table of validation/realism.md.
 """
 
 import sys
@@ -160,7 +160,7 @@ def simulated_walks(subjects: int, condition: ConditionName = "baseline") -> lis
 def realism_rows(
     level: Sequence[Walk], norms: Mapping[str, Band]
 ) -> Iterator[tuple[str, float, float]]:
-    """Give the rows of docs/realism.md: what, and its minimum and maximum over the subjects."""
+    """Give the rows of validation/realism.md: what, minimum and maximum over the subjects."""
     peaks = pd.DataFrame([force_peaks(walk) for walk in level])
     for name in peaks:
         yield f"{name}, body weights", peaks[name].min(), peaks[name].max()

@@ -1,7 +1,7 @@
 """What a plate measures beside a walking person in the middle of swing, by a real treadmill's.
 
-``python -m tests.virtual_machine.swing FILE`` prints the table of docs/validity.md; FILE is the
-recording of a split-belt treadmill that stands still (``treadmill_hbm2/treadmill_events.c3d``).
+``python -m tests.virtual_machine.swing FILE`` prints the table of validation/validity.md; FILE is
+the recording of a split-belt treadmill that stands still (``treadmill_hbm2/treadmill_events.c3d``).
 """
 
 import sys

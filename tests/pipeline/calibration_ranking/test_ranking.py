@@ -200,7 +200,7 @@ def test_one_command_simulates_fits_and_ranks(tmp_path, monkeypatch, capsys):
     assert "the 2 trials will do for the belts" in advice
     assert (out / "ranking.md").is_file()
     belts = pd.read_csv(out / "belt_scores.csv")
-    # R² of 94 to 96 %, as of ten drives in docs/validity.md; the rest is rumble
+    # R² of 94 to 96 %, as of ten drives in tests/validation/validity.md; the rest is rumble
     assert belts["reduction"].between(75, 81).all()
     person = pd.read_csv(out / "belt_person.csv").set_index("person")
     assert person.loc["yes", "reduction"] < person.loc["no", "reduction"]

@@ -7,7 +7,7 @@ import pytest
 
 from tests.virtual_machine.swing import MACHINES, by_real
 
-PAGE = Path(__file__).resolve().parents[4] / "docs" / "validity.md"
+PAGE = Path(__file__).resolve().parents[3] / "validation" / "validity.md"
 
 
 @pytest.fixture(scope="module")
