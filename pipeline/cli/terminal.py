@@ -22,6 +22,11 @@ if TYPE_CHECKING:
 
 MIN_COLUMNS: Final = 40
 """A narrower terminal, or one that says it has no columns, breaks the lines itself."""
+ALWAYS: Final = frozenset(
+    {"Axes", "Body mass", "Delay of plates", "Feet on plates", "Gait cycles", "Landmarks"}
+    | {"Plate calibration", "Platform pose", "Treadmill calibration"}
+)
+"""Items of provenance that change numbers; --verbose prints the others too."""
 WIDE: Final = 10_000
 """Columns in which any table has room."""
 
@@ -40,11 +45,11 @@ class PlainConsole(Console):
         self.print(*parts, soft_wrap=True)
 
     def say_notes(self, notes: Iterable[Note]) -> None:
-        """Print warnings with advice; with --verbose provenance as a table."""
+        """Print warnings with advice, and provenance as a table: with --verbose all of it."""
         notes = tuple(notes)
         for note in warnings_of(notes):
             self.say(note_line(note))
-        rows = provenance(notes) if OUTPUT.verbose else ()
+        rows = [row for row in provenance(notes) if OUTPUT.verbose or row[0] in ALWAYS]
         width = max((len(item) for item, _ in rows), default=0)
         for item, sentence in rows:
             self.say(Text.assemble((f"{item:{width}}  ", "dim"), sentence))

@@ -198,7 +198,7 @@ def test_a_person_standing_still_in_the_calibration_trial_is_detected(laboratory
     )
     (note,) = notes_of(trial)
     assert (note.code, note.level) == ("calibration_loaded", "warning")
-    assert "someone stood on the treadmill" in note.text
+    assert "the treadmill was not empty or not zeroed" in note.text
 
 
 @pytest.fixture(scope="module")

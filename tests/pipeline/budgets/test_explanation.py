@@ -60,7 +60,7 @@ def test_a_planted_delay_is_the_first_cause_and_stated_on_top_of_what_is_stated(
     assert zero.size == pytest.approx(ZERO_N, rel=0.35)
     assert zero.size == pytest.approx(ZERO_N, abs=1.96 * zero.deviation)
     assert (late.budget.held_out[:2] > 0.8).all()
-    line = f"state plate_delay_s = {STATED_S + first.size:.3f} under [settings]"
+    line = f"set plate_delay_s = {STATED_S + first.size:.3f} under [settings]"
     assert late.mending[0].action.endswith(f"; {line}.")
 
 

@@ -45,7 +45,7 @@ def test_signals_that_a_machine_cannot_do_are_named_with_their_limit():
     assert not any("square" in name or "_all_" in name for name in names(found))
     assert ADVISED_BELT_SIGNAL in names(found)
     assert len(found[1]) == 8
-    assert all("belt_m_per_s reaches 3, the machine allows 2.5" in line for line in found[1])
+    assert all("belt_m_per_s reaches 3, limit of the machine 2.5" in line for line in found[1])
 
 
 @given(

@@ -88,7 +88,9 @@ def test_every_command_works_in_every_environment(name, trial, study, tmp_path):
     assert (done.returncode, complaints) == (0, [])
     for words in ("Usage: hbm", "Pelvis residuals", "1 trial, 0 faults", "kernels: "):
         assert words in text
-    assert {path.suffix for path in tmp_path.iterdir()} == {".parquet", ".csv", ".png", ".svg"}
+    assert {path.suffix for path in tmp_path.iterdir()} == {
+        *(".parquet", ".csv", ".png", ".svg", ".html")
+    }
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="closes a descriptor before the program starts")
@@ -102,7 +104,7 @@ def test_without_standard_output_the_files_are_written(trial, tmp_path):
         stdout=subprocess.DEVNULL, preexec_fn=close,
     )  # fmt: skip
     assert done.returncode == 0
-    assert len(list(tmp_path.iterdir())) == 5
+    assert len(list(tmp_path.iterdir())) == 6
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such pipes")
@@ -119,7 +121,7 @@ def test_a_pipe_that_nobody_reads_ends_the_command_without_a_word(arguments, tri
     assert done.stderr == b""
     assert done.returncode in (1, 141)
     if "--out" in arguments:
-        assert len(list(tmp_path.iterdir())) == 5, "files are written first"
+        assert len(list(tmp_path.iterdir())) == 6, "files are written first"
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs a device that is always full")

@@ -100,7 +100,7 @@ def test_plates_that_carry_one_step_give_its_residuals_and_say_so(walker, study,
     assert (table["n_frames"] < 100 * (stop - start) + 1).all()
     assert (table["rms"] < 15).all()
     (note,) = [note for note in result.notes if note.code == "steps_for_cycles"]
-    assert "residuals are of 1 step, in their place" in note.text
+    assert "residuals are of 1 step instead" in note.text
 
 
 @pytest.mark.parametrize("unit", ["step", "stance"])

@@ -285,4 +285,4 @@ def test_a_trial_without_gait_cycles_is_shown(trial, tmp_path):
     result = replace(trial, cycles={"right": np.empty((0, 2))}, events=())
     write_recording(result, tmp_path / "trial.rrd")
     text = str(Stored(tmp_path / "trial.rrd").rows("summary", "text", static=True)[0][0])
-    assert "No frame counts, so there is no table of residuals" in text
+    assert "No frame is used: no residuals" in text

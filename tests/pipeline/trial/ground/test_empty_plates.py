@@ -99,7 +99,7 @@ def test_trials_whose_belts_are_faster_than_those_of_the_calibration_say_so(empt
     assert belt_notes(with_belts(empty, 2.05), known) == []
     (faster,) = belt_notes(with_belts(empty, 2500.0, "mm/s"), known)
     assert faster.level == "warning"
-    assert "at 2.5 m/s" in faster.text
-    assert "at 2 m/s at most" in faster.text
+    assert "belt speed 2.5 m/s" in faster.text
+    assert "at most 2 m/s" in faster.text
     (unknown,) = belt_notes(empty, known)
     assert "belts faster than 2 m/s" in unknown.text
