@@ -65,7 +65,7 @@ def _folder(path: Path) -> Recognised:
     if results := [*path.glob("trials/*.parquet")]:
         what = f"the results of a study, {len(results)} trial{'s' * (len(results) > 1)}"
         commands = (f"hbm report {path}", f"hbm view {path}", f"hbm explain {path}")
-        return Recognised(what, (*commands, f"hbm export {path} --tables DIR"))
+        return Recognised(what, (*commands, f"hbm export {path} --format tables --out DIR"))
     if all((path / name).is_dir() for name in CALIBRATIONS):
         return Recognised("calibration trials (experiment 2)", (f"hbm calibration rank {path}",))
     found = [file for file in sorted(path.iterdir()) if file.is_file() and _is_recording(file)]
@@ -91,7 +91,7 @@ def _result(path: Path) -> Recognised:
     from pipeline.run.store import read_trial
 
     result = read_trial(path, frames=False)
-    commands = (f"hbm view {path}", f"hbm export {path} --tables DIR")
+    commands = (f"hbm view {path}", f"hbm export {path} --format tables --out DIR")
     return Recognised(f"the result of a trial, {result.source.name}", commands)
 
 
@@ -136,11 +136,14 @@ def _json(path: Path) -> Recognised:
 
 def _recording(path: Path) -> Recognised:
     """Say what a recording holds."""
+    from pipeline.io.axes import AxesUnknownError
     from pipeline.io.read import file_format, read_recording
-    from pipeline.io.stated import Stated
 
     kind = file_format(path)
-    recording = read_recording(path, Stated())
+    try:
+        recording = read_recording(path)
+    except AxesUnknownError:  # an empty treadmill does not show them
+        recording = read_recording(path, "forward,left,up")
     markers, plates = recording.markers, recording.plates
     held = [f"{len(markers.time) / markers.rate_hz:.1f} s", f"{len(markers.names)} markers"]
     held.append(f"{len(plates)} plates" if plates else "no plates")
@@ -154,7 +157,7 @@ def _uses(path: Path, markers: int, plates: int) -> Iterator[str]:
     if plates and markers > MOST_OF_A_PLATFORM:
         yield f"hbm residuals {path}"
         yield f"hbm explain {path}"
-        yield f"hbm export {path} --osim body.osim --tables DIR"
+        yield f"hbm export {path} --format osim --format tables --out DIR"
         yield f"hbm live --replay {path}"
     elif plates:
         yield f"hbm calibration fit {path} --out calibration.json"

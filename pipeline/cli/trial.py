@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Option
 
+from hbm.spelling import did_you_mean, short
 from pipeline.cli.options import (
     RESULT,
     Jobs,
@@ -308,50 +309,70 @@ def _apply(
 
 
 AnkleZero = Literal["right_angle", "in_line"]
+FORMATS = ("osim", "urdf", "tables", "bids", "c3d")
 
 
 @takes(TrialRequest)
 def export(
     request: TrialRequest,
-    osim: Annotated[Path | None, Option(help="Write the body for OpenSim 4.")] = None,
-    urdf: Annotated[Path | None, Option(help="Write the body as URDF.")] = None,
-    tables: Annotated[Path | None, Option(help="Folder for .mot, .sto, .trc, .csv.")] = None,
+    form: Annotated[
+        list[str] | None,
+        Option("--format", help=f"{', '.join(FORMATS)}; written to --out; repeatable."),
+    ] = None,
+    out: Out = Path("export"),
+    osim: Annotated[Path | None, Option(help="OpenSim 4 file.", hidden=True)] = None,
+    urdf: Annotated[Path | None, Option(help="URDF file.", hidden=True)] = None,
+    tables: Annotated[Path | None, Option(help="Folder of tables.", hidden=True)] = None,
     ankle_zero: Annotated[AnkleZero, Option(help="in_line: as in the HBM.")] = "right_angle",
-    bids: Annotated[Path | None, Option(help="BIDS data set to add the recording to.")] = None,
+    bids: Annotated[Path | None, Option(help="BIDS data set.", hidden=True)] = None,
     subject: Annotated[str, Option(help="BIDS label of the subject.")] = "01",
     task: Annotated[str, Option(help="BIDS label of the task.")] = "walk",
-    c3d: Annotated[Path | None, Option(help="Folder for C3D with compensated plates.")] = None,
+    c3d: Annotated[Path | None, Option(help="Folder for C3D files.", hidden=True)] = None,
     frame: Annotated[
         Literal["plate", "lab"] | None,
         Option(
-            help="Of --c3d on a moving platform: corners in its mean pose (plate), or wrenches "
+            help="Of c3d on a moving platform: corners in its mean pose (plate), or wrenches "
             "in the lab frame (lab); default: only the plates' samples change."
         ),
     ] = None,
 ) -> int:
-    """At least one of --osim, --urdf, --tables, --bids and --c3d says what is written.
+    """Write osim and urdf (the body), tables (.mot, .sto, .trc, .csv), bids or c3d.
 
     TRIAL may be a result, RESULTS/trials/*.parquet: it is exported as it is, not processed again.
-    With --c3d, TRIAL may be a study's folder: the recordings of all its trials are written.
-    With --tables, TRIAL may be the RESULTS of a study: its tables are written as CSV and workbook.
+    For tables, TRIAL may be the RESULTS of a study: its tables are written as CSV and workbook.
+    For c3d, the original recording is written with compensated plates; TRIAL may be a study's
+    folder: the recordings of all its trials are written.
     """
+    chosen, stem = set(form or ()), request.trial.stem
+    for unknown in chosen - {*FORMATS}:
+        hint = did_you_mean(unknown, FORMATS)
+        raise ValueError(f"--format {short(unknown)}: expected {', '.join(FORMATS)}{hint}")
+    osim = osim or (out / f"{stem}.osim" if "osim" in chosen else None)
+    urdf = urdf or (out / f"{stem}.urdf" if "urdf" in chosen else None)
+    tables = tables or (out if "tables" in chosen else None)
+    bids = bids or (out if "bids" in chosen else None)
+    c3d = c3d or (out if "c3d" in chosen else None)
     models = osim or urdf or tables
     processed = request.trial.suffix == RESULT
     if not (models or bids or c3d):
         raise ValueError(
-            "nothing to export; name --osim FILE, --urdf FILE, --tables DIR, --bids DIR or "
-            "--c3d DIR"
+            "nothing to export; name a --format: osim, urdf, tables, bids or c3d, and --out FOLDER"
         )
     if frame and not c3d:
-        raise ValueError("--frame goes with --c3d")
+        raise ValueError("--frame goes with --format c3d")
     if c3d:
-        require_folder(c3d, "--c3d")
+        require_folder(c3d)
     if c3d and request.trial.is_dir():
         require_no_options(request, "a study, whose files state everything")
         if models or bids:
-            raise ValueError("of a whole study only --c3d is exported; leave the others out")
+            raise ValueError(
+                "of a study's folder only c3d is exported; leave the other formats out"
+            )
         return _export_study(request.trial, c3d, frame)
     if tables and request.trial.is_dir():
+        require_no_options(request, "the results of a study, whose files state everything")
+        if osim or urdf or bids:
+            raise ValueError("of a study's results only tables are exported; give one trial")
         return _export_tables(request.trial, tables)
     if processed:
         require_no_options(request, "a result that has been processed already")
@@ -378,7 +399,7 @@ def _export_tables(results: Path, out: Path) -> int:
     """Write the tables of a study for statistics programs."""
     from pipeline.report.workbook import write_workbook
 
-    require_folder(out, "--tables")
+    require_folder(out)
     console = PlainConsole()
     with console.status("writing the tables"):
         *tables, workbook = write_workbook(results, out)
@@ -424,7 +445,7 @@ def _export_trial(
 
     if request.calibration is None and request.plate_calibration is None:
         raise ValueError(
-            "--c3d compensates the plates: name the --calibration of the treadmill, or the "
+            "c3d has compensated plates: name the --calibration of the treadmill, or the "
             "--plate-calibration"
         )
     require_c3d(request.trial)

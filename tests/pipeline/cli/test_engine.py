@@ -23,7 +23,10 @@ def test_without_pinocchio_the_engine_that_results_name_changes_and_nothing_else
 
 
 def test_a_stated_engine_runs_and_is_stored_with_the_result(trial, tmp_path, capsys):
-    assert main(["residuals", str(trial), "--engine", "kernels", "--verbose", "--out", str(tmp_path)]) == 0
+    assert (
+        main(["residuals", str(trial), "--engine", "kernels", "--verbose", "--out", str(tmp_path)])
+        == 0
+    )
     assert "inverse dynamics by kernels (casadi" in " ".join(capsys.readouterr().out.split())
     path = tmp_path / "walk.parquet"
     assert read_trial(path, frames=False).settings.engine == "kernels"

@@ -55,3 +55,20 @@ def test_a_result_is_exported_as_its_recording_is_without_processing_it_again(
     monkeypatch.setattr("pipeline.run.one_trial.process_request", None)
     export(tmp_path / "result", stored)
     assert contents(tmp_path / "result") == contents(tmp_path / "recording")
+
+
+def test_a_format_is_written_to_the_folder_and_is_what_its_own_option_writes(
+    moving_study, tmp_path, capsys
+):
+    trial = moving_study / "sub01_pitch.c3d"
+    words = ["export", str(trial), "--mass-kg", "74.6", "--format", "osim", "--format", "tables"]
+    assert main([*words, "--out", str(tmp_path / "a")]) == 0
+    named = ["--osim", str(tmp_path / "b.osim"), "--tables", str(tmp_path / "b")]
+    assert main([*words[:4], *named]) == 0
+    assert (tmp_path / "a" / "sub01_pitch.osim").read_text() == (tmp_path / "b.osim").read_text()
+    written = sorted(path.name for path in (tmp_path / "b").iterdir())
+    assert sorted(path.name for path in (tmp_path / "a").iterdir()) == [
+        *sorted([*written, "sub01_pitch.osim"])
+    ]
+    assert main([*words[:4], "--format", "ozim"]) == 2
+    assert "osim" in capsys.readouterr().err

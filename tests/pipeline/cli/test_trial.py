@@ -105,7 +105,9 @@ def test_percentages_are_of_body_weight_and_of_body_weight_times_stature(result)
 
 def test_what_is_printed_is_what_is_in_the_table(real_trial, tmp_path, capsys):
     filtered = ["--filter", "realtime", "--cutoff-hz", "8", "--plate-delay-ms", "-4"]
-    *_, summary, table = processed(real_trial, tmp_path, "--mass-kg", "55.3", "--verbose", *filtered)
+    *_, summary, table = processed(
+        real_trial, tmp_path, "--mass-kg", "55.3", "--verbose", *filtered
+    )
     assert summary.settings.plate_delay_s == -0.004
     out = capsys.readouterr().out
     assert f"{table['n_cycles'].iloc[0]} of {summary.found_cycles} gait cycles" in out

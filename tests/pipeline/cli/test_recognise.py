@@ -1,0 +1,87 @@
+"""``hbm FILE``: what a file or folder is, and what can be done with it."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from pipeline.cli.app import main
+from pipeline.cli.recognise import recognise
+from pipeline.io.c3d.write import write_c3d
+from tests.pipeline.cli.test_app import plate
+from tests.synthetic import synthetic_t_pose
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A person who stands, the same without plates, and plates with hardly a marker."""
+    folder = tmp_path_factory.mktemp("files")
+    person, half = synthetic_t_pose(), np.full(1000, 74.6 * 9.81 / 2)
+    write_c3d(folder / "standing.c3d", person, [plate(1, half), plate(2, half)])
+    write_c3d(folder / "no_plates.c3d", person)
+    return folder
+
+
+def test_a_folder_of_recordings_is_no_study_and_begins_with_one(folder):
+    found = recognise(folder)
+    assert found.what == "a folder with 2 recordings and no study"
+    assert found.commands[-1] == f"hbm init {folder}"
+
+
+def test_a_study_its_calibration_and_its_settings_are_recognised(moving_study):
+    found = recognise(moving_study)
+    assert found.what.startswith("a study with 2 subject files")
+    assert found.commands[0] == f"hbm check {moving_study}"
+    assert recognise(moving_study / "study.toml").what == found.what
+    assert recognise(moving_study / "sub01.toml").what == "a subject file of a study"
+
+
+def test_a_recording_without_plates_is_a_static_or_needs_forces(folder, capsys):
+    path = folder / "no_plates.c3d"
+    assert main([str(path)]) == 0
+    out = capsys.readouterr().out
+    assert "46 markers, no plates" in out
+    assert f"--static {path}" in out
+
+
+def test_a_trial_with_plates_is_processed_and_has_a_page(folder, tmp_path, capsys):
+    path, out = folder / "standing.c3d", tmp_path / "out"
+    assert main([str(path), "--mass-kg", "74.6", "--out", str(out)]) == 0
+    assert "a C3D recording" in capsys.readouterr().out
+    assert {file.name for file in out.glob("standing.*")} == {"standing.html", "standing.parquet"}
+    found = recognise(out / "standing.parquet")
+    assert found.commands[0].startswith("hbm view")
+
+
+def test_for_scripts_what_a_file_is_is_one_object(folder, capsys):
+    assert main([str(folder / "no_plates.c3d"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert "no plates" in found["what"]
+    assert found["commands"]
+
+
+def test_what_is_no_recording_is_named_by_residuals_with_what_to_do(folder, moving_study, capsys):
+    shutil.copy(moving_study / "study.toml", folder / "other.toml")
+    assert main(["residuals", str(moving_study)]) == 2
+    line = capsys.readouterr().err
+    assert "is no recording, but a study" in line
+    assert f"next: hbm check {moving_study}" in line
+
+
+def test_what_is_neither_a_command_nor_a_file_gets_the_nearest_command(capsys):
+    assert main(["residual"]) == 2
+    assert "residuals" in capsys.readouterr().err
+    assert main(["walk.c3d"]) == 2
+    assert "walk.c3d" in capsys.readouterr().err
+
+
+def test_a_calibration_is_recognised(tmp_path, moving_study, capsys):
+    out = tmp_path / "lab.json"
+    recording = moving_study / "empty.c3d"
+    assert main(["calibration", "fit", str(recording), "-o", str(out), "--quiet"]) == 0
+    assert capsys.readouterr().out == ""
+    found = recognise(out)
+    assert found.what == "a calibration of a moving treadmill, plate 1 and plate 2"
+    assert found.commands[1].startswith("hbm calibration check")
+    assert recognise(recording).commands[0].startswith("hbm calibration fit")
