@@ -72,6 +72,8 @@ def test_commands_and_options_in_the_readme_and_the_docs_exist():
     for page, words in shown:
         line = f"{page}: {' '.join(words)}"
         command = typer.main.get_command(app)
+        if "." in words[0]:  # a file: hbm FILE
+            words.insert(0, "residuals")
         while hasattr(command, "list_commands"):
             assert words[0] in command.list_commands(None), line
             command = command.get_command(None, words.pop(0))

@@ -136,13 +136,12 @@ def _json(path: Path) -> Recognised:
 
 def _recording(path: Path) -> Recognised:
     """Say what a recording holds."""
-    from pipeline.io.axes import AxesUnknownError
     from pipeline.io.read import file_format, read_recording
 
     kind = file_format(path)
     try:
         recording = read_recording(path)
-    except AxesUnknownError:  # an empty treadmill does not show them
+    except ValueError:  # an empty treadmill does not show its axes
         recording = read_recording(path, "forward,left,up")
     markers, plates = recording.markers, recording.plates
     held = [f"{len(markers.time) / markers.rate_hz:.1f} s", f"{len(markers.names)} markers"]

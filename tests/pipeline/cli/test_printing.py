@@ -35,7 +35,8 @@ def test_the_object_of_a_trial_has_the_numbers_of_its_files(standing, tmp_path, 
     out = printed(capsys, "residuals", standing, "--mass-kg", "74.6", "--out", tmp_path, "--json")
     found = json.loads(out, parse_constant=only_numbers)
     table = pd.read_csv(tmp_path / "standing_residuals.csv")
-    assert [row["rms"] for row in found["residuals"]] == pytest.approx([*table["rms"]], rel=1e-4, abs=1e-9)
+    rms = [row["rms"] for row in found["residuals"]]
+    assert rms == pytest.approx([*table["rms"]], rel=1e-4, abs=1e-9)
     notes = read_trial(tmp_path / "standing.parquet", frames=False).notes
     assert [note["code"] for note in found["notes"]] == [note.code for note in notes]
     assert all(note["advice"] for note in found["notes"] if note["level"] == "warning")

@@ -82,6 +82,6 @@ def test_a_calibration_is_recognised(tmp_path, moving_study, capsys):
     assert main(["calibration", "fit", str(recording), "-o", str(out), "--quiet"]) == 0
     assert capsys.readouterr().out == ""
     found = recognise(out)
-    assert found.what == "a calibration of a moving treadmill, plate 1 and plate 2"
+    assert found.what == "a calibration of a moving treadmill, plate 1, plate 2"
     assert found.commands[1].startswith("hbm calibration check")
     assert recognise(recording).commands[0].startswith("hbm calibration fit")
