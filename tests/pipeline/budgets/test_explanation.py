@@ -66,7 +66,7 @@ def test_a_planted_delay_is_the_first_cause_and_stated_on_top_of_what_is_stated(
 
 def test_stating_the_line_takes_the_residual_to_what_was_promised(recording, late):
     mending = late.mending[0]
-    settings = tomllib.loads(mending.action.partition("state ")[2].partition(" under ")[0])
+    settings = tomllib.loads(mending.action.partition("set ")[2].partition(" under ")[0])
     result = process_recording(recording, Subject(sex="female"), Settings(**settings))
     rms = residual_table(result, "level").set_index("axis").loc[mending.axis, "rms"]
     assert rms == pytest.approx(mending.after, rel=0.1)

@@ -107,7 +107,7 @@ def test_a_trial_whose_recording_is_gone_stops_no_other(copy, capsys, quick):
     (copy / FOLDER / "sub01_sway.json").unlink()
     assert main(["explain", str(copy)]) == 1
     assert "1 were there already, 1 failed" in capsys.readouterr().out
-    assert "sub01 sway: the recording sub01_sway.c3d is gone" in report(copy)
+    assert "sub01 sway: the recording sub01_sway.c3d is missing" in report(copy)
 
 
 def test_an_explanation_outlives_its_recording(copy):

@@ -88,7 +88,7 @@ def with_belts(recording, speed, unit="m/s"):
 
 def belt_notes(trial, calibration):
     notes = notes_on(trial, Laboratory(TREADMILL, calibration))
-    return [n for n in notes if n.code.startswith("uncertainty") and "belts" in n.text]
+    return [n for n in notes if n.code.startswith("uncertainty") and "belt" in n.text]
 
 
 def test_trials_whose_belts_are_faster_than_those_of_the_calibration_say_so(empty):
