@@ -2,13 +2,18 @@
 
 from base64 import b64encode
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from io import BytesIO
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
+import matplotlib as mpl
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
 from hbm.notes import provenance, warnings_of
+from pipeline.figures.style import DPI, STYLE
 from pipeline.statistics.verdict import join_names
 
 MEDIA_TYPES: Final = {".svg": "image/svg+xml", ".png": "image/png"}
@@ -41,12 +46,23 @@ class Table:
     rows: Sequence[Sequence[str | Sequence[Check]]]
     css_class: str = ""
     legend: str = ""
+    links: Mapping[str, str] = field(default_factory=dict)
+    """Name of a row -> address that it links to."""
 
 
 def picture(path: Path) -> str:
     """Give a figure's file as a source inside the page."""
     data = b64encode(path.read_bytes()).decode()
     return f"data:{MEDIA_TYPES[path.suffix]};base64,{data}"
+
+
+def drawing(figure: Figure, suffix: str = ".svg") -> str:
+    """Give a figure as a source inside the page, without a file; .png where lines are many."""
+    target, canvas = BytesIO(), FigureCanvasAgg(figure)
+    with mpl.rc_context(STYLE):
+        options: Any = {"metadata": {"Date": None}} if suffix == ".svg" else {"dpi": DPI}
+        canvas.print_figure(target, format=suffix[1:], **options)
+    return f"data:{MEDIA_TYPES[suffix]};base64,{b64encode(target.getvalue()).decode()}"
 
 
 def each(texts: Iterable[object]) -> str:

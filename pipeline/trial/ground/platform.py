@@ -25,7 +25,7 @@ from pipeline.config.schema import Platform
 from pipeline.io.input_file import naming
 from pipeline.io.recording import Plate, Recording
 from pipeline.io.units import angle_in_rad, length_in_m
-from pipeline.trial.ground.accelerometers import hold_ends, read_channel
+from pipeline.trial.ground.accelerometers import find_commands, hold_ends, read_channel
 
 NEUTRAL_FRAMES: Final = 100
 """Frames at the start in which the platform is in neutral: one second at 100 Hz."""
@@ -57,6 +57,17 @@ def platform_pose(
     if not platform.channels:
         raise ValueError("the platform's pose needs its markers, or its sway or pitch channel")
     return _commanded_pose(recording, platform, time, at_markers)
+
+
+def known_pose(recording: Recording, stated: Platform | None = None) -> PlatformPose | None:
+    """Give the pose at the markers' frames, as stated, else by channels named sway and pitch.
+
+    None where neither is recorded. A ValueError as of `platform_pose`.
+    """
+    platform = stated or find_commands(recording)
+    if not platform.markers and not platform.channels:
+        return None
+    return platform_pose(recording, platform, recording.markers.time)[0]
 
 
 def pose_at(recording: Recording, pose: PlatformPose, time: Array) -> PlatformPose:
