@@ -26,17 +26,18 @@ SYMBOLS: Final = {"pass": "✔ ", "check": "▲ ", "fail": "✖ "}
 
 
 def say_parts(console: PlainConsole, folder: Path, *parts: "Part") -> None:
-    """Write parts into the page of a folder, and print their tables."""
+    """Write parts into the page of a folder; print their verdicts and tables of numbers."""
     from pipeline.report.laboratory import write_page
 
     for part in parts:
-        for block in (*part.verdict, *part.tables):
+        numbers = (block for block in part.tables if block.css_class == "numbers")
+        for block in (*part.verdict, *numbers):
             _print_block(block, console)
     console.say(f"page: {write_page(folder, *parts)}")
 
 
 def _print_block(block: "Table", console: PlainConsole) -> None:
-    names = 2 if block.css_class == "numbers" else 1
+    names = 2 if block.css_class == "numbers" else len(block.heads)
     table = new_table(block.caption, block.heads[:names], *block.heads[names:])
     for row in block.rows:
         cells = []
@@ -270,14 +271,13 @@ def plates(
     seed: Seed = 0,
     out: Out = Path("plates"),
 ) -> None:
-    """Says whether each plate is fit for inverse dynamics, and why.
+    """Judge whether each plate is fit for inverse dynamics, and why, in laboratory.html.
 
     Where a plate can be corrected, its calibration is written too.
     """
     from pipeline.config.plate_study import read_plates_study
     from pipeline.plate_accuracy.accuracy import check_plates
-    from pipeline.plate_accuracy.report import use_of_calibration, write_report
-    from pipeline.plate_accuracy.verdict import describe
+    from pipeline.plate_accuracy.report import write_report
     from pipeline.virtual_lab.protocol.known_weights import THESIS_ERRORS, simulate_plates
 
     console = PlainConsole()
@@ -289,17 +289,7 @@ def plates(
         simulate_plates(study, THESIS_ERRORS, seed=seed)
     experiment = read_plates_study(study)
     announce(f"reading {len(experiment.file.weights)} recordings of known weights")
-    found = check_plates(experiment)
-    verdicts = write_report(found, out)
-    for fault in found.faults:
-        if fault.significant:
-            console.say(f"- {describe(fault)}")
-    for verdict in verdicts:
-        console.say(verdict.sentence)
-    advice = use_of_calibration(verdicts, out)
-    if advice is not None:
-        console.say(advice)
-    console.say(f"written to {out}: verdict.md, table_1, figures")
+    say_parts(console, out, write_report(check_plates(experiment), out))
 
 
 @takes(RecordingRequest)

@@ -8,7 +8,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.ndimage import median_filter
+from scipy.ndimage import median_filter, uniform_filter1d
 from scipy.signal import find_peaks, peak_prominences, welch
 
 from compensation import Calibration, PlatformPose, estimate_delay, specific_force
@@ -25,7 +25,7 @@ from pipeline.trial.ground.accelerometers import accelerations, fastest_belt, me
 from pipeline.trial.ground.calibration_recording import plate_samples, setup_of
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.ground.platform import known_pose
+from pipeline.trial.ground.platform import empty_pose
 from pipeline.trial.ground.wrenches import plate_artefacts
 from pipeline.trial.study_files import read_study_file
 
@@ -44,10 +44,14 @@ ROLLER_M: Final = (0.03, 0.15)
 """Smallest and largest radius of a treadmill's rollers."""
 BASE_HZ: Final = (7.0, 60.0)
 """Above commanded motion; below the modes of load cells."""
-BASE_FACTOR: Final = 2.0
-"""Of a smooth peak over the valleys beside it."""
+BASE_FACTOR: Final = 1.2
+"""Of the power of a broad peak over the valleys beside it, mean over all components."""
+SMOOTH_HZ: Final = 2.0
+"""Over which spectra are smoothed for broad peaks: lines of rollers and drives go."""
 PLACE_HZ: Final = 3.0
 """Low-pass for the places of accelerometers: markers differentiated twice are noise above."""
+MIN_PITCH_RAD: Final = np.radians(1.0)
+"""Below, a platform does not pitch: markers and commands are not exact to less."""
 SHOWN_S: Final = 30.0
 """Of a recording, around its largest load: a period of pitch, six pulses of the belts."""
 SHOWN_SAMPLES: Final = 3000
@@ -73,10 +77,10 @@ class Sources:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where an accelerometer is in the platform by its readings: forward and up [m]."""
+    """Where an accelerometer is on the platform by its readings: along the belts and up [m]."""
 
-    x: float
-    z: float
+    along: float
+    up: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -200,8 +204,13 @@ def measure_empty(
     setup = setup_of(recording, treadmill)
     clock, readings = accelerations(recording, treadmill)
     felt = setup.low_pass(readings, clock)
-    pose = known_pose(recording, platform)
-    places = {} if pose is None else _places(recording, pose, clock, readings, setup.sensors)
+    pose, places = empty_pose(recording, platform), dict[str, Place]()
+    if pose is not None:
+        known = np.isfinite(pose.position).all(axis=1)
+        pose = PlatformPose(pose.rotation[known], pose.position[known])
+        times = recording.markers.time[known]
+        rate = recording.markers.rate_hz
+        places = _places(times, rate, pose, clock, readings, setup.sensors)
     return EmptyTreadmill(
         recording,
         rate_hz,
@@ -212,11 +221,11 @@ def measure_empty(
         np.nanmax(felt, axis=0),
         belts_mps,
         rollers_hz,
-        _base(list(spectra.values()), rollers_hz),
+        _base(list(spectra.values())),
         sources,
         places,
-        None if pose is None else float(np.nanmax(np.abs(pose.position[:, 1]))),
-        None if pose is None else float(np.degrees(np.nanmax(np.abs(pose.pitch)))),
+        None if pose is None else float(np.abs(pose.position @ _axis(pose)).max()),
+        None if pose is None else float(np.degrees(_angle(pose).max())),
     )
 
 
@@ -302,55 +311,74 @@ def _line_rms(after: Array, rate_hz: float, line_hz: float) -> Array:
     return np.asarray(np.sqrt(excess[near].sum(axis=0) * (frequency[1] - frequency[0])))
 
 
-def _base(spectra: Sequence[Spectrum], rollers_hz: float | None) -> tuple[float, ...]:
-    """Find the highest smooth peaks of plates, at most two, where the base vibrates."""
+def _base(spectra: Sequence[Spectrum]) -> tuple[float, ...]:
+    """Find the broad peaks of what remains, at most two, where the base vibrates."""
     frequency = spectra[0].frequency_hz
-    level = np.sum(
-        [s.before**2 / np.median(s.before**2, axis=0).clip(1e-12) for s in spectra], axis=(0, 2)
-    )
+    every = np.hstack([np.log(np.maximum(s.after**2, 1e-12)) for s in spectra])
     step = frequency[1] - frequency[0]
-    smooth = median_filter(np.log(level), size=max(round(1.5 / step), 3), mode="nearest")
+    width = max(round(SMOOTH_HZ / step), 3)
+    smooth = uniform_filter1d(median_filter(every, size=(width, 1)).mean(axis=1), width)
     inside = np.flatnonzero((frequency >= BASE_HZ[0]) & (frequency <= BASE_HZ[1]))
     if len(inside) < 3:
         return ()
     peaks, _ = find_peaks(smooth[inside], prominence=np.log(BASE_FACTOR), plateau_size=1)
     order = np.argsort(-peak_prominences(smooth[inside], peaks)[0])
     found = [float(frequency[inside[peak]]) for peak in peaks[order]]
-    if rollers_hz is not None:
-        found = [hz for hz in found if abs(hz / rollers_hz - round(hz / rollers_hz)) > 0.1]
     return tuple(sorted(found[:2]))
 
 
+def _axis(pose: PlatformPose) -> Array:
+    """Give the axis of pitch, along which the platform sways, (3,), in any axes of the file."""
+    rotation = pose.rotation
+    turn = np.stack([rotation[:, 2, 1], rotation[:, 0, 2], rotation[:, 1, 0]], axis=1)
+    turn = turn - np.stack([rotation[:, 1, 2], rotation[:, 2, 0], rotation[:, 0, 1]], axis=1)
+    vectors = turn if np.abs(turn).max() > 2 * MIN_PITCH_RAD else pose.position
+    return np.asarray(np.linalg.eigh(vectors.T @ vectors)[1][:, -1])
+
+
 def _places(
-    recording: Recording, pose: PlatformPose, clock: Array, readings: Array, sensors: Sequence[str]
+    time: Array,
+    rate_hz: float,
+    pose: PlatformPose,
+    clock: Array,
+    readings: Array,
+    sensors: Sequence[str],
 ) -> dict[str, Place]:
     """Find where accelerometers are: pitch adds to readings in proportion to the distance.
 
-    Sway and pitch do not show how far left one is. Empty where the motion shows nothing.
+    Sway and pitch do not show how far to the left one is. Empty where the platform hardly pitches.
     """
-    time, rate_hz = recording.markers.time, recording.markers.rate_hz
-    known = np.isfinite(pose.position).all(axis=1)
-    time, pose = time[known], PlatformPose(pose.rotation[known], pose.position[known])
-    if len(time) < rate_hz or np.ptp(pose.pitch) < np.radians(1):
+    axis = _axis(pose)
+    if len(time) < rate_hz or _angle(pose).max() < MIN_PITCH_RAD:
         return {}
     force = low_pass(specific_force(pose, rate_hz), rate_hz, PLACE_HZ, "zero_phase")
     slow = low_pass(readings, clock, PLACE_HZ, "zero_phase")
-    turn = np.gradient(low_pass(pose.pitch, rate_hz, PLACE_HZ, "zero_phase"), 1 / rate_hz)
+    back = np.swapaxes(pose.rotation, 1, 2) @ np.gradient(pose.rotation, 1 / rate_hz, axis=0)
+    speed = np.stack([back[:, 2, 1], back[:, 0, 2], back[:, 1, 0]], axis=1) @ axis
+    speed = low_pass(speed, rate_hz, PLACE_HZ, "zero_phase")
     felt = resample(clock, slow, time)
     inside = np.isfinite(felt).all(axis=1)
     try:
-        late = estimate_delay(felt[inside], force[inside], rate_hz).seconds
+        late_s = estimate_delay(felt[inside], force[inside], rate_hz).seconds
     except ValueError:
         return {}
-    felt = resample(clock, slow, time - late)
+    felt = resample(clock, slow, time - late_s)
     inside = np.isfinite(felt).all(axis=1)
-    design = np.column_stack([force[:, :3], force[:, 4], turn**2])[inside]
+    design = np.column_stack([force[:, :3], force[:, 3:] @ axis, speed**2])[inside]
+    forward = np.cross(axis, [0.0, 0.0, 1.0])
+    forward *= np.sign(forward[np.argmax(np.abs(forward))]) or 1.0
     found = {}
     for sensor, own in zip(sensors, np.split(felt[inside], len(sensors), axis=1), strict=True):
         gains = np.linalg.lstsq(design, own)[0].T
-        z, _, back = fit_rotation(gains[:, :3]).T @ gains[:, 3]
-        found[sensor] = Place(float(-back), float(z))
+        arm = np.cross(fit_rotation(gains[:, :3]).T @ gains[:, 3], axis)
+        found[sensor] = Place(float(arm @ forward), float(arm[2]))
     return found
+
+
+def _angle(pose: PlatformPose) -> Array:
+    """Give by how much the platform is turned, (T,) [rad]."""
+    trace = np.trace(pose.rotation, axis1=1, axis2=2)
+    return np.asarray(np.arccos(np.clip((trace - 1) / 2, -1, 1)))
 
 
 LINES: Final = {
@@ -400,6 +428,7 @@ def spectrum_figure(spectrum: Spectrum, empty: EmptyTreadmill, cutoff_hz: float 
         for label, hz, colour, dashes in marks:
             panel.axvline(hz, color=colour, ls=dashes, lw=0.9, label=label)
         panel.set_xlim(0.2, BASE_HZ[1])
+        panel.yaxis.set_major_formatter("{x:g}")
         panel.set_xticks([0.2, 1, 6, 20, 60], ["0.2", "1", "6", "20", "60"])
         panel.minorticks_off()
         panel.set_xlabel("frequency (Hz)")
@@ -424,29 +453,37 @@ def _panels(components: Sequence[str], draw: object, per: str = "") -> Figure:
 
 
 def plan_figure(empty: EmptyTreadmill) -> Figure:
-    """Draw plates, markers and accelerometers from above, as the file and the readings say."""
-    markers = empty.recording.markers
+    """Draw plates, markers and accelerometers from above, as the file and the readings say.
+
+    The belts are upright; which end is the front is known only where the axes are stated.
+    """
+    markers, plates = empty.recording.markers, empty.recording.plates
+    corners = np.array([plate.corners for plate in plates])
+    length, width = np.ptp(corners[0], axis=0)[:2]
+    along, across = ((0, 1.0), (1, 1.0)) if length >= width else ((1, 1.0), (0, -1.0))
+
+    def place(points: Array) -> tuple[Array, Array]:
+        return across[1] * points[..., across[0]], along[1] * points[..., along[0]]
+
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9, 5), layout="constrained")
+        figure = Figure(figsize=(9, 5.5), layout="constrained")
         panel = figure.subplots()
-        for plate in empty.recording.plates:
-            corners = np.vstack([plate.corners, plate.corners[:1]])
-            panel.fill(corners[:, 1], corners[:, 0], color="#e8ecef", ec="#56616b", lw=1)
-            x, y, _ = plate.center
-            panel.annotate(f"plate {plate.number}", (y, x), ha="center")
+        for plate, edge in zip(plates, corners, strict=True):
+            panel.fill(*place(edge), color="#e8ecef", ec="#56616b", lw=1)
+            x, y = map(float, place(plate.center))
+            panel.annotate(f"plate {plate.number}", (x, y), ha="center")
         for k, name in enumerate(markers.names):
             seen = markers.position[:, k]
             seen = seen[np.isfinite(seen).all(axis=1)]
             if len(seen):
-                y, x = np.median(seen[:, 1]), np.median(seen[:, 0])
-                panel.plot(y, x, "o", color=COLOURS["measured"], ms=5)
-                panel.annotate(name, (y, x), (4, 4), textcoords="offset points", fontsize=7)
-        for name, place in empty.places.items():
-            panel.axhline(place.x, color=COLOURS["compensated"], ls="--", lw=1)
-            text = f"{name}: x {place.x:+.2f} m, z {place.z:+.2f} m"
+                x, y = map(float, place(np.median(seen, axis=0)))
+                panel.plot(x, y, "o", color=COLOURS["measured"], ms=5)
+                panel.annotate(name, (x, y), (4, 4), textcoords="offset points", fontsize=7)
+        for name, at in empty.places.items():
+            panel.axhline(at.along, color=COLOURS["compensated"], ls="--", lw=1)
             panel.annotate(
-                text,
-                (0.01, place.x),
+                f"{name}: {at.along:+.2f} m along, {at.up:+.2f} m up",
+                (0.01, at.along),
                 (0, 3),
                 xycoords=panel.get_yaxis_transform(),
                 textcoords="offset points",
@@ -455,8 +492,8 @@ def plan_figure(empty: EmptyTreadmill) -> Figure:
             )
         panel.set_aspect("equal", adjustable="datalim")
         panel.invert_xaxis()
-        panel.set_xlabel("y, left ← (m)")
-        panel.set_ylabel("x, forward (m)")
+        panel.set_xlabel("across the belts (m)")
+        panel.set_ylabel("along the belts (m)")
     return figure
 
 

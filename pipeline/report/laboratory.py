@@ -5,7 +5,7 @@ Each command writes its own part and leaves the parts of the others in the folde
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
@@ -24,6 +24,7 @@ from compensation.inertia.quality import (
     LeftOver,
     lightest_kg,
 )
+from compensation.inertia.sensors import MAX_EXCESS_SHARE
 from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.figures.style import STYLE
 from pipeline.io.input_file import read_text
@@ -79,6 +80,8 @@ class Part:
         Below.
     of
         SHA-256 of the calibration that the part is about; empty where it is about none.
+    keep
+        Whether tables and figures that the page has of this part stay, in place of these.
     """
 
     name: PartName
@@ -86,6 +89,7 @@ class Part:
     tables: Sequence[Table] = ()
     figures: Sequence[Drawn] = ()
     of: str = ""
+    keep: bool = False
 
 
 def write_page(folder: Path, *parts: Part) -> Path:
@@ -96,8 +100,7 @@ def write_page(folder: Path, *parts: Part) -> Path:
     folder
         Of the page.
     *parts
-        They replace those of their names. A part of a calibration without tables and figures keeps
-        those that the page has of this calibration; those of another calibration go.
+        They replace those of their names. Parts of another calibration go.
 
     Returns
     -------
@@ -117,7 +120,7 @@ def write_page(folder: Path, *parts: Part) -> Path:
             known = dict.fromkeys(known, ("", ""))
         if part is None and not known["verdict"][1]:
             continue
-        keeps = part is None or not (part.tables or part.figures)
+        keeps = part is None or part.keep
         shown.append(
             {
                 "name": name,
@@ -140,6 +143,18 @@ def write_page(folder: Path, *parts: Part) -> Path:
     return path
 
 
+def frame_table(
+    caption: str, frame: pd.DataFrame, digits: int, legend: str = "", css_class: str = "folded"
+) -> Table:
+    """Lay out rows of numbers and texts, numbers with so many digits after the point."""
+    rows = [
+        [f"{cell:.{digits}f}" if isinstance(cell, float) else str(cell) for cell in row]
+        for row in frame.itertuples(index=False)
+    ]
+    heads = [str(column).replace("_", " ") for column in frame.columns]
+    return Table(caption, heads, rows, css_class, legend)
+
+
 def calibration_part(
     calibration: Calibration,
     file: Path,
@@ -160,12 +175,18 @@ def calibration_part(
     """
     verdict, of = calibration_verdict(calibration, file), file_digest(file)
     if empty is None:
-        return Part("calibration", [verdict], of=of)
+        return Part("calibration", [verdict], [component_table(calibration, {})], of=of, keep=True)
     drawn = _of_recording(calibration, empty)
+    tables = [component_table(calibration, empty.sources), frequency_table(empty)]
+    if others:
+        tables.append(range_table(calibration, others))
+        beyond = [row[0] for row in tables[-1].rows if row[-1][0][0] != "pass"]
+        rating = "check" if beyond else "pass"
+        text = f"beyond its range: {', '.join(map(str, beyond))}" if beyond else "within its range"
+        verdict = replace(verdict, rows=[*verdict.rows, ("Study", [(rating, text, "")])])
     text = "Range of the calibration" + (" and of the trials of the study." if others else ".")
     drawn.append(Drawn(text, range_figure(calibration, others or {})))
-    table = component_table(calibration, empty.sources)
-    return Part("calibration", [verdict], [table, frequency_table(empty)], drawn, of)
+    return Part("calibration", [verdict], tables, drawn, of)
 
 
 def calibration_verdict(calibration: Calibration, file: Path) -> Table:
@@ -285,6 +306,26 @@ def _apart(row: LeftOver, of: Sources, k: int) -> tuple[float | None, ...]:
     return base, rollers, other, None if of.people is None else float(of.people[k])
 
 
+def range_table(calibration: Calibration, others: Mapping[str, tuple[Array, Array]]) -> Table:
+    """Compare the range of other recordings with that of a calibration, channel by channel.
+
+    Of each the channel that is farthest beyond, or nearest to the end of the range.
+    """
+    model = next(iter(calibration.plates.values()))
+    names = [f"{sensor} {axis}" for sensor in model.sensors for axis in "xyz"]
+    low, high = model.acceleration_low, model.acceleration_high
+    rows: list[list[str | Sequence[Check]]] = []
+    for label, (least, most) in others.items():
+        excess = np.maximum(low - least, most - high) / (high - low)
+        k = int(np.argmax(excess))
+        beyond = excess[k] > MAX_EXCESS_SHARE
+        rated: Check = ("check", "beyond", "") if beyond else ("pass", "within", "")
+        ranges = (f"{a[k]:.1f} to {b[k]:.1f} m/s²" for a, b in ((least, most), (low, high)))
+        rows.append([label, names[k], *ranges, [rated]])
+    heads = ("Trials", "Channel", "Range", "Calibration", "Range of the calibration")
+    return Table("Accelerations of the study's trials", heads, rows)
+
+
 def frequency_table(empty: EmptyTreadmill) -> Table:
     """Give belt speed, frequencies of rollers and base, and places of accelerometers."""
     rows = [("Belt speed", "–" if empty.belts_mps is None else f"{empty.belts_mps:.2f} m/s")]
@@ -296,7 +337,7 @@ def frequency_table(empty: EmptyTreadmill) -> Table:
     base = ", ".join(f"{hz:.1f} Hz" for hz in empty.base_hz)
     rows.append(("Base", base or "no peak found"))
     rows += [
-        (f"Accelerometer {name}", f"x {place.x:+.2f} m, z {place.z:+.2f} m")
+        (f"Accelerometer {name}", f"{place.along:+.2f} m along the belts, {place.up:+.2f} m up")
         for name, place in empty.places.items()
     ]
     return Table(f"Recording {empty.recording.source.name}", ("Item", "Value"), rows, "answers")
@@ -317,10 +358,10 @@ def _of_recording(calibration: Calibration, empty: EmptyTreadmill) -> list[Drawn
         caption = f"Spectra of {name} in {file}, unfiltered; shaded: below the filter of trials."
         drawn.append(Drawn(caption, figure, many_points=True))
     places = (
-        "Accelerometers: distance forward (dashed) and height by their readings; sway and pitch do "
-        "not show the distance to the left."
+        "Accelerometers: distance along the belts (dashed) and height by their readings; sway and "
+        "pitch do not show the distance across. Front and rear: as the axes are stated (--axes)."
         if empty.places
-        else "Places of accelerometers unknown: the pose of the platform is not recorded."
+        else "Places of accelerometers unknown: name markers on the platform (--platform-markers)."
     )
     text = f"Plan from above: plates and markers as {file} states. {places}"
     return [*drawn, Drawn(text, plan_figure(empty))]
@@ -501,5 +542,6 @@ def history_figure(calibration: Path) -> Figure:
             panel.set_xticklabels(
                 [str(day)[:10] for day in np.unique(days)], rotation=30, ha="right"
             )
-        panels[0].legend(frameon=False)
+        if plates:
+            panels[0].legend(frameon=False)
     return figure

@@ -34,6 +34,11 @@ LEVEL: Final = (
     "(--platform-markers, or treadmill.platform in a study)"
 )
 """What is taken for a pose that is not known."""
+MIN_MARKERS: Final = 3
+MIN_KNOWN: Final = 0.9
+"""Part of the frames of an empty treadmill in which its markers move as one body."""
+MIN_MOVED: Final = 0.005
+"""[m], and of a direction: less is noise of markers."""
 MAX_MARKER_ERROR_M: Final = 0.01
 """Farther from the rigid fit a marker is left out; cameras err by a millimetre or less."""
 
@@ -59,15 +64,30 @@ def platform_pose(
     return _commanded_pose(recording, platform, time, at_markers)
 
 
-def known_pose(recording: Recording, stated: Platform | None = None) -> PlatformPose | None:
-    """Give the pose at the markers' frames, as stated, else by channels named sway and pitch.
+def empty_pose(recording: Recording, stated: Platform | None = None) -> PlatformPose | None:
+    """Give the pose of an empty treadmill, (T,); NaN where unknown.
 
-    None where neither is recorded. A ValueError as of `platform_pose`.
+    As stated; else by all markers of the recording, which are on the platform where they move as
+    one body; else by channels named sway and pitch. None where none of these moves. A ValueError as
+    of `platform_pose` for what is stated.
     """
-    platform = stated or find_commands(recording)
-    if not platform.markers and not platform.channels:
-        return None
-    return platform_pose(recording, platform, recording.markers.time)[0]
+    names = recording.markers.names
+    candidates = [Platform(markers=names)] if len(names) >= MIN_MARKERS else []
+    for platform in [stated] if stated else [*candidates, find_commands(recording)]:
+        if not platform.markers and not platform.channels:
+            continue
+        try:
+            pose, _ = platform_pose(recording, platform, recording.markers.time)
+        except ValueError:
+            if stated:
+                raise
+            continue
+        known = pose is not None and np.isfinite(pose.position).all(axis=1)
+        if pose is not None and np.mean(known) > MIN_KNOWN:
+            moved = np.ptp(np.hstack([pose.rotation[known, 2], pose.position[known]]), axis=0)
+            if moved.max() > MIN_MOVED:
+                return pose
+    return None
 
 
 def pose_at(recording: Recording, pose: PlatformPose, time: Array) -> PlatformPose:
