@@ -243,7 +243,7 @@ def rank(
     seed: Seed = 0,
     out: Out = Path("ranking"),
 ) -> None:
-    """Ranks with intervals, and between which trials there is no difference, go to --out."""
+    """Write ranks with intervals, and which trials are as good, as tables and laboratory.html."""
     from pipeline.calibration_ranking.report import write_results
     from pipeline.calibration_ranking.trials import RankingSettings, read_trials
     from pipeline.virtual_lab.protocol.calibration_trial import TRIALS, simulate_ranking
@@ -260,9 +260,7 @@ def rank(
                 progress.show(path.name, done, TRIALS)
     with StepProgress(console, "reading", "recordings") as progress:
         trials = read_trials(folder, settings, progress.show)
-    for sentence in write_results(trials, seed, out):
-        console.say(sentence)
-    console.say(f"written to {out}: ranking.md, tables, figures")
+    say_parts(console, out, write_results(trials, seed, out))
 
 
 def plates(

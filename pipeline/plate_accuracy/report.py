@@ -1,6 +1,6 @@
 """Experiment 1 as a part of the laboratory's page and as files: errors, Table I, calibration."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -14,20 +14,19 @@ from matplotlib.figure import Figure
 from compensation import PlateCalibration, PlateCalibrations, center_of_pressure
 from compensation.plate_calibration import to_json
 from hbm.spatial import GRAVITY_MPS2, Array
-from pipeline.config.plate_study import FILE, WeightRecording
+from pipeline.config.plate_study import FILE
 from pipeline.figures.style import COLOURS, STYLE, save_figure
 from pipeline.io.write import write_csv, write_text
 from pipeline.plate_accuracy.accuracy import (
     PlateAccuracy,
     condition_effects,
     mean_loads,
-    quantities,
     reported_errors,
     trial_errors,
 )
 from pipeline.plate_accuracy.response import PEAK, PlateResponse
 from pipeline.plate_accuracy.trials import LOADED_SHARE, THESIS_FILTER, WeightTrial
-from pipeline.plate_accuracy.verdict import TOTAL, PlateVerdict, Status, judge
+from pipeline.plate_accuracy.verdict import TOTAL, PlateVerdict, judge
 from pipeline.report.blocks import Check, Table
 from pipeline.report.laboratory import Drawn, Part, frame_table
 from pipeline.run.job import file_digest
@@ -97,9 +96,6 @@ def write_report(found: PlateAccuracy, out: Path) -> Part:
             f"{file.body_mass_kg:g} kg above the largest recorded one, extrapolated.",
             linearity_figure(found.trials, verdicts, file.body_mass_kg),
         ),
-        "vibration": Drawn(
-            "Centre of pressure along the belt less marker.", vibration_figure(found.trials)
-        ),
     }
     for verdict in verdicts:
         response = found.responses.get(verdict.belt)
@@ -115,8 +111,8 @@ def write_report(found: PlateAccuracy, out: Path) -> Part:
     for name, drawn in figures.items():
         save_figure(drawn.figure, out / "figures" / f"{name}.png")
     _write_calibration(found, verdicts, out)
-    tables = [totals_table(verdicts, TOTAL_NOTE.format(mass=file.body_mass_kg))]
-    tables += [errors_table(one) for one in verdicts]
+    total = errors_table(verdicts, TOTAL_NOTE.format(mass=file.body_mass_kg))
+    tables = [total, errors_table(verdicts, totals=False)]
     note = TABLE_NOTE.format(hz=file.cutoff_hz, method=THESIS_FILTER)
     tables.append(frame_table("Table I", thesis, 1, note))
     if len(tests):
@@ -125,40 +121,22 @@ def write_report(found: PlateAccuracy, out: Path) -> Part:
     return Part("plates", [one.table for one in verdicts], tables, list(figures.values()))
 
 
-RATINGS: Final[Mapping[Status, str]] = {"within": "pass", "beyond": "fail", "unclear": "check"}
-
-
-def totals_table(verdicts: Sequence[PlateVerdict], legend: str) -> Table:
-    """Give total errors of force, centre of pressure and moment before and after correction."""
+def errors_table(
+    verdicts: Sequence[PlateVerdict], legend: str = "", *, totals: bool = True
+) -> Table:
+    """Give total errors before and after correction by their limits, or every single error."""
     rows: list[list[str | list[Check]]] = []
     for verdict in verdicts:
         after = {one.name.removesuffix(" after correction"): one for one in verdict.corrected}
         for one in verdict.judged:
-            if one.name.startswith(TOTAL):
-                size, interval, limit = one.texts
-                left: list[Check] = [("none", "–", "")]
-                if one.name in after:
-                    left = [
-                        (RATINGS.get(after[one.name].status, "none"), after[one.name].texts[0], "")
-                    ]
-                rated: list[Check] = [(RATINGS.get(one.status, "none"), size, "")]
-                plate = f"{verdict.belt} plate"
-                rows.append([plate, one.name.split()[-1], rated, left, limit, interval, one.status])
-    heads = ("Plate", "Quantity", "Before", "After", "Limit", "95 % interval", "Status")
-    return Table("Total errors before and after correction", heads, rows, "numbers", legend)
-
-
-def errors_table(verdict: PlateVerdict) -> Table:
-    """Give every single error of a plate by its limit."""
-    rows: list[list[str | list[Check]]] = []
-    for one in verdict.judged:
-        if not one.name.startswith(TOTAL):
-            rated: list[Check] = [(RATINGS.get(one.status, "none"), one.status, "")]
-            rows.append([one.name, *(one.texts if one.examined else ("–",) * 3), rated])
-    heads = ("Error", "Size", "95 % interval", "Limit", "Status")
-    return Table(
-        f"{verdict.belt.title()} plate: single errors by their limits", heads, rows, "folded"
-    )
+            if one.name.startswith(TOTAL) == totals:
+                left = [after[one.name].rated] if one.name in after else "–"
+                names = [f"{verdict.belt} plate", one.name.removeprefix(f"{TOTAL} of ")]
+                rows.append([*names, [one.rated], left, *one.texts[:0:-1], one.status])
+    heads = ("Plate", "Error", "Before", "After", "Limit", "95 % interval", "Status")
+    if totals:
+        return Table("Total errors before and after correction", heads, rows, "numbers", legend)
+    return Table("Single errors of the plates by their limits", heads, rows, "folded", legend)
 
 
 def judged_table(verdicts: Sequence[PlateVerdict]) -> pd.DataFrame:
@@ -232,8 +210,6 @@ def _row(condition: str, part: pd.DataFrame, way: str) -> dict[str, str | float]
     return row
 
 
-SHOWN_S: Final = 10.0
-"""Of a recording: thirty periods of a vibration of 3 Hz."""
 GRID: Final = (15, 7)
 """Places along and across a plate at which errors are drawn."""
 
@@ -272,7 +248,7 @@ def map_figure(
     force = [np.abs(errors[:, 2]).max() for errors in off.values()]
     shift = [1000 * np.hypot(errors[:, 0], errors[:, 1]).max() for errors in off.values()]
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9, 2.1 * len(off) + 0.4), layout="constrained")
+        figure = Figure(figsize=(9, 1.7 * len(off) + 0.4), layout="constrained")
         panels = figure.subplots(len(off), 2, squeeze=False, sharex=True, sharey=True)
         for (name, errors), (left, right) in zip(off.items(), panels, strict=True):
             dx, dy, up = (errors[:, k].reshape(x.shape) for k in range(3))
@@ -292,7 +268,6 @@ def map_figure(
                 figure.colorbar(drawn, ax=panel, label=label)
                 panel.plot(*places[::50].T, ".", color="black", ms=1.5, alpha=0.5)
                 panel.set_title(name, loc="left")
-                panel.set_aspect("equal")
             right.quiver(x, y, dx, dy, color="white", width=0.004)
         for panel in panels[-1]:
             panel.set_xlabel("along the belt, forward → (m)")
@@ -360,19 +335,8 @@ def linearity_figure(
             verdicts, "ox", ("measured", "compensated"), strict=False
         ):
             known, measured = mean_loads(trials, verdict.belt)
-            panel.plot(
-                known,
-                measured - known,
-                marker,
-                ms=4,
-                mfc="none",
-                color=COLOURS[colour],
-                label=f"{verdict.belt} plate",
-            )
-            if len(np.unique(known.round())) > 1:
-                line = np.polynomial.Polynomial.fit(known, measured - known, 1)
-                ends = np.array([known.min(), PEAK * mass_kg * GRAVITY_MPS2])
-                panel.plot(ends, line(ends), color=COLOURS[colour], lw=0.8, ls="--")
+            label = f"{verdict.belt} plate"
+            panel.plot(known, measured - known, marker, color=COLOURS[colour], ms=4, label=label)
         begins = min(one.largest_n for one in verdicts)
         panel.axvspan(begins, PEAK * mass_kg * GRAVITY_MPS2, color="#fbf1cf", zorder=0)
         panel.axvline(begins, color="black", lw=0.9)
@@ -383,42 +347,5 @@ def linearity_figure(
         )
         panel.set_ylabel("measured − known (N)")
         panel.set_xlabel("known vertical force (N)")
-        panel.legend(frameon=False)
-    return figure
-
-
-def vibration_figure(trials: Sequence[WeightTrial]) -> Figure:
-    """Draw the centre of pressure in time, minus the marker (Fig. F.1c).
-
-    Of two recordings of equal conditions but for the supports, if there are such, where they are
-    compared with the weight.
-    """
-    groups: dict[WeightRecording, dict[bool, WeightTrial]] = {}
-    for trial in trials:
-        conditions = trial.weight.model_copy(update={"file": "", "supports": True})
-        groups.setdefault(conditions, {})[trial.weight.supports] = trial
-    weight, alike = max(groups.items(), key=lambda group: len(group[1]))
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(6, 3), layout="constrained")
-        panel = figure.subplots()
-        for supports, trial in alike.items():
-            time = trial.time - trial.time[trial.used][0]
-            shown = trial.used & (time <= SHOWN_S)
-            off = 1000 * (quantities(trial.measured)[:, 0] - trial.marker[:, 0])
-            panel.plot(
-                time,
-                np.where(shown, off, np.nan),
-                color=COLOURS["compensated" if supports else "measured"],
-                label="with supports" if supports else "without supports",
-                lw=0.8,
-                zorder=2 + supports,
-            )
-        panel.set_title(
-            f"{weight.belt}, {weight.profile} at {weight.speed_mps:g} m/s, {weight.mass_kg:g} kg, "
-            f"{weight.position_m:g} m from the edge",
-            loc="left",
-        )
-        panel.set_xlabel("time (s)")
-        panel.set_ylabel("CoP along the belt − marker (mm)")
         panel.legend(frameon=False)
     return figure

@@ -86,8 +86,17 @@ class Judged:
         """Size, interval and limit, in the unit in which people read them."""
         scale, unit = DISPLAY_UNITS.get(self.unit, (1.0, self.unit))
         width = scale * (self.high - self.low) / 2
+        limit = f"{scale * self.limit:g} {unit}"
+        if math.isnan(self.size):
+            return "–", "–", limit
         size, low, high = (rounded(scale * x, width) for x in (self.size, self.low, self.high))
-        return f"{size} {unit}", f"{low} to {high}", f"{scale * self.limit:g} {unit}"
+        return f"{size} {unit}", f"{low} to {high}", limit
+
+    @property
+    def rated(self) -> Check:
+        """The size, rated by the status."""
+        ratings = {"within": "pass", "beyond": "fail", "unclear": "check"}
+        return ratings.get(self.status, "none"), self.texts[0], ""
 
     @property
     def sentence(self) -> str:
@@ -210,8 +219,6 @@ class PlateVerdict:
             for name in self.constant
         ]
         listed += [one.sentence for one in self.reasons[:MAX_REASONS]]
-        if more := len(self.reasons[MAX_REASONS:]):
-            listed.append(f"and {more} more")
         return "; ".join(listed) or "–"
 
     def _to_do(self) -> tuple[str, ...]:
@@ -510,14 +517,15 @@ def chosen_delay(faults: Sequence[FaultEstimate]) -> AgreedDelay | None:
 
 def _contradiction(faults: Sequence[FaultEstimate]) -> tuple[str, ...]:
     """Say that the delays of a plate by a hammer and in motion contradict each other, if so."""
-    late, named = chosen_delay(faults), {fault.fault: fault for fault in faults}
+    late = chosen_delay(faults)
     if late is None or not late.disagree:
         return ()
-    hammer, motion = (describe(named[fault]) for fault in ("delay", "delay in motion"))
+    sizes = {
+        one.fault: f"{1000 * one.value:.1f} ± {1000 * one.uncertainty:.1f} ms" for one in faults
+    }
     return (
-        f"By the hammer, {hammer}, contradicts {motion}; the one "
-        f"{'in motion' if late.method == 'motion' else 'by the hammer'} is used: check that hits "
-        "were short and hard, and the hammer's marker fixed.",
+        f"delay by the hammer {sizes['delay']}, in motion {sizes['delay in motion']}; used: "
+        f"{late.method}. Check that hits were short and hard, and the hammer's marker fixed",
     )
 
 
@@ -545,17 +553,6 @@ def _to_record(found: PlateAccuracy, belt: BeltSide) -> tuple[str, ...]:
         ),
     )
     return tuple(text for enough, text in wanted if not enough)
-
-
-def describe(fault: FaultEstimate) -> str:
-    """State an estimate with its 95 % uncertainty."""
-    scale, unit = DISPLAY_UNITS.get(fault.unit, (1.0, fault.unit))
-    error = scale * fault.uncertainty
-    value = rounded(scale * fault.value, error)
-    text = f"{fault.belt}: {fault.fault} {value} ± {rounded(error, error)} {unit}"
-    if np.isfinite(fault.frequency_hz):
-        text += f" at {fault.frequency_hz:.2f} Hz in the centre of pressure along the belt"
-    return text
 
 
 def rounded(value: float, uncertainty: float) -> str:

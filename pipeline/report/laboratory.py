@@ -3,12 +3,14 @@
 Each command writes its own part and leaves the parts of the others in the folder as they are.
 """
 
+import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
+from urllib.parse import quote
 
 import matplotlib as mpl
 import numpy as np
@@ -26,6 +28,7 @@ from compensation.inertia.quality import (
 )
 from compensation.inertia.sensors import MAX_EXCESS_SHARE
 from hbm.spatial import WRENCH_COMPONENTS, Array
+from pipeline.config.study import Study
 from pipeline.figures.style import STYLE
 from pipeline.io.input_file import read_text
 from pipeline.io.write import write_csv, write_text
@@ -141,6 +144,21 @@ def write_page(folder: Path, *parts: Part) -> Path:
     )
     write_text(page, path)
     return path
+
+
+def page_of_study(study: Study, folder: Path) -> str | None:
+    """Give the address, from a folder, of the page beside a study's calibration or its plates'.
+
+    None where neither has one.
+    """
+    stated = study.file.treadmill.calibration, study.file.plates.calibration
+    for path in (study.path(name).with_name(PAGE) for name in stated if name):
+        if path.is_file():
+            try:
+                return quote(Path(os.path.relpath(path, folder)).as_posix())
+            except ValueError:  # on another drive
+                return path.resolve().as_uri()
+    return None
 
 
 def frame_table(
