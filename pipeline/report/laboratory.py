@@ -112,7 +112,7 @@ def write_page(folder: Path, *parts: Part) -> Path:
     """
     path, kept = folder / PAGE, dict[tuple[str, str], tuple[str, str]]()
     for what, name, of, text in KEPT.findall(read_text(path) if path.exists() else ""):
-        kept[what, name] = of, text
+        kept[what, name] = of, text.rstrip()
     given = {part.name: part for part in parts}
     calibration = next((part.of for part in parts if part.of), "")
     shown = []
