@@ -324,13 +324,13 @@ def check(
     console = PlainConsole()
     empty = read_empty(recording, request.stated(), any_forward=plates is None)
     found = check_recording(empty, laboratory)
-    add_check(calibration, recording, found, day)
+    made = add_check(calibration, recording, found, day)
     measured = measure_empty(empty, laboratory) if found.plates else None
     say_parts(
         console,
         calibration.parent,
         calibration_part(laboratory.calibration, calibration),
-        check_part(laboratory.calibration, calibration, found, measured),
+        check_part(laboratory.calibration, calibration, made, found, measured),
     )
     console.say_notes((*found.notes, *laboratory.calibration.notes))
     return 0 if found.valid else 1

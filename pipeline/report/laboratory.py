@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 
 from compensation import Calibration
 from compensation.inertia.quality import (
+    MAX_GAIN,
     MAX_LEFT,
     MAX_ZERO_CHANGE,
     PERSON_KG,
@@ -58,6 +59,8 @@ TITLES: Final[Mapping[PartName, str]] = {
 KEPT: Final = re.compile(
     r"<!-- (verdict|details) of (\w+) (\w*) -->\n(.*?)<!-- end -->\n", re.DOTALL
 )
+CHILD_KG: Final = 20.0
+"""Lighter persons hardly walk on treadmills."""
 NEW_FIT: Final = "record the empty treadmill, hbm calibration fit"
 
 
@@ -236,7 +239,7 @@ def calibration_verdict(calibration: Calibration, file: Path) -> Table:
         [
             ("Fit for trials", [answer]),
             ("Up to", limits_of(calibration)),
-            ("Persons", "–" if not rows else f"{lightest_kg(rows):.0f} kg and heavier"),
+            ("Persons", _persons(rows)),
             ("For how long", _validity(checks)),
             ("Next", todo),
         ],
@@ -258,6 +261,14 @@ def limits_of(calibration: Calibration) -> str:
     known = [speed for speed in speeds if speed is not None]
     texts.append(f"belts {min(known):.2f} m/s" if known else "belt speed unknown")
     return ", ".join(texts)
+
+
+def _persons(rows: Sequence[LeftOver]) -> str:
+    """Say from which body mass on residuals rise by 5 % at most."""
+    if not rows:
+        return "–"
+    lightest = lightest_kg(rows)
+    return "any body mass" if lightest < CHILD_KG else f"{lightest:.0f} kg and heavier"
 
 
 def _validity(checks: pd.DataFrame) -> str:
@@ -358,7 +369,9 @@ def frequency_table(empty: EmptyTreadmill) -> Table:
         (f"Accelerometer {name}", f"{place.along:+.2f} m along the belts, {place.up:+.2f} m up")
         for name, place in empty.places.items()
     ]
-    return Table(f"Recording {empty.recording.source.name}", ("Item", "Value"), rows, "answers")
+    legend = "Along the belts: positive to the front where the axes are stated (--axes)."
+    title = f"Recording {empty.recording.source.name}"
+    return Table(title, ("Item", "Value"), rows, "answers", legend if empty.places else "")
 
 
 def _of_recording(calibration: Calibration, empty: EmptyTreadmill) -> list[Drawn]:
@@ -386,16 +399,18 @@ def _of_recording(calibration: Calibration, empty: EmptyTreadmill) -> list[Drawn
 
 
 def check_part(
-    calibration: Calibration, file: Path, found: CalibrationCheck, empty: EmptyTreadmill | None
+    calibration: Calibration,
+    file: Path,
+    check: str,
+    found: CalibrationCheck,
+    empty: EmptyTreadmill | None,
 ) -> Part:
-    """Give the part of a check, with all checks of this calibration's file."""
-    checks = read_checks(file)
-    last = checks.iloc[-1]
+    """Give the part of a check, named by its recording and day, with all checks of the file."""
     answer = ("pass", "still valid") if found.valid else ("fail", "not valid any more")
     reasons = [] if found.valid else [note.text for note in found.notes]
     worst = [f"{plate}: {fault}" for plate, one in found.plates.items() for fault in one.faults]
     verdict = Table(
-        f"Check of {file.name} by {last['recording']}, {last['day']}",
+        f"Check of {file.name} by {check}",
         ("Question", "Answer"),
         [
             ("Calibration", [(*answer, "")]),
@@ -403,8 +418,14 @@ def check_part(
         ],
         "answers",
     )
-    tables = [history_table(checks)]
-    drawn = [Drawn("Checks over days; hollow: of an earlier calibration.", history_figure(file))]
+    tables = [history_table(read_checks(file))]
+    drawn = [
+        Drawn(
+            "Checks over days, worst component of each plate. Cross: not valid; hollow: of an "
+            "earlier calibration.",
+            history_figure(file),
+        )
+    ]
     if empty is not None:
         tables.insert(0, check_table(found, empty))
         drawn += _of_recording(calibration, empty)
@@ -461,7 +482,7 @@ def check_table(found: CalibrationCheck, empty: EmptyTreadmill) -> Table:
 
 def add_check(
     calibration: Path, recording: Path, found: CalibrationCheck, day: str | None = None
-) -> None:
+) -> str:
     """Add a row to ``laboratory_checks.csv`` beside a calibration.
 
     Parameters
@@ -472,6 +493,11 @@ def add_check(
         The check.
     day
         Of the recording, YYYY-MM-DD; None for the day on which the file was last written.
+
+    Returns
+    -------
+    str
+        Recording and day.
     """
     if day is None:
         day = datetime.fromtimestamp(recording.stat().st_mtime, UTC).date().isoformat()
@@ -495,6 +521,7 @@ def add_check(
         table = table[(table[keys] != [row[key] for key in keys]).any(axis=1)]
     table = pd.concat([table, pd.DataFrame([row])], ignore_index=True)
     write_csv(table.sort_values("day", kind="stable"), path)
+    return f"{recording.name}, {day}"
 
 
 def read_checks(calibration: Path) -> pd.DataFrame:
@@ -537,22 +564,24 @@ def history_figure(calibration: Path) -> Figure:
     days = pd.to_datetime(checks["day"]).to_numpy()
     plates = list(dict.fromkeys(c.rsplit(" ", 2)[0] for c in checks.columns if c.endswith(" left")))
     own = (checks["calibration_sha256"] == digest).to_numpy()
+    valid = checks["valid"].to_numpy(bool)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9, 3.2), layout="constrained")
         panels = figure.subplots(1, 2)
-        for panel, what, limits, title in zip(
-            panels,
-            ("left", "zero change"),
-            (MAX_LEFT, MAX_ZERO_CHANGE),
-            ("largest RMS below 6 Hz / limit", "largest change of zero / limit"),
-            strict=True,
-        ):
+        titles = "removed by a new fit / allowed", "largest change of zero / limit"
+        for panel, title, moved in zip(panels, titles, (False, True), strict=True):
             for n, plate in enumerate(plates):
-                columns = [f"{plate} {name} {what}" for name in WRENCH_COMPONENTS]
-                worst = (checks[columns].abs() / limits).max(axis=1).to_numpy()
+                left, new, zero = (
+                    checks[[f"{plate} {name} {what}" for name in WRENCH_COMPONENTS]].to_numpy(float)
+                    for what in ("left", "by new fit", "zero change")
+                )
+                removed = np.sqrt(np.maximum(left**2 - new**2, 0)) / (MAX_GAIN * MAX_LEFT)
+                worst = (np.abs(zero) / MAX_ZERO_CHANGE if moved else removed).max(axis=1)
                 panel.plot(days, worst, color=f"C{n}", lw=1, label=plate)
-                for shown, face in ((own, f"C{n}"), (~own, "none")):
-                    panel.plot(days[shown], worst[shown], "o", color=f"C{n}", mfc=face, ms=6)
+                for marker, of_kind in (("o", valid), ("X", ~valid)):
+                    for shown, face in ((own & of_kind, f"C{n}"), (~own & of_kind, "none")):
+                        look = {"color": f"C{n}", "mfc": face, "ms": 7, "ls": "none"}
+                        panel.plot(days[shown], worst[shown], marker=marker, **look)
             panel.axhline(1, color="black", ls="--", lw=0.9)
             panel.set_ylim(bottom=0)
             panel.set_title(title, loc="left")

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from compensation import from_json
-from compensation.inertia.quality import MAX_LEFT
+from compensation.inertia.quality import MAX_GAIN, MAX_LEFT
 from hbm.spatial import WRENCH_COMPONENTS, rotation_about
 from pipeline.cli.app import main
 from pipeline.config.schema import Treadmill
@@ -23,6 +23,7 @@ from pipeline.report.laboratory import (
     CHECKS,
     PAGE,
     Part,
+    calibration_verdict,
     history_figure,
     page_of_study,
     read_checks,
@@ -125,8 +126,21 @@ def test_the_numbers_on_the_page_are_those_of_the_calibration(fitted):
             assert explained == f"{100 * one.r_squared:.2f} %"
             every.append(one.left / one.limit)
     answers = Rows(page_of(fitted))
-    assert answers.answer("Persons") == f"{75 * max(every):.0f} kg and heavier"
+    assert 75 * max(every) < 20
+    assert answers.answer("Persons") == "any body mass"
     assert answers.answer("Fit for trials").startswith("✔ fit")
+
+
+def test_a_calibration_that_leaves_four_fifths_of_a_limit_is_for_persons_of_60_kg(fitted):
+    calibration = from_json((fitted / "lab.json").read_text(encoding="utf-8"))
+    model = calibration.plates["plate 1"]
+    slow = model.rms_slow.copy()
+    slow[4] = 0.8 * MAX_LEFT[4]
+    poorer = replace(
+        calibration, plates={"plate 1": replace(model, rms_slow=slow)}, correlation=None
+    )
+    answers = dict(calibration_verdict(poorer, fitted / "lab.json").rows)
+    assert answers["Persons"] == "60 kg and heavier"
 
 
 def test_the_page_says_up_to_which_sway_and_pitch_the_calibration_is_fit(fitted):
@@ -154,8 +168,14 @@ def test_two_checks_on_different_days_are_two_points(checked):
         days = [str(day)[:10] for day in np.asarray(line.get_xdata())]
         assert days == list(DAYS)
         assert np.isfinite(line.get_ydata()).all(), what
-    sizes = [float(table[f"plate 1 {name} left"].iloc[1]) for name in WRENCH_COMPONENTS]
-    assert left.lines[0].get_ydata()[1] == pytest.approx(max(sizes / MAX_LEFT))
+    by_calibration, by_new = (
+        np.array([float(table[f"plate 1 {name} {what}"].iloc[1]) for name in WRENCH_COMPONENTS])
+        for what in ("left", "by new fit")
+    )
+    worst = np.max(np.sqrt(by_calibration**2 - by_new**2) / (MAX_GAIN * MAX_LEFT))
+    assert worst > 1  # and therefore it is not valid
+    assert left.lines[0].get_ydata()[1] == pytest.approx(worst, rel=1e-4)
+    assert left.lines[0].get_ydata()[0] < 1
 
 
 def test_a_check_of_the_same_recording_again_adds_no_point_and_a_stated_day_counts(
@@ -172,6 +192,8 @@ def test_the_page_says_for_how_long_by_all_checks_and_the_last_day_decides(check
     page = Rows(page_of(checked))
     assert page.answer("Fit for trials").startswith("✖ not valid any more by day2.c3d")
     assert page.answer("For how long").endswith(f"valid on 1 of 2 days, last on {DAYS[0]}")
+    assert page.answer("Calibration") == "✔ still valid"  # by the check of the first day, made last
+    assert f"Check of lab.json by day1.c3d, {DAYS[0]}" in page_of(checked)
     days = [row[0] for row in page.rows if row[0] in DAYS]
     assert days == list(DAYS)
 
