@@ -1,6 +1,6 @@
 """Whether a calibration serves: by what it leaves of its recording, and of one of another day."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -25,6 +25,8 @@ PERSON_RMS: Final = np.array([37.1, 30.4, 63.1, 11.4, 20.5, 4.5])
 """RMS of the pelvis residuals of nine adults, of about 75 kg, who walk on a treadmill whose
 platform is at rest: forward, sideways, up [N, N·m] (van de Loosdrecht 2018, Table III, baseline
 without compensation)."""
+PERSON_KG: Final = 75.0
+"""Their mean body mass; limits of another person change in proportion."""
 MAX_RISE: Final = 0.05
 """By which what compensation leaves may raise these residuals; our choice."""
 UNITS: Final = ("N",) * 3 + ("N·m",) * 3
@@ -103,6 +105,17 @@ def left_over(model: InertiaModel) -> tuple[LeftOver, ...]:
         slow, limit = float(np.asarray(model.rms_slow)[k]), float(MAX_LEFT[k])
         rows.append(LeftOver(name, UNITS[k], float(excited), after, slow, limit, r_squared))
     return tuple(rows)
+
+
+def lightest_kg(rows: Iterable[LeftOver]) -> float:
+    """Give the smallest body mass whose residuals the compensation raises by 5 % at most [kg].
+
+    Examples
+    --------
+    >>> lightest_kg([LeftOver("Fz", "N", 90.0, 8.0, 7.15, 14.3, 0.99)])
+    37.5
+    """
+    return PERSON_KG * max(row.left / row.limit for row in rows)
 
 
 OF_CALIBRATION: Final = (

@@ -1,4 +1,4 @@
-"""Experiment 2 in tests and sentences: what makes a difference, and which trial to use."""
+"""Experiment 2 in tests and tables: what makes a difference, and which trial to use."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -16,6 +16,7 @@ from pipeline.calibration_ranking.ranking import (
     thesis_choice,
 )
 from pipeline.calibration_ranking.trials import factors
+from pipeline.report.blocks import Check, Table
 from pipeline.statistics.factorial import anova, compare_levels
 
 ALPHA: Final = 0.05
@@ -132,7 +133,7 @@ def _pair_columns(pairs: Sequence[pd.DataFrame]) -> pd.DataFrame:
     return table
 
 
-def recommendation(ranking: Ranking[Model], purpose: str, advised: str) -> str:
+def recommendation(ranking: Ranking[Model], purpose: str, advised: str) -> Table:
     """Recommend a calibration trial, by mean rank and by the thesis' rule, and how certain that is.
 
     Parameters
@@ -145,57 +146,39 @@ def recommendation(ranking: Ranking[Model], purpose: str, advised: str) -> str:
         Name of the protocol's signal that is advised for that.
     """
     table, top = ranking.table, ranking.table.iloc[0]
-    names, good = list(table["trial"]), as_good(ranking)
-    first, *others = good
-    if len(good) == len(names):
-        use = (
-            f"Any of the {len(good)} trials will do for {purpose}: none leaves "
-            f"{SMALLEST_DIFFERENCE:g} N or N·m more than {first} in any column, by the bootstrap's "
-            "95 % intervals."
-        )
-    else:
-        as_well = f"; {', '.join(others)} will do as well" if others else ""
-        rivals = [name for name in ranking.possibly_best if name != ranking.winner]
-        certainty = (
-            f"but {', '.join(rivals)} might be as good"
-            if rivals
-            else "and no other trial is likely to be better"
-        )
-        use = (
-            f"Use {first} for {purpose}{as_well}. It is the best in {100 * top['wins']:.0f} % of "
-            f"the bootstrap's resamples, {certainty}."
-        )
+    names, (first, *others) = list(table["trial"]), as_good(ranking)
+    rivals = [name for name in ranking.possibly_best if name != ranking.winner]
     by_rule, columns = thesis_choice(table), len(ranking.scores) // len(names)
-    rules = (
-        f"By mean rank the first is {first} (mean rank {top['mean_rank']:.1f} of {len(names)}, "
-        f"best in {top['firsts']:.0f} of {columns} columns), by the thesis' rule (foremost in the "
-        f"ranking and among the best trials of the columns) {by_rule} (place "
-        f"{names.index(by_rule) + 1})."
-    )
-    if advised not in names:
-        return f"{use} {rules} The advised signal, {advised}, is not among these trials."
-    more = excess(ranking, advised).sort_values()
-    validation, component = more.index[-1]
-    unit = "N" if component.startswith("F") else "N·m"
-    most = (
-        "as much as the first"
-        if advised in good
-        else f"at most {more.iloc[-1]:.3g} {unit} more than the first ({component} in {validation})"
-    )
-    place = names.index(advised) + 1
-    return f"{use} {rules} The advised signal, {advised}, is in place {place} and leaves {most}."
+    place = "not among these trials"
+    if advised in names:
+        more = excess(ranking, advised).sort_values()
+        validation, component = more.index[-1]
+        unit = "N" if component.startswith("F") else "N·m"
+        place = (
+            f"place {names.index(advised) + 1}, at most {more.iloc[-1]:.3g} {unit} more "
+            f"({component} in {validation})"
+        )
+    rows: list[tuple[str, str | list[Check]]] = [
+        ("Use", [("pass", first, "")]),
+        (f"As good to {SMALLEST_DIFFERENCE:g} N or N·m", ", ".join(others) or "none"),
+        ("Best in the bootstrap", f"{100 * top['wins']:.0f} % of the resamples"),
+        ("May be better", ", ".join(rivals) or "none"),
+        (
+            "Mean rank",
+            f"{top['mean_rank']:.1f} of {len(names)}, best in {top['firsts']:.0f} of {columns} "
+            "columns",
+        ),
+        ("By the thesis' rule", f"{by_rule}, place {names.index(by_rule) + 1}"),
+        (f"Advised: {advised}", place),
+    ]
+    return Table(f"Signal for {purpose}", ("Question", "Answer"), rows, "answers")
 
 
-def interaction_sentence(table: pd.DataFrame, artefact: Array) -> str:
+def interaction_table(table: pd.DataFrame, artefact: Array) -> Table:
     """State which accelerometers respond to the belts, and what that costs."""
     following = table["channel"][table["p"] < ALPHA / len(table)]
-    names = ", ".join(following if len(following) else table["channel"])
-    text = f"None of {names} follows the belt's acceleration significantly."
-    if len(following):
-        text = f"{names} follow the belt's acceleration significantly."
+    rows = [("Follow the belt's acceleration", ", ".join(following) or "none")]
     if np.isfinite(artefact).all():
-        text += (
-            f" Compensation adds up to {artefact[:3].max():.2f} N and {artefact[3:].max():.2f} N·m "
-            "RMS due to the part that follows."
-        )
-    return text
+        text = f"{artefact[:3].max():.2f} N, {artefact[3:].max():.2f} N·m RMS at most"
+        rows.append(("Added by compensation", text))
+    return Table("Accelerometers and belts", ("Question", "Answer"), rows, "answers")

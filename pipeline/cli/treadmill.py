@@ -2,10 +2,10 @@
 
 import json
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 from typer import Argument, Option
 
@@ -16,12 +16,43 @@ from pipeline.config.toml_file import check_options
 from pipeline.run.request import RecordingRequest
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
-    from compensation import Calibration
     from hbm.notes import Note
     from pipeline.io.recording import Recording
-    from pipeline.trial.ground.calibrations import CalibrationCheck
+    from pipeline.report.blocks import Table
+    from pipeline.report.laboratory import Part
+
+SYMBOLS: Final = {"pass": "✔ ", "check": "▲ ", "fail": "✖ "}
+"""Of rated cells, as on the page."""
+
+
+def say_parts(console: PlainConsole, folder: Path, *parts: "Part") -> None:
+    """Write parts into the page of a folder; print their verdicts and tables of numbers."""
+    from pipeline.report.laboratory import write_page
+
+    for part in parts:
+        numbers = (block for block in part.tables if block.css_class == "numbers")
+        for block in (*part.verdict, *numbers):
+            _print_block(block, console)
+    console.say(f"page: {write_page(folder, *parts)}")
+
+
+def _print_block(block: "Table", console: PlainConsole) -> None:
+    names = 2 if block.css_class == "numbers" else len(block.heads)
+    table = new_table(block.caption, block.heads[:names], *block.heads[names:])
+    for row in block.rows:
+        cells = []
+        for cell in row:
+            rated = [("", cell, "")] if isinstance(cell, str) else cell
+            texts = (
+                f"{SYMBOLS.get(rating, '')}{value}{f', {detail}' if detail else ''}"
+                for rating, value, detail in rated
+            )
+            cells.append("; ".join(texts))
+        table.add_row(*cells)
+    if block.css_class == "answers":
+        console.print(table)
+    else:
+        print_table(table, console)
 
 
 @takes(RecordingRequest)
@@ -31,7 +62,9 @@ def fit(
     out: Annotated[Path, Option("-o", "--out", help="Calibration file to write (.json).")],
     cutoff_hz: Annotated[float, described(Treadmill, "cutoff_hz")] = Treadmill().cutoff_hz,
     accelerometer_unit: Annotated[str | None, described(Treadmill, "accelerometer_unit")] = None,
-    platform_markers: Annotated[str, Option(help="Markers that time the commands.")] = "",
+    platform_markers: Annotated[
+        str, Option(help="Markers on the platform: its sway and pitch, delay of the commands.")
+    ] = "",
     sway_channel: Annotated[str | None, described(Platform, "sway_channel")] = None,
     pitch_channel: Annotated[str | None, described(Platform, "pitch_channel")] = None,
     plate_calibration: PlateCorrectionFile = None,
@@ -46,16 +79,23 @@ def fit(
         list[Path] | None,
         Option("--check", help="As --beside, only to compare models by; repeatable."),
     ] = None,
+    study: Annotated[
+        Path | None, Option(help="Study whose trials' range is compared with the calibration's.")
+    ] = None,
 ) -> None:
-    """Warnings name what makes a calibration unfit for trials, and what to mend."""
+    """Write laboratory.html beside it too: fit for which trials, and what it leaves."""
     from compensation import to_json
     from compensation.inertia.sensors import describe_sensors
     from pipeline.config.plate_correction import read_plate_correction
+    from pipeline.config.study import read_study
     from pipeline.io.write import write_text
+    from pipeline.report.empty_treadmill import measure_empty, trial_ranges
+    from pipeline.report.laboratory import calibration_part
     from pipeline.run.job import file_digest
     from pipeline.trial.ground import accelerometers
     from pipeline.trial.ground import calibration_recording as of_empty
     from pipeline.trial.ground.corrected_plates import with_corrected_plates
+    from pipeline.trial.ground.laboratory import Laboratory
     from pipeline.trial.ground.platform import command_delay
     from pipeline.trial.ground.uncertainty import uncertainty_limits
 
@@ -64,10 +104,9 @@ def fit(
         raise ValueError(f"--out {out}: is a folder; name the file to write, such as lab.json")
     commands = Platform(sway_channel=sway_channel, pitch_channel=pitch_channel)
     markers = tuple(filter(None, map(str.strip, platform_markers.split(","))))
-    if bool(commands.channels) != bool(markers):
+    if commands.channels and not markers:
         raise ValueError(
-            "--sway-channel and --pitch-channel need --platform-markers, and these need one of "
-            "them: the markers time the commands"
+            "--sway-channel and --pitch-channel need --platform-markers, which time the commands"
         )
     stated = request.stated()
     plates = read_plate_correction(plate_calibration) if plate_calibration else None
@@ -91,7 +130,7 @@ def fit(
     try:
         fitted_too, compared = ([*map(read, paths or ())] for paths in (beside, check))
         calibration = of_empty.fit_calibration(empty, treadmill, plates, fitted_too, compared)
-        if markers:
+        if commands.channels:
             timing = (command_delay(empty, markers, commands),)
     except ValueError as error:
         text = str(error)
@@ -99,21 +138,22 @@ def fit(
             text += "; if that is not their unit, use --accelerometer-unit g"
         known = any(path.name in text for path in (recording, *(beside or ()), *(check or ())))
         raise ValueError(text if known else f"{recording.name}: {text}") from error
+    laboratory = Laboratory(treadmill, calibration, plates=plates)
+    platform = Platform(markers=markers) if markers else None
+    measured = measure_empty(empty, laboratory, fitted_too, platform)
     provenance = {
         **calibration.provenance,
+        **measured.motion,
         "sha256": file_digest(recording),
         "made": datetime.now(UTC).isoformat(timespec="seconds"),
         "program": f"hbm-residuals {version('hbm-residuals')}",
         "channels": json.dumps(sensors),
         "accelerometer_unit": accelerometer_unit or "",
     }
-    write_text(to_json(replace(calibration, provenance=provenance)), out)
-    console.say(f"accelerometers: {', '.join(sensors)}; low-pass {cutoff_hz:g} Hz")
-    if of_empty.BESIDE in provenance:
-        console.say(f"fitted too: {provenance[of_empty.BESIDE]}; {provenance[of_empty.WEIGHT]}")
-    console.say(provenance[of_empty.MODEL])
-    print_table(_fit_table(calibration), console)
-    belts_mps = accelerometers.mean_belt_speed(accelerometers.fastest_belt(empty, treadmill))
+    calibration = replace(calibration, provenance=provenance)
+    write_text(to_json(calibration), out)
+    ranges = trial_ranges(read_study(study), treadmill) if study is not None else {}
+    belts_mps = measured.belts_mps
     notes = [
         *calibration.notes,
         *with_corrected_plates(empty, plates).notes[len(empty.notes) :],
@@ -122,32 +162,9 @@ def fit(
         *of_empty.plates_timed_apart(empty, treadmill, calibration.sensors, plates),
         *uncertainty_limits(belts_mps, calibration),
     ]
+    say_parts(console, out.parent, calibration_part(calibration, out, measured, ranges))
     console.say_notes(notes)
-    if calibration.notes:
-        advice = "calibration not fit for trials: follow the advice of the warnings, then fit again"
-    else:
-        plates_too = f" --plate-calibration {plate_calibration}" if plate_calibration else ""
-        advice = (
-            f"next: hbm residuals TRIAL --calibration {out}{plates_too} --platform-markers M1,M2,M3"
-        )
-    console.say(f"written to {out}; {advice}")
-
-
-def _fit_table(calibration: "Calibration") -> "Table":
-    """Lay out how well a calibration explains its own recording."""
-    table = new_table(
-        "The empty plates, before and after compensation (calibration recording)",
-        ("plate", "component", "verdict"),
-        *("RMS", "after", "< 6 Hz", "limit", "R²"),
-        caption="limit: raises the residuals of a walking adult of 75 kg by 5 %; R² is low where a "
-        "component hardly moved, without harm",
-    )
-    for name in calibration.in_use:
-        for row in calibration.verdict[name]:
-            numbers = (row.excited, row.after, row.left, row.limit)
-            cells = (f"{number:.2f} {row.unit}" for number in numbers)
-            table.add_row(name, row.component, row.verdict, *cells, f"{row.r_squared:.4f}")
-    return table
+    console.say(f"written to {out}")
 
 
 def signals(
@@ -226,7 +243,7 @@ def rank(
     seed: Seed = 0,
     out: Out = Path("ranking"),
 ) -> None:
-    """Ranks with intervals, and between which trials there is no difference, go to --out."""
+    """Write ranks with intervals, and which trials are as good, as tables and laboratory.html."""
     from pipeline.calibration_ranking.report import write_results
     from pipeline.calibration_ranking.trials import RankingSettings, read_trials
     from pipeline.virtual_lab.protocol.calibration_trial import TRIALS, simulate_ranking
@@ -243,9 +260,7 @@ def rank(
                 progress.show(path.name, done, TRIALS)
     with StepProgress(console, "reading", "recordings") as progress:
         trials = read_trials(folder, settings, progress.show)
-    for sentence in write_results(trials, seed, out):
-        console.say(sentence)
-    console.say(f"written to {out}: ranking.md, tables, figures")
+    say_parts(console, out, write_results(trials, seed, out))
 
 
 def plates(
@@ -254,14 +269,13 @@ def plates(
     seed: Seed = 0,
     out: Out = Path("plates"),
 ) -> None:
-    """Says whether each plate is fit for inverse dynamics, and why.
+    """Judge whether each plate is fit for inverse dynamics, and why, in laboratory.html.
 
     Where a plate can be corrected, its calibration is written too.
     """
     from pipeline.config.plate_study import read_plates_study
     from pipeline.plate_accuracy.accuracy import check_plates
-    from pipeline.plate_accuracy.report import use_of_calibration, write_report
-    from pipeline.plate_accuracy.verdict import describe
+    from pipeline.plate_accuracy.report import write_report
     from pipeline.virtual_lab.protocol.known_weights import THESIS_ERRORS, simulate_plates
 
     console = PlainConsole()
@@ -273,17 +287,7 @@ def plates(
         simulate_plates(study, THESIS_ERRORS, seed=seed)
     experiment = read_plates_study(study)
     announce(f"reading {len(experiment.file.weights)} recordings of known weights")
-    found = check_plates(experiment)
-    verdicts = write_report(found, out)
-    for fault in found.faults:
-        if fault.significant:
-            console.say(f"- {describe(fault)}")
-    for verdict in verdicts:
-        console.say(verdict.sentence)
-    advice = use_of_calibration(verdicts, out)
-    if advice is not None:
-        console.say(advice)
-    console.say(f"written to {out}: verdict.md, table_1, figures")
+    say_parts(console, out, write_report(check_plates(experiment), out))
 
 
 @takes(RecordingRequest)
@@ -292,38 +296,41 @@ def check(
     calibration: Annotated[Path, Argument(help="What 'hbm calibration fit' wrote (.json).")],
     recording: Annotated[Path, Argument(help="The empty treadmill, moving, another day.")],
     plate_calibration: PlateCorrectionFile = None,
+    day: Annotated[
+        str | None, Option(help="Of the recording, YYYY-MM-DD. [default: that of the file]")
+    ] = None,
 ) -> int:
-    """Exit code 1 if it is not valid any more."""
+    """Exit code 1 if it is not valid any more.
+
+    Each check is a row of laboratory_checks.csv, and a point in laboratory.html, beside the
+    calibration.
+    """
     from pipeline.config.plate_correction import read_plate_correction
+    from pipeline.report.empty_treadmill import measure_empty
+    from pipeline.report.laboratory import add_check, calibration_part, check_part
     from pipeline.trial.ground.accelerometers import stated_accelerometers
     from pipeline.trial.ground.calibration_recording import read_empty
     from pipeline.trial.ground.calibrations import check_recording, read_laboratory
 
+    if day is not None:
+        try:
+            day = date.fromisoformat(day).isoformat()
+        except ValueError:
+            raise ValueError(f"--day {day}: expected YYYY-MM-DD, such as 2026-05-07") from None
     plates = read_plate_correction(plate_calibration) if plate_calibration else None
     channels = stated_accelerometers(request.accelerometer)
     laboratory = read_laboratory(calibration, (), channels, plates)
+    assert laboratory.calibration is not None
     console = PlainConsole()
     empty = read_empty(recording, request.stated(), any_forward=plates is None)
     found = check_recording(empty, laboratory)
-    if found.plates:
-        print_table(_table(found, recording.name), console)
-    assert laboratory.calibration is not None
+    made = add_check(calibration, recording, found, day)
+    measured = measure_empty(empty, laboratory) if found.plates else None
+    say_parts(
+        console,
+        calibration.parent,
+        calibration_part(laboratory.calibration, calibration),
+        check_part(laboratory.calibration, calibration, made, found, measured),
+    )
     console.say_notes((*found.notes, *laboratory.calibration.notes))
     return 0 if found.valid else 1
-
-
-def _table(found: "CalibrationCheck", recording: str) -> "Table":
-    """Lay out what the calibration and a new fit leave, and how far the zeros moved."""
-    from compensation.inertia.quality import UNITS
-    from hbm.spatial import WRENCH_COMPONENTS
-
-    table = new_table(
-        f"{recording}, compensated by the calibration (below 6 Hz)",
-        ("plate", "component"),
-        *("RMS left", "by a new fit", "zero changed by"),
-    )
-    for plate, one in found.plates.items():
-        for k, component in enumerate(WRENCH_COMPONENTS):
-            numbers = one.left[k], one.left_by_new_fit[k], one.zero_change[k]
-            table.add_row(plate, component, *(f"{x:.2f} {UNITS[k]}" for x in numbers))
-    return table

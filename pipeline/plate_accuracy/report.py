@@ -1,4 +1,4 @@
-"""Experiment 1 on one page and as files: verdict, faults, Table I, the calibration."""
+"""Experiment 1 as a part of the laboratory's page and as files: errors, Table I, calibration."""
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -11,22 +11,24 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from compensation import PlateCalibrations
+from compensation import PlateCalibration, PlateCalibrations, center_of_pressure
 from compensation.plate_calibration import to_json
-from hbm.spatial import GRAVITY_MPS2
-from pipeline.config.plate_study import FILE, BeltSide, WeightRecording
+from hbm.spatial import GRAVITY_MPS2, Array
+from pipeline.config.plate_study import FILE
 from pipeline.figures.style import COLOURS, STYLE, save_figure
-from pipeline.io.write import markdown, write_csv, write_text
+from pipeline.io.write import write_csv, write_text
 from pipeline.plate_accuracy.accuracy import (
     PlateAccuracy,
     condition_effects,
     mean_loads,
-    quantities,
     reported_errors,
     trial_errors,
 )
-from pipeline.plate_accuracy.trials import THESIS_FILTER, WeightTrial
-from pipeline.plate_accuracy.verdict import PlateVerdict, describe, judge
+from pipeline.plate_accuracy.response import PEAK, PlateResponse
+from pipeline.plate_accuracy.trials import LOADED_SHARE, THESIS_FILTER, WeightTrial
+from pipeline.plate_accuracy.verdict import TOTAL, PlateVerdict, judge
+from pipeline.report.blocks import Check, Table
+from pipeline.report.laboratory import Drawn, Part, frame_table
 from pipeline.run.job import file_digest
 
 CALIBRATION: Final = "plate_calibration.json"
@@ -43,31 +45,23 @@ COLUMNS: Final = {
 }
 """The thesis' columns (x right, y up, z back) -> quantity in lab axes (x forward, y left, z up)."""
 TOTAL_NOTE: Final = (
-    "Total errors: root mean square over the loads of one foot in walking (vertical force 0.75 to "
-    "1.2, forward ± 0.25, lateral ± 0.05 body weights; centre of pressure up to 0.4 m along and "
-    "0.1 m across from the middle of the plate) of a person of {mass:g} kg; moments about a centre "
-    "of mass 1 m above the belt. They hold the plate's response to the true wrench, zero, a minute "
-    "of drift, and scatter. The weights were {lightest:g} to {heaviest:g} kg: at loads above the "
-    "largest recorded one ({largest:.0f} N), the straight and the squared part of the response are "
-    "extrapolated, and their uncertainty with them; any other deviation there is not known. Errors "
-    "of the stated masses, of the marker's place above a weight's centre and of center_height_m "
-    "are not in the intervals."
+    "Total errors: RMS over the loads of one foot in walking of a person of {mass:g} kg, a minute "
+    "after zeroing; moments about a centre of mass 1 m above the belt. Errors of stated masses, "
+    "of the marker above a weight and of center_height_m are not in the intervals."
 )
 TABLE_NOTE: Final = (
-    "Root mean square errors. Axes of the thesis: x to the right, y up, z back. "
-    "Orthogonal errors (TLLS) with supports, where nothing else is stated and there are such "
-    "recordings."
+    "Root mean square errors. Axes of the thesis: x to the right, y up, z back. Orthogonal errors "
+    "(TLLS) with supports, where nothing else is stated and there are such recordings. Filter: "
+    "{hz:g} Hz, as in the thesis ({method})."
 )
 EFFECTS_NOTE: Final = (
-    "Orthogonal errors after a Box–Cox transform (exponent), analysis of variance of type III, "
-    "main effects. The thirds of the belt (zone: antero-posterior position) are compared within "
-    "recordings; all others between recordings. shapiro_p is the Shapiro–Wilk test of the "
-    "residuals. Pairs of levels, Bonferroni-corrected, are in pairs.csv."
+    "Orthogonal errors after a Box–Cox transform, type III, main effects; thirds of the belt "
+    "(zone) within recordings. Pairs of levels, Bonferroni-corrected, are in pairs.csv. {remarks}"
 )
 
 
-def write_report(found: PlateAccuracy, out: Path) -> tuple[PlateVerdict, ...]:
-    """Write tables, figures, ``verdict.md``, and ``plate_calibration.json`` where one is needed.
+def write_report(found: PlateAccuracy, out: Path) -> Part:
+    """Write tables, figures, and ``plate_calibration.json`` where one is needed.
 
     Parameters
     ----------
@@ -78,10 +72,10 @@ def write_report(found: PlateAccuracy, out: Path) -> tuple[PlateVerdict, ...]:
 
     Returns
     -------
-    tuple[PlateVerdict, ...]
-        Whether each plate is fit for inverse dynamics.
+    Part
+        For the laboratory's page: whether each plate is fit for inverse dynamics, and why.
     """
-    errors, verdicts = trial_errors(found.trials), judge(found)
+    errors, verdicts, file = trial_errors(found.trials), judge(found), found.study.file
     tests, pairs, remarks = condition_effects(errors)
     faults = pd.DataFrame(found.faults).drop(columns="degrees_of_freedom", errors="ignore")
     thesis = table_1(errors)
@@ -93,81 +87,56 @@ def write_report(found: PlateAccuracy, out: Path) -> tuple[PlateVerdict, ...]:
         write_csv(tests, out / "anova.csv")
         write_csv(pairs, out / "pairs.csv")
     figures = {
-        "error_by_place_and_speed": error_figure(errors, "zone", "speed_mps"),
-        "error_by_position": error_figure(errors, "position_m", "belt"),
-        "linearity": linearity_figure(found.trials),
-        "vibration": vibration_figure(found.trials),
-    }
-    for name, figure in figures.items():
-        save_figure(figure, out / "figures" / f"{name}.png")
-    masses = [trial.weight.mass_kg for trial in found.trials]
-    page = [f"# {found.study.file.name}", "Lab axes: x forward, y left, z up."]
-    for verdict in verdicts:
-        page += _section(verdict)
-    page += [
-        TOTAL_NOTE.format(
-            mass=found.study.file.body_mass_kg,
-            lightest=min(masses),
-            heaviest=max(masses),
-            largest=GRAVITY_MPS2 * max(masses),
+        "correction": Drawn(
+            "Total errors by their limits, before and after correction.",
+            correction_figure(verdicts),
         ),
-        "## Faults that differ significantly from zero",
-        _listed([describe(fault) for fault in found.faults if fault.significant]) or "None.",
-        "## Table I",
-        f"{TABLE_NOTE} Marker and plate were low-passed at {found.study.file.cutoff_hz:g} Hz, "
-        "forward and backward, with half the amplitude left at that frequency as in the thesis "
-        f"({THESIS_FILTER}).",
-        _listed(_alignment_and_linearity(found)),
-        markdown(thesis, 1),
-        "## Effects of the conditions",
-        EFFECTS_NOTE if len(tests) else "",
-        markdown(tests, 3) if len(tests) else "",
-        _listed(remarks),
-    ]
-    write_text("\n\n".join(part for part in page if part) + "\n", out / "verdict.md")
+        "linearity": Drawn(
+            "Measured against known load; shaded: loads of a walking person of "
+            f"{file.body_mass_kg:g} kg above the largest recorded one, extrapolated.",
+            linearity_figure(found.trials, verdicts, file.body_mass_kg),
+        ),
+    }
+    for verdict in verdicts:
+        response = found.responses.get(verdict.belt)
+        if response is not None:
+            own = [trial for trial in found.trials_in_use if trial.weight.belt == verdict.belt]
+            maps = map_figure(response, own, verdict.calibration, file.body_mass_kg)
+            text = (
+                f"{verdict.belt.title()} plate: error of the vertical force and of the centre of "
+                f"pressure (arrows: direction) under {file.body_mass_kg:g} kg at each place; dots: "
+                "recorded weights."
+            )
+            figures[f"map_{verdict.belt}"] = Drawn(text, maps)
+    for name, drawn in figures.items():
+        save_figure(drawn.figure, out / "figures" / f"{name}.png")
     _write_calibration(found, verdicts, out)
-    return verdicts
+    total = errors_table(verdicts, TOTAL_NOTE.format(mass=file.body_mass_kg))
+    tables = [total, errors_table(verdicts, totals=False)]
+    note = TABLE_NOTE.format(hz=file.cutoff_hz, method=THESIS_FILTER)
+    tables.append(frame_table("Table I", thesis, 1, note))
+    if len(tests):
+        text = EFFECTS_NOTE.format(remarks="; ".join(remarks))
+        tables.append(frame_table("Effects of the conditions", tests, 3, text))
+    return Part("plates", [one.table for one in verdicts], tables, list(figures.values()))
 
 
-def _section(verdict: PlateVerdict) -> list[str]:
-    """Give every error of a plate beside its limit, what to correct and what is not known."""
-    errors = [f"{one.status}: {one.sentence}" for one in (*verdict.judged, *verdict.corrected)]
-    lines = [f"## {verdict.belt} plate", f"**{verdict.sentence}**", _listed(errors)]
-    if verdict.corrections:
-        lines.append(
-            f"The calibration is in {CALIBRATION}; study.toml names it:\n\n"
-            f'```toml\n[plates]\ncalibration = "{CALIBRATION}"\n```'
-        )
-    elif verdict.calibration is not None:
-        lines.append(
-            f"{CALIBRATION} holds a correction of this plate, which is not known to be enough."
-        )
-    elif verdict.corrected:
-        lines.append(
-            "No calibration of this plate is written: with it, a total error would be beyond "
-            "its limit and larger than without it."
-        )
-    lines.append("Not examined:\n\n" + _listed((*verdict.to_record, *verdict.remarks)))
-    return lines
-
-
-def _alignment_and_linearity(found: PlateAccuracy) -> list[str]:
-    lines = [
-        f"{belt}: aligned on static places, {1000 * a.rms_before:.2f} mm RMS before, "
-        f"{1000 * a.rms_after:.2f} mm after"
-        for belt, a in found.alignments.items()
-    ]
-    lines += [
-        f"{belt}: slope of measured over known load {x.slope:.5f} ± {x.slope_uncertainty:.5f}; "
-        f"non-linearity {x.nonlinearity:.2f} N, {x.percent_of_full_scale:.2f} % of full scale; "
-        f"R² {x.r_squared_first:.5f}, of second order {x.r_squared_second:.5f}"
-        for belt, x in found.linearities.items()
-    ]
-    return lines
-
-
-def _listed(items: Sequence[str]) -> str:
-    return "\n".join(f"- {item}" for item in items)
+def errors_table(
+    verdicts: Sequence[PlateVerdict], legend: str = "", *, totals: bool = True
+) -> Table:
+    """Give total errors before and after correction by their limits, or every single error."""
+    rows: list[list[str | list[Check]]] = []
+    for verdict in verdicts:
+        after = {one.name.removesuffix(" after correction"): one for one in verdict.corrected}
+        for one in verdict.judged:
+            if one.name.startswith(TOTAL) == totals:
+                left = [after[one.name].rated] if one.name in after else "–"
+                names = [f"{verdict.belt} plate", one.name.removeprefix(f"{TOTAL} of ")]
+                rows.append([*names, [one.rated], left, *one.texts[:0:-1], one.status])
+    heads = ("Plate", "Error", "Before", "After", "Limit", "95 % interval", "Status")
+    if totals:
+        return Table("Total errors before and after correction", heads, rows, "numbers", legend)
+    return Table("Single errors of the plates by their limits", heads, rows, "folded", legend)
 
 
 def judged_table(verdicts: Sequence[PlateVerdict]) -> pd.DataFrame:
@@ -193,16 +162,6 @@ def _write_calibration(found: PlateAccuracy, verdicts: Sequence[PlateVerdict], o
         "program": f"hbm-residuals {version('hbm-residuals')}",
     }
     write_text(to_json(PlateCalibrations(plates, provenance)), out / CALIBRATION)
-
-
-def use_of_calibration(verdicts: Sequence[PlateVerdict], out: Path) -> str | None:
-    """Say how to use the calibration that was written; None where no plate is to be corrected."""
-    if not any(one.corrections for one in verdicts):
-        return None
-    return (
-        f'to correct trials, in study.toml: [plates] calibration = "{out / CALIBRATION}"; '
-        f"for one trial: hbm residuals TRIAL --plate-calibration {out / CALIBRATION}"
-    )
 
 
 def table_1(errors: pd.DataFrame) -> pd.DataFrame:
@@ -251,113 +210,142 @@ def _row(condition: str, part: pd.DataFrame, way: str) -> dict[str, str | float]
     return row
 
 
-CONDITIONS: Final = {
-    "zone": "part of the belt",
-    "speed_mps": "speed (m/s)",
-    "position_m": "start, from the belt's outer edge (m)",
-}
-"""Column of the errors -> its name on an axis."""
-SHOWN_S: Final = 10.0
-"""Of a recording: thirty periods of a vibration of 3 Hz."""
-BAR_GROUP_WIDTH: Final = 0.8
-"""Of the distance between levels, shared by the bars of a level."""
+GRID: Final = (15, 7)
+"""Places along and across a plate at which errors are drawn."""
 
 
-def error_figure(errors: pd.DataFrame, along: str, group: str) -> Figure:
-    """Draw the error of the centre of pressure along the belt per two conditions (Figs 2, F.1b).
+def map_figure(
+    response: PlateResponse,
+    trials: Sequence[WeightTrial],
+    calibration: PlateCalibration | None,
+    mass_kg: float,
+) -> Figure:
+    """Draw the errors of a plate over its surface under a person's weight.
 
     Parameters
     ----------
-    errors
-        As `pipeline.plate_accuracy.accuracy.trial_errors` gives them.
-    along, group
-        Columns: on the axis, and side by side.
+    response
+        Of the plate.
+    trials
+        Its recordings.
+    calibration
+        Its correction; None to draw the errors as it is alone.
+    mass_kg
+        Of the person.
     """
-    part = reported_errors(errors)
-    part = part[part["quantity"] == "COPx"]
-    part = part[(part["zone"] == "all") == (along != "zone")]
-    levels = list(dict.fromkeys(part[along])) if along == "zone" else sorted(part[along].unique())
-    groups = sorted(part[group].unique())
+    center = trials[0].center
+    places = np.vstack([trial.marker[trial.used, :2] for trial in trials]) - center[:2]
+    along = (trials[0].belt_ends[1] - trials[0].belt_ends[0]) / 2
+    across = np.abs(places[:, 1]).max()
+    grids = np.linspace(-along, along, GRID[0]), np.linspace(-across, across, GRID[1])
+    x, y = np.meshgrid(*grids, indexing="ij")
+    weight = mass_kg * GRAVITY_MPS2
+    off = {
+        name: place_errors(response, x.ravel(), y.ravel(), weight, used)
+        for name, used in {"as it is": None, "corrected": calibration}.items()
+        if name == "as it is" or used is not None
+    }
+    force = [np.abs(errors[:, 2]).max() for errors in off.values()]
+    shift = [1000 * np.hypot(errors[:, 0], errors[:, 1]).max() for errors in off.values()]
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(6, 3.5), layout="constrained")
-        panel = figure.subplots()
-        width = BAR_GROUP_WIDTH / len(groups)
-        for g, label in enumerate(groups):
-            cells = part[part[group] == label].groupby(along)["orthogonal"]
-            mean, sd = (1000 * x.reindex(levels) for x in (cells.mean(), cells.std()))
-            at = np.arange(len(levels)) + (g - (len(groups) - 1) / 2) * width
-            panel.bar(at, mean, 0.9 * width, label=str(label), color=f"C{g}")
-            panel.errorbar(at, mean, sd, fmt="none", ecolor="black", lw=0.8)
-        panel.set_xticks(range(len(levels)), [str(level) for level in levels])
-        panel.set_xlabel(CONDITIONS.get(along, along))
-        panel.set_ylabel("CoP along the belt, RMSE (mm)")
-        figure.legend(title=CONDITIONS.get(group, group), loc="outside right upper")
-    return figure
-
-
-def linearity_figure(trials: Sequence[WeightTrial]) -> Figure:
-    """Draw measured against known vertical force, a line through both, and the difference.
-
-    Like Fig. F.1d.
-    """
-    sides: tuple[tuple[BeltSide, str, str], ...] = (
-        ("left", "o", "measured"),
-        ("right", "x", "compensated"),
-    )
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(6, 4), layout="constrained")
-        above, below = figure.subplots(2, 1, sharex=True)
-        for belt, marker, colour in sides:
-            known, measured = mean_loads(trials, belt)
-            if not len(known):
-                continue
-            look = {"ms": 4, "mfc": "none", "color": COLOURS[colour]}
-            above.plot(known, measured, marker, label=belt, **look)
-            below.plot(known, measured - known, marker, **look)
-            if len(np.unique(known.round())) > 1:
-                line = np.polynomial.Polynomial.fit(known, measured, 1)
-                ends = np.array([known.min(), known.max()])
-                above.plot(ends, line(ends), color=COLOURS[colour], lw=0.8)
-                below.plot(ends, line(ends) - ends, color=COLOURS[colour], lw=0.8)
-        above.set_ylabel("measured (N)")
-        below.set_ylabel("measured − known (N)")
-        below.set_xlabel("known vertical force (N)")
-        above.legend(frameon=False)
-    return figure
-
-
-def vibration_figure(trials: Sequence[WeightTrial]) -> Figure:
-    """Draw the centre of pressure in time, minus the marker (Fig. F.1c).
-
-    Of two recordings of equal conditions but for the supports, if there are such, where they are
-    compared with the weight.
-    """
-    groups: dict[WeightRecording, dict[bool, WeightTrial]] = {}
-    for trial in trials:
-        conditions = trial.weight.model_copy(update={"file": "", "supports": True})
-        groups.setdefault(conditions, {})[trial.weight.supports] = trial
-    weight, alike = max(groups.items(), key=lambda group: len(group[1]))
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(6, 3), layout="constrained")
-        panel = figure.subplots()
-        for supports, trial in alike.items():
-            time = trial.time - trial.time[trial.used][0]
-            shown = trial.used & (time <= SHOWN_S)
-            off = 1000 * (quantities(trial.measured)[:, 0] - trial.marker[:, 0])
-            panel.plot(
-                time,
-                np.where(shown, off, np.nan),
-                color=COLOURS["compensated" if supports else "measured"],
-                label="with supports" if supports else "without supports",
-                lw=0.8,
-                zorder=2 + supports,
+        figure = Figure(figsize=(9, 1.7 * len(off) + 0.4), layout="constrained")
+        panels = figure.subplots(len(off), 2, squeeze=False, sharex=True, sharey=True)
+        for (name, errors), (left, right) in zip(off.items(), panels, strict=True):
+            dx, dy, up = (errors[:, k].reshape(x.shape) for k in range(3))
+            both = (
+                (left, up, "vertical force (N)", "RdBu_r", -max(force), max(force)),
+                (
+                    right,
+                    1000 * np.hypot(dx, dy),
+                    "centre of pressure (mm)",
+                    "viridis",
+                    0,
+                    max(shift),
+                ),
             )
-        panel.set_title(
-            f"{weight.belt}, {weight.profile} at {weight.speed_mps:g} m/s, {weight.mass_kg:g} kg, "
-            f"{weight.position_m:g} m from the edge",
-            loc="left",
+            for panel, values, label, colours, low, high in both:
+                drawn = panel.pcolormesh(x, y, values, cmap=colours, vmin=low, vmax=high)
+                figure.colorbar(drawn, ax=panel, label=label)
+                panel.plot(*places[::50].T, ".", color="black", ms=1.5, alpha=0.5)
+                panel.set_title(name, loc="left")
+            right.quiver(x, y, dx, dy, color="white", width=0.004)
+        for panel in panels[-1]:
+            panel.set_xlabel("along the belt, forward → (m)")
+        for panel in panels[:, 0]:
+            panel.set_ylabel("left ↑ (m)")
+    return figure
+
+
+def place_errors(
+    response: PlateResponse,
+    x: Array,
+    y: Array,
+    force_n: float,
+    calibration: PlateCalibration | None,
+) -> Array:
+    """Give the errors of centre of pressure [m] and force [N] at places, (n, 3).
+
+    Places are along and across from the middle of the plate, (n,) [m] each; systematic errors
+    alone.
+    """
+    none = np.zeros_like(x)
+    loads = np.column_stack([none, none, none + force_n, y * force_n, -x * force_n, none])
+    reported = loads @ response.matrix[0].T + response.zero[0]
+    reported += np.nan_to_num(response.curvature[0]) * (force_n / response.full_scale_n) ** 2
+    if calibration is not None:
+        reported = calibration.correct(reported)
+    seen = center_of_pressure(reported, LOADED_SHARE * force_n)[:, :2]
+    return np.column_stack([seen - np.column_stack([x, y]), reported[:, 2] - force_n])
+
+
+def correction_figure(verdicts: Sequence[PlateVerdict]) -> Figure:
+    """Draw total errors of forces, centres of pressure and moments by their limits."""
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(9, 3), layout="constrained")
+        panels = figure.subplots(1, len(verdicts), sharey=True, squeeze=False).ravel()
+        for panel, verdict in zip(panels, verdicts, strict=True):
+            before = [one for one in verdict.judged if one.name.startswith(TOTAL)]
+            looks = (
+                ("as it is", before, "measured"),
+                ("corrected", verdict.corrected, "compensated"),
+            )
+            for n, (label, errors, colour) in enumerate(looks):
+                at = np.arange(len(errors)) + 0.4 * n - 0.2
+                sizes = [one.size / one.limit for one in errors]
+                panel.bar(at, sizes, 0.36, color=COLOURS[colour], label=label)
+                ends = [(one.low / one.limit, one.high / one.limit) for one in errors]
+                for place, (low, high) in zip(at, ends, strict=True):
+                    panel.vlines(place, low, high, color="black", lw=0.9)
+            panel.axhline(1, color="black", ls="--", lw=0.9)
+            panel.set_xticks(range(len(before)), [one.name.split()[-1] for one in before])
+            panel.set_title(f"{verdict.belt} plate", loc="left")
+        panels[0].set_ylabel("total error / limit")
+        panels[0].legend(frameon=False)
+    return figure
+
+
+def linearity_figure(
+    trials: Sequence[WeightTrial], verdicts: Sequence[PlateVerdict], mass_kg: float
+) -> Figure:
+    """Draw the difference of measured and known vertical force, and where extrapolation begins."""
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(9, 3), layout="constrained")
+        panel = figure.subplots()
+        for verdict, marker, colour in zip(
+            verdicts, "ox", ("measured", "compensated"), strict=False
+        ):
+            known, measured = mean_loads(trials, verdict.belt)
+            label = f"{verdict.belt} plate"
+            panel.plot(known, measured - known, marker, color=COLOURS[colour], ms=4, label=label)
+        begins = min(one.largest_n for one in verdicts)
+        panel.axvspan(begins, PEAK * mass_kg * GRAVITY_MPS2, color="#fbf1cf", zorder=0)
+        panel.axvline(begins, color="black", lw=0.9)
+        panel.annotate(
+            f" extrapolated above {begins:.0f} N",
+            (begins, 0.92),
+            xycoords=panel.get_xaxis_transform(),
         )
-        panel.set_xlabel("time (s)")
-        panel.set_ylabel("CoP along the belt − marker (mm)")
+        panel.set_ylabel("measured − known (N)")
+        panel.set_xlabel("known vertical force (N)")
         panel.legend(frameon=False)
     return figure

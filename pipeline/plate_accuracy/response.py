@@ -263,6 +263,7 @@ PHASES: Final = ((-0.25, 1.2), (0.0, 0.75), (0.25, 1.2))
 """Forward and vertical force of one foot in body weights: braking, midstance, push-off. Vertical
 peaks are 1.2 body weights in walking at 1.5 m/s (Keller et al. 1996, Clin Biomech 11:253); the
 others are those of the virtual laboratory's subjects at 1.3 m/s (tests/validation/realism.md)."""
+PEAK: Final = max(up for _, up in PHASES)
 LATERAL: Final = (-0.05, 0.05)
 """Lateral force of one foot in body weights: assumed."""
 ALONG_M: Final = (-0.4, 0.0, 0.4)

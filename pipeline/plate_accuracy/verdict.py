@@ -25,6 +25,7 @@ from pipeline.plate_accuracy.response import (
     standard_error,
     total_errors,
 )
+from pipeline.report.blocks import Check, Table
 
 Answer = Literal["fit", "fit after correction", "not fit", "cannot be told"]
 Status = Literal["within", "beyond", "unclear", "not examined"]
@@ -37,7 +38,7 @@ DISPLAY_UNITS: Final = {"m": (1000.0, "mm"), "s": (1000.0, "ms"), "1": (100.0, "
 """Unit of an estimate -> factor and unit in which people read it."""
 MAX_DECIMALS: Final = 6
 MAX_REASONS: Final = 5
-"""In the sentence of a verdict; verdict.md lists all."""
+"""In a verdict; the table of errors lists all."""
 COEFFICIENTS: Final = len(EXCITED) + 4
 """Of a plate's response: with a constant, time, the delay and the curvature."""
 
@@ -81,13 +82,27 @@ class Judged:
         return "within" if self.high <= self.limit else "unclear"
 
     @property
-    def sentence(self) -> str:
-        """The estimate, its interval and its limit."""
+    def texts(self) -> tuple[str, str, str]:
+        """Size, interval and limit, in the unit in which people read them."""
         scale, unit = DISPLAY_UNITS.get(self.unit, (1.0, self.unit))
         width = scale * (self.high - self.low) / 2
-        size, low, high = (rounded(scale * x, width) for x in (self.size, self.low, self.high))
         limit = f"{scale * self.limit:g} {unit}"
-        return f"{self.name} {size} {unit} ({low} to {high}; limit {limit})"
+        if math.isnan(self.size):
+            return "–", "–", limit
+        size, low, high = (rounded(scale * x, width) for x in (self.size, self.low, self.high))
+        return f"{size} {unit}", f"{low} to {high}", limit
+
+    @property
+    def rated(self) -> Check:
+        """The size, rated by the status."""
+        ratings = {"within": "pass", "beyond": "fail", "unclear": "check"}
+        return ratings.get(self.status, "none"), self.texts[0], ""
+
+    @property
+    def sentence(self) -> str:
+        """The estimate, its interval and its limit."""
+        size, interval, limit = self.texts
+        return f"{self.name} {size} ({interval}; limit {limit})"
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,21 +166,6 @@ class PlateVerdict:
         return "cannot be told" if unknown else "fit"
 
     @property
-    def words(self) -> str:
-        """The answer, for what it holds, and what was not examined."""
-        examined = [name for name in QUANTITIES if name not in self.unexamined]
-        scope = ", ".join(examined) or "inverse dynamics"
-        words = {
-            "fit": f"fit for {scope}",
-            "fit after correction": (
-                f"not fit for inverse dynamics as it is; fit after correction for {scope}"
-            ),
-            "not fit": "not fit for inverse dynamics",
-            "cannot be told": f"whether it is fit for {scope} cannot be told",
-        }[self.answer]
-        return f"{words}; not examined: {', '.join(self.unexamined)}"
-
-    @property
     def _left(self) -> tuple[Judged, ...]:
         """What a correction leaves."""
         return (*(one for one in self.judged if not one.correctable), *self.corrected)
@@ -187,27 +187,30 @@ class PlateVerdict:
         """What to do about what can be corrected; nothing makes a plate fit that is not."""
         if self.calibration is None or self.answer == "not fit":
             return ()
-        apply = "apply the plate's calibration (plate_calibration.json)"
+        apply = (
+            "apply plate_calibration.json: plates.calibration in study.toml, --plate-calibration"
+        )
         if not self.calibration.offset.any():
             return (apply,)
         zero = "zero the plate before every recording: the calibration subtracts the zero that"
         return apply, f"{zero} these recordings had"
 
     @property
-    def sentence(self) -> str:
-        """The verdict, why, what to do, and whether two methods contradict each other."""
-        used = " with supports" if self.with_supports else ""
-        sentences = [f"{self.belt} plate{used}: {self.words}."]
-        if reasons := self._listed_reasons():
-            unknown = self.answer == "cannot be told"
-            sentences.append(f"{'Undecided' if unknown else 'Found'}: {reasons}.")
-        if needed := self._to_do():
-            sentences.append(f"To do: {'; '.join(needed)}.")
-        if self.answer.startswith("fit"):
-            sentences.append(
-                f"Loads above the largest recorded one ({self.largest_n:.0f} N) are extrapolated."
-            )
-        return " ".join([*sentences, *self.contradiction])
+    def table(self) -> Table:
+        """The verdict: for what, why, what to do, and from which load on it is extrapolated."""
+        used = ", with supports" if self.with_supports else ""
+        rating = {"fit": "pass", "not fit": "fail"}.get(self.answer, "check")
+        examined = [name for name in QUANTITIES if name not in self.unexamined]
+        rows: list[tuple[str, str | list[Check]]] = [
+            ("Fit for inverse dynamics", [(rating, self.answer, "")]),
+            ("Examined", ", ".join(examined) or "–"),
+            ("Not examined", ", ".join(self.unexamined) or "–"),
+            ("Undecided" if self.answer == "cannot be told" else "Found", self._listed_reasons()),
+            ("Extrapolated", f"above {self.largest_n:.0f} N, the largest recorded load"),
+            *(("Contradiction", text) for text in self.contradiction),
+            ("Next", "; ".join(self._to_do()) or "–"),
+        ]
+        return Table(f"{self.belt.title()} plate{used}", ("Question", "Answer"), rows, "answers")
 
     def _listed_reasons(self) -> str:
         listed = [
@@ -216,9 +219,7 @@ class PlateVerdict:
             for name in self.constant
         ]
         listed += [one.sentence for one in self.reasons[:MAX_REASONS]]
-        if more := len(self.reasons[MAX_REASONS:]):
-            listed.append(f"and {more} more")
-        return "; ".join(listed)
+        return "; ".join(listed) or "–"
 
     def _to_do(self) -> tuple[str, ...]:
         """Say what to correct, to record or to weigh; nothing where that would not help."""
@@ -516,14 +517,15 @@ def chosen_delay(faults: Sequence[FaultEstimate]) -> AgreedDelay | None:
 
 def _contradiction(faults: Sequence[FaultEstimate]) -> tuple[str, ...]:
     """Say that the delays of a plate by a hammer and in motion contradict each other, if so."""
-    late, named = chosen_delay(faults), {fault.fault: fault for fault in faults}
+    late = chosen_delay(faults)
     if late is None or not late.disagree:
         return ()
-    hammer, motion = (describe(named[fault]) for fault in ("delay", "delay in motion"))
+    sizes = {
+        one.fault: f"{1000 * one.value:.1f} ± {1000 * one.uncertainty:.1f} ms" for one in faults
+    }
     return (
-        f"By the hammer, {hammer}, contradicts {motion}; the one "
-        f"{'in motion' if late.method == 'motion' else 'by the hammer'} is used: check that hits "
-        "were short and hard, and the hammer's marker fixed.",
+        f"delay by the hammer {sizes['delay']}, in motion {sizes['delay in motion']}; used: "
+        f"{late.method}. Check that hits were short and hard, and the hammer's marker fixed",
     )
 
 
@@ -551,17 +553,6 @@ def _to_record(found: PlateAccuracy, belt: BeltSide) -> tuple[str, ...]:
         ),
     )
     return tuple(text for enough, text in wanted if not enough)
-
-
-def describe(fault: FaultEstimate) -> str:
-    """State an estimate with its 95 % uncertainty."""
-    scale, unit = DISPLAY_UNITS.get(fault.unit, (1.0, fault.unit))
-    error = scale * fault.uncertainty
-    value = rounded(scale * fault.value, error)
-    text = f"{fault.belt}: {fault.fault} {value} ± {rounded(error, error)} {unit}"
-    if np.isfinite(fault.frequency_hz):
-        text += f" at {fault.frequency_hz:.2f} Hz in the centre of pressure along the belt"
-    return text
 
 
 def rounded(value: float, uncertainty: float) -> str:

@@ -27,6 +27,7 @@ from pipeline.report.joints import (
     joint_figures,
     moment_errors,
 )
+from pipeline.report.laboratory import page_of_study
 from pipeline.report.methods import bibtex, methods
 from pipeline.report.tables import (
     plan_markdown,
@@ -229,6 +230,7 @@ def write_report(
         ],
         pictures=drawn(study_figures(results, tests, design, curves)),
         example_subject=example_subject(results.cycles),
+        laboratory=None if study is None else page_of_study(study, folder),
         any_compensated=bool(results.residuals["compensated"].any()),
         has_reference=design.reference in results.cycles["condition"].unique(),
         trials=trials,

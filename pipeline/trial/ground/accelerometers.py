@@ -12,9 +12,9 @@ from compensation import Sensor, dynamic_channels
 from hbm.signals.resampling import Convolution, resample
 from hbm.spatial import Array
 from hbm.spelling import short
-from pipeline.config.schema import Treadmill
+from pipeline.config.schema import Platform, Treadmill
 from pipeline.io.recording import Recording
-from pipeline.io.units import acceleration_in_mps2, speed_in_mps
+from pipeline.io.units import acceleration_in_mps2, angle_in_rad, length_in_m, speed_in_mps
 from pipeline.trial.once import once
 
 MAX_HELD_S: Final = 0.5
@@ -72,6 +72,17 @@ def fastest_belt(recording: Recording, treadmill: Treadmill) -> tuple[Array, Arr
     if np.isnan(speeds).all():  # also of no channels
         return None
     return analog.time, np.fmax.reduce(speeds)
+
+
+def find_commands(recording: Recording) -> Platform:
+    """Find the channels of the commanded motion: "sway" in a length, "pitch" in an angle."""
+    analog = recording.analog
+    found: dict[str, str] = {}
+    for word, unit_in_si in (("sway", length_in_m), ("pitch", angle_in_rad)):
+        for name, unit in zip(*((analog.names, analog.units) if analog else ((), ())), strict=True):
+            if word in name.lower() and _is_unit(unit, unit_in_si):
+                found.setdefault(f"{word}_channel", name)
+    return Platform.model_validate(found)
 
 
 def mean_belt_speed(found: tuple[Array, Array] | None) -> float | None:

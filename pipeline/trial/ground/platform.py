@@ -25,7 +25,7 @@ from pipeline.config.schema import Platform
 from pipeline.io.input_file import naming
 from pipeline.io.recording import Plate, Recording
 from pipeline.io.units import angle_in_rad, length_in_m
-from pipeline.trial.ground.accelerometers import hold_ends, read_channel
+from pipeline.trial.ground.accelerometers import find_commands, hold_ends, read_channel
 
 NEUTRAL_FRAMES: Final = 100
 """Frames at the start in which the platform is in neutral: one second at 100 Hz."""
@@ -34,6 +34,11 @@ LEVEL: Final = (
     "(--platform-markers, or treadmill.platform in a study)"
 )
 """What is taken for a pose that is not known."""
+MIN_MARKERS: Final = 3
+MIN_KNOWN: Final = 0.9
+"""Part of the frames of an empty treadmill in which its markers move as one body."""
+MIN_MOVED: Final = 0.005
+"""[m], and of a direction: less is noise of markers."""
 MAX_MARKER_ERROR_M: Final = 0.01
 """Farther from the rigid fit a marker is left out; cameras err by a millimetre or less."""
 
@@ -57,6 +62,32 @@ def platform_pose(
     if not platform.channels:
         raise ValueError("the platform's pose needs its markers, or its sway or pitch channel")
     return _commanded_pose(recording, platform, time, at_markers)
+
+
+def empty_pose(recording: Recording, stated: Platform | None = None) -> PlatformPose | None:
+    """Give the pose of an empty treadmill, (T,); NaN where unknown.
+
+    As stated; else by all markers of the recording, which are on the platform where they move as
+    one body; else by channels named sway and pitch. None where none of these moves. A ValueError as
+    of `platform_pose` for what is stated.
+    """
+    names = recording.markers.names
+    candidates = [Platform(markers=names)] if len(names) >= MIN_MARKERS else []
+    for platform in [stated] if stated else [*candidates, find_commands(recording)]:
+        if not platform.markers and not platform.channels:
+            continue
+        try:
+            pose, _ = platform_pose(recording, platform, recording.markers.time)
+        except ValueError:
+            if stated:
+                raise
+            continue
+        known = pose is not None and np.isfinite(pose.position).all(axis=1)
+        if pose is not None and np.mean(known) > MIN_KNOWN:
+            moved = np.ptp(np.hstack([pose.rotation[known, 2], pose.position[known]]), axis=0)
+            if moved.max() > MIN_MOVED:
+                return pose
+    return None
 
 
 def pose_at(recording: Recording, pose: PlatformPose, time: Array) -> PlatformPose:
