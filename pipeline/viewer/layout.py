@@ -10,7 +10,7 @@ import rerun.blueprint as rrb
 from hbm.spatial import Array
 from pipeline.figures.joints import LEG
 from pipeline.trial.residuals import AXES
-from pipeline.viewer.board import BOARD_SIZE, WHITE
+from pipeline.viewer.board import SENT, WHITE
 from pipeline.viewer.file import rgba
 from pipeline.viewer.live import FULL_SCALE
 from pipeline.viewer.plots import BACKGROUND, HEIGHT, SHOWN_CYCLES, WIDTH, panel_name
@@ -96,7 +96,9 @@ def trial_layout(pelvis: Array, *, phases: bool, figure: bool) -> rrb.Blueprint:
 def live_layout(target: Array) -> rrb.Blueprint:
     """Lay out a live view, whose camera looks at a point, (3,) [m]; its scales are fixed."""
 
-    def picture(name: str, origin: str, size: Array, background: str) -> rrb.Spatial2DView:
+    def picture(
+        name: str, origin: str, size: tuple[float, float], background: str
+    ) -> rrb.Spatial2DView:
         return rrb.Spatial2DView(
             name=name,
             origin=origin,
@@ -112,13 +114,13 @@ def live_layout(target: Array) -> rrb.Blueprint:
                 _scene(target[None]),
                 rrb.Tabs(
                     _residuals("The last seconds", window, columns=3, scales=FULL_SCALE),
-                    picture(name, "cycles", np.array([WIDTH, HEIGHT]), BACKGROUND),
+                    picture(name, "cycles", (WIDTH, HEIGHT), BACKGROUND),
                     _text("status"),
                     _text("legend"),
                 ),
                 row_shares=[3, 2],
             ),
-            picture("Light", "board", BOARD_SIZE, WHITE),
+            picture("Light", "board", SENT, WHITE),
         ),
         state="following",
     )

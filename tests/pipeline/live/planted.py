@@ -12,6 +12,7 @@ from pipeline.live.replay import RecordedSource
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
+from pipeline.viewer.live import Board
 from tests.pipeline import lab
 from tests.pipeline.live.playing import chain_of
 
@@ -44,6 +45,7 @@ class Played:
     chain: LiveChain
     monitor: Monitor
     frames: list[LiveFrame]
+    board: Board
 
 
 def planted(walk, fault):
@@ -96,4 +98,4 @@ class VirtualLaboratory:
                 for frame in chain.push(samples):
                     monitor.frame(frame, frame.computing_s)
                     frames.append(frame)
-        return Played(chain, monitor, frames)
+        return Played(chain, monitor, frames, monitor.board(source.streams))

@@ -19,7 +19,7 @@ def laboratory(tmp_path_factory):
 @pytest.mark.parametrize("fault", EXPECTED)
 def test_the_light_names_each_frequent_fault_and_what_to_do(laboratory, fault):
     played = laboratory.played(fault)
-    board, (colour, sentence) = played.monitor.board(), EXPECTED[fault]
+    board, (colour, sentence) = played.board, EXPECTED[fault]
     assert (board.colour, sentence in board.sentence) == (colour, True), board.sentence
     assert played.monitor.status().startswith(f"{colour.upper()}: {board.sentence}")
     if fault == "none":
