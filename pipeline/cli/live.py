@@ -24,6 +24,12 @@ def live(
     web: Annotated[bool, Option("--web", help="Show the body to a browser here.")] = False,
     qualisys: Annotated[str | None, Option(help="Address of QTM, in place of LSL.")] = None,
     listen: Annotated[str | None, Option(help="This computer's address for streams.")] = None,
+    sender: Annotated[
+        list[str] | None, Option(help="Computer to receive from, of several; repeatable.")
+    ] = None,
+    cycles: Annotated[
+        int | None, Option(min=1, help="Gait cycles to measure; default: the study's, else 25.")
+    ] = None,
     duration_s: Annotated[float | None, Option(min=0.1, help="Default: until Ctrl-C.")] = None,
     replay: Annotated[Path | None, Option(help="Only play this recording as streams.")] = None,
     forces: Annotated[Path | None, Option(help="MOT file of a TRC file to replay.")] = None,
@@ -32,20 +38,31 @@ def live(
 ) -> int:
     """Streams are those of LSL or of Qualisys.
 
-    Everything is recorded; Ctrl-C ends with a summary. With --replay, play a recording as streams
-    for another 'hbm live' to receive.
+    A light says whether to go on (good), to look or to stop, and why. Everything is recorded;
+    Ctrl-C ends with a summary. With --replay, play a recording as streams for another 'hbm live'.
     """
     console = PlainConsole()
     if replay is not None:
         return _replay(replay, forces, record, speed, listen, study, console)
     if forces is not None or record is not None:
         raise ValueError("--forces and --record go with --replay")
-    from pipeline.cli.live_session import run_session
+    from pipeline.cli.live_session import Options, run_session
+    from pipeline.live.monitor import REQUIRED
     from pipeline.live.preparation import prepare
 
     prepared = prepare(study, subject, static, calibration)
-    listen = listen or prepared.live.listen
-    return run_session(prepared, console, out, pose, view, web, qualisys, listen, duration_s)
+    options = Options(
+        out,
+        pose,
+        view,
+        web,
+        qualisys,
+        listen or prepared.live.listen,
+        sender or [],
+        cycles or prepared.cycles or REQUIRED,
+        duration_s,
+    )
+    return run_session(prepared, console, options)
 
 
 def _replay(

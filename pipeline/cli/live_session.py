@@ -3,8 +3,9 @@
 import signal
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -19,7 +20,7 @@ from pipeline.cli.terminal import PlainConsole
 from pipeline.config.schema import NOUNS
 from pipeline.live.chain import LiveChain
 from pipeline.live.lsl import LslSource
-from pipeline.live.monitor import Monitor
+from pipeline.live.monitor import Monitor, senders
 from pipeline.live.output import (
     RESULTS_FOLDER,
     STREAMS,
@@ -46,59 +47,57 @@ ABSENT: Final = (
 )
 
 
-def run_session(
-    prepared: Preparation,
-    console: PlainConsole,
-    out: Path | None,
-    pose: bool,
-    shown: bool,
-    web: bool,
-    qualisys: str | None,
-    listen: str,
-    duration_s: float | None,
-) -> int:
-    """Receive, compute, record, send and show until it is stopped.
+@dataclass(frozen=True, slots=True)
+class Options:
+    """How a session is run.
 
-    Parameters
+    Attributes
     ----------
-    prepared
-        What is stated of the session.
-    console
-        For all that is said.
     out
         New folder for the recording; by default live/ and the time.
     pose
         Whether the subject shows the calibration pose now.
-    shown, web
+    view, web
         Whether the body is shown in a window, or to a browser.
     qualisys
         Address of Qualisys Track Manager; else streams are those of LSL.
     listen
         Address of this computer at which they are searched for.
+    senders
+        Computers to receive from where several send streams of one name.
+    cycles
+        Gait cycles that the session is for.
     duration_s
         It ends after so long; by default it is stopped.
-
-    Returns
-    -------
-    int
-        Exit code: 0; 1 where no frame came, the recording is not whole or the source failed; 143
-        where it was terminated.
-
-    Raises
-    ------
-    ValueError, OSError
-        As what is received, prepared and recorded raises them. One line.
     """
-    folder = out or Path("live") / time.strftime("%Y-%m-%d_%H-%M-%S")
+
+    out: Path | None
+    pose: bool
+    view: bool
+    web: bool
+    qualisys: str | None
+    listen: str
+    senders: Sequence[str]
+    cycles: int
+    duration_s: float | None
+
+
+def run_session(prepared: Preparation, console: PlainConsole, options: Options) -> int:
+    """Receive, compute, record, send and show until it is stopped.
+
+    Gives the exit code: 0; 1 where no frame came, the recording is not whole or the source failed;
+    143 where it was terminated. A ValueError or OSError, of one line, as what is received, prepared
+    and recorded raises them.
+    """
+    folder = options.out or Path("live") / time.strftime("%Y-%m-%d_%H-%M-%S")
     require_folder(folder)
     require_new(folder)
-    body = None if pose else prepared.body()
+    body = None if options.pose else prepared.body()
     with ExitStack() as ending, terminable(), ExitStack() as stack:
         with stoppable(lambda: "nothing was received, and nothing is recorded"):
-            source = _source(prepared, qualisys, listen, console)
+            source = _source(prepared, options, console)
         stack.callback(source.close)
-        names = ", ".join(f"{s.name} ({s.rate_hz:g} Hz)" for s in source.streams)
-        console.say(f"receiving {names}")
+        console.say(f"receiving {senders(source.streams)}")
         placed = place_plates(source.plates, prepared.static, prepared.live)
         if body is None:
             body = _shown(prepared, placed, source, console)
@@ -110,17 +109,17 @@ def run_session(
         recorder = Recorder(folder, described, result_columns())
         stack.callback(recorder.close)
         outlet = None
-        if qualisys is None:
+        if options.qualisys is None:
             outlet = result_outlet(
                 chain.stream.rate_hz,
                 filter_delay_s=chain.filter_delay_s,
                 resampling_delay_s=chain.wait_s,
-                listen=listen,
+                listen=options.listen,
             )
             stack.callback(outlet.close)
         session = Session(source, chain, recorder, outlet)
         view = None
-        if shown or web:
+        if options.view or options.web:
             from pipeline.viewer.live import LiveScene, LiveView
 
             scene = LiveScene(
@@ -128,17 +127,18 @@ def run_session(
                 plates,
                 chain.stream.labels,
                 chain.ground.variants,
-                "browser" if web else "window",
+                "browser" if options.web else "window",
                 settings.contact_threshold_n,
             )
             view = LiveView(scene)
             stack.callback(view.close)
-        monitor = Monitor(chain, plates, lambda note: console.say_notes((note,)))
+        monitor = Monitor(chain, plates, lambda note: console.say_notes((note,)), options.cycles)
         console.say(
-            f"recording to {folder}; values are {1000 * chain.filter_delay_s:.0f} ms late by the "
-            f"filter and {1000 * chain.wait_s:.0f} ms by resampling (stop with Ctrl-C)"
+            f"recording to {folder}; delay {1000 * chain.filter_delay_s:.0f} ms of the filter and "
+            f"{1000 * chain.wait_s:.0f} ms of resampling (stop with Ctrl-C)"
         )
-        terminated = follow(session, monitor, recorder, view, console, duration_s, ending)
+        seconds = options.duration_s
+        terminated = follow(session, source, monitor, recorder, view, console, seconds, ending)
         stack.close()
         for text in summary(chain, monitor, session, recorder, folder):
             console.say(text)
@@ -148,29 +148,44 @@ def run_session(
     return int(failed)
 
 
-def _source(
-    prepared: Preparation, qualisys: str | None, listen: str, console: PlainConsole
-) -> Source:
-    if qualisys is not None:
-        console.say(f"connecting to Qualisys Track Manager at {qualisys}")
-        return QualisysSource(qualisys, stated=prepared.stated)
+def _source(prepared: Preparation, options: Options, console: PlainConsole) -> Source:
+    if options.qualisys is not None:
+        console.say(f"connecting to Qualisys Track Manager at {options.qualisys}")
+        return QualisysSource(options.qualisys, stated=prepared.stated)
     markers, analog = prepared.streams
-    console.say(f"searching at {listen} for {', '.join((markers, *analog))}")
+    console.say(f"searching at {options.listen} for {', '.join((markers, *analog))}")
     try:
         with console.status("searching") as line:
+
+            def choose(name: str, there: Sequence[str]) -> int:
+                line.stop()
+                return _chosen(name, there, console)
+
             return LslSource(
                 markers,
                 analog,
                 stated=prepared.stated,
-                listen=listen,
+                listen=options.listen,
                 timeout_s=SEARCH_S,
                 searching=lambda absent, there: line.update(
                     Text(f"missing: {listed(absent)}; there: {listed(sorted(there))}")
                 ),
+                senders=options.senders,
+                choose=choose if console.is_interactive and sys.stdin.isatty() else None,
             )
     except ConnectionError as absent:
         absent.add_note(ABSENT)
         raise
+
+
+def _chosen(name: str, there: Sequence[str], console: PlainConsole) -> int:
+    """Ask which of several senders of a stream is received."""
+    for number, sender in enumerate(there, start=1):
+        console.say(f"{number}: {name} from {sender}")
+    while True:
+        answer = console.input(f"Which {name}? 1 to {len(there)}: ")
+        if answer.strip() in map(str, range(1, len(there) + 1)):
+            return int(answer) - 1
 
 
 def _shown(
@@ -195,12 +210,19 @@ def _shown(
 SHOWN_S: Final = 0.02
 """Between looks at what is new."""
 STATUS_S: Final = 0.5
+STYLES: Final = {
+    "GOOD": "bold white on green",
+    "LOOK": "bold black on yellow",
+    "STOP": "bold white on red",
+}
+"""Of the light."""
 SWITCH_S: Final = 5e-4
 """After which another thread gets its turn: Python's own 5 ms would make frames late."""
 
 
 def follow(
     session: Session,
+    source: Source,
     monitor: Monitor,
     recorder: Recorder,
     view: "LiveView | None",
@@ -229,13 +251,13 @@ def follow(
                 if recorded and recorder.fault is not None:
                     recorded = False
                     console.say(f"{recorder.fault}; all else goes on")
-                monitor.look_for_silence()
+                monitor.look()
                 if time.monotonic() - shown_s < STATUS_S:
                     continue
                 shown_s = time.monotonic()
-                line.update(monitor.status())
+                line.update(_coloured(monitor.status()))
                 if view is not None:
-                    view.show_status(monitor.page())
+                    view.show_board(monitor.board(source.streams), monitor.page())
                     if view.address and not address:
                         address = view.address
                         console.say(f"open {address} in a browser on this machine")
@@ -247,6 +269,12 @@ def follow(
         sys.setswitchinterval(before)
     take_new(session, monitor)
     return terminated
+
+
+def _coloured(status: str) -> Text:
+    """Colour the light, which is the first word."""
+    word, rest = status.split(":", 1)
+    return Text.assemble((f" {word} ", STYLES[word]), rest)
 
 
 def take_new(session: Session, monitor: Monitor, view: "LiveView | None" = None) -> None:
@@ -285,20 +313,18 @@ def summary(
         f"{count} {name.lower().replace('_', ' ')}" for name, count in monitor.reasons.most_common()
     )
     yield (
-        f"{chain.received} frames received: {chain.solved} count, {chain.marked} do not"
-        f"{f' ({why})' if why else ''}; {chain.late} were late, {chain.left_out} samples doubled "
-        "or out of order"
+        f"{chain.received} frames received: {chain.solved} used, {chain.marked} not used"
+        f"{f' ({why})' if why else ''}; {chain.left_out} samples repeated or out of order"
     )
     for name, lost in monitor.losses.lost.items():
-        yield f"{lost} samples of stream {name} never arrived"
+        yield f"stream {name}: {lost} samples not received"
     unit = f"{NOUNS[condition.unit]}s"
-    yield f"{condition.cycles} {unit} of both feet count"
+    yield f"{condition.cycles} {unit} of both feet used, {condition.used} of one foot"
     yield from monitor.residuals()
     if condition.not_carried:
-        beside = condition.not_carried
-        yield f"{beside} {unit} left out: the plates did not carry the subject in them"
+        yield f"{condition.not_carried} {unit} not used: a foot was beside the plates"
     if not chain.received:
-        yield f"stream {chain.stream.name} has sent no frame: does its program measure?"
+        yield f"stream {chain.stream.name}: no frame received; does its program measure?"
     else:
         yield (
             f"from arrival to results: median {monitor.latency_ms(50):.2f} ms, 99 % within "

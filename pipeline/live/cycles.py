@@ -1,6 +1,6 @@
 """Gait cycles and steps as soon as they are known, and the residuals of a condition so far."""
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
@@ -210,16 +210,20 @@ class ConditionSoFar:
     unit
         "cycle" or "step".
     cycles
-        Those that count, of both sides.
+        Those that are used, of both sides.
     not_carried
-        Gait cycles that do not, since the plates carried the subject in less than
+        Gait cycles that are not, since the plates carried the subject in less than
         ``min_valid_share`` of them.
+    newest
+        Variant -> largest residuals in the newest cycle, (6,) [N, N·m].
     """
 
     min_valid_share: float
     unit: Unit = "cycle"
     cycles: int = 0
     not_carried: int = 0
+    newest: Mapping[str, Array] = field(default_factory=dict)
+    _sides: Counter[str] = field(default_factory=Counter)
     _counted_s: float = -np.inf
     _frames: int = 0
     _squares: dict[str, Array] = field(default_factory=dict)
@@ -233,6 +237,8 @@ class ConditionSoFar:
         if not len(cycle.time):
             return
         self.cycles += 1
+        self._sides[cycle.side] += 1
+        self.newest = {v: np.abs(each).max(axis=0) for v, each in cycle.residual.items()}
         new = cycle.time > self._counted_s
         self._counted_s = max(self._counted_s, float(cycle.time[-1]))
         self._frames += int(np.count_nonzero(new))
@@ -242,6 +248,11 @@ class ConditionSoFar:
             size = np.linalg.norm(residual.reshape(-1, 2, 3), axis=2).max(axis=0)
             peaks = np.append(size, cycle.peak_ground_n[variant])
             self._peaks[variant] = np.maximum(self._peaks.get(variant, 0.0), peaks)
+
+    @property
+    def used(self) -> int:
+        """Those of one foot, as of trials: of the right one, else of the left."""
+        return self._sides["right"] or self._sides["left"]
 
     @property
     def rms(self) -> Mapping[str, Array]:

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from compensation import BeltModel, Setup, commanded_pose, fit_pose, neutral_markers
+from compensation import BeltModel, InertiaModel, Setup, commanded_pose, fit_pose, neutral_markers
 from compensation.platform import MAX_DISTANCE_M
 from hbm.signals.resampling import Convolution
 from hbm.spatial import Array, Indices, Mask, fit_rotation, transform_wrench
@@ -91,6 +91,7 @@ HISTORY_S: Final = 2.0
 class Channels:
     """Some channels of one stream: which, and what brings each to SI units, (K,)."""
 
+    stream: str
     buffer: SampleBuffer
     columns: Indices
     factor: Array
@@ -153,7 +154,7 @@ class AnalogStreams:
             length = round(HISTORY_S * stream.rate_hz)
             self.used[stream.name] = SampleBuffer(len(stream.labels), length)
         buffer = self.used[stream.name]
-        return Channels(buffer, np.array(columns), np.array(factor), stream.rate_hz)
+        return Channels(stream.name, buffer, np.array(columns), np.array(factor), stream.rate_hz)
 
 
 Pose = tuple[Array, Array]
@@ -331,7 +332,7 @@ class LiveGround:
     ) -> None:
         treadmill = laboratory.treadmill
         delays_s = plate_delays_s(plates, laboratory.plates, settings.plate_delay_s)
-        each = [analog.find(six, PLATE_UNITS) for six in channels]
+        self.plates = each = [analog.find(six, PLATE_UNITS) for six in channels]
         alike: dict[tuple[int, float], list[int]] = {}
         for k, (found, delay_s) in enumerate(zip(each, delays_s, strict=True)):
             alike.setdefault((id(found.buffer), delay_s), []).append(k)
@@ -347,11 +348,13 @@ class LiveGround:
         ahead_s = [0.0, *(delay_s + how.reach_s for _, _, how, delay_s in self.groups)]
 
         self.gains = list[tuple[Array, Array]]()
+        self.sensors: InertiaModel | None = None
         if laboratory.calibration is not None:
             sensors, rate_hz = treadmill.accelerometers, round(each[0].rate_hz, 6)
             setup = Setup(tuple(sensors), rate_hz, treadmill.cutoff_hz, filter_method=FILTER)
             numbers = [plate.number for plate in plates]
             models = models_of_plates(laboratory.calibration, numbers, setup, LIVE)
+            self.sensors = models[0]
             self.gains = [(model.gain[:-1], model.gain[-1]) for model in models]
             names = [name for axes in sensors.values() for name in axes]
             unit = treadmill.accelerometer_unit

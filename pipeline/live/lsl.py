@@ -153,6 +153,7 @@ class Inlet:
         self._lsl = lsl
         self.name: str = info.name()
         self.uid: str = info.uid()
+        self.identity = _identity(info)
         self.stated, self.is_markers = stated, is_markers
         self._is_here: bool = info.hostname() == socket.gethostname()
         self._answer_s = answer_s
@@ -166,7 +167,7 @@ class Inlet:
         except self._refusals as error:
             raise ConnectionError(f"stream {self.name!r} does not send its description") from error
         self.described = read_description(described, stated, is_markers=is_markers)
-        self.description = self.described.stream
+        self.description = replace(self.described.stream, sender=printable(info.hostname()))
         self.measure()
 
     def open(self) -> None:
@@ -253,7 +254,8 @@ class Inlet:
         try:
             back = Inlet(self._lsl, info, self.stated, self.is_markers, RETURN_S)
             require_like(self.described, back.described)
-            back.description = self.description
+            rate_hz = self.description.rate_hz
+            back.description = replace(back.description, rate_hz=rate_hz)
             back.open()
         except (ConnectionError, RuntimeError):  # of the library, whatever is wrong
             return None
@@ -266,6 +268,8 @@ class Inlet:
         self.lost, self._inlet = True, None
 
 
+Choose = Callable[[str, Sequence[str]], int]
+"""From the name of a stream and its senders to the number of one of them."""
 WAIT_S: Final = 0.001
 """Between looks at the streams; the fastest is waited for."""
 SETTLE_S: Final = 0.75
@@ -293,12 +297,17 @@ class LslSource:
         How long they are searched for.
     searching
         Called meanwhile, at every look, with the names that are missing and those that are there.
+    senders
+        Of several streams of one name, those of these computers, or with these identities, are
+        received.
+    choose
+        Where that does not decide, called with the name and the senders; gives the number of one.
 
     Raises
     ------
     ValueError
         The extra is missing, a stream's description lacks something or contradicts itself, or
-        several streams have one name. One line.
+        several streams have one name and none is chosen. One line.
     ConnectionError
         A stream is not there within the timeout, or does not answer.
 
@@ -310,8 +319,9 @@ class LslSource:
     that states no rate, as that of Qualisys' own bridge, has the rate of its first second.
 
     A stream that goes away is searched for in the background and taken up again when it is back
-    under the same name; until then it sends nothing. Its description is read again before any
-    sample is taken: if channels, units, axes, rate or plates are others, `receive` says so.
+    under the same name, from the same sender where one was chosen; until then it sends nothing. Its
+    description is read again before any sample is taken: if channels, units, axes, rate or plates
+    are others, `receive` says so.
     """
 
     def __init__(
@@ -323,6 +333,8 @@ class LslSource:
         listen: str = LOOPBACK,
         timeout_s: float = 5.0,
         searching: Callable[[Sequence[str], Sequence[str]], object] | None = None,
+        senders: Sequence[str] = (),
+        choose: Choose | None = None,
     ) -> None:
         names = (markers, *analog)
         if len(set(names)) < len(names):
@@ -330,7 +342,7 @@ class LslSource:
         lsl = load_lsl(listen)
         self._resolver = lsl.ContinuousResolver(forget_after=FORGET_S)
         self._sought_s = 0.0
-        found = _find(self._resolver, names, timeout_s, searching)
+        found, self._chosen = _find(self._resolver, names, timeout_s, searching, senders, choose)
         stated = stated or Stated()
         first = Inlet(lsl, found[0], stated, is_markers=True)
         of_all = replace(stated, axes=first.described.axes)
@@ -387,6 +399,8 @@ class LslSource:
         for k in away:
             inlet = self._inlets[k]
             there = every.get(inlet.name, [])
+            if inlet.name in self._chosen:
+                there = [info for info in there if _identity(info) == inlet.identity]
             others = [info for info in there if info.uid() != inlet.uid]
             if k in self._returning:
                 if self._returning[k].done():
@@ -408,8 +422,10 @@ def _find(
     names: Sequence[str],
     timeout_s: float,
     searching: Callable[[Sequence[str], Sequence[str]], object] | None,
-) -> list[Any]:
-    """Give the streams of these names, once all are there, each once.
+    senders: Sequence[str],
+    choose: Choose | None,
+) -> tuple[list[Any], set[str]]:
+    """Give the streams of these names, once all are there, and names of which one was chosen.
 
     Of several of one name all but one may be those of a program that has ended just now.
     """
@@ -431,14 +447,30 @@ def _find(
         elif several:
             complete_s = complete_s or now_s
             if now_s - complete_s > FORGET_S:
-                raise ValueError(
-                    f"{len(there[several[0]])} streams are called {short(several[0])!r}; close all "
-                    "but one of the programs that send them, or give each stream a name of its own "
-                    "and state it in [live] of study.toml (markers, analog)"
-                )
+                chosen = {name: _choose(name, there[name], senders, choose) for name in several}
+                return [chosen.get(name, there[name][0]) for name in names], set(chosen)
         elif now_s - begun_s > SETTLE_S:
-            return [there[name][0] for name in names]
+            return [there[name][0] for name in names], set()
         time.sleep(POLL_S)
+
+
+def _choose(name: str, there: Sequence[Any], senders: Sequence[str], choose: Choose | None) -> Any:
+    """Give one of several streams of a name; a ValueError lists them where none is chosen."""
+    matching = [info for info in there if set(_identity(info)) & set(senders)] or list(there)
+    if len(matching) == 1:
+        return matching[0]
+    shown = [f"{short(host)} ({short(source)})" for host, source in map(_identity, matching)]
+    if choose is not None:
+        return matching[choose(short(name), shown)]
+    raise ValueError(
+        f"{len(matching)} streams are called {short(name)!r}: from {', '.join(shown)}; choose one: "
+        "--sender COMPUTER, or its identity in brackets"
+    )
+
+
+def _identity(info: Any) -> tuple[str, str]:
+    """Give the computer that sends a stream, and the identity that the sender gives it."""
+    return info.hostname(), info.source_id()
 
 
 def _by_name(resolver: Any) -> dict[str, list[Any]]:

@@ -4,11 +4,12 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from time import monotonic
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 
-from compensation import marker_plate_delay
+from compensation import InertiaModel, check_trial, marker_plate_delay
+from hbm.coordinates import N_Q
 from hbm.notes import Note
 from hbm.signals.filtering import acceleration_lag_s
 from hbm.signals.samples import stretches
@@ -17,11 +18,20 @@ from pipeline.config.schema import NOUNS
 from pipeline.io.recording import Plate
 from pipeline.live.chain import LiveChain, LiveFrame
 from pipeline.live.cycles import ConditionSoFar, GaitTracker, Limits, LiveCycle
+from pipeline.live.ground import Channels
+from pipeline.live.light import OF_FRAMES, LiveState, light, marker_sides
 from pipeline.live.stream import Samples, StreamDescription
 from pipeline.trial.checks import MAX_REST_N, rest_level
 from pipeline.trial.quality import Quality
-from pipeline.trial.residuals import AXES, REPORTED_SIGN, height_of_mass
+from pipeline.trial.residuals import (
+    AXES,
+    MAX_FORCE_SHARE,
+    MAX_MOMENT_SHARE,
+    REPORTED_SIGN,
+    height_of_mass,
+)
 from pipeline.trial.subject import differing_masses
+from pipeline.viewer.live import FULL_SCALE, Board
 
 MISSING: Final = 1.5
 """Sampling intervals between two samples of which one at least is missing between them."""
@@ -39,8 +49,8 @@ DELAY_OF_S: Final = 20.0
 JUDGED_S: Final = 10.0
 """Between judgements of plates and of their delay."""
 MIN_DELAY_S: Final = 0.005
-CHANGED_S: Final = 0.002
-"""By which a delay has changed to be noted again."""
+SENSORS_S: Final = 5.0
+"""Of accelerometers, between judgements."""
 STRIDES: Final = 5
 """Of either foot, between judgements of their weight: some three seconds."""
 EXTREME: Final = (100.0, 100.0, 300.0, 20.0, 20.0, 20.0)
@@ -80,62 +90,54 @@ class Losses:
 
 
 class MarkerGaps:
-    """Notes each marker that is gone for 0.4 s, once for each time that it is gone.
+    """Finds markers that have been hidden for 0.4 s; those that are hidden now are in ``found``.
 
     Examples
     --------
     >>> gaps = MarkerGaps(["LASIS"])
-    >>> gaps.add(np.array([0.0, 0.2, 0.4, 0.6]), np.full((4, 1, 3), np.nan))
+    >>> gaps.add(np.array([0.0, 0.2, 0.4]), np.full((3, 1, 3), np.nan))
+    >>> gaps.found
     [Note(code='live_marker_gone', values={'marker': 'LASIS', 'gone_s': 0.4})]
-    >>> gaps.add(np.array([0.8]), np.full((1, 1, 3), np.nan))
-    []
     """
 
     def __init__(self, names: Sequence[str]) -> None:
         self._names = tuple(names)
         self._seen_s = np.full(len(names), np.nan)
-        self._noted = np.zeros(len(names), bool)
+        self.found: list[Note] = []
 
-    def add(self, time: Array, position: Array) -> list[Note]:
-        """Take frames, (N,) [s] and (N, M, 3); give what they show."""
-        notes = []
-        seen = np.asarray(np.isfinite(position).all(axis=2))
-        for now, visible in zip(time.tolist(), seen, strict=True):
-            if np.isnan(self._seen_s[0]):
-                self._seen_s[:] = now
-            self._seen_s[visible], self._noted[visible] = now, False
-            gone = ~self._noted & (now - self._seen_s >= GONE_S)
-            for k in np.flatnonzero(gone):
-                gone_s = now - float(self._seen_s[k])
-                notes.append(Note.of("live_marker_gone", marker=self._names[k], gone_s=gone_s))
-            self._noted |= gone
-        return notes
+    def add(self, time: Array, position: Array) -> None:
+        """Take frames, (N,) [s] and (N, M, 3)."""
+        self._seen_s[np.isnan(self._seen_s)] = time[0]
+        seen = np.where(np.isfinite(position).all(axis=2), time[:, None], -np.inf).max(axis=0)
+        self._seen_s = np.maximum(self._seen_s, seen)
+        gone_s = time[-1] - self._seen_s
+        self.found = [
+            Note.of("live_marker_gone", marker=self._names[k], gone_s=gone_s[k])
+            for k in np.flatnonzero(gone_s >= GONE_S)
+        ]
 
 
 class FitWatch:
-    """Notes markers that do not fit the body, and pressure that is mostly under neither foot.
+    """Finds markers that do not fit the body, and pressure that is mostly under neither foot.
 
-    Judges the frames of two seconds and notes each once each time. The body's M markers that are
-    received are at these columns of a frame's markers.
+    Judges the frames of two seconds. The body's M markers that are received are at these columns of
+    a frame's markers.
     """
 
     def __init__(self, markers: Sequence[str], columns: Sequence[int]) -> None:
         self._names, self._columns = tuple(markers), list(columns)
         self._frames: list[LiveFrame] = []
-        self._noted: set[str] = set()
+        self.found: list[Note] = []
 
-    def add(self, frame: LiveFrame) -> list[Note]:
-        """Take a frame; give what it and those before show."""
+    def add(self, frame: LiveFrame) -> None:
+        """Take a frame."""
         frames = self._frames
         frames.append(frame)
-        if len(frames) < MIN_FRAMES or frame.time - frames[0].time < FITTED_S:
-            return []
-        found = list(self._found())
-        frames.clear()
-        before, self._noted = self._noted, {note.code for note in found}
-        return [note for note in found if note.code not in before]
+        if len(frames) >= MIN_FRAMES and frame.time - frames[0].time >= FITTED_S:
+            self.found = list(self._judged())
+            frames.clear()
 
-    def _found(self) -> Iterator[Note]:
+    def _judged(self) -> Iterator[Note]:
         """Find large distances, markers that were seen and not used, and feet beside pressure."""
         error = np.array([frame.marker_error for frame in self._frames])
         squared_m2 = error[np.isfinite(error)] ** 2
@@ -155,7 +157,7 @@ class FitWatch:
 
 
 class DelayWatch:
-    """Notes how much later the plates are than the markers, every ten seconds of walking.
+    """Finds how much later the plates are than the markers, every ten seconds of walking.
 
     As `compensation.marker_plate_delay`; the lag of the real-time filter's accelerations is added.
     A delay below 5 ms, or whose 95 % interval contains zero, is none.
@@ -164,15 +166,15 @@ class DelayWatch:
     def __init__(self) -> None:
         self._frames: deque[LiveFrame] = deque()
         self._judged_s = -np.inf
-        self._noted_s = np.nan
+        self.found: list[Note] = []
 
-    def add(self, frame: LiveFrame) -> list[Note]:
-        """Take a frame; give what it and those before show."""
+    def add(self, frame: LiveFrame) -> None:
+        """Take a frame."""
         self._frames.append(frame)
         while frame.time - self._frames[0].time > DELAY_OF_S:
             self._frames.popleft()
         if frame.time - max(self._judged_s, self._frames[0].time) < JUDGED_S:
-            return []
+            return
         self._judged_s = frame.time
         variant = list(frame.residual)[-1]
         time = np.array([each.time for each in self._frames])
@@ -183,92 +185,115 @@ class DelayWatch:
         try:
             found = marker_plate_delay(plate, motion, time)
         except ValueError:  # not determined by what is in it
-            return []
-        delay_s = found.seconds + acceleration_lag_s(time)
-        small = abs(delay_s) <= max(MIN_DELAY_S, found.uncertainty)
-        if small or abs(delay_s - self._noted_s) < CHANGED_S:
-            return []
-        self._noted_s = delay_s
-        return [Note.of("live_plates_late", delay_s=delay_s, uncertainty_s=found.uncertainty)]
+            return
+        delay_s, error_s = found.seconds + acceleration_lag_s(time), found.uncertainty
+        note = Note.of("live_plates_late", delay_s=delay_s, uncertainty_s=error_s)
+        self.found = [note] if abs(delay_s) > max(MIN_DELAY_S, error_s) else []
 
 
 class WeightWatch:
-    """Notes when plates begin to carry another weight than the subject's, (body mass in kg).
+    """Finds when plates carry another weight than the subject's, (body mass in kg).
 
     Over a whole stride a body gains no vertical speed, so that the mean vertical force is its
     weight. The median of five strides, on which one step beside a plate has no effect, is compared
     with the body mass as trials compare it (`pipeline.trial.subject.differing_masses`). What two
-    such judgements in a row say counts, with the value of the second, in which nothing is left of
-    what was before. Strides with frames that do not count are left out.
+    such judgements in a row say is found, with the value of the second, in which nothing is left of
+    what was before. Strides with frames that are not used are left out.
 
     Examples
     --------
     >>> watch, empty = WeightWatch(75.0), np.empty(0)
     >>> light = LiveCycle("left", 0.0, 1.1, True, empty, {}, {}, {}, vertical_n=700.0)
-    >>> notes = [note for _ in range(20) for note in watch.add(light)]
-    >>> [note.code for note in notes], round(notes[0].values["carried_kg"], 1)
+    >>> for _ in range(20):
+    ...     watch.add(light)
+    >>> [note.code for note in watch.found], round(watch.found[0].values["carried_kg"], 1)
     (['live_weight_differs'], 71.4)
     """
 
     def __init__(self, mass_kg: float) -> None:
         self._mass_kg = mass_kg
         self._carried_kg: list[float] = []
-        self._differs = self._latest = False
+        self._latest = False
+        self.found: list[Note] = []
 
-    def add(self, stride: LiveCycle) -> list[Note]:
-        """Take a stride; give what it and those before show."""
+    def add(self, stride: LiveCycle) -> None:
+        """Take a stride."""
         if np.isfinite(stride.vertical_n):
             self._carried_kg.append(stride.vertical_n / GRAVITY_MPS2)
         if len(self._carried_kg) < STRIDES:
-            return []
+            return
         carried_kg = float(np.median(self._carried_kg))
         self._carried_kg.clear()
+        masses = {"carried_kg": carried_kg, "mass_kg": self._mass_kg}
         differs = bool(differing_masses({"of the body": self._mass_kg}, carried_kg))
         before, self._latest = self._latest, differs
-        if differs != before or differs == self._differs:
-            return []
-        self._differs = differs
-        masses = {"carried_kg": carried_kg, "mass_kg": self._mass_kg}
-        difference = carried_kg / self._mass_kg - 1
-        note = Note.of("live_weight_differs", **masses, difference=difference)
-        return [note] if differs else []
+        if differs == before and differs != bool(self.found):
+            difference = carried_kg / self._mass_kg - 1
+            note = Note.of("live_weight_differs", **masses, difference=difference)
+            self.found = [note] if differs else []
+
+
+class Recent:
+    """Gathers samples, (N,) [s] and (N, K), until they span a time, and gives them in order."""
+
+    def __init__(self, span_s: float) -> None:
+        self._span_s = span_s
+        self._kept: list[tuple[Array, Array]] = []
+
+    def full(self, time: Array, values: Array) -> tuple[Array, Array] | None:
+        """Take samples; give all of them once they span the time, and begin anew."""
+        self._kept.append((time, values))
+        if time[-1] - self._kept[0][0][0] < self._span_s:
+            return None
+        time, values = map(np.concatenate, zip(*self._kept, strict=True))
+        self._kept.clear()
+        time, order = np.unique(time, return_index=True)
+        return time, values[order]
 
 
 class PlateWatch:
-    """Notes a plate that is not zero without load, each time, or saturated, once.
+    """Finds whether a plate is not zero without load, or saturated, ten seconds at a time.
 
-    It judges ten seconds at a time, as trials do (`pipeline.trial.checks.rest_level`). Its z
-    axis points up (1) or down (-1). What it reads without load on a platform that moves is the
-    platform's inertia and weight.
+    Zero is judged as of trials (`pipeline.trial.checks.rest_level`). The plate's z axis points up
+    (1) or down (-1). What it reads without load on a platform that moves is the platform's inertia
+    and weight.
     """
 
     def __init__(self, number: int, mass_kg: float, up: float = 1, *, moves: bool = False) -> None:
         self._number, self._weight_n = number, mass_kg * GRAVITY_MPS2
-        self._up, self._moves = up, moves
-        self._kept: list[tuple[Array, Array]] = []
-        self._not_zero = False
-        self._saturated: set[str] = set()
+        self._up, self._moves, self._recent = up, moves, Recent(JUDGED_S)
+        self.found: list[Note] = []
 
-    def add(self, time: Array, wrench: Array) -> list[Note]:
-        """Take samples, (N,) [s] and (N, 6) in the plate's axes; give what they show."""
-        self._kept.append((time, wrench))
-        if time[-1] - self._kept[0][0][0] < JUDGED_S:
-            return []
-        time, wrench = map(np.concatenate, zip(*self._kept, strict=True))
-        self._kept.clear()
-        time, order = np.unique(time, return_index=True)
-        wrench, notes = wrench[order], list[Note]()
+    def add(self, time: Array, wrench: Array) -> None:
+        """Take samples, (N,) [s] and (N, 6) in the plate's axes."""
+        if (recent := self._recent.full(time, wrench)) is not None:
+            self.found = list(self._judged(*recent))
+
+    def _judged(self, time: Array, wrench: Array) -> Iterator[Note]:
         rest_n = None if self._moves else rest_level(self._up * wrench[:, 2], time, self._weight_n)
-        before, self._not_zero = self._not_zero, abs(rest_n or 0.0) > MAX_REST_N
-        if self._not_zero and not before:
-            notes.append(Note.of("live_plate_not_zero", plate=self._number, rest_n=rest_n or 0.0))
+        if rest_n is not None and abs(rest_n) > MAX_REST_N:
+            yield Note.of("live_plate_not_zero", plate=self._number, rest_n=rest_n)
         for name, values, least in zip(WRENCH_COMPONENTS, np.abs(wrench).T, EXTREME, strict=True):
-            if name not in self._saturated and _is_limited(values, least):
-                self._saturated.add(name)
-                plate, limit = self._number, float(np.nanmax(values))
-                code = "live_plate_saturated"
-                notes.append(Note.of(code, plate=plate, component=name, value=limit))
-        return notes
+            if _is_limited(values, least):
+                limit, plate = float(np.nanmax(values)), self._number
+                yield Note.of("live_plate_saturated", plate=plate, component=name, value=limit)
+
+
+class SensorWatch:
+    """Finds what makes compensation doubtful in five seconds of accelerometers at a time.
+
+    As of trials, by `compensation.check_trial`; a gap is zero, so that a sensor that sends nothing
+    is dead.
+    """
+
+    def __init__(self, model: InertiaModel) -> None:
+        self._model, self._recent = model, Recent(SENSORS_S)
+        self.found: list[Note] = []
+
+    def add(self, time: Array, accelerations: Array) -> None:
+        """Take samples, (N,) [s] and (N, K) [m/s²]."""
+        if (recent := self._recent.full(time, accelerations)) is not None:
+            self.found = list(check_trial(self._model, np.nan_to_num(recent[1])))
 
 
 def _is_limited(values: Array, least: float) -> bool:
@@ -292,6 +317,16 @@ MAX_NOTES: Final = 200
 SHOWN_NOTES: Final = 8
 SILENT_S: Final = 1.0
 """Without samples a stream has gone."""
+REQUIRED: Final = 25
+"""Gait cycles: as many as the means of a trial need."""
+CELLS: Final = 8
+"""Letters of a bar on a terminal."""
+
+
+class Watch(Protocol):
+    """What is watched: what is wrong with it now."""
+
+    found: list[Note]
 
 
 class Monitor:
@@ -305,6 +340,8 @@ class Monitor:
         Places of the plates.
     say
         Called with each note as it arises.
+    required
+        Gait cycles of one foot that the session is for.
 
     Attributes
     ----------
@@ -315,7 +352,7 @@ class Monitor:
     notes
         The newest ones as they arose, each with its time on the streams' clock [s].
     reasons
-        Why frames do not count -> how many.
+        Why frames are not used -> how many.
     losses
         Samples that never arrived.
     """
@@ -325,36 +362,41 @@ class Monitor:
         chain: LiveChain,
         plates: Sequence[Plate],
         say: Callable[[Note], object] = lambda note: None,
+        required: int = REQUIRED,
     ) -> None:
-        self._chain, self._say = chain, say
+        self._chain, self._say, self._required = chain, say, required
         self._gait, self._delay = GaitTracker(), DelayWatch()
         self._markers = MarkerGaps(chain.tracker.markers)
         self._columns = list(chain.tracker.columns)
         self._fit = FitWatch(chain.tracker.markers, self._columns)
         self.losses = Losses([chain.stream, *chain.analog.streams.values()])
-        self._weight = WeightWatch(chain.body.mass)
-        self._plates: dict[str, list[tuple[list[int], PlateWatch]]] = {}
-        moves = chain.ground.platform is not None
-        for plate in plates:
-            up = float(np.sign(plate.rotation[2, 2]))
-            watch = PlateWatch(plate.number, chain.body.mass, up, moves=moves)
-            channels = chain.live.channels_of(plate.number)
-            for stream in chain.analog.streams.values():
-                if set(channels) <= set(stream.labels):
-                    columns = [stream.labels.index(channel) for channel in channels]
-                    self._plates.setdefault(stream.name, []).append((columns, watch))
+        body, ground = chain.body, chain.ground
+        self._weight, self._sides = WeightWatch(body.mass), marker_sides(body)
+        moves = ground.platform is not None
+        self._signals: list[tuple[Channels, PlateWatch | SensorWatch]] = [
+            (channels, PlateWatch(p.number, body.mass, np.sign(p.rotation[2, 2]), moves=moves))
+            for p, channels in zip(plates, ground.plates, strict=True)
+        ]
+        if ground.sensors is not None:
+            self._signals.append((ground.readings, SensorWatch(ground.sensors)))
+        self._watches: tuple[Watch, ...] = (
+            *(self._markers, self._fit, self._delay, self._weight),
+            *(watch for _, watch in self._signals),
+        )
         self._latency: deque[float] = deque(maxlen=LATENCIES)
-        self._height_m = self._time = np.nan
+        self._recent = deque[Quality](maxlen=max(1, round(FITTED_S * chain.stream.rate_hz)))
+        self._time = np.nan
+        self._height_m = self._standing_m = height_of_mass(body, np.zeros((1, N_Q)))
         streams = (chain.stream.name, *chain.analog.used)
         self._arrived_s = dict.fromkeys(streams, monotonic())
-        self._silent: set[str] = set()
+        self._held: set[tuple[str, object]] = set()
         least = chain.settings.min_valid_share
         self._so_far = {unit: ConditionSoFar(least, unit) for unit in ("cycle", "step")}
         self.cycles: deque[LiveCycle] = deque(maxlen=10)
         self.notes: deque[tuple[float, Note]] = deque(maxlen=MAX_NOTES)
         self.reasons: Counter[str] = Counter()
         present = set(chain.tracker.markers)
-        if absent := [name for name in chain.body.markers if name not in present]:
+        if absent := [name for name in body.markers if name not in present]:
             names, of = ", ".join(absent), chain.stream.name
             self._note(Note.of("live_markers_absent", markers=names, stream=of))
 
@@ -365,23 +407,25 @@ class Monitor:
         if received.clock_set_s:
             self._note(Note.of("live_clock_set", stream=name, set_s=received.clock_set_s))
         self._arrived_s[name] = monotonic()
-        self._silent.discard(name)
         self.losses.add(received)
         if name == self._chain.stream.name:
             position = values.reshape(len(time), -1, 3)
-            self._note(*self._markers.add(time, position[:, self._columns]))
-        for columns, watch in self._plates.get(name, []):
-            self._note(*watch.add(time, values[:, columns]))
+            self._markers.add(time, position[:, self._columns])
+        for channels, watch in self._signals:
+            if channels.stream == name:
+                watch.add(time, values[:, channels.columns] * channels.factor)
+        self.look()
 
     def frame(self, frame: LiveFrame, latency_s: float) -> list[LiveCycle]:
         """Take a frame; give the gait cycles that it ends."""
         self._time = frame.time
         self._latency.append(latency_s)
+        self._recent.append(frame.quality)
         self.reasons.update(reason.name or "" for reason in Quality if reason in frame.quality)
         ended = self._gait.add(frame)
         strides = [each for each in ended if each.unit == "cycle"]
         for stride in strides:
-            self._note(*self._weight.add(stride))
+            self._weight.add(stride)
         for each in ended:
             if each.whole:
                 self._so_far[each.unit].add(each)
@@ -389,16 +433,24 @@ class Monitor:
         if ended:
             self._height_m = height_of_mass(self._chain.body, frame.q[None])
         self.cycles.extend(cycles)
-        self._note(*self._delay.add(frame), *self._fit.add(frame))
+        self._delay.add(frame)
+        self._fit.add(frame)
+        self.look()
         return cycles
 
-    def look_for_silence(self) -> None:
-        """Note streams that have sent nothing for a second, or not yet."""
+    def look(self) -> list[Note]:
+        """Give what is wrong now; what is new is noted."""
         now = monotonic()
-        for stream, arrived_s in self._arrived_s.items():
-            if stream not in self._silent and now - arrived_s > SILENT_S:
-                self._silent.add(stream)
-                self._note(Note.of("live_stream_silent", stream=stream))
+        found = [
+            Note.of("live_stream_silent", stream=stream)
+            for stream, arrived_s in self._arrived_s.items()
+            if now - arrived_s > SILENT_S
+        ]
+        found += [note for watch in self._watches for note in watch.found]
+        keys = {note: (note.code, _subject(note)) for note in found}
+        self._note(*(note for note, key in keys.items() if key not in self._held))
+        self._held = set(keys.values())
+        return found
 
     @property
     def condition(self) -> ConditionSoFar:
@@ -408,30 +460,47 @@ class Monitor:
 
     @property
     def limits(self) -> dict[str, Limits]:
-        """Variant -> peaks beside their published limits; empty before the first cycle."""
+        """Variant -> peaks and their published limits; empty before the first cycle."""
         return self.condition.limits(self._height_m)
 
     def latency_ms(self, percent: float) -> float:
         """Give a percentile of the time from arrival to results over the last minute [ms]."""
         return 1000 * float(np.percentile(self._latency, percent)) if self._latency else np.nan
 
+    def board(self, streams: Sequence[StreamDescription] = ()) -> Board:
+        """Give what is read at a glance: light, gait cycles used, bars, and who sends what."""
+        recent, condition = list(self._recent), self.condition
+        shares = {r: sum(r in each for each in recent) / max(len(recent), 1) for r in OF_FRAMES}
+        noun = f"{NOUNS[condition.unit]}s"
+        state = LiveState(
+            *(condition.used, self._required, noun, bool(recent), self.look(), shares, self._sides)
+        )
+        shown, weight_n = light(state), self._chain.body.mass * GRAVITY_MPS2
+        return Board(
+            shown.colour,
+            shown.sentence,
+            condition.used / self._required,
+            f"{condition.used} / {self._required} {noun}",
+            condition.newest,
+            MAX_FORCE_SHARE * weight_n,
+            MAX_MOMENT_SHARE * weight_n * self._standing_m,
+            senders(streams),
+        )
+
     def status(self) -> str:
-        """Give one line: frames, gait cycles, residuals so far, latency."""
-        chain, condition = self._chain, self.condition
-        parts = [f"{chain.received} frames, {chain.marked} of them do not count"]
-        if chain.late:
-            parts.append(f"{chain.late} late")
-        if condition.cycles:
-            *_, best = condition.rms.values()
-            parts.append(f"{condition.cycles} {NOUNS[condition.unit]}s")
-            parts.append(f"RMS {_in_words(best)}")
-        if condition.not_carried:
-            parts.append(f"{condition.not_carried} {NOUNS[condition.unit]}s beside the plates")
-        parts.append(f"{self.latency_ms(50):.1f} ms (99 %: {self.latency_ms(99):.1f})")
-        return " · ".join(parts)
+        """Give one line: light, bars of the newest residuals, latency."""
+        board = self.board()
+        parts = [f"{board.colour.upper()}: {board.sentence}"]
+        *_, newest = (np.zeros(6), *board.peaks.values())
+        limits = np.repeat([board.limit_n, board.limit_nm], 3)
+        bars = zip(AXES, newest, limits, FULL_SCALE, strict=True)
+        parts.append(
+            " ".join(f"{axis} {_bar(size, limit, full)}" for axis, size, limit, full in bars)
+        )
+        return " · ".join([*parts, f"{self.latency_ms(50):.1f} ms"])
 
     def residuals(self) -> list[str]:
-        """Say the residuals of each variant so far, and peaks beside their published limits."""
+        """Say the residuals of each variant so far, and peaks with their published limits."""
         found = []
         for variant, rms in self.condition.rms.items():
             peak = self.limits[variant]
@@ -443,15 +512,39 @@ class Monitor:
         return found
 
     def page(self) -> str:
-        """Give the status, residuals beside their limits and the newest notes as Markdown."""
-        notes = [str(note) for _, note in list(self.notes)[-SHOWN_NOTES:]]
-        listed = [f"- {line}" for line in (*self.residuals(), *notes)]
-        return "\n".join([self.status(), "", *listed])
+        """Give frames, latency, residuals with their limits and the newest notes as Markdown."""
+        chain = self._chain
+        lines = [
+            f"{chain.received} frames received, {chain.marked} not used",
+            f"computed within {self.latency_ms(50):.1f} ms (99 %: {self.latency_ms(99):.1f} ms)",
+            *self.residuals(),
+            *(str(note) for _, note in list(self.notes)[-SHOWN_NOTES:]),
+        ]
+        return "\n".join(f"- {line}" for line in lines)
 
     def _note(self, *notes: Note) -> None:
         for note in notes:
             self.notes.append((self._time, note))
             self._say(note)
+
+
+def senders(streams: Sequence[StreamDescription]) -> str:
+    """Say which streams are received, at which rates, from which computers."""
+    return ", ".join(f"{s.name} ({s.rate_hz:g} Hz) from {s.sender}" for s in streams)
+
+
+def _subject(note: Note) -> object:
+    """Give the marker, plate or stream that a note is about, if any."""
+    return next(
+        (note.values[of] for of in ("marker", "plate", "stream") if of in note.values), None
+    )
+
+
+def _bar(size: float, limit: float, full: float) -> str:
+    """Draw a bar whose length is fixed, with its limit, such as "██|·····  25"."""
+    filled, at = round(CELLS * min(size / full, 1.0)), round(CELLS * limit / full)
+    letters = "█" * filled + "·" * (CELLS - filled)
+    return f"{letters[:at]}|{letters[at:]} {size:3.0f}"
 
 
 def _in_words(rms: Array) -> str:

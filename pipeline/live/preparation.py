@@ -231,6 +231,12 @@ class Preparation:
         )
 
     @property
+    def cycles(self) -> int | None:
+        """How many gait cycles the conditions of the study analyse, at most; None if all."""
+        conditions = self.study.file.conditions.values() if self.study is not None else ()
+        return max((each.cycles for each in conditions if each.cycles), default=None)
+
+    @property
     def streams(self) -> tuple[str, tuple[str, ...]]:
         """Names of the stream of markers and of the others, as stated or as replays call them."""
         treadmill, stated = self.laboratory.treadmill, self.live

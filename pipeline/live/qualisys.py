@@ -7,7 +7,7 @@ import asyncio
 import threading
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 from xml.etree.ElementTree import Element
 
@@ -307,7 +307,8 @@ class QualisysSource:
     @property
     def streams(self) -> tuple[StreamDescription, ...]:
         """What is received: markers, then plates, then analog devices."""
-        return self._packets.streams if self._packets is not None else ()
+        streams = self._packets.streams if self._packets is not None else ()
+        return tuple(replace(stream, sender=self._where) for stream in streams)
 
     @property
     def plates(self) -> tuple[StatedPlate, ...]:

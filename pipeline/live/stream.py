@@ -36,6 +36,8 @@ class StreamDescription:
         unit that the sender states.
     rate_hz
         Nominal sampling rate [Hz].
+    sender
+        Computer that sends it.
 
     Examples
     --------
@@ -49,6 +51,7 @@ class StreamDescription:
     labels: tuple[str, ...]
     units: tuple[str, ...]
     rate_hz: float
+    sender: str = "this computer"
 
 
 @dataclass(frozen=True, slots=True)

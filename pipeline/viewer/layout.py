@@ -1,6 +1,6 @@
 """What is where when a recording is opened, and what its shapes and colours mean."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -10,7 +10,9 @@ import rerun.blueprint as rrb
 from hbm.spatial import Array
 from pipeline.figures.joints import LEG
 from pipeline.trial.residuals import AXES
+from pipeline.viewer.board import SENT, WHITE
 from pipeline.viewer.file import rgba
+from pipeline.viewer.live import FULL_SCALE
 from pipeline.viewer.plots import BACKGROUND, HEIGHT, SHOWN_CYCLES, WIDTH, panel_name
 from pipeline.viewer.scene import GROUND_SCALE, MIN_ERROR_LINE_M, RESIDUAL_SCALES
 
@@ -92,26 +94,33 @@ def trial_layout(pelvis: Array, *, phases: bool, figure: bool) -> rrb.Blueprint:
 
 
 def live_layout(target: Array) -> rrb.Blueprint:
-    """Lay out a live view, whose camera looks at a point, (3,) [m]."""
-    cycles = rrb.Spatial2DView(
-        name=f"Last {SHOWN_CYCLES} gait cycles of the right foot (else left), the newest brightest",
-        origin="cycles",
-        visual_bounds=rrb.VisualBounds2D(x_range=[0, WIDTH], y_range=[0, HEIGHT]),
-        background=rgba(BACKGROUND)[0],
-    )
+    """Lay out a live view, whose camera looks at a point, (3,) [m]; its scales are fixed."""
+
+    def picture(
+        name: str, origin: str, size: tuple[float, float], background: str
+    ) -> rrb.Spatial2DView:
+        return rrb.Spatial2DView(
+            name=name,
+            origin=origin,
+            visual_bounds=rrb.VisualBounds2D(x_range=[0, size[0]], y_range=[0, size[1]]),
+            background=rgba(background)[0],
+        )
+
+    name = f"Last {SHOWN_CYCLES} gait cycles of the right foot (else left), the newest brightest"
+    window = _time(-LIVE_WINDOW_S, 0.0)
     return _with_panels(
         rrb.Horizontal(
             rrb.Vertical(
                 _scene(target[None]),
-                rrb.Tabs(_text("status"), _text("legend")),
+                rrb.Tabs(
+                    _residuals("The last seconds", window, columns=3, scales=FULL_SCALE),
+                    picture(name, "cycles", (WIDTH, HEIGHT), BACKGROUND),
+                    _text("status"),
+                    _text("legend"),
+                ),
                 row_shares=[3, 2],
             ),
-            rrb.Vertical(
-                _residuals("The last seconds", _time(-LIVE_WINDOW_S, 0.0), columns=3),
-                cycles,
-                row_shares=[3, 2],
-            ),
-            column_shares=[2, 3],
+            picture("Light", "board", SENT, WHITE),
         ),
         state="following",
     )
@@ -149,18 +158,32 @@ def _scene(pelvis: Array) -> rrb.Spatial3DView:
     )
 
 
-def _residuals(name: str, shown: rrb.VisibleTimeRange, columns: int = 2) -> rrb.Grid:
+def _residuals(
+    name: str, shown: rrb.VisibleTimeRange, columns: int = 2, scales: Sequence[float] = ()
+) -> rrb.Grid:
     """Give six panels: forces left of moments in two columns, above them in three."""
     order = (0, 3, 1, 4, 2, 5) if columns == 2 else range(6)
-    return _panels(name, {panel_name(k): f"residual/{AXES[k]}" for k in order}, shown, columns)
+    entities = {panel_name(k): f"residual/{AXES[k]}" for k in order}
+    return _panels(name, entities, shown, columns, scales)
 
 
 def _panels(
-    name: str, entities: Mapping[str, str], shown: rrb.VisibleTimeRange, columns: int = 2
+    name: str,
+    entities: Mapping[str, str],
+    shown: rrb.VisibleTimeRange,
+    columns: int = 2,
+    scales: Sequence[float] = (),
 ) -> rrb.Grid:
-    """Give panels of curves, title -> entity; the first has the legend."""
+    """Give panels of curves, title -> entity, of fixed scales if any; the first has the legend."""
+    fixed = [{"axis_y": rrb.ScalarAxis(range=(-scale, scale))} for scale in scales]
     panels = [
-        _series(title, entity, shown, plot_legend=rrb.PlotLegend(visible=k == 0))
+        _series(
+            title,
+            entity,
+            shown,
+            plot_legend=rrb.PlotLegend(visible=k == 0),
+            **(fixed[k] if fixed else {}),
+        )
         for k, (title, entity) in enumerate(entities.items())
     ]
     return rrb.Grid(*panels, grid_columns=columns, name=name)

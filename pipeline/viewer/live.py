@@ -20,10 +20,14 @@ from pipeline.io.recording import Plate
 
 Screen = Literal["window", "browser", "none"]
 """A window of its own, a page for a browser of this machine, or pictures that nobody sees."""
+Colour = Literal["good", "look", "stop"]
+"""Of the light of a session."""
 Cycle = tuple[str, Mapping[str, Array]]
 """Side, and variant -> residuals over 0 to 100 % in the reported axes, (101, 6) [N, N·m]."""
-News = tuple[list[tuple[int, "ShownFrame"]], list[Cycle], str | None]
-"""New frames with their numbers; gait cycles; text in Markdown, None where it is the same."""
+News = tuple[list[tuple[int, "ShownFrame"]], list[Cycle], "Board | None", str | None]
+"""New frames with their numbers; gait cycles; board and text, None where they are the same."""
+FULL_SCALE: Final = (100.0, 100.0, 100.0, 50.0, 50.0, 50.0)
+"""Of all bars and curves of residuals, whatever they are [N, N·m]."""
 PROGRAM: Final = "pipeline.viewer.live_drawing"
 PERIOD_S: Final = 1 / 30
 """Pause between what is sent: with the time that drawing takes, about 25 pictures a second."""
@@ -69,6 +73,36 @@ class ShownFrame:
     ground: Mapping[str, Array]
     platform: tuple[Array, Array] | None = None
     counts: bool = True
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Board:
+    """What can be read from three metres.
+
+    Attributes
+    ----------
+    colour, sentence
+        The light: good, look or stop; what is wrong and what to do.
+    progress
+        Share of the gait cycles that are done; it may exceed 1.
+    done
+        The same in words, such as "12 / 25 gait cycles".
+    peaks
+        Variant -> largest residuals of the newest gait cycle, (6,) [N, N·m]; empty before.
+    limit_n, limit_nm
+        Their limits.
+    senders
+        Which stream comes from where.
+    """
+
+    colour: Colour
+    sentence: str
+    progress: float
+    done: str
+    peaks: Mapping[str, Array]
+    limit_n: float
+    limit_nm: float
+    senders: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,6 +182,7 @@ class LiveView:
         self._lock = threading.Lock()
         self._waiting = deque[tuple[int, ShownFrame]]()
         self._cycles = deque[Cycle](maxlen=MAX_WAITING_CYCLES)
+        self._board: Board | None = None
         self._status: str | None = None
         self._count = 0
         self._over = False
@@ -185,10 +220,10 @@ class LiveView:
                 (side, {name: residual[name].copy() for name in self._scene.variants})
             )
 
-    def show_status(self, text: str) -> None:
-        """Show a text, Markdown, in place of the last one."""
+    def show_board(self, board: Board, status: str) -> None:
+        """Show the light, and details, a text in Markdown, in place of the last ones."""
         with self._lock:
-            self._status = text
+            self._board, self._status = board, status
 
     def close(self) -> None:
         """End the viewer; takes at most some seconds, whatever state it is in."""
@@ -220,9 +255,9 @@ class LiveView:
                 with self._lock:
                     sent = min(len(self._waiting), SENT_AT_ONCE)
                     frames = [self._waiting.popleft() for _ in range(sent)]
-                    news: News = frames, list(self._cycles), self._status
+                    news: News = frames, list(self._cycles), self._board, self._status
                     self._cycles.clear()
-                    self._status = None
+                    self._board = self._status = None
                 if sent or news[1] or news[2] is not None:
                     self._ask(news)
                     self.shown += sent

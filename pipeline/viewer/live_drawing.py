@@ -24,6 +24,7 @@ from compensation.platform import PlatformPose
 from hbm.markers import Markers
 from hbm.spatial import Array
 from pipeline.trial.residuals import reported
+from pipeline.viewer.board import log_board
 from pipeline.viewer.file import printable
 from pipeline.viewer.layout import LEGEND, live_layout, log_text
 from pipeline.viewer.live import LiveScene, News, Screen, ShownFrame
@@ -74,6 +75,7 @@ class LiveDrawing:
     def __init__(self, stream: rr.RecordingStream, scene: LiveScene) -> None:
         self._stream, self._scene = stream, scene
         self._cycles: dict[str, deque[Mapping[str, Array]]] = {}
+        self._board = b""
         self._start_s: float | None = None
         self._newest_s, self._number = -np.inf, -1
         centers = np.array([plate.center for plate in scene.plates]).reshape(-1, 3)
@@ -90,8 +92,8 @@ class LiveDrawing:
         log_cycles(stream, [])
 
     def show(self, news: News) -> None:
-        """Send frames, the last gait cycles and the status."""
-        numbered, cycles, status = news
+        """Send frames, the last gait cycles, the board and the status."""
+        numbered, cycles, board, status = news
         later = []
         for number, frame in numbered:
             if frame.time > self._newest_s:
@@ -105,6 +107,9 @@ class LiveDrawing:
         self._stream.set_time("time", duration=now_s)
         if cycles:
             log_cycles(self._stream, list(self._cycles.get("right") or self._cycles["left"]))
+        if board is not None and (content := pickle.dumps(board)) != self._board:
+            self._board = content  # drawing takes some 50 ms
+            log_board(self._stream, board)
         if status is not None:
             text = rr.TextDocument(printable(status), media_type="text/markdown")
             self._stream.log("status", text)

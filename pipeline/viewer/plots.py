@@ -15,6 +15,7 @@ from hbm.spatial import Array, Mask
 from pipeline.figures.style import COLOURS
 from pipeline.trial.residuals import AXES, DIRECTIONS, UNITS
 from pipeline.viewer.file import Clock, Timelines, printable, rgba, send
+from pipeline.viewer.live import FULL_SCALE
 
 LARGEST_COLOURS: Final = ("#E69F00", "#56B4E9", "#009E73", "#F0E442", "#CC79A7")
 OTHER_COLOUR: Final = "#4A4F57"
@@ -41,8 +42,6 @@ OLDEST: Final = 0.3
 """Share of a curve's colour in the oldest cycle; the newest has all of it."""
 FRAME_PX: Final = 0.5
 CURVE_PX: Final = 0.9
-SMALLEST: Final = {"N": 10.0, "N·m": 2.0}
-"""Of the vertical range, so that noise does not fill a plot."""
 
 
 def panel_name(k: int) -> str:
@@ -131,41 +130,39 @@ def changes_of(mask: Mask, time: Array, label: str) -> list[tuple[float, str]]:
 
 
 def draw_cycle_axes(stream: rr.RecordingStream) -> None:
-    """Draw what stays of the plots: their frames."""
+    """Draw what stays of the plots: their frames, and titles with their fixed scales."""
     width, colour = rr.Radius.ui_points(FRAME_PX), rgba(FRAME_COLOUR)
     frames = rr.LineStrips2D([corner + FRAME for corner in CORNERS], radii=width, colors=colour)
     stream.log("cycles/frames", frames, static=True)
+    titles = [f"{panel_name(k)}, 0 to 100 %, ± {full:g}" for k, full in enumerate(FULL_SCALE)]
+    places, colour = CORNERS + TITLE, rgba(TEXT_COLOUR)
+    texts = rr.Points2D(places, radii=0.0, colors=colour, labels=titles, show_labels=True)
+    stream.log("cycles/titles", texts, static=True)
 
 
 def log_cycles(stream: rr.RecordingStream, cycles: Sequence[Mapping[str, Array]]) -> None:
-    """Log the curves of gait cycles at the present time of the recording, with their titles.
+    """Log the curves of gait cycles at the present time of the recording.
 
     Each has a variant's residuals in the reported axes over 0 to 100 %, (101, 6) [N, N·m]; the
-    newest is last, and NaN breaks a curve. A plot is as high as its largest curve.
+    newest is last, and NaN breaks a curve.
     """
-    smallest = np.array([SMALLEST[unit] for unit in UNITS])
-    every = [np.abs(residual) for cycle in cycles for residual in cycle.values()]
-    limits = np.fmax.reduce([smallest, *(np.fmax.reduce(each, axis=0) for each in every)])
     strips, colours = list[Array](), list[str]()
     for age, cycle in zip(range(len(cycles) - 1, -1, -1), cycles, strict=True):
         for variant, residual in cycle.items():
-            own = _curves(residual, limits)
+            own = _curves(residual)
             strips += own
             colours += [_faded(COLOURS[variant], age)] * len(own)
     width = rr.Radius.ui_points(CURVE_PX)
     curves = rr.LineStrips2D(strips, radii=width, colors=rgba(*colours), draw_order=40.0)
     stream.log("cycles/curves", curves)
-    titles = [f"{panel_name(k)}, 0 to 100 %, ± {limit:.3g}" for k, limit in enumerate(limits)]
-    places, colour = CORNERS + TITLE, rgba(TEXT_COLOUR)
-    texts = rr.Points2D(places, radii=0.0, colors=colour, labels=titles, show_labels=True)
-    stream.log("cycles/titles", texts)
 
 
-def _curves(residual: Array, limits: Array) -> list[Array]:
+def _curves(residual: Array) -> list[Array]:
     """Give the points of the six curves, in as many pieces as gaps make of them."""
     pieces, x = list[Array](), np.linspace(0, SIZE[0], len(residual))
-    for k, limit in enumerate(limits):
-        points = CORNERS[k] + np.column_stack([x, (1 - residual[:, k] / limit) * SIZE[1] / 2])
+    for k, full in enumerate(FULL_SCALE):
+        inside = np.clip(residual[:, k] / full, -1, 1)
+        points = CORNERS[k] + np.column_stack([x, (1 - inside) * SIZE[1] / 2])
         known = stretches(np.isfinite(residual[:, k]))
         pieces += [points[start:stop] for start, stop in known if stop - start > 1]
     return pieces

@@ -17,7 +17,7 @@ import pytest
 from rerun.experimental import ViewerClient
 
 from pipeline.figures.style import COLOURS
-from pipeline.viewer.live import MAX_WAITING, LiveScene, LiveView
+from pipeline.viewer.live import MAX_WAITING, Board, LiveScene, LiveView
 from pipeline.viewer.scene import MODELLED_COLOUR
 from tests.pipeline.browser import needs_chromium, open_browser
 from tests.pipeline.viewer_frames import shown_frames
@@ -37,6 +37,7 @@ FRAMES = 100
 RATE_HZ = 100
 PIXELS = 50
 MEGABYTE = 1e6
+BOARD = Board("good", "12 of 25 gait cycles used", 0.48, "12 / 25 gait cycles", {}, 37.0, 7.0)
 SIGSTOP = getattr(signal, "SIGSTOP", None)
 
 needs_signals = pytest.mark.skipif(SIGSTOP is None, reason="no SIGSTOP on this system")
@@ -102,7 +103,7 @@ def assert_it_ends(view, frames, fault):
 
     wait_for(noticed_while_frames_come)
     assert view.fault == fault
-    view.show_status("on")
+    view.show_board(BOARD, "on")
     view.show_cycle("left", dict.fromkeys(frames[0].residual, np.zeros((101, 6))))
     view.show(frames[0])
     shown = next(number) + 1
@@ -118,7 +119,7 @@ def test_body_residuals_and_gait_cycles_are_seen_until_the_drawing_process_is_ki
     with live_view(trial, "none") as view:
         for side in ("left", "right"):
             view.show_cycle(side, curves)
-        view.show_status("# Running RMS\n| Fx | 12 N |\n|---|---|")
+        view.show_board(BOARD, "# Running RMS\n| Fx | 12 N |\n|---|---|")
         walk(view, frames, FRAMES)
         viewer = ViewerClient.connect(view.address)
         (shown,) = settled(viewer, 9).recordings
@@ -153,7 +154,7 @@ def test_a_page_shows_what_comes_and_requests_only_what_is_served_here(trial, fr
         state = settled_page(browser)
         assert state.active.startswith("Recording:hbm_residuals_live:")
         assert (state.timeline, state.playing) == ("time", FOLLOWING)
-        assert {"Status", "Legend", "Fx forward (N)", "Mz about up (N·m)"} <= state.views
+        assert {"Light", "Status", "Legend", "Fx forward (N)", "Mz about up (N·m)"} <= state.views
         walk(view, frames, 50, first=FRAMES)
         wait_for(lambda: page_state(browser).time == (FRAMES + 49) * 10_000_000)
         browser.screenshot(tmp_path / "page.png")
