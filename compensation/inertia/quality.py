@@ -83,7 +83,7 @@ class LeftOver(NamedTuple):
     def verdict(self) -> str:
         """The same in words; a component that hardly moved shows little."""
         if not self.passed:
-            return "too much left"
+            return "above limit"
         return "hardly moved" if self.excited < self.limit else "good"
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import wraps
 from inspect import Parameter, signature
 from math import isfinite
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from typer import Option
@@ -86,12 +87,23 @@ def _finite(value: Any) -> Any:
         return {name: _finite(each) for name, each in value.items()}
     if isinstance(value, list | tuple):
         return [*map(_finite, value)]
+    if hasattr(value, "tolist"):
+        return _finite(value.tolist())
     return None if isinstance(value, float) and not isfinite(value) else value
 
 
 def records(table: "pd.DataFrame") -> Any:
     """Give the rows of a table for JSON; what is not a number is null."""
     return json.loads(table.to_json(orient="records", double_precision=12))
+
+
+def tables_in(folder: Path) -> dict[str, Any]:
+    """Give the CSV tables of a folder for JSON, by their names, if --json asks for them."""
+    if not OUTPUT.json:
+        return {}
+    import pandas as pd
+
+    return {path.stem: records(pd.read_csv(path)) for path in sorted(folder.glob("*.csv"))}
 
 
 def plain_notes(notes: Iterable[Note]) -> list[dict[str, Any]]:

@@ -98,3 +98,15 @@ def test_the_version_is_printed_and_a_shell_can_complete_commands(capsys, monkey
     with pytest.raises(SystemExit):
         main([])
     assert "residuals" in capsys.readouterr().out
+
+
+def test_the_objects_of_a_calibration_have_its_components_and_whether_it_is_valid(
+    moving_study, tmp_path, capsys
+):
+    empty, out = moving_study / "empty.c3d", tmp_path / "lab.json"
+    fitted = json.loads(printed(capsys, "calibration", "fit", empty, "-o", out, "--json"))
+    assert {row["plate"] for row in fitted["components"]} == {"plate 1", "plate 2"}
+    assert all(row["left"] >= 0 and row["limit"] > 0 for row in fitted["components"])
+    checked = json.loads(printed(capsys, "calibration", "check", out, empty, "--json"))
+    assert checked["valid"] is True
+    assert [note["code"] for note in checked["notes"]] == ["calibration_still_valid"]
