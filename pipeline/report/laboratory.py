@@ -318,7 +318,7 @@ def component_table(calibration: Calibration, sources: Mapping[str, Sources]) ->
 
 
 def _rated(row: LeftOver) -> Check:
-    words = {"too much left": "above the limit", "hardly moved": "hardly moved"}
+    words = {"above limit": "above the limit", "hardly moved": "hardly moved"}
     return (
         "pass" if row.passed else "fail",
         f"{row.left:.2f} {row.unit}",
