@@ -18,7 +18,7 @@ MIDDLE_M: Final = 0.02
 OF_NOTES: Final[Mapping[str, tuple[Colour, str]]] = {
     "live_stream_silent": (
         "stop",
-        "{stream} is not received: start its program or check its network cable",
+        "Stream {stream} is not received: start its program or check its cable",
     ),
     "accelerometer_dead": (
         "stop",

@@ -438,7 +438,7 @@ class Outlet:
         info = lsl.StreamInfo(
             name, content_type, len(channels), rate_hz, "double64", f"hbm-residuals {name}"
         )
-        _append(info.desc(), describe(channels, parts, plates))
+        append_description(info.desc(), describe(channels, parts, plates))
         self._outlet: Any = lsl.StreamOutlet(info, 0, BUFFER_S)
 
     def push(self, time: Array, values: Array) -> None:
@@ -512,11 +512,11 @@ def result_channels() -> tuple[Channel, ...]:
     return (*found, Channel("quality", "", type="Quality"), Channel("computing_time", "s"))
 
 
-def _append(desc: Any, described: Element) -> None:
+def append_description(desc: Any, described: Element) -> None:
     """Write the parts of a description into that of a stream of the library."""
     for part in described:
         if len(part):
-            _append(desc.append_child(part.tag), part)
+            append_description(desc.append_child(part.tag), part)
         else:
             desc.append_child_value(part.tag, part.text or "")
 

@@ -68,10 +68,14 @@ class Spectrum:
 
 @dataclass(frozen=True, slots=True)
 class Sources:
-    """RMS below 6 Hz of what remains on a plate by source, (6,) [N, N·m]; None where unknown."""
+    """RMS below 6 Hz of what remains on a plate by source, (6,) [N, N·m]; None where unknown.
 
-    base: Array | None
-    rollers: Array | None
+    Other: all of it less base and rollers, in squares. People: in recordings of people, beside it.
+    """
+
+    base: Array | None = None
+    rollers: Array | None = None
+    other: Array | None = None
     people: Array | None = None
 
 
@@ -193,14 +197,15 @@ def measure_empty(
         of_people = plate_samples(own, treadmill, calibration.sensors, laboratory.plates, ())
         for name, rms in _of_motion(calibration, of_people, rate_hz).items():
             people[name] = np.maximum(rms, people.get(name, 0.0))
-    sources = {
-        name: Sources(
-            moving.get(name),
-            None if rollers_hz is None else _line_rms(left, rate_hz, rollers_hz),
-            people.get(name),
+    sources = {}
+    for name, left in after.items():
+        slow = low_pass(left, rate_hz, SLOW_HZ, "zero_phase")
+        rollers = None if rollers_hz is None else _line_rms(slow, rate_hz, rollers_hz)
+        rest = slow.var(axis=0) - sum(
+            each**2 for each in (moving.get(name), rollers) if each is not None
         )
-        for name, left in after.items()
-    }
+        other = np.sqrt(np.maximum(rest, 0.0))
+        sources[name] = Sources(moving.get(name), rollers, other, people.get(name))
     setup = setup_of(recording, treadmill)
     clock, readings = accelerations(recording, treadmill)
     felt = setup.low_pass(readings, clock)
@@ -301,9 +306,8 @@ def _rollers(spectra: Sequence[Spectrum], belts_mps: float | None) -> float | No
     return float(frequency[peak]) if excess[peak] > LINE_FACTOR else None
 
 
-def _line_rms(after: Array, rate_hz: float, line_hz: float) -> Array:
-    """Give the RMS below 6 Hz of a line and its harmonics, less the background, (6,)."""
-    slow = low_pass(after, rate_hz, SLOW_HZ, "zero_phase")
+def _line_rms(slow: Array, rate_hz: float, line_hz: float) -> Array:
+    """Give the RMS of a line and its harmonics, less the background, (6,)."""
     frequency, power = _density(slow, rate_hz)
     excess = np.maximum(power - _background(power, frequency), 0.0)
     ratio = frequency / line_hz

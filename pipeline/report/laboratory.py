@@ -286,10 +286,10 @@ def component_table(calibration: Calibration, sources: Mapping[str, Sources]) ->
     """Give a row per plate and component: before, after, limit, share explained, sources."""
     rows: list[list[str | Sequence[Check]]] = []
     for plate, of_plate in calibration.verdict.items():
-        of_sources = sources.get(plate, Sources(None, None))
+        of = sources.get(plate, Sources())
         for k, row in enumerate(of_plate):
             numbers = (row.excited, row.after)
-            parts = _apart(row, of_sources, k)
+            parts = (of.base, of.rollers, of.other, of.people)
             rows.append(
                 [
                     plate,
@@ -298,7 +298,7 @@ def component_table(calibration: Calibration, sources: Mapping[str, Sources]) ->
                     [_rated(row)],
                     f"{row.limit:.2f} {row.unit}",
                     f"{100 * row.r_squared:.2f} %",
-                    *("–" if part is None else f"{part:.2f} {row.unit}" for part in parts),
+                    *("–" if part is None else f"{part[k]:.2f} {row.unit}" for part in parts),
                 ]
             )
     return Table(
@@ -309,11 +309,12 @@ def component_table(calibration: Calibration, sources: Mapping[str, Sources]) ->
         ),
         rows,
         "numbers",
-        "Below 6 Hz: what remains at the frequencies of residuals; base, rollers and other add up "
-        "to it in squares. Base: expected of the platform's motion. Rollers: the line at their "
-        "frequency. People: expected of the platform's motion in the recordings of people; "
-        f"–: not recorded. Limit: raises residuals of a walking adult of {PERSON_KG:g} kg by 5 %. "
-        "Explained: R², low without harm where a component hardly moved.",
+        "Below 6 Hz: what remains at the frequencies of residuals, in all recordings of the fit; "
+        "limit: raises residuals of a walking adult "
+        f"of {PERSON_KG:g} kg by 5 %. Explained: R², low without harm where a component hardly "
+        "moved. By source, of the empty recording: base, expected of the platform's motion; "
+        "rollers, the line at their frequency; other, the rest in squares. People: expected of "
+        "the platform's motion in recordings of people. –: not known.",
     )
 
 
@@ -324,15 +325,6 @@ def _rated(row: LeftOver) -> Check:
         f"{row.left:.2f} {row.unit}",
         words.get(row.verdict, ""),
     )
-
-
-def _apart(row: LeftOver, of: Sources, k: int) -> tuple[float | None, ...]:
-    """Split what remains below 6 Hz: base, rollers, other; and what people add."""
-    rollers = None if of.rollers is None else min(float(of.rollers[k]), row.left)
-    rest = row.left**2 - (rollers or 0.0) ** 2
-    base = None if of.base is None else min(float(of.base[k]), np.sqrt(rest))
-    other = float(np.sqrt(max(rest - (base or 0.0) ** 2, 0.0)))
-    return base, rollers, other, None if of.people is None else float(of.people[k])
 
 
 def range_table(calibration: Calibration, others: Mapping[str, tuple[Array, Array]]) -> Table:

@@ -50,7 +50,7 @@ def _font(size: int) -> ImageFont.FreeTypeFont:
 def log_board(stream: rr.RecordingStream, board: Board) -> None:
     """Show a board in place of the last one; not encoded, which the viewer would decode late."""
     picture = draw_board(board).resize(SENT, Image.Resampling.BOX)
-    stream.log("board", rr.Image(np.asarray(picture)), static=True)
+    stream.log("board", rr.Image(np.asarray(picture), magnification_filter="linear"), static=True)
 
 
 def draw_board(board: Board) -> Image.Image:

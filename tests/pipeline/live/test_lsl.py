@@ -11,6 +11,7 @@ import warnings
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from socket import gethostname
 from xml.etree import ElementTree
 
 import numpy as np
@@ -26,7 +27,14 @@ pytest.importorskip("pylsl", reason="the extra live is not installed")
 from pipeline.io.streams import Channel, parse_channels
 from pipeline.live import lsl
 from pipeline.live.lsl import ClockOffset, LslSource
-from pipeline.live.output import Outlet, load_lsl, result_channels, result_outlet
+from pipeline.live.output import (
+    Outlet,
+    append_description,
+    describe,
+    load_lsl,
+    result_channels,
+    result_outlet,
+)
 from pipeline.live.replay import Replay, recorded_streams
 from pipeline.live.stream import known
 
@@ -272,6 +280,43 @@ def test_a_stream_that_states_no_rate_has_the_one_of_its_time_stamps(prefix, ope
     assert source.streams[0].rate_hz == pytest.approx(128, rel=1e-6)
 
 
+def second(name, identity):
+    """Open a stream of markers with a name that another one has, and an identity of its own."""
+    lsl = load_lsl()
+    info = lsl.StreamInfo(name, "MoCap", 9, 100.0, "double64", identity)
+    append_description(info.desc(), describe(MARKERS))
+    return lsl.StreamOutlet(info)
+
+
+@pytest.mark.parametrize("by", ["option", "question"])
+def test_of_several_senders_that_is_received_which_a_person_chooses(prefix, opened, by):
+    """It stays the one: where it has gone, the other one is not taken in its place."""
+    asked = []
+
+    def choose(name, senders):
+        asked.append((name, sorted(senders)))
+        return next(k for k, sender in enumerate(senders) if "cameras b" in sender)
+
+    one, other = second(prefix, "cameras a"), second(prefix, "cameras b")
+    answers = {"senders": ["cameras b"]} if by == "option" else {"choose": choose}
+    source = LslSource(prefix, stated=AXES, **answers)
+    opened.append(source)
+    here = gethostname()
+    listed = [f"{here} (cameras a)", f"{here} (cameras b)"]
+    assert asked == ([] if by == "option" else [(prefix, listed)])
+    assert source.streams[0].sender == here
+    now = load_lsl().local_clock()
+    one.push_sample([1.0] * 9, now)
+    other.push_sample([2.0] * 9, now)
+    ((_, values),) = receive(source, 1).values()
+    np.testing.assert_allclose(values, 2e-3)
+    del other
+    deadline = time.monotonic() + 4.0
+    while time.monotonic() < deadline:
+        one.push_sample([1.0] * 9, load_lsl().local_clock())
+        assert not source.receive(0.02)
+
+
 def refused(match, markers, kind=ValueError, stated=AXES):
     with pytest.raises(kind, match=match):
         LslSource(markers, stated=stated, timeout_s=1.0)
@@ -283,7 +328,8 @@ def test_streams_that_are_absent_not_told_apart_or_lack_something_are_one_line(p
     refused(absent, prefix, ConnectionError)
     same = load_lsl().StreamInfo(f"{prefix}there", "", 1, 1, "float32", "another")
     other = load_lsl().StreamOutlet(same)
-    refused("2 streams are called .*; close all but one of the programs", f"{prefix}there")
+    several = f"2 streams are called .*: from {gethostname()} .*choose one: --sender COMPUTER"
+    refused(several, f"{prefix}there")
     del other
     opened.append(Outlet(f"{prefix}b", "", (Channel("Fz", "N"),), 10.0))
     refused("no markers: no channel of type PositionX", f"{prefix}b")

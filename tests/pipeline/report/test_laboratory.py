@@ -264,6 +264,26 @@ def test_unbalanced_rollers_are_found_at_their_frequency_and_in_their_component(
         assert np.delete(sources.rollers, 3).max() < 0.1
 
 
+def test_what_people_add_is_expected_of_the_motion_in_their_recordings():
+    """A platform that bends: the same motion lets expect as much, half of it half."""
+    motion = lab.shaken(20.0, 1)
+    recording, treadmill = empty(1), Treadmill(accelerometers=CHANNELS)
+    bends = 300 * recording.analog.channel("Acc1.Y") ** 2  # in no linear model of readings
+    plates = tuple(
+        replace(p, wrench_in_plate=p.wrench_in_plate + np.outer(bends, np.eye(6)[0]))
+        for p in recording.plates
+    )
+    bent = replace(recording, plates=plates)
+    half = lab.PlatformMotion(motion.time, motion.sway / 2, motion.pitch / 2)
+    calm = lab.on_platform(lab.without_people(20.0), half, seed=9)
+    laboratory = Laboratory(treadmill, fit_calibration(bent, treadmill))
+    alike, less = (measure_empty(bent, laboratory, [other]) for other in (recording, calm))
+    for plate, sources in alike.sources.items():
+        np.testing.assert_allclose(sources.people, sources.base)
+        assert less.sources[plate].people[0] == pytest.approx(sources.base[0] / 2, rel=0.1)
+    assert measure_empty(bent, laboratory).sources["plate 1"].people is None
+
+
 def test_accelerometers_are_found_where_they_are():
     found = measured(empty(1)).places
     for name, (x, _, z) in lab.SENSORS_M.items():

@@ -56,6 +56,7 @@ def study(tmp_path_factory):
     subject = folder / "sub04.toml"
     text = subject.read_text().replace('file = "sub04_pitch.c3d"', 'exclude = "LPSI lost"')
     subject.write_text(text)
+    (folder / "laboratory.html").write_text("")
     return folder
 
 
@@ -114,7 +115,8 @@ def test_the_page_is_well_formed_and_self_contained(page):
     assert "link" not in page.tags
     for name, value in page.attributes:
         if name in ("src", "href"):
-            assert value.startswith(("data:image/", "#")), value
+            beside = name == "href" and value.endswith("/laboratory.html")
+            assert value.startswith(("data:image/", "#")) or beside, value
         assert not name.startswith("on")
     assert "default-src 'none'" in page.source
 
@@ -285,6 +287,11 @@ def test_what_is_unlike_the_other_trials_is_named_and_in_no_test(tmp_path, quick
     there = set(table[["subject", "condition"]].itertuples(index=False, name=None))
     assert ("sub03", "sway") in there
     assert ("sub02", "baseline") not in there
+
+
+def test_the_page_links_to_that_of_the_laboratory_beside_the_calibration(page, folder, study):
+    (link,) = (value for name, value in page.attributes if str(value).endswith("laboratory.html"))
+    assert (folder / link).resolve() == (study / "laboratory.html").resolve()
 
 
 # In a real browser: drawn without errors or requests, readable on every screen
