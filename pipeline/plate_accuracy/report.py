@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from compensation import PlateCalibration, PlateCalibrations, center_of_pressure
 from compensation.plate_calibration import to_json
 from hbm.spatial import GRAVITY_MPS2, Array
-from pipeline.config.plate_study import FILE
+from pipeline.config.plate_study import FILE, PlatesFile
 from pipeline.figures.style import COLOURS, STYLE, save_figure
 from pipeline.io.write import write_csv, write_text
 from pipeline.plate_accuracy.accuracy import (
@@ -101,13 +101,13 @@ def write_report(found: PlateAccuracy, out: Path) -> Part:
         response = found.responses.get(verdict.belt)
         if response is not None:
             own = [trial for trial in found.trials_in_use if trial.weight.belt == verdict.belt]
-            maps = map_figure(response, own, verdict.calibration, file.body_mass_kg)
+            maps = map_figure(response, own, verdict.calibration, file)
             text = (
                 f"{verdict.belt.title()} plate: error of the vertical force and of the centre of "
                 f"pressure (arrows: direction) under {file.body_mass_kg:g} kg at each place; dots: "
                 "recorded weights."
             )
-            figures[f"map_{verdict.belt}"] = Drawn(text, maps)
+            figures[f"map_{verdict.belt}"] = Drawn(text, maps, many_points=True)
     for name, drawn in figures.items():
         save_figure(drawn.figure, out / "figures" / f"{name}.png")
     _write_calibration(found, verdicts, out)
@@ -218,7 +218,7 @@ def map_figure(
     response: PlateResponse,
     trials: Sequence[WeightTrial],
     calibration: PlateCalibration | None,
-    mass_kg: float,
+    file: PlatesFile,
 ) -> Figure:
     """Draw the errors of a plate over its surface under a person's weight.
 
@@ -230,8 +230,8 @@ def map_figure(
         Its recordings.
     calibration
         Its correction; None to draw the errors as it is alone.
-    mass_kg
-        Of the person.
+    file
+        With the person's mass and the limits, up to which colours go at least.
     """
     center = trials[0].center
     places = np.vstack([trial.marker[trial.used, :2] for trial in trials]) - center[:2]
@@ -239,28 +239,28 @@ def map_figure(
     across = np.abs(places[:, 1]).max()
     grids = np.linspace(-along, along, GRID[0]), np.linspace(-across, across, GRID[1])
     x, y = np.meshgrid(*grids, indexing="ij")
-    weight = mass_kg * GRAVITY_MPS2
+    weight = file.body_mass_kg * GRAVITY_MPS2
     off = {
         name: place_errors(response, x.ravel(), y.ravel(), weight, used)
         for name, used in {"as it is": None, "corrected": calibration}.items()
         if name == "as it is" or used is not None
     }
-    force = [np.abs(errors[:, 2]).max() for errors in off.values()]
-    shift = [1000 * np.hypot(errors[:, 0], errors[:, 1]).max() for errors in off.values()]
+    force = max(file.limits.force_n, *(np.abs(errors[:, 2]).max() for errors in off.values()))
+    shift = max(file.limits.cop_m, *(np.hypot(*errors[:, :2].T).max() for errors in off.values()))
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9, 1.7 * len(off) + 0.4), layout="constrained")
         panels = figure.subplots(len(off), 2, squeeze=False, sharex=True, sharey=True)
         for (name, errors), (left, right) in zip(off.items(), panels, strict=True):
             dx, dy, up = (errors[:, k].reshape(x.shape) for k in range(3))
             both = (
-                (left, up, "vertical force (N)", "RdBu_r", -max(force), max(force)),
+                (left, up, "vertical force (N)", "RdBu_r", -force, force),
                 (
                     right,
                     1000 * np.hypot(dx, dy),
                     "centre of pressure (mm)",
                     "viridis",
                     0,
-                    max(shift),
+                    1000 * shift,
                 ),
             )
             for panel, values, label, colours, low, high in both:
@@ -268,7 +268,7 @@ def map_figure(
                 figure.colorbar(drawn, ax=panel, label=label)
                 panel.plot(*places[::50].T, ".", color="black", ms=1.5, alpha=0.5)
                 panel.set_title(name, loc="left")
-            right.quiver(x, y, dx, dy, color="white", width=0.004)
+            right.quiver(x, y, dx, dy, color="white", width=0.004, scale=10 * shift)
         for panel in panels[-1]:
             panel.set_xlabel("along the belt, forward → (m)")
         for panel in panels[:, 0]:
