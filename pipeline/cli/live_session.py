@@ -42,8 +42,8 @@ if TYPE_CHECKING:
 SEARCH_S: Final = 60.0
 """How long streams are searched for."""
 ABSENT: Final = (
-    "start what sends them, or state other names in [live] of study.toml; where they come from "
-    "another computer, state the address of this one: --listen"
+    "start the program that sends them, or write their names in [live] of study.toml; if another "
+    "computer sends them, give the address of this one: --listen"
 )
 
 

@@ -327,7 +327,7 @@ def describe_plates(
         if doubtful := [label for label in labels if not label or every.count(label) > 1]:
             raise ValueError(
                 f"plate {plate.number}: the label {short(doubtful[0])!r} of a channel is "
-                f"{'that of another one too' if doubtful[0] else 'empty'}; give each its own"
+                f"{'that of another one too' if doubtful[0] else 'empty'}; rename it"
             )
         place = plate.plate(no_time, no_values, to_lab)
         plates.append(StatedPlate(str(plate.number), labels, place))

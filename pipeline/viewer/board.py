@@ -64,7 +64,7 @@ def draw_board(board: Board) -> Image.Image:
     size, lines = next(
         (size, lines)
         for size, letters, most in SENTENCE
-        if len(lines := wrap(board.sentence, letters)[:most]) <= most
+        if (lines := wrap(board.sentence, letters, break_on_hyphens=False)[:most])
         and (size == SENTENCE[-1][0] or " ".join(lines) == board.sentence)
     )
     draw.multiline_text((MARGIN, 185), "\n".join(lines), on_colour, _font(size))
