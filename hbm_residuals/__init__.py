@@ -18,13 +18,12 @@ if TYPE_CHECKING:
     from pipeline.config.schema import Subject as Subject
     from pipeline.config.schema import Treadmill as Treadmill
     from pipeline.config.study import read_study as read_study
+    from pipeline.figures.residuals import residual_figure as figure
     from pipeline.io.read import read_recording as read
-    from pipeline.io.recording import Recording as Recording
     from pipeline.report.trial_page import write_trial_page as write_page
     from pipeline.report.write import write_report as report
     from pipeline.run.run import run_study as run
     from pipeline.run.store import read_trial as read_result
-    from pipeline.run.store import write_trial as write_result
     from pipeline.trial.ground.calibration_recording import fit_calibration as fit_calibration
     from pipeline.trial.ground.calibrations import read_calibration as read_calibration
     from pipeline.trial.ground.laboratory import Laboratory as Laboratory
@@ -35,18 +34,19 @@ if TYPE_CHECKING:
     from pipeline.trial.residuals import residual_table as residuals
     from pipeline.trial.residuals import threshold_table as thresholds
     from pipeline.viewer.trial import view_result as view
+    from pipeline.virtual_lab.protocol.walking_study import simulate_study as simulate_study
     from pipeline.virtual_lab.protocol.walking_trial import simulate_trial as simulate
 
 _HOME: Final = {
     "Condition": "config.schema:Condition",
     "Laboratory": "trial.ground.laboratory:Laboratory",
     "Platform": "config.schema:Platform",
-    "Recording": "io.recording:Recording",
     "Settings": "config.schema:Settings",
     "Subject": "config.schema:Subject",
     "Treadmill": "config.schema:Treadmill",
     "cycles": "trial.residuals:cycle_residuals",
     "explain": "budgets.explanation:explain",
+    "figure": "figures.residuals:residual_figure",
     "fit_calibration": "trial.ground.calibration_recording:fit_calibration",
     "joints": "trial.joints:joint_curves",
     "process": "trial.process:process_recording",
@@ -59,10 +59,10 @@ _HOME: Final = {
     "residuals": "trial.residuals:residual_table",
     "run": "run.run:run_study",
     "simulate": "virtual_lab.protocol.walking_trial:simulate_trial",
+    "simulate_study": "virtual_lab.protocol.walking_study:simulate_study",
     "thresholds": "trial.residuals:threshold_table",
     "view": "viewer.trial:view_result",
     "write_page": "report.trial_page:write_trial_page",
-    "write_result": "run.store:write_trial",
 }
 """Name -> module of ``pipeline``, and its name there."""
 __all__ = sorted(_HOME)

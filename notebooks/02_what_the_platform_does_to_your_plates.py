@@ -7,7 +7,7 @@
 # ---
 
 # %% [markdown]
-# # What a moving platform adds to force plates
+# # What does a moving platform add to its plates?
 #
 # A force plate is a rigid body on load cells. On a treadmill this body is a belt assembly of more
 # than a hundred kilograms. When the machine accelerates, the load cells measure the assembly's

@@ -7,7 +7,7 @@
 # ---
 
 # %% [markdown]
-# # Calibrating your treadmill
+# # How many accelerometers does a calibration need?
 #
 # Notebook 02 showed what a moving platform adds to its plates. Here we plan the calibration
 # recording, assess the fit, and determine how many accelerometers are needed. On your own machine,

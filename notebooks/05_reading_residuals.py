@@ -7,7 +7,7 @@
 # ---
 
 # %% [markdown]
-# # Recognising faults in the residuals
+# # What does each fault look like?
 #
 # A residual is large. Why? We take a realistic trial, introduce one more fault at a time, and look
 # at its effect on the six curves, on the thresholds, and on what the viewer shows. The platform

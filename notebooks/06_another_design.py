@@ -7,42 +7,39 @@
 # ---
 
 # %% [markdown]
-# # A study with several recordings per condition
+# # Are the residuals on an old treadmill at the level of a new one?
 #
 # Experiment 3 is one design among many. Here six people walk three times on each of two treadmills
-# that stand still: a new one, and an old one with noisy load cells. One recording is lost. Are the
-# residuals on the old one still at the level of the new one, and does the answer depend on the
-# filter?
+# at rest: a new one, and an old one with noisy load cells. One recording is lost. Does the answer
+# depend on the filter?
 #
 # Shoes, or before and after a training, are studied in the same way: their names are the conditions
-# of the study, and nothing else changes. Copy the two texts below.
+# of the study. Copy the two texts below.
 
 # %%
 from pathlib import Path
 
 import pandas as pd
 
-import pipeline
-from pipeline.virtual_lab.protocol.walking_protocol import PERSONS
-from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
+import hbm_residuals as hr
+import pipeline.virtual_lab.protocol.walking_protocol as virtual
 
 # %% [markdown]
 # ## 1. Recordings
 #
-# Simulated, of course: 14 seconds of standing and walking each. The plates of the new treadmill
-# have a noise of 0.5 N, those of the old one of 12 N, of which the low-pass filter lets a sixth
-# pass. All else is ideal, also the body, which is the one that the model assumes: residuals are far
-# below those of notebook 04, and noise shows that would be lost there.
+# Simulated: 14 seconds of standing and walking each. The plates of the new treadmill have a noise of
+# 0.5 N, those of the old one of 12 N. All else is ideal, so that residuals are far below those of
+# notebook 04.
 
 # %%
 NOISE_N = {"new": 0.5, "old": 12.0}
 folder = Path("treadmills")
 folder.mkdir(exist_ok=True)
-people = PERSONS[:6]
+people = virtual.PERSONS[:6]
 for number, person in enumerate(people):
     for seed in range(6):
         treadmill = ("new", "old")[seed % 2]
-        simulate_trial(
+        hr.simulate(
             folder / f"{person.name}_{treadmill}_{seed // 2}.c3d",
             person=person,
             duration_s=14.0,
@@ -100,8 +97,8 @@ print(about + trials)
 
 # %%
 results = Path("results")
-outcomes = list(pipeline.run_study(pipeline.read_study(folder), results, jobs=2))
-page = pipeline.write_report(results, folder)
+outcomes = list(hr.run(hr.read_study(folder), results, jobs=2))
+page = hr.report(results, folder)
 print(f"{len(outcomes)} recordings, {sum(o.failure is None for o in outcomes)} done; {page}")
 
 # %%

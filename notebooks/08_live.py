@@ -7,7 +7,7 @@
 # ---
 
 # %% [markdown]
-# # The same numbers while the subject walks
+# # Are residuals while the subject walks those of the trial?
 #
 # `hbm live` computes residuals frame by frame, from streams of Lab Streaming Layer or Qualisys.
 # Here we rehearse without a network: a recording is replayed as streams into the same chain. We

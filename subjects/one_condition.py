@@ -10,22 +10,20 @@ may run for every subject and condition at the same time, as on a cluster (docs/
 import sys
 from pathlib import Path
 
-import pipeline
+import hbm_residuals as hr
 
 subject, condition = sys.argv[1:3] or ("sub01", "sway")
-study = pipeline.read_study(sys.argv[3] if len(sys.argv) > 3 else Path(__file__).parent)
+study = hr.read_study(sys.argv[3] if len(sys.argv) > 3 else Path(__file__).parent)
 
 # With the plates as measured and compensated; both from the same motion.
-trials = pipeline.run_study(
-    study, Path("results"), subjects=[subject], conditions=[condition], announce=print
-)
+trials = hr.run(study, Path("results"), subjects=[subject], conditions=[condition], announce=print)
 for outcome in trials:
     print(outcome)
     if outcome.failure is not None:
         sys.exit(1)
 
     # The stored result holds body, motion, forces, joint moments and residuals, frame by frame.
-    result = pipeline.read_trial(outcome.job.target)
-    table = pipeline.residual_table(result, condition)
+    result = hr.read_result(outcome.job.target)
+    table = hr.residuals(result, condition)
     columns = ["subject", "condition", "compensated", "axis", "unit", "rms", "peak", "n_cycles"]
     print(table[columns].round(1).to_string(index=False))
