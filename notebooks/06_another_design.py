@@ -27,9 +27,9 @@ import pipeline.virtual_lab.protocol.walking_protocol as virtual
 # %% [markdown]
 # ## 1. Recordings
 #
-# Simulated: 14 seconds of standing and walking each. The plates of the new treadmill have a noise of
-# 0.5 N, those of the old one of 12 N. All else is ideal, so that residuals are far below those of
-# notebook 04.
+# Simulated: 14 seconds of standing and walking each. The plates of the new treadmill have a noise
+# of 0.5 N, those of the old one of 12 N. All else is ideal, so that residuals are far below those
+# of notebook 04.
 
 # %%
 NOISE_N = {"new": 0.5, "old": 12.0}

@@ -11,7 +11,7 @@
 #
 # Somebody has tampered with a recording: the force plates are 12 ms later than the cameras, and one
 # plate was not zeroed. We ask `hr.explain` for the causes of the residuals, do what it says to fix
-# first, and see whether the residuals fall as promised. On the command line: `hbm explain walk.c3d`.
+# first, and see whether they fall as promised. On the command line: `hbm explain walk.c3d`.
 
 # %%
 from dataclasses import replace

@@ -16,8 +16,8 @@ study = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent
 # What was recorded: markers, force plates, accelerometers and gait events, in one C3D file.
 recording = hr.read(study / "sub01_pitch.c3d")
 
-# Who walked, how to process, and which gait cycles are used: the first 50 after the belts have reached
-# their speed. The mass is measured: the recording begins with a T-pose on the plates, from which
+# Who walked, how to process, and which gait cycles are used: the first 50 at constant belt speed.
+# The mass is measured: the recording begins with a T-pose on the plates, from which
 # joint centres and segments are taken, too.
 subject = hr.Subject(id="sub01", sex="male", height_m=1.85)
 settings = hr.Settings(cutoff_hz=6.0, filter="zero_phase", marker_set="hbm2")
