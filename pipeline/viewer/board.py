@@ -34,7 +34,7 @@ SENTENCE: Final = ((64, 24, 3), (48, 33, 4), (34, 46, 6))
 """Height of the letters, letters in a line, lines that have room."""
 SENDERS: Final = (20, 78)
 """Height of the letters, letters in a line."""
-BARS: Final = (280, 800)
+BARS: Final = (280, 780)
 """Where all bars begin and are full."""
 ROW, FIRST_ROW = 66, 588
 THIN: Final = 12
@@ -96,6 +96,6 @@ def _draw_bars(draw: ImageDraw.ImageDraw, board: Board, k: int, axis: str) -> No
         draw.rectangle((left, below, stop, top + 54), COLOURS[variant])
         if not row:
             draw.text((right + 14, top + 2), f"{peaks[k]:.0f}", BLACK, _font(44))
-    draw.text((right + 120, top + 18), UNITS[k], BLACK, _font(28))
+    draw.text((right + 140, top + 18), UNITS[k], BLACK, _font(28))
     at = left + (right - left) * limit / FULL_SCALE[k]
     draw.rectangle((at - 3, top - 6, at + 3, top + 60), BLACK)
