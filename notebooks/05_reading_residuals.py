@@ -10,72 +10,39 @@
 # # What does each fault look like?
 #
 # A residual is large. Why? We take a realistic trial, introduce one more fault at a time, and look
-# at its effect on the six curves, on the thresholds, and on what the viewer shows. The platform
-# pitches in this trial, ten degrees up and down within half a minute, and the plates are
-# compensated.
+# at its effect on the six curves, on the limits, and on the notes. The platform pitches in this
+# trial, ten degrees up and down within half a minute, and the plates are compensated.
 
 # %%
 from dataclasses import replace
-from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 
-from hbm.markers import Markers
-from pipeline.config.schema import Condition, Platform, Settings, Subject, Treadmill
-from pipeline.figures.residuals import axis_label
-from pipeline.figures.style import COLOURS
-from pipeline.trial.ground.calibration_recording import fit_calibration
-from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.process import process_recording
-from pipeline.trial.residuals import (
-    AXES,
-    UNITS,
-    cycle_residuals,
-    marker_table,
-    residual_table,
-    threshold_table,
-)
-from pipeline.viewer.trial import write_recording
-from pipeline.virtual_lab.machine.instrumented_treadmill import PLATFORM_MARKERS_M, make_treadmill
-from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
-from pipeline.virtual_lab.protocol.walking_trial import run_calibration, run_trial, study_subject
+import hbm_residuals as hr
+import pipeline.virtual_lab.protocol.walking_protocol as virtual
 
 # %% [markdown]
 # ## The reference trial
 #
 # The reference is realistic, not perfect: the body is not the one that the model assumes, soft
 # tissue and skin move, the treadmill bends and is shaken, and load cells and cameras are noisy, as
-# in a good laboratory. Its peaks exceed the thresholds of Hicks et al. (2015) too, 1.5 and 3.3
-# times. The grey curves in the picture show it.
+# in a good laboratory. Its peaks exceed the limits of Hicks et al. (2015), too.
 
 # %%
-setting = Setting(seed=1, protocol=Protocol(subjects=1, pitch_s=32.0))
-virtual_treadmill = make_treadmill(setting.faults, setting.seed)
-recording = run_trial(setting, virtual_treadmill, study_subject(setting, 0), 0, "pitch").recording
-empty = run_calibration(setting, virtual_treadmill)
-
-treadmill = Treadmill(
-    accelerometers={
-        sensor.name: tuple(f"{sensor.name}.{axis}" for axis in "XYZ")
-        for sensor in virtual_treadmill.sensors
-    },
-    platform=Platform(markers=tuple(PLATFORM_MARKERS_M)),
-)
-calibration = fit_calibration(empty, treadmill)
-subject = Subject(id="sub01", sex="male", mass_kg=83.0, height_m=1.85)
-walking = Condition(skip_s=setting.protocol.steady_s)
+short = virtual.Protocol(subjects=1, conditions=("pitch",), pitch_s=32.0, beside_s=0.0)
+folder = hr.simulate_study("pitching", virtual.Setting(seed=1, protocol=short))
+recording = hr.read(folder / "sub01_pitch.c3d")
+treadmill = hr.read_study(folder).file.treadmill
+calibration = hr.read_calibration(folder / "calibration.c3d", treadmill)
+subject = hr.Subject(id="sub01", sex="male", mass_kg=83.0, height_m=1.85)
+walking = hr.Condition(skip_s=8.0)  # at constant belt speed
 
 
-def process(recording=recording, subject=subject, settings=None, treadmill=treadmill):
-    """Process the trial with the same settings unless stated otherwise."""
-    return process_recording(
-        recording,
-        subject,
-        settings or Settings(),
-        laboratory=Laboratory(treadmill, calibration),
-        condition=walking,
-    )
+def process(recording=recording, subject=subject, treadmill=treadmill):
+    """Process the trial with one thing changed."""
+    laboratory = hr.Laboratory(treadmill, calibration)
+    return hr.process(recording, subject, hr.Settings(), laboratory=laboratory, condition=walking)
 
 
 trials = {"reference": process()}
@@ -96,7 +63,7 @@ def swap(first, second):
     pair = [markers.names.index(name) for name in (first, second)]
     position = markers.position.copy()
     position[np.ix_(swapped_frames, pair)] = position[np.ix_(swapped_frames, pair[::-1])]
-    return replace(recording, markers=Markers(markers.time, markers.names, position))
+    return replace(recording, markers=replace(markers, position=position))
 
 
 swapped = swap("LASIS", "LPSIS")
@@ -136,41 +103,22 @@ trials["dead accelerometer"] = process(replace(recording, analog=replace(analog,
 
 # %% [markdown]
 # ## The numbers
-
-# %%
-print(f"{'RMS':20s}", *(f"{axis:>7}" for axis in AXES), "  Hicks F, M   markers  delay")
-for name, result in trials.items():
-    table = residual_table(result, name)
-    rms = table.loc[table["compensated"] & table["headline"], "rms"]
-    limits = threshold_table(result)
-    peaks = limits[limits["compensated"]]
-    share = " ".join(f"{v:4.1f}×" for v in peaks["peak"] / peaks["limit"])
-    error = marker_table(result)["rms_mm"].iloc[-1]
-    print(
-        f"{name:20s}",
-        *(f"{value:7.1f}" for value in rms),
-        f"  {share}  {error:4.1f} mm  {1000 * result.delay_s:5.1f} ms",
-    )
-
-# %% [markdown]
-# And the notes that these trials have but the reference does not:
-
-# %%
-reference_notes = set(trials["reference"].notes)
-for name, result in trials.items():
-    for note in result.notes:
-        if note not in reference_notes:
-            print(f"{name}: {note}")
-print(marker_table(trials["swapped leg"]).nlargest(4, "missing_percent"))
-
-# %% [markdown]
-# ## What the viewer shows
 #
-# `hbm view results` opens the trials of a study. Here we write a single trial; open it with `rerun
-# swapped_pelvis.rrd`.
+# RMS of each residual, peaks as multiples of the limits of Hicks, the delay that is found, and the
+# warnings that the reference does not have.
 
 # %%
-write_recording(trials["swapped pelvis"], Path("swapped_pelvis.rrd"))
+for name, result in trials.items():
+    table = hr.residuals(result, name).query("compensated and headline")
+    peaks = hr.thresholds(result).query("compensated")
+    times = ", ".join(f"{value:.1f}×" for value in peaks["peak"] / peaks["limit"])
+    rms = " ".join(
+        f"{axis} {rms:.1f}" for axis, rms in zip(table["axis"], table["rms"], strict=True)
+    )
+    print(f"{name}: {rms}; limits {times}; delay {1000 * result.delay_s:.1f} ms")
+    for note in result.notes:
+        if note.level == "warning" and note not in trials["reference"].notes:
+            print(f"    {note}")
 
 # %% [markdown]
 # ## The picture
@@ -213,16 +161,16 @@ shown = list(trials)[1:]
 figure, panels = plt.subplots(
     len(shown), 6, figsize=(15, 2 * len(shown)), sharex=True, sharey="col", layout="constrained"
 )
-reference_curves = cycle_residuals(trials["reference"], "compensated")["right"]
+reference = hr.cycles(trials["reference"], "compensated")["right"]
 for row, name in zip(panels, shown, strict=True):
-    curves = cycle_residuals(trials[name], "compensated")["right"]
+    curves = hr.cycles(trials[name], "compensated")["right"]
     for k, panel in enumerate(row):
-        panel.plot(curves[..., k].T, color=COLOURS["measured"], lw=0.6)
-        panel.plot(reference_curves[..., k].T, color="0.55", lw=0.4)
+        panel.plot(curves[..., k].T, color="#D55E00", lw=0.6)
+        panel.plot(reference[..., k].T, color="0.55", lw=0.4)
         panel.axhline(0, color="black", lw=0.5)
     row[0].set_ylabel(name)
-for k in range(6):
-    panels[0, k].set_title(f"{axis_label(k)}, {UNITS[k]}")
+for k, axis in enumerate(("Fx, N", "Fy, N", "Fz, N", "Mx, N·m", "My, N·m", "Mz, N·m")):
+    panels[0, k].set_title(axis)
     panels[-1, k].set(xlabel="gait cycle (%)", xlim=(0, 100))
 figure.suptitle("Every right gait cycle with each fault (vermilion) and in the reference (grey)")
 figure.savefig("05_reading_residuals.png", dpi=100)
