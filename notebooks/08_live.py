@@ -60,18 +60,17 @@ def follow(recording):
     while not source.ended:
         for samples in source.receive(0.0):
             monitor.samples(samples)
-            frames += chain.push(samples)
-    frames += chain.finish()
-    for frame in frames:
-        monitor.frame(frame, frame.computing_s)
+            for frame in chain.push(samples):
+                monitor.frame(frame, frame.computing_s)
+                frames.append(frame)
     return frames, monitor
 
 
 frames, monitor = follow(walk)
 live = np.array([frame.residual["measured"] for frame in frames])
 in_time = np.array([frame.quality.counts for frame in frames])
-largest = np.abs(live - offline)[in_time].max()
-print(f"{in_time.sum()} of {len(frames)} frames count; largest difference {largest:.1e} N or N·m")
+largest = np.abs(live - offline[: len(live)])[in_time].max()
+print(f"{in_time.sum()} of {len(frames)} frames used; largest difference {largest:.1e} N or N·m")
 print(monitor.status())
 
 # %% [markdown]

@@ -251,7 +251,7 @@ def follow(
                 if recorded and recorder.fault is not None:
                     recorded = False
                     console.say(f"{recorder.fault}; all else goes on")
-                monitor.look()
+                monitor.look_for_silence()
                 if time.monotonic() - shown_s < STATUS_S:
                     continue
                 shown_s = time.monotonic()

@@ -389,6 +389,7 @@ class Monitor:
         self._height_m = self._standing_m = height_of_mass(body, np.zeros((1, N_Q)))
         streams = (chain.stream.name, *chain.analog.used)
         self._arrived_s = dict.fromkeys(streams, monotonic())
+        self._silent: set[str] = set()
         self._held: set[tuple[str, object]] = set()
         least = chain.settings.min_valid_share
         self._so_far = {unit: ConditionSoFar(least, unit) for unit in ("cycle", "step")}
@@ -407,6 +408,7 @@ class Monitor:
         if received.clock_set_s:
             self._note(Note.of("live_clock_set", stream=name, set_s=received.clock_set_s))
         self._arrived_s[name] = monotonic()
+        self._silent.discard(name)
         self.losses.add(received)
         if name == self._chain.stream.name:
             position = values.reshape(len(time), -1, 3)
@@ -438,14 +440,15 @@ class Monitor:
         self.look()
         return cycles
 
+    def look_for_silence(self) -> None:
+        """Find streams that have sent nothing for a second, once all that came was taken."""
+        late_s = monotonic() - SILENT_S
+        self._silent = {name for name, arrived_s in self._arrived_s.items() if arrived_s < late_s}
+        self.look()
+
     def look(self) -> list[Note]:
         """Give what is wrong now; what is new is noted."""
-        now = monotonic()
-        found = [
-            Note.of("live_stream_silent", stream=stream)
-            for stream, arrived_s in self._arrived_s.items()
-            if now - arrived_s > SILENT_S
-        ]
+        found = [Note.of("live_stream_silent", stream=stream) for stream in sorted(self._silent)]
         found += [note for watch in self._watches for note in watch.found]
         keys = {note: (note.code, _subject(note)) for note in found}
         self._note(*(note for note, key in keys.items() if key not in self._held))

@@ -206,17 +206,18 @@ def test_streams_that_fall_silent_and_return_are_noted(walker, followed, monkeyp
     monitor.samples(plates)
     monitor.frame(frames[0], 0.001)
     now[0] += 0.5
-    monitor.look()
+    monitor.look_for_silence()
     assert not monitor.notes
     now[0] += 1.0
-    monitor.look()
-    monitor.look()
+    monitor.look_for_silence()
+    monitor.look_for_silence()
     monitor.samples(plates)
     said = [(note.code, note.values["stream"]) for _, note in monitor.notes]
     silent = [("live_stream_silent", "Markers"), ("live_stream_silent", "Plates")]
     assert sorted(said) == silent  # the markers have not sent anything yet
+    assert monitor.board().sentence.startswith("Stream Markers is not received")
     now[0] += 2.0
-    monitor.look()
+    monitor.look_for_silence()
     assert len(monitor.notes) == 3  # the plates were back
 
 
