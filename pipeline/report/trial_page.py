@@ -31,7 +31,7 @@ from pipeline.trial.result import TrialResult
 from pipeline.trial.study_files import read_study_file
 
 HEALTHY_RMS: Final = (37.1, 30.4, 63.1, 11.4, 20.5, 4.5)
-"""Of seven healthy adults on a treadmill at rest: van de Loosdrecht (2018), Table III [N, N·m]."""
+"""Of healthy adults on a treadmill at rest: van de Loosdrecht (2018), Table III [N, N·m]."""
 PROCESSES: Final = 2
 """That write pages of a study at the same time."""
 MAX_POINTS: Final = 3000
@@ -198,7 +198,7 @@ def _tables(result: TrialResult) -> Iterable[Table]:
     ]
     legend = (
         "x forward, y right, z up; moments about mid-hip; % of body weight, or of body weight × "
-        "stature. Healthy RMS: seven adults on a treadmill at rest (van de Loosdrecht 2018, "
+        "stature. Healthy RMS: adults on a treadmill at rest (van de Loosdrecht 2018, "
         "Table III)."
     )
     if rows:
