@@ -275,7 +275,7 @@ def test_what_is_unlike_the_other_trials_is_named_and_in_no_test(tmp_path, quick
     write_trial(other, tmp_path / "trials" / "sub01_sway.parquet")
 
     text = Page(write_report(tmp_path)).text
-    assert "sub03 sway: counts 1.00 to 3.00 s of the recording and no gait cycles" in text
+    assert "sub03 sway: uses 1.00 to 3.00 s of the recording, without gait cycles" in text
     assert "sub02 baseline failed: the plates carry the subject in no frame" in text
     assert "processed with 2 different settings" in text
     tests = pd.read_csv(tmp_path / "statistics.csv")

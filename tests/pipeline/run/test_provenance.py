@@ -89,7 +89,7 @@ def test_results_of_changed_files_are_outdated(results, study, tmp_path):
     (folder / "sub01_sway.c3d").write_bytes(b"another recording")
     found = states(results, {}, read_study(folder))["sub01", "sway"]
     assert found.state == "outdated"
-    assert "has changed since; run it again" in found.reason
+    assert "have changed; run it again" in found.reason
     assert found.in_tables
 
 

@@ -190,7 +190,7 @@ def test_nobody_on_the_plates_is_one_line_and_frames_are_written(walker, tmp_pat
     assert main(["residuals", str(trial), "--mass-kg", "74.6", "--out", str(out)]) == 2
     error = capsys.readouterr().err
     assert error.startswith("hbm: error: empty.c3d: there are no residuals: there are no foot st")
-    assert "0 of 150 frames count, less than min_valid_share (0 unsolved" in error
+    assert "0 of 150 frames are used, less than min_valid_share (0 unsolved" in error
     assert error.count("\n") == 1
     frames = pd.read_parquet(out / "empty.parquet")
     quality = frames["quality"].to_numpy()
@@ -252,5 +252,5 @@ def test_a_recording_stands_in_for_gait_cycles_only_where_half_of_it_counts(
     command = ["residuals", str(trial), "--mass-kg", "74.6", "--out", str(tmp_path / "out")]
     assert main(command) == exit_code
     error = capsys.readouterr().err
-    assert ("frames count, less than min_valid_share" in error) == bool(exit_code)
+    assert ("frames are used, less than min_valid_share" in error) == bool(exit_code)
     assert main([*command, "--span", "all"]) == 0
