@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Option
 
-from hbm.spelling import did_you_mean, short
+from hbm.spelling import listed, short
 from pipeline.cli.options import (
     RESULT,
     Jobs,
@@ -316,15 +316,10 @@ FORMATS = ("osim", "urdf", "tables", "bids", "c3d")
 def export(
     request: TrialRequest,
     form: Annotated[
-        list[str] | None,
-        Option("--format", help=f"{', '.join(FORMATS)}; written to --out; repeatable."),
+        list[str] | None, Option("--format", help=f"{', '.join(FORMATS)}; repeatable.")
     ] = None,
     out: Out = Path("export"),
-    osim: Annotated[Path | None, Option(help="OpenSim 4 file.", hidden=True)] = None,
-    urdf: Annotated[Path | None, Option(help="URDF file.", hidden=True)] = None,
-    tables: Annotated[Path | None, Option(help="Folder of tables.", hidden=True)] = None,
     ankle_zero: Annotated[AnkleZero, Option(help="in_line: as in the HBM.")] = "right_angle",
-    bids: Annotated[Path | None, Option(help="BIDS data set.", hidden=True)] = None,
     subject: Annotated[str, Option(help="BIDS label of the subject.")] = "01",
     task: Annotated[str, Option(help="BIDS label of the task.")] = "walk",
     c3d: Annotated[Path | None, Option(help="Folder for C3D files.", hidden=True)] = None,
@@ -343,54 +338,40 @@ def export(
     For c3d, the original recording is written with compensated plates; TRIAL may be a study's
     folder: the recordings of all its trials are written.
     """
-    chosen, stem = set(form or ()), request.trial.stem
+    chosen = {*(form or ()), *(["c3d"] if c3d else [])}
+    trial, of_c3d = request.trial, c3d or out
     for unknown in chosen - {*FORMATS}:
-        hint = did_you_mean(unknown, FORMATS)
-        raise ValueError(f"--format {short(unknown)}: expected {', '.join(FORMATS)}{hint}")
-    osim = osim or (out / f"{stem}.osim" if "osim" in chosen else None)
-    urdf = urdf or (out / f"{stem}.urdf" if "urdf" in chosen else None)
-    tables = tables or (out if "tables" in chosen else None)
-    bids = bids or (out if "bids" in chosen else None)
-    c3d = c3d or (out if "c3d" in chosen else None)
-    models = osim or urdf or tables
-    processed = request.trial.suffix == RESULT
-    if not (models or bids or c3d):
+        raise ValueError(f"--format {short(unknown)}: expected {listed(FORMATS)}")
+    if not chosen:
         raise ValueError(
-            "nothing to export; name a --format: osim, urdf, tables, bids or c3d, and --out FOLDER"
+            f"nothing to export; name a --format of {listed(FORMATS)}, and --out FOLDER"
         )
-    if frame and not c3d:
+    if frame and "c3d" not in chosen:
         raise ValueError("--frame goes with --format c3d")
-    if c3d:
-        require_folder(c3d)
-    if c3d and request.trial.is_dir():
-        require_no_options(request, "a study, whose files state everything")
-        if models or bids:
-            raise ValueError(
-                "of a study's folder only c3d is exported; leave the other formats out"
-            )
-        return _export_study(request.trial, c3d, frame)
-    if tables and request.trial.is_dir():
-        require_no_options(request, "the results of a study, whose files state everything")
-        if osim or urdf or bids:
-            raise ValueError("of a study's results only tables are exported; give one trial")
-        return _export_tables(request.trial, tables)
-    if processed:
+    require_folder(of_c3d)
+    if trial.is_dir():
+        require_no_options(request, "a study or its results, whose files state everything")
+        if chosen == {"c3d"}:
+            return _export_study(trial, of_c3d, frame)
+        if chosen == {"tables"}:
+            return _export_tables(trial, out)
+        raise ValueError("of a study only c3d is exported, of its results only tables; one at once")
+    if trial.suffix == RESULT:
         require_no_options(request, "a result that has been processed already")
-    if processed and (bids or c3d):
-        raise ValueError(
-            f"{request.trial.name} is a result; {'BIDS' if bids else 'C3D'} holds what was "
-            "recorded: give the recording instead"
-        )
+        if recorded := " and ".join(sorted(chosen & {"bids", "c3d"})):
+            raise ValueError(
+                f"{trial.name} is a result; {recorded}: give the recording, which they hold"
+            )
     console, written = PlainConsole(), list[Path]()
-    if c3d:
-        written.append(_export_trial(request, c3d, frame, console))
-    if bids:
+    if "c3d" in chosen:
+        written.append(_export_trial(request, of_c3d, frame, console))
+    if "bids" in chosen:
         from pipeline.export.bids import write_bids
         from pipeline.run.one_trial import read_requested
 
-        written += write_bids(read_requested(request), bids, subject, task)
-    if models:
-        written += _export_models(request, osim, urdf, tables, ankle_zero, console)
+        written += write_bids(read_requested(request), out, subject, task)
+    if models := chosen & {"osim", "urdf", "tables"}:
+        written += _export_models(request, models, out, ankle_zero, console)
     console.say("written: " + ", ".join(map(str, written)))
     return 0
 
@@ -399,7 +380,6 @@ def _export_tables(results: Path, out: Path) -> int:
     """Write the tables of a study for statistics programs."""
     from pipeline.report.workbook import write_workbook
 
-    require_folder(out)
     console = PlainConsole()
     with console.status("writing the tables"):
         *tables, workbook = write_workbook(results, out)
@@ -409,9 +389,8 @@ def _export_tables(results: Path, out: Path) -> int:
 
 def _export_models(
     request: TrialRequest,
-    osim: Path | None,
-    urdf: Path | None,
-    tables: Path | None,
+    chosen: set[str],
+    out: Path,
     ankle_zero: AnkleZero,
     console: PlainConsole,
 ) -> list[Path]:
@@ -421,15 +400,15 @@ def _export_models(
     from pipeline.run.one_trial import process_request
     from pipeline.run.store import read_trial
 
-    processed = request.trial.suffix == RESULT
+    stem, processed = request.trial.stem, request.trial.suffix == RESULT
     result = read_trial(request.trial) if processed else process_request(request).result
-    written = [path for path in (osim, urdf) if path]
-    if osim:
-        write_osim(result.body, osim)
-    if urdf:
-        write_urdf(result.body, urdf)
-    if tables:
-        written += write_tables(result, tables, request.trial.stem, ankle_zero)
+    written = list[Path]()
+    for form, write in (("osim", write_osim), ("urdf", write_urdf)):
+        if form in chosen:
+            written.append(out / f"{stem}.{form}")
+            write(result.body, written[-1])
+    if "tables" in chosen:
+        written += write_tables(result, out, stem, ankle_zero)
         plates = "measured" if result.compensated is None else "compensated"
         console.print(f"forces and loads are from the {plates} plate forces")
     console.say_notes(result.notes)
