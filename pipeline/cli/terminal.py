@@ -18,6 +18,7 @@ from pipeline.cli.output import OUTPUT
 from pipeline.cli.stopping import stoppable
 
 if TYPE_CHECKING:
+    from pipeline.report.blocks import Table as Block
     from pipeline.run.job import Outcome
 
 MIN_COLUMNS: Final = 40
@@ -27,6 +28,8 @@ ALWAYS: Final = frozenset(
     | {"Plate calibration", "Platform pose", "Treadmill calibration"}
 )
 """Items of provenance that change numbers; --verbose prints the others too."""
+SYMBOLS: Final = {"pass": "✔ ", "check": "▲ ", "fail": "✖ "}
+"""Of rated cells, as on the page."""
 WIDE: Final = 10_000
 """Columns in which any table has room."""
 
@@ -94,6 +97,26 @@ def new_table(title: str, names: Sequence[str], *numbers: str, caption: str | No
     for name in numbers:
         table.add_column(name, justify="right" if name else "left")
     return table
+
+
+def print_block(block: "Block", console: PlainConsole) -> None:
+    """Print a table of a page: rated cells with their symbols."""
+    names = 2 if block.css_class == "numbers" else len(block.heads)
+    table = new_table(block.caption, block.heads[:names], *block.heads[names:])
+    for row in block.rows:
+        cells = []
+        for cell in row:
+            rated = [("", cell, "")] if isinstance(cell, str) else cell
+            texts = (
+                f"{SYMBOLS.get(rating, '')}{value}{f', {detail}' if detail else ''}"
+                for rating, value, detail in rated
+            )
+            cells.append("; ".join(texts))
+        table.add_row(*cells)
+    if block.css_class == "numbers":
+        print_table(table, console)
+    else:
+        console.print(table)
 
 
 def announcer(console: Console) -> Callable[[str], None]:

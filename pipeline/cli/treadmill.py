@@ -5,13 +5,13 @@ from dataclasses import replace
 from datetime import UTC, date, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
 from pipeline.cli.options import Out, PlateCorrectionFile, Seed, Simulate, described, takes
 from pipeline.cli.output import plain_notes, print_object, tables_in
-from pipeline.cli.terminal import PlainConsole, StepProgress, announcer, new_table, print_table
+from pipeline.cli.terminal import PlainConsole, StepProgress, announcer, print_block
 from pipeline.config.schema import Platform, Treadmill
 from pipeline.config.toml_file import check_options
 from pipeline.run.request import RecordingRequest
@@ -19,11 +19,7 @@ from pipeline.run.request import RecordingRequest
 if TYPE_CHECKING:
     from hbm.notes import Note
     from pipeline.io.recording import Recording
-    from pipeline.report.blocks import Table
     from pipeline.report.laboratory import Part
-
-SYMBOLS: Final = {"pass": "✔ ", "check": "▲ ", "fail": "✖ "}
-"""Of rated cells, as on the page."""
 
 
 def say_parts(console: PlainConsole, folder: Path, *parts: "Part") -> None:
@@ -33,27 +29,8 @@ def say_parts(console: PlainConsole, folder: Path, *parts: "Part") -> None:
     for part in parts:
         numbers = (block for block in part.tables if block.css_class == "numbers")
         for block in (*part.verdict, *numbers):
-            _print_block(block, console)
+            print_block(block, console)
     console.say(f"page: {write_page(folder, *parts)}")
-
-
-def _print_block(block: "Table", console: PlainConsole) -> None:
-    names = 2 if block.css_class == "numbers" else len(block.heads)
-    table = new_table(block.caption, block.heads[:names], *block.heads[names:])
-    for row in block.rows:
-        cells = []
-        for cell in row:
-            rated = [("", cell, "")] if isinstance(cell, str) else cell
-            texts = (
-                f"{SYMBOLS.get(rating, '')}{value}{f', {detail}' if detail else ''}"
-                for rating, value, detail in rated
-            )
-            cells.append("; ".join(texts))
-        table.add_row(*cells)
-    if block.css_class == "answers":
-        console.print(table)
-    else:
-        print_table(table, console)
 
 
 @takes(RecordingRequest)

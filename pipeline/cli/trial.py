@@ -16,7 +16,7 @@ from pipeline.cli.options import (
     require_no_options,
     takes,
 )
-from pipeline.cli.output import OUTPUT, plain_notes, print_object, records
+from pipeline.cli.output import plain_notes, print_object, records
 from pipeline.cli.terminal import (
     PlainConsole,
     StepProgress,
@@ -24,17 +24,15 @@ from pipeline.cli.terminal import (
     counted,
     counts_of,
     follow_trials,
-    new_table,
     note_line,
     open_in_browser,
     outcome_record,
+    print_block,
     print_table,
 )
 from pipeline.run.request import TrialRequest
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from pipeline.budgets.explanation import Explanation, StudyExplanation
     from pipeline.config.study import Study
     from pipeline.export.compensated_c3d import Frame, Written
@@ -48,8 +46,6 @@ PAGE = ".html"
 """Suffix of a trial's page."""
 
 
-MOST_MARKERS = 5
-"""Printed with their errors, unless --verbose asks for all."""
 NO_RECORDINGS = (RESULT, ".toml", ".json", ".rrd", ".html")
 
 
@@ -102,68 +98,17 @@ def _numbers(result: "TrialResult") -> dict[str, object]:
 
 
 def print_result(result: "TrialResult", console: PlainConsole) -> None:
-    """Print a trial's residuals, thresholds, marker errors and notes."""
-    from pipeline.config.schema import NOUNS
-    from pipeline.trial.residuals import marker_table, residual_table, rows_of, threshold_table
+    """Print what the page of a trial begins with, and its notes."""
+    from pipeline.report.trial_page import result_tables, scope, verdict_lines
 
-    rows = rows_of(residual_table(result, result.source.stem))
-    if result.span:
-        counts = f"{result.span[0]:.2f} to {result.span[1]:.2f} s"
-    else:
-        used = sum(map(len, result.cycles.values()))
-        feet = f"the {next(iter(result.cycles))} foot" if len(result.cycles) == 1 else "both feet"
-        counts = f"{used} of {counted(result.found_cycles, NOUNS[result.unit])} of {feet}"
-        if used < result.found_cycles:
-            why = next(
-                (n.values["reasons"] for n in result.notes if n.code == "cycles_left_out"), ""
-            )
-            counts += f" (others: {why})" if why else ""
-    if rows:
-        counts += f", {rows[0].n_frames} frames"
-        counts += f" ({100 * rows[0].valid_share:.0f} %)" * (rows[0].valid_share < 1)
-    table = new_table(
-        f"Pelvis residuals, {result.source.name}, {counts} "
-        f"({result.settings.filter} {result.settings.cutoff_hz:g} Hz)",
-        ("plates", "axis"),
-        *("RMS", "mean", "SD", "peak", "", "RMS %"),
-        caption="x forward, y right, z up; moments about mid-hip; % of body weight, or of body "
-        "weight × stature",
-    )
-    for row in rows:
-        numbers = [f"{value:.1f}" for value in (row.rms, row.mean, row.sd, row.peak)]
-        percent = f"{row.rms_percent:.2f}"
-        table.add_row(_plates(row.compensated), row.axis, *numbers, row.unit, percent)
-    if rows:
-        print_table(table, console)
-    for threshold in rows_of(threshold_table(result)):
-        verdict = "passes" if threshold.passed else "FAILS"
-        console.print(
-            f"{verdict} Hicks (2015): peak residual {threshold.quantity} {threshold.peak:.1f} "
-            f"{threshold.unit}, limit {threshold.limit:.1f} {threshold.unit}, above it in "
-            f"{threshold.above_percent:.1f} % of frames ({_plates(threshold.compensated)})"
-        )
-    console.print(_marker_errors(marker_table(result)))
+    console.say(scope(result))
+    for table in result_tables(result):
+        print_block(table, console)
+        if table.legend:
+            console.print(table.legend)
+    for line in verdict_lines(result):
+        console.print(line)
     console.say_notes(result.notes)
-
-
-def _marker_errors(table: "pd.DataFrame") -> str:
-    """Say how far the markers are from the model, the farthest first; the last row is of all."""
-    rms_mm = table.set_index("marker")["rms_mm"]
-    single, overall_mm = rms_mm[:-1], rms_mm.iloc[-1]
-    seen = single.dropna().sort_values(ascending=False, kind="stable")
-    unseen = ", ".join(single.index[single.isna()])
-    shown = seen if OUTPUT.verbose else seen[:MOST_MARKERS]
-    errors = ", ".join(f"{marker} {error:.1f}" for marker, error in shown.items())
-    never = f"never visible: {unseen}"
-    if seen.empty:
-        return f"marker error unknown; {never}"
-    largest = ", largest" if len(shown) < len(seen) else ""
-    text = f"marker error {overall_mm:.1f} mm RMS over {len(seen)} markers{largest}: {errors}"
-    return f"{text}; {never}" if unseen else text
-
-
-def _plates(compensated: bool) -> str:
-    return "compensated" if compensated else "measured"
 
 
 @takes(TrialRequest)
