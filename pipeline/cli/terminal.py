@@ -3,7 +3,6 @@
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from rich.console import Console, ConsoleOptions, RenderableType
@@ -101,7 +100,7 @@ def new_table(title: str, names: Sequence[str], *numbers: str, caption: str | No
 
 def print_block(block: "Block", console: PlainConsole) -> None:
     """Print a table of a page: rated cells with their symbols."""
-    names = 2 if block.css_class == "numbers" else len(block.heads)
+    names = {"numbers": 2, "budget": 1}.get(block.css_class, len(block.heads))
     table = new_table(block.caption, block.heads[:names], *block.heads[names:])
     for row in block.rows:
         cells = []
@@ -113,7 +112,7 @@ def print_block(block: "Block", console: PlainConsole) -> None:
             )
             cells.append("; ".join(texts))
         table.add_row(*cells)
-    if block.css_class == "numbers":
+    if block.css_class in ("numbers", "budget"):
         print_table(table, console)
     else:
         console.print(table)
@@ -201,10 +200,3 @@ def outcome_record(outcome: "Outcome") -> dict[str, object]:
     failed = dict(outcome.failed_variants)
     what = {"trial": str(outcome.job.name), "state": outcome.state, "failure": outcome.failure}
     return what | ({"failed_variants": failed} if failed else {})
-
-
-def open_in_browser(page: Path) -> None:
-    """Open a page in the default browser."""
-    import webbrowser
-
-    webbrowser.open(page.resolve().as_uri())

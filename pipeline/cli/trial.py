@@ -1,6 +1,7 @@
 """One trial on the command line: residuals, what they are made of, export to other programs."""
 
 import json
+import webbrowser
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -25,15 +26,13 @@ from pipeline.cli.terminal import (
     counts_of,
     follow_trials,
     note_line,
-    open_in_browser,
     outcome_record,
     print_block,
-    print_table,
 )
 from pipeline.run.request import TrialRequest
 
 if TYPE_CHECKING:
-    from pipeline.budgets.explanation import Explanation, StudyExplanation
+    from pipeline.budgets.explanation import StudyExplanation
     from pipeline.config.study import Study
     from pipeline.export.compensated_c3d import Frame, Written
     from pipeline.trial.result import TrialResult
@@ -79,7 +78,7 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
     )
     print_object(**_numbers(result), page=str(page))
     if open_page:
-        open_in_browser(page)
+        webbrowser.open(page.resolve().as_uri())
     if reason := result.shortage:
         raise ValueError(f"{request.trial.name}: there are no residuals: {reason}")
 
@@ -139,6 +138,7 @@ def _explain_trial(request: TrialRequest, out: Path) -> int:
     from pipeline.figures.explained import bands_figure, budget_figure
     from pipeline.figures.style import save_figure
     from pipeline.report.trial_page import write_trial_page
+    from pipeline.report.trials import causes
     from pipeline.run.one_trial import process_request
 
     if request.trial.suffix == RESULT:
@@ -160,7 +160,10 @@ def _explain_trial(request: TrialRequest, out: Path) -> int:
     page = write_trial_page(
         trial.result, out / f"{name}{PAGE}", plates=plates, explanation=explanation
     )
-    print_explanation(explanation, console)
+    text, table = causes(name, explanation)
+    print_block(table, console)
+    for line in text.lines:
+        console.print(line)
     console.say(
         f"written to {out}: {page.name}; {name}{SUFFIX} (all numbers), {name}{BANDS} (residuals "
         f"over time), {name}_explained and {name}_bands as .png and .svg"
@@ -174,25 +177,6 @@ def _explain_trial(request: TrialRequest, out: Path) -> int:
         page=str(page),
     )
     return 0
-
-
-def print_explanation(explanation: "Explanation", console: PlainConsole) -> None:
-    """Print what a trial's residuals are made of: a row of shares per cause, and lines."""
-    from rich.table import Table
-
-    from pipeline.budgets.words import CAPTION, budget_table
-
-    title, axes, causes = budget_table(explanation.budget)
-    table = Table(title=title, caption=CAPTION, box=None, padding=(0, 1, 0, 0))
-    table.add_column("", max_width=20)  # six residuals share the other 60 of 80 columns
-    for axis in axes:
-        table.add_column(axis.replace(", ", "\n"), justify="right", no_wrap=True)
-    for head, cells in causes:
-        table.add_row(head, *cells)
-    print_table(table, console)
-    for line in explanation.lines():
-        console.print(line)
-    console.say_notes(explanation.budget.notes)
 
 
 def _explain_results(

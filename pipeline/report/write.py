@@ -13,7 +13,6 @@ from pipeline.budgets.study import explanations
 from pipeline.config.comparison import VARIANT, compared_condition, groups, study_design
 from pipeline.config.schema import COVARIATES, MAIN, Settings, TrialName
 from pipeline.config.study import Study, read_study
-from pipeline.config.toml_file import SIMULATED
 from pipeline.figures.style import save_figure
 from pipeline.io.write import whole_file, write_csv, write_text
 from pipeline.report.blocks import TEMPLATES, Check, picture
@@ -23,9 +22,7 @@ from pipeline.report.effects import residual_tests
 from pipeline.report.figures import example_subject, study_figures
 from pipeline.report.joints import (
     compensation_tables,
-    error_table,
     joint_figures,
-    moment_errors,
 )
 from pipeline.report.laboratory import page_of_study
 from pipeline.report.methods import bibtex, methods
@@ -123,13 +120,8 @@ def write_report(
     announce("collecting the trials")
     quality: dict[TrialName, dict[str, tuple[Check, ...]]] = {}
 
-    errors = list[pd.DataFrame]()
-
     def rate(trial: TrialResult) -> None:
         quality[trial.name] = trial_quality(trial)
-        if study is not None and trial.name in study.trials:
-            recording = Path(study.trial(trial.name).file or "").with_suffix(".parquet")
-            errors.append(moment_errors(trial, study.path(SIMULATED).with_name(recording.name)))
 
     results = collect(folder, rate)
     states = trial_states(results, read_failures(folder), study)
@@ -224,10 +216,7 @@ def write_report(
         choices=sensitivity,
         tests=residual_tests(tests, design),
         joints=drawn(joint_figures(results.joint_cycles, design, curves)),
-        joint_tables=[
-            *compensation_tables(results.joints, design),
-            *filter(None, [error_table(errors, design)]),
-        ],
+        joint_tables=compensation_tables(results.joints, design),
         pictures=drawn(study_figures(results, tests, design, curves)),
         example_subject=example_subject(results.cycles),
         laboratory=None if study is None else page_of_study(study, folder),
