@@ -158,10 +158,6 @@ def run(
 
 def report(
     folder: ResultsFolder = Path("results"),
-    covariate: Annotated[
-        list[str] | None,
-        Option(help="height_m, mass_kg, sex or age_years; default: the study's; repeatable."),
-    ] = None,
     plan: Annotated[bool, Option("--plan", help="Print plan.md: how many subjects.")] = False,
 ) -> None:
     """They are made from the results of 'hbm run', and written beside them."""
@@ -174,7 +170,6 @@ def report(
             folder,
             recorded_study_folder(folder),
             lambda step: status.update(Text(step)),
-            covariates=covariate or (),
             pages=True,
         )
     if plan:

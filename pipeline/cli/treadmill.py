@@ -2,7 +2,7 @@
 
 import json
 from dataclasses import replace
-from datetime import UTC, date, datetime
+from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -284,7 +284,8 @@ def check(
     recording: Annotated[Path, Argument(help="The empty treadmill, moving, another day.")],
     plate_calibration: PlateCorrectionFile = None,
     day: Annotated[
-        str | None, Option(help="Of the recording, YYYY-MM-DD. [default: that of the file]")
+        datetime | None,
+        Option(formats=["%Y-%m-%d"], help="Of the recording. [default: that of the file]"),
     ] = None,
 ) -> int:
     """Exit code 1 if it is not valid any more.
@@ -299,11 +300,6 @@ def check(
     from pipeline.trial.ground.calibration_recording import read_empty
     from pipeline.trial.ground.calibrations import check_recording, read_laboratory
 
-    if day is not None:
-        try:
-            day = date.fromisoformat(day).isoformat()
-        except ValueError:
-            raise ValueError(f"--day {day}: expected YYYY-MM-DD, such as 2026-05-07") from None
     plates = read_plate_correction(plate_calibration) if plate_calibration else None
     channels = stated_accelerometers(request.accelerometer)
     laboratory = read_laboratory(calibration, (), channels, plates)
@@ -311,7 +307,7 @@ def check(
     console = PlainConsole()
     empty = read_empty(recording, request.stated(), any_forward=plates is None)
     found = check_recording(empty, laboratory)
-    made = add_check(calibration, recording, found, day)
+    made = add_check(calibration, recording, found, f"{day:%Y-%m-%d}" if day else None)
     measured = measure_empty(empty, laboratory) if found.plates else None
     say_parts(
         console,

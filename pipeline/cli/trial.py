@@ -58,7 +58,7 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
     from pipeline.report.trial_page import write_trial_page
     from pipeline.run.one_trial import process_request
     from pipeline.run.store import write_trial
-    from pipeline.trial.residuals import cycles_of, residual_table
+    from pipeline.trial.residuals import cycles_of, marker_table, residual_table, threshold_table
 
     if request.trial.is_dir() or request.trial.suffix in NO_RECORDINGS:
         raise ValueError(f"{request.trial} is no recording, but {recognise(request.trial)}")
@@ -67,7 +67,8 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
     trial = process_request(request, announcer(console))
     result, name = trial.result, request.trial.stem
     write_trial(replace(result, condition=name), out / f"{name}.parquet")
-    write_csv(residual_table(result, name), out / f"{name}_residuals.csv")
+    table = residual_table(result, name)
+    write_csv(table, out / f"{name}_residuals.csv")
     write_csv(cycles_of(result, name), out / f"{name}_cycles.csv")
     save_figure(residual_figure(result), out / f"{name}_residuals")
     page = write_trial_page(result, out / f"{name}{PAGE}", plates=trial.recording.plates)
@@ -76,24 +77,18 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
         f"written to {out}: {page.name}; {name}.parquet (frames), {name}_residuals.csv, .png and "
         f".svg, {name}_cycles.csv (each gait cycle)"
     )
-    print_object(**_numbers(result), page=str(page))
+    print_object(
+        trial=request.trial.name,
+        residuals=records(table),
+        thresholds=records(threshold_table(result)),
+        markers=records(marker_table(result)),
+        notes=plain_notes(result.notes),
+        page=str(page),
+    )
     if open_page:
         webbrowser.open(page.resolve().as_uri())
     if reason := result.shortage:
         raise ValueError(f"{request.trial.name}: there are no residuals: {reason}")
-
-
-def _numbers(result: "TrialResult") -> dict[str, object]:
-    """Give the numbers and notes of a trial for scripts."""
-    from pipeline.trial.residuals import marker_table, residual_table, threshold_table
-
-    return {
-        "trial": result.source.name,
-        "residuals": records(residual_table(result, result.source.stem)),
-        "thresholds": records(threshold_table(result)),
-        "markers": records(marker_table(result)),
-        "notes": plain_notes(result.notes),
-    }
 
 
 def print_result(result: "TrialResult", console: PlainConsole) -> None:

@@ -6,7 +6,6 @@ from typing import Final
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from scipy import stats
 
 from hbm.spatial import Array
 from pipeline.figures.joints import LEG, UPPER_BODY, Curve, joint_figure
@@ -14,7 +13,8 @@ from pipeline.figures.style import COLOURS
 from pipeline.report.blocks import Table
 from pipeline.report.figures import VARIANTS
 from pipeline.statistics.curves import parts_of
-from pipeline.statistics.design import CONFIDENCE, Design, Weigh
+from pipeline.statistics.design import MIN_SUBJECTS, Design, Weigh
+from pipeline.statistics.paired import compare_paired
 from pipeline.statistics.table_3 import number
 from pipeline.trial.joints import CURVES, JOINT_MOTIONS
 
@@ -77,13 +77,12 @@ def _change(pair: Array) -> tuple[str, str, str, str]:
     Of subjects, (N, 2).
     """
     before, after = pair.T
-    change, n = after - before, len(pair)
-    text = number(change.mean(), "+z.3f")
-    if n > 1:
-        half = stats.t.isf((1 - CONFIDENCE) / 2, n - 1) * change.std(ddof=1) / np.sqrt(n)
-        low, high = (number(change.mean() + end, "+z.3f") for end in (-half, half))
-        text += f"\n[{low} to {high}]"
-    percent = 100 * change.mean() / abs(before.mean())
+    change = float((after - before).mean())
+    text = number(change, "+z.3f")
+    if len(pair) >= MIN_SUBJECTS:
+        mean = compare_paired(after - before).mean
+        text += f"\n[{number(mean.low, '+z.3f')} to {number(mean.high, '+z.3f')}]"
+    percent = 100 * change / abs(before.mean())
     return f"{before.mean():.2f}", f"{after.mean():.2f}", text, f"{percent:+.1f} %"
 
 

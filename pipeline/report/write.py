@@ -1,17 +1,16 @@
 """The report of a study: tables, statistics, figures and one page, from what `hbm run` left."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
 from matplotlib.figure import Figure
 
-from hbm.spelling import did_you_mean, listed, short
 from pipeline.budgets.explanation import study_covariances
 from pipeline.budgets.study import explanations
 from pipeline.config.comparison import VARIANT, compared_condition, groups, study_design
-from pipeline.config.schema import COVARIATES, MAIN, Settings, TrialName
+from pipeline.config.schema import MAIN, Settings, TrialName
 from pipeline.config.study import Study, read_study
 from pipeline.figures.style import save_figure
 from pipeline.io.write import whole_file, write_csv, write_text
@@ -69,7 +68,6 @@ def write_report(
     study_folder: str | Path | None = None,
     announce: Callable[[str], None] = lambda step: None,
     *,
-    covariates: Sequence[str] = (),
     pages: bool = False,
 ) -> Path:
     """Write tables, statistics, figures and ``report.html`` into a results folder.
@@ -83,9 +81,6 @@ def write_report(
         The study, for its conditions and treadmill, its excluded trials and its input files.
     announce
         Called with every step as it begins, such as "drawing marginal_means".
-    covariates
-        Of the further analysis of variance, in place of the study's: height_m, mass_kg, sex,
-        age_years.
     pages
         Whether a page is written for each trial, ``trials/NAME.html``, and linked.
 
@@ -97,7 +92,7 @@ def write_report(
     Raises
     ------
     ValueError
-        If there is no trial, a file of the results is damaged, or a covariate is unknown.
+        If there is no trial, or a file of the results is damaged.
     StudyFaults
         If the study's files are at fault.
     OSError
@@ -139,7 +134,7 @@ def write_report(
     headline = results.residuals[results.residuals["headline"].astype(bool)]
 
     announce("computing statistics")
-    design = _design(headline, study, covariates)
+    design = _design(headline, study)
     compared = design.comparable(headline)
     sensitivity = None
     if len(of_variants) > 1:
@@ -256,20 +251,12 @@ def _write_parquet(table: pd.DataFrame, path: Path) -> None:
         table.to_parquet(temporary, index=False, compression="zstd")
 
 
-def _design(residuals: pd.DataFrame, study: Study | None, covariates: Sequence[str]) -> Design:
+def _design(residuals: pd.DataFrame, study: Study | None) -> Design:
     """Give the study's design; without its folder, the one that its conditions suggest."""
-    if study is None:
-        conditions = sorted(set(residuals["condition"]))
-        design = unstated_design(conditions, compensated=bool(residuals["compensated"].any()))
-    else:
-        design = study_design(study.file)
-    for name in covariates:
-        if name not in COVARIATES:
-            hint = did_you_mean(name, COVARIATES) or f"; there are {listed(COVARIATES)}"
-            raise ValueError(f"--covariate {short(name)}: no such covariate{hint}")
-    if design.group is not None and design.group in covariates:
-        raise ValueError(f"--covariate {design.group} is the grouping already; leave it out")
-    return replace(design, covariates=tuple(dict.fromkeys(covariates)) or design.covariates)
+    if study is not None:
+        return study_design(study.file)
+    conditions = sorted(set(residuals["condition"]))
+    return unstated_design(conditions, compensated=bool(residuals["compensated"].any()))
 
 
 def _all_subjects(subjects: pd.DataFrame, study: Study | None) -> pd.DataFrame:
