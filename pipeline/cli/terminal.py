@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, Final
 
 from rich.console import Console, ConsoleOptions, RenderableType
@@ -88,20 +88,12 @@ def print_table(table: Table, console: Console) -> None:
     console.print(table.caption or "")
 
 
-def new_table(title: str, names: Sequence[str], *numbers: str, caption: str | None = None) -> Table:
-    """Give a table without rows: columns of names to the left, then those of numbers."""
-    table = Table(title=title, caption=caption)
-    for name in names:
-        table.add_column(name)
-    for name in numbers:
-        table.add_column(name, justify="right" if name else "left")
-    return table
-
-
 def print_block(block: "Block", console: PlainConsole) -> None:
     """Print a table of a page: rated cells with their symbols."""
-    names = {"numbers": 2, "budget": 1}.get(block.css_class, len(block.heads))
-    table = new_table(block.caption, block.heads[:names], *block.heads[names:])
+    names = 2 if block.css_class == "numbers" else len(block.heads)
+    table = Table(title=block.caption)
+    for k, head in enumerate(block.heads):
+        table.add_column(head, justify="left" if k < names else "right")
     for row in block.rows:
         cells = []
         for cell in row:
@@ -112,10 +104,12 @@ def print_block(block: "Block", console: PlainConsole) -> None:
             )
             cells.append("; ".join(texts))
         table.add_row(*cells)
-    if block.css_class in ("numbers", "budget"):
+    if block.css_class == "numbers":
         print_table(table, console)
     else:
         console.print(table)
+    if block.legend:
+        console.print(block.legend)
 
 
 def announcer(console: Console) -> Callable[[str], None]:

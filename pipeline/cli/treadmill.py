@@ -176,16 +176,9 @@ def signals(
 
     if kind not in (*KINDS, "all"):
         raise ValueError(f"--kind must be one of {', '.join(KINDS)} or all, got {kind!r}")
-    limits = MachineLimits(
-        sway_m,
-        sway_m_per_s,
-        sway_m_per_s2,
-        pitch_deg,
-        pitch_deg_per_s,
-        pitch_deg_per_s2,
-        belt_m_per_s,
-        belt_m_per_s2,
-    )
+    sway = sway_m, sway_m_per_s, sway_m_per_s2
+    pitch = pitch_deg, pitch_deg_per_s, pitch_deg_per_s2
+    limits = MachineLimits(*sway, *pitch, belt_m_per_s, belt_m_per_s2)
     console = PlainConsole()
     kinds = KINDS if kind == "all" else (kind,)
     drawn = {name: protocol_signals(name, seed, limits) for name in kinds}

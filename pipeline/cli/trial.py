@@ -28,11 +28,12 @@ from pipeline.cli.terminal import (
     note_line,
     outcome_record,
     print_block,
+    print_table,
 )
 from pipeline.run.request import TrialRequest
 
 if TYPE_CHECKING:
-    from pipeline.budgets.explanation import StudyExplanation
+    from pipeline.budgets.explanation import Explanation, StudyExplanation
     from pipeline.config.study import Study
     from pipeline.export.compensated_c3d import Frame, Written
     from pipeline.trial.result import TrialResult
@@ -98,8 +99,6 @@ def print_result(result: "TrialResult", console: PlainConsole) -> None:
     console.say(scope(result))
     for table in result_tables(result):
         print_block(table, console)
-        if table.legend:
-            console.print(table.legend)
     for line in verdict_lines(result):
         console.print(line)
     console.say_notes(result.notes)
@@ -133,7 +132,6 @@ def _explain_trial(request: TrialRequest, out: Path) -> int:
     from pipeline.figures.explained import bands_figure, budget_figure
     from pipeline.figures.style import save_figure
     from pipeline.report.trial_page import write_trial_page
-    from pipeline.report.trials import causes
     from pipeline.run.one_trial import process_request
 
     if request.trial.suffix == RESULT:
@@ -155,10 +153,7 @@ def _explain_trial(request: TrialRequest, out: Path) -> int:
     page = write_trial_page(
         trial.result, out / f"{name}{PAGE}", plates=plates, explanation=explanation
     )
-    text, table = causes(name, explanation)
-    print_block(table, console)
-    for line in text.lines:
-        console.print(line)
+    print_explanation(explanation, console)
     console.say(
         f"written to {out}: {page.name}; {name}{SUFFIX} (all numbers), {name}{BANDS} (residuals "
         f"over time), {name}_explained and {name}_bands as .png and .svg"
@@ -172,6 +167,25 @@ def _explain_trial(request: TrialRequest, out: Path) -> int:
         page=str(page),
     )
     return 0
+
+
+def print_explanation(explanation: "Explanation", console: PlainConsole) -> None:
+    """Print what a trial's residuals are made of: a row of shares per cause, and lines."""
+    from rich.table import Table
+
+    from pipeline.budgets.words import CAPTION, budget_table
+
+    title, axes, causes = budget_table(explanation.budget)
+    table = Table(title=title, caption=CAPTION, box=None, padding=(0, 1, 0, 0))
+    table.add_column("", max_width=20)  # six residuals share the other 60 of 80 columns
+    for axis in axes:
+        table.add_column(axis.replace(", ", "\n"), justify="right", no_wrap=True)
+    for head, cells in causes:
+        table.add_row(head, *cells)
+    print_table(table, console)
+    for line in explanation.lines():
+        console.print(line)
+    console.say_notes(explanation.budget.notes)
 
 
 def _explain_results(

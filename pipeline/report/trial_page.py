@@ -1,5 +1,6 @@
 """The page of one trial: its residuals, doubts, joints, causes and provenance."""
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -228,18 +229,9 @@ def _doubt_figure(note: Note, result: TrialResult, plates: dict[int, Plate]) -> 
     doubted = [plates[n] for n in numbers if isinstance(n, int) and n in plates]
     if doubted and _of_plates(note):
         return _plate_figure(doubted, note)
-    texts = " ".join(map(str, _names(note)))
-    markers = [name for name in result.motion.markers if name in texts.replace("–", " ").split()]
+    words = re.split(r"[\s,;:–]+", note.text)
+    markers = [name for name in result.motion.markers if name in words]
     return _marker_figure(result, markers) if markers else None
-
-
-def _names(note: Note) -> Iterable[str]:
-    """Give the names among the values of a note."""
-    for value in note.values.values():
-        if isinstance(value, str):
-            yield value.replace(",", " ")
-        elif not isinstance(value, int | float):
-            yield from value
 
 
 def _plate_figure(plates: list[Plate], note: Note) -> Figure:
