@@ -102,14 +102,14 @@ def _toml(path: Path) -> Recognised:
     table = read_table(path)
     if path.name == "study.toml" or "conditions" in table:
         return _folder(path.absolute().parent)
-    if "weights" in table:
-        return Recognised("a list of known weights", (f"hbm plates {path.parent}",))
-    if "trials" in table:
-        return Recognised("a subject file of a study", (f"hbm check {path.parent}",))
-    if "markers" in table or "landmarks" in table:
-        return Recognised("a marker set", (f"hbm residuals TRIAL --marker-set {path}",))
-    if "protocol" in table or "faults" in table:
-        return Recognised("a setting of the simulation", (f"hbm simulate DIR --setting {path}",))
+    for keys, what, command in (
+        ({"weights"}, "a list of known weights", f"plates {path.parent}"),
+        ({"trials"}, "a subject file of a study", f"check {path.parent}"),
+        ({"markers", "landmarks"}, "a marker set", f"residuals TRIAL --marker-set {path}"),
+        ({"protocol", "faults"}, "a simulation", f"simulate DIR --setting {path}"),
+    ):
+        if keys & {*table}:
+            return Recognised(what, (f"hbm {command}",))
     what = f"a TOML file with {listed(table) or 'nothing in it'}, in no known role"
     return Recognised(what, ("hbm residuals TRIAL --segments FILE", "hbm init DIR"))
 

@@ -17,10 +17,9 @@ from pipeline.cli.terminal import (
     counted,
     counts_of,
     follow_trials,
-    new_table,
     note_line,
     outcome_record,
-    print_table,
+    print_block,
 )
 
 if TYPE_CHECKING:
@@ -159,10 +158,6 @@ def run(
 
 def report(
     folder: ResultsFolder = Path("results"),
-    covariate: Annotated[
-        list[str] | None,
-        Option(help="height_m, mass_kg, sex or age_years; default: the study's; repeatable."),
-    ] = None,
     plan: Annotated[bool, Option("--plan", help="Print plan.md: how many subjects.")] = False,
 ) -> None:
     """They are made from the results of 'hbm run', and written beside them."""
@@ -175,7 +170,6 @@ def report(
             folder,
             recorded_study_folder(folder),
             lambda step: status.update(Text(step)),
-            covariates=covariate or (),
             pages=True,
         )
     if plan:
@@ -245,25 +239,12 @@ def print_study_residuals(folder: Path) -> None:
     """Print the residuals of a study's report: RMS, mean ± SD over subjects."""
     import pandas as pd
 
-    from pipeline.report.tables import windows_sentence
+    from pipeline.report.tables import means, windows_sentence
+    from pipeline.statistics.design import EXPERIMENT_3
 
-    residuals = pd.read_csv(folder / "residuals.csv")
-    residuals = residuals[residuals["headline"]]
-    table = new_table(
-        "Pelvis residuals, RMS, mean ± SD over subjects; IC: with inertia compensation",
-        ("axis", "condition"),
-        "no IC",
-        "IC",
-        caption=f"x forward, y right, z up. {windows_sentence(residuals)}",
-    )
-    for (axis, unit), of_axis in residuals.groupby(["axis", "unit"]):
-        for condition, rows in of_axis.groupby("condition"):
-            of_plates = [rows.loc[rows["compensated"] == known, "rms"] for known in (False, True)]
-            cells = [
-                f"{own.mean():.1f} ± {own.std():.1f}" if len(own) else "–" for own in of_plates
-            ]
-            table.add_row(f"{axis}, {unit}", str(condition), *cells)
-    print_table(table, PlainConsole())
+    residuals, console = pd.read_csv(folder / "residuals.csv").query("headline"), PlainConsole()
+    print_block(means(residuals, EXPERIMENT_3), console)
+    console.say(windows_sentence(residuals))
 
 
 def simulate(

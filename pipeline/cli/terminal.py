@@ -2,8 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
-from pathlib import Path
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, Final
 
 from rich.console import Console, ConsoleOptions, RenderableType
@@ -18,6 +17,7 @@ from pipeline.cli.output import OUTPUT
 from pipeline.cli.stopping import stoppable
 
 if TYPE_CHECKING:
+    from pipeline.report.blocks import Table as Block
     from pipeline.run.job import Outcome
 
 MIN_COLUMNS: Final = 40
@@ -27,6 +27,8 @@ ALWAYS: Final = frozenset(
     | {"Plate calibration", "Platform pose", "Treadmill calibration"}
 )
 """Items of provenance that change numbers; --verbose prints the others too."""
+SYMBOLS: Final = {"pass": "✔ ", "check": "▲ ", "fail": "✖ "}
+"""Of rated cells, as on the page."""
 WIDE: Final = 10_000
 """Columns in which any table has room."""
 
@@ -86,14 +88,28 @@ def print_table(table: Table, console: Console) -> None:
     console.print(table.caption or "")
 
 
-def new_table(title: str, names: Sequence[str], *numbers: str, caption: str | None = None) -> Table:
-    """Give a table without rows: columns of names to the left, then those of numbers."""
-    table = Table(title=title, caption=caption)
-    for name in names:
-        table.add_column(name)
-    for name in numbers:
-        table.add_column(name, justify="right" if name else "left")
-    return table
+def print_block(block: "Block", console: PlainConsole) -> None:
+    """Print a table of a page: rated cells with their symbols."""
+    names = 2 if block.css_class == "numbers" else len(block.heads)
+    table = Table(title=block.caption)
+    for k, head in enumerate(block.heads):
+        table.add_column(head, justify="left" if k < names else "right")
+    for row in block.rows:
+        cells = []
+        for cell in row:
+            rated = [("", cell, "")] if isinstance(cell, str) else cell
+            texts = (
+                f"{SYMBOLS.get(rating, '')}{value}{f', {detail}' if detail else ''}"
+                for rating, value, detail in rated
+            )
+            cells.append("; ".join(texts))
+        table.add_row(*cells)
+    if block.css_class == "numbers":
+        print_table(table, console)
+    else:
+        console.print(table)
+    if block.legend:
+        console.print(block.legend)
 
 
 def announcer(console: Console) -> Callable[[str], None]:
@@ -178,10 +194,3 @@ def outcome_record(outcome: "Outcome") -> dict[str, object]:
     failed = dict(outcome.failed_variants)
     what = {"trial": str(outcome.job.name), "state": outcome.state, "failure": outcome.failure}
     return what | ({"failed_variants": failed} if failed else {})
-
-
-def open_in_browser(page: Path) -> None:
-    """Open a page in the default browser."""
-    import webbrowser
-
-    webbrowser.open(page.resolve().as_uri())

@@ -2,16 +2,16 @@
 
 import json
 from dataclasses import replace
-from datetime import UTC, date, datetime
+from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
 from pipeline.cli.options import Out, PlateCorrectionFile, Seed, Simulate, described, takes
 from pipeline.cli.output import plain_notes, print_object, tables_in
-from pipeline.cli.terminal import PlainConsole, StepProgress, announcer, new_table, print_table
+from pipeline.cli.terminal import PlainConsole, StepProgress, announcer, print_block
 from pipeline.config.schema import Platform, Treadmill
 from pipeline.config.toml_file import check_options
 from pipeline.run.request import RecordingRequest
@@ -19,11 +19,7 @@ from pipeline.run.request import RecordingRequest
 if TYPE_CHECKING:
     from hbm.notes import Note
     from pipeline.io.recording import Recording
-    from pipeline.report.blocks import Table
     from pipeline.report.laboratory import Part
-
-SYMBOLS: Final = {"pass": "✔ ", "check": "▲ ", "fail": "✖ "}
-"""Of rated cells, as on the page."""
 
 
 def say_parts(console: PlainConsole, folder: Path, *parts: "Part") -> None:
@@ -33,27 +29,8 @@ def say_parts(console: PlainConsole, folder: Path, *parts: "Part") -> None:
     for part in parts:
         numbers = (block for block in part.tables if block.css_class == "numbers")
         for block in (*part.verdict, *numbers):
-            _print_block(block, console)
+            print_block(block, console)
     console.say(f"page: {write_page(folder, *parts)}")
-
-
-def _print_block(block: "Table", console: PlainConsole) -> None:
-    names = 2 if block.css_class == "numbers" else len(block.heads)
-    table = new_table(block.caption, block.heads[:names], *block.heads[names:])
-    for row in block.rows:
-        cells = []
-        for cell in row:
-            rated = [("", cell, "")] if isinstance(cell, str) else cell
-            texts = (
-                f"{SYMBOLS.get(rating, '')}{value}{f', {detail}' if detail else ''}"
-                for rating, value, detail in rated
-            )
-            cells.append("; ".join(texts))
-        table.add_row(*cells)
-    if block.css_class == "answers":
-        console.print(table)
-    else:
-        print_table(table, console)
 
 
 @takes(RecordingRequest)
@@ -199,16 +176,9 @@ def signals(
 
     if kind not in (*KINDS, "all"):
         raise ValueError(f"--kind must be one of {', '.join(KINDS)} or all, got {kind!r}")
-    limits = MachineLimits(
-        sway_m,
-        sway_m_per_s,
-        sway_m_per_s2,
-        pitch_deg,
-        pitch_deg_per_s,
-        pitch_deg_per_s2,
-        belt_m_per_s,
-        belt_m_per_s2,
-    )
+    sway = sway_m, sway_m_per_s, sway_m_per_s2
+    pitch = pitch_deg, pitch_deg_per_s, pitch_deg_per_s2
+    limits = MachineLimits(*sway, *pitch, belt_m_per_s, belt_m_per_s2)
     console = PlainConsole()
     kinds = KINDS if kind == "all" else (kind,)
     drawn = {name: protocol_signals(name, seed, limits) for name in kinds}
@@ -307,7 +277,8 @@ def check(
     recording: Annotated[Path, Argument(help="The empty treadmill, moving, another day.")],
     plate_calibration: PlateCorrectionFile = None,
     day: Annotated[
-        str | None, Option(help="Of the recording, YYYY-MM-DD. [default: that of the file]")
+        datetime | None,
+        Option(formats=["%Y-%m-%d"], help="Of the recording. [default: that of the file]"),
     ] = None,
 ) -> int:
     """Exit code 1 if it is not valid any more.
@@ -322,11 +293,6 @@ def check(
     from pipeline.trial.ground.calibration_recording import read_empty
     from pipeline.trial.ground.calibrations import check_recording, read_laboratory
 
-    if day is not None:
-        try:
-            day = date.fromisoformat(day).isoformat()
-        except ValueError:
-            raise ValueError(f"--day {day}: expected YYYY-MM-DD, such as 2026-05-07") from None
     plates = read_plate_correction(plate_calibration) if plate_calibration else None
     channels = stated_accelerometers(request.accelerometer)
     laboratory = read_laboratory(calibration, (), channels, plates)
@@ -334,7 +300,7 @@ def check(
     console = PlainConsole()
     empty = read_empty(recording, request.stated(), any_forward=plates is None)
     found = check_recording(empty, laboratory)
-    made = add_check(calibration, recording, found, day)
+    made = add_check(calibration, recording, found, f"{day:%Y-%m-%d}" if day else None)
     measured = measure_empty(empty, laboratory) if found.plates else None
     say_parts(
         console,

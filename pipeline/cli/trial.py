@@ -1,13 +1,14 @@
 """One trial on the command line: residuals, what they are made of, export to other programs."""
 
 import json
+import webbrowser
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Option
 
-from hbm.spelling import did_you_mean, short
+from hbm.spelling import listed, short
 from pipeline.cli.options import (
     RESULT,
     Jobs,
@@ -16,7 +17,7 @@ from pipeline.cli.options import (
     require_no_options,
     takes,
 )
-from pipeline.cli.output import OUTPUT, plain_notes, print_object, records
+from pipeline.cli.output import plain_notes, print_object, records
 from pipeline.cli.terminal import (
     PlainConsole,
     StepProgress,
@@ -24,17 +25,14 @@ from pipeline.cli.terminal import (
     counted,
     counts_of,
     follow_trials,
-    new_table,
     note_line,
-    open_in_browser,
     outcome_record,
+    print_block,
     print_table,
 )
 from pipeline.run.request import TrialRequest
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from pipeline.budgets.explanation import Explanation, StudyExplanation
     from pipeline.config.study import Study
     from pipeline.export.compensated_c3d import Frame, Written
@@ -48,8 +46,6 @@ PAGE = ".html"
 """Suffix of a trial's page."""
 
 
-MOST_MARKERS = 5
-"""Printed with their errors, unless --verbose asks for all."""
 NO_RECORDINGS = (RESULT, ".toml", ".json", ".rrd", ".html")
 
 
@@ -63,7 +59,7 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
     from pipeline.report.trial_page import write_trial_page
     from pipeline.run.one_trial import process_request
     from pipeline.run.store import write_trial
-    from pipeline.trial.residuals import cycles_of, residual_table
+    from pipeline.trial.residuals import cycles_of, marker_table, residual_table, threshold_table
 
     if request.trial.is_dir() or request.trial.suffix in NO_RECORDINGS:
         raise ValueError(f"{request.trial} is no recording, but {recognise(request.trial)}")
@@ -72,7 +68,8 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
     trial = process_request(request, announcer(console))
     result, name = trial.result, request.trial.stem
     write_trial(replace(result, condition=name), out / f"{name}.parquet")
-    write_csv(residual_table(result, name), out / f"{name}_residuals.csv")
+    table = residual_table(result, name)
+    write_csv(table, out / f"{name}_residuals.csv")
     write_csv(cycles_of(result, name), out / f"{name}_cycles.csv")
     save_figure(residual_figure(result), out / f"{name}_residuals")
     page = write_trial_page(result, out / f"{name}{PAGE}", plates=trial.recording.plates)
@@ -81,89 +78,30 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
         f"written to {out}: {page.name}; {name}.parquet (frames), {name}_residuals.csv, .png and "
         f".svg, {name}_cycles.csv (each gait cycle)"
     )
-    print_object(**_numbers(result), page=str(page))
+    print_object(
+        trial=request.trial.name,
+        residuals=records(table),
+        thresholds=records(threshold_table(result)),
+        markers=records(marker_table(result)),
+        notes=plain_notes(result.notes),
+        page=str(page),
+    )
     if open_page:
-        open_in_browser(page)
+        webbrowser.open(page.resolve().as_uri())
     if reason := result.shortage:
         raise ValueError(f"{request.trial.name}: there are no residuals: {reason}")
 
 
-def _numbers(result: "TrialResult") -> dict[str, object]:
-    """Give the numbers and notes of a trial for scripts."""
-    from pipeline.trial.residuals import marker_table, residual_table, threshold_table
-
-    return {
-        "trial": result.source.name,
-        "residuals": records(residual_table(result, result.source.stem)),
-        "thresholds": records(threshold_table(result)),
-        "markers": records(marker_table(result)),
-        "notes": plain_notes(result.notes),
-    }
-
-
 def print_result(result: "TrialResult", console: PlainConsole) -> None:
-    """Print a trial's residuals, thresholds, marker errors and notes."""
-    from pipeline.config.schema import NOUNS
-    from pipeline.trial.residuals import marker_table, residual_table, rows_of, threshold_table
+    """Print what the page of a trial begins with, and its notes."""
+    from pipeline.report.trial_page import result_tables, scope, verdict_lines
 
-    rows = rows_of(residual_table(result, result.source.stem))
-    if result.span:
-        counts = f"{result.span[0]:.2f} to {result.span[1]:.2f} s"
-    else:
-        used = sum(map(len, result.cycles.values()))
-        feet = f"the {next(iter(result.cycles))} foot" if len(result.cycles) == 1 else "both feet"
-        counts = f"{used} of {counted(result.found_cycles, NOUNS[result.unit])} of {feet}"
-        if used < result.found_cycles:
-            why = next(
-                (n.values["reasons"] for n in result.notes if n.code == "cycles_left_out"), ""
-            )
-            counts += f" (others: {why})" if why else ""
-    if rows:
-        counts += f", {rows[0].n_frames} frames"
-        counts += f" ({100 * rows[0].valid_share:.0f} %)" * (rows[0].valid_share < 1)
-    table = new_table(
-        f"Pelvis residuals, {result.source.name}, {counts} "
-        f"({result.settings.filter} {result.settings.cutoff_hz:g} Hz)",
-        ("plates", "axis"),
-        *("RMS", "mean", "SD", "peak", "", "RMS %"),
-        caption="x forward, y right, z up; moments about mid-hip; % of body weight, or of body "
-        "weight × stature",
-    )
-    for row in rows:
-        numbers = [f"{value:.1f}" for value in (row.rms, row.mean, row.sd, row.peak)]
-        percent = f"{row.rms_percent:.2f}"
-        table.add_row(_plates(row.compensated), row.axis, *numbers, row.unit, percent)
-    if rows:
-        print_table(table, console)
-    for threshold in rows_of(threshold_table(result)):
-        verdict = "passes" if threshold.passed else "FAILS"
-        console.print(
-            f"{verdict} Hicks (2015): peak residual {threshold.quantity} {threshold.peak:.1f} "
-            f"{threshold.unit}, limit {threshold.limit:.1f} {threshold.unit}, above it in "
-            f"{threshold.above_percent:.1f} % of frames ({_plates(threshold.compensated)})"
-        )
-    console.print(_marker_errors(marker_table(result)))
+    console.say(scope(result))
+    for table in result_tables(result):
+        print_block(table, console)
+    for line in verdict_lines(result):
+        console.print(line)
     console.say_notes(result.notes)
-
-
-def _marker_errors(table: "pd.DataFrame") -> str:
-    """Say how far the markers are from the model, the farthest first; the last row is of all."""
-    rms_mm = table.set_index("marker")["rms_mm"]
-    single, overall_mm = rms_mm[:-1], rms_mm.iloc[-1]
-    seen = single.dropna().sort_values(ascending=False, kind="stable")
-    unseen = ", ".join(single.index[single.isna()])
-    shown = seen if OUTPUT.verbose else seen[:MOST_MARKERS]
-    errors = ", ".join(f"{marker} {error:.1f}" for marker, error in shown.items())
-    never = f"never visible: {unseen}"
-    if seen.empty:
-        return f"marker error unknown; {never}"
-    largest = ", largest" if len(shown) < len(seen) else ""
-    text = f"marker error {overall_mm:.1f} mm RMS over {len(seen)} markers{largest}: {errors}"
-    return f"{text}; {never}" if unseen else text
-
-
-def _plates(compensated: bool) -> str:
-    return "compensated" if compensated else "measured"
 
 
 @takes(TrialRequest)
@@ -316,15 +254,10 @@ FORMATS = ("osim", "urdf", "tables", "bids", "c3d")
 def export(
     request: TrialRequest,
     form: Annotated[
-        list[str] | None,
-        Option("--format", help=f"{', '.join(FORMATS)}; written to --out; repeatable."),
+        list[str] | None, Option("--format", help=f"{', '.join(FORMATS)}; repeatable.")
     ] = None,
     out: Out = Path("export"),
-    osim: Annotated[Path | None, Option(help="OpenSim 4 file.", hidden=True)] = None,
-    urdf: Annotated[Path | None, Option(help="URDF file.", hidden=True)] = None,
-    tables: Annotated[Path | None, Option(help="Folder of tables.", hidden=True)] = None,
     ankle_zero: Annotated[AnkleZero, Option(help="in_line: as in the HBM.")] = "right_angle",
-    bids: Annotated[Path | None, Option(help="BIDS data set.", hidden=True)] = None,
     subject: Annotated[str, Option(help="BIDS label of the subject.")] = "01",
     task: Annotated[str, Option(help="BIDS label of the task.")] = "walk",
     c3d: Annotated[Path | None, Option(help="Folder for C3D files.", hidden=True)] = None,
@@ -343,54 +276,40 @@ def export(
     For c3d, the original recording is written with compensated plates; TRIAL may be a study's
     folder: the recordings of all its trials are written.
     """
-    chosen, stem = set(form or ()), request.trial.stem
+    chosen = {*(form or ()), *(["c3d"] if c3d else [])}
+    trial, of_c3d = request.trial, c3d or out
     for unknown in chosen - {*FORMATS}:
-        hint = did_you_mean(unknown, FORMATS)
-        raise ValueError(f"--format {short(unknown)}: expected {', '.join(FORMATS)}{hint}")
-    osim = osim or (out / f"{stem}.osim" if "osim" in chosen else None)
-    urdf = urdf or (out / f"{stem}.urdf" if "urdf" in chosen else None)
-    tables = tables or (out if "tables" in chosen else None)
-    bids = bids or (out if "bids" in chosen else None)
-    c3d = c3d or (out if "c3d" in chosen else None)
-    models = osim or urdf or tables
-    processed = request.trial.suffix == RESULT
-    if not (models or bids or c3d):
+        raise ValueError(f"--format {short(unknown)}: expected {listed(FORMATS)}")
+    if not chosen:
         raise ValueError(
-            "nothing to export; name a --format: osim, urdf, tables, bids or c3d, and --out FOLDER"
+            f"nothing to export; name a --format of {listed(FORMATS)}, and --out FOLDER"
         )
-    if frame and not c3d:
+    if frame and "c3d" not in chosen:
         raise ValueError("--frame goes with --format c3d")
-    if c3d:
-        require_folder(c3d)
-    if c3d and request.trial.is_dir():
-        require_no_options(request, "a study, whose files state everything")
-        if models or bids:
-            raise ValueError(
-                "of a study's folder only c3d is exported; leave the other formats out"
-            )
-        return _export_study(request.trial, c3d, frame)
-    if tables and request.trial.is_dir():
-        require_no_options(request, "the results of a study, whose files state everything")
-        if osim or urdf or bids:
-            raise ValueError("of a study's results only tables are exported; give one trial")
-        return _export_tables(request.trial, tables)
-    if processed:
+    require_folder(of_c3d)
+    if trial.is_dir():
+        require_no_options(request, "a study or its results, whose files state everything")
+        if chosen == {"c3d"}:
+            return _export_study(trial, of_c3d, frame)
+        if chosen == {"tables"}:
+            return _export_tables(trial, out)
+        raise ValueError("of a study only c3d is exported, of its results only tables; one at once")
+    if trial.suffix == RESULT:
         require_no_options(request, "a result that has been processed already")
-    if processed and (bids or c3d):
-        raise ValueError(
-            f"{request.trial.name} is a result; {'BIDS' if bids else 'C3D'} holds what was "
-            "recorded: give the recording instead"
-        )
+        if recorded := " and ".join(sorted(chosen & {"bids", "c3d"})):
+            raise ValueError(
+                f"{trial.name} is a result; {recorded}: give the recording, which they hold"
+            )
     console, written = PlainConsole(), list[Path]()
-    if c3d:
-        written.append(_export_trial(request, c3d, frame, console))
-    if bids:
+    if "c3d" in chosen:
+        written.append(_export_trial(request, of_c3d, frame, console))
+    if "bids" in chosen:
         from pipeline.export.bids import write_bids
         from pipeline.run.one_trial import read_requested
 
-        written += write_bids(read_requested(request), bids, subject, task)
-    if models:
-        written += _export_models(request, osim, urdf, tables, ankle_zero, console)
+        written += write_bids(read_requested(request), out, subject, task)
+    if models := chosen & {"osim", "urdf", "tables"}:
+        written += _export_models(request, models, out, ankle_zero, console)
     console.say("written: " + ", ".join(map(str, written)))
     return 0
 
@@ -399,7 +318,6 @@ def _export_tables(results: Path, out: Path) -> int:
     """Write the tables of a study for statistics programs."""
     from pipeline.report.workbook import write_workbook
 
-    require_folder(out)
     console = PlainConsole()
     with console.status("writing the tables"):
         *tables, workbook = write_workbook(results, out)
@@ -409,9 +327,8 @@ def _export_tables(results: Path, out: Path) -> int:
 
 def _export_models(
     request: TrialRequest,
-    osim: Path | None,
-    urdf: Path | None,
-    tables: Path | None,
+    chosen: set[str],
+    out: Path,
     ankle_zero: AnkleZero,
     console: PlainConsole,
 ) -> list[Path]:
@@ -421,15 +338,15 @@ def _export_models(
     from pipeline.run.one_trial import process_request
     from pipeline.run.store import read_trial
 
-    processed = request.trial.suffix == RESULT
+    stem, processed = request.trial.stem, request.trial.suffix == RESULT
     result = read_trial(request.trial) if processed else process_request(request).result
-    written = [path for path in (osim, urdf) if path]
-    if osim:
-        write_osim(result.body, osim)
-    if urdf:
-        write_urdf(result.body, urdf)
-    if tables:
-        written += write_tables(result, tables, request.trial.stem, ankle_zero)
+    written = list[Path]()
+    for form, write in (("osim", write_osim), ("urdf", write_urdf)):
+        if form in chosen:
+            written.append(out / f"{stem}.{form}")
+            write(result.body, written[-1])
+    if "tables" in chosen:
+        written += write_tables(result, out, stem, ankle_zero)
         plates = "measured" if result.compensated is None else "compensated"
         console.print(f"forces and loads are from the {plates} plate forces")
     console.say_notes(result.notes)

@@ -69,7 +69,7 @@ def require_c3d(path: Path) -> None:
     kind = file_format(path)
     if kind != "C3D":
         raise ValueError(
-            f"{path.name}: is a {kind} file; --c3d copies a C3D file and changes its plates, so "
+            f"{path.name}: is a {kind} file; c3d copies a C3D file and changes its plates, so "
             "give the trial's C3D file"
         )
 

@@ -3,7 +3,7 @@
 import csv
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -53,9 +53,6 @@ def _columns(path: Path) -> Iterator[str]:
 
 
 @cache
-def _dictionary() -> Mapping[str, Mapping[str, tuple[str, str]]]:
+def _dictionary() -> Mapping[str, Mapping[str, Sequence[str]]]:
     text = files("pipeline.report").joinpath("columns.toml").read_text(encoding="utf-8")
-    return {
-        file: {column: (unit, meaning) for column, (unit, meaning) in own.items()}
-        for file, own in tomllib.loads(text).items()
-    }
+    return tomllib.loads(text)

@@ -1,28 +1,22 @@
 """Joints of a study: their curves, and what the compensation changes in their peaks."""
 
-from collections.abc import Iterator, Sequence
-from itertools import product
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
 import pandas as pd
-import pyarrow.parquet as pq
 from matplotlib.figure import Figure
-from scipy import stats
 
-from hbm.coordinates import COORDINATES, SIDES
 from hbm.spatial import Array
 from pipeline.figures.joints import LEG, UPPER_BODY, Curve, joint_figure
 from pipeline.figures.style import COLOURS
 from pipeline.report.blocks import Table
 from pipeline.report.figures import VARIANTS
 from pipeline.statistics.curves import parts_of
-from pipeline.statistics.design import CONFIDENCE, Design, Weigh
+from pipeline.statistics.design import MIN_SUBJECTS, Design, Weigh
+from pipeline.statistics.paired import compare_paired
 from pipeline.statistics.table_3 import number
 from pipeline.trial.joints import CURVES, JOINT_MOTIONS
-from pipeline.trial.residuals import counted
-from pipeline.trial.result import TrialResult
 
 PEAKS: Final = ("largest moment", "smallest moment")
 MIN_PEAK: Final = 0.1
@@ -83,55 +77,13 @@ def _change(pair: Array) -> tuple[str, str, str, str]:
     Of subjects, (N, 2).
     """
     before, after = pair.T
-    change, n = after - before, len(pair)
-    text = number(change.mean(), "+z.3f")
-    if n > 1:
-        half = stats.t.isf((1 - CONFIDENCE) / 2, n - 1) * change.std(ddof=1) / np.sqrt(n)
-        low, high = (number(change.mean() + end, "+z.3f") for end in (-half, half))
-        text += f"\n[{low} to {high}]"
-    percent = 100 * change.mean() / abs(before.mean())
+    change = float((after - before).mean())
+    text = number(change, "+z.3f")
+    if len(pair) >= MIN_SUBJECTS:
+        mean = compare_paired(after - before).mean
+        text += f"\n[{number(mean.low, '+z.3f')} to {number(mean.high, '+z.3f')}]"
+    percent = 100 * change / abs(before.mean())
     return f"{before.mean():.2f}", f"{after.mean():.2f}", text, f"{percent:+.1f} %"
-
-
-def moment_errors(trial: TrialResult, truth: Path) -> pd.DataFrame:
-    """Compare the leg moments of a simulated trial with the true ones, where these are known.
-
-    Rows: condition, compensated, joint; the mean square error [N²·m²/kg²] over the frames that
-    count, of both legs. Empty where the laboratory left no true moments.
-    """
-    rows, counts = [], counted(trial)
-    wanted = [f"moment_{COORDINATES[m.column(side)[0]]}" for m in LEG for side in SIDES]
-    if truth.is_file() and {*wanted} <= {*pq.read_schema(truth).names}:
-        true = pd.read_parquet(truth, columns=["time", *wanted])
-        for (variant, dynamics), motion, side in product(trial.variants.items(), LEG, SIDES):
-            k, _ = motion.column(side)
-            at = np.interp(trial.motion.time, true["time"], true[f"moment_{COORDINATES[k]}"])
-            error = (dynamics.tau[:, k] - at)[counts] / trial.body.mass
-            if np.isfinite(error).any():
-                name = f"{motion.joint} {motion.direction}"
-                of_trial = trial.condition, variant == "compensated"
-                rows.append((*of_trial, name, float(np.nanmean(error**2))))
-    return pd.DataFrame(rows, columns=["condition", "compensated", "joint", "mean_square"])
-
-
-def error_table(of_trials: Sequence[pd.DataFrame], design: Design) -> Table | None:
-    """Say how far leg moments are from the true ones of a simulated study; None without these."""
-    known = [errors for errors in of_trials if len(errors)]
-    if not known:
-        return None
-    errors = pd.concat(known)
-    keys = ["joint", "condition", "compensated"]
-    rms = np.sqrt(errors.groupby(keys, sort=False)["mean_square"].mean()).unstack([1, 2])
-    cells = [
-        (condition, compensated)
-        for condition in design.in_order(errors["condition"].unique())
-        for compensated in VARIANTS
-        if (condition, compensated) in rms.columns
-    ]
-    heads = [f"{condition}, {VARIANTS[compensated].label}" for condition, compensated in cells]
-    rows = [(str(joint), *(f"{own[cell]:.3f}" for cell in cells)) for joint, own in rms.iterrows()]
-    caption = "Errors of leg moments in this simulated study: RMS against the true moments"
-    return Table(caption, ("Moment (N·m/kg)", *heads), rows, "numbers")
 
 
 def joint_figures(

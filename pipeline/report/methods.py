@@ -19,6 +19,7 @@ from pipeline.run.load import Results
 from pipeline.run.provenance import engines_of
 from pipeline.statistics.curves import MIN_SUBJECTS
 from pipeline.statistics.design import Design
+from pipeline.statistics.table_3 import mean_sd
 from pipeline.statistics.verdict import judged_conditions, level_name
 from pipeline.trial.gait.cycles import MIN_PLATFORM_SPEED_MPS
 from pipeline.trial.quality import settling_s
@@ -117,7 +118,7 @@ def _people(people: pd.DataFrame) -> list[str]:
     sexes = people["sex"].value_counts()
     counts = [f"{sexes[sex]} {words}" for sex, words in SEXES.items() if sex in sexes]
     measures = [
-        f"{name} {_mean_sd(people[column], form)} {unit}"
+        f"{name} {mean_sd(people[column].mean(), people[column].std(), form)} {unit}"
         for name, column, form, unit in (
             ("age", "age_years", ".0f", "years"),
             ("stature", "height_m", ".2f", "m"),
@@ -161,12 +162,6 @@ def _parts(trials: Sequence[TrialResult]) -> list[tuple[str, str, str]]:
         mean = mean_part(t for t in trials if t.condition == condition)
         found.append((condition, part, f"{mean[0]:.0f} to {mean[1]:.0f}" if mean else ""))
     return found
-
-
-def _mean_sd(values: pd.Series, form: str) -> str:
-    """Write mean and SD of values."""
-    spread = f" ± {values.std():{form}}" if len(values) > 1 else ""
-    return f"{values.mean():{form}}{spread}"
 
 
 def _range(values: Sequence[float], form: str) -> str:

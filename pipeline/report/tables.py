@@ -48,10 +48,10 @@ def residual_tables(
     has_table_3 = bool(table_3["n"].gt(0).any())
     shown = [_table_3(table_3, design)] if has_table_3 else []
     if not has_table_3 or set(residuals["condition"]) - set(design.conditions):
-        shown.append(_means(residuals, design))
+        shown.append(means(residuals, design))
     group = residuals["subject"].map(groups)
     for name in sorted(set(groups.values())):
-        of_group = _means(residuals[group == name], design)
+        of_group = means(residuals[group == name], design)
         shown.append(replace(of_group, caption=f"{design.group} {name}. {of_group.caption}"))
     return shown
 
@@ -65,7 +65,7 @@ def _table_3(table_3: pd.DataFrame, design: Design) -> Table:
     return Table(caption, heads, rows, "numbers table3", table_3_legend(table_3, design))
 
 
-def _means(residuals: pd.DataFrame, design: Design) -> Table:
+def means(residuals: pd.DataFrame, design: Design) -> Table:
     """Give mean and SD of every cell, for conditions of any name."""
     rows = []
     for (axis, unit), own in residuals.groupby(["axis", "unit"], sort=False):

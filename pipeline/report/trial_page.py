@@ -1,5 +1,6 @@
 """The page of one trial: its residuals, doubts, joints, causes and provenance."""
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -91,11 +92,11 @@ def write_trial_page(
     command = "hbm explain RESULTS" if study else f"hbm explain {result.source.name}"
     page = TEMPLATES.get_template("trial.html").render(
         name=name,
-        scope=_scope(result),
+        scope=scope(result),
         study=study,
-        verdict=[*_verdict(result)],
+        verdict=[*verdict_lines(result)],
         residuals=drawing(residual_figure(result)),
-        tables=[*_tables(result)],
+        tables=[*result_tables(result)],
         doubts=[
             (
                 note,
@@ -156,7 +157,7 @@ def _of_plates(note: Note) -> bool:
     return note.level == "warning" and note.code.startswith(("plate", "pressure"))
 
 
-def _scope(result: TrialResult) -> str:
+def scope(result: TrialResult) -> str:
     """Say of whom and of which file the page is."""
     filtered = f"{result.settings.filter} Butterworth {result.settings.cutoff_hz:g} Hz"
     return (
@@ -164,7 +165,7 @@ def _scope(result: TrialResult) -> str:
     )
 
 
-def _verdict(result: TrialResult) -> Iterable[str]:
+def verdict_lines(result: TrialResult) -> Iterable[str]:
     """Compare the residuals closest to the truth with published limits; count the warnings."""
     if result.shortage:
         yield f"No residuals: {result.shortage}."
@@ -180,15 +181,14 @@ def _verdict(result: TrialResult) -> Iterable[str]:
     yield f"{warnings or 'No'} warning{'s' * (warnings != 1)}."
 
 
-def _tables(result: TrialResult) -> Iterable[Table]:
+def result_tables(result: TrialResult) -> Iterable[Table]:
     """Give the residuals, with those of healthy walking, and the quality of the trial."""
     table = residual_table(result, "")
     headline = table[table["headline"].astype(bool)] if len(table) else table
-    heads = ("Residual", "Unit", "Plates", "RMS", "Mean", "SD", "Peak", "RMS, %", "Healthy RMS")
+    heads = ("Residual", "Plates", "RMS", "Mean", "SD", "Peak", "RMS, %", "Healthy")
     rows = [
         (
-            row.axis,
-            row.unit,
+            f"{row.axis} ({row.unit})",
             "compensated" if row.compensated else "measured",
             *(f"{value:.1f}" for value in (row.rms, row.mean, row.sd, row.peak)),
             f"{row.rms_percent:.2f}",
@@ -198,7 +198,7 @@ def _tables(result: TrialResult) -> Iterable[Table]:
     ]
     legend = (
         "x forward, y right, z up; moments about mid-hip; % of body weight, or of body weight × "
-        "stature. Healthy RMS: adults on a treadmill at rest (van de Loosdrecht 2018, "
+        "stature. Healthy: RMS of adults on a treadmill at rest (van de Loosdrecht 2018, "
         "Table III)."
     )
     if rows:
@@ -229,18 +229,9 @@ def _doubt_figure(note: Note, result: TrialResult, plates: dict[int, Plate]) -> 
     doubted = [plates[n] for n in numbers if isinstance(n, int) and n in plates]
     if doubted and _of_plates(note):
         return _plate_figure(doubted, note)
-    texts = " ".join(map(str, _names(note)))
-    markers = [name for name in result.motion.markers if name in texts.replace("–", " ").split()]
+    words = re.split(r"[\s,;:–]+", note.text)
+    markers = [name for name in result.motion.markers if name in words]
     return _marker_figure(result, markers) if markers else None
-
-
-def _names(note: Note) -> Iterable[str]:
-    """Give the names among the values of a note."""
-    for value in note.values.values():
-        if isinstance(value, str):
-            yield value.replace(",", " ")
-        elif not isinstance(value, int | float):
-            yield from value
 
 
 def _plate_figure(plates: list[Plate], note: Note) -> Figure:

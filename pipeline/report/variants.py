@@ -9,6 +9,7 @@ import pandas as pd
 from pipeline.config.schema import TrialName
 from pipeline.config.study import Study
 from pipeline.report.blocks import Table
+from pipeline.report.verdict import interval
 from pipeline.run.job import trial_key
 from pipeline.run.load import TABLES, Results, collect, select_trials
 from pipeline.run.run import variant_folder
@@ -103,8 +104,8 @@ def _table(found: Mapping[str, Sequence[Verdict]], condition: str, design: Desig
         cells = []
         for verdict in (each for each in own if each.condition == condition):
             difference = number(verdict.difference, "+z.1f")
-            interval = f"{number(verdict.low, '+z.1f')} to {number(verdict.high, '+z.1f')}"
-            cells.append(f"{difference}\n[{interval}]\n{verdict.answer}")
+            between = interval(verdict.low, verdict.high)
+            cells.append(f"{difference}\n[{between}]\n{verdict.answer}")
         rows.append((variant, *cells))
     axes = [f"{v.axis} ({v.unit})" for v in next(iter(found.values())) if v.condition == condition]
     judged, reference = design.judged(condition), design.reference_cell

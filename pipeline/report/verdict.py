@@ -150,17 +150,17 @@ def _cell(v: Verdict, reach: float, most: int, design: Design) -> dict[str, Any]
     if known:
         relative = ""
         if isfinite(v.low_percent) and isfinite(v.high_percent):
-            relative = f" ({_range(v.low_percent, v.high_percent, '+z.0f')} %)"
-        lines.append(f"CI {_range(v.low, v.high)} {v.unit}{relative}")
+            relative = f" ({interval(v.low_percent, v.high_percent, '+z.0f')} %)"
+        lines.append(f"CI {interval(v.low, v.high)} {v.unit}{relative}")
     if v.measurement:
-        lines.append(f"measurement {_range(*v.measurement)} {v.unit}")
+        lines.append(f"measurement {interval(*v.measurement)} {v.unit}")
     if known:
         lines += [f"n = {v.n}"] * (v.n < most)
         lines += [_needed(v)] * (v.answer == "inconclusive")
     return cell | {"lines": lines, "graph": _graph(v, reach, design) if known else None}
 
 
-def _range(low: float, high: float, form: str = "+z.1f") -> str:
+def interval(low: float, high: float, form: str = "+z.1f") -> str:
     """Write an interval."""
     return f"{number(low, form)} to {number(high, form)}"
 

@@ -1,19 +1,17 @@
 """The report of a study: tables, statistics, figures and one page, from what `hbm run` left."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
 from matplotlib.figure import Figure
 
-from hbm.spelling import did_you_mean, listed, short
 from pipeline.budgets.explanation import study_covariances
 from pipeline.budgets.study import explanations
 from pipeline.config.comparison import VARIANT, compared_condition, groups, study_design
-from pipeline.config.schema import COVARIATES, MAIN, Settings, TrialName
+from pipeline.config.schema import MAIN, Settings, TrialName
 from pipeline.config.study import Study, read_study
-from pipeline.config.toml_file import SIMULATED
 from pipeline.figures.style import save_figure
 from pipeline.io.write import whole_file, write_csv, write_text
 from pipeline.report.blocks import TEMPLATES, Check, picture
@@ -23,9 +21,7 @@ from pipeline.report.effects import residual_tests
 from pipeline.report.figures import example_subject, study_figures
 from pipeline.report.joints import (
     compensation_tables,
-    error_table,
     joint_figures,
-    moment_errors,
 )
 from pipeline.report.laboratory import page_of_study
 from pipeline.report.methods import bibtex, methods
@@ -72,7 +68,6 @@ def write_report(
     study_folder: str | Path | None = None,
     announce: Callable[[str], None] = lambda step: None,
     *,
-    covariates: Sequence[str] = (),
     pages: bool = False,
 ) -> Path:
     """Write tables, statistics, figures and ``report.html`` into a results folder.
@@ -86,9 +81,6 @@ def write_report(
         The study, for its conditions and treadmill, its excluded trials and its input files.
     announce
         Called with every step as it begins, such as "drawing marginal_means".
-    covariates
-        Of the further analysis of variance, in place of the study's: height_m, mass_kg, sex,
-        age_years.
     pages
         Whether a page is written for each trial, ``trials/NAME.html``, and linked.
 
@@ -100,7 +92,7 @@ def write_report(
     Raises
     ------
     ValueError
-        If there is no trial, a file of the results is damaged, or a covariate is unknown.
+        If there is no trial, or a file of the results is damaged.
     StudyFaults
         If the study's files are at fault.
     OSError
@@ -123,13 +115,8 @@ def write_report(
     announce("collecting the trials")
     quality: dict[TrialName, dict[str, tuple[Check, ...]]] = {}
 
-    errors = list[pd.DataFrame]()
-
     def rate(trial: TrialResult) -> None:
         quality[trial.name] = trial_quality(trial)
-        if study is not None and trial.name in study.trials:
-            recording = Path(study.trial(trial.name).file or "").with_suffix(".parquet")
-            errors.append(moment_errors(trial, study.path(SIMULATED).with_name(recording.name)))
 
     results = collect(folder, rate)
     states = trial_states(results, read_failures(folder), study)
@@ -147,7 +134,7 @@ def write_report(
     headline = results.residuals[results.residuals["headline"].astype(bool)]
 
     announce("computing statistics")
-    design = _design(headline, study, covariates)
+    design = _design(headline, study)
     compared = design.comparable(headline)
     sensitivity = None
     if len(of_variants) > 1:
@@ -224,10 +211,7 @@ def write_report(
         choices=sensitivity,
         tests=residual_tests(tests, design),
         joints=drawn(joint_figures(results.joint_cycles, design, curves)),
-        joint_tables=[
-            *compensation_tables(results.joints, design),
-            *filter(None, [error_table(errors, design)]),
-        ],
+        joint_tables=compensation_tables(results.joints, design),
         pictures=drawn(study_figures(results, tests, design, curves)),
         example_subject=example_subject(results.cycles),
         laboratory=None if study is None else page_of_study(study, folder),
@@ -267,20 +251,12 @@ def _write_parquet(table: pd.DataFrame, path: Path) -> None:
         table.to_parquet(temporary, index=False, compression="zstd")
 
 
-def _design(residuals: pd.DataFrame, study: Study | None, covariates: Sequence[str]) -> Design:
+def _design(residuals: pd.DataFrame, study: Study | None) -> Design:
     """Give the study's design; without its folder, the one that its conditions suggest."""
-    if study is None:
-        conditions = sorted(set(residuals["condition"]))
-        design = unstated_design(conditions, compensated=bool(residuals["compensated"].any()))
-    else:
-        design = study_design(study.file)
-    for name in covariates:
-        if name not in COVARIATES:
-            hint = did_you_mean(name, COVARIATES) or f"; there are {listed(COVARIATES)}"
-            raise ValueError(f"--covariate {short(name)}: no such covariate{hint}")
-    if design.group is not None and design.group in covariates:
-        raise ValueError(f"--covariate {design.group} is the grouping already; leave it out")
-    return replace(design, covariates=tuple(dict.fromkeys(covariates)) or design.covariates)
+    if study is not None:
+        return study_design(study.file)
+    conditions = sorted(set(residuals["condition"]))
+    return unstated_design(conditions, compensated=bool(residuals["compensated"].any()))
 
 
 def _all_subjects(subjects: pd.DataFrame, study: Study | None) -> pd.DataFrame:

@@ -31,8 +31,6 @@ class PairedComparison:
 
     Attributes
     ----------
-    n
-        Subjects.
     mean
         Mean difference, in the unit of the values; interval by Student's t.
     t, p_t
@@ -50,7 +48,6 @@ class PairedComparison:
         Matched-pairs rank-biserial correlation, −1 to 1.
     """
 
-    n: int
     mean: IntervalEstimate
     t: float
     p_t: float
@@ -93,7 +90,6 @@ def compare_paired(differences: Array) -> PairedComparison:
     dz = _cohens_dz(t, n)
     bias = exp(lgamma((n - 1) / 2) - lgamma((n - 2) / 2)) / sqrt((n - 1) / 2) if n > 2 else nan
     return PairedComparison(
-        n=n,
         mean=IntervalEstimate(mean, mean - half, mean + half),
         t=t,
         p_t=p_t,

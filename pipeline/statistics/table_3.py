@@ -253,9 +253,9 @@ def markdown_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(row)} |" for row in (heads, ["---"] * len(heads), *rows))
 
 
-def mean_sd(mean: float, sd: float) -> str:
+def mean_sd(mean: float, sd: float, form: str = ".1f") -> str:
     """Format "mean ± SD": a dash without a mean, no SD of a single value."""
-    return number(mean, ".1f") + ("" if isnan(sd) else f" ± {sd:.1f}")
+    return number(mean, form) + ("" if isnan(sd) else f" ± {sd:{form}}")
 
 
 def number(value: float, form: str, unit: str = "") -> str:

@@ -98,8 +98,8 @@ def _into_recording(recording: Recording, static: Path, where: str, name: str, t
             ["export", home / "walk.c3d", "--static", home / "static.c3d", "--sex", "male"],
         ]
         calls[0] += ["--out", home / "out"]
-        calls[1] += ["--osim", home / "out/body.osim", "--tables", home / "out/tables"]
-        calls[1] += ["--bids", home / "out/bids"]
+        calls[1] += ["--format", "osim", "--format", "tables", "--format", "bids"]
+        calls[1] += ["--out", home / "out/export"]
         return _judged(name, calls, home, folder)
 
     return act

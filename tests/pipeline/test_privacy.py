@@ -97,6 +97,9 @@ def test_of_two_subjects_one_is_read_and_nobody_is_named(study):
     assert found_in(" ".join(map(str, recording.notes))) == []
 
 
+FORMATS = ("--format", "osim", "--format", "urdf", "--format", "tables")
+
+
 @pytest.mark.slow
 def test_no_output_of_a_study_holds_a_name_from_a_header(study, tmp_path, capfd):
     """Terminal, results, report, tables, BIDS data set and viewer files."""
@@ -108,11 +111,8 @@ def test_no_output_of_a_study_holds_a_name_from_a_header(study, tmp_path, capfd)
         (0, ["report", str(out / "results")]),
         (0, ["view", str(out / "results"), "--save", str(out / "view.rrd")]),
         (0, ["residuals", walk, *chosen, "--out", str(out / "one")]),
-        (0, ["export", walk, *chosen, "--bids", str(out / "bids"), "--tables", str(out / "t")]),
-        (
-            0,
-            ["export", walk, *chosen, "--osim", str(out / "a.osim"), "--urdf", str(out / "a.urdf")],
-        ),
+        (0, ["export", walk, *chosen, "--format", "bids", "--out", str(out / "bids")]),
+        (0, ["export", walk, *chosen, *FORMATS, "--out", str(out / "models")]),
         (2, ["residuals", walk, "--out", str(out / "none")]),
         (2, ["residuals", walk, "--label-prefix", "Xanthippe", "--out", str(out / "none")]),
     ]

@@ -48,8 +48,8 @@ def test_a_result_is_exported_as_its_recording_is_without_processing_it_again(
     walker, stored, tmp_path, monkeypatch
 ):
     def export(folder, *trial):
-        models = ["--osim", str(folder / "body.osim"), "--urdf", str(folder / "body.urdf")]
-        assert main(["export", *map(str, trial), *models, "--tables", str(folder)]) == 0
+        forms = ["--format", "osim", "--format", "urdf", "--format", "tables"]
+        assert main(["export", *map(str, trial), *forms, "--out", str(folder)]) == 0
 
     export(tmp_path / "recording", walker.source, "--sex", "female")
     monkeypatch.setattr("pipeline.run.one_trial.process_request", None)
@@ -57,18 +57,6 @@ def test_a_result_is_exported_as_its_recording_is_without_processing_it_again(
     assert contents(tmp_path / "result") == contents(tmp_path / "recording")
 
 
-def test_a_format_is_written_to_the_folder_and_is_what_its_own_option_writes(
-    moving_study, tmp_path, capsys
-):
-    trial = moving_study / "sub01_pitch.c3d"
-    words = ["export", str(trial), "--mass-kg", "74.6", "--format", "osim", "--format", "tables"]
-    assert main([*words, "--out", str(tmp_path / "a")]) == 0
-    named = ["--osim", str(tmp_path / "b.osim"), "--tables", str(tmp_path / "b")]
-    assert main([*words[:4], *named]) == 0
-    assert (tmp_path / "a" / "sub01_pitch.osim").read_text() == (tmp_path / "b.osim").read_text()
-    written = sorted(path.name for path in (tmp_path / "b").iterdir())
-    assert sorted(path.name for path in (tmp_path / "a").iterdir()) == [
-        *sorted([*written, "sub01_pitch.osim"])
-    ]
-    assert main([*words[:4], "--format", "ozim"]) == 2
+def test_of_an_unknown_format_the_known_ones_are_named(moving_study, capsys):
+    assert main(["export", str(moving_study / "sub01_pitch.c3d"), "--format", "ozim"]) == 2
     assert "osim" in capsys.readouterr().err

@@ -57,8 +57,8 @@ def test_hbm_export_writes_the_same_files_without_pinocchio(walker, tmp_path):
     stored = (str(tmp_path / f"{walker.source.stem}.parquet"),)
 
     def models(folder):
-        files = folder / "body.osim", folder / "body.urdf"
-        return ["--osim", str(files[0]), "--urdf", str(files[1])], files
+        files = [folder / f"{walker.source.stem}.{form}" for form in ("osim", "urdf")]
+        return ["--format", "osim", "--format", "urdf", "--out", str(folder)], files
 
     options, expected = models(tmp_path / "with")
     assert main(["export", *stored, *options]) == 0

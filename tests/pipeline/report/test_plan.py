@@ -37,17 +37,7 @@ def test_fewer_than_two_subjects_give_one_line():
 def test_the_command_prints_the_plan_that_it_writes(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(report, "study_figures", lambda *args: iter(()))
     write_fake_results(tmp_path, subjects=3, cycles=2)
-    assert main(["report", str(tmp_path), "--plan", "--covariate", "mass_kg"]) == 0
+    assert main(["report", str(tmp_path), "--plan"]) == 0
     printed = capsys.readouterr().out
     assert (tmp_path / "plan.md").read_text(encoding="utf-8") in printed
     assert len(pd.read_csv(tmp_path / "plan.csv")) == 18
-    tests = set(pd.read_csv(tmp_path / "statistics.csv")["test"])
-    assert "RM-ANOVA with mass_kg" in tests
-
-
-def test_a_covariate_that_does_not_exist_is_refused_in_one_line(tmp_path, capsys):
-    write_fake_results(tmp_path, subjects=1, conditions=("baseline",), cycles=2)
-    assert main(["report", str(tmp_path), "--covariate", "height"]) == 2
-    error = capsys.readouterr().err
-    assert "--covariate height: no such covariate, did you mean 'height_m'?" in error
-    assert error.count("\n") == 1

@@ -48,7 +48,7 @@ def test_the_page_has_the_numbers_of_the_tables(trial, page):
     for row in table[table["headline"]].itertuples():
         plates = "compensated" if row.compensated else "measured"
         numbers = " ".join(f"{value:.1f}" for value in (row.rms, row.mean, row.sd, row.peak))
-        assert f"{row.axis} {row.unit} {plates} {numbers}" in text
+        assert f"{row.axis} ({row.unit}) {plates} {numbers}" in text
     for row in threshold_table(trial).query("compensated").itertuples():
         assert (
             f"Peak residual {row.quantity} {row.peak:.1f} {row.unit}, limit {row.limit:.1f}" in text

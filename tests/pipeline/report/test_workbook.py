@@ -24,7 +24,7 @@ def results(tmp_path_factory):
 @pytest.fixture(scope="module")
 def exported(results, tmp_path_factory):
     out = tmp_path_factory.mktemp("tables")
-    assert main(["export", str(results), "--tables", str(out)]) == 0
+    assert main(["export", str(results), "--format", "tables", "--out", str(out)]) == 0
     return out
 
 
@@ -71,5 +71,5 @@ def test_mean_curves_are_means_over_the_gait_cycles_of_a_trial(results, exported
 
 
 def test_results_without_a_report_are_refused_with_the_command(tmp_path, capsys):
-    assert main(["export", str(tmp_path), "--tables", str(tmp_path / "out")]) == 2
+    assert main(["export", str(tmp_path), "--format", "tables", "--out", str(tmp_path)]) == 2
     assert "hbm report" in capsys.readouterr().err

@@ -81,7 +81,8 @@ def test_clinical_angles_are_exported_with_either_zero_of_the_ankle(walker, tmp_
     tables = {}
     for zero in ("right_angle", "in_line"):
         folder = tmp_path / zero
-        asked = ["export", str(walker.source), "--tables", str(folder), "--ankle-zero", zero]
+        asked = ["export", str(walker.source), "--ankle-zero", zero]
+        asked += ["--format", "tables", "--out", str(folder)]
         assert main(asked) == 0
         tables[zero] = pd.read_csv(folder / f"{walker.source.stem}_angles.csv")
     usual, original = tables["right_angle"], tables["in_line"]
@@ -118,11 +119,18 @@ def test_implausible_segments_are_refused(tmp_path):
 def test_exported_forces_are_compensated_where_a_calibration_is_given(
     study, processed, tmp_path, capsys
 ):
-    asked = ["export", str(study / "sub01_pitch.c3d"), "--mass-kg", "74.6", "--tables"]
+    asked = ["export", str(study / "sub01_pitch.c3d"), "--mass-kg", "74.6"]
     calibration = tmp_path / "lab.json"
     assert main(["calibration", "fit", str(study / "empty.c3d"), "-o", str(calibration)]) == 0
     markers = ",".join(lab.PLATFORM_MARKERS_M)
-    asked += [str(tmp_path / "compensated"), "--calibration", str(calibration)]
+    asked += [
+        "--format",
+        "tables",
+        "--out",
+        str(tmp_path / "compensated"),
+        "--calibration",
+        str(calibration),
+    ]
     assert main([*asked, "--platform-markers", markers]) == 0
     printed = capsys.readouterr().out
     assert "from the compensated plate forces" in printed
