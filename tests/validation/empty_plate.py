@@ -16,7 +16,7 @@ from hbm.signals.filtering import low_pass
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
 from pipeline.virtual_lab.machine.instruments import ANALOG_HZ
-from pipeline.virtual_lab.machine.structure import make_structure, natural_modes
+from pipeline.virtual_lab.machine.structure import make_structure, state_matrix
 from pipeline.virtual_lab.person import bystander
 from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
 from pipeline.virtual_lab.protocol.walking_study import CUTOFF_HZ
@@ -49,7 +49,8 @@ def beside_a_runner(structures: Sequence[float]) -> pd.DataFrame:
     found: list[dict[str, object]] = []
     for flexibility in structures:
         structure = make_structure(flexibility=flexibility)
-        sway_hz, pitch_hz = natural_modes(structure)[0][:2]
+        modes = np.linalg.eigvals(state_matrix(structure))
+        sway_hz, pitch_hz = np.sort(np.abs(modes[modes.imag > 0]))[:2] / (2 * np.pi)
         faults = Faults()
         machine = faults.machine.model_copy(update={"flexibility": flexibility})
         treadmill = make_treadmill(faults.model_copy(update={"machine": machine}), TREADMILL_SEED)
@@ -57,6 +58,6 @@ def beside_a_runner(structures: Sequence[float]) -> pd.DataFrame:
         raw = trial.plates[0].wrench[:, : len(FORCES)]
         for force in (raw, low_pass(raw, ANALOG_HZ, CUTOFF_HZ, "zero_phase")):
             rms = dict(zip(FORCES, force[inside].std(axis=0), strict=True))
-            modes = {"sway_hz": sway_hz, "pitch_hz": pitch_hz}
-            found.append({"flexibility": flexibility, **modes, "filtered": force is not raw, **rms})
+            hz = {"sway_hz": sway_hz, "pitch_hz": pitch_hz}
+            found.append({"flexibility": flexibility, **hz, "filtered": force is not raw, **rms})
     return pd.DataFrame(found)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.virtual_lab.machine.belts import RotatingLine, identified_drive, scattered_drive
+from pipeline.virtual_lab.machine.belts import RotatingLine, identified_drive
 from tests.virtual_machine import identify_belt
 from tests.virtual_machine.belt_recording import simulate_recording
 from tests.virtual_machine.identify_belt import FITTED, find_lines, fit
@@ -25,7 +25,7 @@ def test_a_known_roller_and_lines_are_found():
 def test_parameters_of_a_simulated_drive_come_back_within_their_intervals(monkeypatch):
     """With one simulation instead of three a step, which widens the intervals."""
     monkeypatch.setattr(identify_belt, "SEEDS", identify_belt.SEEDS[:1])
-    drive = scattered_drive(np.random.default_rng(71))
+    drive = identified_drive(np.random.default_rng(71))
     recording = simulate_recording(drive, 4.4, seed=71)
     found = fit(recording, find_lines(recording), identified_drive())
     for name, value, half in zip(FITTED, found.values, found.half_widths, strict=False):

@@ -9,10 +9,9 @@ compensation assumes, for tests of arithmetic.
 """
 
 import tomllib
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.signal import butter, cont2discrete, lfilter, sosfilt
@@ -22,7 +21,6 @@ from pipeline.virtual_lab.faults import BeltFaults
 from pipeline.virtual_lab.machine.platform import Machine, Pair, follow
 
 PARAMETERS_TOML: Final = Path(__file__).with_name("belt_parameters.toml")
-Row = dict[str, Any]
 
 
 class RotatingLine(NamedTuple):
@@ -145,22 +143,6 @@ class BeltDrive:
         return self.idler_share * self.turning_kg
 
     @property
-    def roller_kg(self) -> float:
-        """Inertia of the driving roller."""
-        return self.turning_kg - self.idler_kg
-
-    @property
-    def driving_kg(self) -> float:
-        """Inertia of motor and driving roller."""
-        return self.motor_kg + self.turning_kg - self.idler_kg
-
-    @property
-    def belt_stiffness(self) -> tuple[float, float]:
-        """Stiffness and damping of the belt between its rollers [N/m, N·s/m]."""
-        omega = 2 * np.pi * self.belt_hz
-        return self.idler_kg * omega**2, 2 * self.belt_damping * self.idler_kg * omega
-
-    @property
     def gains(self) -> tuple[float, float]:
         """Proportional and integral gain of the speed controller [N·s/m, N/m]."""
         omega = 2 * np.pi * self.servo_hz
@@ -173,43 +155,30 @@ class BeltDrive:
         sliding = (self.coulomb_n + breakaway) * np.tanh(speed / self.smooth_mps)
         return np.asarray(sliding + self.viscous_n_per_mps * speed)
 
-    def board_force(self, speed: Array, weight: Array) -> Array:
-        """Give the friction of the belt on its board under a weight, (N,) [N]."""
-        return self.board_friction * np.maximum(weight, 0) * np.tanh(speed / self.smooth_mps)
 
-    def creep(self, speed: Array, force: Array) -> Array:
-        """Give how much slower the belt is than its driving roller when it pulls, (N,) [m/s]."""
-        return np.abs(speed) * force / self.stretch_n
-
-
-def identified_drive() -> BeltDrive:
+def identified_drive(rng: np.random.Generator | None = None) -> BeltDrive:
     """Give the drive with its stored parameters.
+
+    Parameters
+    ----------
+    rng
+        Draws the parameters anywhere within their intervals; equal generators give equal drives. By
+        default they are those identified.
+
+    Returns
+    -------
+    BeltDrive
+        The drive.
 
     Examples
     --------
     >>> f"roller of {200 * identified_drive().roller_radius_m:.0f} cm diameter"
     'roller of 20 cm diameter'
     """
-    return _drive(lambda row: row["value"])
 
+    def choose(row: dict[str, float]) -> float:
+        return row["value"] if rng is None else rng.uniform(row["low"], row["high"])
 
-def scattered_drive(rng: np.random.Generator) -> BeltDrive:
-    """Draw a drive whose parameters lie anywhere within their intervals.
-
-    Parameters
-    ----------
-    rng
-        Source of the draws.
-
-    Returns
-    -------
-    BeltDrive
-        Equal generators give equal drives.
-    """
-    return _drive(lambda row: rng.uniform(row["low"], row["high"]))
-
-
-def _drive(choose: Callable[[Row], float]) -> BeltDrive:
     table = tomllib.loads(PARAMETERS_TOML.read_text(encoding="utf-8"))
     lines = [RotatingLine(x["turns_per_m"], choose(x["moment_kg"])) for x in table.pop("lines")]
     return BeltDrive(**{name: choose(row) for name, row in table.items()}, lines=tuple(lines))
@@ -236,8 +205,8 @@ class BeltMotion:
 
     Attributes
     ----------
-    speed, acceleration
-        True speed of the belt's surface, positive backwards as in walking [m/s, m/s²].
+    speed
+        True speed of the belt's surface, positive backwards as in walking [m/s].
     reported_speed
         What the drive reports: the driving roller's speed, low-passed, held and late; without
         noise [m/s].
@@ -251,7 +220,6 @@ class BeltMotion:
     """
 
     speed: Array
-    acceleration: Array
     reported_speed: Array
     pitch_moment: Array
     forward_force: Array
@@ -324,12 +292,11 @@ def run_belt(
     forward, upward, unbalance = _unbalance(drive, at(solved.roller), at(travel), angles)
     motor_kg = drive.motor_kg / drive.motor_turns
     momentum = drive.roller_radius_m * (
-        (drive.roller_kg + motor_kg) * solved.roller_acceleration
+        (drive.turning_kg - drive.idler_kg + motor_kg) * solved.roller_acceleration
         + drive.idler_kg * solved.belt_acceleration
     )
     return BeltMotion(
         speed,
-        at(solved.belt_acceleration),
         _reported(drive, solved.roller, inside, time, channel),
         unbalance - at(momentum) + _rumble(drive, speed, rate_hz, noise),
         forward,
@@ -366,8 +333,9 @@ def _matrices(d: BeltDrive) -> tuple[Array, Array]:
     and motor force; the controller's integral. Inputs: command, friction of the motor's side and of
     the belt, slip speed, and what the limit takes from the motor's force.
     """
-    m, i = d.driving_kg, d.idler_kg
-    k, c = d.belt_stiffness
+    m, i = d.motor_kg + d.turning_kg - d.idler_kg, d.idler_kg
+    omega = 2 * np.pi * d.belt_hz
+    k, c = i * omega**2, 2 * d.belt_damping * i * omega
     kp, ki, lag = *d.gains, d.torque_lag_s
     A = np.array(
         [
@@ -396,19 +364,18 @@ def _solve(d: BeltDrive, command: Array, weight: Array, push: Array) -> _Solutio
     bearing, board = steepest / 2
     A[0, 0] += bearing * B[0, 1]
     A[1, 1] += board * B[1, 2]
-    inputs = np.zeros((5, len(command)))
-    inputs[0] = command
-    states = np.zeros((5, len(command)))
-    states[:2] = command
+    inputs, states = np.zeros((2, 5, len(command)))
+    inputs[0] = states[:2] = command
     kp, ki = d.gains
+    on_board = d.board_friction * np.maximum(weight, 0)
     for _ in range(MAX_ITERATIONS):
         wanted = kp * (command - states[0]) + ki * states[4]
         new = np.stack(
             [
                 command,
                 d.bearing_friction(states[0]) - bearing * states[0],
-                d.board_force(states[1], weight) + push - board * states[1],
-                d.creep(states[0], states[2]),
+                on_board * np.tanh(states[1] / d.smooth_mps) + push - board * states[1],
+                np.abs(states[0]) * states[2] / d.stretch_n,
                 wanted - np.clip(wanted, -d.max_force_n, d.max_force_n),
             ]
         )
@@ -490,7 +457,7 @@ def run_linear_belt(machine: Machine, command: Array, rate_hz: float) -> BeltMot
     denominator = np.array([1, 2 * machine.belt_damping * omega, omega**2])
     b, a, _ = cont2discrete((numerator, denominator), 1 / rate_hz, method="bilinear")
     moment, none = np.asarray(lfilter(b.ravel(), a, acceleration)), 0 * speed
-    return BeltMotion(speed, acceleration, speed, moment, none, none, none)
+    return BeltMotion(speed, speed, moment, none, none, none)
 
 
 Drives = tuple[BeltDrive, BeltDrive]
@@ -502,7 +469,6 @@ def make_drives(faults: BeltFaults, rng: np.random.Generator) -> Drives | None:
     """Draw the motors of a laboratory's two belts; None for belts that answer linearly."""
     if faults.drive == "linear":
         return None
-    drawn = [scattered_drive(own) for own in rng.spawn(2)]
     left, right = (
         replace(
             drive,
@@ -511,7 +477,7 @@ def make_drives(faults: BeltFaults, rng: np.random.Generator) -> Drives | None:
             report_jitter_s=faults.roughness * drive.report_jitter_s,
             lines=tuple(x._replace(moment_kg=faults.roughness * x.moment_kg) for x in drive.lines),
         )
-        for drive in drawn
+        for drive in map(identified_drive, rng.spawn(2))
     )
     return left, right
 

@@ -26,7 +26,6 @@ from pipeline.virtual_lab.machine.instruments import (
     make_force_plate,
     measure_markers,
     misplaced,
-    noise_sd_at,
     recorded_plate,
 )
 from pipeline.virtual_lab.machine.platform import Machine, Pair, TreadmillMotion
@@ -244,10 +243,10 @@ def recorded(
     # a motor's reports are uneven already
     jitter_s = faults.clocks.scale * STREAM_JITTER_S if treadmill.drives is None else 0.0
     stream = Stream(0.0, jitter_s, faults.clocks.scale * DOUBLED_PER_MINUTE, held=True)
-    noise, speeds = noise_sd_at(faults.belts.roughness * NOISE_MPS, rate_hz), []
+    noise_mps, speeds = faults.belts.roughness * NOISE_MPS, []
     for belt, own, _ in zip(response.belts, of_belts.spawn(2), belts, strict=False):
         speeds.append(stream.sample(belt.reported_speed[:, None], rate_hz, own.spawn(1)[0]))
-        add_noise(speeds[-1], noise, own)
+        add_noise(speeds[-1], noise_mps, own, rate_hz)
     names, units, columns = zip(
         (sensors, ("g",) * len(sensors), np.hstack(readings)),
         (belts, ("m/s",) * len(belts), np.hstack(speeds)),

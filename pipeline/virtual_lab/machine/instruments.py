@@ -90,18 +90,15 @@ def interpolated(values: Array, position: Array) -> Array:
     return total
 
 
-def noise_sd_at(sd: Array | float, rate_hz: float) -> Array:
-    """Give the standard deviation at a sampling rate of white noise stated for `ANALOG_HZ`.
+def add_noise(
+    values: Array, sd: Array | float, rng: np.random.Generator, rate_hz: float = ANALOG_HZ
+) -> None:
+    """Add white noise to readings in place, (N, C), with one standard deviation or one of each.
 
-    Its density stays the same.
+    It is stated for `ANALOG_HZ`; at other rates the density stays the same.
     """
-    return np.asarray(sd * np.sqrt(rate_hz / ANALOG_HZ))
-
-
-def add_noise(values: Array, sd: Array | float, rng: np.random.Generator) -> None:
-    """Add white noise to readings in place, (N, C), with one standard deviation or one of each."""
     if np.any(sd):
-        values += sd * rng.standard_normal(values.shape)
+        values += sd * np.sqrt(rate_hz / ANALOG_HZ) * rng.standard_normal(values.shape)
 
 
 def wander(count: int, rate_hz: float, channels: int, rng: np.random.Generator) -> Array:
@@ -316,7 +313,7 @@ class ForcePlate:
         alias = self.alias * of_alias.standard_normal(6)
         if self.alias.any():
             measured += folded(len(wrench), of_alias)[:, None] * alias
-        add_noise(measured, noise_sd_at(self.noise, rate_hz), rng)
+        add_noise(measured, self.noise, rng, rate_hz)
         return quantised(measured, FULL_SCALE_N * ERROR_SCALE, self.bits)
 
 
@@ -480,7 +477,7 @@ class Accelerometer:
         alias = self.alias * of_alias.standard_normal(3)
         if self.alias:
             measured += folded(len(measured), of_alias)[:, None] * alias
-        add_noise(measured, noise_sd_at(self.noise, rate_hz), rng)
+        add_noise(measured, self.noise, rng, rate_hz)
         return quantised(np.clip(measured, -self.limit, self.limit), self.limit, self.bits)
 
 

@@ -20,7 +20,6 @@ from pipeline.virtual_lab.machine.belts import BeltMotion
 from pipeline.virtual_lab.machine.platform import (
     BELT_ASSEMBLIES,
     TERMS,
-    Assembly,
     Pair,
     PlatformMotion,
     felt_by_terms,
@@ -137,7 +136,10 @@ def make_structure(
         inertia = np.full(3 * len(places), assembly.mass / len(places))
         hz = np.array(CELL_HZ * len(places)) / softness
         cells.append(springs(stretch.reshape(-1, COORDINATES), inertia, hz, STEEL_DAMPING))
-    carried = _inertia_of_frame(mass, [stiffness for stiffness, _ in cells])
+    carried = mass[:FRAME, :FRAME].copy()  # of the frame with the assemblies fixed to it
+    for part, (stiffness, _) in zip(ASSEMBLIES, cells, strict=True):
+        follow = -np.linalg.solve(stiffness[part, part], stiffness[part, :FRAME])
+        carried += follow.T @ mass[part, part] @ follow
     at_base = np.zeros((6, COORDINATES))
     at_base[:, :6] = rigid_shape(BASE_M)
     from_base = np.linalg.inv(rigid_shape(BASE_M))
@@ -151,34 +153,6 @@ def make_structure(
         for part, (by_displacement, by_velocity) in zip(ASSEMBLIES, cells, strict=True)
     ]
     return Structure(mass, damping, stiffness, tuple(wrenches))
-
-
-def natural_modes(structure: Structure) -> tuple[Array, Array]:
-    """Give frequencies and damping ratios of a structure's free vibration.
-
-    Parameters
-    ----------
-    structure
-        The structure.
-
-    Returns
-    -------
-    hz
-        Undamped natural frequencies in rising order, (21,) [Hz].
-    ratio
-        Damping ratio of each, (21,).
-
-    Examples
-    --------
-    >>> hz, ratio = natural_modes(make_structure())
-    >>> [f"{value:.1f}" for value in hz[:3]]
-    ['12.7', '15.9', '28.8']
-    """
-    values = np.linalg.eigvals(state_matrix(structure))
-    values = values[values.imag > 0]
-    order = np.argsort(np.abs(values))
-    hz = np.abs(values[order]) / (2 * np.pi)
-    return hz, -values[order].real / np.abs(values[order])
 
 
 def state_matrix(structure: Structure) -> Array:
@@ -227,15 +201,6 @@ def frame_shape(place: Array) -> Array:
     return np.hstack([rigid_shape(place), bending])
 
 
-def inertia_about_origin(assembly: Assembly) -> Array:
-    """Give the mass matrix of a rigid body by its motion at the platform's origin, (6, 6)."""
-    center = np.zeros((6, 6))
-    center[:3, :3] = assembly.mass * np.eye(3)
-    center[3:, 3:] = assembly.tensor
-    shape = rigid_shape(np.array(assembly.center))
-    return shape.T @ center @ shape
-
-
 def _mass_matrix() -> Array:
     """Give the mass matrix of frame and assemblies, (21, 21)."""
     mass = np.zeros((COORDINATES, COORDINATES))
@@ -243,17 +208,12 @@ def _mass_matrix() -> Array:
         shape = frame_shape(node)[:3]
         mass[:FRAME, :FRAME] += FRAME_KG / len(FRAME_NODES_M) * shape.T @ shape
     for part, assembly in zip(ASSEMBLIES, BELT_ASSEMBLIES, strict=True):
-        mass[part, part] = inertia_about_origin(assembly)
+        center = np.zeros((6, 6))
+        center[:3, :3] = assembly.mass * np.eye(3)
+        center[3:, 3:] = assembly.tensor
+        shape = rigid_shape(np.array(assembly.center))
+        mass[part, part] = shape.T @ center @ shape
     return mass
-
-
-def _inertia_of_frame(mass: Array, cells: list[Array]) -> Array:
-    """Give the frame's mass matrix with the assemblies fixed to it, (9, 9)."""
-    total = mass[:FRAME, :FRAME].copy()
-    for part, stiffness in zip(ASSEMBLIES, cells, strict=True):
-        follow = -np.linalg.solve(stiffness[part, part], stiffness[part, :FRAME])
-        total += follow.T @ mass[part, part] @ follow
-    return total
 
 
 Complex = NDArray[np.complex128]
@@ -452,7 +412,7 @@ def respond(
         for k, sensor in enumerate(sensors):
             own = found[24 + 6 * k : 30 + 6 * k]
             felt = sensor[now].T
-            sensor[now] = (felt + own[:3] - _cross(own[3:], felt)).T
+            sensor[now] = (felt + own[:3] - np.cross(own[3:], felt, axis=0)).T
     return Response((plates[0], plates[1]), sensors, frame, people)
 
 
@@ -497,13 +457,6 @@ def _in_moved_axes(wrench: Array, weight: Array, moved: Array) -> Array:
     total = wrench + weight[:, None]
     force, shift, turn = total[:3], moved[:3], moved[3:]
     seen = wrench.copy()
-    seen[:3] -= _cross(turn, force)
-    seen[3:] -= _cross(turn, total[3:]) + _cross(shift, force)
+    seen[:3] -= np.cross(turn, force, axis=0)
+    seen[3:] -= np.cross(turn, total[3:], axis=0) + np.cross(shift, force, axis=0)
     return seen
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Give the cross product of vectors in columns, (3, n)."""
-    return np.stack(
-        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-    )
