@@ -131,7 +131,7 @@ def check_signal(signal: Signal, limits: MachineLimits) -> tuple[Note, ...]:
     >>> sway = compensation.validation_signals()[0]
     >>> for note in check_signal(sway, MachineLimits(sway_m_per_s=0.25)):
     ...     print(note)
-    sway: sway_m_per_s reaches 0.301, the machine allows 0.25
+    sway: sway_m_per_s reaches 0.301, limit of the machine 0.25
     """
     rate, pitch = signal.rate_hz, np.degrees(signal.pitch)
     reached = {

@@ -32,7 +32,7 @@ def assert_only_the_engine_differs(trial, folder):
     pytest.importorskip("pinocchio", reason="Pinocchio has no wheel for this system")
     found = []
     for name, code in (("with", COMMAND), ("without", BLOCKED + COMMAND)):
-        words = ["residuals", str(trial), "--out", str(folder / name)]
+        words = ["residuals", str(trial), "--verbose", "--out", str(folder / name)]
         done = subprocess.run(
             [sys.executable, "-c", code, *words], capture_output=True, text=True, check=False
         )

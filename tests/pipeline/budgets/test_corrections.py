@@ -116,7 +116,7 @@ def test_residuals_fall_to_those_of_a_laboratory_without_the_faults(tmp_path, ca
         assert 0.8 < removed < 1.2, axis
     assert main(["report", str(out / "results")]) == 0
     page = (out / "results" / "report.html").read_text(encoding="utf-8")
-    assert "Corrected by" in page
+    assert "Effect alone" in page
     assert "2: gain Fz" in page
 
 

@@ -124,7 +124,7 @@ def test_without_any_file_the_body_is_of_the_pose_and_the_plates_are_where_strea
 @needs_lsl
 @pytest.mark.parametrize(
     ("signals", "code"),
-    [([signal.SIGINT, signal.SIGINT], 0), ([signal.SIGTERM, signal.SIGINT], 128 + signal.SIGTERM)],
+    [([signal.SIGINT, signal.SIGINT], 0), ([signal.SIGTERM, signal.SIGTERM], 128 + signal.SIGTERM)],
 )
 def test_a_session_that_is_stopped_twice_still_ends_with_a_whole_recording(
     walk, tmp_path, signals, code
