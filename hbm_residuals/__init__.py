@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
+    from pipeline import virtual_lab as virtual_lab
     from pipeline.budgets.explanation import explain as explain
     from pipeline.config.schema import Condition as Condition
     from pipeline.config.schema import Platform as Platform
@@ -20,22 +21,21 @@ if TYPE_CHECKING:
     from pipeline.config.study import read_study as read_study
     from pipeline.figures.residuals import residual_figure as figure
     from pipeline.io.read import read_recording as read
+    from pipeline.live.session import rehearse as rehearse
     from pipeline.report.trial_page import write_trial_page as write_page
     from pipeline.report.write import write_report as report
     from pipeline.run.run import run_study as run
     from pipeline.run.store import read_trial as read_result
     from pipeline.trial.ground.calibration_recording import fit_calibration as fit_calibration
+    from pipeline.trial.ground.calibration_recording import plate_samples as plate_samples
     from pipeline.trial.ground.calibrations import read_calibration as read_calibration
     from pipeline.trial.ground.laboratory import Laboratory as Laboratory
     from pipeline.trial.joints import joint_curves as joints
     from pipeline.trial.process import process_recording as process
-    from pipeline.trial.process import process_trial as process_trial
     from pipeline.trial.residuals import cycle_residuals as cycles
     from pipeline.trial.residuals import residual_table as residuals
     from pipeline.trial.residuals import threshold_table as thresholds
     from pipeline.viewer.trial import view_result as view
-    from pipeline.virtual_lab.protocol.walking_study import simulate_study as simulate_study
-    from pipeline.virtual_lab.protocol.walking_trial import simulate_trial as simulate
 
 _HOME: Final = {
     "Condition": "config.schema:Condition",
@@ -49,22 +49,22 @@ _HOME: Final = {
     "figure": "figures.residuals:residual_figure",
     "fit_calibration": "trial.ground.calibration_recording:fit_calibration",
     "joints": "trial.joints:joint_curves",
+    "plate_samples": "trial.ground.calibration_recording:plate_samples",
     "process": "trial.process:process_recording",
-    "process_trial": "trial.process:process_trial",
     "read": "io.read:read_recording",
     "read_calibration": "trial.ground.calibrations:read_calibration",
     "read_result": "run.store:read_trial",
     "read_study": "config.study:read_study",
+    "rehearse": "live.session:rehearse",
     "report": "report.write:write_report",
     "residuals": "trial.residuals:residual_table",
     "run": "run.run:run_study",
-    "simulate": "virtual_lab.protocol.walking_trial:simulate_trial",
-    "simulate_study": "virtual_lab.protocol.walking_study:simulate_study",
     "thresholds": "trial.residuals:threshold_table",
     "view": "viewer.trial:view_result",
+    "virtual_lab": "virtual_lab",
     "write_page": "report.trial_page:write_trial_page",
 }
-"""Name -> module of ``pipeline``, and its name there."""
+"""Name -> module of ``pipeline``, and its name there, if it is not the module itself."""
 __all__ = sorted(_HOME)
 
 
@@ -95,5 +95,6 @@ def __getattr__(name: str) -> Any:
     """Import a public name when it is first used, so that importing the package costs nothing."""
     if name not in _HOME:
         raise AttributeError(f"module 'hbm_residuals' has no attribute {name!r}")
-    module, _, name = _HOME[name].partition(":")
-    return getattr(import_module(f"pipeline.{module}"), name)
+    path, _, name = _HOME[name].partition(":")
+    module = import_module(f"pipeline.{path}")
+    return getattr(module, name) if name else module

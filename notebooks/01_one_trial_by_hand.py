@@ -30,7 +30,7 @@ import hbm_residuals as hr
 # on the plates; the body is the one that the model assumes.
 
 # %%
-hr.simulate("walk.c3d", duration_s=25.0, speed_mps=1.3)
+hr.virtual_lab.simulate_trial("walk.c3d", duration_s=25.0, speed_mps=1.3)
 recording = hr.read("walk.c3d")
 markers = recording.markers
 print(f"{len(markers.names)} markers at {markers.rate_hz:g} Hz, {len(recording.plates)} plates")

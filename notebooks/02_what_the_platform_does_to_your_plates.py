@@ -16,79 +16,46 @@
 
 # %%
 import matplotlib.pyplot as plt
-import numpy as np
 
-from compensation import fit_inertia, pitch_and_sway_signals, validation_signals
-from compensation.protocol import ADVISED_PLATFORM_SIGNAL
-from pipeline.config.schema import Treadmill
-from pipeline.figures.style import COLOURS
-from pipeline.trial.ground.accelerometers import accelerations
-from pipeline.trial.ground.calibration_recording import setup_of
-from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
-from pipeline.virtual_lab.machine.platform import BELT_ASSEMBLIES
-from pipeline.virtual_lab.protocol.walking_trial import run_signal
+import hbm_residuals as hr
 
-# %% [markdown]
-# ## The laboratory
-#
-# A treadmill with two plates and two accelerometers on its frame. The frame stands on an elastic
-# base and bends a little, belts and rollers shake it, and all instruments have typical errors:
-# noise, cross-talk, offsets, misaligned axes, clocks and delays of their own.
-
-# %%
-virtual_treadmill = make_treadmill(Faults(), seed=1)
-cutoff_hz = 20.0
-treadmill = Treadmill(
-    accelerometers={
-        sensor.name: tuple(f"{sensor.name}.{axis}" for axis in "XYZ")
-        for sensor in virtual_treadmill.sensors
-    },
-    cutoff_hz=cutoff_hz,
-)
-for side, assembly in zip(("left", "right"), BELT_ASSEMBLIES, strict=True):
-    x, y, z = assembly.center
-    print(f"{side} belt: {assembly.mass:.0f} kg, centre {x:.2f} m forward, {z:.2f} m up")
-
-
-def record_empty(signal, seed):
-    """Run a signal with empty belts: times, specific force, wrench of plate 1, set-up."""
-    recording = run_signal(virtual_treadmill, signal, np.random.default_rng(seed))
-    setup = setup_of(recording, treadmill)
-    time, acceleration = accelerations(recording, treadmill)
-    acceleration, wrench = (
-        setup.low_pass(values, setup.rate_hz)
-        for values in (acceleration, recording.plates[0].wrench_in_plate)
-    )
-    return time, acceleration, wrench, setup
-
+lab = hr.virtual_lab
 
 # %% [markdown]
 # ## What an empty plate measures
 #
-# First sway: 5 cm to one side within half a second, and slowly back seven seconds later. Then
-# pitch: ten degrees up and down within half a minute.
+# A treadmill with two accelerometers on its frame. The frame stands on an elastic base, belts and
+# rollers shake it, and all instruments have typical errors. First sway: 5 cm to one side within
+# half a second, and slowly back seven seconds later. Then pitch: ten degrees up and down within
+# half a minute.
 
 # %%
-signals = {signal.name: signal for signal in validation_signals()}
-trials = {name: record_empty(signals[name], seed) for seed, name in enumerate(("sway", "pitch"))}
 components = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
-for name, (_, _, wrench, _) in trials.items():
-    peaks = np.abs(wrench).max(axis=0)
+signals = {signal.name: signal for signal in lab.validation_signals()}
+trials = {name: lab.record_signal_trial(signals[name], seed=1) for name in ("sway", "pitch")}
+for name, trial in trials.items():
+    peaks = abs(trial.plates[0].wrench_in_plate).max(axis=0)
     print(name, "peaks:", *(f"{c} {v:.0f}" for c, v in zip(components, peaks, strict=True)))
 
 # %% [markdown]
-# ## Fitting the model
+# ## The model
 #
-# Inertial forces and weight are both linear in the accelerometer signals. One minute of random
-# motion of the empty treadmill, with rapid moves and held positions, is therefore enough for a
-# linear fit: each of the six components is a weighted sum of six signals and a constant.
+# Inertial forces and weight are both linear in the accelerometer signals. A few minutes of random
+# motion of the empty treadmill are therefore enough for a linear fit: each of the six components is
+# a weighted sum of six signals and a constant.
 
 # %%
-drawn = {signal.name: signal for signal in pitch_and_sway_signals(seed=1, belt_speed=3.0)}
-calibration = drawn[ADVISED_PLATFORM_SIGNAL]
-_, acceleration, wrench, setup = record_empty(calibration, seed=2)
-model = fit_inertia(acceleration, wrench, setup)
+drawn = {signal.name: signal for signal in lab.pitch_and_sway_signals(seed=1, belt_speed=3.0)}
+recording = lab.record_signal_trial(drawn["square_sway_300s_3mps"], seed=2)
+treadmill = hr.Treadmill(
+    accelerometers={
+        sensor: tuple(f"{sensor}.{axis}" for axis in "XYZ")
+        for sensor in ("rear_left", "front_right")
+    },
+    cutoff_hz=20.0,
+)
+calibration = hr.fit_calibration(recording, treadmill)
+model = calibration.plates["plate 1"]
 print("R² of the fit:", *(f"{c} {v:.4f}" for c, v in zip(components, model.r_squared, strict=True)))
 
 # %% [markdown]
@@ -97,45 +64,51 @@ print("R² of the fit:", *(f"{c} {v:.4f}" for c, v in zip(components, model.r_sq
 # In trials that were not used for the fit.
 
 # %%
-remaining = {
-    name: model.compensate(acceleration, wrench)
-    for name, (_, acceleration, wrench, _) in trials.items()
-}
-for name, (_, _, wrench, _) in trials.items():
-    before, after = (np.sqrt(np.mean(w**2, axis=0)) for w in (wrench, remaining[name]))
+wrenches = {}
+for name, trial in trials.items():
+    samples = hr.plate_samples(trial, treadmill, calibration.sensors, None)
+    acceleration, measured = samples["plate 1"]
+    wrenches[name] = measured, model.compensate(acceleration, measured)
     print(name)
     for k, component in enumerate(components):
-        print(f"  {component}: RMS {before[k]:6.2f} -> {after[k]:5.2f} {'N' if k < 3 else 'N·m'}")
+        before, after = ((wrench[:, k] ** 2).mean() ** 0.5 for wrench in wrenches[name])
+        print(f"  {component}: RMS {before:6.2f} -> {after:5.2f} {'N' if k < 3 else 'N·m'}")
+
+
+def show(name, shown, start_s, stop_s):
+    """Draw components of the plate as measured and as compensated."""
+    figure, panels = plt.subplots(1, len(shown), figsize=(11, 3.2), layout="constrained")
+    time = trials[name].plates[0].time[: len(wrenches[name][0])]
+    rows = (time > start_s) & (time < stop_s)
+    for panel, k in zip(panels, shown, strict=True):
+        for wrench, colour, label in zip(
+            wrenches[name], ("#D55E00", "#0072B2"), ("measured", "compensated"), strict=True
+        ):
+            panel.plot(time[rows], wrench[rows, k], color=colour, label=label, lw=1)
+        unit = "N" if k < 3 else "N·m"
+        panel.set(title=f"{name}: {components[k]}", ylabel=unit, xlabel="time (s)")
+    panels[0].legend(frameon=False, fontsize=8, loc="upper left")
+    return figure
+
 
 # %% [markdown]
-# ## The picture
+# ## One sway
 #
-# Top: one sway, magnified. It takes less than half a second; at its start and end the empty plate
-# measures a lateral force of more than 600 N, nearly the body weight of a person. The centre of
-# mass of the belt assembly is low and in front, so there are moments too (Mx, Mz). Bottom: pitch,
-# too slow for noticeable inertia. The direction of the weight changes: Fx follows the angle, and
-# Fz, which depends only on the magnitude of the tilt, decreases twice per period.
-#
-# After compensation (blue), three things remain. While the platform sways, waves of 15 N: the
-# accelerometers are about two milliseconds later than the plate, and this fit by hand does not
-# correct it; `hbm calibration fit` does (notebook 03). All the time, 1 to 2 N and 2.4 N·m of
-# pitch moment: rollers and belts shake the plate, and accelerometers on the frame hardly show it.
-# And a zero of up to 2 N that is another one in every recording.
+# It takes less than half a second. At its start and end the empty plate measures a lateral force
+# near the body weight of a person. The centre of mass of the belt assembly is low and in front, so
+# there are moments too.
 
 # %%
-figure, panels = plt.subplots(2, 3, figsize=(11, 6), layout="constrained", sharex="row")
-shown = {"sway": (1, 3, 5), "pitch": (0, 2, 4)}
-for row, (name, chosen) in zip(panels, shown.items(), strict=True):
-    time, _, wrench, _ = trials[name]
-    for panel, k in zip(row, chosen, strict=True):
-        panel.plot(time, wrench[:, k], color=COLOURS["measured"], label="measured", lw=1)
-        panel.plot(
-            time, remaining[name][:, k], color=COLOURS["compensated"], label="compensated", lw=1
-        )
-        panel.set(title=f"{name}: {components[k]}", ylabel="N" if k < 3 else "N·m")
-        panel.set_xlabel("time (s)")
-for panel in panels[0]:
-    panel.set_xlim(3.8, 4.8)
-panels[0, 0].legend(frameon=False)
-figure.suptitle("Empty plate on a moving treadmill, as measured and compensated")
+show("sway", (1, 3, 5), 2.8, 3.8)
+
+# %% [markdown]
+# ## Pitch
+#
+# It is too slow for noticeable inertia. The direction of the weight changes: Fx follows the angle,
+# and Fz decreases with it. After compensation (blue), rollers and belts remain, which shake the
+# plate more than the frame that carries the accelerometers, and a zero that is another one in every
+# recording.
+
+# %%
+figure = show("pitch", (0, 2, 4), 0.0, 70.0)
 figure.savefig("02_what_the_platform_does_to_your_plates.png", dpi=100)

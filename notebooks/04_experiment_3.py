@@ -18,7 +18,8 @@
 import matplotlib.pyplot as plt
 
 import hbm_residuals as hr
-import pipeline.virtual_lab.protocol.walking_protocol as virtual
+
+lab = hr.virtual_lab
 
 # %% [markdown]
 # ## 1. A study is a folder
@@ -28,8 +29,8 @@ import pipeline.virtual_lab.protocol.walking_protocol as virtual
 # stays empty, and three per subject.
 
 # %%
-small = virtual.Protocol(subjects=3, baseline_s=20.0, pitch_s=35.0, waits_s=(12.0, 12.0))
-folder = hr.simulate_study("study", virtual.Setting(protocol=small))
+small = lab.Protocol(subjects=3, baseline_s=20.0, pitch_s=35.0, waits_s=(12.0, 12.0))
+folder = lab.simulate_study("study", lab.Setting(protocol=small))
 print(*sorted(path.name for path in folder.iterdir()), sep="\n")
 
 # %% [markdown]

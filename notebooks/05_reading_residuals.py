@@ -17,10 +17,10 @@
 from dataclasses import replace
 
 import matplotlib.pyplot as plt
-import numpy as np
 
 import hbm_residuals as hr
-import pipeline.virtual_lab.protocol.walking_protocol as virtual
+
+lab = hr.virtual_lab
 
 # %% [markdown]
 # ## The reference trial
@@ -30,13 +30,13 @@ import pipeline.virtual_lab.protocol.walking_protocol as virtual
 # in a good laboratory. Its peaks exceed the limits of Hicks et al. (2015), too.
 
 # %%
-short = virtual.Protocol(subjects=1, conditions=("pitch",), pitch_s=32.0, beside_s=0.0)
-folder = hr.simulate_study("pitching", virtual.Setting(seed=1, protocol=short))
-recording = hr.read(folder / "sub01_pitch.c3d")
+short = lab.Protocol(subjects=1, conditions=("pitch",), pitch_s=32.0, beside_s=0.0)
+folder = lab.simulate_study("pitching", lab.Setting(seed=1, protocol=short))
 treadmill = hr.read_study(folder).file.treadmill
 calibration = hr.read_calibration(folder / "calibration.c3d", treadmill)
 subject = hr.Subject(id="sub01", sex="male", mass_kg=83.0, height_m=1.85)
 walking = hr.Condition(skip_s=8.0)  # at constant belt speed
+recording = hr.read(folder / "sub01_pitch.c3d")
 
 
 def process(recording=recording, subject=subject, treadmill=treadmill):
@@ -53,22 +53,18 @@ trials = {"reference": process()}
 # **Swapped markers.** For three seconds, the labels of the left anterior and posterior pelvis
 # markers are exchanged; and, in a separate trial, those of the right knee and ankle.
 
+
 # %%
-markers = recording.markers
-swapped_frames = (markers.time > 22.0) & (markers.time < 25.0)
-
-
-def swap(first, second):
+def swapped(*names):
     """Exchange the labels of two markers for three seconds."""
-    pair = [markers.names.index(name) for name in (first, second)]
-    position = markers.position.copy()
-    position[np.ix_(swapped_frames, pair)] = position[np.ix_(swapped_frames, pair[::-1])]
+    markers, position = recording.markers, recording.markers.position.copy()
+    first, second = (markers.names.index(name) for name in names)
+    position[2200:2500, [first, second]] = position[2200:2500, [second, first]]
     return replace(recording, markers=replace(markers, position=position))
 
 
-swapped = swap("LASIS", "LPSIS")
-trials["swapped pelvis"] = process(swapped)
-trials["swapped leg"] = process(swap("RLEK", "RLM"))
+trials["swapped pelvis"] = process(swapped("LASIS", "LPSIS"))
+trials["swapped leg"] = process(swapped("RLEK", "RLM"))
 
 # %% [markdown]
 # **A delay of 30 ms.** The plates are delayed: two devices were started manually, or one of them
@@ -89,17 +85,17 @@ trials["10 kg too light"] = process(subject=subject.model_copy(update={"mass_kg"
 # axes of the neutral position.
 
 # %%
-trials["no platform pose"] = process(treadmill=treadmill.model_copy(update={"platform": None}))
+fixed = treadmill.model_copy(update={"platform": None})
+trials["no platform pose"] = process(treadmill=fixed)
 
 # %% [markdown]
 # **A dead accelerometer.** One channel, the forward axis of the rear left sensor, is constant.
 
 # %%
-analog = recording.analog
-values = analog.values.copy()
-channel = analog.names.index("rear_left.X")
+values, channel = recording.analog.values.copy(), recording.analog.names.index("rear_left.X")
 values[:, channel] = values[0, channel]
-trials["dead accelerometer"] = process(replace(recording, analog=replace(analog, values=values)))
+dead = replace(recording, analog=replace(recording.analog, values=values))
+trials["dead accelerometer"] = process(dead)
 
 # %% [markdown]
 # ## The numbers
@@ -120,57 +116,70 @@ for name, result in trials.items():
         if note.level == "warning" and note not in trials["reference"].notes:
             print(f"    {note}")
 
+
+def show(*names):
+    """Draw all right gait cycles of faulty trials, and in grey those of the reference."""
+    figure, panels = plt.subplots(
+        len(names),
+        6,
+        figsize=(15, 2 * len(names) + 0.5),
+        sharex=True,
+        sharey="col",
+        layout="constrained",
+    )
+    reference = hr.cycles(trials["reference"], "compensated")["right"]
+    for row, name in zip(panels, names, strict=True):
+        curves = hr.cycles(trials[name], "compensated")["right"]
+        for k, panel in enumerate(row):
+            panel.plot(curves[..., k].T, color="#D55E00", lw=0.6)
+            panel.plot(reference[..., k].T, color="0.55", lw=0.4)
+            panel.axhline(0, color="black", lw=0.5)
+        row[0].set_ylabel(name)
+    for k, axis in enumerate(("Fx, N", "Fy, N", "Fz, N", "Mx, N·m", "My, N·m", "Mz, N·m")):
+        panels[0, k].set_title(axis)
+        panels[-1, k].set(xlabel="gait cycle (%)", xlim=(0, 100))
+    return figure
+
+
 # %% [markdown]
-# ## The picture
+# ## Faults of markers
 #
-# One row per fault, one column per residual; every thin line is one gait cycle, grey in the
-# reference. Each fault has a signature.
-#
-# **Swapped pelvis markers.** A few outlying cycles; all others coincide with the reference. A note
-# names the two labels and when they were exchanged. Positions that cannot be are left out, now of
-# the one marker, now of the other, and the model's pelvis jumps in between, which requires forces
-# that did not act: the *peaks* exceed the thresholds 38 and 14 times, and Fx and Fy have four to
-# five times their RMS. Correct the labels; leaving out is no repair.
+# **Swapped pelvis markers.** A few outlying cycles; all others coincide with the reference. A
+# warning names the two labels and when they were exchanged. Correct the labels: impossible
+# positions are left out, now of the one marker, now of the other, and the model's pelvis jumps in
+# between, which requires forces that did not act.
 #
 # **Swapped knee and ankle.** Not visible in the residuals! Both positions are left out throughout,
-# and the other markers of the leg show the same motion. Residuals do not reveal every fault: here
-# the notes do, and the two markers that are missing for a part of the trial. Look at both.
+# and the other markers of the leg show the same motion. Residuals do not reveal every fault: look
+# at the warnings, too.
+
+# %%
+show("swapped pelvis", "swapped leg")
+
+# %% [markdown]
+# ## Faults of plates and body mass
 #
 # **Plates delayed 30 ms.** The same shape in every cycle, largest in Fx and Fz where the forces
 # change fastest, after foot strike and around push-off, and crossing zero: the difference of a
-# curve and its delayed copy. The software estimates the delay: 32 ms, of which the reference has 2.
-# State it as `plate_delay_s`. In the viewer: residual arrows that change direction with every step.
+# curve and its delayed copy. The software estimates the delay. State it as `plate_delay_s`.
 #
 # **10 kg too light.** Fz keeps its shape and decreases by 98 N, the weight of ten kilograms; the
 # other forces hardly change. A negative Fz means that the plates measure more than the model
-# weighs. In the viewer: an arrow at the pelvis that always points down, also while the subject
-# stands still.
-#
-# **No platform pose.** A fan: the cycles shift up and down as the platform tilts. Fx reaches a
-# quarter of body weight, and My follows; both are larger while the ground reaction is large. In the
-# viewer: the plates stay level while the markers on the platform move up and down.
-#
-# **Dead accelerometer.** A similar fan in the same residuals, because part of the plates' own
-# weight is not compensated. The notes distinguish the two: they name the dead channel. So does the
-# shape: without a pose, the fan grows with the ground reaction; with a dead sensor, it hardly
-# depends on the gait cycle. In the viewer, the compensated curve is a scaled copy of the measured
-# one.
+# weighs.
 
 # %%
-shown = list(trials)[1:]
-figure, panels = plt.subplots(
-    len(shown), 6, figsize=(15, 2 * len(shown)), sharex=True, sharey="col", layout="constrained"
-)
-reference = hr.cycles(trials["reference"], "compensated")["right"]
-for row, name in zip(panels, shown, strict=True):
-    curves = hr.cycles(trials[name], "compensated")["right"]
-    for k, panel in enumerate(row):
-        panel.plot(curves[..., k].T, color="#D55E00", lw=0.6)
-        panel.plot(reference[..., k].T, color="0.55", lw=0.4)
-        panel.axhline(0, color="black", lw=0.5)
-    row[0].set_ylabel(name)
-for k, axis in enumerate(("Fx, N", "Fy, N", "Fz, N", "Mx, N·m", "My, N·m", "Mz, N·m")):
-    panels[0, k].set_title(axis)
-    panels[-1, k].set(xlabel="gait cycle (%)", xlim=(0, 100))
-figure.suptitle("Every right gait cycle with each fault (vermilion) and in the reference (grey)")
+show("plates delayed 30 ms", "10 kg too light")
+
+# %% [markdown]
+# ## Faults of the treadmill
+#
+# **No platform pose.** A fan: the cycles shift up and down as the platform tilts. Fx reaches a
+# quarter of body weight, and My follows; both are larger while the ground reaction is large.
+#
+# **Dead accelerometer.** A similar fan in the same residuals, because part of the plates' own
+# weight is not compensated. The warnings name the dead channel. So does the shape: without a pose,
+# the fan grows with the ground reaction; with a dead sensor, it hardly depends on the gait cycle.
+
+# %%
+figure = show("no platform pose", "dead accelerometer")
 figure.savefig("05_reading_residuals.png", dpi=100)

@@ -22,7 +22,8 @@ from pathlib import Path
 import pandas as pd
 
 import hbm_residuals as hr
-import pipeline.virtual_lab.protocol.walking_protocol as virtual
+
+lab = hr.virtual_lab
 
 # %% [markdown]
 # ## 1. Recordings
@@ -35,11 +36,11 @@ import pipeline.virtual_lab.protocol.walking_protocol as virtual
 NOISE_N = {"new": 0.5, "old": 12.0}
 folder = Path("treadmills")
 folder.mkdir(exist_ok=True)
-people = virtual.PERSONS[:6]
+people = lab.PERSONS[:6]
 for number, person in enumerate(people):
     for seed in range(6):
         treadmill = ("new", "old")[seed % 2]
-        hr.simulate(
+        lab.simulate_trial(
             folder / f"{person.name}_{treadmill}_{seed // 2}.c3d",
             person=person,
             duration_s=14.0,
@@ -102,6 +103,11 @@ page = hr.report(results, folder)
 print(f"{len(outcomes)} recordings, {sum(o.failure is None for o in outcomes)} done; {page}")
 
 # %%
+rms = pd.read_csv(results / "residuals.csv").query("headline")
+rms = rms.pivot_table(index="axis", columns="condition", values="rms")
+rms.plot.bar(ylabel="mean RMS (N, N·m)", rot=0, title="Residuals on the two treadmills")
+
+# %%
 tests = pd.read_csv(results / "statistics.csv").query("test == 'mixed model' and df1.isna()")
 tests[["axis", "effect_size", "ci_low", "ci_high", "p_corrected", "n", "note"]].round(3)
 
@@ -126,4 +132,6 @@ repeated[["condition", "name", "mean", "sd_within", "icc", "smallest_detectable_
 
 # %%
 variants = pd.read_csv(results / "variants.csv")
-variants.pivot_table(index="axis", columns=["variant", "condition"], values="rms").round(2)
+of_variants = variants.pivot_table(index="axis", columns=["variant", "condition"], values="rms")
+panel = of_variants.plot.bar(ylabel="mean RMS (N, N·m)", rot=0, title="The same with two filters")
+panel.figure.savefig("06_another_design.png", dpi=100)

@@ -28,7 +28,7 @@ import hbm_residuals as hr
 # 8 N to the left.
 
 # %%
-hr.simulate("walk.c3d", duration_s=20.0, seed=1)
+hr.virtual_lab.simulate_trial("walk.c3d", duration_s=20.0, seed=1)
 clean = hr.read("walk.c3d")
 first, second = clean.plates
 zero = np.array([6.0, 8.0, 0.0, 0.0, 0.0, 0.0])  # lab axes, N

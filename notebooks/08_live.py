@@ -17,18 +17,8 @@
 from dataclasses import replace
 
 import matplotlib.pyplot as plt
-import numpy as np
 
-import pipeline
-from hbm.markers import Markers
-from pipeline.config.live import Live
-from pipeline.config.schema import Treadmill
-from pipeline.live.chain import LiveChain
-from pipeline.live.monitor import Monitor
-from pipeline.live.replay import RecordedSource
-from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.residuals import AXES, UNITS, reported
-from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
+import hbm_residuals as hr
 
 # %% [markdown]
 # ## A trial, processed afterwards
@@ -37,82 +27,66 @@ from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
 # are 38 ms late by the filter. That is the reference.
 
 # %%
-simulate_trial("walk.c3d", duration_s=30.0, seed=2)
-walk = pipeline.read_c3d("walk.c3d")
-subject, settings = pipeline.Subject(sex="male"), pipeline.Settings(filter="realtime")
-result = pipeline.process_recording(walk, subject, settings)
-offline = reported(result.measured.residual)
+hr.virtual_lab.simulate_trial("walk.c3d", duration_s=30.0, seed=2)
+settings = hr.Settings(filter="realtime")
+result = hr.process(hr.read("walk.c3d"), hr.Subject(sex="male"), settings)
+table = hr.residuals(result, "walking")
 
 # %% [markdown]
 # ## The same trial, frame by frame
 #
-# `RecordedSource` gives the recording in chunks of 10 ms, as it would arrive. The chain takes them
-# and gives every frame as soon as its last sample is there.
-
+# `hr.rehearse` gives the recording to the chain in chunks of 10 ms, as it would arrive. Every frame
+# is computed as soon as its last sample is there.
 
 # %%
-def follow(recording):
-    """Replay a recording; gives its frames and the monitor that watched them."""
-    source = RecordedSource(recording)
-    laboratory = Laboratory(Treadmill())
-    chain = LiveChain(result.body, laboratory, settings, Live(), source.streams, recording.plates)
-    monitor, frames = Monitor(chain, recording.plates), []
-    while not source.ended:
-        for samples in source.receive(0.0):
-            monitor.samples(samples)
-            for frame in chain.push(samples):
-                monitor.frame(frame, frame.computing_s)
-                frames.append(frame)
-    return frames, monitor
-
-
-frames, monitor = follow(walk)
-live = np.array([frame.residual["measured"] for frame in frames])
-in_time = np.array([frame.quality.counts for frame in frames])
-largest = np.abs(live - offline[: len(live)])[in_time].max()
-print(f"{in_time.sum()} of {len(frames)} frames used; largest difference {largest:.1e} N or N·m")
+frames, monitor = hr.rehearse(hr.read("walk.c3d"), result.body, settings)
 print(monitor.status())
+live = {frame.number: frame.tau["measured"] for frame in frames if frame.quality.counts}
+after = result.measured.tau
+largest = max(abs(tau - after[number]).max() for number, tau in live.items())
+print(f"{len(live)} of {len(frames)} frames used; largest difference {largest:.1e} N or N·m")
+
+
+def show(monitor, title, colour):
+    """Draw the residual of each of the last ten gait cycles, and the mean square so far."""
+    figure, panels = plt.subplots(2, 3, figsize=(11, 5), sharex=True, layout="constrained")
+    for k, panel in enumerate(panels.flat):
+        for cycle in monitor.cycles:
+            panel.plot(cycle.curve["measured"][:, k], color=colour, lw=0.8, alpha=0.7)
+        axis, unit = table["axis"][k], table["unit"][k]
+        rms = monitor.condition.rms["measured"][k]
+        panel.set_title(f"{axis}: RMS {rms:.1f} {unit} (trial {table['rms'][k]:.1f})")
+        panel.axhline(0, color="0.7", lw=0.6, zorder=0)
+    for panel in panels[1]:
+        panel.set_xlabel("gait cycle (%)")
+    figure.suptitle(title)
+    return figure
+
+
+show(monitor, "The last ten gait cycles, as recorded", "#0072B2")
 
 # %% [markdown]
-# ## Spoilt streams
+# ## Faulty streams
 #
-# A marker is gone for four seconds, one plate reads 15 N too much, and both plates are 15 ms late.
-# In a laboratory, these lines appear while the subject is still there.
+# A marker is hidden for four seconds, one plate reads 15 N too much, and both plates are 15 ms
+# late. In a laboratory, these lines appear while the subject is still there.
 
 # %%
+walk = hr.read("walk.c3d")
 position = walk.markers.position.copy()
-position[1500:1900, walk.markers.names.index("LASIS")] = np.nan
-first, second = walk.plates
-zero = (np.array([0, 0, 15.0, 0, 0, 0]).reshape(2, 3) @ first.rotation).ravel()
-spoilt = replace(
+position[1500:1900, walk.markers.names.index("LASIS")] = float("nan")
+first, second = (replace(plate, time=plate.time + 0.015) for plate in walk.plates)
+wrench = first.wrench_in_plate.copy()
+wrench[:, :3] += 15.0 * first.rotation[2]  # upwards
+faulty = replace(
     walk,
-    markers=Markers(walk.markers.time, walk.markers.names, position),
-    plates=(
-        replace(first, time=first.time + 0.015, wrench_in_plate=first.wrench_in_plate + zero),
-        replace(second, time=second.time + 0.015),
-    ),
+    markers=replace(walk.markers, position=position),
+    plates=(replace(first, wrench_in_plate=wrench), second),
 )
-spoilt_frames, spoilt_monitor = follow(spoilt)
-for time, note in spoilt_monitor.notes:
+_, monitor = hr.rehearse(faulty, result.body, settings)
+for time, note in monitor.notes:
     print(f"{time:5.1f} s: {note}")
 
-# %% [markdown]
-# ## The picture
-#
-# The residual of every gait cycle as it ended: thin lines are cycles, and their root mean square is
-# in the title. What the plates' delay and zero do is there after the second step.
-
 # %%
-figure, panels = plt.subplots(2, 3, figsize=(11, 6), sharex=True)
-for k, panel in enumerate(panels.flat):
-    for cycles, colour in ((monitor.cycles, "#0072B2"), (spoilt_monitor.cycles, "#D55E00")):
-        for cycle in cycles:
-            panel.plot(cycle.curve["measured"][:, k], color=colour, linewidth=0.8, alpha=0.7)
-    rms = [each.condition.rms["measured"][k] for each in (monitor, spoilt_monitor)]
-    panel.set_title(f"{AXES[k]}: RMS {rms[0]:.1f}, spoilt {rms[1]:.1f} {UNITS[k]}")
-    panel.axhline(0, color="0.7", linewidth=0.6, zorder=0)
-for panel in panels[1]:
-    panel.set_xlabel("gait cycle (%)")
-figure.suptitle("The last ten gait cycles, as recorded (blue) and spoilt (vermilion)")
-figure.tight_layout()
+figure = show(monitor, "The last ten gait cycles with the faults", "#D55E00")
 figure.savefig("08_live.png", dpi=100)

@@ -90,6 +90,20 @@ def test_the_first_pages_are_short_and_all_pages_together_are_at_most_28000_word
     assert sum(words.values()) <= 28000
 
 
+def test_a_notebook_has_one_question_three_imports_and_two_to_four_figures():
+    """Figures are those that are made in a cell, by us, pandas or the package."""
+    makes = re.compile(r"^(?!def ).*(plt\.subplots|\.plot\.bar|hr\.figure|\bshow)\(", re.MULTILINE)
+    for path in sorted((ROOT / "notebooks").glob("*.py")):
+        text = path.read_text(encoding="utf-8")
+        titles = re.findall(r"^# # (.+)", text, re.MULTILINE)
+        assert [title[-1] for title in titles] == ["?"], path.name
+        assert len(re.findall(r"^(?:import|from) ", text, re.MULTILINE)) <= 3, path.name
+        assert f"): {titles[0]}" in (ROOT / "notebooks" / "README.md").read_text(encoding="utf-8")
+        outside = re.sub(r"^def show\(.*?(?=^\S)", "", text, flags=re.DOTALL | re.MULTILINE)
+        made = len(makes.findall(outside)) + outside.count('for name in ("marginal_means"')
+        assert 2 <= made <= 4, (path.name, made)
+
+
 def test_links_between_texts_lead_to_files_of_the_repository():
     """As GitHub shows them; pages of the API are made with the site."""
     link = re.compile(r"\]\((?!https?:|#|api/)([^)#\s]+)")

@@ -7,9 +7,16 @@ from typing import Final, TypeVar
 
 import numpy as np
 
+from hbm.model import Body
+from pipeline.config.live import Live
+from pipeline.config.schema import Settings, Treadmill
+from pipeline.io.recording import Recording
 from pipeline.live.chain import LiveChain, LiveFrame
+from pipeline.live.monitor import REQUIRED, Monitor
 from pipeline.live.output import Outlet, Recorder, result_row
+from pipeline.live.replay import RecordedSource
 from pipeline.live.stream import Arrivals, Samples, Source
+from pipeline.trial.ground.laboratory import Laboratory
 
 Kept = TypeVar("Kept")
 RECEIVE_S: Final = 0.02
@@ -109,3 +116,26 @@ class Session:
             kept.popleft()
             self.not_shown += 1
         kept.append(entry)
+
+
+def rehearse(
+    recording: Recording,
+    body: Body,
+    settings: Settings,
+    laboratory: Laboratory | None = None,
+    required: int = REQUIRED,
+) -> tuple[list[LiveFrame], Monitor]:
+    """Replay a recording through the chain of a session, without network or clock.
+
+    Gives all frames, and the monitor that watched them.
+    """
+    source, laboratory = RecordedSource(recording), laboratory or Laboratory(Treadmill())
+    chain = LiveChain(body, laboratory, settings, Live(), source.streams, recording.plates)
+    monitor, frames = Monitor(chain, recording.plates, required=required), list[LiveFrame]()
+    while not source.ended:
+        for samples in source.receive(0.0):
+            monitor.samples(samples)
+            for frame in chain.push(samples):
+                monitor.frame(frame, frame.computing_s)
+                frames.append(frame)
+    return frames, monitor

@@ -6,15 +6,15 @@ import numpy as np
 
 from hbm.markers import Markers
 from pipeline.config.schema import Platform, Settings, Subject, Treadmill
-from pipeline.live.chain import LiveChain, LiveFrame
+from pipeline.live.chain import LiveFrame
 from pipeline.live.monitor import Monitor
-from pipeline.live.replay import RecordedSource
+from pipeline.live.replay import recorded_streams
+from pipeline.live.session import rehearse
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.viewer.live import Board
 from tests.pipeline import lab
-from tests.pipeline.live.playing import chain_of
 
 SECONDS = 21.0
 FAULT_S = SECONDS - 4.0
@@ -42,7 +42,6 @@ EXPECTED = {
 class Played:
     """A session at its end, all of whose samples have arrived."""
 
-    chain: LiveChain
     monitor: Monitor
     frames: list[LiveFrame]
     board: Board
@@ -89,13 +88,6 @@ class VirtualLaboratory:
             laboratory = self.moving
             recording = lab.on_platform(recording, lab.pitching(SECONDS, degrees=5.0))
         recording = planted(recording, fault)
-        source = RecordedSource(recording)
-        chain = chain_of(self.body, laboratory, REALTIME, recording)
-        monitor, frames = Monitor(chain, recording.plates, required=REQUIRED), []
-        while not source.ended:
-            for samples in source.receive(0.0):
-                monitor.samples(samples)
-                for frame in chain.push(samples):
-                    monitor.frame(frame, frame.computing_s)
-                    frames.append(frame)
-        return Played(chain, monitor, frames, monitor.board(source.streams))
+        frames, monitor = rehearse(recording, self.body, REALTIME, laboratory, REQUIRED)
+        streams = [stream.description for stream in recorded_streams(recording)]
+        return Played(monitor, frames, monitor.board(streams))

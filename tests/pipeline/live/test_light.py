@@ -28,7 +28,7 @@ def test_the_light_names_each_frequent_fault_and_what_to_do(laboratory, fault):
         for variant, peaks in board.peaks.items():
             newest = played.monitor.cycles[-1].residual[variant]
             np.testing.assert_array_equal(peaks, np.abs(newest).max(axis=0))
-        weight_n = 9.81 * played.chain.body.mass
+        weight_n = 9.81 * laboratory.body.mass
         assert board.limit_n == pytest.approx(0.05 * weight_n)
         assert board.limit_nm == pytest.approx(0.01 * 0.95 * weight_n, rel=0.1)
     assert board.done == f"{round(REQUIRED * board.progress)} / {REQUIRED} gait cycles"
