@@ -129,7 +129,7 @@ def hammer_delay(
 def _enough(delays: list[float]) -> list[float]:
     if len(delays) < MIN_IMPACTS:
         raise ValueError(
-            f"{len(delays)} impacts found in both marker and force, expected at least "
+            f"{len(delays)} impacts in both marker and force, expected at least "
             f"{MIN_IMPACTS}; is the force unfiltered and are both on one clock?"
         )
     return delays

@@ -190,7 +190,7 @@ def build_body(
         instants=len(frames),
         posture="standing still" if still else f"moving at {speed:.2f} m/s",
         height_m=stature_m,
-        source="by the length of the legs" if height_m is None else "as stated",
+        source="by the length of the legs" if height_m is None else "as given",
     )
     notes = [pose, *dict.fromkeys(n for a in anatomies for n in a.notes)]
     notes += straight_elbows(anatomies)

@@ -80,8 +80,7 @@ class Calibration:
         for name, model in (*self.plates.items(), *self.dynamic.items()):
             if model.setup is None:
                 raise ValueError(
-                    f"plate {name}: the model does not state how it was recorded; "
-                    "give fit_inertia a setup"
+                    f"plate {name}: the model has no set-up of its recording; give fit_inertia one"
                 )
             if self.sensors and model.sensors != tuple(sensor.name for sensor in self.sensors):
                 raise ValueError(f"plate {name}: its accelerometers are not those described")

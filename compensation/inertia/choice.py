@@ -172,7 +172,7 @@ def choose(
             add(recording, simple_left, dynamic[name].compensate(felt, wrench))
     clear, reason = _judged(left, files)
     kind = stated if stated != "auto" else "dynamic" if clear else "static"
-    as_stated = "" if stated == "auto" else ", as stated"
+    as_stated = "" if stated == "auto" else ", as given"
     return f"{kind} model{as_stated}: {reason}", dynamic if kind == "dynamic" else {}
 
 

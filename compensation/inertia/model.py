@@ -274,7 +274,7 @@ class InertiaModel:
     def require(self, setup: Setup) -> None:
         """Refuse signals of other sensors, rate or filter than those of the fit: a ValueError."""
         if self.setup is None:
-            raise ValueError("the model does not state how it was recorded; fit it with a setup")
+            raise ValueError("the model has no set-up of its recording; fit it with one")
         fields = ["sensors", "rate_hz", "cutoff_hz"]
         if setup.cutoff_hz is not None:
             fields.append("filter_method")

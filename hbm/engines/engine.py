@@ -105,8 +105,8 @@ def choose_engine(stated: EngineName | None = None) -> Engine:
     if engine is not None:
         return engine
     raise ValueError(
-        'engine = "pinocchio" is stated, but Pinocchio cannot be imported here; install it (pip '
-        'install pin), leave engine out, or state engine = "kernels"'
+        'engine = "pinocchio" is set, but Pinocchio cannot be imported here; install it (pip '
+        'install pin), omit engine, or set engine = "kernels"'
     )
 
 

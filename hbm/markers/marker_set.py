@@ -412,8 +412,8 @@ def _mismatch(names: list[str]) -> str:
         family = nearest[-1].name.removesuffix("_lower")
         sets = [each for each in sets if each.name.removesuffix("_lower") != family]
     lacking = "; ".join(_lacking(each, names) for each in nearest)
-    found = f"nearest: {lacking}" if nearest else "none of them is of a known set"
-    seen = f"the markers match no known set; labels: {listed(names, LABELS_LISTED)}"
+    found = f"nearest: {lacking}" if nearest else "none of them is of a shipped set"
+    seen = f"the markers match no shipped set; labels: {listed(names, LABELS_LISTED)}"
     return f"{seen}; {found}; {_renaming(names) or REMEDY}"
 
 

@@ -66,7 +66,7 @@ class StatedNow:
 
 
 def group_name(names: Sequence[str]) -> str:
-    """Name groups of causes that cannot be told apart.
+    """Name groups of causes that cannot be determined apart.
 
     Examples
     --------

@@ -36,7 +36,7 @@ def doctor() -> None:
     for name in ("newton_step", "segment_poses", "newton_euler"):
         rate = speed(getattr(ready, name))
         console.print(f"  {name}: {rate:,.0f} frames/s on one core ({1e6 / rate:.1f} µs)")
-    console.print(f"inverse dynamics: {choose_engine().name} unless another engine is stated")
+    console.print(f"inverse dynamics: {choose_engine().name} unless another engine is set")
     for engine in ENGINES:
         try:
             console.say(f"  {engine}: {choose_engine(engine).version}")

@@ -110,7 +110,7 @@ def _toml(path: Path) -> Recognised:
     ):
         if keys & {*table}:
             return Recognised(what, (f"hbm {command}",))
-    what = f"a TOML file with {listed(table) or 'nothing in it'}, in no known role"
+    what = f"a TOML file with {listed(table) or 'nothing in it'}, of unknown role"
     return Recognised(what, ("hbm residuals TRIAL --segments FILE", "hbm init DIR"))
 
 

@@ -202,7 +202,7 @@ def _explain_results(
     from pipeline.run.processes import keep_freed_memory
 
     folder = request.trial
-    require_no_options(request, "the results of a study, whose files state everything")
+    require_no_options(request, "the results of a study, whose files have all settings")
     if out is not None:
         raise ValueError(f"leave out --out: explanations of a study go to {folder / 'explained'}")
     console = PlainConsole()
@@ -288,7 +288,7 @@ def export(
         raise ValueError("--frame goes with --format c3d")
     require_folder(of_c3d)
     if trial.is_dir():
-        require_no_options(request, "a study or its results, whose files state everything")
+        require_no_options(request, "a study or its results, whose files have all settings")
         if chosen == {"c3d"}:
             return _export_study(trial, of_c3d, frame)
         if chosen == {"tables"}:

@@ -36,7 +36,7 @@ def comparison_faults(file: StudyFile, subjects: Mapping[str, SubjectFile]) -> l
         if person.group is not None and not grouped
     ]
     faults += [
-        f"study.toml: conditions.{name}: is what a subject's file states too; choose another name"
+        f"study.toml: conditions.{name}: is a key of a subject's file too; choose another name"
         for name in file.conditions
         if name in ("group", *COVARIATES)
     ]
@@ -52,7 +52,7 @@ def comparison_faults(file: StudyFile, subjects: Mapping[str, SubjectFile]) -> l
         hint = hint or f"; there are {listed(file.conditions)}"
         faults.append(f"{where}.condition: no condition {short(str(stated.condition))!r}{hint}")
     elif stated.factor == VARIANT and stated.condition is None and len(file.conditions) > 1:
-        faults.append(f"{where}.condition: is missing; state one of {listed(file.conditions)}")
+        faults.append(f"{where}.condition: is missing; give one of {listed(file.conditions)}")
     for level in stated.levels or ():
         if level not in known:
             hint = did_you_mean(level, known) or f"; there are {listed(known)}"

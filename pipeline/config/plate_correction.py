@@ -62,8 +62,8 @@ class PlateCorrection:
             return stated_s or 0.0
         if stated_s is not None and abs(stated_s - measured_s) > SAME_DELAY_S:
             raise ValueError(
-                f"the plates' delay is stated as {1000 * stated_s:g} ms, but {self.name} has "
-                f"{1000 * measured_s:.1f} ms for plate {plate}; state one of them only "
+                f"the plates' delay is given as {1000 * stated_s:g} ms, but {self.name} has "
+                f"{1000 * measured_s:.1f} ms for plate {plate}; give one of them only "
                 "(plate_delay_s in study.toml, --plate-delay-ms)"
             )
         return measured_s

@@ -391,7 +391,7 @@ class Condition(InputModel):
         part = self.window == "motion" or (isinstance(self.window, Interval) and not in_seconds)
         if part and not self.perturbed:
             raise ValueError(
-                f'window "{self.window}" is a part of perturbed gait cycles; state perturbed = '
+                f'window "{self.window}" is a part of perturbed gait cycles; set perturbed = '
                 "true, or another window"
             )
         if self.window not in (None, "cycle", self.part) and self._selects_cycles:
@@ -477,7 +477,7 @@ class Comparison(InputModel):
         for key in ("levels", "pairs", "covariates"):
             stated = getattr(self, key) or ()
             if repeated := sorted({name for name in stated if stated.count(name) > 1}):
-                raise ValueError(f"{key}: {', '.join(repeated)} is stated more than once")
+                raise ValueError(f"{key}: {', '.join(repeated)} is given more than once")
         if self.factor in ("IC", "group", *COVARIATES):
             raise ValueError(f"factor: {self.factor} is the name of another factor; choose another")
         if self.group is not None and self.group in (self.covariates or ()):
@@ -577,7 +577,7 @@ def recording_tables(stated: object) -> tuple[Any, ...]:
     of_one = [key for key in others if key not in ("session", "window")]
     if of_one:
         raise ValueError(
-            f"{of_one[0]}: belongs to one recording; state a table for each, [[trials.CONDITION]]"
+            f"{of_one[0]}: belongs to one recording; write a table for each, [[trials.CONDITION]]"
         )
     return tuple({"file": file, **others} for file in files)
 

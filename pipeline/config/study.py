@@ -217,7 +217,7 @@ def _variants(
         if name in RESERVED_VARIANTS:
             faults.append(f"{where}: {name!r} is what a variant differs from; choose another name")
         if not stated:
-            faults.append(f"{where}: states no setting that differs")
+            faults.append(f"{where}: has no setting that differs")
         models = {}
         for key, values in tables.items():
             table = getattr(file, key).model_dump() | values
@@ -257,7 +257,7 @@ def _subjects(around: Around, faults: list[str]) -> dict[str, SubjectFile]:
         if not subjects:
             faults.append(f"{folder}: no subject files (one TOML per subject, next to study.toml)")
         elif not any(person.trials for person in subjects.values()):
-            faults.append(f"{folder}: no subject has a trial; state them as [trials.CONDITION]")
+            faults.append(f"{folder}: no subject has a trial; write them as [trials.CONDITION]")
     faults += _result_name_faults(subjects)
     return subjects
 

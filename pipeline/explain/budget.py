@@ -81,7 +81,7 @@ class EstimatedCause:
 
 @dataclass(frozen=True, slots=True)
 class GroupShare:
-    """What a group of causes, or several that cannot be told apart, make of each residual.
+    """What a group of causes, or several that cannot be determined apart, make of each residual.
 
     Attributes
     ----------

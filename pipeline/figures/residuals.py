@@ -72,7 +72,7 @@ def _over_time(result: TrialResult) -> Figure:
                 panel.set_ylim(*(1.2 * np.max(largest) * np.array([-1, 1])))
         if len(result.variants) > 1:
             legend_below(figure, panels[0])
-        what = "grey: left out" if counts.any() else "all frames are left out"
+        what = "grey: not used" if counts.any() else "no frame is used"
         figure.suptitle(f"{result.source.name}: pelvis residuals, {what}", fontsize=10)
     return figure
 

@@ -57,7 +57,7 @@ PAIRS_NAMED: Final = 3
 """Marker pairs and contradictions that a note or message names: enough to check by eye."""
 ABOVE: Final = "pelvis or shoulders above feet"
 ASK: Final = (
-    'state the axes, for example --axes forward,left,up, or axes = "forward,left,up" in study.toml'
+    'give the axes, for example --axes forward,left,up, or axes = "forward,left,up" in study.toml'
 )
 
 
@@ -277,10 +277,10 @@ def settle_axes(
         for source, vector in evidence.items():
             if ABOVE in evidence and vector @ up < 0:
                 raise ValueError(
-                    f"{_axis_name(up)} is up by the stated axes, but down by {source}: "
+                    f"{_axis_name(up)} is up by the given axes, but down by {source}: "
                     "the axes are wrong, or the plate stores the force that acts on itself"
                 )
-        stated = _axes_note(axes, f"as {by} defines them" if by else "as stated")
+        stated = _axes_note(axes, f"as {by} defines them" if by else "as given")
         return axes, [stated, *_not_forward(axes, position, sites)]
     if not np.isfinite(position).any():
         raise AxesUnknownError(
@@ -294,7 +294,7 @@ def settle_axes(
                 recognise_marker_set(names)
             except ValueError as unknown:
                 raise AxesUnknownError(
-                    f"{unknown}; for plates without a person, state --axes"
+                    f"{unknown}; for plates without a person, give --axes"
                 ) from error
         raise AxesUnknownError(f"axes cannot be inferred: {error}; {ASK}") from error
 

@@ -217,7 +217,7 @@ def _columns(path: Path) -> tuple[dict[str, Array], int, float, list[Note]]:
     frames = values[:, names.index("FrameNumber")]
     steps = np.diff(frames, prepend=frames[:1] - 1)
     if (frames % 1).any() or (steps < 0).any():
-        raise ValueError("FrameNumber does not count upward; is this one recording?")
+        raise ValueError("FrameNumber does not increase; is this one recording?")
     new = steps > 0
     index = (frames[new] - frames[:1]).astype(int)
     total = index[-1] + 1 if len(index) else 0

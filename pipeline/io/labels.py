@@ -75,7 +75,7 @@ def _chosen(prefix: str, prefixes: Sequence[str]) -> str:
     if prefix not in prefixes and prefix not in numbered:
         there = f"it has {len(prefixes)}, numbered from 1" if prefixes else "its labels have none"
         raise ValueError(
-            f"no label begins with the stated prefix; {there}: correct --label-prefix, or "
+            f"no label begins with the given prefix; {there}: correct --label-prefix, or "
             "label_prefix in study.toml, or leave it out"
         )
     return prefix if prefix in prefixes else numbered[prefix]

@@ -97,7 +97,7 @@ def _block(rows: Rows) -> Block:
     if not (np.isfinite(values[:, :2]).all() and (values[:, :2] % 1 == 0).all()):
         raise ValueError("a row has no frame or sub frame number")
     if (sub_frame == 0).all() and (np.diff(frame) != 1).any():
-        raise ValueError("frames do not count upward one by one")
+        raise ValueError("frame numbers do not increase by one")
     titles = [name.strip('"') for name in names_in(names, separator)]
     if beyond := list(filter(None, titles[len(labels) :])):
         raise ValueError(f"{short(beyond[0])!r} is the name of a column that is not there")
@@ -203,7 +203,7 @@ def _devices(block: Block, trajectories: Block) -> tuple[list[PlateColumns | Not
             f"{trajectories.rate_hz:g} Hz"
         )
     if (np.diff(count) != 1).any() or block.sub_frame.max() >= per_frame:
-        raise ValueError("Devices: frames and sub frames do not count upward one by one")
+        raise ValueError("Devices: numbers of frames and sub frames do not increase by one")
     if (last := trajectories.frame[-1]) < block.frame[-1]:
         raise ValueError(
             f"Trajectories end with frame {last:.0f}, Devices with {block.frame[-1]:.0f}: the file "

@@ -177,10 +177,10 @@ def _format(head: bytes) -> str:
     if is_nexus(lines):
         return "Nexus"
     if any(line.strip().lower() == "endheader" for line in lines):
-        raise ValueError("a MOT or STO table, which has no markers; give it beside a TRC file")
+        raise ValueError("a MOT or STO table, which has no markers; give it with a TRC file")
     if first[0] == "Time":
         raise ValueError(
-            "a D-Flow record file, which has no markers; give it beside a D-Flow mocap file"
+            "a D-Flow record file, which has no markers; give it with a D-Flow mocap file"
         )
     raise ValueError(
         "not a C3D file, nor TRC, D-Flow mocap text, Motek .mox, Vicon Nexus ASCII export or XDF, "

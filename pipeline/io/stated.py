@@ -17,15 +17,15 @@ from pipeline.io.units import force_in_n, length_in_m, length_of_moment, moment_
 Quantity = Literal["force", "moment", "pressure"]
 """What a channel of a plate holds."""
 CONVERT: Final = {"force": force_in_n, "moment": moment_in_nm, "pressure": length_in_m}
-STATE_UNITS: Final = 'state it: --units mm, or units = "mm" in study.toml'
-STATE_PLATE_UNITS: Final = 'state them: --plate-units N,Nmm, or plate_units = "N,Nmm" in study.toml'
+STATE_UNITS: Final = 'give it: --units mm, or units = "mm" in study.toml'
+STATE_PLATE_UNITS: Final = 'give them: --plate-units N,Nmm, or plate_units = "N,Nmm" in study.toml'
 RAW_SIGNALS: Final = dict.fromkeys(("v", "mv", "uv", "volt", "volts"), "volts") | dict.fromkeys(
     ("adc", "adu", "bit", "bits", "count", "counts"), "numbers of the converter"
 )
 """Unit of a plate's channel before its calibration, in lower case -> what the channel holds."""
 ASK_FOR_GAINS: Final = (
     "export forces and moments, or ask the laboratory for the plate's calibration matrix and gains "
-    "(FORCE_PLATFORM:CAL_MATRIX, TYPE 4); if the numbers are forces, state --plate-units N,Nmm"
+    "(FORCE_PLATFORM:CAL_MATRIX, TYPE 4); if the numbers are forces, give --plate-units N,Nmm"
 )
 MIN_SPAN_M: Final = 0.05
 MAX_SPAN_M: Final = 20.0
@@ -55,7 +55,7 @@ def parse_mending(text: str) -> tuple[int, str, str]:
     """
     match = MENDING.fullmatch(text)
     if match is None:
-        raise ValueError(f"a plate is mended by such as {EXAMPLES}; got {short(text)!r}")
+        raise ValueError(f"give a correction of a plate such as {EXAMPLES}; got {short(text)!r}")
     number, deed, what = (part for part in match.groups() if part is not None)
     return int(number), deed, what
 

@@ -309,7 +309,7 @@ def find_plates(
         try:
             place = _place(places[number]) if number in places else None
             if place is None:
-                raise ValueError("the stream does not state its place (desc/plates/plate)")
+                raise ValueError("the stream has no place of its plate (desc/plates/plate)")
             if absent := [name for name in COMPONENTS if name not in columns]:
                 raise ValueError(f"it has no channel for {listed(absent)}")
             if not number.isdecimal():

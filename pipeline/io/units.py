@@ -78,7 +78,7 @@ def _lookup(
     unit: str, plain: str, known: Mapping[str, float], quantity: str, examples: str
 ) -> float:
     if not unit.strip():
-        raise ValueError(f"no {quantity} unit is stated, expected {examples}")
+        raise ValueError(f"no {quantity} unit is given, expected {examples}")
     if plain not in known:
         raise ValueError(f"unknown {quantity} unit {short(unit)!r}, expected {examples}")
     return known[plain]

@@ -387,7 +387,7 @@ def _of_markers(
         found = [s for s in streams if s.name == wanted]
         if not found:
             raise ValueError(
-                f"no stream is called {short(wanted)!r} as marker_stream states; {there}"
+                f"no stream is called {short(wanted)!r} as marker_stream says; {there}"
             )
     if not found:
         raise ValueError(

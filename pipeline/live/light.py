@@ -41,7 +41,7 @@ OF_NOTES: Final[Mapping[str, tuple[Colour, str]]] = {
     "live_marker_gone": ("look", "{marker}"),
     "live_plates_late": (
         "look",
-        "Plates are {delay_ms:.0f} ms later than the markers: state plate_delay_s = {delay_s:.3f}",
+        "Plates are {delay_ms:.0f} ms later than the markers: set plate_delay_s = {delay_s:.3f}",
     ),
     "accelerometer_clipped": ("look", "Platform sensor {shares} is clipped: choose a larger range"),
     "calibration_range_exceeded": (

@@ -207,7 +207,7 @@ class Inlet:
                 self.prepare()
             elif time.monotonic() > deadline:
                 raise ConnectionError(
-                    f"stream {self.name!r} states no sampling rate, and sends too little within "
+                    f"stream {self.name!r} has no sampling rate, and sends too little within "
                     f"{RATE_TIMEOUT_S:g} s to find it"
                 )
 

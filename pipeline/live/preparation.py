@@ -68,16 +68,16 @@ def place_plates(
         if each.place is None:
             continue
         if each.number in received:
-            raise ValueError(f"several streams state the place of plate {each.number}")
+            raise ValueError(f"several streams give the place of plate {each.number}")
         received[each.number] = each.place
     recorded = {str(plate.number): plate.place for plate in static.plates} if static else {}
     places = recorded | received
     if not places:
         why = [f"plate {short(each.number)}: {each.problem}" for each in stated if each.problem]
-        streams = "; ".join(why) or "the streams state none (desc/plates/plate)"
-        file = "no static file is stated" if static is None else f"{static.source.name} has none"
+        streams = "; ".join(why) or "the streams have none (desc/plates/plate)"
+        file = "no static file is given" if static is None else f"{static.source.name} has none"
         raise ValueError(
-            f"the places of the plates are not known: {streams}; {file}; state a recording that "
+            f"the places of the plates are not known: {streams}; {file}; give a recording that "
             "has them: --static FILE, or static in the subject's file"
         )
     channels = {each.number: each.channels for each in stated if each.channels}
@@ -251,7 +251,7 @@ class Preparation:
         """
         pose = pose or self.static
         if pose is None:
-            raise ValueError("no calibration pose: state --static FILE, or show it live: --pose")
+            raise ValueError("no calibration pose: give --static FILE, or show it live with --pose")
         pose = with_corrected_plates(pose, self.laboratory.plates)
         person, study = self.person, self.study
         mass = body_mass(person.person, pose)
@@ -294,7 +294,7 @@ def prepare(
         if calibration is not None:
             raise ValueError(
                 f"--calibration {calibration.name} needs the study: its [treadmill.platform] says "
-                "by which markers or channels the platform is brought to the lab; state --study "
+                "by which markers or channels the platform is brought to the lab; give --study "
                 "FOLDER"
             )
         recording = read_recording(static, Stated()) if static else None
@@ -303,7 +303,7 @@ def prepare(
     read = read_study(study.parent if study.is_file() else study, recordings=False)
     if subject is None and len(read.subjects) != 1:
         raise ValueError(
-            f"the study has {len(read.subjects)} subjects; state who walks: --subject, one of "
+            f"the study has {len(read.subjects)} subjects; choose who walks: --subject, one of "
             f"{', '.join(read.subjects)}"
         )
     person = read.subject(subject or next(iter(read.subjects)))

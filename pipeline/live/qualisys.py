@@ -63,7 +63,7 @@ def _corner(plate: Element, k: int) -> list[float]:
     except ValueError:
         found = []
     if not found or not np.isfinite(found).all():
-        raise ValueError(f"the program states no corner {k}, but {short(' '.join(words))!r}")
+        raise ValueError(f"the program has no corner {k}, but {short(' '.join(words))!r}")
     return found
 
 
@@ -236,7 +236,7 @@ def _rate(element: Element | None, what: str) -> float:
     except ValueError:
         rate = 0.0
     if not 0 < rate < np.inf:
-        raise ValueError(f"Qualisys Track Manager states no rate of {short(what)}, but {text!r}")
+        raise ValueError(f"Qualisys Track Manager has no rate of {short(what)}, but {text!r}")
     return rate
 
 

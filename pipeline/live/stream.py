@@ -258,7 +258,7 @@ def describe_markers(
     known = stated.axes or axes
     if not known:
         raise ValueError(
-            "the axes of its markers are not known; state them, for example --axes "
+            "the axes of its markers are unknown; give them, for example --axes "
             'forward,left,up, or axes = "forward,left,up" in study.toml'
         )
     to_lab = parse_axes(known)

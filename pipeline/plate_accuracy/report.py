@@ -46,12 +46,12 @@ COLUMNS: Final = {
 """The thesis' columns (x right, y up, z back) -> quantity in lab axes (x forward, y left, z up)."""
 TOTAL_NOTE: Final = (
     "Total errors: RMS over the loads of one foot in walking of a person of {mass:g} kg, a minute "
-    "after zeroing; moments about a centre of mass 1 m above the belt. Errors of stated masses, "
+    "after zeroing; moments about a centre of mass 1 m above the belt. Errors of the given masses, "
     "of the marker above a weight and of center_height_m are not in the intervals."
 )
 TABLE_NOTE: Final = (
     "Root mean square errors. Axes of the thesis: x to the right, y up, z back. Orthogonal errors "
-    "(TLLS) with supports, where nothing else is stated and there are such recordings. Filter: "
+    "(TLLS) with supports, unless set otherwise, if there are such recordings. Filter: "
     "{hz:g} Hz, as in the thesis ({method})."
 )
 EFFECTS_NOTE: Final = (

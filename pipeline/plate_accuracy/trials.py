@@ -76,7 +76,7 @@ def read_with_marker(
         plate = _at_surface(plate, study.file.surface[belt])
     if not np.isfinite(plate.corners).all():
         raise ValueError(
-            f"{name}: does not say where plate {number} is; state the edges of the {belt} belt in "
+            f"{name}: does not say where plate {number} is; give the edges of the {belt} belt in "
             f"plates.toml: [surface.{belt}], x_m = [rear, front], y_m = [right, left]"
         )
     if not np.isfinite(plate.wrench_in_plate).all():
@@ -300,7 +300,7 @@ def static_places(study: PlatesStudy, belt: BeltSide) -> tuple[Array, Array] | N
         return None
     if len(plate_points) < MIN_PLACES:
         raise ValueError(
-            f"{', '.join(names)}: {len(plate_points)} places found where the weight stood still "
+            f"{', '.join(names)}: {len(plate_points)} places where the weight stood still "
             f"on the plate, expected at least {MIN_PLACES}"
         )
     return np.array(plate_points), np.array(camera_points)

@@ -27,7 +27,7 @@ from pipeline.plate_accuracy.response import (
 )
 from pipeline.report.blocks import Check, Table
 
-Answer = Literal["fit", "fit after correction", "not fit", "cannot be told"]
+Answer = Literal["fit", "fit after correction", "not fit", "cannot be determined"]
 Status = Literal["within", "beyond", "unclear", "not examined"]
 TOTAL: Final = "total error"
 GAIN: Final = "gain of "
@@ -163,7 +163,7 @@ class PlateVerdict:
             known = self.calibration is not None and not self.to_record
             return "fit after correction" if enough and known else "not fit"
         unknown = self.to_record or self.shared or "unclear" in statuses
-        return "cannot be told" if unknown else "fit"
+        return "cannot be determined" if unknown else "fit"
 
     @property
     def _left(self) -> tuple[Judged, ...]:
@@ -173,7 +173,7 @@ class PlateVerdict:
     @property
     def reasons(self) -> tuple[Judged, ...]:
         """What the verdict is for: single faults, then total errors, the largest first."""
-        wanted = "unclear" if self.answer == "cannot be told" else "beyond"
+        wanted = "unclear" if self.answer == "cannot be determined" else "beyond"
         found = [one for one in self.judged if one.status == wanted]
         left = [one for one in self._left if one.status == "beyond"]
         if self.answer == "not fit" and left:
@@ -205,7 +205,10 @@ class PlateVerdict:
             ("Fit for inverse dynamics", [(rating, self.answer, "")]),
             ("Examined", ", ".join(examined) or "–"),
             ("Not examined", ", ".join(self.unexamined) or "–"),
-            ("Undecided" if self.answer == "cannot be told" else "Found", self._listed_reasons()),
+            (
+                "Undecided" if self.answer == "cannot be determined" else "Found",
+                self._listed_reasons(),
+            ),
             ("Extrapolated", f"above {self.largest_n:.0f} N, the largest recorded load"),
             *(("Contradiction", text) for text in self.contradiction),
             ("Next", "; ".join(self._to_do()) or "–"),
@@ -234,9 +237,9 @@ class PlateVerdict:
             heavier, high = ("heavier", "high") if self.shared > 0 else ("lighter", "low")
             return (
                 *self.to_record,
-                "weigh the masses with a second balance, and correct mass_kg or state "
+                "weigh the masses with a second balance, and correct mass_kg or set "
                 "mass_uncertainty_percent: all gains of every plate are "
-                f"{size} too {high}, or all masses as much {heavier} than stated",
+                f"{size} too {high}, or all masses as much {heavier} than given",
             )
         unclear = [one for one in (*self.judged, *self.corrected) if one.status == "unclear"]
         unclear.sort(key=lambda one: abs(one.size / one.limit - 1))
@@ -548,7 +551,7 @@ def _to_record(found: PlateAccuracy, belt: BeltSide) -> tuple[str, ...]:
         ),
         (
             found.study.file.height_stated,
-            "state center_height_m: without it, the moment that a force along the belt causes "
+            "give center_height_m: without it, the moment that a force along the belt causes "
             "cannot be examined",
         ),
     )

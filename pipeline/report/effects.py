@@ -201,5 +201,5 @@ def _lines(tests: pd.DataFrame) -> Iterator[str]:
             yield f"{title}: {'; '.join(own)}."
     for name in names[1:]:
         note = str(tests.loc[tests["test"] == name, "note"].iloc[0])
-        if "not computed" in note or "left out" in note:
+        if "not computed" in note or "excluded" in note:
             yield f"{name}: {note}."

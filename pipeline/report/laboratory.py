@@ -361,7 +361,7 @@ def frequency_table(empty: EmptyTreadmill) -> Table:
         (f"Accelerometer {name}", f"{place.along:+.2f} m along the belts, {place.up:+.2f} m up")
         for name, place in empty.places.items()
     ]
-    legend = "Along the belts: positive to the front where the axes are stated (--axes)."
+    legend = "Along the belts: positive to the front where the axes are given (--axes)."
     title = f"Recording {empty.recording.source.name}"
     return Table(title, ("Item", "Value"), rows, "answers", legend if empty.places else "")
 
@@ -382,7 +382,7 @@ def _of_recording(calibration: Calibration, empty: EmptyTreadmill) -> list[Drawn
         drawn.append(Drawn(caption, figure, many_points=True))
     places = (
         "Accelerometers: distance along the belts (dashed) and height by their readings; sway and "
-        "pitch do not show the distance across. Front and rear: as the axes are stated (--axes)."
+        "pitch do not show the distance across. Front and rear: as the axes are given (--axes)."
         if empty.places
         else "Places of accelerometers unknown: name markers on the platform (--platform-markers)."
     )

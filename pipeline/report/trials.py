@@ -58,7 +58,7 @@ def problems(
         if trial.span is not None and name not in compared:
             text = (
                 f"uses {trial.span[0]:.2f} to {trial.span[1]:.2f} s of the recording, without gait "
-                "cycles; left out of tables and tests; its residuals are in residuals.csv"
+                "cycles; not in tables and tests; its residuals are in residuals.csv"
             )
             lines.append((str(name), text))
     for quantity, different in (

@@ -228,7 +228,7 @@ def outdated(job: Job) -> str | None:
         for name, value in old
         if name != "id" and getattr(new, name) != value
     ]
-    return ", ".join(changed) or "what the study states about it has changed"
+    return ", ".join(changed) or "its settings in the study have changed"
 
 
 def file_digest(path: Path) -> str:

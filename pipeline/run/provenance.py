@@ -156,7 +156,7 @@ def _state(
     def left_out(state: State, reason: str) -> TrialState:
         older = ""
         if trial is not None and not trial.shortage:
-            older = "; an older result is left out of the tables"
+            older = "; an older result is not in the tables"
         return TrialState(*key, state, reason + older, False, *identity)
 
     failure = failures.get(str(key)) or (trial.shortage if trial is not None else "")
@@ -170,11 +170,11 @@ def _state(
     if trial is None:
         return left_out("missing", "no result: hbm run has not done it")
     if not in_study:
-        reason = "no longer in the study; its result is left out of the tables"
+        reason = "no longer in the study; its result is not in the tables"
         return TrialState(*key, "outdated", reason, False, *identity)
     changed = ""
     if study is not None and trial.settings != study.file.settings:
-        changed = "processed with other settings than the study states now; run it again"
+        changed = "processed with other settings than the study has now; run it again"
     elif study is not None and trial.key != trial_key(study, key):
         changed = "the program, its files or its settings have changed; run it again"
     return TrialState(*key, "outdated" if changed else "done", changed, True, *identity)

@@ -169,7 +169,7 @@ def require_nothing_replaced(planned: Sequence[Job], out: Path) -> None:
         )
         raise ValueError(
             f"{out}: results there that were made otherwise would be replaced ({why}); --overwrite "
-            "replaces them; to keep both, state the change as [variants.NAME] in study.toml"
+            "replaces them; to keep both, write the change as [variants.NAME] in study.toml"
         )
 
 

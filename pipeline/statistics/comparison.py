@@ -185,7 +185,7 @@ def _anova(cells: pd.DataFrame, between: pd.DataFrame, design: Design) -> Iterat
     complete, missing = _complete(cells.join(between))
     n, names = len(complete), [str(name) for name in between]
     varying = [name for name in names if complete[name].nunique() > 1]
-    same = [f"{name} left out: the same for all subjects" for name in names if name not in varying]
+    same = [f"{name} not used: the same for all subjects" for name in names if name not in varying]
     covariates = [name for name in varying or names if name != design.group]
     test = MIXED_ANOVA if design.group in names else RM_ANOVA
     test += f" with {' and '.join(covariates)}" if covariates else ""

@@ -292,13 +292,13 @@ def roughly_weighed(recording: Recording, unknown: MassUnknownError) -> float:
 def _nothing_known(name: str, recordings: tuple[Recording, ...]) -> str:
     """Say that the body mass is not known, and what to do."""
     plates = next((r.plates for r in recordings if r.plates), ())
-    why = "nobody stands still on the plates for a second to be weighed, and no file states it"
+    why = "nobody stands still on the plates for a second to be weighed, and no file has it"
     if not plates:
         why = f"no plates to weigh on: {recordings[0].why_no_plates}"
     mean_kg = sum(np.nanmean(plate.wrench[:, 2]) for plate in plates) / GRAVITY_MPS2
     hint = f"; the mean vertical force of the whole file would be {mean_kg:.1f} kg"
     return (
-        f"{name}: mass missing: {why}; state the mass (--mass-kg, mass_kg of the subject)"
+        f"{name}: mass missing: {why}; give the mass (--mass-kg, mass_kg of the subject)"
         f"{hint if mean_kg > MIN_MASS_KG else ''}"
     )
 

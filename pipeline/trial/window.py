@@ -76,7 +76,7 @@ def cycle_shortage(
         )
     if left_out:
         frames = f"; {unsolved} of {len(time)} frames could not be solved" if unsolved else ""
-        return f"all gait cycles were left out, {counted_reasons(left_out)}{frames}"
+        return f"all gait cycles were excluded, {counted_reasons(left_out)}{frames}"
     return "none of the gait cycles is one that the condition asks for"
 
 
@@ -87,7 +87,7 @@ def counted_reasons(left_out: Sequence[str]) -> str:
 
 Span = tuple[float, float]
 NO_POSE: Final = (
-    'window = "motion" needs the platform\'s pose; state its markers or channels under '
+    'window = "motion" needs the platform\'s pose; give its markers or channels under '
     "[treadmill.platform], or another window"
 )
 
@@ -298,7 +298,7 @@ def perturbed_part(
             raise ValueError(
                 'window = "motion", but the platform moves faster than '
                 f"{MIN_PLATFORM_SPEED_MPS:g} m/s after none of the {len(onsets)} perturbations; "
-                "check its markers or channels, or state another window"
+                "check its markers or channels, or set another window"
             )
         notes += [Note.of("perturbation_without_motion", onset_s=onset) for onset in still]
     parts = {
@@ -310,13 +310,13 @@ def perturbed_part(
             if onset + wanted.stop > following:
                 raise ValueError(
                     f"the window of {wanted} after the perturbation at {onset:.2f} s reaches into "
-                    f"the next one at {following:.2f} s; state a shorter one"
+                    f"the next one at {following:.2f} s; set a shorter one"
                 )
         ends = np.isnan([stop for own in spans.values() for _, stop in own])
         if len(ends) and ends.all():
             raise ValueError(
                 f"the window of {wanted} after each perturbation ends beyond all {len(ends)} "
-                "perturbed gait cycles; state one that ends sooner"
+                "perturbed gait cycles; set one that ends sooner"
             )
         if ends.any():
             count = int(ends.sum())

@@ -182,7 +182,7 @@ def true_verdict(fault: Fault | None, size: float, belt: str) -> Answer:
     if fault is None or not (size > fault.limit or _beyond(fault.make(size), belt)):
         return "fit"
     if fault.like_masses:
-        return "cannot be told"
+        return "cannot be determined"
     return "not fit" if fault.lasting else "fit after correction"
 
 
@@ -223,7 +223,7 @@ def true_totals(errors: PlateErrors, belt: str) -> Array:
 def report(done: pd.DataFrame, perfect: pd.DataFrame) -> str:
     """Give one row per fault and size, and what all plates have in common."""
     right = done.verdict == done.truth
-    untold = ~right & (done.verdict == "cannot be told")
+    untold = ~right & (done.verdict == "cannot be determined")
     counted = done.assign(right=right, untold=untold, plates=1)
     sums = ["found", "sized", "sizes", "right", "untold", "plates"]
     rows = counted.groupby(["fault", "of its limit", "truth"], sort=False)[sums].sum()
@@ -240,7 +240,7 @@ def report(done: pd.DataFrame, perfect: pd.DataFrame) -> str:
     for words, alike in perfect.groupby("recordings"):
         lines.append(
             f"Without a fault, {words}: {(alike.verdict == 'fit').sum()} of {len(alike)} are fit, "
-            f"for {(alike.verdict == 'cannot be told').sum()} it cannot be told; "
+            f"for {(alike.verdict == 'cannot be determined').sum()} it cannot be determined; "
             f"{(alike.invented > 0).sum()} have a fault that differs significantly from none."
         )
     return "\n\n".join(lines)

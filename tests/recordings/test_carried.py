@@ -163,7 +163,7 @@ def test_of_a_walk_over_two_plates_the_stride_on_them_counts(shared_data):
     result = recorded.processed(recorded.two_plates, shared_data)
     assert {side: len(spans) for side, spans in result.cycles.items()} == {"right": 1}
     (note,) = [note for note in result.notes if note.code == "cycles_left_out"]
-    assert note.text.endswith("left out: 1 for plates that do not carry the subject")
+    assert note.text.endswith("excluded: 1 for plates that do not carry the subject")
     table = residual_table(result, "walk").set_index("axis")
     assert 0.5 < table.loc["Fz", "valid_share"] < 1
     assert table.loc["Fz", "peak"] < 150
@@ -174,7 +174,7 @@ def test_of_a_walk_over_two_plates_the_stride_on_them_counts(shared_data):
 
 def test_quiet_standing_has_residuals_and_weighs_the_subject(shared_data, tmp_path, capsys):
     path = shared_data / "full_body_standing" / "1min_CGM_HBM_static.c3d"
-    assert main(["residuals", str(path), "--out", str(tmp_path)]) == 0
+    assert main(["residuals", str(path), "--verbose", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     assert "0.17 to 5.53 s" in printed
     assert "no gait cycle: there are no foot strikes" in printed

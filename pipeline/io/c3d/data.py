@@ -518,7 +518,7 @@ def frame_rate_hz(header: Header) -> tuple[float, list[str]]:
     rates = {place: hz for place, hz in places.items() if MIN_RATE_HZ <= hz <= MAX_RATE_HZ}
     if not rates:
         raise ValueError(
-            f"no frame rate between {MIN_RATE_HZ:g} and {MAX_RATE_HZ:g} Hz is stated ({every}); "
+            f"no frame rate between {MIN_RATE_HZ:g} and {MAX_RATE_HZ:g} Hz is given ({every}); "
             "export the file again"
         )
     rate = next(iter(rates.values()))

@@ -73,7 +73,7 @@ def write_c3d(
     """
     path, metadata = Path(path), metadata or Metadata()
     if len(markers.time) < 2:
-        raise ValueError("a C3D file needs at least two frames, since it states a frame rate")
+        raise ValueError("a C3D file needs at least two frames, since it has a frame rate")
     to_file = parse_axes(axes).T
     channels = _channels(markers, plates, analog, to_file)
     groups = _marker_groups(markers, to_file, first_frame) | {

@@ -321,7 +321,7 @@ def _overrule(
             raise ValueError(
                 f"contacts: plate {each.plate} carries the {before.foot} foot at "
                 f"{before.time_s:g} s and the {each.foot} one at {each.time_s:g} s, but that "
-                "is one contact; state one of them"
+                "is one contact; give one of them"
             )
         pressure.nearer[contact] = SIDES.index(each.foot)
         pressure.decided[contact] = True

@@ -113,7 +113,7 @@ def hold_ends(time: Array, values: Array, what: str) -> Array:
     """
     known = np.flatnonzero(np.isfinite(values).all(axis=1))
     if not len(known):
-        raise ValueError(f"{what} is nowhere known while the plates are recorded")
+        raise ValueError(f"{what} has no values while the plates are recorded")
     first, last = known[[0, -1]].tolist()
     if len(known) < last - first + 1:
         gap = known[np.argmax(np.diff(known) > 1)] + 1
@@ -156,7 +156,7 @@ def find_accelerometers(recording: Recording) -> dict[str, tuple[str, str, str]]
     if not sensors:
         raise ValueError(
             f"{recording.source.name}: no triaxial accelerometer among the analog channels "
-            f"({', '.join(names) or 'none'}); state them: --accelerometer rear=CH1,CH2,CH3, or "
+            f"({', '.join(names) or 'none'}); give them: --accelerometer rear=CH1,CH2,CH3, or "
             "treadmill.accelerometers in a study"
         )
     return sensors

@@ -108,7 +108,7 @@ def plate_models(recording: Recording, laboratory: Laboratory) -> list[InertiaMo
         if then != channels and set(then) <= set(present):
             raise ValueError(
                 f"{file}: accelerometer {sensor} was {', '.join(then)} in the calibration, which "
-                f"this recording has too, but {', '.join(channels)} is stated; recording and "
+                f"this recording has too, but {', '.join(channels)} is given; recording and "
                 "calibration need the same channels"
             )
     numbers = [plate.number for plate in recording.plates]

@@ -130,7 +130,7 @@ def moved_corners(plate: Plate, pose: PlatformPose) -> Array:
     """
     known = np.isfinite(pose.position).all(axis=1)
     if not known.any():
-        raise ValueError("the platform's pose is nowhere known")
+        raise ValueError("the platform's pose is unknown in all frames")
     rotation = fit_rotation(pose.rotation[known].mean(axis=0))
     moved = plate.corners @ rotation.T + pose.position[known].mean(axis=0)
     return np.asarray((moved - plate.center) @ plate.rotation)

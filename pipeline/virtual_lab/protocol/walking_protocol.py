@@ -113,7 +113,7 @@ class Protocol(InputModel):
     def _motion_needs_pose(self) -> "Protocol":
         if "sway" in self.conditions and self.pose == "none" and self.sway_window == "motion":
             raise ValueError(
-                'pose = "none" leaves the motion of the platform unknown; state sway_window = '
+                'pose = "none" leaves the motion of the platform unknown; set sway_window = '
                 '"cycle" or seconds'
             )
         return self

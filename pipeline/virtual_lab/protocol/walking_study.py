@@ -77,7 +77,7 @@ def _platform_toml(setting: Setting) -> str:
     """State how the laboratory knows the platform's pose, with its error."""
     if setting.protocol.pose == "none":
         return ""
-    heading = "[treadmill.platform]  # how its pose is known\n"
+    heading = "[treadmill.platform]  # where its pose comes from\n"
     if setting.protocol.pose == "markers":
         names = ", ".join(f'"{name}"' for name in PLATFORM_MARKERS_M)
         return f"{heading}markers = [{names}]"
@@ -107,7 +107,7 @@ window = {part}  # of them: the platform's motion, whole cycles, or seconds from
 """
     return f"""\
 [conditions.{name}]
-cycles = {CYCLES}  # gait cycles that count, after
+cycles = {CYCLES}  # gait cycles that are used, after
 skip_s = {protocol.steady_s + SETTLE_S:g}  # the T-pose and the start of the belts
 """
 
@@ -121,8 +121,8 @@ def _study_toml(setting: Setting) -> str:
     )
     conditions = "\n".join(_condition_toml(name, protocol) for name in protocol.conditions)
     return f"""\
-# A study recorded in the virtual laboratory. Every other TOML file beside this one is a subject;
-# {SIMULATED} states what is simulated, with the faults of the laboratory.
+# A study recorded in the virtual laboratory. Every other TOML file here is a subject;
+# {SIMULATED} says what is simulated, with the faults of the laboratory.
 name = "virtual laboratory"
 
 [settings]

@@ -46,7 +46,7 @@ def test_a_loss_in_any_component_of_other_motion_keeps_the_static_model(recordin
 
 def test_a_stated_model_is_taken(recordings):
     _, reason, models = chosen(recordings[35.0], "static", recordings[35.0][1:])
-    assert (reason[:24], models) == ("static model, as stated:", {})
+    assert (reason[:24], models) == ("static model, as given: ", {})
     _, _, models = chosen(recordings[None], "dynamic")
     assert list(models) == ["plate 1"]
 

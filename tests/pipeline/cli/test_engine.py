@@ -37,7 +37,7 @@ def test_a_stated_engine_runs_and_is_stored_with_the_result(trial, tmp_path, cap
     ("engine", "message"),
     [
         ("opensim", "--engine: input should be 'pinocchio' or 'kernels'"),
-        ("pinocchio", 'engine = "pinocchio" is stated, but Pinocchio cannot be imported here'),
+        ("pinocchio", 'engine = "pinocchio" is set, but Pinocchio cannot be imported here'),
     ],
 )
 def test_an_engine_that_cannot_run_gives_one_line(

@@ -169,7 +169,7 @@ def test_a_folder_that_cannot_take_a_recording_is_refused_before_anything_is_awa
 
 
 def test_what_is_missing_is_said_in_one_line(walk, tmp_path, capsys):
-    assert "no calibration pose: state --static FILE, or show it live: --pose" in refused(capsys)
+    assert "no calibration pose: give --static FILE, or show it live with --pose" in refused(capsys)
     assert "lab.json needs the study: its [treadmill.platform] says by which" in refused(
         capsys, "--static", walk, "--calibration", tmp_path / "lab.json"
     )

@@ -64,7 +64,7 @@ def test_verbose_prints_how_a_result_was_made(standing, tmp_path, capsys):
     short, long = printed(capsys, *words), printed(capsys, *words, "--verbose")
     assert "inverse dynamics by" not in short
     assert "inverse dynamics by" in long
-    assert "body mass 74.6 kg as stated" in short
+    assert "body mass 74.6 kg as given" in short
 
 
 def test_only_one_way_of_printing_is_chosen(standing, capsys):

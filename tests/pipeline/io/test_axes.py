@@ -43,7 +43,7 @@ def test_a_loaded_plate_shows_up_where_no_marker_is_known():
     names = ("LF", "RF")
     found, _ = settle_axes(None, position, names, plate_forces=[[0, 0, 300.0]])
     assert found == "forward,left,up"
-    with pytest.raises(ValueError, match=r"^the markers match no known set.* without a person"):
+    with pytest.raises(ValueError, match=r"^the markers match no shipped set.* without a person"):
         settle_axes(None, position, names, plate_forces=[[0, 0, 20.0]])
 
 

@@ -81,11 +81,11 @@ def test_unknown_content_is_refused_with_the_formats_that_are_read(tmp_path):
 
 
 def test_a_file_of_forces_or_signals_alone_names_the_file_it_needs(formats, tmp_path):
-    with pytest.raises(ValueError, match="no markers; give it beside a TRC file"):
+    with pytest.raises(ValueError, match="no markers; give it with a TRC file"):
         read_recording(formats["TRC"]["forces"])
     path = tmp_path / "record.txt"
     path.write_text("Time\tBelt\n0.0\t1.0\n0.1\t1.0\n")
-    with pytest.raises(ValueError, match="no markers; give it beside a D-Flow mocap file"):
+    with pytest.raises(ValueError, match="no markers; give it with a D-Flow mocap file"):
         read_recording(path)
 
 

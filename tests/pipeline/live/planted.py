@@ -25,7 +25,7 @@ EXPECTED = {
     "none": ("good", "12 gait cycles used: end with Ctrl-C"),
     "marker lost": ("look", "LASIS is hidden: turn the left camera or re-attach the marker"),
     "plate not zeroed": ("stop", "Plate 1 reads 15 N without load: step off and zero it"),
-    "plates late": ("look", "ms later than the markers: state plate_delay_s = 0.0"),
+    "plates late": ("look", "ms later than the markers: set plate_delay_s = 0.0"),
     "foot beside the plate": (
         "stop",
         "A foot is beside its plate: ask the subject to walk on the plates",

@@ -85,7 +85,7 @@ def test_channels_are_those_of_the_study_then_of_the_streams_then_the_usual_ones
 
 
 def test_one_plate_that_two_streams_state_is_refused(stated):
-    with pytest.raises(ValueError, match="several streams state the place of plate 1"):
+    with pytest.raises(ValueError, match="several streams give the place of plate 1"):
         place_plates([*stated, stated[0]], None, Live())
 
 

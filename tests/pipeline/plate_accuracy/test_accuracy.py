@@ -190,7 +190,7 @@ def test_the_verdict_names_what_was_not_examined(tmp_path, capsys):
     assert main(["plates", str(tmp_path), "--out", str(tmp_path / "out")]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "Left plate" in said
-    assert "▲ cannot be told" in said
+    assert "▲ cannot be determined" in said
     assert "3 different weights or more" in said
     path.write_text('marker = "TOP"\n' + kept, encoding="utf-8")
     assert main(["plates", str(tmp_path), "--out", str(tmp_path / "out")]) == 2

@@ -94,7 +94,7 @@ def test_where_a_plate_is_has_to_be_stated_where_the_files_do_not_say_it(in_text
     assert main(["plates", str(edited(in_text, tmp_path, LEFT_BELT, ""))]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
-    assert "static_left.txt: does not say where plate 1 is; state the edges of the left belt" in (
+    assert "static_left.txt: does not say where plate 1 is; give the edges of the left belt" in (
         error
     )
 

@@ -117,7 +117,7 @@ def test_an_interval_that_holds_the_limit_tells_nothing_and_says_what_to_record(
     gain = next(one for one in found.faults if one.fault == "gain of Fz")
     near = AccuracyLimits(gain_percent=100 * (gain.value - 0.3 * gain.uncertainty))
     (verdict,) = judge(again(found, found.trials, limits=near))
-    assert verdict.answer == "cannot be told"
+    assert verdict.answer == "cannot be determined"
     assert "gain of Fz" in {one.name for one in verdict.reasons}
     assert "record more weights on this plate" in answers(verdict)["Next"]
 
@@ -137,7 +137,7 @@ def test_without_the_height_of_the_weights_no_plate_is_fit_but_a_bad_one_is_not_
     file = PlatesFile(**{name: stated[name] for name in kept})
     unstated = replace(good_plate, study=replace(good_plate.study, file=file))
     (verdict,) = judge(again(unstated, unstated.trials))
-    assert verdict.answer == "cannot be told"
+    assert verdict.answer == "cannot be determined"
     assert "state center_height_m" in answers(verdict)["Next"]
     assert set(verdict.unexamined) == {"Fy", "COPx", "Mx", "My", "Mz"}
     (verdict,) = judge(spoiled(unstated, curvature=0.05))
@@ -197,7 +197,7 @@ def test_masses_that_are_all_misstated_alike_do_not_correct_perfect_plates(
     good_plates, real_over_stated
 ):
     for verdict in judge(with_masses(good_plates, real_over_stated)):
-        assert verdict.answer == "cannot be told"
+        assert verdict.answer == "cannot be determined"
         assert (verdict.calibration, verdict.corrections) == (None, ())
         assert verdict.shared == pytest.approx(real_over_stated - 1, abs=1e-4)
 
@@ -205,7 +205,7 @@ def test_masses_that_are_all_misstated_alike_do_not_correct_perfect_plates(
 def test_a_common_gain_of_all_plates_is_corrected_once_the_masses_are_certain(good_plates):
     strong = spoiled(good_plates, dict.fromkeys(EVERY, 0.012), belts=("left", "right"))
     weighed = again(strong, strong.trials, mass_uncertainty_percent=0.02)
-    assert [one.answer for one in judge(strong)] == ["cannot be told"] * 2
+    assert [one.answer for one in judge(strong)] == ["cannot be determined"] * 2
     for one in judge(weighed):
         assert one.answer == "fit after correction"
         assert one.calibration.matrix[2, 2] == pytest.approx(1 / 1.012, abs=4e-4)

@@ -83,7 +83,7 @@ def test_an_empty_treadmill_whose_forward_is_unknown_is_a_fault(study):
     edit(study / "study.toml", f'axes = "{AXES}"', "")
     faults = list(map(str, check_study(read_study(study)).faults))
     assert len(faults) == 1
-    assert "for plates without a person, state --axes" in faults[0]
+    assert "for plates without a person, give --axes" in faults[0]
 
 
 def test_another_plate_calibration_outdates_every_result(study, tmp_path):

@@ -69,7 +69,7 @@ def test_without_the_study_a_gap_is_missing(results):
 def test_the_older_result_of_a_failed_trial_is_mentioned_and_left_out(results, study):
     found = states(results, {"sub01 pitch": "disk full"}, study)["sub01", "pitch"]
     assert (found.state, found.in_tables) == ("failed", False)
-    assert "an older result is left out" in found.reason
+    assert "an older result is not in the tables" in found.reason
 
 
 def test_a_trial_excluded_after_it_was_processed_no_longer_counts(tmp_path, study):

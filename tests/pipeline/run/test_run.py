@@ -118,7 +118,7 @@ def test_an_engine_that_is_missing_is_refused_before_anything_is_processed(
 ):
     edit(study / "study.toml", "[treadmill]", '[settings]\nengine = "pinocchio"\n[treadmill]')
     monkeypatch.setitem(sys.modules, "pinocchio", None)
-    line = 'engine = "pinocchio" is stated, but Pinocchio cannot be imported here'
+    line = 'engine = "pinocchio" is set, but Pinocchio cannot be imported here'
     assert main(["run", str(study), "--out", str(out)]) == 2
     assert line in capsys.readouterr().err
     assert main(["check", str(study)]) == 2

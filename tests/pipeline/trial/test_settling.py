@@ -82,7 +82,7 @@ def test_a_gap_of_50_ms_of_all_markers_raises_no_peak_of_the_cycles_beside_it(wa
     unmasked = replace(result, quality=result.quality & ~int(Quality.SETTLING))
     assert (peaks(unmasked, spans) - peaks(whole, spans)).max() > 50
     (note,) = [note for note in result.notes if note.code == "cycles_left_out"]
-    assert note.text.endswith("left out: 2 for frames without a solution or without forces")
+    assert note.text.endswith("excluded: 2 for frames without a solution or without forces")
 
 
 def test_a_gap_of_a_plate_raises_no_peak_of_the_cycle(walker, whole):

@@ -142,7 +142,7 @@ def test_exported_forces_are_compensated_where_a_calibration_is_given(
 @pytest.mark.parametrize(
     ("factor", "stated", "remedy"),
     [
-        (0.1, None, r"correct the unit in the file, or state it: --units mm, or units = \"mm\" in"),
+        (0.1, None, r"correct the unit in the file, or give it: --units mm, or units = \"mm\" in"),
         (2.0, "mm", r"correct --units, or units in study\.toml$"),
     ],
 )
