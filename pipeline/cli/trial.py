@@ -211,6 +211,8 @@ def _explain_results(
     planned = plan_explanations(study, folder)
     outcomes = explain_planned(planned, folder, jobs=jobs, announce=announcer(console))
     finished = follow_trials(outcomes, len(planned), "explaining", "explained", console)
+    if finished and all(outcome.failure is not None for outcome in finished):
+        raise ValueError(f"{folder}: no trial was explained: {finished[0].reason}")
     with console.status(Text("all trials together")):
         together = explain_study(study, folder, planned)
     for line in together.lines or ("No certain fault explains much of a residual.",):

@@ -124,6 +124,16 @@ def test_a_result_that_is_not_of_the_study_any_more_is_not_explained(copy):
     assert reasons == {"its result is not up to date; run 'hbm run' first"}
 
 
+def test_where_no_trial_is_explained_no_corrected_study_is_written(copy, tmp_path, capsys):
+    file = copy.parent / "study" / "sub01.toml"
+    file.write_text(file.read_text().replace('sex = "', 'height_m = 1.9\nsex = "'))
+    shutil.rmtree(copy / FOLDER)
+    assert main(["explain", str(copy), "--apply", str(tmp_path / "corrected")]) == 2
+    expected = "no trial was explained: its result is not up to date; run 'hbm run' first"
+    assert expected in capsys.readouterr().err
+    assert not (tmp_path / "corrected").exists()
+
+
 def test_a_folder_without_results_gives_one_line(copy, capsys):
     shutil.rmtree(copy / "trials")
     assert main(["explain", str(copy)]) == 2
