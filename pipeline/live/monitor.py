@@ -345,6 +345,8 @@ class Monitor:
 
     Attributes
     ----------
+    chain
+        The session's.
     condition
         Residuals so far.
     cycles
@@ -364,7 +366,7 @@ class Monitor:
         say: Callable[[Note], object] = lambda note: None,
         required: int = REQUIRED,
     ) -> None:
-        self._chain, self._say, self._required = chain, say, required
+        self.chain, self._say, self._required = chain, say, required
         self._gait, self._delay = GaitTracker(), DelayWatch()
         self._markers = MarkerGaps(chain.tracker.markers)
         self._columns = list(chain.tracker.columns)
@@ -410,7 +412,7 @@ class Monitor:
         self._arrived_s[name] = monotonic()
         self._silent.discard(name)
         self.losses.add(received)
-        if name == self._chain.stream.name:
+        if name == self.chain.stream.name:
             position = values.reshape(len(time), -1, 3)
             self._markers.add(time, position[:, self._columns])
         for channels, watch in self._signals:
@@ -433,7 +435,7 @@ class Monitor:
                 self._so_far[each.unit].add(each)
         cycles = [stride for stride in strides if stride.whole]
         if ended:
-            self._height_m = height_of_mass(self._chain.body, frame.q[None])
+            self._height_m = height_of_mass(self.chain.body, frame.q[None])
         self.cycles.extend(cycles)
         self._delay.add(frame)
         self._fit.add(frame)
@@ -478,7 +480,7 @@ class Monitor:
         state = LiveState(
             *(condition.used, self._required, noun, bool(recent), self.look(), shares, self._sides)
         )
-        shown, weight_n = light(state), self._chain.body.mass * GRAVITY_MPS2
+        shown, weight_n = light(state), self.chain.body.mass * GRAVITY_MPS2
         return Board(
             shown.colour,
             shown.sentence,
@@ -516,7 +518,7 @@ class Monitor:
 
     def page(self) -> str:
         """Give frames, latency, residuals with their limits and the newest notes as Markdown."""
-        chain = self._chain
+        chain = self.chain
         lines = [
             f"{chain.received} frames received, {chain.marked} not used",
             f"computed within {self.latency_ms(50):.1f} ms (99 %: {self.latency_ms(99):.1f} ms)",
