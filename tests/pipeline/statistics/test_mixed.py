@@ -73,7 +73,7 @@ def test_subjects_with_one_cell_take_part():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("repeats", "lost"), [(1, 0), (1, 3), (3, 3)])
+@pytest.mark.parametrize(("repeats", "lost"), [(1, 3), (3, 3)])
 def test_intervals_hold_the_true_difference(repeats, lost):
     """In 300 studies of nine people, of whom three lack a cell; 95 %, give or take 2.5 %."""
     missing = {(f"s{k}", ("walk", "ramp")[k % 2]) for k in range(lost)}
