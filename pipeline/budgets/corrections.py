@@ -13,7 +13,7 @@ from pipeline.budgets.words import LATE, MASS, size_in_words
 from pipeline.config.schema import Correction, TrialName, recording_tables
 from pipeline.config.study import Study
 from pipeline.config.toml_file import read_table
-from pipeline.explain.budget import SharedCause
+from pipeline.explain.budget import SharedCause, alike_in_plates
 from pipeline.explain.joint import MENDABLE
 from pipeline.io.write import whole_file
 from pipeline.trial.residuals import AXES
@@ -52,7 +52,8 @@ def write_corrected(
         The corrections: of the delay, of zeros, gains and places of plates, and of masses, each of
         which lowers residuals in which its size was not found.
     left_out
-        Names of other causes that are certain, but do not.
+        Other causes that are certain, and why they are not corrected: they do not, or all plates
+        have them alike, as an error of the body model would look.
 
     Raises
     ------
@@ -70,16 +71,18 @@ def write_corrected(
         trials = person["trials"].items()
         person["trials"] = {key: recording_tables(stated) for key, stated in trials}
     written, left_out = list[Correction](), list[str]()
+    causes = [own.cause for own in found.causes]
+    alike = [cause.name for same in alike_in_plates(causes) for cause in same]
     for own in found.causes:
         if not own.cause.is_certain or own.cause.group not in MENDABLE:
             continue
-        setting = ""
-        if own.holds:
-            setting = _state(own, study, tables["study.toml"], people, mass_kg)
-        if setting:
-            written.append(_correction(own, setting, os.path.relpath(results, out)))
+        name = f"{own.name} {size_in_words(own.cause)}"
+        if own.name in alike:
+            left_out.append(f"{name}: alike in all plates, as an error of the body model would be")
         elif not own.holds:
-            left_out.append(f"{own.name} {size_in_words(own.cause)}")
+            left_out.append(f"{name}: it does not lower the residuals of other trials")
+        elif setting := _state(own, study, tables["study.toml"], people, mass_kg):
+            written.append(_correction(own, setting, os.path.relpath(results, out)))
     tables["study.toml"]["corrections"] = [each.model_dump() for each in written]
     for name, table in tables.items():
         with whole_file(out / name) as temporary:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from hbm.spelling import listed
-from pipeline.explain.budget import Budget, EstimatedCause, SharedCause
+from pipeline.explain.budget import Budget, EstimatedCause, SharedCause, alike_in_plates
 from pipeline.explain.cause import OF_PERSON, groups
 from pipeline.explain.linearise import MIN_CYCLES
 from pipeline.explain.shares import NORMAL_95
@@ -171,8 +171,10 @@ def what_to_fix_first(budget: Budget, stated: StatedNow) -> tuple[Fix, ...]:
         would be smaller, the one with the largest share first; of the body no single cause, since
         walking takes one for the other.
     """
-    found = []
+    found, alike = [], [cause.name for same in alike_in_plates(budget.causes) for cause in same]
     for cause in budget.causes:
+        if cause.name in alike:
+            continue
         fall = 1 - cause.left / budget.rms
         axis = int(fall.argmax())
         is_person = cause.group in OF_PERSON and cause.name != MASS
@@ -195,8 +197,12 @@ def study_lines(causes: Sequence[SharedCause], stated: Mapping[str, StatedNow]) 
     stated
         Name of a trial -> what is stated of it now.
     """
-    lines = []
+    every = [own.cause for own in causes]
+    lines = [*alike_lines(every)]
+    alike = [cause.name for same in alike_in_plates(every) for cause in same]
     for own in causes:
+        if own.name in alike:
+            continue
         axis = own.axis
         rms = float(own.rms[axis]), float(own.cause.left[axis])
         is_person = own.cause.group in OF_PERSON and own.cause.name != MASS
@@ -210,6 +216,17 @@ def study_lines(causes: Sequence[SharedCause], stated: Mapping[str, StatedNow]) 
             held = " It does not lower the residuals of other trials: do not apply it."
         lines.append(f"{owner}{Fix(own.cause.name, action, AXES[axis], *rms)}{count}{held}")
     return tuple(lines)
+
+
+def alike_lines(causes: Sequence[EstimatedCause]) -> Iterator[str]:
+    """Say which gains all plates have alike, where one of them is certain."""
+    for same in alike_in_plates(causes):
+        if any(cause.is_certain for cause in same):
+            sizes, component = listed(map(size_in_words, same)), same[0].name.split()[-1]
+            yield (
+                f"All plates alike: gain of {component} {sizes}, by plates or body model; "
+                "compare with known weights (hbm plates)."
+            )
 
 
 def what_to_do(cause: EstimatedCause, stated: StatedNow) -> str:
@@ -274,6 +291,7 @@ def _share(share: float, deviation: float) -> str:
 def budget_lines(budget: Budget, mendings: Sequence[Fix]) -> Iterator[str]:
     """Say what a table of shares does not: what to do, what the trial does not tell, the check."""
     yield from map(str, mendings)
+    yield from alike_lines(budget.causes)
     if not mendings:
         yield "No certain fault explains much of a residual."
     faults = [cause for cause in budget.causes if cause.chance < 1 or cause.group == "delay"]

@@ -241,7 +241,7 @@ def _apply(
     for each in written:
         console.say(f"corrected: {each.cause}: {each.setting}")
     for name in left_out:
-        console.say(f"not corrected: {name} does not lower the residuals of other trials")
+        console.say(f"not corrected: {name}")
     count = counted(len(written), "correction")
     console.say(
         f"{corrected}: study with {count}; next: hbm run {corrected} --out {corrected}/results"

@@ -1,6 +1,6 @@
 """What a trial's residuals are made of: types only."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Final
@@ -37,6 +37,7 @@ of a fault half of it before the trial is looked at. What is usually there, as s
 else be certain of a trial that says nothing of it."""
 CERTAIN: Final = 0.95
 """Chance above which a fault is there."""
+LIKELY: Final = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +78,26 @@ class EstimatedCause:
         """Whether it is there, its 95 % interval excludes zero, and the trial tells so."""
         there = self.chance > CERTAIN and abs(self.size) > NORMAL_95 * self.deviation
         return there and (self.is_told or self.group == "delay")
+
+
+def alike_in_plates(causes: Iterable[EstimatedCause]) -> tuple[tuple[EstimatedCause, ...], ...]:
+    """Give gains that all plates have alike, of each component: a body model can look like them.
+
+    A common gain of Fz is not among them: it is the body mass, which is a cause of its own.
+    """
+    of_component: dict[str, list[EstimatedCause]] = {}
+    for cause in causes:
+        fault = cause.name.partition(": ")[2]
+        if fault.startswith("gain of ") and fault != "gain of Fz":
+            of_component.setdefault(fault, []).append(cause)
+    return tuple(tuple(same) for same in of_component.values() if _alike(same))
+
+
+def _alike(causes: list[EstimatedCause]) -> bool:
+    """Whether each is likely, and the 95 % intervals of all have a part in common."""
+    low = max(cause.size - NORMAL_95 * cause.deviation for cause in causes)
+    high = min(cause.size + NORMAL_95 * cause.deviation for cause in causes)
+    return len(causes) > 1 and low <= high and all(cause.chance > LIKELY for cause in causes)
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ import pytest
 
 from pipeline.budgets.corrections import write_corrected
 from pipeline.budgets.explanation import StudyExplanation
+from pipeline.budgets.words import StatedNow, study_lines
 from pipeline.cli.app import main
 from pipeline.config.study import read_study
 from pipeline.explain.budget import EstimatedCause, SharedCause
@@ -75,7 +76,10 @@ def test_corrections_are_settings_of_a_study_with_the_same_recordings(moving_stu
 @pytest.mark.parametrize(
     ("change", "named"),
     [
-        ({"held_out": -0.1}, ["plate 1: gain of Fz 5.0 ± 1.0 %"]),  # does not hold elsewhere
+        (
+            {"held_out": -0.1},
+            ["plate 1: gain of Fz 5.0 ± 1.0 %: it does not lower the residuals of other trials"],
+        ),  # does not hold elsewhere
         ({"deviation": 0.6}, []),  # may be nothing
     ],
 )
@@ -87,6 +91,31 @@ def test_what_is_uncertain_or_does_not_hold_elsewhere_is_not_written(
     assert written == []
     assert left_out == named
     assert read_study(tmp_path / "out").file.mend_plates == ()
+
+
+def test_a_gain_that_all_plates_have_alike_may_be_the_body_model_and_is_not_written(
+    moving_study, tmp_path
+):
+    """Of moments and horizontal forces; of one plate alone, or of Fz, it is a plate's."""
+    sizes = {
+        "plate 1: gain of Mx": 0.06,
+        "plate 2: gain of Mx": 0.07,
+        "plate 1: gain of My": 0.06,
+        "plate 2: gain of My": -0.06,
+        "plate 1: gain of Fz": 0.05,
+        "plate 2: gain of Fz": 0.05,
+    }
+    found = [cause(name, "gain", "1", size) for name, size in sizes.items()]
+    _, left_out = corrected(read_study(moving_study), tmp_path / "out", found)
+    assert [text.split(" alike")[0] for text in left_out] == [
+        "plate 1: gain of Mx 6.0 ± 1.2 %:",
+        "plate 2: gain of Mx 7.0 ± 1.4 %:",
+    ]
+    written = read_study(tmp_path / "out").file.mend_plates
+    assert {own.split(" ", 2)[2].split()[0] for own in written} == {"My", "Fz"}
+    lines = study_lines(found, {trial: StatedNow(0.0, 74.0, False) for trial in TRIALS})
+    (alike,) = (line for line in lines if "Mx" in line)
+    assert alike.startswith("All plates alike: gain of Mx 6.0 ± 1.2 %, 7.0 ± 1.4 %")
 
 
 def test_a_study_is_not_overwritten(moving_study, tmp_path):

@@ -1,4 +1,4 @@
-"""A study as laboratories run them: three recordings per condition in two sessions, some missing."""
+"""A study as laboratories run them: three recordings per condition, two sessions, some missing."""
 
 import json
 import re
