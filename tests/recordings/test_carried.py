@@ -176,7 +176,7 @@ def test_quiet_standing_has_residuals_and_weighs_the_subject(shared_data, tmp_pa
     path = shared_data / "full_body_standing" / "1min_CGM_HBM_static.c3d"
     assert main(["residuals", str(path), "--verbose", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
-    assert "0.17 to 5.53 s" in printed
+    assert "0.17–5.53 s" in printed
     assert "no gait cycle: there are no foot strikes" in printed
     result = read_trial(tmp_path / f"{path.stem}.parquet")
     recording = read_c3d(path)

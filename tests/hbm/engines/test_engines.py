@@ -94,7 +94,7 @@ def test_pinocchio_is_the_default_and_each_engine_checks_the_other():
 
 
 def test_stating_pinocchio_where_it_is_missing_is_one_line(without_pinocchio):
-    with pytest.raises(ValueError, match='or state engine = "kernels"'):
+    with pytest.raises(ValueError, match='or set engine = "kernels"'):
         choose_engine("pinocchio")
     assert engine_identity("pinocchio") == "pinocchio, missing"
 

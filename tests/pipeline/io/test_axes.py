@@ -56,13 +56,13 @@ def test_a_loaded_plate_shows_up_where_no_marker_is_known():
     ],
 )
 def test_contradicting_evidence_of_up_needs_stated_axes(subject, evidence, complaint):
-    with pytest.raises(ValueError, match=rf"{complaint}.*state the axes"):
+    with pytest.raises(ValueError, match=rf"{complaint}.*give the axes"):
         settle_axes(None, subject.position, subject.names, **evidence)
 
 
 def test_toes_that_point_backwards_need_stated_axes(subject):
     swapped = tuple({"L": "R", "R": "L"}[name[0]] + name[1:] for name in subject.names)
-    with pytest.raises(ValueError, match=r"toes point the other way; state the axes"):
+    with pytest.raises(ValueError, match=r"toes point the other way; give the axes"):
         settle_axes(None, subject.position, swapped)
 
 

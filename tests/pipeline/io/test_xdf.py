@@ -185,7 +185,7 @@ def test_faults_of_streams_are_one_line(trial, tmp_path):
     chosen = read_recording(path, Stated(marker_stream="B")).markers.position
     np.testing.assert_allclose(chosen, trial.markers.position + 0.001, atol=1e-9)
     unitless = xdf.described(xdf.marker_channels(trial.markers.names, ""))
-    refused(xdf.write_xdf(path, [cameras | {"desc": unitless}]), match="no length unit is stated")
+    refused(xdf.write_xdf(path, [cameras | {"desc": unitless}]), match="no length unit is given")
     fewer = xdf.described(xdf.marker_channels(trial.markers.names[1:]))
     refused(xdf.write_xdf(path, [cameras | {"desc": fewer}]), match="describes 135 channels")
     still = cameras | {"stamps": np.full(200, 5.0)}

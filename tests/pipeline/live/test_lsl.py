@@ -334,7 +334,7 @@ def test_streams_that_are_absent_not_told_apart_or_lack_something_are_one_line(p
     opened.append(Outlet(f"{prefix}b", "", (Channel("Fz", "N"),), 10.0))
     refused("no markers: no channel of type PositionX", f"{prefix}b")
     opened.append(Outlet(f"{prefix}c", "MoCap", MARKERS, 10.0))
-    refused("axes of its markers are not known", f"{prefix}c", stated=Stated())
+    refused("axes of its markers are unknown", f"{prefix}c", stated=Stated())
 
 
 def test_the_missing_extra_is_named(monkeypatch):

@@ -21,5 +21,5 @@ def test_a_platform_that_is_taken_as_level_is_noted_as_in_trials(prepared):
 
 
 def test_who_walks_has_to_be_clear(moving_study):
-    with pytest.raises(ValueError, match=r"the study has \d+ subjects; state who walks"):
+    with pytest.raises(ValueError, match=r"the study has \d+ subjects; choose who walks"):
         prepare(moving_study, None)

@@ -223,7 +223,7 @@ def test_corners_that_are_not_set_or_in_another_order_are_no_place():
 
 
 def test_axes_have_to_be_stated_and_somebody_has_to_answer(server):
-    with pytest.raises(ValueError, match="axes of its markers are not known"):
+    with pytest.raises(ValueError, match="axes of its markers are unknown"):
         QualisysSource("127.0.0.1", port=server.port, stated=Stated(), timeout_s=2.0)
     with socket.socket() as unused:
         unused.bind(("127.0.0.1", 0))

@@ -138,7 +138,7 @@ def test_without_the_height_of_the_weights_no_plate_is_fit_but_a_bad_one_is_not_
     unstated = replace(good_plate, study=replace(good_plate.study, file=file))
     (verdict,) = judge(again(unstated, unstated.trials))
     assert verdict.answer == "cannot be determined"
-    assert "state center_height_m" in answers(verdict)["Next"]
+    assert "give center_height_m" in answers(verdict)["Next"]
     assert set(verdict.unexamined) == {"Fy", "COPx", "Mx", "My", "Mz"}
     (verdict,) = judge(spoiled(unstated, curvature=0.05))
     assert verdict.answer == "not fit"

@@ -60,7 +60,7 @@ def test_a_stated_delay_that_differs_from_the_calibrations_is_one_line(study):
     write_correction(study / "plates.json", recording, delays=(0.004, 0.002))
     edit(study / "study.toml", "[plates]", "[settings]\nplate_delay_s = 0.004\n[plates]")
     (fault,) = faults_of(study)
-    assert "stated as 4 ms, but plates.json has 2.0 ms for plate 2; state one of them" in fault
+    assert "given as 4 ms, but plates.json has 2.0 ms for plate 2; give one of them" in fault
 
 
 def test_a_fitted_calibration_of_uncorrected_plates_is_a_fault_that_says_what_to_do(study):

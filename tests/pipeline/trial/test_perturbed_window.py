@@ -142,7 +142,7 @@ def test_a_part_that_cannot_be_is_refused_in_one_line(window, changed, message):
 
 def test_motion_of_a_platform_whose_pose_is_unknown_is_refused():
     condition = Condition(perturbed=True, window="motion")
-    with pytest.raises(ValueError, match=r'"motion" needs the platform.s pose; state its markers'):
+    with pytest.raises(ValueError, match=r'"motion" needs the platform.s pose; give its markers'):
         perturbed_part(condition, CYCLES, ONSETS, TIME, None)
 
 

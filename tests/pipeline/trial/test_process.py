@@ -43,7 +43,7 @@ def test_what_a_trial_lacks_is_said_at_once_labels_plates_mass(walker):
         plates=(),
         metadata=Metadata(),
     )
-    said = r"no known set; labels: P0, .*; residuals need the ground .*; the mass is missing too"
+    said = r"no shipped set; labels: P0, .*; residuals need the ground .*; the mass is missing too"
     with pytest.raises(ValueError, match=said):
         process_recording(bare, PERSON, Settings())
 

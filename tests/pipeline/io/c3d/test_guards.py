@@ -16,7 +16,7 @@ SAMPLES = {
     "MACsample.c3d": r"header scales points by 0.0551.*POINT:SCALE says 0.0215",
     "bad_parameter_section.c3d": "the parameter section is broken",
     "parameterOverflow.c3d": "no marker is ever visible: export the file again",
-    "phasespace_sample.c3d": "no length unit is stated",
+    "phasespace_sample.c3d": "no length unit is given",
     "type1.C3D": "force plate 1: channel Px1: unknown length unit 'N'",
 }
 
@@ -58,7 +58,7 @@ def test_no_frame_is_lost_where_16_bits_cannot_count_them(raw_c3d, n_frames, cou
 @pytest.mark.parametrize(
     ("groups", "message"),
     [
-        ({"rate": 0.0}, r"no frame rate between 0.1 and 100000 Hz is stated \(0 Hz by POINT:RATE"),
+        ({"rate": 0.0}, r"no frame rate between 0.1 and 100000 Hz is given \(0 Hz by POINT:RATE"),
         ({"POINT": {"SCALE": np.array([0.1])}}, "header scales points by -1, but POINT:SCALE"),
         ({"FORCE_PLATFORM": {"USED": np.array([9999])}}, "USED says 9999 plates: the file is dama"),
     ],

@@ -209,7 +209,7 @@ def test_a_plate_whose_delay_was_not_measured_has_the_stated_one_or_none(walker)
 
 def test_two_different_delays_of_a_plate_are_refused(walker):
     correction = correction_of(walker, delays=(0.004, 0.002))
-    with pytest.raises(ValueError, match=r"stated as 4 ms, but lab.json has 2.0 ms for plate 2"):
+    with pytest.raises(ValueError, match=r"given as 4 ms, but lab.json has 2.0 ms for plate 2"):
         plate_delays_s(walker.plates, correction, 0.004)
 
 
