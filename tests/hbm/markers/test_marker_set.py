@@ -143,7 +143,8 @@ def test_unknown_labels_are_refused_with_the_nearest_set():
     with pytest.raises(
         ValueError,
         match=r"match no shipped set; labels: SACR, .*; nearest: hbm1_lower with 8 of its 21 "
-        r"markers of pelvis and legs \(missing .* more\); hbm2_lower with 5 of .*; rename them \(--rename",
+        r"markers of pelvis and legs \(missing .* more\); hbm2_lower with 5 of .*; "
+        r"rename them \(--rename",
     ):
         recognise_marker_set(labels)
 
