@@ -71,13 +71,12 @@ def write_corrected(
         trials = person["trials"].items()
         person["trials"] = {key: recording_tables(stated) for key, stated in trials}
     written, left_out = list[Correction](), list[str]()
-    causes = [own.cause for own in found.causes]
-    alike = [cause.name for same in alike_in_plates(causes) for cause in same]
+    alike = alike_in_plates(own.cause for own in found.causes)
     for own in found.causes:
         if not own.cause.is_certain or own.cause.group not in MENDABLE:
             continue
         name = f"{own.name} {size_in_words(own.cause)}"
-        if own.name in alike:
+        if own.cause.fault in alike:
             left_out.append(f"{name}: alike in all plates, as an error of the body model would be")
         elif not own.holds:
             left_out.append(f"{name}: it does not lower the residuals of other trials")

@@ -171,9 +171,9 @@ def what_to_fix_first(budget: Budget, stated: StatedNow) -> tuple[Fix, ...]:
         would be smaller, the one with the largest share first; of the body no single cause, since
         walking takes one for the other.
     """
-    found, alike = [], [cause.name for same in alike_in_plates(budget.causes) for cause in same]
+    found, alike = [], alike_in_plates(budget.causes)
     for cause in budget.causes:
-        if cause.name in alike:
+        if cause.fault in alike:
             continue
         fall = 1 - cause.left / budget.rms
         axis = int(fall.argmax())
@@ -197,11 +197,10 @@ def study_lines(causes: Sequence[SharedCause], stated: Mapping[str, StatedNow]) 
     stated
         Name of a trial -> what is stated of it now.
     """
-    every = [own.cause for own in causes]
-    lines = [*alike_lines(every)]
-    alike = [cause.name for same in alike_in_plates(every) for cause in same]
+    alike = alike_in_plates(own.cause for own in causes)
+    lines = [*alike_lines(alike)]
     for own in causes:
-        if own.name in alike:
+        if own.cause.fault in alike:
             continue
         axis = own.axis
         rms = float(own.rms[axis]), float(own.cause.left[axis])
@@ -218,13 +217,13 @@ def study_lines(causes: Sequence[SharedCause], stated: Mapping[str, StatedNow]) 
     return tuple(lines)
 
 
-def alike_lines(causes: Sequence[EstimatedCause]) -> Iterator[str]:
+def alike_lines(alike: Mapping[str, Sequence[EstimatedCause]]) -> Iterator[str]:
     """Say which gains all plates have alike, where one of them is certain."""
-    for same in alike_in_plates(causes):
+    for fault, same in alike.items():
         if any(cause.is_certain for cause in same):
-            sizes, component = listed(map(size_in_words, same)), same[0].name.split()[-1]
+            sizes = listed(map(size_in_words, same))
             yield (
-                f"All plates alike: gain of {component} {sizes}, by plates or body model; "
+                f"All plates alike: {fault} {sizes}, by plates or body model; "
                 "compare with known weights (hbm plates)."
             )
 
@@ -291,11 +290,11 @@ def _share(share: float, deviation: float) -> str:
 def budget_lines(budget: Budget, mendings: Sequence[Fix]) -> Iterator[str]:
     """Say what a table of shares does not: what to do, what the trial does not tell, the check."""
     yield from map(str, mendings)
-    yield from alike_lines(budget.causes)
+    yield from alike_lines(alike_in_plates(budget.causes))
     if not mendings:
         yield "No certain fault explains much of a residual."
     faults = [cause for cause in budget.causes if cause.chance < 1 or cause.group == "delay"]
-    unknown = list(dict.fromkeys(_title(cause) for cause in faults if not cause.is_told))
+    unknown = list(dict.fromkeys(cause.fault for cause in faults if not cause.is_told))
     if unknown:
         count = sum(not cause.is_told for cause in faults)
         named = listed(sorted(unknown))
@@ -312,8 +311,3 @@ def budget_lines(budget: Budget, mendings: Sequence[Fix]) -> Iterator[str]:
         f"Held-out check: causes estimated in one half of the {of} explain of the other half's "
         f"mean square {taken}{' (negative: they add)' * bool((budget.held_out < 0).any())}."
     )
-
-
-def _title(cause: EstimatedCause) -> str:
-    """Name a fault of any plate: its kind alone, such as "gain of Fx"."""
-    return cause.name.partition(": ")[2] or cause.name

@@ -69,6 +69,11 @@ class EstimatedCause:
     left: ByAxis
 
     @property
+    def fault(self) -> str:
+        """Its kind alone where it is a plate's, such as "gain of Fx"."""
+        return self.name.partition(": ")[2] or self.name
+
+    @property
     def is_told(self) -> bool:
         """Whether the trial or a measurement tells its size."""
         return self.deviation < TOLD[self.chance < 1.0] * self.usual
@@ -80,17 +85,16 @@ class EstimatedCause:
         return there and (self.is_told or self.group == "delay")
 
 
-def alike_in_plates(causes: Iterable[EstimatedCause]) -> tuple[tuple[EstimatedCause, ...], ...]:
-    """Give gains that all plates have alike, of each component: a body model can look like them.
+def alike_in_plates(causes: Iterable[EstimatedCause]) -> dict[str, list[EstimatedCause]]:
+    """Give gains that all plates have alike, by their fault: an error of the body model looks so.
 
     A common gain of Fz is not among them: it is the body mass, which is a cause of its own.
     """
-    of_component: dict[str, list[EstimatedCause]] = {}
+    of_fault: dict[str, list[EstimatedCause]] = {}
     for cause in causes:
-        fault = cause.name.partition(": ")[2]
-        if fault.startswith("gain of ") and fault != "gain of Fz":
-            of_component.setdefault(fault, []).append(cause)
-    return tuple(tuple(same) for same in of_component.values() if _alike(same))
+        if cause.fault.startswith("gain of ") and cause.fault != "gain of Fz":
+            of_fault.setdefault(cause.fault, []).append(cause)
+    return {fault: same for fault, same in of_fault.items() if _alike(same)}
 
 
 def _alike(causes: list[EstimatedCause]) -> bool:
