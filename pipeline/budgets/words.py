@@ -66,7 +66,7 @@ class StatedNow:
 
 
 def group_name(names: Sequence[str]) -> str:
-    """Name groups of causes that cannot be determined apart.
+    """Name groups of causes that cannot be distinguished.
 
     Examples
     --------
@@ -289,10 +289,8 @@ def _share(share: float, deviation: float) -> str:
 
 def budget_lines(budget: Budget, mendings: Sequence[Fix]) -> Iterator[str]:
     """Say what a table of shares does not: what to do, what the trial does not tell, the check."""
-    yield from map(str, mendings)
-    yield from alike_lines(alike_in_plates(budget.causes))
-    if not mendings:
-        yield "No certain fault explains much of a residual."
+    certain = [*map(str, mendings), *alike_lines(alike_in_plates(budget.causes))]
+    yield from certain or ["No certain fault explains much of a residual."]
     faults = [cause for cause in budget.causes if cause.chance < 1 or cause.group == "delay"]
     unknown = list(dict.fromkeys(cause.fault for cause in faults if not cause.is_told))
     if unknown:

@@ -79,3 +79,13 @@ def test_faults_that_a_trial_does_not_tell_are_named():
     told = replace(CAUSE, name="plate 1: gain of Fz", chance=0.2)
     said = list(budget_lines(budget(unknown, told), ()))
     assert "Not determined by this trial, 1 of 2 possible faults: gain of Mz." in said
+
+
+def test_gains_alike_in_all_plates_are_a_fault_of_no_plate_and_not_nothing():
+    left = np.array([2, 2, 2, 2, 1.4, 2])
+    gain = replace(CAUSE, size=0.06, left=left)
+    both = budget(*(replace(gain, name=f"plate {k}: gain of Mx") for k in (1, 2)))
+    assert what_to_fix_first(both, UNCALIBRATED) == ()
+    first, second, *_ = budget_lines(both, ())
+    assert first.startswith("All plates alike: gain of Mx 6.00 ± 0.20 %, 6.00 ± 0.20 %")
+    assert not second.startswith("No certain fault")
