@@ -46,7 +46,7 @@ for name, trial in trials.items():
 
 # %%
 drawn = {signal.name: signal for signal in lab.pitch_and_sway_signals(seed=1, belt_speed=3.0)}
-recording = lab.record_signal_trial(drawn["square_sway_300s_3mps"], seed=2)
+recording = lab.record_signal_trial(drawn[lab.Protocol().calibration], seed=2)
 treadmill = hr.Treadmill(
     accelerometers={
         sensor: tuple(f"{sensor}.{axis}" for axis in "XYZ")

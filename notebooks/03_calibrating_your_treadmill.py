@@ -32,7 +32,7 @@ drawn = {signal.name: signal for signal in lab.pitch_and_sway_signals(seed=1, be
 signals = {signal.name: signal for signal in lab.validation_signals()}
 sway = signals["sway"]
 rest = lab.Signal("rest", sway.rate_hz, 0 * sway.sway, 0 * sway.pitch, sway.belt_speed)
-fitted = lab.record_signal_trial(drawn["square_sway_300s_3mps"], seed=0, faults=instruments)
+fitted = lab.record_signal_trial(drawn[lab.Protocol().calibration], seed=0, faults=instruments)
 trials = {
     signal.name: lab.record_signal_trial(signal, seed=1, faults=instruments)
     for signal in (sway, signals["pitch"], rest)

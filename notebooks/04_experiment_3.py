@@ -66,8 +66,17 @@ print((page.parent / "table_3.md").read_text(encoding="utf-8"))
 # Three subjects show how the analysis works but prove nothing: a Wilcoxon test with three pairs
 # cannot become significant.
 
+
 # %%
-for name in ("marginal_means", "gait_cycle_sway"):
+def show(name):
+    """Show a figure of the report."""
     figure, panel = plt.subplots(figsize=(11, 7), layout="constrained")
     panel.imshow(plt.imread(page.parent / "figures" / f"{name}.png"))
     panel.axis("off")
+    return figure
+
+
+show("marginal_means")
+
+# %%
+show("gait_cycle_sway")
