@@ -127,7 +127,35 @@ def rehearse(
 ) -> tuple[list[LiveFrame], Monitor]:
     """Replay a recording through the chain of a session, without network or clock.
 
-    Gives all frames, and the monitor that watched them.
+    Parameters
+    ----------
+    recording
+        Markers and plates, as `pipeline.io.read.read_recording` gives them.
+    body
+        Of the subject, such as that of a processed trial, ``result.body``.
+    settings
+        With ``filter = "realtime"``; numbers are then those of the processed trial.
+    laboratory
+        The treadmill and its calibration; by default one that does not move.
+    required
+        Gait cycles of one foot that the session is for.
+
+    Returns
+    -------
+    frames
+        In their order: coordinates [rad, m], residuals about mid-hip [N, N·m] and the wrench under
+        each foot about the lab origin.
+    monitor
+        What a laboratory sees of them: residuals so far, gait cycles, notes.
+
+    Raises
+    ------
+    ValueError
+        If channels or platform markers that the laboratory names are not in the recording.
+
+    Notes
+    -----
+    Chain and monitor are those of `hbm live`; notebooks/08_live.py is an example.
     """
     source, laboratory = RecordedSource(recording), laboratory or Laboratory(Treadmill())
     chain = LiveChain(body, laboratory, settings, Live(), source.streams, recording.plates)

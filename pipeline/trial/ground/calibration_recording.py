@@ -101,11 +101,35 @@ def plate_samples(
     correction: PlateCorrection | None,
     lags_s: Sequence[float] = (),
 ) -> Samples:
-    """Give what was felt and the wrench of every plate, where both are known.
+    """Give the specific force of all accelerometers and the wrench of every plate, both filtered.
 
-    The recording's plates are corrected already; the sensors' delays and those that the correction
-    states are undone. Differences over the lags, of a dynamic model, follow the readings. A
-    ValueError where a channel is missing, or its unit is unknown.
+    Parameters
+    ----------
+    recording
+        Its plates are corrected already.
+    treadmill
+        Channels of the accelerometers, and the cut-off of the filter.
+    sensors
+        Of a calibration; their delays are undone.
+    correction
+        Of the plates, whose delays are undone; None without one.
+    lags_s
+        Of a dynamic model [s]: differences over them follow the readings.
+
+    Returns
+    -------
+    dict
+        "plate N" -> specific force along the sensors' axes, (T, 3 S) [m/s²], and the wrench about
+        the plate's centre in its own axes, (T, 6) [N, N·m], at its samples where both are known.
+
+    Raises
+    ------
+    ValueError
+        If a channel is missing, or its unit is unknown.
+
+    Notes
+    -----
+    notebooks/02_what_the_platform_does_to_your_plates.py is an example.
     """
     clock, readings = accelerations(recording, treadmill)
     setup, plates = setup_of(recording, treadmill), recording.plates
