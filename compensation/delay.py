@@ -242,7 +242,7 @@ MODEL_ERROR_S: Final = 0.00005
 """Standard error besides the noise's: a platform that vibrates on an elastic base, which no rigid
 motion explains, moves the estimate by up to this (virtual laboratory, 7 to 30 Hz)."""
 MAX_SEPARATE_ERROR_S: Final = 0.002
-"""Standard error above which the sensors cannot be determined apart and share the common delay."""
+"""Standard error above which the sensors cannot be distinguished and share the common delay."""
 
 
 def sensor_delays(

@@ -106,7 +106,7 @@ def _alike(causes: list[EstimatedCause]) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class GroupShare:
-    """What a group of causes, or several that cannot be determined apart, make of each residual.
+    """What a group of causes, or several that cannot be distinguished, make of each residual.
 
     Attributes
     ----------

@@ -38,8 +38,7 @@ PARTS: Final[Mapping[str, tuple[tuple[str, ...], str, str]]] = {
 }
 """Part of the body -> its segments, limbs without their side; what is known of its mass; and the
 axes along which its centre of mass matters: more than 0.3 N or 0.1 N·m in a recording of walking,
-as for all causes here. The segments of a part move almost together, and cannot be determined
-apart."""
+as for all causes here. The segments of a part move almost together and cannot be distinguished."""
 
 SMALL: Final = 0.1
 """Of a standard deviation: so small that squares do not matter, and far above rounding."""
