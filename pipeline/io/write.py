@@ -17,6 +17,8 @@ NO_ROOM: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """Errors of a disk that is full, of a quota and of a limit; they name no file."""
 MAX_WRITING_S: Final = 3600.0
 """Longer than any one file takes: what is older was left by a run that was killed."""
+_unfinished: Final = set[Path]()
+"""Temporary files that this process is writing."""
 
 
 def write_csv(table: pd.DataFrame, path: Path) -> None:
@@ -38,6 +40,7 @@ def whole_file(path: Path) -> Iterator[Path]:
     if path.exists() and not path.is_file():
         raise OSError(errno.EINVAL, "is a device or a pipe, not a file to write", str(path))
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}{PART}")
+    _unfinished.add(temporary)
     try:
         temporary.touch(exist_ok=False)
         yield temporary
@@ -49,6 +52,14 @@ def whole_file(path: Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             temporary.unlink()
+        _unfinished.discard(temporary)
+
+
+def remove_unfinished() -> None:
+    """Remove the temporary files of this process, which ends at once."""
+    for path in tuple(_unfinished):
+        with suppress(OSError):
+            path.unlink()
 
 
 def remove_leftovers(folder: Path) -> None:

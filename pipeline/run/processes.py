@@ -20,6 +20,8 @@ from typing import Any, Final
 from joblib import Parallel
 from threadpoolctl import threadpool_limits
 
+from pipeline.io.write import remove_unfinished
+
 POLL_S: Final = 0.5
 """How often a process looks whether the one that started it is still there."""
 M_TRIM_THRESHOLD: Final = -1
@@ -185,4 +187,5 @@ def _wait_for_end_of_parent() -> None:
     else:
         while os.getppid() == parent.pid:
             time.sleep(POLL_S)
+    remove_unfinished()
     os._exit(1)

@@ -1,8 +1,10 @@
 """Processes that work on trials."""
 
 import os
+import signal
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -53,6 +55,25 @@ except Request:
     print("stopped")
 """
 
+KILLED_AS_A_WORKER_WRITES = """
+import os, signal, sys, time
+from pathlib import Path
+from joblib import delayed
+from pipeline.io.write import whole_file
+from pipeline.run.processes import in_processes
+def write(path):
+    with whole_file(path) as temporary:
+        temporary.write_text("a half")
+        time.sleep(60.0)
+def tasks():
+    for name in ("one", "two"):
+        yield delayed(write)(Path(sys.argv[1]) / name)
+    while len(list(Path(sys.argv[1]).glob(".*.part"))) < 2:
+        time.sleep(0.05)
+    os.kill(os.getpid(), signal.SIGKILL)
+print(*in_processes(tasks(), 2))
+"""
+
 
 @pytest.mark.skipif(os.name == "nt", reason="signals")
 @pytest.mark.parametrize(
@@ -87,3 +108,13 @@ def test_linear_algebra_uses_one_thread_in_any_number_of_processes(workers):
     with threadpool_limits(2):
         assert list(in_processes([delayed(threads_of_linear_algebra)()] * 2, workers)) == [{1}] * 2
         assert threads_of_linear_algebra() == {2}
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals")
+def test_workers_of_a_killed_process_leave_no_file_that_they_were_writing(tmp_path):
+    command = [sys.executable, "-c", KILLED_AS_A_WORKER_WRITES, tmp_path]
+    assert subprocess.run(command, check=False, timeout=60).returncode == -signal.SIGKILL
+    give_up = time.monotonic() + 20.0
+    while (unfinished := list(tmp_path.iterdir())) and time.monotonic() < give_up:
+        time.sleep(0.05)
+    assert unfinished == []
