@@ -53,7 +53,7 @@ def write_corrected(
         which lowers residuals in which its size was not found.
     left_out
         Other causes that are certain, and why they are not corrected: they do not, or all plates
-        have them alike, as an error of the body model would look.
+        (or the only one) have them, as an error of the body model would look.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def write_corrected(
             continue
         name = f"{own.name} {size_in_words(own.cause)}"
         if own.cause.fault in alike:
-            left_out.append(f"{name}: alike in all plates, as an error of the body model would be")
+            left_out.append(f"{name}: in all plates, as an error of the body model would be")
         elif not own.holds:
             left_out.append(f"{name}: it does not lower the residuals of other trials")
         elif setting := _state(own, study, tables["study.toml"], people, mass_kg):

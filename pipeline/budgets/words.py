@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
+from hbm.spatial import Array
 from hbm.spelling import listed
 from pipeline.explain.budget import Budget, EstimatedCause, SharedCause, alike_in_plates
 from pipeline.explain.cause import OF_PERSON, groups
@@ -198,7 +199,7 @@ def study_lines(causes: Sequence[SharedCause], stated: Mapping[str, StatedNow]) 
         Name of a trial -> what is stated of it now.
     """
     alike = alike_in_plates(own.cause for own in causes)
-    lines = [*alike_lines(alike)]
+    lines = [*alike_lines(alike, {own.cause.name: own.rms for own in causes})]
     for own in causes:
         if own.cause.fault in alike:
             continue
@@ -217,13 +218,19 @@ def study_lines(causes: Sequence[SharedCause], stated: Mapping[str, StatedNow]) 
     return tuple(lines)
 
 
-def alike_lines(alike: Mapping[str, Sequence[EstimatedCause]]) -> Iterator[str]:
-    """Say which gains all plates have alike, where one of them is certain."""
+def alike_lines(
+    alike: Mapping[str, Sequence[EstimatedCause]], rms: Mapping[str, Array]
+) -> Iterator[str]:
+    """Say which gains all plates have alike, where one is certain and worth a word.
+
+    The RMS of residuals is of each cause, by its name.
+    """
     for fault, same in alike.items():
-        if any(cause.is_certain for cause in same):
-            sizes = listed(map(size_in_words, same))
+        fall = max(float((1 - own.left / rms[own.name]).max()) for own in same)
+        if fall >= MIN_FALL and any(own.is_certain for own in same):
+            plates = "All plates alike" if len(same) > 1 else "The only plate"
             yield (
-                f"All plates alike: {fault} {sizes}, by plates or body model; "
+                f"{plates}: {fault} {listed(map(size_in_words, same))}, by plates or body model; "
                 "compare with known weights (hbm plates)."
             )
 
@@ -289,7 +296,8 @@ def _share(share: float, deviation: float) -> str:
 
 def budget_lines(budget: Budget, mendings: Sequence[Fix]) -> Iterator[str]:
     """Say what a table of shares does not: what to do, what the trial does not tell, the check."""
-    certain = [*map(str, mendings), *alike_lines(alike_in_plates(budget.causes))]
+    rms = dict.fromkeys((cause.name for cause in budget.causes), budget.rms)
+    certain = [*map(str, mendings), *alike_lines(alike_in_plates(budget.causes), rms)]
     yield from certain or ["No certain fault explains much of a residual."]
     faults = [cause for cause in budget.causes if cause.chance < 1 or cause.group == "delay"]
     unknown = list(dict.fromkeys(cause.fault for cause in faults if not cause.is_told))

@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from hbm.notes import Note, provenance, warnings_of
-from hbm.spelling import printable
+from hbm.spelling import listed, printable
 from pipeline.cli.output import OUTPUT
 from pipeline.cli.stopping import stoppable
 
@@ -164,8 +164,12 @@ class StepProgress(Progress):
 def follow_trials(
     outcomes: Iterable["Outcome"], total: int, work: str, done: str, console: Console
 ) -> list["Outcome"]:
-    """Show what becomes of trials as they finish; where that is stopped, say how to go on."""
+    """Show what becomes of trials as they finish; where that is stopped, say how to go on.
+
+    Kept trials have no line, and a reason of failure has one however many trials have it.
+    """
     finished: list[Outcome] = []
+    alike: dict[str, list[str]] = {}
 
     def so_far() -> str:
         count = sum(outcome.failure is None for outcome in finished)
@@ -174,9 +178,17 @@ def follow_trials(
     with stoppable(so_far), StepProgress(console, work, "trials") as progress:
         for outcome in outcomes:
             finished.append(outcome)
-            kept = sum(each.state == "kept" for each in finished)
             failed = outcome.failure is not None or bool(outcome.failed_variants)
-            progress.show(str(outcome), len(finished) - kept, total - kept, always=failed)
+            if outcome.failure in alike:
+                alike[outcome.failure].append(str(outcome.job.name))
+            elif outcome.state != "kept" or failed:
+                kept = sum(each.state == "kept" for each in finished)
+                progress.show(str(outcome), len(finished) - kept, total - kept, always=failed)
+            if outcome.failure is not None:
+                alike.setdefault(outcome.failure, [])
+    for reason, names in alike.items():
+        if names:
+            console.print(f"FAILED {listed(sorted(names))}: {reason}", soft_wrap=True)
     return finished
 
 

@@ -88,7 +88,8 @@ class EstimatedCause:
 def alike_in_plates(causes: Iterable[EstimatedCause]) -> dict[str, list[EstimatedCause]]:
     """Give gains that all plates have alike, by their fault: an error of the body model looks so.
 
-    A common gain of Fz is not among them: it is the body mass, which is a cause of its own.
+    The gain of an only plate is one. A common gain of Fz is none: it is the body mass, which is a
+    cause of its own.
     """
     of_fault: dict[str, list[EstimatedCause]] = {}
     for cause in causes:
@@ -101,7 +102,7 @@ def _alike(causes: list[EstimatedCause]) -> bool:
     """Whether each is likely, and the 95 % intervals of all have a part in common."""
     low = max(cause.size - NORMAL_95 * cause.deviation for cause in causes)
     high = min(cause.size + NORMAL_95 * cause.deviation for cause in causes)
-    return len(causes) > 1 and low <= high and all(cause.chance > LIKELY for cause in causes)
+    return low <= high and all(cause.chance > LIKELY for cause in causes)
 
 
 @dataclass(frozen=True, slots=True)

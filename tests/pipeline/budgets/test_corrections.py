@@ -107,7 +107,7 @@ def test_a_gain_that_all_plates_have_alike_may_be_the_body_model_and_is_not_writ
     }
     found = [cause(name, "gain", "1", size) for name, size in sizes.items()]
     _, left_out = corrected(read_study(moving_study), tmp_path / "out", found)
-    assert [text.split(" alike")[0] for text in left_out] == [
+    assert [text.split(" in all plates")[0] for text in left_out] == [
         "plate 1: gain of Mx 6.0 ± 1.2 %:",
         "plate 2: gain of Mx 7.0 ± 1.4 %:",
     ]

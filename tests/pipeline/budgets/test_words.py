@@ -89,3 +89,22 @@ def test_gains_alike_in_all_plates_are_a_fault_of_no_plate_and_not_nothing():
     first, second, *_ = budget_lines(both, ())
     assert first.startswith("All plates alike: gain of Mx 6.00 ± 0.20 %, 6.00 ± 0.20 %")
     assert not second.startswith("No certain fault")
+
+
+def test_gains_alike_that_change_no_residual_are_not_worth_a_word():
+    gain = replace(CAUSE, size=0.06, left=np.full(6, 1.96))
+    both = budget(*(replace(gain, name=f"plate {k}: gain of Mz") for k in (1, 2)))
+    first, *_ = budget_lines(both, ())
+    assert first == "No certain fault explains much of a residual."
+
+
+def test_a_gain_of_the_only_plate_may_be_the_body_model_but_not_one_of_fz():
+    left = np.array([2, 2, 2, 2, 1.4, 2])
+    only = budget(replace(CAUSE, name="plate 1: gain of My", size=0.06, left=left))
+    assert what_to_fix_first(only, UNCALIBRATED) == ()
+    first, *_ = budget_lines(only, ())
+    assert first.startswith("The only plate: gain of My 6.00 ± 0.20 %, by plates or body model")
+    (found,) = what_to_fix_first(
+        budget(replace(only.causes[0], name="plate 1: gain of Fz")), UNCALIBRATED
+    )
+    assert found.action.startswith("Plate 1 reads")
