@@ -68,7 +68,7 @@ def fit(
     from pipeline.config.study import read_study
     from pipeline.io.write import write_text
     from pipeline.report.empty_treadmill import measure_empty, trial_ranges
-    from pipeline.report.laboratory import calibration_part
+    from pipeline.report.laboratory import BEYOND, beyond_range, calibration_part
     from pipeline.run.job import file_digest
     from pipeline.trial.ground import accelerometers
     from pipeline.trial.ground import calibration_recording as of_empty
@@ -119,8 +119,10 @@ def fit(
     laboratory = Laboratory(treadmill, calibration, plates=plates)
     platform = Platform(markers=markers) if markers else None
     measured = measure_empty(empty, laboratory, fitted_too, platform)
+    ranges = trial_ranges(read_study(study), treadmill) if study is not None else {}
     provenance = {
         **calibration.provenance,
+        **({BEYOND: beyond_range(calibration, ranges)} if ranges else {}),
         **measured.motion,
         "sha256": file_digest(recording),
         "made": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -130,7 +132,6 @@ def fit(
     }
     calibration = replace(calibration, provenance=provenance)
     write_text(to_json(calibration), out)
-    ranges = trial_ranges(read_study(study), treadmill) if study is not None else {}
     belts_mps = measured.belts_mps
     notes = [
         *calibration.notes,

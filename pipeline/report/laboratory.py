@@ -6,7 +6,7 @@ Each command writes its own part and leaves the parts of the others in the folde
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
@@ -61,6 +61,8 @@ KEPT: Final = re.compile(
 )
 CHILD_KG: Final = 20.0
 """Lighter persons hardly walk on treadmills."""
+BEYOND: Final = "study_beyond_range"
+"""In a calibration's provenance: conditions of the study beyond its range."""
 NEW_FIT: Final = "record the empty treadmill, hbm calibration fit"
 
 
@@ -201,13 +203,15 @@ def calibration_part(
     tables = [component_table(calibration, empty.sources), frequency_table(empty)]
     if others:
         tables.append(range_table(calibration, others))
-        beyond = [row[0] for row in tables[-1].rows if row[-1][0][0] != "pass"]
-        rating = "check" if beyond else "pass"
-        text = f"beyond its range: {', '.join(map(str, beyond))}" if beyond else "within its range"
-        verdict = replace(verdict, rows=[*verdict.rows, ("Study", [(rating, text, "")])])
     text = "Range of the calibration" + (" and of the trials of the study." if others else ".")
     drawn.append(Drawn(text, range_figure(calibration, others or {})))
     return Part("calibration", [verdict], tables, drawn, of)
+
+
+def beyond_range(calibration: Calibration, others: Mapping[str, tuple[Array, Array]]) -> str:
+    """Name the conditions of a study that accelerate the treadmill more than its calibration."""
+    rows = range_table(calibration, others).rows
+    return ", ".join(str(row[0]) for row in rows if row[-1][0][0] != "pass")
 
 
 def calibration_verdict(calibration: Calibration, file: Path) -> Table:
@@ -233,18 +237,19 @@ def calibration_verdict(calibration: Calibration, file: Path) -> Table:
     else:
         answer = ("pass", "fit", f"{len(rows)} of {len(rows)} components within the limit")
         todo = f"hbm calibration check {file.name} RECORDING, each day of trials"
-    return Table(
-        f"Calibration {file.name}",
-        ("Question", "Answer"),
-        [
-            ("Fit for trials", [answer]),
-            ("Up to", limits_of(calibration)),
-            ("Persons", _persons(rows)),
-            ("For how long", _validity(checks)),
-            ("Next", todo),
-        ],
-        "answers",
-    )
+    answers: list[Sequence[str | Sequence[Check]]] = [
+        ("Fit for trials", [answer]),
+        ("Up to", limits_of(calibration)),
+        ("Persons", _persons(rows)),
+        ("For how long", _validity(checks)),
+        ("Next", todo),
+    ]
+    if BEYOND in calibration.provenance:
+        far = calibration.provenance[BEYOND]
+        within: Check = ("pass", "within its range", "")
+        too_far: Check = ("check", f"beyond its range: {far}", "")
+        answers.append(("Study", [too_far if far else within]))
+    return Table(f"Calibration {file.name}", ("Question", "Answer"), answers, "answers")
 
 
 def limits_of(calibration: Calibration) -> str:

@@ -215,6 +215,7 @@ def write_report(
         pictures=drawn(study_figures(results, tests, design, curves)),
         example_subject=example_subject(results.cycles),
         laboratory=None if study is None else page_of_study(study, folder),
+        calibration=None if study is None else study.file.treadmill.calibration,
         any_compensated=bool(results.residuals["compensated"].any()),
         has_reference=design.reference in results.cycles["condition"].unique(),
         trials=trials,

@@ -151,8 +151,9 @@ def test_the_page_says_up_to_which_sway_and_pitch_the_calibration_is_fit(fitted)
     assert float(pitch) == pytest.approx(np.degrees(np.abs(motion.pitch).max()), abs=0.2)
 
 
-def test_trials_beyond_the_range_of_the_calibration_are_named(fitted):
+def test_trials_beyond_the_range_of_the_calibration_are_named_also_after_a_check(fitted, checked):
     """Sways of 5 cm in 0.3 s are faster than the calibration's; walking at rest is not."""
+    assert Rows(page_of(checked)).answer("Study") == "▲ beyond its range: sway"
     page = Rows(page_of(fitted))
     assert page.answer("Study") == "▲ beyond its range: sway"
     assert [row[-1] for row in page.rows if row[0] == "baseline"] == ["✔ within"]

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from dataclasses import replace
 from html.parser import HTMLParser
 
@@ -292,6 +293,22 @@ def test_what_is_unlike_the_other_trials_is_named_and_in_no_test(tmp_path, quick
 def test_the_page_links_to_that_of_the_laboratory_beside_the_calibration(page, folder, study):
     (link,) = (value for name, value in page.attributes if str(value).endswith("laboratory.html"))
     assert (folder / link).resolve() == (study / "laboratory.html").resolve()
+
+
+@pytest.mark.parametrize(
+    ("calibration", "command"),
+    [("empty.c3d", "fit empty.c3d -o lab.json"), ("empty.json", "check empty.json RECORDING")],
+)
+def test_a_page_without_a_record_of_the_treadmill_says_which_command_writes_one(
+    study, tmp_path, quick, unsaved, calibration, command
+):
+    shutil.copytree(study, tmp_path / "study", ignore=shutil.ignore_patterns("laboratory.html"))
+    (tmp_path / "study" / calibration).touch()
+    file = tmp_path / "study" / "study.toml"
+    file.write_text(file.read_text().replace("empty.json", calibration))
+    write_fake_results(tmp_path / "results", subjects=4, cycles=3)
+    page = write_report(tmp_path / "results", tmp_path / "study").read_text(encoding="utf-8")
+    assert f"<code>hbm calibration {command}</code> writes one" in page
 
 
 # In a real browser: drawn without errors or requests, readable on every screen
