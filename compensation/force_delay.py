@@ -61,7 +61,7 @@ def marker_plate_delay(plate_force: ArrayLike, motion_force: ArrayLike, time: Ar
     Returns
     -------
     Delay
-        Positive where the plates delayedr than the markers: the force from the markers at ``t``
+        Positive where the plates are later than the markers: the force from the markers at ``t``
         agrees best with the plates at ``t + seconds``.
 
     Raises

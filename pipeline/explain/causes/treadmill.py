@@ -34,7 +34,7 @@ def compensation_causes(chain: ProcessingChain) -> Iterator[Cause]:
     ------
     Cause
         The principal directions of what the inertia models may leave, each of one standard
-        deviation by the calibration; that the accelerometers delayedr than the calibration found;
+        deviation by the calibration; that the accelerometers are later than the calibration found;
         and per plate the size and delay of what was predicted of its belt. Nothing where nothing
         was subtracted.
     """

@@ -20,6 +20,7 @@ from compensation import (
 )
 from hbm.notes import Note
 from hbm.signals.resampling import resample
+from hbm.signals.samples import stretches
 from hbm.spatial import Array, fit_rotation, rotate_wrench, shift_wrench, transform_wrench
 from pipeline.config.schema import Platform
 from pipeline.io.input_file import naming
@@ -147,6 +148,13 @@ def _pose_from_markers(
             f"file; markers there: {', '.join(names)}"
         )
     position = recording.markers.position[:, [names.index(name) for name in markers]]
+    seen = np.isfinite(position[:NEUTRAL_FRAMES]).all(axis=2).any(axis=0)
+    hidden = [name for name, is_seen in zip(markers, seen, strict=True) if not is_seen]
+    if hidden:
+        raise ValueError(
+            f"platform markers {', '.join(hidden)} are not seen in the first {NEUTRAL_FRAMES} "
+            "frames, which show the platform in neutral; name others"
+        )
     fit = fit_pose(position, neutral_markers(position[:NEUTRAL_FRAMES]), MAX_MARKER_ERROR_M)
     note = Note.of("platform_pose", source=f"by the markers {', '.join(markers)}")
     return fit.pose, (note, *check_pose(fit, markers, MAX_MARKER_ERROR_M))
@@ -223,11 +231,20 @@ def plates_note(late: Delay | None, stated_s: float) -> tuple[Note, ...]:
 def command_delay(recording: Recording, markers: tuple[str, ...], commands: Platform) -> Note:
     """Say how much later the platform moves, by its markers, than it was commanded.
 
-    A ValueError where a marker or channel is missing, or the command does not move.
+    By the longest part in which all markers are seen. A ValueError where a marker or channel is
+    missing, or the command does not move.
     """
     pose, _ = _pose_from_markers(recording, markers)
     commanded, _ = _commanded_pose(recording, commands, recording.markers.time, resample)
-    late = pose_delay(commanded, pose, recording.markers.rate_hz)
+    known = np.isfinite(np.hstack([pose.position, commanded.position])).all(axis=1)
+    parts = stretches(np.asarray(known))
+    if not len(parts):
+        raise ValueError(f"the platform markers {', '.join(markers)} are never seen together")
+    part = slice(*max(parts, key=np.ptp))
+    there, then = (
+        PlatformPose(one.rotation[part], one.position[part]) for one in (commanded, pose)
+    )
+    late = pose_delay(there, then, recording.markers.rate_hz)
     return Note.of(
         "platform_command_delay",
         delay_s=late.seconds,

@@ -1,5 +1,8 @@
 """Plates and commands against the platform's markers, by the platform's own motion."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from pipeline.config.schema import Platform
@@ -26,6 +29,20 @@ def test_the_platforms_own_motion_times_its_commands(motion, within_s):
     assert abs(command.values["delay_s"] - 0.02) < within_s
     assert abs(command.values["delay_s"] - 0.02) < command.values["interval_s"]
     assert command.values["stated_s"] == -command.values["delay_s"]
+
+
+def test_markers_that_are_hidden_for_a_while_still_time_the_commands():
+    """The longest part in which all are seen is enough."""
+    recording = moved(1, command_delay_s=-0.02)
+    position = recording.markers.position.copy()
+    position[600:720, 0] = np.nan
+    seen = replace(recording, markers=replace(recording.markers, position=position))
+    found = command_delay(seen, MARKERS[:3], COMMANDS).values["delay_s"]
+    assert abs(found - 0.02) < 0.001
+    position[:, 0] = np.nan
+    hidden = replace(recording, markers=replace(recording.markers, position=position))
+    with pytest.raises(ValueError, match="platform markers .* are not seen in the first 100 frames"):
+        command_delay(hidden, MARKERS[:3], COMMANDS)
 
 
 def test_a_trial_on_a_moving_platform_says_how_late_its_plates_are_and_what_of_it_is_stated(
