@@ -30,13 +30,13 @@ class Note:
     code
         Its kind, as in the catalogue and in ``docs/notes.md``.
     values
-        Name -> number, text, names, or numbers by name; exactly those of the code's sentence, in
-        the unit that the name ends in.
+        Name -> number, text, names, or numbers by name; exactly those of the code's sentence and
+        advice, in the unit that the name ends in.
 
     Raises
     ------
     ValueError
-        If the code is not in the catalogue, or the values are not those of its sentence.
+        If the code is not in the catalogue, or the values are not those of its sentence and advice.
 
     Examples
     --------
@@ -55,13 +55,14 @@ class Note:
     def __post_init__(self) -> None:
         if self.code not in catalogue():
             raise ValueError(f"no note has the code {self.code!r}; hbm/notes.toml lists them")
-        parsed = Formatter().parse(catalogue()[self.code]["text"])
+        entry = catalogue()[self.code]
+        parsed = Formatter().parse(entry["text"] + entry.get("advice", ""))
         fields = {name for _, name, _, _ in parsed if name is not None}
         if set(self.values) != fields:
             wanted, given = (", ".join(sorted(v)) or "none" for v in (fields, self.values))
             raise ValueError(f"note {self.code!r}: its values are {wanted}, got {given}")
         try:
-            _ = self.text
+            _ = self.text, self.advice
         except (TypeError, ValueError) as error:
             raise ValueError(f"note {self.code!r}: {error}; got {dict(self.values)}") from error
 
@@ -99,7 +100,8 @@ class Note:
     @property
     def advice(self) -> str:
         """Give what to do about a warning, without marks of code; empty for provenance."""
-        return catalogue()[self.code].get("advice", "").replace("`", "")
+        advice = catalogue()[self.code].get("advice", "").replace("`", "")
+        return _SENTENCE.vformat(advice, (), self.values)
 
     def to_dict(self) -> dict[str, str | dict[str, NoteValue]]:
         """Give code, level, item, text, advice and values, ready for JSON."""

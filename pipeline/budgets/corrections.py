@@ -9,7 +9,7 @@ import tomli_w
 
 from hbm.spelling import Table
 from pipeline.budgets.explanation import StudyExplanation
-from pipeline.budgets.words import LATE, MASS, size_in_words
+from pipeline.budgets.words import LATE, MASS, MIN_FALL, size_in_words
 from pipeline.config.schema import Correction, TrialName, recording_tables
 from pipeline.config.study import Study
 from pipeline.config.toml_file import read_table
@@ -52,7 +52,8 @@ def write_corrected(
         The corrections: of the delay, of zeros, gains and places of plates, and of masses, each of
         which lowers residuals in which its size was not found.
     left_out
-        Other causes that are certain, and why they are not corrected: they do not, or all plates
+        Other causes that are certain, and why they are not corrected: they do not or by
+        less than 3 %, or all plates
         (or the only one) have them, as an error of the body model would look.
 
     Raises
@@ -78,6 +79,8 @@ def write_corrected(
         name = f"{own.name} {size_in_words(own.cause)}"
         if own.cause.fault in alike:
             left_out.append(f"{name}: in all plates, as an error of the body model would be")
+        elif own.fall < MIN_FALL:
+            left_out.append(f"{name}: it lowers no residual by {MIN_FALL:.0%}")
         elif not own.holds:
             left_out.append(f"{name}: it does not lower the residuals of other trials")
         elif setting := _state(own, study, tables["study.toml"], people, mass_kg):

@@ -206,7 +206,7 @@ def study_lines(causes: Sequence[SharedCause], stated: Mapping[str, StatedNow]) 
         axis = own.axis
         rms = float(own.rms[axis]), float(own.cause.left[axis])
         is_person = own.cause.group in OF_PERSON and own.cause.name != MASS
-        if not own.cause.is_certain or is_person or rms[1] > (1 - MIN_FALL) * rms[0]:
+        if not own.cause.is_certain or is_person or own.fall < MIN_FALL:
             continue
         action = what_to_do(own.cause, stated[own.trials[0]])
         owner = own.name.removesuffix(own.cause.name)
@@ -229,8 +229,9 @@ def alike_lines(
         fall = max(float((1 - own.left / rms[own.name]).max()) for own in same)
         if fall >= MIN_FALL and any(own.is_certain for own in same):
             plates = "All plates alike" if len(same) > 1 else "The only plate"
+            sizes = [f"{own.name.partition(':')[0]} {size_in_words(own)}" for own in same]
             yield (
-                f"{plates}: {fault} {listed(map(size_in_words, same))}, by plates or body model; "
+                f"{plates}: {fault}, {listed(sizes)}, by plates or body model; "
                 "compare with known weights (hbm plates)."
             )
 
@@ -243,7 +244,7 @@ def what_to_do(cause: EstimatedCause, stated: StatedNow) -> str:
     if cause.name == LATE and not stated.calibrated:
         delay_s = stated.delay_s + cause.size
         when = "late" if is_more else "early"
-        setting = f"plate_delay_s = {delay_s:.3f} under [settings]"
+        setting = f"plate_delay_s = {delay_s:.3f} (--plate-delay-ms {1000 * delay_s:.0f})"
         return f"The plates are {size} {when}; set {setting}."
     if cause.name == MASS:
         mass_kg = stated.mass_kg / (1 + cause.size)

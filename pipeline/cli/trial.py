@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Option
 
+from hbm.notes import warnings_of
 from hbm.spelling import listed, short
 from pipeline.cli.options import (
     RESULT,
@@ -153,6 +154,9 @@ def _explain_trial(request: TrialRequest, out: Path) -> int:
     page = write_trial_page(
         trial.result, out / f"{name}{PAGE}", plates=plates, explanation=explanation
     )
+    if doubts := warnings_of(trial.result.notes):
+        console.say("Warnings of the trial, to correct first:")
+        console.say_notes(doubts)
     print_explanation(explanation, console)
     console.say(
         f"written to {out}: {page.name}; {name}{SUFFIX} (all numbers), {name}{BANDS} (residuals "

@@ -243,6 +243,11 @@ class SharedCause:
         return int(np.argmax(1 - self.cause.left / self.rms))
 
     @property
+    def fall(self) -> float:
+        """By how much it would fall, as a share of itself."""
+        return float(np.max(1 - self.cause.left / self.rms))
+
+    @property
     def holds(self) -> bool:
         """Whether it lowers that residual where its size was not found."""
         return bool(self.held_out[self.axis] > 0)

@@ -74,6 +74,19 @@ def _wraps(channel: Array, jumps: Array, least: float) -> bool:
     return not len(find_jumps(undone, least).at)
 
 
+def correction(*mendings: str) -> str:
+    """Give what to set in a study for mendings, and the options for one trial.
+
+    Examples
+    --------
+    >>> correction("2: turn 90")
+    'mend_plates = ["2: turn 90"] (--mend-plates "2: turn 90")'
+    """
+    quoted = [f'"{mending}"' for mending in mendings]
+    options = " ".join(f"--mend-plates {each}" for each in quoted)
+    return f"mend_plates = [{', '.join(quoted)}] ({options})"
+
+
 def with_mended_plates(recording: Recording) -> Recording:
     """Mend the plates of a recording as is stated of it; a note says what was done.
 

@@ -23,14 +23,13 @@ from pipeline.trial.residuals import (
     threshold_table,
 )
 from pipeline.trial.result import TrialResult
+from pipeline.trial.stages import MAX_DELAY_S
 
 MAX_MARKER_RMS_MM: Final = 20.0
 MAX_MARKER_PEAK_MM: Final = 40.0
 """OpenSim's guideline for inverse kinematics: RMS error below 2 cm, largest below 4 cm."""
 MAX_GAP_PERCENT: Final = 10.0
 """No published limit: above a tenth, much of a marker's path is interpolated or unknown."""
-MAX_DELAY_S: Final = 0.010
-"""No published limit: one frame of a 100 Hz camera."""
 LIMITS: Final = {
     "force_percent": f"{100 * MAX_FORCE_SHARE:g}",
     "moment_percent": f"{100 * MAX_MOMENT_SHARE:g}",

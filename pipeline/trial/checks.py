@@ -20,7 +20,15 @@ from hbm.plausibility.labels import (
 )
 from hbm.plausibility.motion import impossible_angles, large_marker_errors, undetermined_notes
 from hbm.signals.samples import stretches
-from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array, Mask, shift_wrench
+from hbm.spatial import (
+    GRAVITY_MPS2,
+    WRENCH_COMPONENTS,
+    Array,
+    Mask,
+    rotate_wrench,
+    shift_wrench,
+)
+from pipeline.io.mended_plates import correction
 from pipeline.io.recording import Recording
 from pipeline.trial.subject import (
     MAX_STILL_EXTENT_M,
@@ -279,6 +287,10 @@ MAX_TOTAL_REST_N: Final = 20.0
 MAX_REST: Final = np.array([10.0, 10.0, np.inf, 5.0, 5.0, 5.0])
 """Of an unloaded plate, moments about its centre [N, N·m]; real plates, zeroed before the session,
 read a few newtons. The vertical force is judged by itself."""
+MIN_ZERO: Final = np.array([5.0, 5.0, 5.0, 2.5, 2.5, 2.5])
+"""Half of what is noted; smaller readings need no correction [N, N·m]."""
+MIN_LOADED: Final = 0.05
+"""Of body weight: below it a foot lands or leaves, and a plate with a dead band reads zero."""
 MAX_HELD_S: Final = 0.005
 MIN_BESIDE: Final = 0.05
 """Of a component's largest value, on both sides of samples that are exactly zero for so short a
@@ -322,6 +334,7 @@ def check_plates(
     """
     time, weight_n = recording.markers.time, mass_kg * GRAVITY_MPS2
     vertical, rest_n, others = dict[str, Array](), dict[str, float](), list[str]()
+    zeros = list[str]()
     for plate, wrench in zip(recording.plates, wrenches, strict=True):
         name = f"plate {plate.number}"
         vertical[name] = wrench[:, 2]
@@ -333,23 +346,34 @@ def check_plates(
             usual = np.median(means[at_rest], axis=0) if at_rest.any() else np.zeros(6)
             far = np.flatnonzero(np.abs(usual) > MAX_REST)
             others += [f"{name} {WRENCH_COMPONENTS[k]} {usual[k]:+.0f}" for k in far]
+            zero = rotate_wrench([*usual[:2], level, *usual[3:]], plate.rotation.T)
+            zeros += [
+                f"{plate.number}: zero {component} {reads:.1f}"
+                for component, reads, least in zip(WRENCH_COMPONENTS, zero, MIN_ZERO, strict=True)
+                if abs(reads) > least
+            ]
     notes = list[Note]()
     largest_n, total_n = max(map(abs, rest_n.values()), default=0), sum(rest_n.values())
     if others or largest_n > MAX_REST_N or abs(total_n) > MAX_TOTAL_REST_N:
         read = {"rest_n": rest_n, "total_n": total_n, "mass_kg": total_n / GRAVITY_MPS2}
-        notes.append(Note.of("plates_not_zeroed", **read, components=others or ["none"]))
+        remedy, others = correction(*zeros), others or ["none"]
+        notes.append(Note.of("plates_not_zeroed", **read, components=others, remedy=remedy))
     return (
         *notes,
-        *_zero_samples(recording),
+        *_zero_samples(recording, rest_n, MIN_LOADED * weight_n),
         *_apart(recording),
         *load_jumps(vertical, recording.markers.position, time, weight_n),
     )
 
 
-def _zero_samples(recording: Recording) -> tuple[Note, ...]:
+def _zero_samples(
+    recording: Recording, rest_n: Mapping[str, float], loaded_n: float
+) -> tuple[Note, ...]:
     """Name plates of which single samples are exactly zero between loaded ones."""
     notes = []
     for plate in recording.plates:
+        at_rest = abs(rest_n.get(f"plate {plate.number}", 0.0))
+        load = np.abs(np.abs(plate.wrench_in_plate[:, 2]) - at_rest)
         zero = np.zeros(len(plate.time), bool)
         longest = round(MAX_HELD_S / float(np.median(np.diff(plate.time))))
         for component in plate.wrench_in_plate.T:
@@ -357,8 +381,10 @@ def _zero_samples(recording: Recording) -> tuple[Note, ...]:
             starts, stops = stretches(component == 0).T
             inside = (starts > 0) & (stops < len(component)) & (stops - starts <= longest)
             starts, stops = starts[inside], stops[inside]
-            beside = np.minimum(np.abs(component[starts - 1]), np.abs(component[stops]))
-            for start, stop in zip(starts[beside > least], stops[beside > least], strict=True):
+            before, after = starts - 1, stops
+            held = np.minimum(np.abs(component[before]), np.abs(component[after])) > least
+            held &= np.minimum(load[before], load[after]) > loaded_n
+            for start, stop in zip(starts[held], stops[held], strict=True):
                 zero[start:stop] = True
         if zero.any():
             samples, first_s = int(zero.sum()), plate.time[np.argmax(zero)]

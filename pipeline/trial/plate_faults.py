@@ -28,7 +28,7 @@ from hbm.spatial import (
     rotate_wrench,
     shift_wrench,
 )
-from pipeline.io.mended_plates import find_jumps, reversing, turning
+from pipeline.io.mended_plates import correction, find_jumps, reversing, turning
 from pipeline.io.recording import Plate
 from pipeline.trial.checks import rest_level
 
@@ -296,6 +296,8 @@ SURE_ALONE: Final = 4.0
 """The same where no other plate of the trial carried long enough to compare it with."""
 BESIDE: Final = 0.8
 """Of these, the difference from the other plates, which know less than the motion does."""
+ALIKE: Final = 0.5
+"""Of the mean error of all plates' vertical force, by which each may differ from it."""
 MIN_OFF: Final = np.array([0.25, 0.25, 0.05])
 """Smallest error of a gain that is named."""
 
@@ -347,6 +349,8 @@ def find_gains(plates: Sequence[Plate], witnesses: Witnesses, left_out: set[int]
         loaded = np.array(
             [(np.abs(filtered[k, use, 2]) > LOADED * weight_n).sum() for k, _ in names]
         )
+        if axes == (2,) and _alike(factor):
+            continue
         sd = error * weight_n * np.sqrt(np.diag(inverse) * loaded)
         for number, (k, axis) in enumerate(names):
             same = [n for n, (other, a) in enumerate(names) if a == axis and other != k]
@@ -367,6 +371,13 @@ def find_gains(plates: Sequence[Plate], witnesses: Witnesses, left_out: set[int]
     return [gain for _, gain in sorted(found, reverse=True, key=lambda each: each[0])]
 
 
+def _alike(factor: Array) -> bool:
+    """Whether all plates, (P,), measure too much or too little alike: the body mass is wrong."""
+    off = factor - 1
+    common = float(np.mean(off))
+    return bool(len(off) > 1 and np.abs(off - common).max() < ALIKE * abs(common))
+
+
 # Places of plates
 
 OWN: Final = {"motion": (0.010, 0.006, 9.0), "feet": (0.020, 0.009, 9.0)}
@@ -377,6 +388,8 @@ plate, and common to all of a trial."""
 MIN_PLACE: Final = (0.02, 0.02, 8.0)
 SURE_PLACE: Final = (2.9, 2.9, 3.3)
 """Standard deviations."""
+MIN_MOVE_M: Final = 0.01
+"""Shorter corrections of a place are not worth setting."""
 MIN_PATH_M: Final = 0.06
 """A shorter path of the pressure has no direction."""
 
@@ -433,9 +446,7 @@ def _place_rows(
         own = [stance for stance in stances if stance.plate == k]
         if not own:
             continue
-        ahead = np.mean([stance.along.mean(axis=0) for stance in own], axis=0)
-        ahead /= np.linalg.norm(ahead)
-        across = np.array([-ahead[1], ahead[0], 0.0])
+        ahead, across = _walked(own, k)
         off = []
         for stance in own:
             frames = stance.frames
@@ -520,7 +531,7 @@ AXES: Final = ("forward", "sideways", "vertical")
 DIRECTIONS: Final = ("ahead", "left")
 
 
-def plate_faults(plates: Sequence[Plate], witnesses: Witnesses, *, still: bool) -> list[Note]:
+def plate_faults(plates: Sequence[Plate], witnesses: Witnesses, *, by_motion: bool) -> list[Note]:
     """Name what is wrong with single plates.
 
     Parameters
@@ -529,8 +540,8 @@ def plate_faults(plates: Sequence[Plate], witnesses: Witnesses, *, still: bool) 
         As recorded.
     witnesses
         What motion and feet say of them.
-    still
-        Whether the ground stands still; else raw samples alone are judged.
+    by_motion
+        Whether the ground stands still and labels are right; else raw samples alone are judged.
 
     Returns
     -------
@@ -544,20 +555,20 @@ def plate_faults(plates: Sequence[Plate], witnesses: Witnesses, *, still: bool) 
         if own := _jump_notes(plate, witnesses.weight_n):
             notes += own
             explained.add(k)
-    if not still:
+    if not by_motion:
         return notes
     stances = [stance for stance in find_stances(witnesses) if stance.plate not in explained]
     states, pairs = find_states(plates, witnesses, stances)
     for one, other in pairs:
         first, second = plates[one].number, plates[other].number
-        remedy = _remedy(first, f"exchange {second}")
+        remedy = correction(f"{first}: exchange {second}")
         notes.append(Note.of("plates_exchanged", first=first, second=second, remedy=remedy))
         explained |= {one, other}
     for k, state in states.items():
         if k not in explained:
             kind, what = state.split()
             code = "plate_turned" if kind == "turn" else "plate_reversed"
-            remedy = _remedy(plates[k].number, state)
+            remedy = correction(f"{plates[k].number}: {state}")
             notes.append(Note.of(code, plate=plates[k].number, what=what, remedy=remedy))
             explained.add(k)
     for gain in find_gains(plates, witnesses, explained):
@@ -565,7 +576,7 @@ def plate_faults(plates: Sequence[Plate], witnesses: Witnesses, *, still: bool) 
         if gain.share < 0:
             what = WRENCH_COMPONENTS[gain.axis]
             number = plates[gain.plate].number
-            remedy = _remedy(number, f"reverse {what}")
+            remedy = correction(f"{number}: reverse {what}")
             notes.append(Note.of("plate_reversed", plate=number, what=what, remedy=remedy))
             continue
         along = np.abs(plates[gain.plate].rotation[:, gain.axis])
@@ -588,31 +599,57 @@ def plate_faults(plates: Sequence[Plate], witnesses: Witnesses, *, still: bool) 
             turn = {"turn_deg": off[2].off, "interval_deg": off[2].interval}
             notes.append(Note.of("plate_askew", plate=number, **turn))
         else:
-            off_m = {DIRECTIONS[axis]: place.off for axis, place in off.items()}
-            interval_m = max(place.interval for place in off.values())
-            note = Note.of("plate_elsewhere", plate=number, off_m=off_m, interval_m=interval_m)
-            notes.append(note)
+            notes.append(_elsewhere(plates[k], list(off.values()), _walked(stances, k)))
     return notes
+
+
+def _walked(stances: Sequence[Stance], plate: int) -> Array:
+    """Give the directions ahead and to the left of the feet on a plate, (2, 3)."""
+    own = [stance.along.mean(axis=0) for stance in stances if stance.plate == plate]
+    ahead = np.mean(own, axis=0) / np.linalg.norm(np.mean(own, axis=0))
+    return np.array([ahead, [-ahead[1], ahead[0], 0.0]])
+
+
+def _elsewhere(plate: Plate, off: Sequence[Place], directions: Array) -> Note:
+    """Say how far from the feet the pressure on a plate is, and how to move the plate there."""
+    moved = -sum(place.off * directions[place.axis] for place in off) @ plate.rotation
+    moves = [
+        f"{plate.number}: move {axis} {metres:.3f}"
+        for axis, metres in zip("xy", moved[:2], strict=True)
+        if abs(metres) >= MIN_MOVE_M
+    ]
+    return Note.of(
+        "plate_elsewhere",
+        plate=plate.number,
+        off_m={DIRECTIONS[place.axis]: place.off for place in off},
+        interval_m=max(place.interval for place in off),
+        remedy=correction(*moves),
+    )
 
 
 EXPLAINED: Final = {"pressure_far_from_feet", "carried_in_part"}
 """Notes that say less than those of single plates."""
+AXES_WRONG: Final = {"plates_exchanged", "plate_turned", "plate_reversed"}
+"""Faults of plates whose forces then fit the motion at a wrong time."""
+LABELS_WRONG: Final = {"sides_exchanged", "labels_exchanged"}
+"""Faults of markers with which the motion is no witness."""
 RAW: Final = {"plate_wraps", "plate_jumps", "plate_reversed"}
 
 
-def without_explained(notes: Sequence[Note], faults: Sequence[Note]) -> list[Note]:
-    """Leave out what the faults of plates explain."""
-    return [note for note in notes if not (faults and note.code in EXPLAINED)]
+def without_explained(notes: Sequence[Note], faults: Sequence[Note]) -> tuple[list[Note], ...]:
+    """Leave out of notes what the faults of plates explain, and of faults what a delay explains."""
+    codes, kept = {fault.code for fault in faults}, list(faults)
+    explained = EXPLAINED if faults else set[str]()
+    if codes & AXES_WRONG:
+        explained = explained | {"plates_late"}
+    elif any(note.code == "plates_late" for note in notes):
+        kept = [fault for fault in faults if fault.code != "plate_gain"]
+    return [note for note in notes if note.code not in explained], kept
 
 
 def misweigh(faults: Sequence[Note]) -> bool:
     """Whether plates have faults with which steps do not weigh the body."""
     return any(note.code in RAW or note.values.get("component") == "Fz" for note in faults)
-
-
-def _remedy(number: int, what: str) -> str:
-    """Give what to state, in a study and as an option."""
-    return f'mend_plates = ["{number}: {what}"] (--mend-plates "{number}: {what}")'
 
 
 def _jump_notes(plate: Plate, weight_n: float) -> list[Note]:
@@ -632,7 +669,6 @@ def _jump_notes(plate: Plate, weight_n: float) -> list[Note]:
             count = sum(len(each.at) for each in these.values())
             values = {"sizes": sizes, "first_s": plate.time[first], "jumps": count}
             if wraps:
-                unwrap = [_remedy(plate.number, f"unwrap {name}") for name in these]
-                values["remedy"] = " and ".join(unwrap)
+                values["remedy"] = correction(*(f"{plate.number}: unwrap {n}" for n in these))
             notes.append(Note.of(code, plate=plate.number, **values))
     return notes

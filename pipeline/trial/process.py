@@ -32,6 +32,7 @@ from pipeline.trial.ground.laboratory import BoundLaboratory, Laboratory, bind
 from pipeline.trial.ground.uncertainty import uncertainty_notes
 from pipeline.trial.ground.wrenches import Ground, ground_wrenches, plate_loads
 from pipeline.trial.plate_faults import (
+    LABELS_WRONG,
     Witnesses,
     misweigh,
     plate_faults,
@@ -194,7 +195,7 @@ def process_recording(
     notes += () if uncertainty is None else uncertainty_notes(uncertainty[counts])
     notes += carried_notes(quality, motion.time, loads.need, loads.measured)
 
-    # plates: each by itself, against its raw samples, the motion and the feet
+    # plates: their delay; each by itself, against its raw samples, the motion and the feet
     witnesses = Witnesses.of(
         motion.time,
         ground.variants[ground.best],
@@ -207,14 +208,17 @@ def process_recording(
         settings.cutoff_hz,
         settings.filter,
     )
-    faults = plate_faults(recording.plates, witnesses, still=ground.pose is None)
-    notes = [*without_explained(notes, faults), *faults]
+    still, right_labels = ground.pose is None, LABELS_WRONG.isdisjoint(note.code for note in notes)
+    delay_s, delay_uncertainty_s = plate_delay(loads, ground.best, counts, settings, notes, still)
+    faults = plate_faults(recording.plates, witnesses, by_motion=still and right_labels)
+    notes, faults = without_explained(notes, faults)
+    notes += faults
     carried_kg = None if misweigh(faults) else weight_of_steps(witnesses)
     if carried_kg is not None:
         notes.append(Note.of("mass_carried", mass_kg=carried_kg))
     notes += differing_masses(mass.known_kg, carried_kg)
 
-    # gait: events, the cycles that count, and the delay that the residuals show
+    # gait: events and the cycles that count
     events = _events(lab, body, pose, ground, loads, quality, notes, settings)
     counted = what_counts(
         recording,
@@ -226,7 +230,6 @@ def process_recording(
         notes,
         settings.min_valid_share,
     )
-    delay_s, delay_uncertainty_s = plate_delay(loads, ground.best, counts, settings, notes)
     if static is not None:
         known_kg = {**mass.known_kg, **({ON_PLATES: carried_kg} if carried_kg else {})}
         notes = other_person(notes, body, recording, standing, known_kg)

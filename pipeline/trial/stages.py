@@ -17,6 +17,7 @@ and channels once, before the first frame.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -43,6 +44,9 @@ from pipeline.trial.gait.contact import (
 from pipeline.trial.ground.wrenches import Ground
 from pipeline.trial.once import once
 from pipeline.trial.quality import NO_SUPPORT, Quality, flagged, free_of, settled_frames
+
+MAX_DELAY_S: Final = 0.010
+"""No published limit: one frame of a 100 Hz camera."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -201,12 +205,13 @@ def known_forces(dynamics: Mapping[str, Dynamics], quality: Indices) -> dict[str
 
 
 def plate_delay(
-    loads: Loads, best: str, counts: Mask, settings: Settings, notes: list[Note]
+    loads: Loads, best: str, counts: Mask, settings: Settings, notes: list[Note], still: bool
 ) -> tuple[float, float]:
     """Estimate how much later a trial's plates are than its markers, from its inverse dynamics.
 
     Half of the 95 % interval follows the delay [s]; both are NaN where
-    `compensation.marker_plate_delay` refuses. Residual and plates' forces together are what the
+    `compensation.marker_plate_delay` refuses. On ground that stands still, a long one is a warning:
+    a platform that moves shows it better. Residual and plates' forces together are what the
     motion needs, which the real-time filter makes later than the plates' forces.
     """
     dynamics = loads.dynamics[best]
@@ -219,5 +224,9 @@ def plate_delay(
         return np.nan, np.nan
     lag_s = acceleration_lag_s(dynamics.time) if settings.filter == "realtime" else 0.0
     delay_s = found.seconds + lag_s
-    notes.append(Note.of("plate_delay", delay_s=delay_s, uncertainty_s=found.uncertainty))
+    size = {"delay_s": delay_s, "uncertainty_s": found.uncertainty}
+    notes.append(Note.of("plate_delay", **size))
+    if still and abs(delay_s) > max(MAX_DELAY_S, found.uncertainty):
+        stated_s = (settings.plate_delay_s or 0.0) + delay_s
+        notes.append(Note.of("plates_late", **size, stated_s=stated_s))
     return delay_s, found.uncertainty

@@ -9,6 +9,7 @@ from pipeline.trial.process import process_recording
 from tests.hbm.motions import exchanged, relabelled
 from tests.recordings.recorded import (
     TESTS,
+    child,
     generated,
     marker_set,
     overground,
@@ -70,6 +71,26 @@ def test_of_a_descent_of_steps_the_plates_zeros_are_doubted_and_explain_the_mass
     found = doubts(trial, static=known["static"], marker_set=chosen)
     assert set(found) == {"plates_not_zeroed"}
     assert found["plates_not_zeroed"].values["total_n"] == pytest.approx(36, abs=2)
+
+
+def test_a_walk_over_two_plates_is_not_doubted_and_a_wrong_mass_is_no_fault_of_theirs(shared_data):
+    """Each of them then measures too little; the note has the mass that the steps weigh."""
+    trial, known = recorded(child("HC030"), shared_data)
+    right = process_recording(trial, settings=Settings(), **known)
+    assert doubts_of(right) == {}
+    assert "plate_samples_zero" not in {note.code for note in right.notes}
+    heavier = known | {"subject": Subject(mass_kg=52.0)}
+    found = doubts_of(process_recording(trial, settings=Settings(), **heavier))
+    assert set(found) == {"mass_differs"}
+    assert min(found["mass_differs"].values["known_kg"].values()) == pytest.approx(45.5, abs=0.5)
+
+
+def test_exchanged_labels_of_the_knees_are_no_fault_of_plates(shared_data):
+    trial, known = recorded(child("HC030"), shared_data)
+    markers = relabelled(trial.markers, ("LKNE", "RKNE"))
+    found = doubts(replace(trial, markers=markers), **known)
+    assert "sides_exchanged" in found
+    assert not {code for code in found if code.startswith("plate")}
 
 
 def test_exchanged_heels_are_doubted_throughout_a_trial_and_for_a_few_seconds(walk):

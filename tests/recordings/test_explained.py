@@ -29,6 +29,10 @@ def explained(read, folder, plate_delay_s=None):
     return explain(recorded(read, folder)[0], STILL, result)
 
 
+def advice(delay_s):
+    return f"set plate_delay_s = {delay_s:.3f} (--plate-delay-ms {1000 * delay_s:.0f})"
+
+
 def advice_of_delay(explanation):
     """The line to state, of the sentence."""
     said = [own.action for own in explanation.mending if own.cause == LATE]
@@ -52,14 +56,14 @@ def test_residuals_and_their_explanation_have_the_same_delay(shared_data, read):
     found = next(cause for cause in explanation.budget.causes if cause.name == LATE)
     assert found.size == pytest.approx(result.delay_s, abs=1e-6)
     assert 1.96 * found.deviation == pytest.approx(result.delay_uncertainty_s, rel=1e-3)
-    wanted = f"set plate_delay_s = {result.delay_s:.3f} under [settings]"
+    wanted = advice(result.delay_s)
     certain = abs(result.delay_s) > result.delay_uncertainty_s
     assert advice_of_delay(explanation) == [wanted] * certain
 
 
 def test_a_delay_is_stated_on_top_of_what_is_stated(shared_data):
     result = processed(generated, shared_data, plate_delay_s=-0.015)
-    wanted = f"set plate_delay_s = {result.delay_s - 0.015:.3f} under [settings]"
+    wanted = advice(result.delay_s - 0.015)
     assert advice_of_delay(explained(generated, shared_data, -0.015)) == [wanted]
 
 

@@ -148,8 +148,8 @@ def _pose_from_markers(
             f"file; markers there: {', '.join(names)}"
         )
     position = recording.markers.position[:, [names.index(name) for name in markers]]
-    seen = np.isfinite(position[:NEUTRAL_FRAMES]).all(axis=2).any(axis=0)
-    hidden = [name for name, is_seen in zip(markers, seen, strict=True) if not is_seen]
+    seen = np.isfinite(position[:NEUTRAL_FRAMES].sum(axis=2))
+    hidden = [name for k, name in enumerate(markers) if not seen[:, k].any()]
     if hidden:
         raise ValueError(
             f"platform markers {', '.join(hidden)} are not seen in the first {NEUTRAL_FRAMES} "

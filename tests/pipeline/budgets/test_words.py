@@ -87,7 +87,7 @@ def test_gains_alike_in_all_plates_are_a_fault_of_no_plate_and_not_nothing():
     both = budget(*(replace(gain, name=f"plate {k}: gain of Mx") for k in (1, 2)))
     assert what_to_fix_first(both, UNCALIBRATED) == ()
     first, second, *_ = budget_lines(both, ())
-    assert first.startswith("All plates alike: gain of Mx 6.00 ± 0.20 %, 6.00 ± 0.20 %")
+    assert first.startswith("All plates alike: gain of Mx, plate 1 6.00 ± 0.20 %, plate 2 6.00")
     assert not second.startswith("No certain fault")
 
 
@@ -103,7 +103,9 @@ def test_a_gain_of_the_only_plate_may_be_the_body_model_but_not_one_of_fz():
     only = budget(replace(CAUSE, name="plate 1: gain of My", size=0.06, left=left))
     assert what_to_fix_first(only, UNCALIBRATED) == ()
     first, *_ = budget_lines(only, ())
-    assert first.startswith("The only plate: gain of My 6.00 ± 0.20 %, by plates or body model")
+    assert first.startswith(
+        "The only plate: gain of My, plate 1 6.00 ± 0.20 %, by plates or body model"
+    )
     (found,) = what_to_fix_first(
         budget(replace(only.causes[0], name="plate 1: gain of Fz")), UNCALIBRATED
     )

@@ -154,6 +154,44 @@ def test_a_plate_that_lies_elsewhere_is_sized(laboratory):
     (note,) = doubts(laboratory, moved(laboratory.walk, 1, np.array([0.0, 0.08, 0.0])))
     assert (note.code, note.values["plate"]) == ("plate_elsewhere", 2)
     assert note.values["off_m"] == {"left": pytest.approx(0.08, abs=note.values["interval_m"])}
+    there = corrected(moved(laboratory.walk, 1, np.array([0.0, 0.08, 0.0])), note)
+    off = there.plates[1].center - laboratory.walk.plates[1].center
+    assert np.abs(off).max() < 0.08 / 2
+    assert doubts(laboratory, there) == []
+
+
+def corrected(recording, note):
+    """The recording as the note's advice corrects it."""
+    mendings = tuple(re.findall(r'--mend-plates "([^"]+)"', note.advice))
+    return with_mended_plates(replace(recording, stated=Stated(mend_plates=mendings)))
+
+
+def test_a_zero_is_corrected_by_what_its_note_advises(laboratory):
+    walk = channel(laboratory.walk, 0, 2, lambda values: values + 40.0)
+    walk = channel(walk, 1, 3, lambda values: values - 9.0)
+    result = process_recording(walk, Subject(sex="male"), Settings(), static=laboratory.static)
+    (note,) = (note for note in result.notes if note.code == "plates_not_zeroed")
+    back = corrected(walk, note)
+    for one, other in zip(back.plates, laboratory.walk.plates, strict=True):
+        np.testing.assert_allclose(one.wrench_in_plate, other.wrench_in_plate, atol=1.0)
+
+
+@pytest.mark.parametrize("delay_s", [0.04, -0.04])
+def test_a_delay_is_named_as_one_and_not_as_gains(laboratory, delay_s):
+    late = replace(
+        laboratory.walk,
+        plates=tuple(replace(p, time=p.time + delay_s) for p in laboratory.walk.plates),
+    )
+    result = process_recording(late, Subject(sex="male"), Settings(), static=laboratory.static)
+    codes = [note.code for note in result.notes if note.code in {*CODES, "plates_late"}]
+    assert codes == ["plates_late"]
+    assert result.delay_s == pytest.approx(delay_s, abs=result.delay_uncertainty_s)
+    (note,) = (note for note in result.notes if note.code == "plates_late")
+    stated_s = float(re.search(r"plate_delay_s = (-?[\d.]+)", note.advice)[1])
+    again = process_recording(
+        late, Subject(sex="male"), Settings(plate_delay_s=stated_s), static=laboratory.static
+    )
+    assert not [note for note in again.notes if note.code in {*CODES, "plates_late"}]
 
 
 @pytest.mark.parametrize(
