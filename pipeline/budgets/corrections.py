@@ -80,7 +80,7 @@ def write_corrected(
         if own.cause.fault in alike:
             left_out.append(f"{name}: in all plates, as an error of the body model would be")
         elif own.fall < MIN_FALL:
-            left_out.append(f"{name}: it lowers no residual by {MIN_FALL:.0%}")
+            left_out.append(f"{name}: it lowers no residual by {100 * MIN_FALL:.0f} %")
         elif not own.holds:
             left_out.append(f"{name}: it does not lower the residuals of other trials")
         elif setting := _state(own, study, tables["study.toml"], people, mass_kg):

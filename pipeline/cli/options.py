@@ -1,9 +1,11 @@
 """Options that commands share, and those that a request for one trial is made of."""
 
 import os
-from collections.abc import Callable
+import shlex
+from collections.abc import Callable, Iterator
 from functools import wraps
 from inspect import Parameter, signature
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, get_origin
 
@@ -91,14 +93,25 @@ def _panel(name: str) -> str:
     return "Processing" if name in {"span", *Settings.model_fields} else "Recording"
 
 
+def given_options(request: TrialRequest) -> Iterator[tuple[str, str]]:
+    """Give the options of a request that differ from the defaults, with their values as typed."""
+    defaults = TrialRequest.model_construct()
+    for name, value in request:
+        if name in request.model_fields_set - {"trial"} and value != getattr(defaults, name):
+            values = [f"{k}={v}" for k, v in value.items()] if isinstance(value, dict) else value
+            for each in values if isinstance(values, list | tuple) else [values]:
+                yield f"--{name.replace('_', '-')}", str(each)
+
+
+def explain_command(request: TrialRequest) -> str:
+    """Give the command that explains a trial processed as requested."""
+    options = chain.from_iterable(given_options(request))
+    return shlex.join(["hbm", "explain", str(request.trial), *options])
+
+
 def require_no_options(request: TrialRequest, what: str) -> None:
     """Refuse options of a trial where they can have no effect."""
-    defaults = TrialRequest.model_construct()
-    given = [
-        f"--{name.replace('_', '-')}"
-        for name, value in request
-        if name in request.model_fields_set - {"trial"} and value != getattr(defaults, name)
-    ]
+    given = list(dict(given_options(request)))
     if given:
         raise ValueError(
             f"{request.trial.name} is {what}; leave out {', '.join(given)}, or give the recording "

@@ -88,8 +88,11 @@ def print_table(table: Table, console: Console) -> None:
     console.print(table.caption or "")
 
 
-def print_block(block: "Block", console: PlainConsole) -> None:
-    """Print a table of a page: rated cells with their symbols."""
+def print_block(block: "Block", console: PlainConsole, *, narrow: bool = False) -> None:
+    """Print a table of a page: rated cells with their symbols.
+
+    A ``narrow`` one without the last columns, where the terminal has no room for them.
+    """
     names = 2 if block.css_class == "numbers" else len(block.heads)
     table = Table(title=block.caption)
     for k, head in enumerate(block.heads):
@@ -104,6 +107,13 @@ def print_block(block: "Block", console: PlainConsole) -> None:
             )
             cells.append("; ".join(texts))
         table.add_row(*cells)
+    wide = console.options.update(max_width=WIDE)
+    while narrow and console.measure(table, options=wide).maximum > console.width:
+        if len(table.columns) == names + 1:
+            break
+        del table.columns[-1]
+    if len(table.columns) < len(block.heads):
+        table.caption = f"On the page: {', '.join(block.heads[len(table.columns) :])}"
     if block.css_class == "numbers":
         print_table(table, console)
     else:

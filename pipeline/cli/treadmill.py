@@ -22,15 +22,17 @@ if TYPE_CHECKING:
     from pipeline.report.laboratory import Part
 
 
-def say_parts(console: PlainConsole, folder: Path, *parts: "Part") -> None:
-    """Write parts into the page of a folder; print their verdicts and tables of numbers."""
+def say_parts(
+    console: PlainConsole, folder: Path, *parts: "Part", also: tuple["Part", ...] = ()
+) -> None:
+    """Write parts into the page of a folder; print verdicts and tables of numbers of the first."""
     from pipeline.report.laboratory import write_page
 
     for part in parts:
         numbers = (block for block in part.tables if block.css_class == "numbers")
         for block in (*part.verdict, *numbers):
-            print_block(block, console)
-    console.say(f"page: {write_page(folder, *parts)}")
+            print_block(block, console, narrow=True)
+    console.say(f"page: {write_page(folder, *also, *parts)}")
 
 
 @takes(RecordingRequest)
@@ -290,6 +292,7 @@ def check(
     from pipeline.config.plate_correction import read_plate_correction
     from pipeline.report.empty_treadmill import measure_empty
     from pipeline.report.laboratory import add_check, calibration_part, check_part
+    from pipeline.run.job import file_digest
     from pipeline.trial.ground.accelerometers import stated_accelerometers
     from pipeline.trial.ground.calibration_recording import read_empty
     from pipeline.trial.ground.calibrations import check_recording, read_laboratory
@@ -298,6 +301,10 @@ def check(
     channels = stated_accelerometers(request.accelerometer)
     laboratory = read_laboratory(calibration, (), channels, plates)
     assert laboratory.calibration is not None
+    if laboratory.calibration.provenance.get("sha256") == file_digest(recording):
+        raise ValueError(
+            f"{recording}: the calibration was fitted to it; give a recording of another day"
+        )
     console = PlainConsole()
     empty = read_empty(recording, request.stated(), any_forward=plates is None)
     found = check_recording(empty, laboratory)
@@ -306,8 +313,8 @@ def check(
     say_parts(
         console,
         calibration.parent,
-        calibration_part(laboratory.calibration, calibration),
         check_part(laboratory.calibration, calibration, made, found, measured),
+        also=(calibration_part(laboratory.calibration, calibration),),
     )
     notes = (*found.notes, *laboratory.calibration.notes)
     console.say_notes(notes)

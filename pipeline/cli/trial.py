@@ -14,6 +14,7 @@ from pipeline.cli.options import (
     RESULT,
     Jobs,
     Out,
+    explain_command,
     require_folder,
     require_no_options,
     takes,
@@ -73,7 +74,8 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
     write_csv(table, out / f"{name}_residuals.csv")
     write_csv(cycles_of(result, name), out / f"{name}_cycles.csv")
     save_figure(residual_figure(result), out / f"{name}_residuals")
-    page = write_trial_page(result, out / f"{name}{PAGE}", plates=trial.recording.plates)
+    plates, command = trial.recording.plates, explain_command(request)
+    page = write_trial_page(result, out / f"{name}{PAGE}", plates=plates, command=command)
     print_result(result, console)
     console.say(
         f"written to {out}: {page.name}; {name}.parquet (frames), {name}_residuals.csv, .png and "
@@ -81,6 +83,11 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
     )
     print_object(
         trial=request.trial.name,
+        mass_kg=result.body.mass,
+        height_m=result.body.height_m,
+        plate_delay_ms=1000 * result.delay_s,
+        plate_delay_interval_ms=1000 * result.delay_uncertainty_s,
+        frames_used=int(result.counts.sum()),
         residuals=records(table),
         thresholds=records(threshold_table(result)),
         markers=records(marker_table(result)),
@@ -138,7 +145,7 @@ def _explain_trial(request: TrialRequest, out: Path) -> int:
     if request.trial.suffix == RESULT:
         raise ValueError(
             f"{request.trial} is a result, and only the recording shows what its residuals are "
-            "made of; give the recording, or the results folder of a study"
+            "made of; give the recording, or the results folder of a study, whose report shows it"
         )
     console = PlainConsole()
     require_folder(out)

@@ -273,6 +273,10 @@ class Treadmill(InputModel):
             )
         if self.check and not self.calibration:
             raise ValueError("check: has no effect without a calibration to check")
+        if self.check and self.check == self.calibration:
+            raise ValueError(
+                "check: is the recording that the calibration is fitted to; give one of another day"
+            )
         return self
 
 

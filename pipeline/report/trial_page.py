@@ -47,6 +47,7 @@ def write_trial_page(
     explanation: Explanation | None = None,
     study: str = "",
     key: str = "",
+    command: str = "hbm explain RESULTS",
 ) -> Path:
     """Write the page of a trial.
 
@@ -64,6 +65,8 @@ def write_trial_page(
         Address of the study's report, relative to the page; empty for a trial by itself.
     key
         A comment at the end of the page.
+    command
+        That finds the causes of the residuals.
 
     Returns
     -------
@@ -89,7 +92,6 @@ def write_trial_page(
     recorded = {plate.number: plate for plate in plates}
     curves = _mean_curves(result)
     bands = explanation.budget.bands if explanation is not None else None
-    command = "hbm explain RESULTS" if study else f"hbm explain {result.source.name}"
     page = TEMPLATES.get_template("trial.html").render(
         name=name,
         scope=scope(result),

@@ -140,7 +140,7 @@ def trial_quality(trial: TrialResult) -> dict[str, tuple[Check, ...]]:
         "Unsolved frames": (("check" if unsolved else "pass", str(unsolved), f"of {len(solved)}"),),
         "Uncertainty added by compensation (1σ)": tuple(_compensation(headline))
         or (("none", "–", ""),),
-        "Locked": (("none", str(locked), ""),),
+        "Joint angles held": (("none", str(locked), "at neutral" * bool(locked)),),
         "Peak force": tuple(_peaks(limits, "force")),
         "Peak moment": tuple(_peaks(limits, "moment")),
     }
@@ -191,10 +191,11 @@ def _marker_gaps(markers: pd.DataFrame) -> Check:
 
 def _peaks(thresholds: pd.DataFrame, quantity: str) -> Iterator[Check]:
     """Rate peak residuals by the limits of Hicks et al."""
+    names = {False: "no IC ", True: "IC "} if thresholds["compensated"].nunique() > 1 else {}
     for row in rows_of(thresholds):
         if row.quantity == quantity:
-            name = "IC" if row.compensated else "no IC"
-            value = f"{name} {row.peak:.0f} of {row.limit:.0f} {row.unit}"
+            name = names.get(bool(row.compensated), "")
+            value = f"{name}{row.peak:.0f} {row.unit}, limit {row.limit:.0f} {row.unit}"
             above = f"above in {row.above_percent:.1f} % of frames"
             yield "pass" if row.passed else "fail", value, "" if row.passed else above
 

@@ -9,7 +9,7 @@ import pandas as pd
 from pipeline.config.schema import TrialName
 from pipeline.config.study import Study
 from pipeline.report.blocks import Table
-from pipeline.report.verdict import interval
+from pipeline.report.verdict import interval, label
 from pipeline.run.job import trial_key
 from pipeline.run.load import TABLES, Results, collect, select_trials
 from pipeline.run.run import variant_folder
@@ -105,7 +105,8 @@ def _table(found: Mapping[str, Sequence[Verdict]], condition: str, design: Desig
         for verdict in (each for each in own if each.condition == condition):
             difference = number(verdict.difference, "+z.1f")
             between = interval(verdict.low, verdict.high)
-            cells.append(f"{difference}\n[{between}]\n{verdict.answer}")
+            answer = label(verdict.answer, condition, design)
+            cells.append(f"{difference}\n[{between}]\n{answer}")
         rows.append((variant, *cells))
     axes = [f"{v.axis} ({v.unit})" for v in next(iter(found.values())) if v.condition == condition]
     judged, reference = design.judged(condition), design.reference_cell

@@ -71,7 +71,7 @@ def verdict_values(
         if no_verdict
         else headlines(found, design),
         "basis": " ".join(filter(None, ("" if stated else _basis(design), _of_recordings(found)))),
-        "heads": [f"{c}: {_label('at baseline', c, design)}?" for c in shown],
+        "heads": [f"{c}: {label('at baseline', c, design)}?" for c in shown],
         "rows": rows,
         "most": most,
     }
@@ -103,7 +103,7 @@ def _basis(design: Design) -> str:
     ) * (len(design.conditions) > 1)
 
 
-def _label(answer: Answer, condition: str, design: Design) -> str:
+def label(answer: Answer, condition: str, design: Design) -> str:
     """Name an answer; the reference is asked whether compensation increased it."""
     if condition == design.reference:
         words = {"at baseline": f"within {100 * design.margin:g} %", "above": "increased"}
@@ -135,7 +135,7 @@ def _why_none(residuals: pd.DataFrame, subjects: int, design: Design) -> str:
 def _cell(v: Verdict, reach: float, most: int, design: Design) -> dict[str, Any]:
     """Give symbol, label, class, lines and graph of a verdict."""
     symbol, css_class = STYLES[v.answer]
-    cell = {"symbol": symbol, "label": _label(v.answer, v.condition, design), "class": css_class}
+    cell = {"symbol": symbol, "label": label(v.answer, v.condition, design), "class": css_class}
     lines = []
     if v.n:
         lines = [f"{v.ic:.1f} {v.unit}"]

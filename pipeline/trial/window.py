@@ -145,15 +145,18 @@ def what_counts(
     part, of_part = perturbed_part(rule, cycles, onsets, time, pose)
     span = counted_span(wanted, cycles, time, settling, counts, min_valid_share)
     found = found_cycles(events, cycles)
+    excluded, every = (
+        [reason for side in sides for reason in left_out[side]] for sides in (cycles, left_out)
+    )
     if unit != "cycle":
-        found = sum(map(len, usable.values())) + len(left_out)
+        found = sum(map(len, usable.values())) + len(every)
     counted = Counted(usable, cycles, onsets, part, span, unit, found)
-    if left_out:
-        reasons = counted_reasons(left_out)
-        notes.append(Note.of("cycles_left_out", cycles=len(left_out), reasons=reasons))
+    if excluded:
+        reasons = counted_reasons(excluded)
+        notes.append(Note.of("cycles_left_out", cycles=len(excluded), reasons=reasons))
     why = [str(note.values["reason"]) for note in notes if note.code == "events_unknown"]
     solved = free_of(quality, Quality.POSE_UNKNOWN)
-    shortage = cycle_shortage(events, left_out, time, solved, "".join(why))
+    shortage = cycle_shortage(events, every, time, solved, "".join(why))
     notes += (*selection, *of_part)
     notes += _nothing_counts(wanted, counted, events, shortage, time, counts, solved)
     return counted
@@ -165,10 +168,10 @@ def _cut(
     quality: Indices,
     wanted: WantedWindow,
     min_valid_share: float,
-) -> tuple[Unit, dict[str, Array], tuple[str, ...]]:
+) -> tuple[Unit, dict[str, Array], dict[str, tuple[str, ...]]]:
     """Cut a trial into the unit that is wanted; by default gait cycles, else steps, else stances.
 
-    With why each was left out; where none is complete, of gait cycles.
+    With why each of a side was left out; where none is complete, of gait cycles.
     """
     units: tuple[Unit, ...] = ("cycle", "step", "stance")
     if wanted in units:

@@ -270,7 +270,7 @@ def cut_cycles(
     quality: Indices,
     min_valid_share: float,
     unit: Unit = "cycle",
-) -> tuple[dict[str, Array], tuple[str, ...]]:
+) -> tuple[dict[str, Array], dict[str, tuple[str, ...]]]:
     """Cut gait cycles, steps or stances of both sides; leave out those of which too little counts.
 
     Parameters
@@ -291,17 +291,16 @@ def cut_cycles(
     cycles
         Side -> start and stop of each cycle, (C, 2) [s].
     left_out
-        Why each other cycle was left out.
+        Side -> why each other cycle was left out.
     """
     cycles: dict[str, Array] = {}
-    left_out: list[str] = []
+    left_out: dict[str, tuple[str, ...]] = {}
     known = free_of(quality, Quality.POSE_UNKNOWN)
     masks = free_of(quality, NO_SUPPORT), free_of(quality)
     for side in SIDES:
         cut = gait_cycles(events, side) if unit == "cycle" else steps(events, side, unit)
         spans, reasons = cut
-        left_out += reasons
-        accepted = []
+        accepted, left_out[side] = [], tuple(reasons)
         for start, stop in spans:
             inside = slice(*np.searchsorted(time, (start, stop)))
             frames = max(inside.stop - inside.start, 1)
@@ -316,9 +315,9 @@ def cut_cycles(
             elif counted < min_valid_share:
                 reason = "an end or a gap too near for the filters to settle"
             accepted.append(not reason)
-            left_out += [reason] if reason else []
+            left_out[side] += (reason,) if reason else ()
         cycles[side] = spans[np.array(accepted, bool)]
-    return cycles, tuple(left_out)
+    return cycles, left_out
 
 
 def found_cycles(events: Sequence[Event], sides: Iterable[str]) -> int:

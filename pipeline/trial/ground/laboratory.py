@@ -96,7 +96,8 @@ class Laboratory:
 def plate_models(recording: Recording, laboratory: Laboratory) -> list[InertiaModel]:
     """Give the inertia model that compensates each plate of a trial; none without a calibration.
 
-    A ValueError where the calibration was made for other plates, sensors, channels or rates.
+    A ValueError where the calibration was made for other plates, sensors, channels or rates;
+    sensors may have exchanged their channels since.
     """
     calibration, treadmill = laboratory.calibration, laboratory.treadmill
     if calibration is None:
@@ -105,7 +106,8 @@ def plate_models(recording: Recording, laboratory: Laboratory) -> list[InertiaMo
     present = recording.analog.names if recording.analog is not None else ()
     for sensor, channels in treadmill.accelerometers.items():
         then = tuple(fitted.get(sensor, channels))
-        if then != channels and set(then) <= set(present):
+        exchanged = channels in fitted.values()
+        if then != channels and set(then) <= set(present) and not exchanged:
             raise ValueError(
                 f"{file}: accelerometer {sensor} was {', '.join(then)} in the calibration, which "
                 f"this recording has too, but {', '.join(channels)} is given; recording and "

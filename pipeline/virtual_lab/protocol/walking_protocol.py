@@ -4,11 +4,12 @@ Source: van de Loosdrecht (2018), II.C and D.5.
 """
 
 from importlib.resources import files
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 import numpy as np
-from pydantic import BaseModel, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
 
 from compensation.protocol import (
     ADVISED_PLATFORM_SIGNAL,
@@ -17,7 +18,7 @@ from compensation.protocol import (
 )
 from hbm.signals.filtering import Method
 from hbm.spatial import Array
-from hbm.spelling import parse_toml
+from hbm.spelling import did_you_mean, listed, parse_toml, shown
 from pipeline.config.input_model import InputModel
 from pipeline.config.toml_file import describe_faults
 from pipeline.io.input_file import read_text
@@ -77,8 +78,22 @@ Seconds = Annotated[float, Field(gt=0)]
 Window = Annotated[float, Field(gt=0, le=1.0)]
 """Seconds from the onset of a perturbation, at most about a gait cycle."""
 Wait = Annotated[float, Field(ge=MIN_WAIT_S)]
-_SIGNALS: Final = rf"^({'|'.join(PLATFORM_KINDS)})_({'|'.join(map(str, DURATIONS_S))})s_[03]mps$"
-CalibrationSignal = Annotated[str, Field(pattern=_SIGNALS)]
+SIGNALS: Final = [
+    f"{kind}_{duration_s}s_{speed_mps}mps"
+    for kind, duration_s, speed_mps in product(PLATFORM_KINDS, DURATIONS_S, (0, 3))
+]
+
+
+def _known_signal(name: str) -> str:
+    """Refuse what is no signal of `compensation.protocol`."""
+    if name not in SIGNALS:
+        raise ValueError(
+            f"got {shown(name)}{did_you_mean(name, SIGNALS)}; signals: {listed(SIGNALS, 99)}"
+        )
+    return name
+
+
+CalibrationSignal = Annotated[str, AfterValidator(_known_signal)]
 
 
 class Protocol(InputModel):

@@ -44,9 +44,13 @@ from pipeline.virtual_lab.protocol.walking_trial import (
 )
 
 CALIBRATION: Final = "calibration.c3d"
+ANOTHER_DAY: Final = "empty_day2.c3d"
+"""The empty treadmill with the same signal, which `hbm calibration check` compares."""
 CYCLES: Final = 50
 CUTOFF_HZ: Final = 6.0
 """Gait cycles per condition, and cut-off frequency: the thesis'."""
+LONGEST_CYCLE_S: Final = 1.5
+"""Shorter trials have fewer gait cycles, all of which are used."""
 SETTLE_S: Final = 2.0
 """After the belts have reached their speed, before the gait cycles are counted; assumed."""
 
@@ -105,10 +109,12 @@ perturbed = true  # only the gait cycles with a perturbation
 pulse_channel = "{PULSE_CHANNEL}"  # rises at its onset
 window = {part}  # of them: the platform's motion, whole cycles, or seconds from the onset
 """
+    walking_s = protocol.duration(name) - protocol.steady_s - SETTLE_S
+    is_long = walking_s > CYCLES * LONGEST_CYCLE_S
+    cycles = f"cycles = {CYCLES}  # gait cycles that are used, after\n" if is_long else ""
     return f"""\
 [conditions.{name}]
-cycles = {CYCLES}  # gait cycles that are used, after
-skip_s = {protocol.steady_s + SETTLE_S:g}  # the T-pose and the start of the belts
+{cycles}skip_s = {protocol.steady_s + SETTLE_S:g}  # the T-pose and the start of the belts
 """
 
 
@@ -156,13 +162,18 @@ age_years = {person.age:g}
 {trials}"""
 
 
+def empty_names(setting: Setting) -> tuple[str, ...]:
+    """Name the recordings of empty plates: of the calibration, of another day, with people."""
+    beside = beside_names(setting)
+    return (CALIBRATION, *((ANOTHER_DAY, *beside) if beside else ()))
+
+
 def study_files(setting: Setting) -> tuple[str, ...]:
     """Name all files of a simulated study, relative to its folder."""
     protocol = setting.protocol
     return (
         *study_texts(setting),
-        CALIBRATION,
-        *beside_names(setting),
+        *empty_names(setting),
         *(
             name
             for person in PERSONS[: protocol.subjects]
@@ -248,7 +259,8 @@ def simulate_study(
     ----------
     out
         Folder to write: ``study.toml``, one TOML and C3D files per subject, ``calibration.c3d`` of
-        the empty treadmill, recordings of people beside an empty plate, and in ``truth`` the
+        the empty treadmill; recordings of people beside an empty plate, and with them
+        ``empty_day2.c3d``, the empty treadmill on another day; and in ``truth`` the
         setting and per trial what really happened, frame by frame as Parquet and its gait events
         as CSV.
     setting
@@ -281,7 +293,7 @@ def simulate_study(
 
     tasks = [
         delayed(_write_calibration)(folder, setting, name)
-        for name in (CALIBRATION, *beside_names(setting))
+        for name in empty_names(setting)
         if name in wanted
     ]
     tasks += [
@@ -372,8 +384,8 @@ def _named(prefix: str, wrench: Array) -> dict[str, Array]:
 def _write_calibration(folder: Path, setting: Setting, name: str) -> str:
     """Record the empty treadmill, or people beside a plate that stays empty."""
     treadmill = make_treadmill(setting.faults, setting.seed)
-    if name == CALIBRATION:
-        recording = run_calibration(setting, treadmill)
+    if name in (CALIBRATION, ANOTHER_DAY):
+        recording = run_calibration(setting, treadmill, another_day=name == ANOTHER_DAY)
     else:
         recording = run_beside(setting, treadmill, name)
     write_recording(folder / name, recording)

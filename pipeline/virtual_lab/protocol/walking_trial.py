@@ -281,13 +281,19 @@ def run_signal(
     return record(treadmill, motion, None, f"{signal.name}.c3d", rng)
 
 
-def run_calibration(setting: Setting, treadmill: InstrumentedTreadmill) -> Recording:
-    """Record the empty treadmill while it follows the protocol's calibration signal."""
+def run_calibration(
+    setting: Setting, treadmill: InstrumentedTreadmill, *, another_day: bool = False
+) -> Recording:
+    """Record the empty treadmill while it follows the protocol's calibration signal.
+
+    On another day rollers begin at other angles, and noise is another.
+    """
     name = setting.protocol.calibration
     belt_mps = float(name.removesuffix("mps").rpartition("_")[2])
     signals = pitch_and_sway_signals(setting.seed, belt_mps)
     chosen = next(signal for signal in signals if signal.name == name)
-    return run_signal(treadmill, chosen, np.random.default_rng((setting.seed, len(PERSONS))))
+    of_noise = setting.seed, len(PERSONS), *((1,) if another_day else ())
+    return run_signal(treadmill, chosen, np.random.default_rng(of_noise))
 
 
 STANDING_S: Final = 2.5

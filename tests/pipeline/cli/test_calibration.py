@@ -88,7 +88,8 @@ def test_channels_of_any_name_are_stated(tmp_path, capsys):
     stated = ["--accelerometer", "rear=ch1,ch2,ch3", "--accelerometer", "front=ch4, ch5, ch6"]
     assert main([*command, *stated]) == 0
     assert from_json(out.read_text(encoding="utf-8")).plates["plate 1"].sensors == ("rear", "front")
-    assert main(["calibration", "check", str(out), str(path)]) == 0
+    other = lab.save(renamed(empty(2)), tmp_path / "day2.c3d")
+    assert main(["calibration", "check", str(out), str(other)]) == 0
     assert main([*command, "--accelerometer", "rear=ch1,ch2"]) == 2
     assert "expected a name and three channels" in capsys.readouterr().err
 
@@ -96,12 +97,34 @@ def test_channels_of_any_name_are_stated(tmp_path, capsys):
 def test_a_trial_needs_the_channels_of_its_calibration(fitted, moving_study, tmp_path, capsys):
     trial = ["residuals", str(moving_study / "sub01_pitch.c3d"), "--out", str(tmp_path / "out")]
     (one, first), (two, second) = lab.CHANNELS.items()
-    exchanged = [f"{one}={','.join(second)}", f"{two}={','.join(first)}"]
+    others = [f"{one}={','.join(first[::-1])}", f"{two}={','.join(second)}"]
     options = ["--calibration", str(fitted)]
-    for text in exchanged:
+    for text in others:
         options += ["--accelerometer", text]
     assert main([*trial, *options]) == 2
     assert "recording and calibration need the same channels" in capsys.readouterr().err
+
+
+def exchanged(values):
+    values[:, :6] = values[:, [3, 4, 5, 0, 1, 2]]
+
+
+def test_sensors_that_exchanged_their_channels_are_named_and_given_right(fitted, tmp_path, capsys):
+    day2 = lab.save(with_values(empty(2), exchanged), tmp_path / "day2.c3d")
+    command = ["calibration", "check", str(fitted), str(day2)]
+    assert main(command) == 1
+    assert "are exchanged" in " ".join(capsys.readouterr().out.split())
+    (one, first), (two, second) = lab.CHANNELS.items()
+    for sensor, channels in ((one, second), (two, first)):
+        command += ["--accelerometer", f"{sensor}={','.join(channels)}"]
+    assert main(command) == 0
+
+
+def test_the_recording_that_a_calibration_was_fitted_to_is_no_check_of_it(tmp_path, capsys):
+    fit(empty(1), tmp_path)
+    copied = shutil.copy(tmp_path / "empty.c3d", tmp_path / "day2.c3d")
+    assert main(["calibration", "check", str(tmp_path / "lab.json"), str(copied)]) == 2
+    assert "the calibration was fitted to it" in capsys.readouterr().err
 
 
 @pytest.fixture(scope="module")
@@ -184,7 +207,8 @@ def test_the_verdict_on_a_fitted_file_is_said_by_fit_check_residuals_and_export(
     fitted, moving_study, tmp_path, capsys
 ):
     study = spoilt(moving_study, tmp_path)
-    file, trial, empty_again = tmp_path / "lab.json", study / "sub01_pitch.c3d", study / "empty.c3d"
+    file, trial, empty_again = tmp_path / "lab.json", study / "sub01_pitch.c3d", study / "again.c3d"
+    lab.save(poor(lab.on_platform(lab.without_people(20.0), lab.shaken(20.0, 2))), empty_again)
     for command in (
         ["calibration", "fit", str(study / "empty.c3d"), "-o", str(file), *STATED],
         ["calibration", "check", str(file), str(empty_again)],

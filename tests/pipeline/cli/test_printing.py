@@ -1,6 +1,7 @@
 """What is printed: --json is one object, --quiet nothing, --verbose all; options by subject."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -10,6 +11,7 @@ from pipeline.cli.app import main
 from pipeline.cli.output import PANELS
 from pipeline.io.c3d.write import write_c3d
 from pipeline.run.store import read_trial
+from tests.pipeline import lab
 from tests.pipeline.cli.test_app import plate
 from tests.synthetic import synthetic_t_pose
 
@@ -38,6 +40,11 @@ def test_the_object_of_a_trial_has_the_numbers_of_its_files(standing, tmp_path, 
     rms = [row["rms"] for row in found["residuals"]]
     assert rms == pytest.approx([*table["rms"]], rel=1e-4, abs=1e-9)
     notes = read_trial(tmp_path / "standing.parquet", frames=False).notes
+    assert found["mass_kg"] == 74.6
+    assert found["plate_delay_ms"] is None  # quiet standing shows none
+    assert found["frames_used"] > 0
+    page = Path(found["page"]).read_text(encoding="utf-8")
+    assert f"<code>hbm explain {standing} --mass-kg 74.6</code>" in page
     assert [note["code"] for note in found["notes"]] == [note.code for note in notes]
     assert all(note["advice"] for note in found["notes"] if note["level"] == "warning")
 
@@ -104,9 +111,23 @@ def test_the_objects_of_a_calibration_have_its_components_and_whether_it_is_vali
     moving_study, tmp_path, capsys
 ):
     empty, out = moving_study / "empty.c3d", tmp_path / "lab.json"
+    again = lab.on_platform(lab.without_people(20.0), lab.shaken(20.0, 7), seed=7)
+    day2 = lab.save(again, tmp_path / "day2.c3d")
     fitted = json.loads(printed(capsys, "calibration", "fit", empty, "-o", out, "--json"))
     assert {row["plate"] for row in fitted["components"]} == {"plate 1", "plate 2"}
     assert all(row["left"] >= 0 and row["limit"] > 0 for row in fitted["components"])
-    checked = json.loads(printed(capsys, "calibration", "check", out, empty, "--json"))
+    checked = json.loads(printed(capsys, "calibration", "check", out, day2, "--json"))
     assert checked["valid"] is True
     assert [note["code"] for note in checked["notes"]] == ["calibration_still_valid"]
+
+
+def test_the_table_of_a_calibration_fits_in_80_columns_and_names_what_is_on_the_page(
+    moving_study, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setenv("COLUMNS", "80")
+    out = tmp_path / "lab.json"
+    text = printed(capsys, "calibration", "fit", moving_study / "empty.c3d", "-o", out)
+    rows = [line for line in text.splitlines() if "plate 2" in line and "N·m" in line]
+    assert len(rows) == 3
+    assert max(map(len, rows)) <= 80
+    assert "On the page: " in text
