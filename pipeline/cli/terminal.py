@@ -108,6 +108,7 @@ def print_block(block: "Block", console: PlainConsole, *, narrow: bool = False) 
             cells.append("; ".join(texts))
         table.add_row(*cells)
     wide = console.options.update(max_width=WIDE)
+    narrow = narrow and block.css_class == "numbers"
     while narrow and console.measure(table, options=wide).maximum > console.width:
         if len(table.columns) == names + 1:
             break

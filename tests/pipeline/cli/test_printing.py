@@ -131,3 +131,4 @@ def test_the_table_of_a_calibration_fits_in_80_columns_and_names_what_is_on_the_
     assert len(rows) == 3
     assert max(map(len, rows)) <= 80
     assert "On the page: " in text
+    assert "Fit for trials │ ✔ fit" in text
