@@ -196,6 +196,12 @@ def _with_command(typed: list[str]) -> list[str] | None:
     from pipeline.cli.recognise import recognise
 
     found = recognise(Path(typed[0]))
+    others = [own for own in typed[1:] if own.startswith("-") and own not in ("--json", "--quiet")]
+    if others and not found.walking:
+        raise ValueError(
+            f"{typed[0]} is {found.what}; {', '.join(others)} has no effect on it"
+            + (f"; next: {found.commands[0]}" if found.commands else "")
+        )
     if "--json" not in typed and "--quiet" not in typed:
         print(f"{typed[0]}: {found.what}")
     if found.walking:

@@ -71,7 +71,7 @@ def _folder(path: Path) -> Recognised:
     found = [file for file in sorted(path.iterdir()) if file.is_file() and _is_recording(file)]
     if found:
         what = f"a folder with {len(found)} recording{'s' * (len(found) > 1)} and no study"
-        return Recognised(what, (f"hbm {found[0]}", f"hbm init {path}"))
+        return Recognised(what, (f"hbm init {path}", f"hbm {found[-1]}"))
     what = "a folder without study, results or recordings"
     return Recognised(what, (f"hbm init {path}", "hbm demo"))
 

@@ -34,11 +34,17 @@ MOST_PLACES = 3
 
 
 def init(folder: Annotated[Path, Argument(help="Folder for the new study.")]) -> None:
-    """Edit both, then check the study with 'hbm check'."""
-    from pipeline.config.templates import write_template
+    """Of the recordings in the folder, or as an example; edit it, then 'hbm check'."""
+    from pipeline.config.found_recordings import found_subjects
+    from pipeline.config.templates import CONDITION, write_template
 
-    study, subject = write_template(folder)
-    PlainConsole().say(f"written: {study}, {subject}; next: edit them, then hbm check {folder}")
+    console, found = PlainConsole(), found_subjects(folder)
+    written = write_template(folder, found)
+    for subject in found:
+        pose = f"pose {subject.static}" if subject.static else "no recording of a pose"
+        console.say(f"{subject.name}: {pose}; {CONDITION}: {', '.join(subject.trials)}")
+    files = ", ".join(path.name for path in written)
+    console.say(f"written to {folder}: {files}; next: edit them, then hbm check {folder}")
 
 
 def check(

@@ -5,13 +5,15 @@ Both are made from the fields in `pipeline.config.schema`: name, default or exam
 
 import json
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Final
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from pipeline.config.found_recordings import FoundSubject
 from pipeline.config.input_model import bounds_of
 from pipeline.config.schema import Settings, StudyFile, SubjectFile
 from pipeline.config.toml_file import models_in
@@ -33,6 +35,8 @@ SUBJECT: Final = """\
 # standing), and of inertia_kg_m2 = [0.021, 0.021, 0.002] about it; [right_foot.worn], with mass_kg
 # and center_m, adds what the segment carries, such as a shoe.
 """
+CONDITION: Final = "walking"
+"""Of recordings that are found."""
 GIVEN_STUDY: Final = {
     "name": "My study",
     "settings": {},
@@ -61,24 +65,37 @@ GIVEN_SUBJECT: Final = {
 }
 
 
-def write_template(folder: Path) -> tuple[Path, Path]:
-    """Write a commented ``study.toml`` and a subject's file; give both.
+def write_template(folder: Path, found: Sequence[FoundSubject] = ()) -> tuple[Path, ...]:
+    """Write a commented ``study.toml`` and the subjects' files; give all.
+
+    The study is of the subjects found, all of whose trials are of one condition; without any, it is
+    an example.
 
     Raises
     ------
     ValueError
         If there already is a study; nothing is overwritten.
     OSError
-        If the folder cannot be written to; neither file is there then.
+        If the folder cannot be written to; no file is there then.
     """
-    study, subject = folder / "study.toml", folder / "sub01.toml"
-    for path in (study, subject):
+    study = GIVEN_STUDY | ({"conditions": {CONDITION: {}}} if found else {})
+    people = [_given(subject) for subject in found] or [GIVEN_SUBJECT]
+    texts = {folder / "study.toml": template(StudyFile, STUDY, study)}
+    texts |= {folder / f"{own['id']}.toml": template(SubjectFile, SUBJECT, own) for own in people}
+    for path in texts:
         if path.exists():
             raise ValueError(f"{path} is already there; nothing was written")
-    with whole_file(study) as new_study, whole_file(subject) as new_subject:
-        new_study.write_text(template(StudyFile, STUDY, GIVEN_STUDY), encoding="utf-8")
-        new_subject.write_text(template(SubjectFile, SUBJECT, GIVEN_SUBJECT), encoding="utf-8")
-    return study, subject
+    with ExitStack() as stack:
+        for path, text in texts.items():
+            stack.enter_context(whole_file(path)).write_text(text, encoding="utf-8")
+    return tuple(texts)
+
+
+def _given(subject: FoundSubject) -> dict[str, Any]:
+    """Give what the file of a subject found states."""
+    files = {"files": [*subject.trials]} if subject.trials[1:] else {"file": subject.trials[0]}
+    static = {"static": subject.static} if subject.static else {}
+    return {"id": subject.name, "sex": "unspecified", **static, "trials": {CONDITION: files}}
 
 
 def template(kind: type[BaseModel], heading: str, given: Mapping[str, Any]) -> str:
@@ -88,7 +105,8 @@ def template(kind: type[BaseModel], heading: str, given: Mapping[str, Any]) -> s
 
 def _lines(kind: type[BaseModel], table: str, given: Mapping[str, Any] | None) -> list[str]:
     """Lay out a model's keys, then its tables; all behind a # where nothing is given."""
-    keys, tables = [], []
+    more = {name: value for name, value in (given or {}).items() if name not in kind.model_fields}
+    keys, tables = [f"{name} = {json.dumps(value)}" for name, value in more.items()], []
     for name, field in kind.model_fields.items():
         if field.exclude:
             continue

@@ -1,0 +1,65 @@
+"""A folder of recordings becomes a study that needs no editing to run."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from pipeline.cli.app import main
+from pipeline.config.found_recordings import found_subjects
+from pipeline.config.study import read_study
+from pipeline.io.c3d.write import write_c3d
+from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
+from tests.pipeline.cli.test_app import plate
+from tests.synthetic import synthetic_t_pose
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Two subjects; one has a pose, the other two walks alone; and files that are none."""
+    half = np.full(1000, 74.6 * 9.81 / 2)
+    write_c3d(tmp_path / "S01_pose.c3d", synthetic_t_pose(), [plate(1, half), plate(2, half)])
+    simulate_trial(tmp_path / "S01_fast.c3d", duration_s=8.0)
+    for name in ("S02_one.c3d", "S02_two.c3d"):
+        shutil.copy(tmp_path / "S01_fast.c3d", tmp_path / name)
+    (tmp_path / "notes.txt").write_text("measured on Monday")
+    (tmp_path / "broken.c3d").write_bytes(b"no recording")
+    return tmp_path
+
+
+def test_recordings_are_grouped_by_subject_and_the_stillest_is_the_pose(folder):
+    first, second = found_subjects(folder)
+    assert first == ("S01", "S01_pose.c3d", ("S01_fast.c3d",))
+    assert second == ("S02", "", ("S02_one.c3d", "S02_two.c3d"))
+
+
+def test_a_study_of_the_recordings_in_a_folder_runs_as_it_is_written(folder, tmp_path, capsys):
+    assert main(["init", str(folder)]) == 0
+    assert "S01: pose S01_pose.c3d; walking: S01_fast.c3d" in capsys.readouterr().out
+    study = read_study(folder)
+    assert [str(name) for name in study.trials] == [
+        "S01 walking",
+        "S02 walking 01",
+        "S02 walking 02",
+    ]
+    results = tmp_path / "results"
+    assert main(["run", str(folder), "--subject", "S01", "--out", str(results)]) == 0
+    assert (results / "trials" / "S01_walking.parquet").is_file()
+
+
+def test_options_of_a_trial_are_refused_for_a_folder(folder, capsys):
+    assert main([str(folder), "--mass-kg", "74.6"]) == 2
+    assert f"--mass-kg has no effect on it; next: hbm init {folder}" in capsys.readouterr().err
+
+
+def test_an_empty_folder_gets_an_example(tmp_path, capsys):
+    assert main(["init", str(tmp_path / "new")]) == 0
+    assert "study.toml, sub01.toml" in capsys.readouterr().out
+
+
+def test_real_children_have_their_pose_found(shared_data):
+    found = found_subjects(shared_data / "overground_walks")
+    assert [(one.name, one.static) for one in found] == [
+        ("HC030", "HC030A01.c3d"),
+        ("HC031", "HC031A01.c3d"),
+    ]
