@@ -159,9 +159,11 @@ def build_body(
     except MissingLandmark as error:
         labels = [chosen.landmark[name] for name in error.names if name in chosen.landmark]
         wanted = f" with {', '.join(labels)}" if labels else " that has them"
+        unused = [name for name in static_markers.names if name not in segment]
+        others = f"; markers not in use: {listed(unused)}" if unused else ""
         raise ValueError(
             f"{error}; give a static recording{wanted} (--static), or rename markers (--rename); "
-            f"the set is {chosen.name}"
+            f"the set is {chosen.name}{others}"
         ) from error
     by_legs_m = float(np.mean([_stature(a) for a in anatomies]))
     if not MIN_STATURE_M <= by_legs_m <= MAX_STATURE_M:

@@ -434,7 +434,9 @@ def _renaming(names: list[str]) -> str:
     if not sets:
         return ""
     labels = _nearest(sets, list(alike)).present(alike).segment
-    return "try " + " ".join(f"--rename {alike[label]}={label}" for label in labels)
+    others = [label for label in labels if alike[label] != label]
+    options = " ".join(f"--rename {alike[label]}={label}" for label in others)
+    return f"try {options}" if others else ""
 
 
 def _letters(label: str) -> str:

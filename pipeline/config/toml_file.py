@@ -180,6 +180,8 @@ def _line(fault: ErrorDetails, kind: type[BaseModel], place: Sequence[str]) -> s
         return f"{key}: {text}" if key else text
     if fault["type"] == "string_pattern_mismatch":
         return f"{key}: must be letters, digits, '_', '-' and '.', got {shown(value)}"
+    if fault["type"] == "float_parsing":
+        return f"{key}: expected a number such as 45.8, got {shown(value)}"
     text = fault["msg"][0].lower() + fault["msg"][1:].replace("valid tuple", "list")
     name = next(part for part in reversed(place) if not part.isdecimal())
     return f"{key}: {text}, got {shown(value)}{_hint(fault, name)}"

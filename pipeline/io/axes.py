@@ -57,7 +57,8 @@ PAIRS_NAMED: Final = 3
 """Marker pairs and contradictions that a note or message names: enough to check by eye."""
 ABOVE: Final = "pelvis or shoulders above feet"
 ASK: Final = (
-    'give the axes, for example --axes forward,left,up, or axes = "forward,left,up" in study.toml'
+    'give the axes, for example --axes forward,left,up, or axes = "forward,left,up" in '
+    "study.toml, or a static recording that shows them (--static)"
 )
 
 

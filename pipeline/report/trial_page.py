@@ -201,7 +201,7 @@ def result_tables(result: TrialResult) -> Iterable[Table]:
     legend = (
         "x forward, y right, z up; moments about mid-hip; % of body weight, or of body weight × "
         "stature. Healthy: RMS of adults on a treadmill at rest (van de Loosdrecht 2018, "
-        "Table III)."
+        "Table III); of lighter persons less."
     )
     if rows:
         yield Table("Pelvis residuals", heads, rows, "numbers", legend)

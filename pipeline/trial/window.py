@@ -381,5 +381,6 @@ def _nothing_counts(
     elif span is not None:
         reason = f"from {span[0]:.2f} to {span[1]:.2f} s {frames} ({why})"
     elif wanted is None:
-        reason += f"; {frames}, less than min_valid_share ({why}); --span all uses them"
+        takes = "; --span all uses them" if (counts & inside).any() else ""
+        reason += f"; {frames}, less than min_valid_share ({why}){takes}"
     return (Note.of("no_residuals", reason=reason),)

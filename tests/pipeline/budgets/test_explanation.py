@@ -60,13 +60,14 @@ def test_a_planted_delay_is_the_first_cause_and_stated_on_top_of_what_is_stated(
     assert zero.size == pytest.approx(ZERO_N, rel=0.35)
     assert zero.size == pytest.approx(ZERO_N, abs=1.96 * zero.deviation)
     assert (late.budget.held_out[:2] > 0.8).all()
-    line = f"set plate_delay_s = {STATED_S + first.size:.3f} under [settings]"
+    delay_s = STATED_S + first.size
+    line = f"set plate_delay_s = {delay_s:.3f} (--plate-delay-ms {1000 * delay_s:.0f})"
     assert late.mending[0].action.endswith(f"; {line}.")
 
 
 def test_stating_the_line_takes_the_residual_to_what_was_promised(recording, late):
     mending = late.mending[0]
-    settings = tomllib.loads(mending.action.partition("set ")[2].partition(" under ")[0])
+    settings = tomllib.loads(mending.action.partition("set ")[2].partition(" (--")[0])
     result = process_recording(recording, Subject(sex="female"), Settings(**settings))
     rms = residual_table(result, "level").set_index("axis").loc[mending.axis, "rms"]
     assert rms == pytest.approx(mending.after, rel=0.1)

@@ -26,7 +26,7 @@ def folder(tmp_path_factory):
 def test_a_folder_of_recordings_is_no_study_and_begins_with_one(folder):
     found = recognise(folder)
     assert found.what == "a folder with 2 recordings and no study"
-    assert found.commands[-1] == f"hbm init {folder}"
+    assert found.commands[0] == f"hbm init {folder}"
 
 
 def test_a_study_its_calibration_and_its_settings_are_recognised(moving_study):
