@@ -91,6 +91,11 @@ def _find_own_packages() -> None:
 _find_own_packages()
 
 
+def __dir__() -> list[str]:
+    """List the public names, for those who explore them."""
+    return __all__
+
+
 def __getattr__(name: str) -> Any:
     """Import a public name when it is first used, so that importing the package costs nothing."""
     if name not in _HOME:

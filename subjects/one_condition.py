@@ -23,7 +23,7 @@ for outcome in trials:
         sys.exit(1)
 
     # The stored result holds body, motion, forces, joint moments and residuals, frame by frame.
-    result = hr.read_result(outcome.job.target)
-    table = hr.residuals(result, condition)
+    result = hr.read_result(outcome.path)
+    table = hr.residuals(result, condition).query("headline")
     columns = ["subject", "condition", "compensated", "axis", "unit", "rms", "peak", "n_cycles"]
     print(table[columns].round(1).to_string(index=False))

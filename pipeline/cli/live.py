@@ -95,6 +95,7 @@ def _replay(
             console.say(f"begun; nobody receives {absent}")
         while not played.ended:
             time.sleep(SHOWN_S)
+        console.say("the recording has ended; end the other 'hbm live' with Ctrl-C")
     except KeyboardInterrupt:
         console.print("stopped")
     finally:

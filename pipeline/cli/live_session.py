@@ -4,7 +4,7 @@ import signal
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -18,12 +18,14 @@ from pipeline.cli.options import require_folder
 from pipeline.cli.stopping import SIGNAL_EXIT, Terminated, stoppable, terminable, uninterrupted
 from pipeline.cli.terminal import PlainConsole
 from pipeline.config.schema import NOUNS
+from pipeline.io.write import write_text
 from pipeline.live.chain import LiveChain
 from pipeline.live.lsl import LslSource
 from pipeline.live.monitor import Monitor, senders
 from pipeline.live.output import (
     RESULTS_FOLDER,
     STREAMS,
+    SUMMARY,
     Recorder,
     described_streams,
     require_new,
@@ -93,6 +95,8 @@ def run_session(prepared: Preparation, console: PlainConsole, options: Options) 
     require_folder(folder)
     require_new(folder)
     body = None if options.pose else prepared.body()
+    if body is not None and prepared.static is not None:
+        console.say(f"calibration pose: {prepared.static.source.name}")
     with ExitStack() as ending, terminable(), ExitStack() as stack:
         with stoppable(lambda: "nothing was received, and nothing is recorded"):
             source = _source(prepared, options, console)
@@ -140,8 +144,11 @@ def run_session(prepared: Preparation, console: PlainConsole, options: Options) 
         seconds = options.duration_s
         terminated = follow(session, source, monitor, recorder, view, console, seconds, ending)
         stack.close()
-        for text in summary(chain, monitor, session, recorder, folder):
+        lines = [*summary(chain, monitor, session, recorder, folder)]
+        for text in lines:
             console.say(text)
+        with suppress(OSError):  # of a full disk, which the recorder reports
+            write_text("\n".join(lines) + "\n", folder / SUMMARY)
     if terminated:
         return SIGNAL_EXIT + signal.SIGTERM
     failed = session.fault is not None or recorder.fault is not None or not chain.received
@@ -321,6 +328,8 @@ def summary(
     unit = f"{NOUNS[condition.unit]}s"
     yield f"{condition.cycles} {unit} of both feet used, {condition.used} of one foot"
     yield from monitor.residuals()
+    if monitor.during_stop:
+        yield f"{monitor.during_stop} {unit} not used: measured while the light said stop"
     if condition.not_carried:
         yield f"{condition.not_carried} {unit} not used: a foot was beside the plates"
     if not chain.received:
@@ -330,6 +339,8 @@ def summary(
             f"from arrival to results: median {monitor.latency_ms(50):.2f} ms, 99 % within "
             f"{monitor.latency_ms(99):.2f} ms"
         )
+    for note, times in monitor.warnings():
+        yield f"warning, {times} times: {note}" if times > 1 else f"warning: {note}"
     if session.fault is not None:
         yield f"ended by itself: {session.fault}"
     if recorder.fault is not None:

@@ -58,6 +58,8 @@ OF_NOTES: Final[Mapping[str, tuple[Colour, str]]] = {
     ),
 }
 """Code of a note -> colour and sentence, the most urgent first. Others do not change the light."""
+STOPPING: Final = frozenset(code for code, (colour, _) in OF_NOTES.items() if colour == "stop")
+"""While one of these holds, no gait cycle is used."""
 OF_FRAMES: Final[Mapping[Quality, str]] = {
     Quality.MARKERS_FROZEN: "Markers do not change: does the cameras' program measure?",
     Quality.POSE_UNKNOWN: "Pelvis or trunk is hidden: check cameras and markers",
@@ -95,8 +97,8 @@ class LiveState:
         Gait cycles, or steps: how many are used so far, and how many the session is for.
     noun
         "gait cycles" or "steps".
-    received
-        Whether a frame was received.
+    steady
+        Whether frames have come for more than two seconds.
     notes
         What is wrong now.
     not_used
@@ -108,7 +110,7 @@ class LiveState:
     used: int
     required: int
     noun: str = "gait cycles"
-    received: bool = True
+    steady: bool = True
     notes: Sequence[Note] = ()
     not_used: Mapping[Quality, float] = field(default_factory=dict)
     sides: Mapping[str, str] = field(default_factory=dict)
@@ -128,7 +130,8 @@ def light(state: LiveState) -> Light:
     >>> light(LiveState(12, 25, notes=[gone], sides={"LASIS": "left"}))
     Light(colour='look', sentence='LASIS is hidden: turn the left camera or re-attach the marker')
     """
-    reasons = {r: share for r in OF_FRAMES if (share := state.not_used.get(r, 0.0)) > SOME}
+    shares = state.not_used if state.steady else {}
+    reasons = {r: share for r in OF_FRAMES if (share := shares.get(r, 0.0)) > SOME}
     codes = {note.code for note in state.notes}
     if Quality.NOT_CARRIED in reasons:
         codes.discard("live_weight_differs")  # its cause is known
@@ -142,11 +145,13 @@ def light(state: LiveState) -> Light:
     for reason, share in reasons.items():
         settles = reason is Quality.SETTLING or share <= MOST
         found.append(Light("look" if settles else "stop", OF_FRAMES[reason]))
-    if not state.received and not found:
-        return Light("look", "Waiting for the first frame")
+    if not state.steady and not found:
+        return Light("look", "Starting: wait for two seconds of frames")
     done = f"{state.used} of {state.required} {state.noun} used"
     good = Light("good", f"{done}: end with Ctrl-C" if state.used >= state.required else done)
-    return max((*found, good), key=lambda each: URGENCY.index(each.colour))
+    most = max((*found, good), key=lambda each: URGENCY.index(each.colour))
+    more = f" (+{len(found) - 1} more)" * (len(found) > 1)
+    return Light(most.colour, f"{most.sentence}{more}")
 
 
 def _of_note(code: str, state: LiveState) -> tuple[Colour, str]:

@@ -19,7 +19,7 @@ from pipeline.io.recording import Plate
 from pipeline.live.chain import LiveChain, LiveFrame
 from pipeline.live.cycles import ConditionSoFar, GaitTracker, Limits, LiveCycle
 from pipeline.live.ground import Channels
-from pipeline.live.light import OF_FRAMES, LiveState, light, marker_sides
+from pipeline.live.light import OF_FRAMES, STOPPING, LiveState, light, marker_sides
 from pipeline.live.stream import Samples, StreamDescription
 from pipeline.trial.checks import MAX_REST_N, rest_level
 from pipeline.trial.quality import Quality
@@ -357,6 +357,8 @@ class Monitor:
         Why frames are not used -> how many.
     losses
         Samples that never arrived.
+    during_stop
+        Gait cycles that are not used because the light said stop.
     """
 
     def __init__(
@@ -398,6 +400,9 @@ class Monitor:
         self.cycles: deque[LiveCycle] = deque(maxlen=10)
         self.notes: deque[tuple[float, Note]] = deque(maxlen=MAX_NOTES)
         self.reasons: Counter[str] = Counter()
+        self._stopped, self.during_stop = False, 0
+        self._raised: dict[tuple[str, object], tuple[Note, int]] = {}
+        self._steady_s = np.nan
         present = set(chain.tracker.markers)
         if absent := [name for name in body.markers if name not in present]:
             names, of = ", ".join(absent), chain.stream.name
@@ -424,15 +429,18 @@ class Monitor:
         """Take a frame; give the gait cycles that it ends."""
         self._time = frame.time
         self._latency.append(latency_s)
-        self._recent.append(frame.quality)
+        self._steady_s = np.fmin(self._steady_s, frame.time + FITTED_S)
+        if frame.time >= self._steady_s:
+            self._recent.append(frame.quality)
         self.reasons.update(reason.name or "" for reason in Quality if reason in frame.quality)
         ended = self._gait.add(frame)
         strides = [each for each in ended if each.unit == "cycle"]
         for stride in strides:
             self._weight.add(stride)
         for each in ended:
-            if each.whole:
+            if each.whole and not self._stopped:
                 self._so_far[each.unit].add(each)
+            self.during_stop += each.whole and self._stopped and each.unit == "cycle"
         cycles = [stride for stride in strides if stride.whole]
         if ended:
             self._height_m = height_of_mass(self.chain.body, frame.q[None])
@@ -455,7 +463,12 @@ class Monitor:
         keys = {note: (note.code, _subject(note)) for note in found}
         self._note(*(note for note, key in keys.items() if key not in self._held))
         self._held = set(keys.values())
+        self._stopped = any(note.code in STOPPING for note in found)
         return found
+
+    def warnings(self) -> list[tuple[Note, int]]:
+        """Give the newest note of each kind that arose, and how often."""
+        return [*self._raised.values()]
 
     @property
     def condition(self) -> ConditionSoFar:
@@ -476,9 +489,9 @@ class Monitor:
         """Give what is read at a glance: light, gait cycles used, bars, and who sends what."""
         recent, condition = list(self._recent), self.condition
         shares = {r: sum(r in each for each in recent) / max(len(recent), 1) for r in OF_FRAMES}
-        noun = f"{NOUNS[condition.unit]}s"
+        noun, steady = f"{NOUNS[condition.unit]}s", len(recent) >= MIN_FRAMES
         state = LiveState(
-            *(condition.used, self._required, noun, bool(recent), self.look(), shares, self._sides)
+            *(condition.used, self._required, noun, steady, self.look(), shares, self._sides)
         )
         shown, weight_n = light(state), self.chain.body.mass * GRAVITY_MPS2
         return Board(
@@ -502,7 +515,7 @@ class Monitor:
         parts.append(
             " ".join(f"{axis} {_bar(size, limit, full)}" for axis, size, limit, full in bars)
         )
-        return " · ".join([*parts, f"{self.latency_ms(50):.1f} ms"])
+        return " · ".join([*parts, *([f"{self.latency_ms(50):.1f} ms"] if self._latency else [])])
 
     def residuals(self) -> list[str]:
         """Say the residuals of each variant so far, and peaks with their published limits."""
@@ -530,6 +543,8 @@ class Monitor:
     def _note(self, *notes: Note) -> None:
         for note in notes:
             self.notes.append((self._time, note))
+            key = note.code, _subject(note)
+            self._raised[key] = note, self._raised.get(key, (note, 0))[1] + 1
             self._say(note)
 
 

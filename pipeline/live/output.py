@@ -203,6 +203,7 @@ PART: Final = "part_{number:06d}.parquet"
 
 STREAMS: Final = "streams.xdf"
 RESULTS_FOLDER: Final = "results"
+SUMMARY: Final = "summary.txt"
 EVERY_S: Final = 0.5
 """Between writings: what is missing if the process is killed."""
 MAX_WAITING: Final = 60_000

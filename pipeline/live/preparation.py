@@ -274,6 +274,13 @@ class Preparation:
         return body, (mass.note, *body.notes, *implausible(body))
 
 
+def _pose_file(study: Study, person: SubjectFile) -> Path | None:
+    """Give the subject's calibration pose: the static file, else the first trial that there is."""
+    trials = (trial.file for trial in person.named_trials.values() if trial.exclude is None)
+    files = (study.path(name) for name in (person.static, *trials) if name)
+    return next((path for path in files if path.is_file()), None)
+
+
 def prepare(
     study: Path | None,
     subject: str | None,
@@ -283,10 +290,10 @@ def prepare(
     """Read what is stated about a session.
 
     The study is a folder or its ``study.toml``; the subject may be left out where there is one; the
-    static recording, of the calibration pose, is by default the subject's, and the moving
-    treadmill's calibration the study's. A ValueError or OSError says that a file cannot be read or
-    used, that it is not clear who the subject is, or that a calibration is stated without the study
-    that says where the platform is.
+    static recording, of the calibration pose, is by default the subject's, or the first trial; the
+    moving treadmill's calibration is the study's. A ValueError or OSError says that a file cannot
+    be read or used, that it is not clear who the subject is, or that a calibration is stated
+    without the study that says where the platform is.
     """
     if study is None:
         if subject is not None:
@@ -311,6 +318,6 @@ def prepare(
     if calibration is not None:
         fitted = read_calibration(calibration, read.file.treadmill, read.stated, laboratory.plates)
         laboratory = replace(laboratory, calibration=fitted)
-    path = static or (read.path(person.static) if person.static else None)
+    path = static or _pose_file(read, person)
     recording = read_recording(path, read.stated) if path else None
     return Preparation(read, person, read.file.settings, read.file.live, laboratory, recording)

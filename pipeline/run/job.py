@@ -81,6 +81,16 @@ class Outcome:
         return f"{self.state} {self.job.name}{''.join(failed)}"
 
     @property
+    def trial(self) -> TrialName:
+        """Subject, condition and recording."""
+        return self.job.name
+
+    @property
+    def path(self) -> Path:
+        """File of the result."""
+        return self.job.target
+
+    @property
     def failure(self) -> str | None:
         """Why the trial failed; None if it did not, though variants of it may have."""
         return self.reason if self.state == "failed" else None

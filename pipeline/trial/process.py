@@ -29,6 +29,7 @@ from pipeline.trial.gait.detection import detect_events, foot_motion, plate_even
 from pipeline.trial.gait.events import SIDES, check_events, reference_events
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import BoundLaboratory, Laboratory, bind
+from pipeline.trial.ground.platform import uncompensated_motion
 from pipeline.trial.ground.uncertainty import uncertainty_notes
 from pipeline.trial.ground.wrenches import Ground, ground_wrenches, plate_loads
 from pipeline.trial.plate_faults import (
@@ -181,6 +182,9 @@ def process_recording(
     # ground: plates at the markers' times, compensated in their own frames, then in the lab
     lab = bind(recording, laboratory, settings.plate_delay_s)
     ground = ground_wrenches(lab, motion.time, notes, settings.cutoff_hz, settings.filter)
+    if laboratory.treadmill.platform is None and laboratory.calibration is None:
+        notes += uncompensated_motion(recording, body.markers)
+    still = ground.pose is None and all(note.code != "platform_moves" for note in notes)
     notes += check_plates(recording, ground.variants[ground.best], mass.mass_kg)
 
     # dynamics: joint forces and pelvis residual of every variant
@@ -208,7 +212,7 @@ def process_recording(
         settings.cutoff_hz,
         settings.filter,
     )
-    still, right_labels = ground.pose is None, LABELS_WRONG.isdisjoint(note.code for note in notes)
+    right_labels = LABELS_WRONG.isdisjoint(note.code for note in notes)
     delay_s, delay_uncertainty_s = plate_delay(loads, ground.best, counts, settings, notes, still)
     faults = plate_faults(recording.plates, witnesses, by_motion=still and right_labels)
     notes, faults = without_explained(notes, faults)

@@ -94,7 +94,14 @@ def cycle_residuals(result: TrialResult, variant: str) -> dict[str, Array]:
     -------
     dict[str, Array]
         Side -> (C, 101, 6) in the reported axes [N, N·m]; NaN where frames do not count.
+
+    Raises
+    ------
+    ValueError
+        If the trial has no such residuals.
     """
+    if variant not in result.variants:
+        raise ValueError(f"no {variant} residuals; the trial has {', '.join(result.variants)}")
     dynamics = result.variants[variant]
     values = np.where(result.counts[:, None], reported(dynamics.residual), np.nan)
     return {side: normalise(dynamics.time, values, spans) for side, spans in result.cycles.items()}

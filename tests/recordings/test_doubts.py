@@ -28,7 +28,7 @@ DOUBTS = {
     *("events_of_other_side", "events_offset"),
     *("plates_not_zeroed", "load_jumps", "mass_differs"),
     *("plate_wraps", "plate_jumps", "plates_exchanged", "plate_turned", "plate_reversed"),
-    *("plate_elsewhere", "plate_askew", "plate_gain"),
+    *("plate_elsewhere", "plate_askew", "plate_gain", "plates_late", "platform_moves"),
 }
 
 

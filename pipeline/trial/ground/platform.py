@@ -1,6 +1,7 @@
 """The platform's pose, by markers or as commanded; plates that move with it, and their timing."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -40,6 +41,9 @@ MIN_KNOWN: Final = 0.9
 """Part of the frames of an empty treadmill in which its markers move as one body."""
 MIN_MOVED: Final = 0.005
 """[m], and of a direction: less is noise of markers."""
+MIN_SWAY_M: Final = 0.01
+MIN_PITCH_DEG: Final = 1.0
+"""Of a platform that moves while nothing is compensated; markers at rest wander by a tenth."""
 MAX_MARKER_ERROR_M: Final = 0.01
 """Farther from the rigid fit a marker is left out; cameras err by a millimetre or less."""
 
@@ -89,6 +93,32 @@ def empty_pose(recording: Recording, stated: Platform | None = None) -> Platform
             if moved.max() > MIN_MOVED:
                 return pose
     return None
+
+
+def uncompensated_motion(recording: Recording, body_markers: Sequence[str]) -> tuple[Note, ...]:
+    """Say that a platform of which nothing is stated moves, and how far.
+
+    By the markers that are not the body's, if they move as one, else by channels named sway and
+    pitch.
+    """
+    markers, names = recording.markers, recording.markers.names
+    others = [k for k, name in enumerate(names) if name not in body_markers]
+    on_platform = replace(
+        markers,
+        names=tuple(names[k] for k in others),
+        position=markers.position[:, others],
+    )
+    pose = empty_pose(replace(recording, markers=on_platform))
+    if pose is None:
+        return ()
+    known = np.isfinite(pose.position).all(axis=1)
+    rotation = pose.rotation[known]
+    cosine = (np.trace(rotation, axis1=1, axis2=2) - 1) / 2
+    turned_deg = float(np.degrees(np.arccos(np.clip(cosine, -1, 1))).max())
+    moved_m = float(np.ptp(pose.position[known], axis=0).max())
+    if moved_m < MIN_SWAY_M and turned_deg < MIN_PITCH_DEG:
+        return ()
+    return (Note.of("platform_moves", moved_m=moved_m, turned_deg=turned_deg),)
 
 
 def pose_at(recording: Recording, pose: PlatformPose, time: Array) -> PlatformPose:

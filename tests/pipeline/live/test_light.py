@@ -76,7 +76,23 @@ def test_filters_that_settle_and_a_few_frames_stop_nothing():
     assert light(LiveState(0, 25, not_used={Quality.SETTLING: 1.0})).colour == "look"
     assert light(LiveState(0, 25, not_used={Quality.NOT_CARRIED: 0.05})).colour == "good"
     assert light(LiveState(0, 25, not_used={Quality.NOT_CARRIED: 0.3})).colour == "look"
-    assert light(LiveState(0, 25, received=False)).colour == "look"
+
+
+def test_the_start_of_a_session_is_no_fault():
+    """Filters settle, and the platform's neutral markers are not known before two seconds."""
+    hidden = {Quality.PLATFORM_UNKNOWN: 1.0, Quality.FORCES_UNKNOWN: 1.0}
+    starting = light(LiveState(0, 25, steady=False, not_used=hidden))
+    assert (starting.colour, starting.sentence[:8]) == ("look", "Starting")
+    assert light(LiveState(0, 25, not_used=hidden)).colour == "stop"
+
+
+def test_a_light_says_how_many_faults_it_does_not_name():
+    found = [
+        Note.of("live_plate_not_zero", plate=1, rest_n=13.0),
+        Note.of("live_marker_gone", marker="LASIS", gone_s=0.5),
+    ]
+    shown = light(LiveState(3, 25, notes=found))
+    assert shown.sentence == "Plate 1 reads 13 N without load: step off and zero it (+1 more)"
 
 
 def test_every_reason_for_which_frames_are_not_used_has_a_sentence():

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from hbm.notes import Note
 from pipeline.config.live import Live
 from pipeline.config.schema import Settings, Subject, Treadmill
 from pipeline.io.read import read_recording
@@ -219,6 +220,21 @@ def test_streams_that_fall_silent_and_return_are_noted(walker, followed, monkeyp
     now[0] += 2.0
     monitor.look_for_silence()
     assert len(monitor.notes) == 3  # the plates were back
+
+
+def test_gait_cycles_measured_while_the_light_says_stop_are_not_used(walker, followed, monkeypatch):
+    computed, _, frames, _ = followed
+    monitor, whole = Monitor(computed, walker.plates), Monitor(computed, walker.plates)
+    dead = Note.of("live_plate_not_zero", plate=1, rest_n=15.0)
+    monitor._watches[0].found = [dead]
+    for frame in frames:
+        whole.frame(frame, 0.0)
+        if frame.time > frames[-1].time / 2:
+            monitor._watches[0].found = []
+        monitor.frame(frame, 0.0)
+    assert 0 < monitor.condition.cycles < whole.condition.cycles
+    assert monitor.condition.cycles + monitor.during_stop == whole.condition.cycles
+    assert monitor.warnings() == [(dead, 1)]
 
 
 def test_the_moment_limit_does_not_depend_on_where_the_laboratory_has_its_origin(walker, followed):

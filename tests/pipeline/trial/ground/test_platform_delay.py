@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.config.schema import Platform
 from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.ground.platform import command_delay
+from pipeline.trial.ground.platform import command_delay, uncompensated_motion
 from tests.pipeline import lab
 from tests.pipeline.trial.ground.grounds import TREADMILL, notes_on
 
@@ -19,6 +19,23 @@ def moved(seed, motion=None, **delays):
     return lab.on_platform(
         lab.without_people(20.0), motion or lab.shaken(20.0, seed), seed=seed, **delays
     )
+
+
+@pytest.mark.parametrize("marked", [True, False])
+def test_a_platform_that_moves_while_nothing_is_compensated_is_named(walker, marked):
+    """By its markers or, without, by the channels of its command; one that is still is not."""
+    for motion, moves in ((lab.shaken(walker.markers.time[-1] + 0.01, 3), True), (None, False)):
+        trial = lab.on_platform(walker, motion or lab.still(walker.markers.time[-1] + 0.01))
+        if not marked:
+            keep = [k for k, name in enumerate(trial.markers.names) if name not in MARKERS]
+            names = tuple(trial.markers.names[k] for k in keep)
+            position = trial.markers.position[:, keep]
+            trial = replace(trial, markers=replace(trial.markers, names=names, position=position))
+        notes = uncompensated_motion(trial, walker.markers.names)
+        assert [note.code for note in notes] == ["platform_moves"] * moves
+        if moves:
+            expected = np.ptp(motion.at(trial.markers.time)[0][0])
+            assert notes[0].values["moved_m"] == pytest.approx(expected, rel=0.3)
 
 
 @pytest.mark.parametrize(("motion", "within_s"), [(None, 0.001), (lab.pitching(20.0), 0.0005)])
