@@ -118,11 +118,6 @@ class BeltModel:
         return np.roots(self._recursion).astype(complex)
 
     @property
-    def rms_reduction(self) -> float:
-        """Reduction of the calibration's RMS [%]."""
-        return 100 * (1 - self.rms_compensated / self.rms_measured)
-
-    @property
     def at_rest(self) -> State:
         """State of a belt that has run at constant speed, with which `step` begins."""
         return (0.0, 0.0)

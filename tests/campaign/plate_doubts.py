@@ -23,8 +23,8 @@ from pipeline.io.read import read_recording
 from pipeline.io.recording import Plate, Recording
 from pipeline.io.stated import Stated
 from pipeline.trial.process import process_recording
-from pipeline.virtual_lab.protocol.overground_walk import simulate_overground
 from pipeline.virtual_lab.protocol.walking_protocol import PERSONS
+from tests.overground_walk import simulate_overground
 from tests.recordings import recorded
 
 CODES = {

@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 
 from pipeline.cli.app import main
-from pipeline.virtual_lab.protocol.overground_walk import simulate_overground
 from pipeline.virtual_lab.protocol.walking_protocol import PERSONS
 from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
+from tests.overground_walk import simulate_overground
 from tests.pipeline.virtual_study import write_recording
 
 pytestmark = pytest.mark.slow

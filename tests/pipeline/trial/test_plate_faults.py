@@ -14,7 +14,6 @@ from pipeline.io.mended_plates import find_jumps, with_mended_plates
 from pipeline.io.stated import Stated, parse_mending
 from pipeline.trial.plate_faults import Witnesses, weight_of_steps
 from pipeline.trial.process import process_recording
-from pipeline.virtual_lab.protocol.overground_walk import simulate_overground
 from tests.campaign.plate_doubts import (
     CODES,
     amplified,
@@ -24,6 +23,7 @@ from tests.campaign.plate_doubts import (
     turned,
     wrapped,
 )
+from tests.overground_walk import simulate_overground
 
 RATE_HZ = 1000.0
 TIME = np.arange(2000) / RATE_HZ

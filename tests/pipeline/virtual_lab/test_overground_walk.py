@@ -7,7 +7,7 @@ from hbm.spatial import GRAVITY_MPS2
 from pipeline.config.schema import Settings, Subject
 from pipeline.trial.process import process_recording
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.protocol.overground_walk import PLATE_M, simulate_overground
+from tests.overground_walk import PLATE_M, simulate_overground
 
 
 @pytest.fixture(scope="module")
