@@ -366,7 +366,9 @@ def frequency_table(empty: EmptyTreadmill) -> Table:
         (f"Accelerometer {name}", f"{place.along:+.2f} m along the belts, {place.up:+.2f} m up")
         for name, place in empty.places.items()
     ]
-    legend = "Along the belts: positive to the front where the axes are given (--axes)."
+    legend = "Along the belts: positive to the front."
+    if empty.recording.stated.axes is None:
+        legend = "Along the belts: which end is positive is not known without --axes."
     title = f"Recording {empty.recording.source.name}"
     return Table(title, ("Item", "Value"), rows, "answers", legend if empty.places else "")
 
