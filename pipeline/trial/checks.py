@@ -287,8 +287,8 @@ MAX_TOTAL_REST_N: Final = 20.0
 MAX_REST: Final = np.array([10.0, 10.0, np.inf, 5.0, 5.0, 5.0])
 """Of an unloaded plate, moments about its centre [N, N·m]; real plates, zeroed before the session,
 read a few newtons. The vertical force is judged by itself."""
-MIN_ZERO: Final = np.array([5.0, 5.0, 5.0, 2.5, 2.5, 2.5])
-"""Half of what is noted; smaller readings need no correction [N, N·m]."""
+MIN_ZERO: Final = np.array([5.0, 5.0, 1.0, 2.5, 2.5, 2.5])
+"""Smaller readings of an unloaded plate need no correction [N, N·m]."""
 MIN_LOADED: Final = 0.05
 """Of body weight: below it a foot lands or leaves, and a plate with a dead band reads zero."""
 MAX_HELD_S: Final = 0.005
