@@ -12,11 +12,9 @@ from hbm.spatial import Array, Mask
 
 MAX_DELAY_S: Final = 0.15
 """Delays are sought up to this, either way; walking repeats itself every half second."""
-MAX_UNCERTAINTY_S: Final = 0.010
-"""Half of the 95 % interval above which a delay is not determined: the usual size of delays, and so
-wide an interval as forces have of which the motion explains only half of the variance."""
-MAX_UNCERTAINTY_CLEAR_S: Final = 0.020
-"""The same of a delay that is at least twice as long: that of delays of laboratories."""
+MAX_UNCERTAINTY_S: Final = 0.015
+"""Half of the 95 % interval above which a delay is not determined: with 20 ms, that of the delays
+of laboratories, the forces would add nothing."""
 NOISE_FLOOR_N: Final = 1.0
 """Of the force in each axis: no body model is better."""
 INDEPENDENT_PER_S: Final = 12.0
@@ -70,9 +68,8 @@ def marker_plate_delay(plate_force: ArrayLike, motion_force: ArrayLike, time: Ar
     ------
     ValueError
         If the arrays do not fit, if there are too few frames, if the best agreement is not within
-        ``MAX_DELAY_S``, or if the 95 % interval is wider than ± ``MAX_UNCERTAINTY_S`` (of a long
-        delay than half of it, at most ``MAX_UNCERTAINTY_CLEAR_S``): too little motion, or axes that
-        disagree.
+        ``MAX_DELAY_S``, or if the 95 % interval is wider than ± ``MAX_UNCERTAINTY_S``: too little
+        motion, or axes that disagree.
 
     Notes
     -----
@@ -129,8 +126,7 @@ def marker_plate_delay(plate_force: ArrayLike, motion_force: ArrayLike, time: Ar
             f"plates and markers agree nowhere within ±{1000 * MAX_DELAY_S:.0f} ms; "
             "are they of the same trial, in the same axes?"
         )
-    clear_s = min(abs(delay_s) / 2, MAX_UNCERTAINTY_CLEAR_S)
-    if not found.uncertainty <= max(MAX_UNCERTAINTY_S, clear_s):
+    if not found.uncertainty <= MAX_UNCERTAINTY_S:
         raise ValueError(
             f"its 95 % interval would be ± {1000 * found.uncertainty:.1f} ms, more than "
             f"{1000 * MAX_UNCERTAINTY_S:.0f} ms: the force changes too little, or its axes disagree"

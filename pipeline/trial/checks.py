@@ -356,8 +356,8 @@ def check_plates(
     largest_n, total_n = max(map(abs, rest_n.values()), default=0), sum(rest_n.values())
     if others or largest_n > MAX_REST_N or abs(total_n) > MAX_TOTAL_REST_N:
         read = {"rest_n": rest_n, "total_n": total_n, "mass_kg": total_n / GRAVITY_MPS2}
-        remedy, others = correction(*zeros), others or ["none"]
-        notes.append(Note.of("plates_not_zeroed", **read, components=others, remedy=remedy))
+        values = {"components": others or ["none"], "remedy": correction(*zeros)}
+        notes.append(Note.of("plates_not_zeroed", **read, **values, body_kg=mass_kg))
     return (
         *notes,
         *_zero_samples(recording, rest_n, MIN_LOADED * weight_n),

@@ -10,7 +10,7 @@ tables: more frames do not make them smaller. Their sizes are standard deviation
 recordings of six laboratories and over virtual ones (`tests.campaign.plate_doubts`).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Final, NamedTuple
@@ -31,6 +31,7 @@ from hbm.spatial import (
 from pipeline.io.mended_plates import correction, find_jumps, reversing, turning
 from pipeline.io.recording import Plate
 from pipeline.trial.checks import rest_level
+from pipeline.trial.subject import differing_masses
 
 MIN_JUMP: Final = np.array([0.08, 0.08, 0.15, 0.012, 0.012, 0.012])
 """Of body weight, of body weight × 1 m for moments: smaller ones hardly change a residual."""
@@ -205,30 +206,40 @@ STATES: Final[dict[str, Array]] = {
 
 
 def misfit(
-    wrench: Array, plate: Plate, witnesses: Witnesses, alone: Mask, stances: Sequence[Stance]
+    wrench: Array,
+    plate: Plate,
+    witnesses: Witnesses,
+    alone: Mask,
+    stances: Sequence[Stance],
+    *,
+    moved: bool = False,
 ) -> float:
     """Give how unlikely what a plate says is, by the motion where it is alone and by the feet.
 
     ``wrench`` is in the plate's axes about its centre, (T, 6), filtered like the motion. The sum of
-    squares of differences by their standard deviations, independent ones.
+    squares of differences by their standard deviations, independent ones; of a plate that is moved,
+    but for the mean difference of its pressure.
     """
     count, weight_n = witnesses.step_s / CORRELATED_S, witnesses.weight_n
     total = 0.0
     load = np.where(np.abs(wrench[:, 2]) < 1.0, np.nan, wrench[:, 2])
     pressure = np.column_stack([-wrench[:, 4], wrench[:, 3]]) / load[:, None]
+    away = list[Array]()
     if alone.any():
         need = _in_plate(witnesses.need, plate)[alone]
         off = (need - wrench[alone])[:, [0, 1, 2, 5]] / (ERRORS * weight_n)
         total += count * float(np.square(off).sum())
         wanted = np.column_stack([-need[:, 4], need[:, 3]]) / need[:, 2:3]
-        off = (wanted - pressure[alone]) / PLACE_ERROR_M
-        total += count * float(np.nansum(np.square(off)))
+        away.append(wanted - pressure[alone])
     for stance in stances:
         down = np.minimum(plate.rotation[2, 2] * wrench[stance.frames, 2] / weight_n, 0.0)
         total += count * float(np.square(down / ERRORS[2]).sum())
         expected = ((stance.expected - plate.center) @ plate.rotation)[:, :2]
-        off = (expected - pressure[stance.frames]) / PLACE_ERROR_M
-        total += count * float(np.nansum(np.square(off)))
+        away.append(expected - pressure[stance.frames])
+    if away:
+        every = np.concatenate(away)
+        every = every - np.nanmean(every, axis=0) if moved else every
+        total += count * float(np.nansum(np.square(every / PLACE_ERROR_M)))
     return total
 
 
@@ -255,9 +266,10 @@ def find_states(
         if np.isfinite(plate.corners).all() and (own[k] or frames[k].sum() > enough)
     ]
 
-    def cost(source: int, place: int, state: Array) -> float:
+    def cost(source: int, place: int, state: Array, *, moved: bool = False) -> float:
         wrench = _in_plate(witnesses.filtered[source], plates[source]) @ state.T
-        return misfit(wrench, plates[place], witnesses, frames[source], own[source])
+        stood = own[source]
+        return misfit(wrench, plates[place], witnesses, frames[source], stood, moved=moved)
 
     plain = {k: cost(k, k, STATES[""]) for k in judged}
     pairs = []
@@ -273,7 +285,8 @@ def find_states(
             continue
         costs = {name: cost(k, k, state) for name, state in STATES.items()}
         best = min(costs, key=lambda name: costs[name])
-        if _better(plain[k], costs[best]):
+        elsewhere = cost(k, k, STATES[""], moved=True)
+        if _better(plain[k], costs[best]) and costs[best] < elsewhere:
             states[k] = best
     return states, pairs
 
@@ -369,6 +382,40 @@ def find_gains(plates: Sequence[Plate], witnesses: Witnesses, left_out: set[int]
                 bounds = 1 / (factor[number] + np.array([1.96, -1.96]) * sd[number])
                 found.append((abs(off) / sd[number], Gain(k, axis, share, *sorted(bounds))))
     return [gain for _, gain in sorted(found, reverse=True, key=lambda each: each[0])]
+
+
+LATE_S: Final = np.delete(np.arange(-0.04, 0.0401, 0.005), 8)
+"""Delays of one plate beside the others that are tried [s]."""
+LATE_LEFT: Final = 0.7
+"""Of the misfit that gains leave, which a delay has to leave at most to be named in their place."""
+
+
+def find_late(
+    plates: Sequence[Plate], witnesses: Witnesses, gains: Sequence[Gain]
+) -> tuple[int, float] | None:
+    """Find the one plate that is later than the others where that explains more than gains do."""
+    if not gains:
+        return None
+    time, forces = witnesses.time, witnesses.filtered[..., :3]
+    use, need = witnesses.carried, witnesses.need[witnesses.carried, :3]
+
+    def left(measured: Array) -> float:
+        return float(np.nansum(np.square(need - measured[:, use].sum(axis=0))))
+
+    corrected = forces.copy()
+    for gain in gains:
+        axis = plates[gain.plate].rotation[:, gain.axis]
+        along = corrected[gain.plate] @ axis
+        corrected[gain.plate] += np.outer((1 / gain.share - 1) * along, axis)
+    misfits = {}
+    for k in range(len(plates)):
+        for delay_s in LATE_S:
+            moved = forces.copy()
+            for column in range(3):
+                moved[k, :, column] = np.interp(time + delay_s, time, forces[k, :, column])
+            misfits[k, float(delay_s)] = left(moved)
+    best = min(misfits, key=lambda key: misfits[key])
+    return best if misfits[best] < LATE_LEFT * left(corrected) else None
 
 
 def _alike(factor: Array) -> bool:
@@ -546,7 +593,7 @@ def plate_faults(plates: Sequence[Plate], witnesses: Witnesses, *, by_motion: bo
     Returns
     -------
     list of Note
-        ``plate_wraps``, ``plate_jumps``, ``plates_exchanged``, ``plate_turned``,
+        ``plate_wraps``, ``plate_jumps``, ``plates_exchanged``, ``plate_turned``, ``plate_late``,
         ``plate_reversed``, ``plate_elsewhere``, ``plate_askew`` and ``plate_gain``. A plate that
         one of them explains is not judged by those after it.
     """
@@ -571,7 +618,12 @@ def plate_faults(plates: Sequence[Plate], witnesses: Witnesses, *, by_motion: bo
             remedy = correction(f"{plates[k].number}: {state}")
             notes.append(Note.of(code, plate=plates[k].number, what=what, remedy=remedy))
             explained.add(k)
-    for gain in find_gains(plates, witnesses, explained):
+    gains = find_gains(plates, witnesses, explained)
+    if late := find_late(plates, witnesses, gains):
+        notes.append(Note.of("plate_late", plate=plates[late[0]].number, delay_s=late[1]))
+        explained.add(late[0])
+        gains = []
+    for gain in gains:
         explained.add(gain.plate)
         if gain.share < 0:
             what = WRENCH_COMPONENTS[gain.axis]
@@ -589,6 +641,10 @@ def plate_faults(plates: Sequence[Plate], witnesses: Witnesses, *, by_motion: bo
                 share=gain.share,
                 low=gain.low,
                 high=gain.high,
+                remedy=correction(
+                    f"{plates[gain.plate].number}: gain {WRENCH_COMPONENTS[gain.axis]} "
+                    f"{1 / gain.share:.3f}"
+                ),
             )
         )
     found = find_places(witnesses, stances, explained)
@@ -629,22 +685,30 @@ def _elsewhere(plate: Plate, off: Sequence[Place], directions: Array) -> Note:
 
 EXPLAINED: Final = {"pressure_far_from_feet", "carried_in_part"}
 """Notes that say less than those of single plates."""
-AXES_WRONG: Final = {"plates_exchanged", "plate_turned", "plate_reversed"}
-"""Faults of plates whose forces then fit the motion at a wrong time."""
+TIME_WRONG: Final = {"plates_exchanged", "plate_turned", "plate_reversed", "plate_late"}
+"""Faults of single plates with which all plates together seem to be late."""
 LABELS_WRONG: Final = {"sides_exchanged", "labels_exchanged"}
 """Faults of markers with which the motion is no witness."""
 RAW: Final = {"plate_wraps", "plate_jumps", "plate_reversed"}
 
 
-def without_explained(notes: Sequence[Note], faults: Sequence[Note]) -> tuple[list[Note], ...]:
-    """Leave out of notes what the faults of plates explain, and of faults what a delay explains."""
-    codes, kept = {fault.code for fault in faults}, list(faults)
+def without_explained(
+    notes: Sequence[Note], faults: Sequence[Note], known_kg: Mapping[str, float]
+) -> tuple[list[Note], list[Note]]:
+    """Leave out of notes what faults of plates explain, and of faults what notes explain.
+
+    A gain is explained by a delay of all plates, by plates that are not zeroed and, of a vertical
+    force, by sources of the body mass that differ.
+    """
     explained = EXPLAINED if faults else set[str]()
-    if codes & AXES_WRONG:
+    if any(fault.code in TIME_WRONG for fault in faults):
         explained = explained | {"plates_late"}
-    elif any(note.code == "plates_late" for note in notes):
-        kept = [fault for fault in faults if fault.code != "plate_gain"]
-    return [note for note in notes if note.code not in explained], kept
+    left = [note for note in notes if note.code not in explained]
+    if any(note.code in ("plates_late", "plates_not_zeroed") for note in left):
+        return left, [fault for fault in faults if fault.code != "plate_gain"]
+    if differing_masses(known_kg, None):
+        return left, [fault for fault in faults if fault.values.get("component") != "Fz"]
+    return left, list(faults)
 
 
 def misweigh(faults: Sequence[Note]) -> bool:

@@ -215,7 +215,7 @@ def process_recording(
     right_labels = LABELS_WRONG.isdisjoint(note.code for note in notes)
     delay_s, delay_uncertainty_s = plate_delay(loads, ground.best, counts, settings, notes, still)
     faults = plate_faults(recording.plates, witnesses, by_motion=still and right_labels)
-    notes, faults = without_explained(notes, faults)
+    notes, faults = without_explained(notes, faults, mass.known_kg)
     notes += faults
     carried_kg = None if misweigh(faults) else weight_of_steps(witnesses)
     if carried_kg is not None:

@@ -226,7 +226,8 @@ def plate_delay(
     delay_s = found.seconds + lag_s
     size = {"delay_s": delay_s, "uncertainty_s": found.uncertainty}
     notes.append(Note.of("plate_delay", **size))
-    if still and abs(delay_s) - found.uncertainty > MAX_DELAY_S:
+    surely_s = abs(delay_s) - found.uncertainty
+    if still and abs(delay_s) > MAX_DELAY_S and surely_s > MAX_DELAY_S / 2:
         stated_s = (settings.plate_delay_s or 0.0) + delay_s
         notes.append(Note.of("plates_late", **size, stated_s=stated_s))
     return delay_s, found.uncertainty

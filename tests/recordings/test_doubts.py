@@ -2,10 +2,12 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from pipeline.config.schema import Settings, Subject
 from pipeline.trial.process import process_recording
+from tests.campaign.plate_doubts import amplified, channel, moved
 from tests.hbm.motions import exchanged, relabelled
 from tests.recordings.recorded import (
     TESTS,
@@ -28,7 +30,14 @@ DOUBTS = {
     *("events_of_other_side", "events_offset"),
     *("plates_not_zeroed", "load_jumps", "mass_differs"),
     *("plate_wraps", "plate_jumps", "plates_exchanged", "plate_turned", "plate_reversed"),
-    *("plate_elsewhere", "plate_askew", "plate_gain", "plates_late", "platform_moves"),
+    *(
+        "plate_elsewhere",
+        "plate_askew",
+        "plate_gain",
+        "plates_late",
+        "plate_late",
+        "platform_moves",
+    ),
 }
 
 
@@ -83,6 +92,43 @@ def test_a_walk_over_two_plates_is_not_doubted_and_a_wrong_mass_is_no_fault_of_t
     found = doubts_of(process_recording(trial, settings=Settings(), **heavier))
     assert set(found) == {"mass_differs"}
     assert min(found["mass_differs"].values["known_kg"].values()) == pytest.approx(45.5, abs=0.5)
+
+
+def later(recording, number, delay_s):
+    """One plate later than the others."""
+    plates = tuple(
+        replace(p, time=p.time + delay_s) if p.number == number else p for p in recording.plates
+    )
+    return replace(recording, plates=plates)
+
+
+@pytest.mark.parametrize(
+    ("fault", "code", "plate"),
+    [
+        (lambda walk: later(walk, 1, 0.025), "plate_late", 1),
+        (lambda walk: moved(walk, 0, np.array([0.06, 0.0, 0.0])), "plate_elsewhere", 1),
+        (lambda walk: amplified(walk, 1, 2, 0.8), "plate_gain", 2),
+        (lambda walk: channel(walk, 1, 1, lambda values: values + 30.0), "plates_not_zeroed", None),
+    ],
+    ids=["late", "moved", "weak", "not zero"],
+)
+def test_of_two_steps_one_fault_is_named_with_its_plate(shared_data, fault, code, plate):
+    for name in ("HC030", "HC031"):
+        trial, known = recorded(child(name), shared_data)
+        found = doubts(fault(trial), **known)
+        own = {name for name in found if name.startswith("plate")}
+        assert own == {code}
+        assert found[code].values.get("plate") == plate
+
+
+@pytest.mark.parametrize("delay_s", [-0.025, 0.025])
+def test_of_two_steps_plates_that_are_all_late_or_early_are_named_so(shared_data, delay_s):
+    trial, known = recorded(child("HC030"), shared_data)
+    for number in (1, 2):
+        trial = later(trial, number, delay_s)
+    (note,) = doubts(trial, **known).values()
+    assert note.code == "plates_late"
+    assert note.values["delay_s"] == pytest.approx(delay_s, abs=note.values["uncertainty_s"])
 
 
 def test_exchanged_labels_of_the_knees_are_no_fault_of_plates(shared_data):
