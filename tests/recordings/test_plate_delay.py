@@ -62,12 +62,12 @@ def test_quiet_standing_shows_no_delay(shared_data):
 @pytest.mark.parametrize(
     ("read", "delay_s"), [(child("HC030"), 0.0), (child("HC030"), 0.015), (child("HC031"), 0.015)]
 )
-def test_half_a_second_on_plates_shows_the_delay_within_ten_milliseconds_or_none(
+def test_half_a_second_on_plates_shows_the_delay_within_fifteen_milliseconds_or_none(
     shared_data, read, delay_s
 ):
     result = processed(read, shared_data, delay_s)
     if not np.isnan(result.delay_s):
-        assert abs(result.delay_s - delay_s) < result.delay_uncertainty_s <= 0.010
+        assert abs(result.delay_s - delay_s) < result.delay_uncertainty_s <= 0.015
 
 
 def test_a_generated_walk_without_a_delay_has_none_in_its_interval(shared_data):
