@@ -12,9 +12,12 @@ from hbm.spatial import Array, Mask
 
 MAX_DELAY_S: Final = 0.15
 """Delays are sought up to this, either way; walking repeats itself every half second."""
-MAX_UNCERTAINTY_S: Final = 0.015
-"""Half of the 95 % interval above which a delay is not determined: with 20 ms, that of the delays
-of laboratories, the forces would add nothing."""
+MAX_UNCERTAINTY_S: Final = 0.010
+"""Half of the 95 % interval above which a delay is not determined: the usual size of delays, and so
+wide an interval as forces have of which the motion explains only half of the variance."""
+MAX_UNCERTAINTY_OF_MOTION_S: Final = 0.015
+"""The same where the motion explains more than half of it, as in two steps over plates."""
+MIN_EXPLAINED: Final = 0.5
 NOISE_FLOOR_N: Final = 1.0
 """Of the force in each axis: no body model is better."""
 INDEPENDENT_PER_S: Final = 12.0
@@ -68,7 +71,8 @@ def marker_plate_delay(plate_force: ArrayLike, motion_force: ArrayLike, time: Ar
     ------
     ValueError
         If the arrays do not fit, if there are too few frames, if the best agreement is not within
-        ``MAX_DELAY_S``, or if the 95 % interval is wider than ± ``MAX_UNCERTAINTY_S``: too little
+        ``MAX_DELAY_S``, or if the 95 % interval is wider than ± ``MAX_UNCERTAINTY_S``, or
+        ± ``MAX_UNCERTAINTY_OF_MOTION_S`` where the motion explains most of the force: too little
         motion, or axes that disagree.
 
     Notes
@@ -126,10 +130,12 @@ def marker_plate_delay(plate_force: ArrayLike, motion_force: ArrayLike, time: Ar
             f"plates and markers agree nowhere within ±{1000 * MAX_DELAY_S:.0f} ms; "
             "are they of the same trial, in the same axes?"
         )
-    if not found.uncertainty <= MAX_UNCERTAINTY_S:
+    of_motion = np.sum(scale**2) < (1 - MIN_EXPLAINED) * np.sum(np.nanvar(plate, axis=0))
+    most_s = MAX_UNCERTAINTY_OF_MOTION_S if of_motion else MAX_UNCERTAINTY_S
+    if not found.uncertainty <= most_s:
         raise ValueError(
             f"its 95 % interval would be ± {1000 * found.uncertainty:.1f} ms, more than "
-            f"{1000 * MAX_UNCERTAINTY_S:.0f} ms: the force changes too little, or its axes disagree"
+            f"{1000 * most_s:.0f} ms: the force changes too little, or its axes disagree"
         )
     return found
 

@@ -95,7 +95,7 @@ def run_session(prepared: Preparation, console: PlainConsole, options: Options) 
     require_folder(folder)
     require_new(folder)
     body = None if options.pose else prepared.body()
-    if body is not None and prepared.static is not None:
+    if body is not None and prepared.study is not None and prepared.static is not None:
         console.say(f"calibration pose: {prepared.static.source.name}")
     with ExitStack() as ending, terminable(), ExitStack() as stack:
         with stoppable(lambda: "nothing was received, and nothing is recorded"):

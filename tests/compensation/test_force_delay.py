@@ -106,16 +106,12 @@ def test_axes_that_disagree_widen_the_interval_until_there_is_no_delay():
         marker_plate_delay(axes_later_by(0.060, 0.010, -0.040), motion, time)
 
 
-def test_a_force_of_which_motion_explains_little_shows_no_delay_that_is_not_there():
-    """Forces that correlate by 0.3: intervals are wide, and nineteen of twenty contain zero."""
-    found = []
-    for seed in range(40):
-        common, of_plates = error_of_the_model(seed, 3.0), error_of_the_model(100 + seed, 9.5)
-        found.append(marker_plate_delay(common + of_plates, common, time))
-    assert min(delay.uncertainty for delay in found) > 0.010
-    assert sum(abs(delay.seconds) > delay.uncertainty for delay in found) <= 2
-    common, of_plates = error_of_the_model(1, 3.0), error_of_the_model(101, 19.0)
-    with pytest.raises(ValueError, match="more than 15 ms"):
+@pytest.mark.parametrize("noise_n", [9.5, 30.0])
+@pytest.mark.parametrize("seed", range(2))
+def test_a_force_of_which_motion_explains_little_shows_no_delay(seed, noise_n):
+    """As in quiet standing: forces that correlate by 0.3, or hardly."""
+    common, of_plates = error_of_the_model(seed, 3.0), error_of_the_model(100 + seed, noise_n)
+    with pytest.raises(ValueError, match=r"more than 10 ms|agree nowhere"):
         marker_plate_delay(common + of_plates, common, time)
 
 
