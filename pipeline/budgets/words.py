@@ -16,6 +16,7 @@ from pipeline.trial.result import TrialResult
 MIN_FALL: Final = 0.03
 """Share of a residual's RMS that mending a cause has to take away to be worth a word."""
 MAX_FIXES: Final = 3
+NOTHING_CERTAIN: Final = "Beyond warnings, no certain fault explains much of a residual."
 LATE: Final = "plates delayed"
 MASS: Final = "body mass"
 """Names of causes that a person can state."""
@@ -169,17 +170,17 @@ def what_to_fix_first(budget: Budget, stated: StatedNow) -> tuple[Fix, ...]:
     -------
     tuple of Fix
         Faults of instruments or of the stated mass that are certain and without which a residual
-        would be smaller, the one with the largest share first; of the body no single cause, since
-        walking takes one for the other.
+        would be smaller, also in the half that did not estimate it, the one with the largest share
+        first; of the body no single cause, since walking takes one for the other.
     """
-    found, alike = [], alike_in_plates(budget.causes)
+    found, alike, holds = [], alike_in_plates(budget.causes), budget.held_out >= 0
     for cause in budget.causes:
         if cause.fault in alike:
             continue
         fall = 1 - cause.left / budget.rms
         axis = int(fall.argmax())
         is_person = cause.group in OF_PERSON and cause.name != MASS
-        if cause.is_certain and not is_person and fall[axis] >= MIN_FALL:
+        if cause.is_certain and not is_person and fall[axis] >= MIN_FALL and holds[axis]:
             action = what_to_do(cause, stated)
             rms = float(budget.rms[axis]), float(cause.left[axis])
             if action:
@@ -299,7 +300,7 @@ def budget_lines(budget: Budget, mendings: Sequence[Fix]) -> Iterator[str]:
     """Say what a table of shares does not: what to do, what the trial does not tell, the check."""
     rms = dict.fromkeys((cause.name for cause in budget.causes), budget.rms)
     certain = [*map(str, mendings), *alike_lines(alike_in_plates(budget.causes), rms)]
-    yield from certain or ["No certain fault explains much of a residual."]
+    yield from certain or [NOTHING_CERTAIN]
     faults = [cause for cause in budget.causes if cause.chance < 1 or cause.group == "delay"]
     unknown = list(dict.fromkeys(cause.fault for cause in faults if not cause.is_told))
     if unknown:

@@ -36,13 +36,17 @@ MOST_PLACES = 3
 def init(folder: Annotated[Path, Argument(help="Folder for the new study.")]) -> None:
     """Of the recordings in the folder, or as an example; edit it, then 'hbm check'."""
     from pipeline.config.found_recordings import found_subjects
-    from pipeline.config.templates import CONDITION, write_template
+    from pipeline.config.templates import write_template
 
-    console, found = PlainConsole(), found_subjects(folder)
+    console = PlainConsole()
+    found, unused = found_subjects(folder)
     written = write_template(folder, found)
     for subject in found:
         pose = f"pose {subject.static}" if subject.static else "no recording of a pose"
-        console.say(f"{subject.name}: {pose}; {CONDITION}: {', '.join(subject.trials)}")
+        trials = (f"{name}: {', '.join(files)}" for name, files in subject.trials.items())
+        console.say(f"{subject.name}: {'; '.join([pose, *trials])}")
+    for file, reason in unused.items():
+        console.say(f"not used: {file}: {reason.removeprefix(f'{file}: ')}")
     files = ", ".join(path.name for path in written)
     console.say(f"written to {folder}: {files}; next: edit them, then hbm check {folder}")
 

@@ -210,6 +210,7 @@ def _explain_results(
         plan_explanations,
         study_of,
     )
+    from pipeline.budgets.words import NOTHING_CERTAIN
     from pipeline.run.processes import keep_freed_memory
 
     folder = request.trial
@@ -226,7 +227,7 @@ def _explain_results(
         raise ValueError(f"{folder}: no trial was explained: {finished[0].reason}")
     with console.status(Text("all trials together")):
         together = explain_study(study, folder, planned)
-    for line in together.lines or ("No certain fault explains much of a residual.",):
+    for line in together.lines or (NOTHING_CERTAIN,):
         console.say(line)
     console.say(f"{counts_of(finished, 'explained')}; next: hbm report {folder}")
     if corrected:

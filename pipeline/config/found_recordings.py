@@ -1,7 +1,6 @@
 """Recordings in a folder without a study: whose they are, and which shows the calibration pose."""
 
 import re
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -11,10 +10,15 @@ import numpy as np
 from pipeline.io.read import file_format, read_recording
 from pipeline.io.recording import Recording
 
+POSE: Final = re.compile(r"static|t-?pose|calib", re.IGNORECASE)
+"""In the name of a recording of the calibration pose."""
 SUBJECT: Final = re.compile(r"[A-Za-z]*[-_]?\d+")
 """How the names of a subject's recordings begin, such as S01 or HC030."""
 FIRST: Final = "sub01"
 """The subject of recordings whose names begin otherwise."""
+CONDITION: Final = "walking"
+"""Of all trials, where names do not say theirs."""
+MIN_LETTERS: Final = 3
 MIN_MARKERS: Final = 9
 """Fewer are on a treadmill, not on a body."""
 MAX_STILL_M: Final = 0.3
@@ -31,48 +35,82 @@ class FoundSubject(NamedTuple):
     static
         File of the calibration pose; empty where every recording is a trial.
     trials
-        Files of the others.
+        Condition -> files of the others.
     """
 
     name: str
     static: str
-    trials: tuple[str, ...]
+    trials: dict[str, list[str]]
 
 
-def found_subjects(folder: Path) -> list[FoundSubject]:
+def found_subjects(folder: Path) -> tuple[list[FoundSubject], dict[str, str]]:
     """Find the subjects whose recordings are in a folder, in the order of their names.
 
-    A recording in which nobody makes a step is the calibration pose, the stillest one of several.
+    The calibration pose is the recording with such a name, else the stillest one in which nobody
+    makes a step. Conditions are the words between subject and number (``S01_shoes_2.c3d``) where
+    every trial has one.
+
+    Returns
+    -------
+    subjects
+        Those who have a trial on plates.
+    unused
+        File of each recording that is not used -> why.
     """
-    of_subject: dict[str, list[tuple[float, bool, str]]] = {}
-    for path, recording in _recordings(folder):
-        match = SUBJECT.match(path.stem)
-        name = match[0] if match else FIRST
-        found = _moved_m(recording), bool(recording.plates), path.name
-        of_subject.setdefault(name, []).append(found)
+    unused, of_subject = dict[str, str](), dict[str, list[tuple[bool, float, bool, str]]]()
+    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+        try:
+            recording = _read(path)
+        except (ValueError, OSError) as error:
+            unused |= {path.name: str(error)} if _is_recording(path) else {}
+            continue
+        match, moved_m = SUBJECT.match(path.stem), _moved_m(recording)
+        posed = not POSE.search(path.stem)  # False comes first
+        found = posed, moved_m, bool(recording.plates), path.name
+        of_subject.setdefault(match[0] if match else FIRST, []).append(found)
     subjects = []
+    words = {_condition(name, file) for name, own in of_subject.items() for *_, file in own}
     for name, files in sorted(of_subject.items()):
-        moved_m, _, static = min(files)
-        if len(files) == 1 or moved_m > MAX_STILL_M:
+        no_pose, moved_m, _, static = min(files)
+        if no_pose and (len(files) == 1 or moved_m > MAX_STILL_M):
             static = ""
-        trials = tuple(file for _, plates, file in sorted(files, key=lambda f: f[2]) if plates)
-        trials = tuple(file for file in trials if file != static)
+        trials: dict[str, list[str]] = {}
+        for *_, plates, file in sorted(files, key=lambda each: each[-1]):
+            if file != static and plates:
+                condition = CONDITION if "" in words else _condition(name, file)
+                trials.setdefault(condition or CONDITION, []).append(file)
+            elif file != static:
+                unused[file] = "it has no force plates"
         if trials:
             subjects.append(FoundSubject(name, static, trials))
-    return subjects
+    return subjects, unused
 
 
-def _recordings(folder: Path) -> Iterator[tuple[Path, Recording]]:
-    """Give the recordings of people; a file that cannot be read is none."""
-    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
-        with suppress(ValueError, OSError):
-            file_format(path)
-            try:
-                recording = read_recording(path)
-            except ValueError:  # somebody who turns does not show the axes
-                recording = read_recording(path, "forward,left,up")
-            if len(recording.markers.names) >= MIN_MARKERS:
-                yield path, recording
+def _read(path: Path) -> Recording:
+    """Read a recording of a person; a ValueError where it is none."""
+    file_format(path)
+    try:
+        recording = read_recording(path)
+    except ValueError:  # somebody who turns does not show the axes
+        recording = read_recording(path, "forward,left,up")
+    if len(recording.markers.names) < MIN_MARKERS:
+        raise ValueError(f"it has {len(recording.markers.names)} markers, too few for a body")
+    return recording
+
+
+def _is_recording(path: Path) -> bool:
+    """Whether a file is called a recording, or begins as one."""
+    if path.suffix.lower() == ".c3d":
+        return True
+    with suppress(ValueError, OSError):
+        return bool(file_format(path))
+    return False
+
+
+def _condition(subject: str, file: str) -> str:
+    """Give the word between subject and number of a file's name; empty where there is none."""
+    word = re.sub(r"\d+$", "", Path(file).stem.removeprefix(subject)).strip("_- ").lower()
+    return word if len(word) >= MIN_LETTERS else "pose" if POSE.search(file) else ""
 
 
 def _moved_m(recording: Recording) -> float:

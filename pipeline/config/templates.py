@@ -35,8 +35,6 @@ SUBJECT: Final = """\
 # standing), and of inertia_kg_m2 = [0.021, 0.021, 0.002] about it; [right_foot.worn], with mass_kg
 # and center_m, adds what the segment carries, such as a shoe.
 """
-CONDITION: Final = "walking"
-"""Of recordings that are found."""
 GIVEN_STUDY: Final = {
     "name": "My study",
     "settings": {},
@@ -68,8 +66,8 @@ GIVEN_SUBJECT: Final = {
 def write_template(folder: Path, found: Sequence[FoundSubject] = ()) -> tuple[Path, ...]:
     """Write a commented ``study.toml`` and the subjects' files; give all.
 
-    The study is of the subjects found, all of whose trials are of one condition; without any, it is
-    an example.
+    The study is of the subjects found and the conditions of their trials; without any, it is an
+    example.
 
     Raises
     ------
@@ -78,7 +76,8 @@ def write_template(folder: Path, found: Sequence[FoundSubject] = ()) -> tuple[Pa
     OSError
         If the folder cannot be written to; no file is there then.
     """
-    study = GIVEN_STUDY | ({"conditions": {CONDITION: {}}} if found else {})
+    conditions = {condition: dict[str, Any]() for subject in found for condition in subject.trials}
+    study = GIVEN_STUDY | ({"conditions": conditions} if found else {})
     people = [_given(subject) for subject in found] or [GIVEN_SUBJECT]
     texts = {folder / "study.toml": template(StudyFile, STUDY, study)}
     texts |= {folder / f"{own['id']}.toml": template(SubjectFile, SUBJECT, own) for own in people}
@@ -93,9 +92,12 @@ def write_template(folder: Path, found: Sequence[FoundSubject] = ()) -> tuple[Pa
 
 def _given(subject: FoundSubject) -> dict[str, Any]:
     """Give what the file of a subject found states."""
-    files = {"files": [*subject.trials]} if subject.trials[1:] else {"file": subject.trials[0]}
+    trials = {
+        condition: {"files": files} if files[1:] else {"file": files[0]}
+        for condition, files in subject.trials.items()
+    }
     static = {"static": subject.static} if subject.static else {}
-    return {"id": subject.name, "sex": "unspecified", **static, "trials": {CONDITION: files}}
+    return {"id": subject.name, "sex": "unspecified", **static, "trials": trials}
 
 
 def template(kind: type[BaseModel], heading: str, given: Mapping[str, Any]) -> str:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
-from math import nan
+from math import isnan, nan
 from typing import Final
 
 import pandas as pd
@@ -26,7 +26,7 @@ from pipeline.statistics.verdict import (
     join_names,
     level_name,
 )
-from pipeline.trial.residuals import AXES, TRIAL_COLUMNS, rows_of
+from pipeline.trial.residuals import AXES, HEALTHY_RMS, TRIAL_COLUMNS, rows_of
 
 WINDOWS: Final = {
     "cycle": "whole gait cycles",
@@ -45,7 +45,7 @@ def residual_tables(
 
     `groups` gives the group of each subject, where the design has groups.
     """
-    has_table_3 = bool(table_3["n"].gt(0).any())
+    has_table_3 = bool(table_3["n"].gt(0).any()) and bool(design.factors)
     shown = [_table_3(table_3, design)] if has_table_3 else []
     if not has_table_3 or set(residuals["condition"]) - set(design.conditions):
         shown.append(means(residuals, design))
@@ -65,27 +65,44 @@ def _table_3(table_3: pd.DataFrame, design: Design) -> Table:
     return Table(caption, heads, rows, "numbers table3", table_3_legend(table_3, design))
 
 
+HEALTHY: Final = ("RMS", "Healthy")
+OF_HEALTHY: Final = (
+    "Healthy: adults on a treadmill at rest (van de Loosdrecht 2018); of lighter people less."
+)
+
+
 def means(residuals: pd.DataFrame, design: Design) -> Table:
-    """Give mean and SD of every cell, for conditions of any name."""
-    rows = []
+    """Give mean and SD of every cell, for conditions of any name.
+
+    Without compensation, with the RMS of healthy walking.
+    """
+    rows, compensated = [], bool(residuals["compensated"].any())
     for (axis, unit), own in residuals.groupby(["axis", "unit"], sort=False):
         for k, condition in enumerate(design.in_order(own["condition"])):
             cells = own[own["condition"] == condition].groupby("compensated")["rms"]
             mean, sd, count = cells.mean(), cells.std(), cells.count()
             no_ic, ic = mean.get(False, nan), mean.get(True, nan)
+            reduction = number(reduction_percent(no_ic, ic), "z.0f", " %")
+            of_ic = mean_sd(ic, sd.get(True, nan)), reduction
+            healthy = (f"{HEALTHY_RMS[AXES.index(axis)]:.1f}",)
             rows.append(
                 (
                     "" if k else f"{axis} ({unit})",
                     condition,
                     str(count.max()),
                     mean_sd(no_ic, sd.get(False, nan)),
-                    mean_sd(ic, sd.get(True, nan)),
-                    number(reduction_percent(no_ic, ic), "z.0f", " %"),
+                    *(of_ic if compensated else healthy),
                 )
             )
-    heads = ("Residual", "Condition", "n", "No IC", "IC", "Reduction")
-    caption = "RMS residuals without and with inertia compensation (IC), mean ± SD over n subjects"
-    return Table(caption, heads, rows, "numbers")
+    heads = [
+        "Residual",
+        "Condition",
+        "n",
+        *(("No IC", "IC", "Reduction") if compensated else HEALTHY),
+    ]
+    what = " without and with inertia compensation (IC)" if compensated else ""
+    caption = f"RMS residuals{what}, mean ± SD over n subjects"
+    return Table(caption, heads, rows, "numbers", "" if compensated else OF_HEALTHY)
 
 
 def windows_sentence(residuals: pd.DataFrame) -> str:
@@ -153,11 +170,11 @@ def reliability_tables(found: pd.DataFrame, design: Design) -> list[Table]:
         rows = [
             (
                 f"{row.what} ({row.unit})",
-                f"{row.mean:.2f}",
-                f"{row.sd_within:.2f}",
-                f"{row.icc:.2f} [{row.icc_low:.2f}, {row.icc_high:.2f}]",
-                f"{row.sem:.2f}",
-                f"{row.smallest_detectable_change:.2f}",
+                number(row.mean, ".2f"),
+                number(row.sd_within, ".2f"),
+                "–" if isnan(row.icc) else f"{row.icc:.2f} [{row.icc_low:.2f}, {row.icc_high:.2f}]",
+                number(row.sem, ".2f"),
+                number(row.smallest_detectable_change, ".2f"),
             )
             for row in rows_of(own.rename(columns={"name": "what"}))
         ]

@@ -22,17 +22,22 @@ from pipeline.figures.style import COLOURS, STYLE
 from pipeline.io.recording import Plate
 from pipeline.io.write import write_text
 from pipeline.report.blocks import TEMPLATES, Table, drawing
-from pipeline.report.trials import causes, trial_quality
+from pipeline.report.trials import NOT_KNOWN, causes, trial_quality
 from pipeline.run.processes import in_processes
 from pipeline.run.program import program_digest
 from pipeline.run.store import read_trial
 from pipeline.trial.joints import joint_curves
-from pipeline.trial.residuals import AXES, UNITS, residual_table, rows_of, threshold_table
+from pipeline.trial.residuals import (
+    AXES,
+    HEALTHY_RMS,
+    UNITS,
+    residual_table,
+    rows_of,
+    threshold_table,
+)
 from pipeline.trial.result import TrialResult
 from pipeline.trial.study_files import read_study_file
 
-HEALTHY_RMS: Final = (37.1, 30.4, 63.1, 11.4, 20.5, 4.5)
-"""Of healthy adults on a treadmill at rest: van de Loosdrecht (2018), Table III [N, N·m]."""
 PROCESSES: Final = 2
 """That write pages of a study at the same time."""
 MAX_POINTS: Final = 3000
@@ -205,7 +210,8 @@ def result_tables(result: TrialResult) -> Iterable[Table]:
     )
     if rows:
         yield Table("Pelvis residuals", heads, rows, "numbers", legend)
-    quality = [(item, checks) for item, checks in trial_quality(result).items()]
+    rated = trial_quality(result)
+    quality = [(item, checks) for item, checks in rated.items() if checks != (NOT_KNOWN,)]
     yield Table("Quality", ("Criterion", "Finding"), quality, "trials")
 
 

@@ -30,6 +30,8 @@ MAX_MARKER_PEAK_MM: Final = 40.0
 """OpenSim's guideline for inverse kinematics: RMS error below 2 cm, largest below 4 cm."""
 MAX_GAP_PERCENT: Final = 10.0
 """No published limit: above a tenth, much of a marker's path is interpolated or unknown."""
+NOT_KNOWN: Final[Check] = ("none", "–", "")
+"""What no trial has is not shown."""
 LIMITS: Final = {
     "force_percent": f"{100 * MAX_FORCE_SHARE:g}",
     "moment_percent": f"{100 * MAX_MOMENT_SHARE:g}",
@@ -115,9 +117,11 @@ def quality_table(
     rated: Mapping[str, Mapping[str, tuple[Check, ...]]], links: Mapping[str, str]
 ) -> Table:
     """Show what `trial_quality` says of every trial, with links to pages."""
-    heads = ("Trial", *next(iter(rated.values())))
+    every = next(iter(rated.values()))
+    shown = [item for item in every if any(own[item] != (NOT_KNOWN,) for own in rated.values())]
+    heads = ("Trial", *shown)
     rows: list[tuple[str | Sequence[Check], ...]] = [
-        (name, *checks.values()) for name, checks in rated.items()
+        (name, *(checks[item] for item in shown)) for name, checks in rated.items()
     ]
     return Table("Quality of every trial", heads, rows, "trials", links=links)
 
@@ -138,8 +142,7 @@ def trial_quality(trial: TrialResult) -> dict[str, tuple[Check, ...]]:
         "Marker gaps": (_marker_gaps(markers),),
         "Delay of plates": (_delay(trial.delay_s, trial.delay_uncertainty_s),),
         "Unsolved frames": (("check" if unsolved else "pass", str(unsolved), f"of {len(solved)}"),),
-        "Uncertainty added by compensation (1σ)": tuple(_compensation(headline))
-        or (("none", "–", ""),),
+        "Uncertainty added by compensation (1σ)": tuple(_compensation(headline)) or (NOT_KNOWN,),
         "Joint angles held": (("none", str(locked), "at neutral" * bool(locked)),),
         "Peak force": tuple(_peaks(limits, "force")),
         "Peak moment": tuple(_peaks(limits, "moment")),

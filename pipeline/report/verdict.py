@@ -1,6 +1,6 @@
 """The verdict on the page of a report: one cell per residual and condition."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from math import isfinite, isnan, nan
 from typing import Any, Final
 
@@ -17,7 +17,7 @@ from pipeline.statistics.verdict import (
     judged_conditions,
     level_name,
 )
-from pipeline.trial.residuals import AXES, DIRECTIONS
+from pipeline.trial.residuals import AXES, DIRECTIONS, HEALTHY_RMS, UNITS
 
 MAX_AXIS_PERCENT: Final = 100.0
 """Longest half-axis of the graphs [% of the reference]; larger differences end at the border."""
@@ -67,7 +67,7 @@ def verdict_values(
             rows.append((axis, f"{'' if k < 3 else 'about '}{DIRECTIONS[k]}", cells))
     no_verdict = most < MIN_SUBJECTS
     return {
-        "headline": [_why_none(residuals, most, design)]
+        "headline": [_why_none(residuals, most, design), *_beside_healthy(residuals)]
         if no_verdict
         else headlines(found, design),
         "basis": " ".join(filter(None, ("" if stated else _basis(design), _of_recordings(found)))),
@@ -110,6 +110,20 @@ def label(answer: Answer, condition: str, design: Design) -> str:
     else:
         words = {"at baseline": f"at {level_name(design)}", "above": f"above {design.reference}"}
     return words.get(answer, answer)
+
+
+def _beside_healthy(residuals: pd.DataFrame) -> Iterator[str]:
+    """Compare the mean RMS of each residual with that of healthy walking."""
+    best = residuals[residuals["compensated"] == residuals["compensated"].any()]
+    mean = best.groupby("axis")["rms"].mean()
+    above = [
+        f"{axis} ({mean[axis]:.1f}, healthy {healthy:.1f} {unit})"
+        for axis, unit, healthy in zip(AXES, UNITS, HEALTHY_RMS, strict=True)
+        if mean.get(axis, 0.0) > healthy
+    ]
+    healthy_adults = "the RMS of healthy adults on a treadmill at rest (van de Loosdrecht 2018)"
+    if len(mean):
+        yield f"Above {healthy_adults}: {', '.join(above) or 'no residual'}."
 
 
 def _why_none(residuals: pd.DataFrame, subjects: int, design: Design) -> str:

@@ -135,7 +135,7 @@ def check_study(study: Study) -> Findings:
         found.contents(file, f"compensates {listed(calibration.plates)}")
         found.remark(file, *calibration.notes)
         found.remark(file, *describe_sensors(calibration.sensors))
-    elif not study.file.treadmill.calibration:
+    elif study.file.treadmill.platform is not None and not study.file.treadmill.calibration:
         found.remark("study.toml", "no treadmill.calibration, so nothing will be compensated")
     trial_of: dict[Path, TrialName] = {}
     for subject, person in study.subjects.items():

@@ -18,24 +18,38 @@ from tests.synthetic import synthetic_t_pose
 def folder(tmp_path):
     """Two subjects; one has a pose, the other two walks alone; and files that are none."""
     half = np.full(1000, 74.6 * 9.81 / 2)
-    write_c3d(tmp_path / "S01_pose.c3d", synthetic_t_pose(), [plate(1, half), plate(2, half)])
-    simulate_trial(tmp_path / "S01_fast.c3d", duration_s=8.0)
-    for name in ("S02_one.c3d", "S02_two.c3d"):
-        shutil.copy(tmp_path / "S01_fast.c3d", tmp_path / name)
+    write_c3d(tmp_path / "S01_standing.c3d", synthetic_t_pose(), [plate(1, half), plate(2, half)])
+    simulate_trial(tmp_path / "S01_4.c3d", duration_s=8.0)
+    for name in ("S02_5.c3d", "S02_6.c3d"):
+        shutil.copy(tmp_path / "S01_4.c3d", tmp_path / name)
     (tmp_path / "notes.txt").write_text("measured on Monday")
     (tmp_path / "broken.c3d").write_bytes(b"no recording")
     return tmp_path
 
 
 def test_recordings_are_grouped_by_subject_and_the_stillest_is_the_pose(folder):
-    first, second = found_subjects(folder)
-    assert first == ("S01", "S01_pose.c3d", ("S01_fast.c3d",))
-    assert second == ("S02", "", ("S02_one.c3d", "S02_two.c3d"))
+    (first, second), unused = found_subjects(folder)
+    assert first == ("S01", "S01_standing.c3d", {"walking": ["S01_4.c3d"]})
+    assert second == ("S02", "", {"walking": ["S02_5.c3d", "S02_6.c3d"]})
+    assert list(unused) == ["broken.c3d"]
+
+
+def test_words_in_names_are_conditions_and_a_pose_is_named_so(folder):
+    for name, better in (
+        ("S01_4", "S01_shoes_1"),
+        ("S02_5", "S02_barefoot_1"),
+        ("S02_6", "S02_shoes_1"),
+        ("S01_standing", "S01_static"),
+    ):
+        (folder / f"{name}.c3d").rename(folder / f"{better}.c3d")
+    (first, second), _ = found_subjects(folder)
+    assert first == ("S01", "S01_static.c3d", {"shoes": ["S01_shoes_1.c3d"]})
+    assert second.trials == {"barefoot": ["S02_barefoot_1.c3d"], "shoes": ["S02_shoes_1.c3d"]}
 
 
 def test_a_study_of_the_recordings_in_a_folder_runs_as_it_is_written(folder, tmp_path, capsys):
     assert main(["init", str(folder)]) == 0
-    assert "S01: pose S01_pose.c3d; walking: S01_fast.c3d" in capsys.readouterr().out
+    assert "S01: pose S01_standing.c3d; walking: S01_4.c3d" in capsys.readouterr().out
     study = read_study(folder)
     assert [str(name) for name in study.trials] == [
         "S01 walking",
@@ -58,7 +72,7 @@ def test_an_empty_folder_gets_an_example(tmp_path, capsys):
 
 
 def test_real_children_have_their_pose_found(shared_data):
-    found = found_subjects(shared_data / "overground_walks")
+    found, _ = found_subjects(shared_data / "overground_walks")
     assert [(one.name, one.static) for one in found] == [
         ("HC030", "HC030A01.c3d"),
         ("HC031", "HC031A01.c3d"),

@@ -96,8 +96,13 @@ def test_how_all_trials_were_processed_is_described_and_cited(
 
 def test_what_was_not_done_is_not_described(tmp_path):
     text, *_ = text_of(tmp_path, subjects=1, compensated=False)
-    assert "Treadmill inertia was not compensated" in text
-    absent = ("accelerometer", "analysis of variance", "t-test", "platform's pose")
+    absent = (
+        "Treadmill inertia",
+        "accelerometer",
+        "analysis of variance",
+        "t-test",
+        "platform's pose",
+    )
     assert not [words for words in absent if words in text]
 
 
