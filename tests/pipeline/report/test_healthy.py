@@ -1,0 +1,33 @@
+"""Residuals of one condition are compared with those of healthy adults."""
+
+import pandas as pd
+
+from pipeline.report.tables import means
+from pipeline.report.verdict import verdict_values
+from pipeline.statistics.design import design_of
+from pipeline.trial.residuals import AXES, HEALTHY_RMS, UNITS
+
+WALKING = design_of(("walking",), compensated=False)
+
+
+def residuals(factor):
+    """Of two subjects, as a share of the healthy RMS; Fz is three times as large."""
+    rows = [
+        (subject, "walking", False, axis, unit, factor * healthy * (3 if axis == "Fz" else 1))
+        for subject in ("S01", "S02")
+        for axis, unit, healthy in zip(AXES, UNITS, HEALTHY_RMS, strict=True)
+    ]
+    columns = ["subject", "condition", "compensated", "axis", "unit", "rms"]
+    return pd.DataFrame(rows, columns=columns).assign(window="cycle", n_cycles=3)
+
+
+def test_the_table_has_the_healthy_rms_and_no_columns_of_compensation():
+    table = means(residuals(0.5), WALKING)
+    assert table.heads[-2:] == ["RMS", "Healthy"]
+    assert [row[-1] for row in table.rows] == [f"{value:.1f}" for value in HEALTHY_RMS]
+
+
+def test_the_verdict_names_what_is_above_the_healthy_rms():
+    for factor, expected in ((0.1, "no residual."), (0.5, "Fz (94.7, healthy 63.1 N).")):
+        values = verdict_values([], residuals(factor), WALKING, stated=False)
+        assert values["headline"][-1].endswith(f"(van de Loosdrecht 2018): {expected}")
