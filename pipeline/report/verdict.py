@@ -41,6 +41,8 @@ def question(design: Design) -> str:
     """Give the question that the verdict answers."""
     if design.compensated:
         return f"Does compensation return each residual to {level_name(design)}?"
+    if not design.factors:
+        return "How large are the residuals?"
     return f"Is each residual at {level_name(design)}?"
 
 
@@ -67,7 +69,7 @@ def verdict_values(
             rows.append((axis, f"{'' if k < 3 else 'about '}{DIRECTIONS[k]}", cells))
     no_verdict = most < MIN_SUBJECTS
     return {
-        "headline": [_why_none(residuals, most, design), *_beside_healthy(residuals)]
+        "headline": [*_beside_healthy(residuals), _why_none(residuals, most, design)]
         if no_verdict
         else headlines(found, design),
         "basis": " ".join(filter(None, ("" if stated else _basis(design), _of_recordings(found)))),
@@ -121,9 +123,9 @@ def _beside_healthy(residuals: pd.DataFrame) -> Iterator[str]:
         for axis, unit, healthy in zip(AXES, UNITS, HEALTHY_RMS, strict=True)
         if mean.get(axis, 0.0) > healthy
     ]
-    healthy_adults = "the RMS of healthy adults on a treadmill at rest (van de Loosdrecht 2018)"
+    limit = "above the RMS of healthy adults on a treadmill at rest (van de Loosdrecht 2018)"
     if len(mean):
-        yield f"Above {healthy_adults}: {', '.join(above) or 'no residual'}."
+        yield f"{', '.join(above)}: {limit}." if above else f"No residual is {limit}."
 
 
 def _why_none(residuals: pd.DataFrame, subjects: int, design: Design) -> str:

@@ -28,6 +28,6 @@ def test_the_table_has_the_healthy_rms_and_no_columns_of_compensation():
 
 
 def test_the_verdict_names_what_is_above_the_healthy_rms():
-    for factor, expected in ((0.1, "no residual."), (0.5, "Fz (94.7, healthy 63.1 N).")):
+    for factor, named in ((0.1, "No residual is above"), (0.5, "Fz (94.7, healthy 63.1 N): above")):
         values = verdict_values([], residuals(factor), WALKING, stated=False)
-        assert values["headline"][-1].endswith(f"(van de Loosdrecht 2018): {expected}")
+        assert values["headline"][0].startswith(f"{named} the RMS of healthy adults")
