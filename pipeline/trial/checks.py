@@ -384,6 +384,7 @@ def _zero_samples(
             before, after = starts - 1, stops
             held = np.minimum(np.abs(component[before]), np.abs(component[after])) > least
             held &= np.minimum(load[before], load[after]) > loaded_n
+            held &= component[before] * component[after] > 0  # else it passes zero
             for start, stop in zip(starts[held], stops[held], strict=True):
                 zero[start:stop] = True
         if zero.any():

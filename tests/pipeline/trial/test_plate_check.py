@@ -88,6 +88,16 @@ def test_samples_that_are_zero_while_a_plate_is_loaded_are_named():
     assert note.values["first_s"] == pytest.approx(plate.time[loaded])
 
 
+def test_a_component_that_passes_zero_has_lost_no_sample():
+    recording = walking()
+    plate = recording.plates[0]
+    loaded = int(np.argmax(plate.wrench[:, 2]))
+    wrench = plate.wrench_in_plate.copy()
+    large = np.abs(wrench[:, 3]).max()
+    wrench[loaded - 1 : loaded + 2, 3] = large, 0.0, -large
+    assert check(replace(recording, plates=(replace(plate, wrench_in_plate=wrench),))) == ()
+
+
 @settings(max_examples=30)
 @given(rest_n=st.floats(-60, 60))
 def test_a_belt_is_not_zeroed_from_10_n_on_and_never_below(rest_n):
