@@ -93,8 +93,8 @@ def test_a_component_that_passes_zero_has_lost_no_sample():
     plate = recording.plates[0]
     loaded = int(np.argmax(plate.wrench[:, 2]))
     wrench = plate.wrench_in_plate.copy()
-    large = np.abs(wrench[:, 3]).max()
-    wrench[loaded - 1 : loaded + 2, 3] = large, 0.0, -large
+    wrench[:, 3] = np.where(np.arange(len(wrench)) < loaded, 1.0, -1.0)
+    wrench[loaded, 3] = 0.0
     assert check(replace(recording, plates=(replace(plate, wrench_in_plate=wrench),))) == ()
 
 
