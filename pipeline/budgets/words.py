@@ -284,7 +284,8 @@ def budget_table(budget: Budget) -> tuple[str, tuple[str, ...], list[Column]]:
     for group in budget.groups:
         head, own = group_name(group.groups), [c for c in budget.causes if c.group in group.groups]
         if len(own) == 1:
-            head = f"{head}: {size_in_words(own[0])}"
+            known = own[0].deviation < own[0].usual
+            head = f"{head}: {size_in_words(own[0]) if known else 'unknown'}"
         columns.append((head, tuple(map(_share, group.share, group.deviation))))
     columns.append(("not explained", tuple(f"{100 * share:z.0f}" for share in budget.unexplained)))
     return title, tuple(f"{axis}, {unit}" for axis, unit in zip(AXES, UNITS, strict=True)), columns

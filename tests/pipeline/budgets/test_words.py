@@ -1,6 +1,7 @@
 """Causes in words."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,10 +10,11 @@ from pipeline.budgets.words import (
     MASS,
     StatedNow,
     budget_lines,
+    budget_table,
     size_in_words,
     what_to_fix_first,
 )
-from pipeline.explain.budget import Budget, EstimatedCause
+from pipeline.explain.budget import Budget, EstimatedCause, GroupShare
 
 CAUSE = EstimatedCause("x", "gain", "1", 0.012, 0.001, 0.01, 1.0, np.ones(6))
 
@@ -89,6 +91,18 @@ def test_gains_alike_in_all_plates_are_a_fault_of_no_plate_and_not_nothing():
     first, second, *_ = budget_lines(both, ())
     assert first.startswith("All plates alike: gain of Mx, plate 1 6.00 ± 0.20 %, plate 2 6.00")
     assert not second.startswith("Beyond warnings")
+
+
+def test_the_size_of_a_cause_that_the_trial_does_not_tell_is_unknown():
+    share = GroupShare(("delay",), 0.1 * np.ones(6), np.zeros(6))
+    for deviation, expected in ((0.002, "9.0 ± 3.9 ms"), (0.010, "unknown")):
+        cause = EstimatedCause(
+            "plates delayed", "delay", "s", 0.009, deviation, 0.01, 0.5, np.ones(6)
+        )
+        _, _, columns = budget_table(
+            replace(budget(cause), source=Path("walk.c3d"), groups=(share,))
+        )
+        assert columns[2][0] == f"plates' delay: {expected}"
 
 
 def test_gains_alike_that_change_no_residual_are_not_worth_a_word():
