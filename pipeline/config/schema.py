@@ -553,6 +553,8 @@ class Trial(InputModel):
         default=(), examples=[["1: zero Fx 2.5"]]
     )
     """Mend a plate in this recording, after what the study states."""
+    rename: dict[Text, Text] = Field(default_factory=dict, examples=[{"LKNE": "RKNE"}])
+    """Label in this recording, and the label wanted, before what the study states."""
     contacts: Annotated[tuple[PlateContact, ...], Field(strict=False)] = ()
 
     @model_validator(mode="after")

@@ -100,7 +100,11 @@ class Study:
     def stated_of(self, trial: Trial) -> Stated:
         """How the recording of a trial is to be read: as all, and what is stated of it alone."""
         every = self.stated
-        return replace(every, mend_plates=(*every.mend_plates, *trial.mend_plates))
+        return replace(
+            every,
+            mend_plates=(*every.mend_plates, *trial.mend_plates),
+            rename={**every.rename, **trial.rename},
+        )
 
     def trial(self, name: TrialName) -> Trial:
         """Give a trial; a ValueError names those that the subject has."""

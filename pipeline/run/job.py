@@ -188,7 +188,7 @@ def trial_key(study: Study, name: TrialName) -> str:
     names += [person.static, person.hip_trial, person.segments, study.file.plates.calibration]
     stated = {
         "study": study.file.model_dump(exclude={"name", "conditions", "comparison", "variants"}),
-        "trial": (name.recording, trial.session, trial.mend_plates),
+        "trial": (name.recording, trial.session, trial.mend_plates, trial.rename),
         "condition": study.rule(name).model_dump(),
         "subject": person.person.model_dump(),
         "contacts": [contact.model_dump() for contact in trial.contacts],

@@ -9,6 +9,7 @@ from pipeline.cli.app import main
 from pipeline.config.found_recordings import found_subjects
 from pipeline.config.study import read_study
 from pipeline.io.c3d.write import write_c3d
+from pipeline.trial.study_files import read_study_file
 from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
 from tests.pipeline.cli.test_app import plate
 from tests.synthetic import synthetic_t_pose
@@ -77,3 +78,25 @@ def test_real_children_have_their_pose_found(shared_data):
         ("HC030", "HC030A01.c3d"),
         ("HC031", "HC031A01.c3d"),
     ]
+
+
+def test_labels_of_one_recording_are_corrected_in_its_trial(tmp_path):
+    """Of exchanged knees the recording, and not the pose, has both directions of the pair."""
+    half = np.full(1000, 74.6 * 9.81 / 2)
+    write_c3d(tmp_path / "S01_static.c3d", synthetic_t_pose(), [plate(1, half), plate(2, half)])
+    simulate_trial(tmp_path / "S01_1.c3d", duration_s=8.0)
+    assert main(["init", str(tmp_path)]) == 0
+    file = tmp_path / "S01.toml"
+    rename = '[trials.walking.rename]\nLLEK = "RLEK"\nRLEK = "LLEK"\n'
+    file.write_text(f"{file.read_text(encoding='utf-8')}\n{rename}", encoding="utf-8")
+    study = read_study(tmp_path)
+    (trial,) = study.trials.values()
+    walk, static = (
+        read_study_file(study, "S01_1.c3d", trial),
+        read_study_file(study, "S01_static.c3d"),
+    )
+    plain = read_study_file(study, "S01_1.c3d")
+    left, right = (plain.markers.names.index(name) for name in ("LLEK", "RLEK"))
+    assert walk.markers.names.index("LLEK") == right
+    assert walk.markers.names.index("RLEK") == left
+    assert not static.stated.rename
