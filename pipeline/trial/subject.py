@@ -201,6 +201,13 @@ def body_mass(subject: Subject, pose: Recording, trial: Recording | None = None)
         found["in the file"] = file_kg, Note.of("mass_of_file", mass_kg=file_kg, file=file)
     if weighings and not whole:
         found["standing on the plates"] = weighings[0]
+    trial_kg = recordings[-1].metadata.mass_kg
+    if trial_kg and file_kg and trial_kg != file_kg:
+        name = recordings[-1].source.name
+        found["in the trial's file"] = (
+            trial_kg,
+            Note.of("mass_of_file", mass_kg=trial_kg, file=name),
+        )
     if not found:
         raise MassUnknownError(_nothing_known(pose.source.name, recordings))
     mass_kg, note = next(iter(found.values()))

@@ -94,6 +94,14 @@ def test_a_walk_over_two_plates_is_not_doubted_and_a_wrong_mass_is_no_fault_of_t
     assert min(found["mass_differs"].values["known_kg"].values()) == pytest.approx(45.5, abs=0.5)
 
 
+def test_masses_that_differ_between_the_files_of_pose_and_walk_are_named(shared_data):
+    trial, known = recorded(child("HC030"), shared_data)
+    heavier = replace(trial, metadata=replace(trial.metadata, mass_kg=55.0))
+    (note,) = doubts(heavier, **known).values()
+    assert note.code == "mass_differs"
+    assert note.values["known_kg"]["in the trial's file"] == 55.0
+
+
 def later(recording, number, delay_s):
     """One plate later than the others."""
     plates = tuple(
