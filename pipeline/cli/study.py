@@ -39,7 +39,8 @@ def init(folder: Annotated[Path, Argument(help="Folder for the new study.")]) ->
     from pipeline.config.templates import write_template
 
     console = PlainConsole()
-    found, unused = found_subjects(folder)
+    with console.status("reading recordings"):
+        found, unused = found_subjects(folder)
     written = write_template(folder, found)
     for subject in found:
         pose = f"pose {subject.static}" if subject.static else "no recording of a pose"
