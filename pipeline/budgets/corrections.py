@@ -52,9 +52,8 @@ def write_corrected(
         The corrections: of the delay, of zeros, gains and places of plates, and of masses, each of
         which lowers residuals in which its size was not found.
     left_out
-        Other causes that are certain, and why they are not corrected: they do not or by
-        less than 3 %, or all plates
-        (or the only one) have them, as an error of the body model would look.
+        Other causes that are certain, and why they are not corrected: they do not, they lower no
+        residual by 3 %, or all plates have them, as an error of the body model would look.
 
     Raises
     ------

@@ -177,7 +177,7 @@ def what_to_fix_first(budget: Budget, stated: StatedNow) -> tuple[Fix, ...]:
     for cause in budget.causes:
         if cause.fault in alike:
             continue
-        fall = 1 - cause.left / budget.rms
+        fall = cause.falls(budget.rms)
         axis = int(fall.argmax())
         is_person = cause.group in OF_PERSON and cause.name != MASS
         if cause.is_certain and not is_person and fall[axis] >= MIN_FALL and holds[axis]:
@@ -227,7 +227,7 @@ def alike_lines(
     The RMS of residuals is of each cause, by its name.
     """
     for fault, same in alike.items():
-        fall = max(float((1 - own.left / rms[own.name]).max()) for own in same)
+        fall = max(own.falls(rms[own.name]).max() for own in same)
         if fall >= MIN_FALL and any(own.is_certain for own in same):
             plates = "All plates alike" if len(same) > 1 else "The only plate"
             sizes = [f"{own.name.partition(':')[0]} {size_in_words(own)}" for own in same]

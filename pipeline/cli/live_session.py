@@ -329,7 +329,7 @@ def summary(
     yield f"{condition.cycles} {unit} of both feet used, {condition.used} of one foot"
     yield from monitor.residuals()
     if monitor.during_stop:
-        yield f"{monitor.during_stop} {unit} not used: measured while the light said stop"
+        yield f"{monitor.during_stop} {unit} not used: measured while the light showed stop"
     if condition.not_carried:
         yield f"{condition.not_carried} {unit} not used: a foot was beside the plates"
     if not chain.received:

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Final
 
 from hbm.spelling import listed
+from pipeline.config.found_recordings import MIN_MARKERS, is_recording, read_with_any_axes
 
-MOST_OF_A_PLATFORM: Final = 8
-"""Markers on a treadmill without a person: fewer show no body."""
 CALIBRATIONS: Final = ("calibration/", "validation/")
 
 
@@ -68,22 +67,12 @@ def _folder(path: Path) -> Recognised:
         return Recognised(what, (*commands, f"hbm export {path} --format tables --out DIR"))
     if all((path / name).is_dir() for name in CALIBRATIONS):
         return Recognised("calibration trials (experiment 2)", (f"hbm calibration rank {path}",))
-    found = [file for file in sorted(path.iterdir()) if file.is_file() and _is_recording(file)]
+    found = [file for file in sorted(path.iterdir()) if file.is_file() and is_recording(file)]
     if found:
         what = f"a folder with {len(found)} recording{'s' * (len(found) > 1)} and no study"
         return Recognised(what, (f"hbm init {path}", f"hbm {found[-1]}"))
     what = "a folder without study, results or recordings"
     return Recognised(what, (f"hbm init {path}", "hbm demo"))
-
-
-def _is_recording(file: Path) -> bool:
-    """Say whether the beginning of a file is that of a recording."""
-    from pipeline.io.read import file_format
-
-    try:
-        return bool(file_format(file))
-    except (ValueError, OSError):
-        return False
 
 
 def _result(path: Path) -> Recognised:
@@ -136,24 +125,20 @@ def _json(path: Path) -> Recognised:
 
 def _recording(path: Path) -> Recognised:
     """Say what a recording holds."""
-    from pipeline.io.read import file_format, read_recording
+    from pipeline.io.read import file_format
 
-    kind = file_format(path)
-    try:
-        recording = read_recording(path)
-    except ValueError:  # an empty treadmill does not show its axes
-        recording = read_recording(path, "forward,left,up")
+    kind, recording = file_format(path), read_with_any_axes(path)
     markers, plates = recording.markers, recording.plates
     held = [f"{len(markers.time) / markers.rate_hz:.1f} s", f"{len(markers.names)} markers"]
     held.append(f"{len(plates)} plates" if plates else "no plates")
     what = f"a {kind} recording, {', '.join(held)}"
     uses = tuple(_uses(path, len(markers.names), len(plates)))
-    return Recognised(what, uses, walking=len(markers.names) > MOST_OF_A_PLATFORM and bool(plates))
+    return Recognised(what, uses, walking=len(markers.names) >= MIN_MARKERS and bool(plates))
 
 
 def _uses(path: Path, markers: int, plates: int) -> Iterator[str]:
     """Say what can be done with a recording."""
-    if plates and markers > MOST_OF_A_PLATFORM:
+    if plates and markers >= MIN_MARKERS:
         yield f"hbm residuals {path}"
         yield f"hbm explain {path}"
         yield f"hbm export {path} --format osim --format tables --out DIR"

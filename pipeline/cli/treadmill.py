@@ -25,7 +25,10 @@ if TYPE_CHECKING:
 def say_parts(
     console: PlainConsole, folder: Path, *parts: "Part", also: tuple["Part", ...] = ()
 ) -> None:
-    """Write parts into the page of a folder; print verdicts and tables of numbers of the first."""
+    """Write parts into the page of a folder, and print their verdicts and tables of numbers.
+
+    Parts in ``also`` are on the page alone.
+    """
     from pipeline.report.laboratory import write_page
 
     for part in parts:

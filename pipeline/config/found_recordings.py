@@ -60,48 +60,55 @@ def found_subjects(folder: Path) -> tuple[list[FoundSubject], dict[str, str]]:
     unused, of_subject = dict[str, str](), dict[str, list[tuple[bool, float, bool, str]]]()
     for path in sorted(folder.iterdir()) if folder.is_dir() else ():
         try:
-            recording = _read(path)
+            recording = _read_person(path)
         except (ValueError, OSError) as error:
-            unused |= {path.name: str(error)} if _is_recording(path) else {}
+            if path.suffix.lower() == ".c3d" or is_recording(path):
+                unused[path.name] = str(error)
             continue
         match, moved_m = SUBJECT.match(path.stem), _moved_m(recording)
-        posed = not POSE.search(path.stem)  # False comes first
-        found = posed, moved_m, bool(recording.plates), path.name
+        no_pose = not POSE.search(path.stem)  # False comes first
+        found = no_pose, moved_m, bool(recording.plates), path.name
         of_subject.setdefault(match[0] if match else FIRST, []).append(found)
-    subjects = []
-    words = {_condition(name, file) for name, own in of_subject.items() for *_, file in own}
+    statics, trials = dict[str, str](), dict[str, list[str]]()
     for name, files in sorted(of_subject.items()):
         no_pose, moved_m, _, static = min(files)
         if no_pose and (len(files) == 1 or moved_m > MAX_STILL_M):
             static = ""
-        trials: dict[str, list[str]] = {}
-        for *_, plates, file in sorted(files, key=lambda each: each[-1]):
-            if file != static and plates:
-                condition = CONDITION if "" in words else _condition(name, file)
-                trials.setdefault(condition or CONDITION, []).append(file)
-            elif file != static:
-                unused[file] = "it has no force plates"
-        if trials:
-            subjects.append(FoundSubject(name, static, trials))
+        others = {file: plates for *_, plates, file in files if file != static}
+        unused |= {file: "it has no force plates" for file, plates in others.items() if not plates}
+        statics[name], trials[name] = static, sorted(file for file in others if others[file])
+        if static and not trials[name]:
+            unused[static] = f"there is no trial of {name} on plates"
+    named = all(_condition(name, file) for name, files in trials.items() for file in files)
+    subjects = []
+    for name, walks in trials.items():
+        of_condition: dict[str, list[str]] = {}
+        for file in walks:
+            of_condition.setdefault(_condition(name, file) if named else CONDITION, []).append(file)
+        if walks:
+            subjects.append(FoundSubject(name, statics[name], of_condition))
     return subjects, unused
 
 
-def _read(path: Path) -> Recording:
+def _read_person(path: Path) -> Recording:
     """Read a recording of a person; a ValueError where it is none."""
     file_format(path)
-    try:
-        recording = read_recording(path)
-    except ValueError:  # somebody who turns does not show the axes
-        recording = read_recording(path, "forward,left,up")
+    recording = read_with_any_axes(path)
     if len(recording.markers.names) < MIN_MARKERS:
         raise ValueError(f"it has {len(recording.markers.names)} markers, too few for a body")
     return recording
 
 
-def _is_recording(path: Path) -> bool:
-    """Whether a file is called a recording, or begins as one."""
-    if path.suffix.lower() == ".c3d":
-        return True
+def read_with_any_axes(path: Path) -> Recording:
+    """Read a recording whose axes may be unknown: of an empty treadmill, or somebody who turns."""
+    try:
+        return read_recording(path)
+    except ValueError:
+        return read_recording(path, "forward,left,up")
+
+
+def is_recording(path: Path) -> bool:
+    """Whether the beginning of a file is that of a recording."""
     with suppress(ValueError, OSError):
         return bool(file_format(path))
     return False
@@ -110,7 +117,7 @@ def _is_recording(path: Path) -> bool:
 def _condition(subject: str, file: str) -> str:
     """Give the word between subject and number of a file's name; empty where there is none."""
     word = re.sub(r"\d+$", "", Path(file).stem.removeprefix(subject)).strip("_- ").lower()
-    return word if len(word) >= MIN_LETTERS else "pose" if POSE.search(file) else ""
+    return word if len(word) >= MIN_LETTERS else ""
 
 
 def _moved_m(recording: Recording) -> float:

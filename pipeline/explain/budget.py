@@ -73,6 +73,10 @@ class EstimatedCause:
         """Its kind alone where it is a plate's, such as "gain of Fx"."""
         return self.name.partition(": ")[2] or self.name
 
+    def falls(self, rms: Array) -> Array:
+        """Give by how much each residual of this RMS would fall without it, (6,), as a share."""
+        return np.asarray(1 - self.left / rms)
+
     @property
     def is_told(self) -> bool:
         """Whether the trial or a measurement tells its size."""
@@ -240,12 +244,12 @@ class SharedCause:
     @property
     def axis(self) -> int:
         """The residual that would fall most, as a share of itself."""
-        return int(np.argmax(1 - self.cause.left / self.rms))
+        return int(self.cause.falls(self.rms).argmax())
 
     @property
     def fall(self) -> float:
         """By how much it would fall, as a share of itself."""
-        return float(np.max(1 - self.cause.left / self.rms))
+        return float(self.cause.falls(self.rms).max())
 
     @property
     def holds(self) -> bool:

@@ -25,7 +25,7 @@ from pipeline.trial.ground.accelerometers import accelerations, fastest_belt, me
 from pipeline.trial.ground.calibration_recording import plate_samples, setup_of
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.ground.platform import empty_pose
+from pipeline.trial.ground.platform import empty_pose, turned_rad
 from pipeline.trial.ground.wrenches import plate_artefacts
 from pipeline.trial.study_files import read_study_file
 
@@ -230,7 +230,7 @@ def measure_empty(
         sources,
         places,
         None if pose is None else float(np.abs(pose.position @ _axis(pose)).max()),
-        None if pose is None else float(np.degrees(_angle(pose).max())),
+        None if pose is None else float(np.degrees(turned_rad(pose).max())),
     )
 
 
@@ -353,7 +353,7 @@ def _places(
     Sway and pitch do not show how far to the left one is. Empty where the platform hardly pitches.
     """
     axis = _axis(pose)
-    if len(time) < rate_hz or _angle(pose).max() < MIN_PITCH_RAD:
+    if len(time) < rate_hz or turned_rad(pose).max() < MIN_PITCH_RAD:
         return {}
     force = low_pass(specific_force(pose, rate_hz), rate_hz, PLACE_HZ, "zero_phase")
     slow = low_pass(readings, clock, PLACE_HZ, "zero_phase")
@@ -377,12 +377,6 @@ def _places(
         arm = np.cross(fit_rotation(gains[:, :3]).T @ gains[:, 3], axis)
         found[sensor] = Place(float(arm @ forward), float(arm[2]))
     return found
-
-
-def _angle(pose: PlatformPose) -> Array:
-    """Give by how much the platform is turned, (T,) [rad]."""
-    trace = np.trace(pose.rotation, axis1=1, axis2=2)
-    return np.asarray(np.arccos(np.clip((trace - 1) / 2, -1, 1)))
 
 
 LINES: Final = {

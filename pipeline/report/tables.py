@@ -26,7 +26,7 @@ from pipeline.statistics.verdict import (
     join_names,
     level_name,
 )
-from pipeline.trial.residuals import AXES, HEALTHY_RMS, TRIAL_COLUMNS, rows_of
+from pipeline.trial.residuals import AXES, HEALTHY, HEALTHY_RMS, TRIAL_COLUMNS, rows_of
 
 WINDOWS: Final = {
     "cycle": "whole gait cycles",
@@ -65,12 +65,6 @@ def _table_3(table_3: pd.DataFrame, design: Design) -> Table:
     return Table(caption, heads, rows, "numbers table3", table_3_legend(table_3, design))
 
 
-HEALTHY: Final = ("RMS", "Healthy")
-OF_HEALTHY: Final = (
-    "Healthy: adults on a treadmill at rest (van de Loosdrecht 2018); of lighter people less."
-)
-
-
 def means(residuals: pd.DataFrame, design: Design) -> Table:
     """Give mean and SD of every cell, for conditions of any name.
 
@@ -94,15 +88,13 @@ def means(residuals: pd.DataFrame, design: Design) -> Table:
                     *(of_ic if compensated else healthy),
                 )
             )
-    heads = [
-        "Residual",
-        "Condition",
-        "n",
-        *(("No IC", "IC", "Reduction") if compensated else HEALTHY),
-    ]
-    what = " without and with inertia compensation (IC)" if compensated else ""
+    heads: tuple[str, ...] = ("RMS", "Healthy")
+    what, legend = "", f"Healthy: {HEALTHY}; lower in lighter people."
+    if compensated:
+        heads = ("No IC", "IC", "Reduction")
+        what, legend = " without and with inertia compensation (IC)", ""
     caption = f"RMS residuals{what}, mean ± SD over n subjects"
-    return Table(caption, heads, rows, "numbers", "" if compensated else OF_HEALTHY)
+    return Table(caption, ("Residual", "Condition", "n", *heads), rows, "numbers", legend)
 
 
 def windows_sentence(residuals: pd.DataFrame) -> str:

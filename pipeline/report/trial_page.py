@@ -29,6 +29,7 @@ from pipeline.run.store import read_trial
 from pipeline.trial.joints import joint_curves
 from pipeline.trial.residuals import (
     AXES,
+    HEALTHY,
     HEALTHY_RMS,
     UNITS,
     residual_table,
@@ -52,7 +53,7 @@ def write_trial_page(
     explanation: Explanation | None = None,
     study: str = "",
     key: str = "",
-    command: str = "hbm explain RESULTS",
+    command: str = "",
 ) -> Path:
     """Write the page of a trial.
 
@@ -71,7 +72,7 @@ def write_trial_page(
     key
         A comment at the end of the page.
     command
-        That finds the causes of the residuals.
+        That finds the causes of the residuals; by default of the study or of the recording.
 
     Returns
     -------
@@ -116,7 +117,7 @@ def write_trial_page(
         joints=drawing(joint_figure(curves, "Joints of the legs, mean ± SD")) if curves else "",
         causes=causes(name, explanation) if explanation is not None else None,
         bands=drawing(bands_figure(bands, name)) if bands is not None else "",
-        command=command,
+        command=command or f"hbm explain {'RESULTS' if study else result.source.name}",
         provenance=provenance(result.notes),
         settings=[(k, str(v)) for k, v in result.settings.model_dump().items() if v is not None],
         versions=[*result.versions.items()],
@@ -205,8 +206,7 @@ def result_tables(result: TrialResult) -> Iterable[Table]:
     ]
     legend = (
         "x forward, y right, z up; moments about mid-hip; % of body weight, or of body weight × "
-        "stature. Healthy: RMS of adults on a treadmill at rest (van de Loosdrecht 2018, "
-        "Table III); of lighter persons less."
+        f"stature. Healthy: RMS of {HEALTHY}; lower in lighter people."
     )
     if rows:
         yield Table("Pelvis residuals", heads, rows, "numbers", legend)

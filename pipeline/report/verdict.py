@@ -17,7 +17,7 @@ from pipeline.statistics.verdict import (
     judged_conditions,
     level_name,
 )
-from pipeline.trial.residuals import AXES, DIRECTIONS, HEALTHY_RMS, UNITS
+from pipeline.trial.residuals import AXES, DIRECTIONS, HEALTHY, HEALTHY_RMS, UNITS
 
 MAX_AXIS_PERCENT: Final = 100.0
 """Longest half-axis of the graphs [% of the reference]; larger differences end at the border."""
@@ -123,7 +123,7 @@ def _beside_healthy(residuals: pd.DataFrame) -> Iterator[str]:
         for axis, unit, healthy in zip(AXES, UNITS, HEALTHY_RMS, strict=True)
         if mean.get(axis, 0.0) > healthy
     ]
-    limit = "above the RMS of healthy adults on a treadmill at rest (van de Loosdrecht 2018)"
+    limit = f"above the RMS of {HEALTHY}"
     if len(mean):
         yield f"{', '.join(above)}: {limit}." if above else f"No residual is {limit}."
 

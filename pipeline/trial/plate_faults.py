@@ -19,6 +19,7 @@ import numpy as np
 
 from hbm.notes import Note
 from hbm.signals.filtering import Method, low_pass
+from hbm.signals.resampling import delayed
 from hbm.signals.samples import stretches
 from hbm.spatial import (
     GRAVITY_MPS2,
@@ -384,7 +385,7 @@ def find_gains(plates: Sequence[Plate], witnesses: Witnesses, left_out: set[int]
     return [gain for _, gain in sorted(found, reverse=True, key=lambda each: each[0])]
 
 
-LATE_S: Final = np.delete(np.arange(-0.04, 0.0401, 0.005), 8)
+LATE_S: Final = 0.005 * np.array([*range(-8, 0), *range(1, 9)])
 """Delays of one plate beside the others that are tried [s]."""
 LATE_LEFT: Final = 0.7
 """Of the misfit that gains leave, which a delay has to leave at most to be named in their place."""
@@ -411,8 +412,7 @@ def find_late(
     for k in range(len(plates)):
         for delay_s in LATE_S:
             moved = forces.copy()
-            for column in range(3):
-                moved[k, :, column] = np.interp(time + delay_s, time, forces[k, :, column])
+            moved[k] = delayed(time, forces[k], -delay_s)
             misfits[k, float(delay_s)] = left(moved)
     best = min(misfits, key=lambda key: misfits[key])
     return best if misfits[best] < LATE_LEFT * left(corrected) else None

@@ -182,9 +182,10 @@ def process_recording(
     # ground: plates at the markers' times, compensated in their own frames, then in the lab
     lab = bind(recording, laboratory, settings.plate_delay_s)
     ground = ground_wrenches(lab, motion.time, notes, settings.cutoff_hz, settings.filter)
-    if laboratory.treadmill.platform is None and laboratory.calibration is None:
-        notes += uncompensated_motion(recording, body.markers)
-    still = ground.pose is None and all(note.code != "platform_moves" for note in notes)
+    is_stated = laboratory.treadmill.platform is not None or laboratory.calibration is not None
+    moves = () if is_stated else uncompensated_motion(recording, body.markers)
+    still = ground.pose is None and not moves
+    notes += moves
     notes += check_plates(recording, ground.variants[ground.best], mass.mass_kg)
 
     # dynamics: joint forces and pelvis residual of every variant

@@ -16,7 +16,8 @@ from pipeline.trial.result import TrialResult
 from pipeline.trial.window import frames_within
 
 HEALTHY_RMS: Final = (37.1, 30.4, 63.1, 11.4, 20.5, 4.5)
-"""Of healthy adults on a treadmill at rest: van de Loosdrecht (2018), Table III [N, N·m]."""
+HEALTHY: Final = "healthy adults on a treadmill at rest (van de Loosdrecht 2018, Table III)"
+"""RMS residuals [N, N·m], and of whom; they are lower in lighter people."""
 AXES: Final = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 UNITS: Final = ("N", "N", "N", "N·m", "N·m", "N·m")
 DIRECTIONS: Final = ("forward", "right", "up", "forward", "right", "up")

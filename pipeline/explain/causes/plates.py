@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from hbm.signals.resampling import interpolate
+from hbm.signals.resampling import delayed
 from hbm.signals.samples import mean_rate_hz, stretches
 from hbm.spatial import WRENCH_COMPONENTS, Array, rotation_about, shift_wrench, transform_wrench
 from pipeline.explain.cause import Cause, Change, Prior, priors
@@ -244,32 +244,3 @@ def _with_plate(chain: ProcessingChain, plate: int, wrench: Array) -> Processing
     wrenches = list(chain.wrenches)
     wrenches[plate] = wrench
     return chain.changed(wrenches=tuple(wrenches))
-
-
-def delayed(time: Array, values: Array, delay_s: float) -> Array:
-    """Give a signal that comes later.
-
-    Parameters
-    ----------
-    time
-        Frame times, (T,) [s].
-    values
-        (T, ...); gaps are NaN.
-    delay_s
-        By how much [s]; negative for earlier.
-
-    Returns
-    -------
-    Array
-        (T, ...). Before the first and after the last known value these are held; gaps stay where
-        they are.
-
-    Examples
-    --------
-    >>> time = np.arange(6.0)
-    >>> delayed(time, time**2, 0.5).round(2).tolist()
-    [0.0, 0.25, 2.25, 6.25, 12.25, 20.25]
-    """
-    at = np.clip(time - delay_s, time[0], time[-1])
-    later = interpolate(time, values, at)
-    return np.asarray(np.where(np.isnan(later), values, later))

@@ -12,10 +12,10 @@ from scipy.sparse.linalg import svds
 from compensation import InertiaModel, PlatformPose, interpolate_pose
 from compensation.inertia.model_error import SLOW_HZ
 from compensation.platform import LEFT
+from hbm.signals.resampling import delayed
 from hbm.signals.samples import mean_rate_hz
 from hbm.spatial import WRENCH_COMPONENTS, Array, rotation_about, shift_wrench
 from pipeline.explain.cause import Cause, Prior, priors
-from pipeline.explain.causes.plates import delayed
 from pipeline.explain.processing_chain import ProcessingChain
 from pipeline.trial.ground.platform import in_lab
 

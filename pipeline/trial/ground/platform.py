@@ -95,6 +95,12 @@ def empty_pose(recording: Recording, stated: Platform | None = None) -> Platform
     return None
 
 
+def turned_rad(pose: PlatformPose) -> Array:
+    """Give by how much the platform is turned from neutral, (T,) [rad]."""
+    trace = np.trace(pose.rotation, axis1=1, axis2=2)
+    return np.asarray(np.arccos(np.clip((trace - 1) / 2, -1, 1)))
+
+
 def uncompensated_motion(recording: Recording, body_markers: Sequence[str]) -> tuple[Note, ...]:
     """Say that a platform of which nothing is stated moves, and how far.
 
@@ -112,9 +118,7 @@ def uncompensated_motion(recording: Recording, body_markers: Sequence[str]) -> t
     if pose is None:
         return ()
     known = np.isfinite(pose.position).all(axis=1)
-    rotation = pose.rotation[known]
-    cosine = (np.trace(rotation, axis1=1, axis2=2) - 1) / 2
-    turned_deg = float(np.degrees(np.arccos(np.clip(cosine, -1, 1))).max())
+    turned_deg = float(np.degrees(turned_rad(pose)[known]).max())
     moved_m = float(np.ptp(pose.position[known], axis=0).max())
     if moved_m < MIN_SWAY_M and turned_deg < MIN_PITCH_DEG:
         return ()

@@ -48,6 +48,14 @@ def test_words_in_names_are_conditions_and_a_pose_is_named_so(folder):
     assert second.trials == {"barefoot": ["S02_barefoot_1.c3d"], "shoes": ["S02_shoes_1.c3d"]}
 
 
+def test_a_pose_without_a_trial_is_not_skipped_silently(folder):
+    (folder / "S01_4.c3d").unlink()
+    (folder / "S01_standing.c3d").rename(folder / "S01_static.c3d")
+    (second,), unused = found_subjects(folder)
+    assert second.name == "S02"
+    assert unused["S01_static.c3d"] == "there is no trial of S01 on plates"
+
+
 def test_a_study_of_the_recordings_in_a_folder_runs_as_it_is_written(folder, tmp_path, capsys):
     assert main(["init", str(folder)]) == 0
     assert "S01: pose S01_standing.c3d; walking: S01_4.c3d" in capsys.readouterr().out

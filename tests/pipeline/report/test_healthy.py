@@ -23,7 +23,7 @@ def residuals(factor):
 
 def test_the_table_has_the_healthy_rms_and_no_columns_of_compensation():
     table = means(residuals(0.5), WALKING)
-    assert table.heads[-2:] == ["RMS", "Healthy"]
+    assert [*table.heads[-2:]] == ["RMS", "Healthy"]
     assert [row[-1] for row in table.rows] == [f"{value:.1f}" for value in HEALTHY_RMS]
 
 
