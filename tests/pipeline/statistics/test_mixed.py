@@ -169,7 +169,7 @@ def test_factors_without_an_effect_are_significant_in_5_percent_of_studies(
     design = design_of(["a", "b", "c"], compensated=False)
     shape = (1000, subjects, 3, repeats)
     rng = np.random.default_rng(0)
-    of_subject, of_cell = rng.normal(size=shape[:2] + (1, 1)), rng.normal(size=shape[:3] + (1,))
+    of_subject, of_cell = rng.normal(size=(*shape[:2], 1, 1)), rng.normal(size=(*shape[:3], 1))
     drawn = 20 + sizes[0] * of_subject + sizes[1] * of_cell + sizes[2] * rng.normal(size=shape)
     index = pd.MultiIndex.from_product([range(subjects), list("abc"), range(repeats)])
     names = index.to_frame(name=["subject", "condition", "repeat"]).astype(str)
