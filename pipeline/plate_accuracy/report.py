@@ -301,8 +301,7 @@ def place_errors(
     """
     none = np.zeros_like(x)
     loads = np.column_stack([none, none, none + force_n, y * force_n, -x * force_n, none])
-    reported = loads @ response.matrix[0].T + response.zero[0]
-    reported += np.nan_to_num(response.curvature[0]) * (force_n / response.full_scale_n) ** 2
+    reported = response.report(loads)[0]
     if calibration is not None:
         reported = calibration.correct(reported)
     seen = center_of_pressure(reported, LOADED_SHARE * force_n)[:, :2]

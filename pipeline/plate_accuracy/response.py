@@ -40,7 +40,7 @@ DELAY_STEPS: Final = 2
 class PlateResponse:
     """What a plate reports, in lab axes about the centre of its surface, given the true wrench.
 
-    ``reported(t + delay) = matrix @ true(t) + zero + drift t + curvature (Fz / full scale)²``, and
+    ``reported(t + delay) = (matrix + rise Fz / full scale) @ true(t) + zero + drift t``, and
     scatter about it of variance ``scatter[0] + scatter[1] Fz²``.
 
     Every array begins with K entries: from all n recordings, then without each of them in turn
@@ -57,8 +57,9 @@ class PlateResponse:
         Reported by the unloaded plate at the beginning of a recording, (K, 6) [N, N·m].
     drift
         (K, 6) [N/s, N·m/s].
-    curvature
-        At full scale, (K, 6) [N, N·m]; NaN where fewer than three masses were recorded.
+    rise
+        By how much the matrix grows until full scale, (K, 6, 6); NaN where fewer than three masses
+        were recorded.
     delay_s
         (K,) [s].
     scatter
@@ -68,24 +69,30 @@ class PlateResponse:
     degrees_of_freedom
         Recordings less coefficients.
     full_scale_n
-        Load at which the curvature is stated [N].
+        Load at which the rise is given [N].
     """
 
     matrix: Array
     aligned: Array
     zero: Array
     drift: Array
-    curvature: Array
+    rise: Array
     delay_s: Array
     scatter: Array
     examined: tuple[int, ...]
     degrees_of_freedom: int
     full_scale_n: float
 
+    def report(self, loads: Array) -> Array:
+        """Give what is reported of true wrenches, (L, 6), without drift and scatter, (K, L, 6)."""
+        risen = loads * loads[:, FZ, None] / self.full_scale_n
+        reported = loads @ self.matrix.swapaxes(1, 2) + self.zero[:, None]
+        return np.asarray(reported + risen @ np.nan_to_num(self.rise).swapaxes(1, 2))
+
     @property
     def complete(self) -> bool:
         """True if nothing is unknown that the load of a person depends on, but lateral force."""
-        return self.examined == EXCITED and bool(np.isfinite(self.curvature).all())
+        return self.examined == EXCITED and bool(np.isfinite(self.rise).all())
 
     @property
     def quantile(self) -> float:
@@ -116,7 +123,7 @@ def fit_response(
     alignment
         Static calibration by which their wrenches were brought to the cameras' frame.
     full_scale_n
-        Load at which the curvature is stated [N].
+        Load at which the rise of the gains is given [N].
     height_stated
         Whether the height of the weights' centre of mass is known. A wrong height looks like a
         moment about the lateral axis from the force along the belt, which is left out then.
@@ -129,7 +136,8 @@ def fit_response(
     Notes
     -----
     Least squares over all recordings at 2.4 Hz. The regressors are a constant, time, the true
-    wrench, the rate of change of its largest moment (a delay) and the squared load, all at once.
+    wrench, the rate of change of its largest moment (a delay) and the true wrench times the load
+    (gains that rise with it, where a rise shows), all at once.
     Recordings, not samples, are independent: the jackknife leaves out one at a time (Efron and
     Tibshirani 1993, chapter 11). The scatter is that of the wrench at the study's cut-off about
     what these coefficients predict from the slow marker, less what the marker's noise adds to it.
@@ -144,33 +152,28 @@ def fit_response(
         and (changing or c not in EXCITED_BY_ACCELERATION)
         and (masses > 1 or c != FZ)
     )
-    scale = full_scale_n if masses >= MIN_MASSES else None
-    rate = 2 + len(excited)
-    freedom = len(trials) - (rate + 1 + (scale is not None))
-    if freedom < 1:
+    model = _Model(excited, (FZ,) if masses >= MIN_MASSES else (), full_scale_n)
+    if len(trials) <= model.coefficients:
         return None
-    delay_s = np.zeros(len(trials) + 1)
-    for _ in range(DELAY_STEPS):
-        found = _regress(trials, excited, scale, delay_s[0])
-        gain = 1 + found[:, 2 + excited.index(MY), MY]
-        delay_s = delay_s[0] + found[:, rate, MY] / gain
+    model = replace(model, rising=(*model.rising, *_rising(trials, model)))
+    found, delay_s = _regress_with_delay(trials, model)
     aligned = np.tile(np.eye(6), (len(found), 1, 1))
-    aligned[:, :, excited] += found[:, 2:rate].swapaxes(1, 2)
-    in_use = aligned.copy()
+    aligned[:, :, excited] += found[:, 2 : model.delay].swapaxes(1, 2)
+    in_use, rise = aligned.copy(), np.full_like(aligned, 0.0 if model.rising else np.nan)
+    rise[:, :, model.rising] = found[:, model.delay + 1 :].swapaxes(1, 2)
     if not height_stated:
-        in_use[:, MY, FX] = 0
+        in_use[:, MY, FX] = rise[:, MY, FX] = 0
     as_read = np.linalg.inv(cameras_matrix(alignment, trials[0].center))
-    curvature = found[:, -1] if scale is not None else np.full((len(found), 6), np.nan)
     return PlateResponse(
         matrix=as_read @ in_use,
         aligned=aligned,
         zero=found[:, 0] @ as_read.T,
         drift=found[:, 1] @ as_read.T,
-        curvature=curvature @ as_read.T,
+        rise=as_read @ rise,
         delay_s=delay_s,
-        scatter=_scatter(trials, found, excited, scale, float(delay_s[0])),
+        scatter=_scatter(trials, found, model, float(delay_s[0])),
         examined=excited,
-        degrees_of_freedom=freedom,
+        degrees_of_freedom=len(trials) - model.coefficients,
         full_scale_n=full_scale_n,
     )
 
@@ -181,13 +184,59 @@ def cameras_matrix(alignment: PlateAlignment, center: Array) -> Array:
     return np.asarray(shift_wrench(at_origin, center).T)
 
 
-def _regressors(trial: WeightTrial, excited: Sequence[int], scale: float | None) -> Array:
-    truth, time = trial.slow_truth, trial.time
-    columns = [np.ones(len(time)), time - time[0], *truth[:, excited].T]
-    columns.append(-np.gradient(truth[:, MY], time))
-    if scale is not None:
-        columns.append((truth[:, FZ] / scale) ** 2)
-    return np.column_stack(columns)
+@dataclass(frozen=True, slots=True)
+class _Model:
+    """What a regression contains: components, those whose gain rises with the load, by full scale.
+
+    Its coefficients are a constant, time, the components, a delay, and the rises.
+    """
+
+    excited: tuple[int, ...]
+    rising: tuple[int, ...]
+    full_scale_n: float
+
+    @property
+    def delay(self) -> int:
+        """The number of the delay's coefficient."""
+        return 2 + len(self.excited)
+
+    @property
+    def coefficients(self) -> int:
+        """How many there are."""
+        return self.delay + 1 + len(self.rising)
+
+    def regressors(self, trial: WeightTrial) -> Array:
+        """Give the columns of a recording, (T, coefficients)."""
+        truth, time = trial.slow_truth, trial.time
+        risen = truth[:, self.rising] * truth[:, FZ, None] / self.full_scale_n
+        constant, rate = np.ones(len(time)), -np.gradient(truth[:, MY], time)
+        return np.column_stack([constant, time - time[0], truth[:, self.excited], rate, risen])
+
+
+def _rising(trials: Sequence[WeightTrial], model: _Model) -> tuple[int, ...]:
+    """Find the components, one by one, of which a gain rises or falls significantly with the load.
+
+    Gains of which no rise shows are taken as constant: a rise in vain would cost precision.
+    """
+    others = [c for c in model.excited if model.rising and c not in model.rising]
+    freedom = len(trials) - model.coefficients - 1
+    rising = []
+    for c in others if freedom > 0 else ():
+        rises = _regress_with_delay(trials, replace(model, rising=(*model.rising, c)))[0][:, -1]
+        critical = stats.t.isf(ALPHA / 2 / (len(others) * rises.shape[1]), freedom)
+        if np.any(np.abs(rises[0]) > critical * standard_error(rises)):
+            rising.append(c)
+    return tuple(rising[:freedom])
+
+
+def _regress_with_delay(trials: Sequence[WeightTrial], model: _Model) -> tuple[Array, Array]:
+    """Give the coefficients of all components, (K, coefficients, 6), and the delay, (K,)."""
+    delay_s = np.zeros(len(trials) + 1)
+    for _ in range(DELAY_STEPS):
+        found = _regress(trials, model, delay_s[0])
+        gain = 1 + found[:, 2 + model.excited.index(MY), MY]
+        delay_s = delay_s[0] + found[:, model.delay, MY] / gain
+    return found, delay_s
 
 
 def _inside(trial: WeightTrial) -> Mask:
@@ -196,16 +245,14 @@ def _inside(trial: WeightTrial) -> Mask:
     )
 
 
-def _regress(
-    trials: Sequence[WeightTrial], excited: Sequence[int], scale: float | None, delay_s: float
-) -> Array:
-    """Give the coefficients of all components, (K, coefficients, 6)."""
+def _regress(trials: Sequence[WeightTrial], model: _Model, delay_s: float) -> Array:
+    """Give the coefficients of all components, (K, coefficients, 6), with a delay so far."""
     x, y = [], []
     for trial in trials:
         inside = _inside(trial)
         at = trial.time[inside] + delay_s
         measured = CubicSpline(trial.time, trial.slow_measured)(at)
-        x.append(_regressors(trial, excited, scale)[inside])
+        x.append(model.regressors(trial)[inside])
         y.append(measured - trial.slow_truth[inside])
     size = np.sqrt(np.mean(np.vstack(x) ** 2, axis=0))
     size[size == 0] = 1
@@ -217,13 +264,7 @@ def _regress(
     return np.asarray(solved / size[:, None])
 
 
-def _scatter(
-    trials: Sequence[WeightTrial],
-    found: Array,
-    excited: Sequence[int],
-    scale: float | None,
-    delay_s: float,
-) -> Array:
+def _scatter(trials: Sequence[WeightTrial], found: Array, model: _Model, delay_s: float) -> Array:
     """Give the variance about the response that every load has, and that growing with it.
 
     Where enough weights move in sines, only those count: low-passed at 2.4 Hz, the truth of others
@@ -235,8 +276,8 @@ def _scatter(
     for trial in trials:
         chosen = trial.used & _inside(trial)
         chosen = chosen if chosen.any() else trial.used
-        x = _regressors(trial, excited, scale)
-        x[:, 2 + len(excited)] = 0
+        x = model.regressors(trial)
+        x[:, model.delay] = 0
         predicted = trial.slow_truth + x @ found[0]
         late = CubicSpline(trial.time, predicted)(trial.time - delay_s)
         rest = shift_wrench(trial.measured, trial.center) - late
@@ -337,10 +378,7 @@ def total_errors(
     """
     loads = np.repeat(loads, len(NODES_S), axis=0)
     times = np.resize(NODES_S, len(loads))
-    share = (loads[:, FZ, None] / response.full_scale_n) ** 2
-    reported = loads @ response.matrix.swapaxes(1, 2) + response.zero[:, None]
-    reported += np.nan_to_num(response.curvature)[:, None] * share
-    reported += times[:, None] * response.drift[:, None]
+    reported = response.report(loads) + times[:, None] * response.drift[:, None]
     variance = response.scatter[:, 0, None] + response.scatter[:, 1, None] * loads[:, FZ, None] ** 2
     if calibration is not None:
         reported = calibration.correct(reported)
@@ -582,8 +620,8 @@ def _response_faults(
         for c, name in enumerate(WRENCH_COMPONENTS)
     ]
     replicates.append(("drift", response.drift[:, FZ], "N/s"))
-    if np.isfinite(response.curvature[0, FZ]):
-        replicates.append(("curvature", response.curvature[:, FZ], "N"))
+    if np.isfinite(response.rise[0, FZ, FZ]):
+        replicates.append(("curvature", response.rise[:, FZ, FZ] * response.full_scale_n, "N"))
     replicates.append(("delay in motion", response.delay_s, "s"))
     faults += [(name, each[0], standard_error(each), unit) for name, each, unit in replicates]
     freedom = response.degrees_of_freedom

@@ -39,6 +39,7 @@ DISPLAY_UNITS: Final = {"m": (1000.0, "mm"), "s": (1000.0, "ms"), "1": (100.0, "
 MAX_DECIMALS: Final = 6
 MAX_REASONS: Final = 5
 """In a verdict; the table of errors lists all."""
+DEAD: Final = " (a dead channel of these would not show)"
 COEFFICIENTS: Final = len(EXCITED) + 4
 """Of a plate's response: with a constant, time, the delay and the curvature."""
 
@@ -199,12 +200,16 @@ class PlateVerdict:
     def table(self) -> Table:
         """The verdict: for what, why, what to do, and from which load on it is extrapolated."""
         used = ", with supports" if self.with_supports else ""
-        rating = {"fit": "pass", "not fit": "fail"}.get(self.answer, "check")
+        rating, text = {"not fit": "fail"}.get(self.answer, "check"), str(self.answer)
         examined = [name for name in QUANTITIES if name not in self.unexamined]
+        if self.answer.startswith("fit") and self.unexamined:
+            text = f"{', '.join(examined)}: {self.answer}; others: not known"
+        elif self.answer == "fit":
+            rating = "pass"
         rows: list[tuple[str, str | list[Check]]] = [
-            ("Fit for inverse dynamics", [(rating, self.answer, "")]),
+            ("Fit for inverse dynamics", [(rating, text, "")]),
             ("Examined", ", ".join(examined) or "–"),
-            ("Not examined", ", ".join(self.unexamined) or "–"),
+            ("Not examined", f"{', '.join(self.unexamined) or '–'}{DEAD * bool(self.unexamined)}"),
             (
                 "Undecided" if self.answer == "cannot be determined" else "Found",
                 self._listed_reasons(),
@@ -258,8 +263,8 @@ def judge(found: PlateAccuracy) -> tuple[PlateVerdict, ...]:
     Returns
     -------
     tuple[PlateVerdict, ...]
-        One per plate. Total errors are those at loads of a person of the stated mass: the linear
-        response and its curvature are extrapolated from the weights, with their uncertainty; what
+        One per plate. Total errors are those at loads of a person of the stated mass: gains and
+        their rise with the load are extrapolated from the weights, with their uncertainty; what
         neither describes at larger loads is not known.
     """
     belts = dict.fromkeys(trial.weight.belt for trial in found.trials)
@@ -339,7 +344,7 @@ def _with_heavier_masses(
     if response is not None:
         matrix = response.matrix.copy()
         matrix[:, :, response.examined] /= real
-        response = replace(response, matrix=matrix, curvature=response.curvature / real**2)
+        response = replace(response, matrix=matrix, rise=response.rise / real**2)
     return response, [
         replace(one, value=(1 + one.value) / real - 1) if one.fault.startswith(GAIN) else one
         for one in faults

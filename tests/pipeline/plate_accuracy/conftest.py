@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hbm.spatial import shift_wrench
+from hbm.spatial import GRAVITY_MPS2, shift_wrench
 from pipeline.config.plate_study import read_plates_study
 from pipeline.plate_accuracy.accuracy import check_plates, compare
 from pipeline.virtual_lab.protocol.known_weights import FULL_SCALE_N, simulate_plates
@@ -43,14 +43,21 @@ def chosen(found, of_weight):
     return again(found, [trial for trial in found.trials if of_weight(trial.weight)])
 
 
-def spoiled(found, cross_talk=None, *, curvature=0.0, drift=0.0, belts=("left",), **stated):
-    """The study on plates with faults, which change what a plate reports about its centre."""
+def spoiled(
+    found, cross_talk=None, *, curvature=0.0, rise=None, drift=0.0, belts=("left",), **stated
+):
+    """The study on plates with faults, which change what a plate reports about its centre.
+
+    ``rise``: component -> by how much its gain rises until the load of 75 kg.
+    """
     gain = np.eye(6)
     for (measured, true), share in (cross_talk or {}).items():
         gain[measured, true] += share
 
     def report(trial, wrench):
         wrong = wrench @ gain.T
+        for component, until in (rise or {}).items():
+            wrong[:, component] *= 1 + until * wrong[:, 2] / (75.0 * GRAVITY_MPS2)
         wrong[:, 2] += curvature / FULL_SCALE_N * wrong[:, 2] ** 2 + drift * trial.time
         return wrong
 

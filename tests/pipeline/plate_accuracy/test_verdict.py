@@ -11,6 +11,7 @@ from pipeline.config.plate_correction import read_plate_correction
 from pipeline.config.plate_study import AccuracyLimits, PlatesFile, read_plates_study
 from pipeline.io.axes import parse_axes
 from pipeline.plate_accuracy.accuracy import check_plates
+from pipeline.plate_accuracy.response import stance_loads
 from pipeline.plate_accuracy.verdict import Judged, judge
 from pipeline.virtual_lab.protocol.known_weights import THESIS_ERRORS, PlateErrors, simulate_plates
 from tests.pipeline.plate_accuracy.conftest import DESIGN, again, chosen, spoiled, with_masses
@@ -252,3 +253,24 @@ def test_the_simulated_offset_is_that_of_the_thesis_in_its_own_axes():
     """It states 1.5 mm in x and -1.8 mm in z, x to the right and z to the back."""
     in_lab = parse_axes("right,up,back") @ [0.0015, 0.0, -0.0018]
     np.testing.assert_allclose(THESIS_ERRORS.offset_m, in_lab[:2], atol=1e-12)
+
+
+@pytest.mark.parametrize(("component", "quantity"), [(0, "Fx"), (4, "COPx")])
+def test_a_gain_that_rises_with_the_load_is_extrapolated(good_plate, component, quantity):
+    """By 8 % of itself per 75 kg: a linear correction fits the weights, not a person."""
+    (verdict,) = judge(spoiled(good_plate, rise={component: 0.08}))
+    assert verdict.answer == "not fit"
+    loads = stance_loads(75)
+    true = {"Fx": loads[:, 0], "COPx": -loads[:, 4] / loads[:, 2]}[quantity]
+    expected = np.sqrt(np.mean((true * 0.08 * loads[:, 2] / BODY_N) ** 2))
+    size = {one.name: one.size for one in verdict.judged}[f"total error of {quantity}"]
+    assert size == pytest.approx(expected, rel=0.05)
+
+
+def test_what_no_weight_excites_is_not_called_fit(good_plate):
+    """No weight on a belt exerts a lateral force, so that a dead channel of it would not show."""
+    (verdict,) = judge(good_plate)
+    first, *_ = verdict.table.rows
+    ((rating, text, _),) = first[1]
+    assert verdict.answer == "fit"
+    assert (rating, text) == ("check", "Fx, Fz, COPx, COPy, My: fit; others: not known")
