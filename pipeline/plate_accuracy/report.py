@@ -331,12 +331,10 @@ def linearity_figure(
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9, 3), layout="constrained")
         panel = figure.subplots()
-        for verdict, marker, colour in zip(
-            verdicts, "ox", ("measured", "compensated"), strict=False
-        ):
+        for verdict, marker in zip(verdicts, "ox", strict=False):
             known, measured = mean_loads(trials, verdict.belt)
             label = f"{verdict.belt} plate"
-            panel.plot(known, measured - known, marker, color=COLOURS[colour], ms=4, label=label)
+            panel.plot(known, measured - known, marker, ms=4, label=label)
         begins = min(one.largest_n for one in verdicts)
         panel.axvspan(begins, PEAK * mass_kg * GRAVITY_MPS2, color="#fbf1cf", zorder=0)
         panel.axvline(begins, color="black", lw=0.9)

@@ -6,7 +6,7 @@ from typing import Final
 import pandas as pd
 
 from pipeline.figures.joints import LEG
-from pipeline.report.figures import mirrored
+from pipeline.report.figures import rms_over_cycles
 from pipeline.statistics.curves import curve_differences
 from pipeline.statistics.design import Design
 from pipeline.statistics.verdict import judged_conditions
@@ -39,7 +39,7 @@ def differing_curves(
     reference: Cell = (design.reference, False)
     best, rows = design.compensated, list[tuple[object, ...]]()
     judged: list[Cell] = [(name, best) for name in judged_conditions(design)]
-    own = mirrored(cycles)
+    own = rms_over_cycles(cycles, design.weigh)
     for axis, unit in zip(AXES, UNITS, strict=True):
         values = own[own["axis"] == axis].rename(columns={"value": axis})
         for cell in judged:

@@ -19,7 +19,7 @@ from hbm.signals.resampling import resample
 from hbm.spatial import WRENCH_COMPONENTS, Array, fit_rotation
 from pipeline.config.schema import Platform, Treadmill
 from pipeline.config.study import Study
-from pipeline.figures.style import COLOURS, STYLE
+from pipeline.figures.style import COLOURS, PALETTE, STYLE
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.accelerometers import accelerations, fastest_belt, mean_belt_speed
 from pipeline.trial.ground.calibration_recording import plate_samples, setup_of
@@ -381,8 +381,8 @@ def _places(
 
 LINES: Final = {
     "before": COLOURS["measured"],
-    "predicted": COLOURS["compensated"],
-    "after": COLOURS["baseline"],
+    "predicted": PALETTE[0],
+    "after": COLOURS["compensated"],
 }
 
 
@@ -415,8 +415,8 @@ def spectrum_figure(spectrum: Spectrum, empty: EmptyTreadmill, cutoff_hz: float 
     if cutoff_hz is not None:
         marks.append((f"calibration filter, {cutoff_hz:g} Hz", cutoff_hz, "black", ":"))
     if empty.rollers_hz is not None:
-        marks.append((f"rollers, {empty.rollers_hz:.2f} Hz", empty.rollers_hz, "#009E73", "--"))
-    marks += [(f"base, {hz:.0f} Hz", hz, "#CC79A7", "-.") for hz in empty.base_hz]
+        marks.append((f"rollers, {empty.rollers_hz:.2f} Hz", empty.rollers_hz, PALETTE[1], "--"))
+    marks += [(f"base, {hz:.0f} Hz", hz, PALETTE[2], "-.") for hz in empty.base_hz]
 
     def draw(panel: Axes, k: int) -> None:
         panel.axvspan(0.2, SLOW_HZ, color="#f0f2f4", lw=0)
@@ -475,17 +475,17 @@ def plan_figure(empty: EmptyTreadmill) -> Figure:
             seen = seen[np.isfinite(seen).all(axis=1)]
             if len(seen):
                 x, y = map(float, place(np.median(seen, axis=0)))
-                panel.plot(x, y, "o", color=COLOURS["measured"], ms=5)
+                panel.plot(x, y, "o", color=PALETTE[0], ms=5)
                 panel.annotate(name, (x, y), (4, 4), textcoords="offset points", fontsize=7)
         for name, at in empty.places.items():
-            panel.axhline(at.along, color=COLOURS["compensated"], ls="--", lw=1)
+            panel.axhline(at.along, color=PALETTE[1], ls="--", lw=1)
             panel.annotate(
                 f"{name}: {at.along:+.2f} m along, {at.up:+.2f} m up",
                 (0.01, at.along),
                 (0, 3),
                 xycoords=panel.get_yaxis_transform(),
                 textcoords="offset points",
-                color=COLOURS["compensated"],
+                color=PALETTE[1],
                 fontsize=8,
             )
         panel.set_aspect("equal", adjustable="datalim")
@@ -507,7 +507,8 @@ def range_figure(calibration: Calibration, others: Mapping[str, tuple[Array, Arr
         panel.barh(at, high - low, left=low, height=0.7, color="#d9dee3", label="calibration")
         for n, (label, (least, most)) in enumerate(others.items()):
             place = at + (n - (len(others) - 1) / 2) * 0.6 / max(len(others), 1)
-            panel.hlines(place, least - mean, most - mean, color=f"C{n}", lw=2.5, label=label)
+            ends, colour = (least - mean, most - mean), PALETTE[n % len(PALETTE)]
+            panel.hlines(place, *ends, color=colour, lw=2.5, label=label)
         panel.set_yticks(at, names)
         panel.invert_yaxis()
         panel.set_xlabel("acceleration about the calibration's mean (m/s²)")

@@ -18,7 +18,7 @@ from pipeline.config.study import Study
 from pipeline.figures.explained import bands_figure
 from pipeline.figures.joints import Curve, joint_figure
 from pipeline.figures.residuals import legend_below, residual_figure, six_panels
-from pipeline.figures.style import COLOURS, STYLE
+from pipeline.figures.style import COLOURS, PALETTE, STYLE
 from pipeline.io.recording import Plate
 from pipeline.io.write import write_text
 from pipeline.report.blocks import TEMPLATES, Table, drawing
@@ -26,6 +26,7 @@ from pipeline.report.trials import NOT_KNOWN, causes, trial_quality
 from pipeline.run.processes import in_processes
 from pipeline.run.program import program_digest
 from pipeline.run.store import read_trial
+from pipeline.trial.gait.cycles import mean_and_sd
 from pipeline.trial.joints import joint_curves
 from pipeline.trial.residuals import (
     AXES,
@@ -219,14 +220,8 @@ def _mean_curves(result: TrialResult) -> list[Curve]:
     """Give mean and SD of the joints over the gait cycles of both sides."""
     found: list[Curve] = []
     for variant, of_sides in joint_curves(result).items():
-        cycles = [*of_sides.values()]
-        if cycles:
-            every = np.concatenate(cycles)
-            with np.errstate(invalid="ignore"):
-                known = np.isfinite(every).any(axis=0)
-                filled = np.where(known, every, 0.0)
-                mean = np.where(known, np.nanmean(filled, axis=0), np.nan)
-                spread = np.where(known, np.nanstd(filled, axis=0), np.nan)
+        if of_sides:
+            mean, spread = mean_and_sd(np.concatenate([*of_sides.values()]))
             found.append((variant, COLOURS[variant], "-", mean, spread))
     return found
 
@@ -250,7 +245,7 @@ def _plate_figure(plates: list[Plate], note: Note) -> Figure:
     with mpl.rc_context(STYLE):
         figure, panels = six_panels()
         for k, panel in enumerate(panels):
-            for plate, colour in zip(plates, COLOURS.values(), strict=False):
+            for plate, colour in zip(plates, PALETTE, strict=False):
                 time, low, high = _extremes(plate.time, plate.wrench_in_plate[:, k])
                 label = f"plate {plate.number}"
                 panel.fill_between(time, low, high, color=colour, lw=0.6, label=label)

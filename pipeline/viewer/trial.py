@@ -50,9 +50,9 @@ PERTURBATION_S: Final = 1.0
 """How long a perturbation is drawn; only its onset is known."""
 PHASES: Final = {"foot_strike": "stance", "foot_off": "swing"}
 PHASE_COLOURS: Final = {"stance": "#009E73", "swing": "#3A4A45"}
-SIDE_COLOURS: Final = {"right": "#D55E00", "left": "#56B4E9"}
+SIDE_COLOURS: Final = {"right": "#E69F00", "left": "#56B4E9"}
 """Warm and cool, as in the scene."""
-STATES: Final = {"perturbation": "#E69F00", "uncertain": "#CC79A7", "not used": "#D55E00"}
+STATES: Final = {"perturbation": "#E69F00", "uncertain": "#CC79A7", "not used": "#BBBBBB"}
 """Colours of other states."""
 
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from pipeline.figures.style import COLOURS, draw_band, save_figure
+from pipeline.figures.style import COLOURS, draw_band, draw_differences, save_figure
+from pipeline.statistics.curves import CurveDifference
 
 
 def figure():
@@ -32,3 +33,13 @@ def test_equal_figures_give_equal_files(tmp_path):
 def test_a_dollar_sign_is_text_and_not_a_formula(tmp_path):
     save_figure(figure(), tmp_path / "dollar")
     assert "$\\frac" in (tmp_path / "dollar.svg").read_text(encoding="utf-8")
+
+
+def test_a_part_of_a_single_percent_has_a_bar_outside_the_panel_and_p_is_beside_it():
+    panel = figure().axes[0]
+    draw_differences(panel, [CurveDifference(67, 67, 0.047), CurveDifference(99, 100, 0.03)])
+    bars = [patch.get_extents().transformed(panel.transData.inverted()) for patch in panel.patches]
+    assert [(bar.x0, bar.x1) for bar in bars] == [(66.5, 67.5), (98.5, 100)]
+    top = panel.get_ylim()[1]
+    assert all(bar.y0 > top for bar in bars)
+    assert panel.get_title(loc="right") == "p = 0.030"
