@@ -6,7 +6,7 @@ a row of a table. Texts, meanings and advice are in one catalogue, ``notes.toml`
 """
 
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -15,7 +15,7 @@ from numbers import Integral, Real
 from string import Formatter
 from typing import Any, Final, Literal, SupportsFloat
 
-from hbm.spelling import printable
+from hbm.spelling import printable, written
 
 Level = Literal["warning", "provenance"]
 NoteValue = str | int | float | tuple[str, ...] | Mapping[str, float]
@@ -101,7 +101,7 @@ class Note:
     def advice(self) -> str:
         """Give what to do about a warning, without marks of code; empty for provenance."""
         advice = catalogue()[self.code].get("advice", "").replace("`", "")
-        return _SENTENCE.vformat(advice, (), self.values)
+        return _ADVICE.vformat(advice, (), self.values)
 
     def to_dict(self) -> dict[str, str | dict[str, NoteValue]]:
         """Give code, level, item, text, advice and values, ready for JSON."""
@@ -160,8 +160,11 @@ class _Sentence(Formatter):
 
     Python's format of numbers, with a factor before it and a unit behind it, both optional:
     ``{difference_m:1000*.0f mm}``. Names are joined by commas, and so are numbers by name.
-    ``{frames:frame|frames}`` is singular or plural.
+    ``{frames:frame|frames}`` is singular or plural. Numbers are written by `write`.
     """
+
+    def __init__(self, write: Callable[[Any, str], str]) -> None:
+        self.write = write
 
     def format_field(self, value: Any, format_spec: str) -> str:
         if isinstance(value, Mapping):
@@ -176,9 +179,11 @@ class _Sentence(Formatter):
             return f"{value} {singular if value == 1 else several}"
         number, space, unit = format_spec.partition(" ")
         factor, _, number = number.rpartition("*")
-        return format(value * float(factor) if factor else value, number) + (
-            unit if unit == "°" else space + unit
-        )
+        scaled = value * float(factor) if factor else value
+        text = self.write(scaled, number) if isinstance(value, Real) else format(value, number)
+        return text + (unit if unit == "°" else space + unit)
 
 
-_SENTENCE: Final = _Sentence()
+_SENTENCE: Final = _Sentence(written)
+_ADVICE: Final = _Sentence(format)
+"""Numbers in advice are typed into settings and options."""

@@ -92,14 +92,9 @@ def bands_figure(bands: Bands, name: str) -> Figure:
                 (half[:, k], PALETTE[1], "95 % interval of measurement"),
                 (between[:, k], PALETTE[0], "SD between cycles"),
             ):
+                low, high = mean[:, k] - spread, mean[:, k] + spread
                 panel.fill_between(
-                    percent,
-                    mean[:, k] - spread,
-                    mean[:, k] + spread,
-                    color=colour,
-                    alpha=BAND_OPACITY,
-                    lw=0,
-                    label=label,
+                    *(percent, low, high), color=colour, alpha=BAND_OPACITY, lw=0, label=label
                 )
             panel.plot(percent, mean[:, k], label="mean")
         label_panels(panels)

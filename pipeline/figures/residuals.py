@@ -123,9 +123,7 @@ def legend_below(figure: Figure, panel: Axes) -> None:
 def _draw_uncertainty(panel: Axes, x: Array, middle: Array, spread: Array) -> None:
     """Draw the band of one standard deviation that the compensation adds about a curve."""
     panel.fill_between(
-        x,
-        middle - spread,
-        middle + spread,
+        *(x, middle - spread, middle + spread),
         facecolor="none",
         edgecolor=COLOURS["compensated"],
         hatch=UNCERTAINTY_HATCH,

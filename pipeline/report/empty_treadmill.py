@@ -1,6 +1,6 @@
 """What a recording of the empty treadmill shows beside its calibration: numbers and figures."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -17,6 +17,7 @@ from compensation.inertia.quality import UNITS
 from hbm.signals.filtering import low_pass
 from hbm.signals.resampling import resample
 from hbm.spatial import WRENCH_COMPONENTS, Array, fit_rotation
+from hbm.spelling import written
 from pipeline.config.schema import Platform, Treadmill
 from pipeline.config.study import Study
 from pipeline.figures.style import COLOURS, PALETTE, STYLE
@@ -86,6 +87,10 @@ class Place:
     along: float
     up: float
 
+    def __str__(self) -> str:
+        along, up = written(self.along, "+.2f"), written(self.up, "+.2f")
+        return f"{along} m along the belts, {up} m up"
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EmptyTreadmill:
@@ -133,6 +138,11 @@ class EmptyTreadmill:
     pitch_deg: float | None
 
     @property
+    def front_is_known(self) -> bool:
+        """Whether the axes were stated; an empty treadmill does not show which end is its front."""
+        return any(note.code == "axes" for note in self.recording.notes)
+
+    @property
     def motion(self) -> dict[str, str]:
         """Largest sway and pitch, for the provenance of a calibration; empty where unknown."""
         if self.sway_m is None or self.pitch_deg is None:
@@ -174,9 +184,8 @@ def measure_empty(
     calibration, treadmill = laboratory.calibration, laboratory.treadmill
     assert calibration is not None
     recording = with_corrected_plates(recording, laboratory.plates)
-    samples = plate_samples(
-        recording, treadmill, calibration.sensors, laboratory.plates, _lags(calibration)
-    )
+    lags_s = next((model.lags_s for model in calibration.dynamic.values()), ())
+    samples = plate_samples(recording, treadmill, calibration.sensors, laboratory.plates, lags_s)
     rate_hz = setup_of(recording, treadmill).rate_hz
     before = {name: wrench for name, (_, wrench) in samples.items()}
     models = calibration.in_use
@@ -251,10 +260,6 @@ def trial_ranges(study: Study, treadmill: Treadmill) -> dict[str, tuple[Array, A
         known = ranges.get(name.condition, (low, high))
         ranges[name.condition] = np.minimum(known[0], low), np.maximum(known[1], high)
     return ranges
-
-
-def _lags(calibration: Calibration) -> tuple[float, ...]:
-    return next((model.lags_s for model in calibration.dynamic.values()), ())
 
 
 def _of_motion(
@@ -379,13 +384,6 @@ def _places(
     return found
 
 
-LINES: Final = {
-    "before": COLOURS["measured"],
-    "predicted": PALETTE[0],
-    "after": COLOURS["compensated"],
-}
-
-
 def time_figure(
     before: Array, predicted: Array, rate_hz: float, components: Sequence[str] = WRENCH_COMPONENTS
 ) -> Figure:
@@ -395,12 +393,14 @@ def time_figure(
     start = int(np.clip(np.argmax(size) - count // 2, 0, len(size) - count))
     shown = slice(start, start + count, max(count // SHOWN_SAMPLES, 1))
     time = np.arange(len(size))[shown] / rate_hz
-    every = (before, predicted, before - predicted)
+    lines = (
+        ("before", before, COLOURS["measured"], 1.6),
+        ("predicted", predicted, PALETTE[0], 0.7),
+        ("after", before - predicted, COLOURS["compensated"], 0.7),
+    )
 
     def draw(panel: Axes, k: int) -> None:
-        for (label, colour), values, width in zip(
-            LINES.items(), every, (1.6, 0.7, 0.7), strict=True
-        ):
+        for label, values, colour, width in lines:
             panel.plot(time, values[shown, k], color=colour, lw=width, label=label)
         panel.set_xlabel("time (s)")
 
@@ -420,9 +420,9 @@ def spectrum_figure(spectrum: Spectrum, empty: EmptyTreadmill, cutoff_hz: float 
 
     def draw(panel: Axes, k: int) -> None:
         panel.axvspan(0.2, SLOW_HZ, color="#f0f2f4", lw=0)
-        for label in ("before", "after"):
-            values = getattr(spectrum, label)[inside, k]
-            panel.loglog(frequency[inside], values, color=LINES[label], lw=0.9, label=label)
+        lines = {"before": spectrum.before, "after": spectrum.after}
+        for (label, values), colour in zip(lines.items(), COLOURS.values(), strict=True):
+            panel.loglog(frequency[inside], values[inside, k], color=colour, lw=0.9, label=label)
         for label, hz, colour, dashes in marks:
             panel.axvline(hz, color=colour, ls=dashes, lw=0.9, label=label)
         panel.set_xlim(0.2, BASE_HZ[1])
@@ -434,9 +434,8 @@ def spectrum_figure(spectrum: Spectrum, empty: EmptyTreadmill, cutoff_hz: float 
     return _panels(WRENCH_COMPONENTS, draw, "/√Hz")
 
 
-def _panels(components: Sequence[str], draw: object, per: str = "") -> Figure:
+def _panels(components: Sequence[str], draw: Callable[[Axes, int], None], per: str = "") -> Figure:
     """Lay out a panel per component; `draw` fills it."""
-    assert callable(draw)
     rows = 1 + (len(components) > 3)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9, 2.5 * rows + 0.3), layout="constrained")
@@ -453,12 +452,13 @@ def _panels(components: Sequence[str], draw: object, per: str = "") -> Figure:
 def plan_figure(empty: EmptyTreadmill) -> Figure:
     """Draw plates, markers and accelerometers from above, as the file and the readings say.
 
-    The belts are upright; which end is the front is known only where the axes are stated.
+    The belts are upright; the front is above where the axes are stated, and else either end.
     """
     markers, plates = empty.recording.markers, empty.recording.plates
     corners = np.array([plate.corners for plate in plates])
     length, width = np.ptp(corners[0], axis=0)[:2]
-    along, across = ((0, 1.0), (1, 1.0)) if length >= width else ((1, 1.0), (0, -1.0))
+    lengthwise = empty.front_is_known or length >= width
+    along, across = ((0, 1.0), (1, 1.0)) if lengthwise else ((1, 1.0), (0, -1.0))
 
     def place(points: Array) -> tuple[Array, Array]:
         return across[1] * points[..., across[0]], along[1] * points[..., along[0]]
@@ -480,7 +480,7 @@ def plan_figure(empty: EmptyTreadmill) -> Figure:
         for name, at in empty.places.items():
             panel.axhline(at.along, color=PALETTE[1], ls="--", lw=1)
             panel.annotate(
-                f"{name}: {at.along:+.2f} m along, {at.up:+.2f} m up",
+                f"{name}: {at}",
                 (0.01, at.along),
                 (0, 3),
                 xycoords=panel.get_yaxis_transform(),
@@ -491,7 +491,7 @@ def plan_figure(empty: EmptyTreadmill) -> Figure:
         panel.set_aspect("equal", adjustable="datalim")
         panel.invert_xaxis()
         panel.set_xlabel("across the belts (m)")
-        panel.set_ylabel("along the belts (m)")
+        panel.set_ylabel(f"along the belts{', to the front' * empty.front_is_known} (m)")
     return figure
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -48,8 +48,8 @@ OFFSET: Final = 0.05
 """Shift of the means of both variants against each other, in steps of conditions."""
 
 
-Spans = Mapping[str, Any]
-"""Side -> start and stop of each gait cycle [s]."""
+CYCLE_KEYS: Final = ["subject", "condition", "recording", "side", "cycle"]
+"""A gait cycle."""
 
 
 class Variant(NamedTuple):
@@ -100,10 +100,10 @@ def study_figures(
     subject = example_subject(results.cycles)
     if subject is None:
         return
-    spans = {n[1:]: trial.cycles for n, trial in results.trials.items() if n.subject == subject}
-    own = results.cycles[results.cycles["subject"] == subject]
+    starts = results.by_cycle[[*CYCLE_KEYS, "start_s"]].drop_duplicates()
+    own = results.cycles[results.cycles["subject"] == subject].merge(starts, "left", CYCLE_KEYS)
     for axis in AXES:
-        yield f"raw_{axis}", raw_figure(own, spans, axis, design)
+        yield f"raw_{axis}", raw_figure(own, axis, design)
 
 
 def drawn_conditions(cycles: pd.DataFrame, design: Design) -> list[str]:
@@ -302,18 +302,14 @@ def _p_value(statistics: pd.DataFrame, axis: str, design: Design) -> str:
     return f"{name} p {written if written.startswith('<') else f'= {written}'}"
 
 
-def raw_figure(
-    cycles: pd.DataFrame, spans: Mapping[tuple[str, str], Spans], axis: str, design: Design
-) -> Figure:
+def raw_figure(cycles: pd.DataFrame, axis: str, design: Design) -> Figure:
     """Draw one residual of one subject in every gait cycle of every condition.
 
     Parameters
     ----------
     cycles
-        One subject's gait cycles, as `pipeline.run.load.Results.cycles`.
-    spans
-        Condition and recording -> side -> start and stop of each cycle [s], by which the cycles
-        are ordered.
+        One subject's gait cycles, as `pipeline.run.load.Results.cycles`, with the column start_s by
+        which they are ordered.
     axis
         The residual, such as "Fx".
     design
@@ -324,7 +320,7 @@ def raw_figure(
     matplotlib.figure.Figure
         One panel per condition, without and with compensation, as recorded (not mirrored).
     """
-    own = cycles[cycles["axis"] == axis]
+    own = cycles[cycles["axis"] == axis].sort_values(["recording", "start_s", "side", "percent"])
     conditions = design.in_order(own["condition"])
     k = AXES.index(axis)
     height = MARGIN_HEIGHT_INCH + PANEL_HEIGHT_INCH * len(conditions)
@@ -332,26 +328,11 @@ def raw_figure(
         figure = Figure(figsize=(SIX_PANELS_INCH[0], height), layout="constrained")
         panels = figure.subplots(len(conditions), 1, squeeze=False)[:, 0]
         for condition, panel in zip(conditions, panels, strict=True):
-            for compensated, trial in own[own["condition"] == condition].groupby("compensated"):
-                variant = VARIANTS[bool(compensated)]
-                keys = [
-                    (recording, *key)
-                    for (of, recording), own_spans in sorted(spans.items())
-                    if of == condition
-                    for key in _in_time(own_spans)
-                ]
-                curves = trial.pivot(
-                    index=["recording", "side", "cycle"], columns="percent", values="value"
-                )
-                values = curves.loc[keys].to_numpy()
-                x = np.arange(len(values))[:, None] + curves.columns.to_numpy() / 100
-                panel.plot(
-                    *(x.ravel(), values.ravel()),
-                    color=variant.colour,
-                    lw=THIN_LINE_PT,
-                    label=variant.label,
-                    zorder=2,
-                )
+            for compensated, variant in VARIANTS.items():
+                trial = own[(own["condition"] == condition) & (own["compensated"] == compensated)]
+                x = trial["percent"].eq(0).cumsum() - 1 + trial["percent"] / 100
+                look = {"color": variant.colour, "lw": THIN_LINE_PT, "zorder": 2}
+                panel.plot(x, trial["value"], label=variant.label, **look)
             panel.axhline(0, color="black", lw=0.5)
             panel.set_title(condition, loc="left")
             panel.set_ylabel(UNITS[k])
@@ -362,9 +343,3 @@ def raw_figure(
         subject = own["subject"].iloc[0]
         figure.suptitle(f"Residual {axis_label(k)} of {subject}, every cycle", fontsize=TITLE_PT)
     return figure
-
-
-def _in_time(spans: Spans) -> list[tuple[str, int]]:
-    """Give side and number of a trial's gait cycles in order of their starts."""
-    keys = [(side, number) for side, own in spans.items() for number in range(1, len(own) + 1)]
-    return sorted(keys, key=lambda key: spans[key[0]][key[1] - 1][0])

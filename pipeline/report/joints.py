@@ -50,23 +50,17 @@ def compensation_tables(joints: pd.DataFrame, design: Design) -> list[Table]:
     tables = []
     for condition in design.in_order(values["condition"].unique()):
         own = values[(values["condition"] == condition) & values["quantity"].isin(PEAKS)]
-        cells = own.pivot_table(
-            index=["joint", "direction", "quantity", "subject"],
-            columns="compensated",
-            values="value",
-        )
+        peak = ["joint", "direction", "quantity"]
+        cells = own.pivot_table("value", [*peak, "subject"], "compensated")
         if len(cells.columns) < 2:  # without and with compensation
             continue
-        of_peak = {
-            key: pair.to_numpy(float)
-            for key, pair in cells.dropna().groupby(["joint", "direction", "quantity"])
-        }
-        rows = []
-        for motion in leg:
-            for quantity in PEAKS:
-                pair = of_peak.get((*motion, quantity))
-                if pair is not None and np.abs(pair).max() >= MIN_PEAK:
-                    rows.append((f"{' '.join(motion)}, {quantity}", *_change(pair)))
+        pairs = {key: pair.to_numpy(float) for key, pair in cells.dropna().groupby(peak)}
+        rows = [
+            (f"{' '.join(motion)}, {quantity}", *_change(pairs[*motion, quantity]))
+            for motion in leg
+            for quantity in PEAKS
+            if np.abs(pairs.get((*motion, quantity), 0.0)).max() >= MIN_PEAK
+        ]
         heads = ("Moment (N·m/kg)", "no IC", "IC", "IC − no IC [95 % CI]", "of the peak")
         count = own["subject"].nunique()
         caption = f"What compensation changes, {condition}: means over {count} subject"

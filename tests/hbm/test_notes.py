@@ -18,7 +18,7 @@ def test_the_sentence_of_a_note_states_its_values_with_their_units():
         "leg lengths differ by 41 mm (hip to ankle: left 0.843 m, right unknown m"
     )
     note = Note.of("joint_angles_impossible", share=0.5, extreme_deg={"RHipFlexion": -100.0})
-    assert note.text.endswith("extremes RHipFlexion -100°")
+    assert note.text.endswith("extremes RHipFlexion −100°")
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,6 @@ from pipeline.figures.style import COLOURS, condition_style
 from pipeline.report.figures import (
     gait_cycle_figure,
     marginal_means_figure,
-    raw_figure,
     rms_over_cycles,
     study_figures,
 )
@@ -133,10 +132,10 @@ def test_marginal_means_are_over_the_same_subjects_in_all_cells(results, tests):
     assert figure.axes[0].containers[1][0].get_ydata()[0] == pytest.approx(mean)
 
 
-def test_single_cycles_follow_one_another_in_time(results):
-    own = results.cycles[results.cycles["subject"] == "sub02"]
-    spans = {n[1:]: trial.cycles for n, trial in results.trials.items() if n.subject == "sub02"}
-    panel = raw_figure(own, spans, "Fy", EXPERIMENT_3).axes[1]
+def test_single_cycles_follow_one_another_in_time(results, tests):
+    none = pd.DataFrame(columns=["curve", "compared", "start_percent", "stop_percent", "p"])
+    figures = dict(study_figures(results, tests, EXPERIMENT_3, none))
+    panel = figures["raw_Fy"].axes[1]
     assert panel.get_title(loc="left") == "sway"
     peaks = line(panel, "no IC").get_ydata().reshape(-1, 101)
     signs = np.sign(peaks[np.arange(4), np.abs(peaks).argmax(axis=1)])
