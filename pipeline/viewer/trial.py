@@ -202,8 +202,7 @@ def trial_summary(result: TrialResult) -> str:
         shown = pd.DataFrame({"": AXES, "direction": DIRECTIONS})
         for name in result.variants:
             own = [row for row in rows if row.compensated == (name == "compensated")]
-            shown[name] = [f"{row.rms:.1f} {row.unit}" for row in own]
-            shown[f"% {name}"] = [row.rms_percent for row in own]
+            shown[name] = [f"{row.rms:.1f} {row.unit}, {row.rms_percent:.2f} %" for row in own]
         peaks = threshold_table(result)
         limits = pd.DataFrame(
             {
