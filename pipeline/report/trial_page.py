@@ -189,7 +189,7 @@ def verdict_lines(result: TrialResult) -> Iterable[str]:
         if above:
             rms = f"exceed healthy walking in {join_names(above)}"
         peaks = f"peaks of {join_names(beyond)} exceed" if beyond else "peaks are within"
-        yield f"RMS residuals {rms}; {peaks} published limits."
+        yield f"RMS residuals{' with compensation' * compensated} {rms}; {peaks} published limits."
     for row in best:
         relation = "below" if row.passed else f"above it in {row.above_percent:.1f} % of the frames"
         yield (

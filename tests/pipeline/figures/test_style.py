@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from pipeline.figures.style import COLOURS, draw_band, draw_differences, save_figure
+from pipeline.figures.explained import GROUP_COLOURS
+from pipeline.figures.style import COLOURS, PALETTE, draw_band, draw_differences, save_figure
 from pipeline.statistics.curves import CurveDifference
+from pipeline.viewer.plots import LARGEST_COLOURS
+from pipeline.viewer.trial import SIDE_COLOURS, STATES
 
 
 def figure():
@@ -43,3 +46,9 @@ def test_a_part_of_a_single_percent_has_a_bar_outside_the_panel_and_p_is_beside_
     top = panel.get_ylim()[1]
     assert all(bar.y0 > top for bar in bars)
     assert panel.get_title(loc="right") == "p = 0.030"
+
+
+def test_the_colours_of_plates_as_measured_and_compensated_mean_nothing_else():
+    """In figures and in the viewer."""
+    others = {*PALETTE, *GROUP_COLOURS, *LARGEST_COLOURS, *SIDE_COLOURS.values(), *STATES.values()}
+    assert not others & {*COLOURS.values()}
