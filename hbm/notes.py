@@ -6,7 +6,7 @@ a row of a table. Texts, meanings and advice are in one catalogue, ``notes.toml`
 """
 
 import tomllib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -101,7 +101,7 @@ class Note:
     def advice(self) -> str:
         """Give what to do about a warning, without marks of code; empty for provenance."""
         advice = catalogue()[self.code].get("advice", "").replace("`", "")
-        return _ADVICE.vformat(advice, (), self.values)
+        return _SENTENCE.vformat(advice, (), self.values)
 
     def to_dict(self) -> dict[str, str | dict[str, NoteValue]]:
         """Give code, level, item, text, advice and values, ready for JSON."""
@@ -160,11 +160,9 @@ class _Sentence(Formatter):
 
     Python's format of numbers, with a factor before it and a unit behind it, both optional:
     ``{difference_m:1000*.0f mm}``. Names are joined by commas, and so are numbers by name.
-    ``{frames:frame|frames}`` is singular or plural. Numbers are written by `write`.
+    ``{frames:frame|frames}`` is singular or plural. Numbers that people type, after ``=`` as in
+    ``{delay_s:=.4f}``, have a hyphen and no minus sign.
     """
-
-    def __init__(self, write: Callable[[Any, str], str]) -> None:
-        self.write = write
 
     def format_field(self, value: Any, format_spec: str) -> str:
         if isinstance(value, Mapping):
@@ -179,11 +177,10 @@ class _Sentence(Formatter):
             return f"{value} {singular if value == 1 else several}"
         number, space, unit = format_spec.partition(" ")
         factor, _, number = number.rpartition("*")
-        scaled = value * float(factor) if factor else value
-        text = self.write(scaled, number) if isinstance(value, Real) else format(value, number)
-        return text + (unit if unit == "°" else space + unit)
+        write = format if number.startswith("=") or not isinstance(value, Real) else written
+        return write(value * float(factor) if factor else value, number) + (
+            unit if unit == "°" else space + unit
+        )
 
 
-_SENTENCE: Final = _Sentence(written)
-_ADVICE: Final = _Sentence(format)
-"""Numbers in advice are typed into settings and options."""
+_SENTENCE: Final = _Sentence()

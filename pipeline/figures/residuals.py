@@ -13,14 +13,7 @@ from pipeline.config.schema import NOUNS
 from pipeline.figures.style import COLOURS, STYLE, draw_band
 from pipeline.trial.gait.cycles import mean_and_sd, normalise
 from pipeline.trial.quality import Quality, free_of
-from pipeline.trial.residuals import (
-    AXES,
-    DIRECTIONS,
-    UNITS,
-    counted,
-    cycle_residuals,
-    reported,
-)
+from pipeline.trial.residuals import AXES, DIRECTIONS, UNITS, counted, cycle_residuals, reported
 from pipeline.trial.result import TrialResult
 
 UNCOUNTED: Final = "#BBBBBB"

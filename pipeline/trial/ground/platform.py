@@ -284,5 +284,5 @@ def command_delay(recording: Recording, markers: tuple[str, ...], commands: Plat
         delay_s=late.seconds,
         interval_s=QUANTILE_95 * late.standard_error,
         channels=commands.channels,
-        stated_s=format(-late.seconds, "z.4f"),  # a person types it
+        stated_s=-late.seconds,
     )
