@@ -50,8 +50,8 @@ def joint_figure(
             if np.isnan(mean[:, columns]).any():
                 gaps = GAPS
             for (row, column), panel in np.ndenumerate(panels):
-                own = mean[:, columns[column], row], spread[:, columns[column], row]
-                draw_band(panel, percent, *own, colour, label=label, linestyle=linestyle)
+                band = mean[:, columns[column], row], spread[:, columns[column], row]
+                draw_band(panel, percent, *band, colour, label=label, linestyle=linestyle)
         for (row, column), panel in np.ndenumerate(panels):
             if row == 0:
                 panel.set_title(f"{motions[column].joint} {motions[column].direction}", loc="left")

@@ -194,24 +194,24 @@ def measure_empty(
     spectra = {}
     for plate, artefact in zip(recording.plates, artefacts, strict=True):
         wrench = plate.wrench_in_plate
-        known = np.isfinite(wrench).all(axis=1)
+        is_known = np.isfinite(wrench).all(axis=1)
         name = f"plate {plate.number}"
-        spectra[name] = _spectrum(wrench[known], (wrench - artefact)[known], rate_hz)
+        spectra[name] = _spectrum(wrench[is_known], (wrench - artefact)[is_known], rate_hz)
     belts_mps = mean_belt_speed(fastest_belt(recording, treadmill))
     rollers_hz = _rollers(list(spectra.values()), belts_mps)
     moving = _of_motion(calibration, samples, rate_hz)
     people: dict[str, Array] = {}
     for other in beside:
-        own = with_corrected_plates(other, laboratory.plates)
-        of_people = plate_samples(own, treadmill, calibration.sensors, laboratory.plates, ())
+        corrected = with_corrected_plates(other, laboratory.plates)
+        of_people = plate_samples(corrected, treadmill, calibration.sensors, laboratory.plates, ())
         for name, rms in _of_motion(calibration, of_people, rate_hz).items():
             people[name] = np.maximum(rms, people.get(name, 0.0))
     sources = {}
-    for name, left in after.items():
-        slow = low_pass(left, rate_hz, SLOW_HZ, "zero_phase")
+    for name, remaining in after.items():
+        slow = low_pass(remaining, rate_hz, SLOW_HZ, "zero_phase")
         rollers = None if rollers_hz is None else _line_rms(slow, rate_hz, rollers_hz)
         rest = slow.var(axis=0) - sum(
-            each**2 for each in (moving.get(name), rollers) if each is not None
+            part**2 for part in (moving.get(name), rollers) if part is not None
         )
         other = np.sqrt(np.maximum(rest, 0.0))
         sources[name] = Sources(moving.get(name), rollers, other, people.get(name))
@@ -220,9 +220,9 @@ def measure_empty(
     felt = setup.low_pass(readings, clock)
     pose, places = empty_pose(recording, platform), dict[str, Place]()
     if pose is not None:
-        known = np.isfinite(pose.position).all(axis=1)
-        pose = PlatformPose(pose.rotation[known], pose.position[known])
-        times = recording.markers.time[known]
+        is_known = np.isfinite(pose.position).all(axis=1)
+        pose = PlatformPose(pose.rotation[is_known], pose.position[is_known])
+        times = recording.markers.time[is_known]
         rate = recording.markers.rate_hz
         places = _places(times, rate, pose, clock, readings, setup.sensors)
     return EmptyTreadmill(
@@ -338,9 +338,8 @@ def _base(spectra: Sequence[Spectrum]) -> tuple[float, ...]:
 
 def _axis(pose: PlatformPose) -> Array:
     """Give the axis of pitch, along which the platform sways, (3,), in any axes of the file."""
-    rotation = pose.rotation
-    turn = np.stack([rotation[:, 2, 1], rotation[:, 0, 2], rotation[:, 1, 0]], axis=1)
-    turn = turn - np.stack([rotation[:, 1, 2], rotation[:, 2, 0], rotation[:, 0, 1]], axis=1)
+    skew = pose.rotation - np.swapaxes(pose.rotation, 1, 2)
+    turn = skew[:, [2, 0, 1], [1, 2, 0]]
     vectors = turn if np.abs(turn).max() > 2 * MIN_PITCH_RAD else pose.position
     return np.asarray(np.linalg.eigh(vectors.T @ vectors)[1][:, -1])
 
@@ -363,7 +362,7 @@ def _places(
     force = low_pass(specific_force(pose, rate_hz), rate_hz, PLACE_HZ, "zero_phase")
     slow = low_pass(readings, clock, PLACE_HZ, "zero_phase")
     back = np.swapaxes(pose.rotation, 1, 2) @ np.gradient(pose.rotation, 1 / rate_hz, axis=0)
-    speed = np.stack([back[:, 2, 1], back[:, 0, 2], back[:, 1, 0]], axis=1) @ axis
+    speed = back[:, [2, 0, 1], [1, 2, 0]] @ axis
     speed = low_pass(speed, rate_hz, PLACE_HZ, "zero_phase")
     felt = resample(clock, slow, time)
     inside = np.isfinite(felt).all(axis=1)
@@ -376,12 +375,12 @@ def _places(
     design = np.column_stack([force[:, :3], force[:, 3:] @ axis, speed**2])[inside]
     forward = np.cross(axis, [0.0, 0.0, 1.0])
     forward *= np.sign(forward[np.argmax(np.abs(forward))]) or 1.0
-    found = {}
-    for sensor, own in zip(sensors, np.split(felt[inside], len(sensors), axis=1), strict=True):
-        gains = np.linalg.lstsq(design, own)[0].T
+    places = {}
+    for sensor, measured in zip(sensors, np.split(felt[inside], len(sensors), axis=1), strict=True):
+        gains = np.linalg.lstsq(design, measured)[0].T
         arm = np.cross(fit_rotation(gains[:, :3]).T @ gains[:, 3], axis)
-        found[sensor] = Place(float(arm @ forward), float(arm[2]))
-    return found
+        places[sensor] = Place(float(arm @ forward), float(arm[2]))
+    return places
 
 
 def time_figure(

@@ -101,9 +101,9 @@ def study_figures(
     if subject is None:
         return
     starts = results.by_cycle[[*CYCLE_KEYS, "start_s"]].drop_duplicates()
-    own = results.cycles[results.cycles["subject"] == subject].merge(starts, "left", CYCLE_KEYS)
+    cycles = results.cycles[results.cycles["subject"] == subject].merge(starts, "left", CYCLE_KEYS)
     for axis in AXES:
-        yield f"raw_{axis}", raw_figure(own, axis, design)
+        yield f"raw_{axis}", raw_figure(cycles, axis, design)
 
 
 def drawn_conditions(cycles: pd.DataFrame, design: Design) -> list[str]:
@@ -244,13 +244,13 @@ def marginal_means_figure(
     with mpl.rc_context(STYLE):
         figure, panels = six_panels(SIX_PANELS_INCH)
         for k, panel in enumerate(panels):
-            own = residuals[residuals["axis"] == AXES[k]]
-            cells = own.pivot(index="subject", columns=["compensated", "condition"], values="rms")
+            rows = residuals[residuals["axis"] == AXES[k]]
+            cells = rows.pivot(index="subject", columns=["compensated", "condition"], values="rms")
             compared = [column for column in cells.columns if column[1] in design.conditions]
             if not cells.dropna(subset=compared).empty:
                 cells = cells.dropna(subset=compared)
             shown = [cells.to_numpy().ravel()]
-            for compensated in sorted(own["compensated"].unique()):
+            for compensated in sorted(rows["compensated"].unique()):
                 rms = cells[compensated].reindex(columns=conditions)
                 shown.append(_draw_means(panel, rms, VARIANTS[compensated]))
             draw_logarithmic(panel, np.concatenate(shown))
@@ -320,16 +320,16 @@ def raw_figure(cycles: pd.DataFrame, axis: str, design: Design) -> Figure:
     matplotlib.figure.Figure
         One panel per condition, without and with compensation, as recorded (not mirrored).
     """
-    own = cycles[cycles["axis"] == axis].sort_values(["recording", "start_s", "side", "percent"])
-    conditions = design.in_order(own["condition"])
+    rows = cycles[cycles["axis"] == axis].sort_values(["recording", "start_s", "side", "percent"])
+    conditions = design.in_order(rows["condition"])
     k = AXES.index(axis)
     height = MARGIN_HEIGHT_INCH + PANEL_HEIGHT_INCH * len(conditions)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(SIX_PANELS_INCH[0], height), layout="constrained")
         panels = figure.subplots(len(conditions), 1, squeeze=False)[:, 0]
         for condition, panel in zip(conditions, panels, strict=True):
-            for compensated, variant in VARIANTS.items():
-                trial = own[(own["condition"] == condition) & (own["compensated"] == compensated)]
+            for compensated, trial in rows[rows["condition"] == condition].groupby("compensated"):
+                variant = VARIANTS[bool(compensated)]
                 x = trial["percent"].eq(0).cumsum() - 1 + trial["percent"] / 100
                 look = {"color": variant.colour, "lw": THIN_LINE_PT, "zorder": 2}
                 panel.plot(x, trial["value"], label=variant.label, **look)
@@ -340,6 +340,6 @@ def raw_figure(cycles: pd.DataFrame, axis: str, design: Design) -> Figure:
         panels[-1].set_xlabel("analysed gait cycles, one after another")
         if design.compensated:
             legend_below(figure, panels[0])
-        subject = own["subject"].iloc[0]
+        subject = rows["subject"].iloc[0]
         figure.suptitle(f"Residual {axis_label(k)} of {subject}, every cycle", fontsize=TITLE_PT)
     return figure

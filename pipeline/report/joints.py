@@ -49,9 +49,9 @@ def compensation_tables(joints: pd.DataFrame, design: Design) -> list[Table]:
     leg = [(motion.joint, motion.direction) for motion in LEG]
     tables = []
     for condition in design.in_order(values["condition"].unique()):
-        own = values[(values["condition"] == condition) & values["quantity"].isin(PEAKS)]
+        peaks = values[(values["condition"] == condition) & values["quantity"].isin(PEAKS)]
         peak = ["joint", "direction", "quantity"]
-        cells = own.pivot_table("value", [*peak, "subject"], "compensated")
+        cells = peaks.pivot_table("value", [*peak, "subject"], "compensated")
         if len(cells.columns) < 2:  # without and with compensation
             continue
         pairs = {key: pair.to_numpy(float) for key, pair in cells.dropna().groupby(peak)}
@@ -62,7 +62,7 @@ def compensation_tables(joints: pd.DataFrame, design: Design) -> list[Table]:
             if np.abs(pairs.get((*motion, quantity), 0.0)).max() >= MIN_PEAK
         ]
         heads = ("Moment (N·m/kg)", "no IC", "IC", "IC − no IC [95 % CI]", "of the peak")
-        count = own["subject"].nunique()
+        count = peaks["subject"].nunique()
         caption = f"What compensation changes, {condition}: means over {count} subject"
         tables.append(Table(caption + "s" * (count > 1), heads, rows, "numbers"))
     return tables
@@ -105,8 +105,8 @@ def joint_figures(
         return numbers(counts, "subject") if counts.max() > 1 else "gait cycles"
 
     curves = {
-        (condition, compensated): _mean_and_spread(own)
-        for (condition, compensated), own in cycles.groupby(["condition", "compensated"])
+        (condition, compensated): _mean_and_spread(cell)
+        for (condition, compensated), cell in cycles.groupby(["condition", "compensated"])
     }
     best = bool(cycles["compensated"].any())
     for condition in conditions if best else ():
@@ -143,11 +143,11 @@ def _mean_and_spread(cycles: pd.DataFrame) -> tuple[Array, Array]:
     columns = [f"{motion.name}_{curve}" for motion in JOINT_MOTIONS for curve in CURVES]
     single = cycles["subject"].nunique() == 1
     unit = ["recording", "side", "cycle"] if single else ["subject"]
-    each = cycles.groupby(["percent", *unit], sort=False)[columns].mean()
-    of_percent = each.groupby("percent", sort=True)
-    known = cycles[columns].notna().groupby(cycles["percent"]).mean() >= MIN_KNOWN_CYCLES
+    of_units = cycles.groupby(["percent", *unit], sort=False)[columns].mean()
+    of_percent = of_units.groupby("percent", sort=True)
+    is_drawn = cycles[columns].notna().groupby(cycles["percent"]).mean() >= MIN_KNOWN_CYCLES
     shape = -1, len(JOINT_MOTIONS), len(CURVES)
     mean, spread = (
-        table.where(known).to_numpy(float) for table in (of_percent.mean(), of_percent.std())
+        table.where(is_drawn).to_numpy(float) for table in (of_percent.mean(), of_percent.std())
     )
     return mean.reshape(shape), spread.reshape(shape)

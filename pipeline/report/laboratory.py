@@ -551,7 +551,7 @@ def history_table(checks: pd.DataFrame) -> Table:
     for what, limits in (("left", MAX_LEFT), ("zero change", MAX_ZERO_CHANGE)):
         plates, cells = of_checks(checks, what), []
         for n in range(len(checks)):
-            found = [
+            sizes = [
                 (abs(value) / limit, f"{plate} {name} {written(value, '.2f')} {unit}")
                 for plate, values in plates.items()
                 for value, limit, name, unit in zip(
@@ -559,7 +559,7 @@ def history_table(checks: pd.DataFrame) -> Table:
                 )
                 if np.isfinite(value)
             ]
-            cells.append(max(found, default=(0.0, "–"))[1])
+            cells.append(max(sizes, default=(0.0, "–"))[1])
         columns.append(cells)
     valid, not_valid = [("pass", "valid", "")], [("fail", "not valid", "")]
     ratings = [valid if check else not_valid for check in checks["valid"]]
@@ -572,13 +572,15 @@ def history_figure(calibration: Path) -> Figure:
     """Draw each check of a calibration's file over days, the worst component of each plate."""
     checks, digest = read_checks(calibration), file_digest(calibration)
     days = pd.to_datetime(checks["day"]).to_numpy()
-    left, by_new, zero = (of_checks(checks, what) for what in ("left", "by new fit", "zero change"))
+    remaining, by_new, zero = (
+        of_checks(checks, what) for what in ("left", "by new fit", "zero change")
+    )
     current = (checks["calibration_sha256"] == digest).to_numpy()
     valid = checks["valid"].to_numpy(bool)
     shown = {
         "removed by a new fit / allowed": {
             plate: np.sqrt(np.maximum(values**2 - by_new[plate] ** 2, 0)) / (MAX_GAIN * MAX_LEFT)
-            for plate, values in left.items()
+            for plate, values in remaining.items()
         },
         "largest change of zero / limit": {
             plate: np.abs(values) / MAX_ZERO_CHANGE for plate, values in zero.items()
@@ -593,14 +595,14 @@ def history_figure(calibration: Path) -> Figure:
                 worst = of_plate.max(axis=1)
                 panel.plot(days, worst, color=colour, ls=linestyle, lw=1, label=plate)
                 for marker, of_kind in (("o", valid), ("X", ~valid)):
-                    for own, face in ((current & of_kind, colour), (~current & of_kind, "none")):
+                    for drawn, face in ((current & of_kind, colour), (~current & of_kind, "none")):
                         look = {"color": colour, "mfc": face, "ms": 7, "ls": "none"}
-                        panel.plot(days[own], worst[own], marker=marker, **look)
+                        panel.plot(days[drawn], worst[drawn], marker=marker, **look)
             panel.axhline(1, color="black", ls=":", lw=0.9)
             panel.set_ylim(bottom=0)
             panel.set_title(title, loc="left")
             labels = np.unique(days)
             panel.set_xticks(labels, [str(day)[:10] for day in labels], rotation=30, ha="right")
-        if left:
+        if remaining:
             panels[0].legend(frameon=False)
     return figure
