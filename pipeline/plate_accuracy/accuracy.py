@@ -220,13 +220,14 @@ def compare(
 def trial_errors(trials: Sequence[WeightTrial]) -> pd.DataFrame:
     """Give one row per recording, zone ("all" or a third of the belt) and quantity.
 
-    Columns: the stated conditions, and RMSE by difference and orthogonal RMSE [m, N, N·m]. Lab
-    axes.
+    Columns: the given conditions, and RMSE by difference, orthogonal, and by difference of slow
+    signals [m, N, N·m]. Lab axes; moments of slow signals about the centre of the plate.
     """
     rows = []
     for trial in trials:
-        stated = trial.weight.model_dump()
+        conditions = trial.weight.model_dump()
         measured, truth = quantities(trial.measured), quantities(trial.truth)
+        slow_error = quantities(trial.slow_measured) - quantities(trial.slow_truth)
         edges = np.linspace(*trial.belt_ends, len(ZONES) + 1)
         zone = np.clip(np.digitize(trial.marker[:, 0], edges) - 1, 0, len(ZONES) - 1)
         zones = {label: trial.used & (zone == k) for k, label in enumerate(ZONES)}
@@ -238,8 +239,9 @@ def trial_errors(trials: Sequence[WeightTrial]) -> pd.DataFrame:
                 error = {
                     "difference": float(np.sqrt(np.mean((m - t) ** 2))),
                     "orthogonal": orthogonal_rmse(m, t),
+                    "slow": float(np.sqrt(np.mean(slow_error[inside, k] ** 2))),
                 }
-                rows.append({**stated, "zone": name, "quantity": quantity, **error})
+                rows.append({**conditions, "zone": name, "quantity": quantity, **error})
     return pd.DataFrame(rows)
 
 

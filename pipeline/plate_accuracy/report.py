@@ -25,7 +25,7 @@ from pipeline.plate_accuracy.accuracy import (
     trial_errors,
 )
 from pipeline.plate_accuracy.response import PEAK, PlateResponse
-from pipeline.plate_accuracy.trials import LOADED_SHARE, THESIS_FILTER, WeightTrial
+from pipeline.plate_accuracy.trials import LOADED_SHARE, SLOW_CUTOFF_HZ, THESIS_FILTER, WeightTrial
 from pipeline.plate_accuracy.verdict import TOTAL, PlateVerdict, judge
 from pipeline.report.blocks import Check, Table, drawing
 from pipeline.report.laboratory import Drawn, Part, frame_table
@@ -52,7 +52,9 @@ TOTAL_NOTE: Final = (
 TABLE_NOTE: Final = (
     "Root mean square errors. Axes of the thesis: x to the right, y up, z back. Orthogonal errors "
     "(TLLS) with supports, unless set otherwise, if there are such recordings. Filter: "
-    "{hz:g} Hz, as in the thesis ({method})."
+    "{hz:g} Hz, as in the thesis ({method}); these errors hold the noise of the marker, which is "
+    "differentiated twice: {noise_n:.1f} N in each axis. Below {slow_hz:g} Hz it is "
+    "{slow_noise_n:.2f} N: those rows judge the plates, moments about their centres."
 )
 EFFECTS_NOTE: Final = (
     "Orthogonal errors after a Box–Cox transform, type III, main effects; thirds of the belt "
@@ -115,7 +117,14 @@ def write_report(found: PlateAccuracy, out: Path) -> Part:
     _write_calibration(found, verdicts, out)
     total = errors_table(verdicts, TOTAL_NOTE.format(mass=file.body_mass_kg))
     tables = [total, errors_table(verdicts, totals=False)]
-    note = TABLE_NOTE.format(hz=file.cutoff_hz, method=THESIS_FILTER)
+    vertical_n = [np.std(trial.truth[trial.used, 2]) for trial in found.trials]
+    note = TABLE_NOTE.format(
+        hz=file.cutoff_hz,
+        method=THESIS_FILTER,
+        noise_n=np.mean(vertical_n),
+        slow_hz=SLOW_CUTOFF_HZ,
+        slow_noise_n=np.mean([trial.slow_noise[0] for trial in found.trials]),
+    )
     tables.append(frame_table("Table I", thesis, 1, note))
     if len(tests):
         text = EFFECTS_NOTE.format(remarks="; ".join(remarks))
@@ -177,12 +186,14 @@ def table_1(errors: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        First column "condition"; the others as `COLUMNS`. Means over recordings. From the third
-        block on, orthogonal errors with supports (without, where there are none with).
+        First column "condition"; the others as `COLUMNS`. Means over recordings. Errors below
+        `SLOW_CUTOFF_HZ`; then, at the study's cut-off, normal and orthogonal errors; from there on,
+        orthogonal errors with supports (without, where there are none with).
     """
     whole = errors[errors["zone"] == "all"]
     rows = []
-    for label, way in (("Normal error", "difference"), ("TLLS", "orthogonal")):
+    ways = {f"Below {SLOW_CUTOFF_HZ:g} Hz": "slow", "Normal error": "difference"}
+    for label, way in (ways | {"TLLS": "orthogonal"}).items():
         for supports, words in ((True, "support"), (False, "no support")):
             part = whole[whole["supports"] == supports]
             if len(part):

@@ -1,14 +1,15 @@
 """Where curves over the gait cycle differ: residuals and joints of a study."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final
 
+import numpy as np
 import pandas as pd
 
 from pipeline.figures.joints import LEG
 from pipeline.report.figures import rms_over_cycles
 from pipeline.statistics.curves import curve_differences
-from pipeline.statistics.design import Design
+from pipeline.statistics.design import Design, Weigh
 from pipeline.statistics.verdict import judged_conditions
 from pipeline.trial.joints import CURVES
 from pipeline.trial.residuals import AXES, UNITS
@@ -39,37 +40,49 @@ def differing_curves(
     reference: Cell = (design.reference, False)
     best, rows = design.compensated, list[tuple[object, ...]]()
     judged: list[Cell] = [(name, best) for name in judged_conditions(design)]
-    own = rms_over_cycles(cycles, design.weigh)
+    keys = ["condition", "compensated", "subject", "percent"]
+    rms = rms_over_cycles(cycles, design.weigh).set_index(keys)
     for axis, unit in zip(AXES, UNITS, strict=True):
-        values = own[own["axis"] == axis].rename(columns={"value": axis})
+        values = rms.loc[rms["axis"] == axis, "value"].rename(axis)
         for cell in judged:
-            rows += _rows(values, axis, unit, cell, reference, design)
+            rows += _rows(values, unit, cell, reference, design)
     pairs = [((name, True), (name, False)) for name in design.conditions if design.compensated]
     pairs += [((name, best), (design.reference, best)) for name in design.others]
-    means = joint_cycles.groupby(["subject", "condition", "compensated", "percent"], sort=False)
-    every = means[[f"{m.name}_{curve}" for m in LEG for curve in CURVES]].mean().reset_index()
+    names = [f"{motion.name}_{curve}" for motion in LEG for curve in CURVES]
+    means = subject_means(joint_cycles, names, design.weigh, of_sides=True)
     for motion in LEG:
         for curve, unit in CURVES.items():
             for first, second in pairs:
                 if curve != "angle" or first[0] != second[0]:
-                    name = f"{motion.name}_{curve}"
-                    rows += _rows(every, name, unit, first, second, design)
+                    rows += _rows(means[f"{motion.name}_{curve}"], unit, first, second, design)
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
+def subject_means(
+    cycles: pd.DataFrame, columns: Sequence[str], weigh: Weigh, *, of_sides: bool = False
+) -> pd.DataFrame:
+    """Average gait cycles, or by `weigh` the means of recordings; with `of_sides`, of both sides.
+
+    Indexed by condition, compensated, subject and percent.
+    """
+    keys = ["condition", "compensated", "subject", "percent"]
+    levels = ["side"] * of_sides + ["recording"] * (weigh == "recording")
+    means = cycles.groupby([*keys, *levels], sort=False)[[*columns]].mean()
+    for count in reversed(range(len(levels))):
+        means = means.groupby([*keys, *levels[:count]], sort=False).mean()
+    return means
+
+
 def _rows(
-    cycles: pd.DataFrame, column: str, unit: str, first: Cell, second: Cell, design: Design
+    means: pd.Series, unit: str, first: Cell, second: Cell, design: Design
 ) -> Iterator[tuple[object, ...]]:
     """Compare a curve of two cells over the subjects who have both."""
-    mean = [
-        cycles[(cycles["condition"] == condition) & (cycles["compensated"] == compensated)]
-        .groupby(["subject", "percent"])[column]
-        .mean()
-        .unstack("percent")
-        for condition, compensated in (first, second)
-    ]
-    differences = (mean[0] - mean[1]).dropna(how="all")
+    of_cells = means.unstack("percent")
+    cells = {key[:2] for key in of_cells.index}
+    if not {first, second} <= cells:
+        return
+    differences = (of_cells.xs(first) - of_cells.xs(second)).dropna(how="all")
     compared = f"{design.cell(*first)} - {design.cell(*second)}"
-    for part in curve_differences(differences.to_numpy(float)):
+    for part in curve_differences(np.asarray(differences, float)):
         place = part.start, part.stop, part.p
-        yield column, unit, compared, len(differences), *place
+        yield means.name, unit, compared, len(differences), *place

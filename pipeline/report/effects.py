@@ -16,7 +16,7 @@ ANOVA_HEADS: Final = (
     *("Effect", "F", "df", "ε GG", "p", "p corrected", "partial η² [95 % CI]"),
     *("power", "Mauchly's W", "its p"),
 )
-MIXED_HEADS: Final = ("Pair", "n", "mean difference [95 % CI]", "t", "p, corrected")
+MIXED_HEADS: Final = ("Pair", "n", "mean difference [95 % CI]", "t", "df", "p")
 FRIEDMAN_HEADS: Final = ("Cells", "χ²", "df", "p", "Kendall's W")
 PAIR_HEADS: Final = (
     *("Pair", "n", "mean difference [95 % CI]", "Cohen's dz [95 % CI]"),
@@ -48,7 +48,7 @@ def residual_tests(statistics: pd.DataFrame, design: Design) -> list[tuple[Text,
         if not own.empty:
             name = f"{axis} {'' if k < 3 else 'about '}{DIRECTIONS[k]}"
             mixed, others = own["test"] == MIXED_MODEL, own[own["test"] != MIXED_MODEL]
-            tables = [*_mixed_tables(own[mixed]), *_anova_tables(others)]
+            tables = [*_mixed_tables(own[mixed], design), *_anova_tables(others)]
             tables += [*_friedman_table(others), *_pair_table(others, design)]
             found.append((Text(name, tuple(_lines(own))), tables))
     reasons = {text.lines for text, _ in found}
@@ -73,10 +73,10 @@ def _anova_names(tests: pd.DataFrame) -> list[str]:
     return [n for n in names if n.partition(" with ")[0] in (RM_ANOVA, MIXED_ANOVA)]
 
 
-def _mixed_tables(tests: pd.DataFrame) -> Iterator[Table]:
+def _mixed_tables(tests: pd.DataFrame, design: Design) -> Iterator[Table]:
     """Show mixed models of all recordings: planned pairs, and factors."""
     computed = tests[tests["p_corrected"].notna()]
-    pairs = rows_of(computed[computed["statistic_name"] == "t"])
+    pairs = rows_of(_of_correction(computed[computed["statistic_name"] == "t"], design))
     if pairs:
         rows = [
             (
@@ -84,25 +84,39 @@ def _mixed_tables(tests: pd.DataFrame) -> Iterator[Table]:
                 f"{row.n} ({row.note})",
                 _with_interval(row, "+z.1f"),
                 number(row.statistic, ".2f"),
+                f"{row.df1:.1f}",
                 format_p(row.p_corrected),
             )
             for row in pairs
         ]
-        caption = "All recordings, by mixed models: planned pairs"
+        caption = f"All recordings, a mixed model per pair: planned pairs{_correction(design)}"
         yield Table(caption, MIXED_HEADS, rows, "numbers tests")
-    factors = rows_of(computed[computed["statistic_name"] == "chi2"])
+    factors = rows_of(computed[computed["statistic_name"] == "F"])
     if factors:
         terms = [
             (
                 row.effect.replace(":", " × "),
                 number(row.statistic, ".2f"),
-                f"{row.df1:g}",
+                f"{row.df1:g}, {row.df2:.1f}",
                 format_p(row.p_corrected),
             )
             for row in factors
         ]
-        caption = f"All recordings, by a mixed model of all cells: {factors[0].note}"
-        yield Table(caption, ("Effect", "χ² (Wald)", "df", "p"), terms, "numbers tests")
+        caption = f"All recordings, a mixed model of all cells: {factors[0].note}"
+        yield Table(caption, ("Effect", "F", "df", "p"), terms, "numbers tests")
+
+
+def _of_correction(tests: pd.DataFrame, design: Design) -> pd.DataFrame:
+    """Give the rows of planned pairs with the correction that the design names."""
+    return tests[tests["correction"].astype(str).str.lower().str.startswith(design.correction)]
+
+
+def _correction(design: Design) -> str:
+    """Say how p of planned pairs is corrected, and for what intervals hold."""
+    count = len(design.pairs)
+    how = f", p {design.correction.capitalize()}-corrected for {count}" * (count > 1)
+    how += ", all groups together" * (design.group is not None)
+    return how + "; each interval is of one pair alone" * (count > 1)
 
 
 def _anova_tables(tests: pd.DataFrame) -> Iterator[Table]:
@@ -144,8 +158,7 @@ def _friedman_table(tests: pd.DataFrame) -> Iterator[Table]:
 def _pair_table(tests: pd.DataFrame, design: Design) -> Iterator[Table]:
     """Give planned pairs with effect sizes and both Wilcoxon p-values side by side."""
     rows = []
-    correction = tests["correction"].astype(str).str.lower()
-    corrected = tests[correction.str.startswith(design.correction)]
+    corrected = _of_correction(tests, design)
     for first, second in design.pairs:
         pair = f"{first} - {second}"
         of_pair = _by(corrected[corrected["effect"] == pair], "test")
@@ -167,11 +180,8 @@ def _pair_table(tests: pd.DataFrame, design: Design) -> Iterator[Table]:
             )
         )
     if rows:
-        count = len(design.pairs)
-        how = f", p {design.correction.capitalize()}-corrected for {count}" * (count > 1)
-        how += ", all groups together" * (design.group is not None)
-        alone = "; each interval is of one pair alone" * (count > 1)
-        yield Table(f"Planned pairs{how}{alone}", PAIR_HEADS, tuple(rows), "numbers tests")
+        caption = f"Planned pairs{_correction(design)}"
+        yield Table(caption, PAIR_HEADS, tuple(rows), "numbers tests")
 
 
 def _with_interval(row: Any, form: str) -> str:

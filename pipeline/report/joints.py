@@ -29,18 +29,19 @@ MIN_KNOWN_CYCLES: Final = 0.5
 
 
 def subject_values(joints: pd.DataFrame, weigh: Weigh) -> pd.DataFrame:
-    """Average the values of `joint_tables` over sides and recordings of each subject's condition.
+    """Average the values of `joint_tables` over recordings, then over sides of each subject.
 
-    By gait cycles, or each recording equal. Rows: subject, condition, compensated, joint,
+    Over recordings by gait cycles, or each equal. Rows: subject, condition, compensated, joint,
     direction, quantity, unit; value, n_cycles.
     """
     keys = ["subject", "condition", "compensated", "joint", "direction", "quantity", "unit"]
     weight = joints["n_cycles"] if weigh == "cycle" else 1.0
-    own = joints.assign(weight=weight)
-    own["weighted"] = own["value"] * own["weight"]
-    sums = own.groupby(keys, sort=False)[["weighted", "weight", "n_cycles"]].sum().reset_index()
-    sums["value"] = sums["weighted"] / sums["weight"]
-    return sums[[*keys, "value", "n_cycles"]]
+    weighted = joints.assign(weight=weight, weighted=joints["value"] * weight)
+    columns = ["weighted", "weight", "n_cycles"]
+    of_side = weighted.groupby([*keys, "side"], sort=False)[columns].sum().reset_index()
+    of_side["value"] = of_side["weighted"] / of_side["weight"]
+    how = {"value": "mean", "n_cycles": "sum"}
+    return of_side.groupby(keys, sort=False).agg(how).reset_index()
 
 
 def compensation_tables(joints: pd.DataFrame, design: Design) -> list[Table]:

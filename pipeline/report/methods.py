@@ -11,6 +11,7 @@ from typing import Any, Final
 import pandas as pd
 
 from compensation.inertia.fit import LAGS_S
+from pipeline.config.comparison import VARIANT
 from pipeline.config.study import Study
 from pipeline.figures.residuals import mean_part
 from pipeline.report.blocks import TEMPLATES
@@ -20,7 +21,7 @@ from pipeline.run.provenance import engines_of
 from pipeline.statistics.curves import MIN_SUBJECTS
 from pipeline.statistics.design import Design
 from pipeline.statistics.table_3 import mean_sd
-from pipeline.statistics.verdict import judged_conditions, level_name
+from pipeline.statistics.verdict import join_names, judged_conditions, within_margin
 from pipeline.trial.gait.cycles import MIN_PLATFORM_SPEED_MPS
 from pipeline.trial.quality import settling_s
 from pipeline.trial.result import TrialResult
@@ -38,7 +39,7 @@ def methods(
     Parameters
     ----------
     results
-        The trials; the settings are theirs.
+        The trials that are described; where variants are compared, those of the study's own way.
     statistics
         The table that `pipeline.statistics.comparison.statistics` returned for their residuals;
         only tests that were computed are described.
@@ -66,6 +67,7 @@ def methods(
         noted=noted,
         codes={note.code for trial in trials for note in trial.notes},
         settings=[trial.settings for trial in trials],
+        ways=_ways(study) if design.factor == VARIANT and study else {},
         sexes=sorted({trial.subject.sex for trial in trials}),
         people=len(results.subjects),
         people_in_words=_people(results.subjects),
@@ -78,11 +80,10 @@ def methods(
         doubts=dict.fromkeys(note.text for trial in trials for note in trial.of_calibration),
         tested=list(tested),
         judged=judged_conditions(design),
-        level=level_name(design),
+        within_margin=within_margin(design),
         versions=trials[0].versions,
         python=platform.python_version(),
         pingouin=version("pingouin"),
-        statsmodels=version("statsmodels"),
         curves_tested=bool(design.factors) and len(results.subjects) >= MIN_SUBJECTS,
         **_cycles(trials, study, design),
     )
@@ -142,13 +143,13 @@ def _cycles(
             counts.setdefault(trial.condition, []).append(number)
         else:
             spans_s.setdefault(trial.condition, []).append(trial.span[1] - trial.span[0])
-    settling = {settling_s([(t.settings.filter, t.settings.cutoff_hz)]) for t in trials}
+    times_s = {settling_s([(t.settings.filter, t.settings.cutoff_hz)]) for t in trials}
     return {
         "rules": [(name, rule) for name, rule in rules.items() if name in counts],
         "parts": _parts([trial for trial in trials if trial.span is None]),
         "cycle_counts": [f"{_range(counts[c], '.0f')} ({c})" for c in design.in_order(counts)],
         "spans": [f"{_range(spans_s[c], '.1f')} s ({c})" for c in design.in_order(spans_s)],
-        "settling": sorted((f"{after:.2f}", f"{before:.2f}") for after, before in settling),
+        "settling": sorted({(f"{after:.2f}", f"{before:.2f}") for after, before in times_s}),
     }
 
 
@@ -162,6 +163,22 @@ def _parts(trials: Sequence[TrialResult]) -> list[tuple[str, str, str]]:
         mean = mean_part(t for t in trials if t.condition == condition)
         found.append((condition, part, f"{mean[0]:.0f} to {mean[1]:.0f}" if mean else ""))
     return found
+
+
+def _ways(study: Study) -> dict[str, str]:
+    """Give what each variant's settings, plates and treadmill differ in from the study's own."""
+
+    def values(one: Study) -> dict[str, object]:
+        """Give everything that a variant may change."""
+        tables = {"": one.file.settings, "plates ": one.file.plates}
+        tables["treadmill "] = one.file.treadmill
+        return {where + key: value for where, table in tables.items() for key, value in table}
+
+    usual = values(study)
+    return {
+        name: join_names([f"{k} {v}" for k, v in values(way).items() if v != usual[k]])
+        for name, way in study.variants.items()
+    }
 
 
 def _range(values: Sequence[float], form: str) -> str:

@@ -24,7 +24,7 @@ from pipeline.statistics.verdict import (
     POWER,
     Verdict,
     join_names,
-    level_name,
+    within_margin,
 )
 from pipeline.trial.residuals import AXES, HEALTHY, HEALTHY_RMS, TRIAL_COLUMNS, rows_of
 
@@ -198,9 +198,9 @@ def plan_table(found: Sequence[Verdict], design: Design) -> pd.DataFrame:
     -------
     pandas.DataFrame
         axis, unit, condition; reference: its mean residual; difference and sd: mean and standard
-        deviation of the differences from it; margin; n; needed and needed_as_observed, empty
-        beyond 1000 subjects or where the difference observed exceeds the margin; where recordings
-        are repeated, needed_with_1 to needed_with_10, needed with so many per condition.
+        deviation of the differences from it; margin; n; needed and needed_as_observed, with as
+        many recordings, empty beyond 1000 subjects or where the difference observed exceeds the
+        margin; where recordings are repeated, needed_with_1 to needed_with_10 per condition.
     """
     table = pd.DataFrame(found, columns=[field.name for field in fields(Verdict)])
     table = table.rename(columns={"baseline": "reference"})
@@ -217,47 +217,44 @@ def plan_table(found: Sequence[Verdict], design: Design) -> pd.DataFrame:
     return table[[*columns, *counts[2:]]].astype(dict.fromkeys(counts, "Int64"))
 
 
-def plan_markdown(found: Sequence[Verdict], design: Design) -> str:
-    """Render the plan as Markdown, or say in one line why there is none."""
-    most = max((v.n for v in found), default=0)
-    if not found:
+def plan_markdown(verdicts: Sequence[Verdict], design: Design) -> str:
+    """Render the plan as Markdown, or say in one line why there is none.
+
+    By conditions; where recordings are repeated, by recordings per condition.
+    """
+    most = max((v.n for v in verdicts), default=0)
+    if not verdicts:
         return f'No plan: no planned pair is "CONDITION - {design.reference_cell}".\n'
     if most < MIN_SUBJECTS:
         return (
             f"No plan: the variance between subjects needs at least {MIN_SUBJECTS} who have a "
             f"condition and {design.reference_cell}, got {most}.\n"
         )
-    conditions = design.in_order(v.condition for v in found)
-    cells = {(v.axis, v.condition): _planned(v, design) for v in found}
-    rows = [
-        [axis, *(cells.get((axis, condition), "–") for condition in conditions)]
-        for axis in dict.fromkeys(v.axis for v in found)
-    ]
+    if any(v.needed_with for v in verdicts):
+        heads = ["Residual", "as recorded", *map(str, PLANNED_RECORDINGS)]
+        rows = [
+            [f"{v.axis}, {v.condition}", _planned(v, design)]
+            + [_count(n) for n in v.needed_with]
+            + ["–"] * (len(PLANNED_RECORDINGS) - len(v.needed_with))
+            for v in verdicts
+        ]
+        by = ", by recordings per condition"
+    else:
+        conditions = design.in_order(v.condition for v in verdicts)
+        cells = {(v.axis, v.condition): _planned(v, design) for v in verdicts}
+        heads, by = ["Residual", *conditions], ""
+        rows = [
+            [axis, *(cells.get((axis, condition), "–") for condition in conditions)]
+            for axis in dict.fromkeys(v.axis for v in verdicts)
+        ]
     pairs = len(design.pairs)
     together = f" over {pairs} planned pairs" * (pairs > 1)
     return (
-        f"{markdown_table(['Residual', *conditions], rows)}\n\n"
-        f"Subjects needed to show a residual at {level_name(design)}, at most "
-        f"{100 * design.margin:g} % above it, with\n{100 * POWER:g} % power at "
-        f"{100 * CONFIDENCE:g} % simultaneous confidence{together}, if the true difference is zero;"
-        "\nin brackets, if it is the one observed (–: that one exceeds the margin). From the "
-        f"variance between {most}\nsubjects, which is itself uncertain.\n"
-        f"{_recordings_plan(found)}"
-    )
-
-
-def _recordings_plan(found: Sequence[Verdict]) -> str:
-    """Render the subjects needed with other numbers of recordings; empty where none is repeated."""
-    rows = [
-        [f"{v.axis}, {v.condition}", *map(_count, v.needed_with)] for v in found if v.needed_with
-    ]
-    if not rows:
-        return ""
-    heads = ["Recordings per condition", *map(str, PLANNED_RECORDINGS)]
-    return (
-        f"\n{markdown_table(heads, rows)}\n\n"
-        "Subjects needed with other numbers of recordings per condition, if the true difference is "
-        "zero.\n"
+        f"{markdown_table(heads, rows)}\n\n"
+        f"Subjects needed to show that a residual is {within_margin(design)}{by}, with\n"
+        f"{100 * POWER:g} % power at {100 * CONFIDENCE:g} % simultaneous confidence{together}, if "
+        "the true difference is zero;\nin brackets, if it is the one observed (–: that one exceeds "
+        f"the margin). From the variance between {most}\nsubjects, which is itself uncertain.\n"
     )
 
 

@@ -62,36 +62,41 @@ def variant_residuals(of_variants: Mapping[str, Results], design: Design) -> pd.
     """Give the values of `pool_recordings` under each variant, with its name in front."""
     parts = []
     for variant, results in of_variants.items():
-        headline = results.residuals[results.residuals["headline"].astype(bool)]
-        values = pool_recordings(design.comparable(headline), design.weigh)
+        values = pool_recordings(_compared(results, design), design.weigh)
         values.insert(0, "variant", variant)
         parts.append(values)
     return pd.concat(parts, ignore_index=True)
 
 
-def choices(residuals: pd.DataFrame, design: Design) -> tuple[str, list[Table]]:
+def _compared(results: Results, design: Design) -> pd.DataFrame:
+    """Give the residuals that are compared, a row per recording."""
+    return design.comparable(results.residuals[results.residuals["headline"].astype(bool)])
+
+
+def choices(of_variants: Mapping[str, Results], design: Design) -> tuple[str, list[Table]]:
     """Say whether a conclusion depends on the variant, and show the differences under each.
 
     Parameters
     ----------
-    residuals
-        As `variant_residuals` gives them, of two variants or more.
+    of_variants
+        Results of two variants or more.
     design
         What is compared.
     """
-    found = {
-        str(variant): verdicts(own, design)
-        for variant, own in residuals.groupby("variant", sort=False)
-    }
-    tables = [_table(found, condition, design) for condition in judged_conditions(design)]
-    answers: dict[tuple[str, str], dict[str, str]] = {}
-    for variant, own in found.items():
-        for verdict in own:
-            answers.setdefault((verdict.axis, verdict.condition), {})[variant] = verdict.answer
-    depend = [cell for cell, own in answers.items() if len(set(own.values())) > 1]
+    judged = {}
+    for variant, results in of_variants.items():
+        recordings = _compared(results, design)
+        values = pool_recordings(recordings, design.weigh)
+        judged[variant] = verdicts(values, design, recordings=recordings)
+    tables = [_table(judged, condition, design) for condition in judged_conditions(design)]
+    answers: dict[tuple[str, str], set[str]] = {}
+    for of_variant in judged.values():
+        for verdict in of_variant:
+            answers.setdefault((verdict.axis, verdict.condition), set()).add(verdict.answer)
+    depend = [cell for cell, different in answers.items() if len(different) > 1]
     if not depend:
         every = f"all {len(answers)} comparisons" if len(answers) > 1 else "the comparison"
-        return f"No: the answer of {every} is the same under all {len(found)} variants.", tables
+        return f"No: the answer of {every} is the same under all {len(judged)} variants.", tables
     named = join_names([f"{axis} {condition}" for axis, condition in depend])
     lead = f"Yes, in {len(depend)} of {len(answers)} comparisons the answer differs: {named}."
     return lead, tables

@@ -15,7 +15,7 @@ from pipeline.statistics.verdict import (
     Verdict,
     headlines,
     judged_conditions,
-    level_name,
+    within_margin,
 )
 from pipeline.trial.residuals import AXES, DIRECTIONS, HEALTHY, HEALTHY_RMS, UNITS
 
@@ -24,7 +24,7 @@ MAX_AXIS_PERCENT: Final = 100.0
 HALF_WIDTH_PERCENT: Final = 48
 """Half of a graph's width; the rest is room for the symbol of the mean."""
 STYLES: Final[dict[Answer, tuple[str, str]]] = {
-    "at baseline": ("✔", "pass"),
+    "within margin": ("✔", "pass"),
     "above": ("✖", "fail"),
     "inconclusive": ("?", "check"),
     "no interval": ("○", "none"),
@@ -39,11 +39,10 @@ NO_COMPENSATION: Final = (
 
 def question(design: Design) -> str:
     """Give the question that the verdict answers."""
-    if design.compensated:
-        return f"Does compensation return each residual to {level_name(design)}?"
     if not design.factors:
         return "How large are the residuals?"
-    return f"Is each residual at {level_name(design)}?"
+    compensated = " with compensation" * design.compensated
+    return f"Is each residual{compensated} {within_margin(design)}?"
 
 
 def verdict_values(
@@ -72,23 +71,25 @@ def verdict_values(
         "headline": [*_beside_healthy(residuals), _why_none(residuals, most, design)]
         if no_verdict
         else headlines(found, design),
-        "basis": " ".join(filter(None, ("" if stated else _basis(design), _of_recordings(found)))),
-        "heads": [f"{c}: {label('at baseline', c, design)}?" for c in shown],
+        "basis": " ".join(filter(None, ("" if stated else _basis(design), _primary(found)))),
+        "heads": [f"{c}: {label('within margin', c, design)}?" for c in shown],
         "rows": rows,
         "most": most,
     }
 
 
-def _of_recordings(found: Sequence[Verdict]) -> str:
-    """Say where a verdict is by all recordings; empty where all are of complete pairs."""
-    mixed = [verdict for verdict in found if verdict.mixed]
-    if not mixed:
+def _primary(verdicts: Sequence[Verdict]) -> str:
+    """Say which analysis is the primary one, and by what model."""
+    if not any(verdict.n >= MIN_SUBJECTS for verdict in verdicts):
         return ""
-    people = each(str(verdict.n) for verdict in mixed)
+    mixed = [verdict for verdict in verdicts if verdict.mixed]
+    if not mixed:
+        return "Primary analysis: this table. All other tests on this page are secondary."
+    cells = "" if len(mixed) == len(verdicts) else f" ({each(v.condition for v in mixed)})"
     return (
-        "Subjects lack a condition or have several recordings of one: differences, intervals and "
-        "answers are by mixed models of all recordings; means are of the subjects who have both "
-        f"({people}). Tests of complete subjects are below."
+        f"Primary analysis: this table, by mixed models of all recordings{cells}, since subjects "
+        "lack a condition or have several recordings of one. All other tests on this page are "
+        "secondary; those of pairs and Table III use complete subjects alone."
     )
 
 
@@ -108,9 +109,10 @@ def _basis(design: Design) -> str:
 def label(answer: Answer, condition: str, design: Design) -> str:
     """Name an answer; the reference is asked whether compensation increased it."""
     if condition == design.reference:
-        words = {"at baseline": f"within {100 * design.margin:g} %", "above": "increased"}
+        within = f"not increased by more than {100 * design.margin:g} %"
+        words = {"within margin": within, "above": "increased"}
     else:
-        words = {"at baseline": f"at {level_name(design)}", "above": f"above {design.reference}"}
+        words = {"within margin": within_margin(design), "above": f"above {design.reference}"}
     return words.get(answer, answer)
 
 

@@ -121,19 +121,21 @@ def write_report(
     write_csv(results.by_cycle, folder / "cycles.csv")
     write_csv(results.joints, folder / "joints.csv")
     _write_parquet(results.joint_cycles, folder / "joint_cycles.parquet")
+    described = results
     if study is not None and study_design(study.file).factor == VARIANT:
-        results = as_conditions(of_variants, compared_condition(study.file))
-    headline = results.residuals[results.residuals["headline"].astype(bool)]
+        condition = compared_condition(study.file)
+        described = select_trials(results, {n for n in results.trials if n.condition == condition})
+        results = as_conditions(of_variants, condition)
 
     announce("computing statistics")
+    headline = results.residuals[results.residuals["headline"].astype(bool)]
     design = _design(headline, study)
     compared = design.comparable(headline)
     sensitivity = None
     if len(of_variants) > 1:
-        by_variant = variant_residuals(of_variants, design)
-        write_csv(by_variant, folder / "variants.csv")
+        write_csv(variant_residuals(of_variants, design), folder / "variants.csv")
         if design.factor != VARIANT:
-            sensitivity = choices(by_variant, design)
+            sensitivity = choices(of_variants, design)
     names = {TrialName(*key) for key in compared[[*TrialName._fields]].itertuples(index=False)}
     results = replace(results, residuals=pool_recordings(compared, design.weigh))
     people = _all_subjects(results.subjects, study)
@@ -174,10 +176,10 @@ def write_report(
             shown[name] = picture(folder / "figures" / f"{name}{suffix}")
         return shown
 
-    order = design.in_order(name.condition for name in results.trials)
-    keys = sorted(results.trials, key=lambda n: (n.subject, order.index(n.condition), n.recording))
-    trials = {str(name): results.trials[name] for name in keys}
-    paragraphs = methods(results, tests, design, study)
+    main = of_variants[MAIN].trials
+    order = design.in_order(name.condition for name in main)
+    keys = sorted(main, key=lambda n: (n.subject, order.index(n.condition), n.recording))
+    paragraphs = methods(described, tests, design, study)
     of_study = {} if study is None else groups(study.file, study.subjects)
     stated = study is not None and study.file.comparison is not None
     page = TEMPLATES.get_template("page.html").render(
@@ -187,7 +189,7 @@ def write_report(
         design=design,
         windows=windows,
         measurement=missing,
-        problems=problems(states, source, results, names),
+        problems=problems(states, source, results, names, variants=design.factor == VARIANT),
         verdict=verdict_values(found, results.residuals, design, stated=stated),
         tables=residual_tables(
             results.residuals, table, design, {s: g for s, g in of_study.items() if g is not None}
@@ -203,16 +205,16 @@ def write_report(
         calibration=None if study is None else study.file.treadmill.calibration,
         any_compensated=bool(results.residuals["compensated"].any()),
         has_reference=design.reference in results.cycles["condition"].unique(),
-        trials=trials,
+        trials={str(name): main[name] for name in keys},
         states=states,
         quality=quality_table(
-            {str(name): quality[name] for name in of_variants[MAIN].trials},
+            {str(name): quality[name] for name in main},
             {str(name): f"trials/{name.stem}.html" for name in keys} if pages else {},
         ),
         limits=LIMITS,
         explained=bool(explained or failed or stale),
         causes=[causes(str(name), explained[name]) for name in keys if name in explained],
-        unexplained=[f"{name}: {failed[name]}" for name in trials if name in failed],
+        unexplained=[f"{name}: {failed[name]}" for name in map(str, keys) if name in failed],
         stale=stale,
         together=together,
         corrections=corrections_table(study, headline),

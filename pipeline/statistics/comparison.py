@@ -14,9 +14,9 @@ import pandas as pd
 from hbm.spatial import Array
 from pipeline.statistics.design import ALPHA, EXPERIMENT_3, MIN_SUBJECTS, Design
 from pipeline.statistics.mixed import (
-    compare_cells,
     effects_of_factors,
     is_incomplete_or_repeated,
+    judging_comparison,
     recording_values,
 )
 from pipeline.statistics.paired import IntervalEstimate, compare_paired
@@ -79,7 +79,8 @@ def statistics(
         test, effect
             Name of the test and its effect: factors joined by colons, pairs as "first - second".
         statistic_name, statistic, df1, df2
-            The test statistic and its degrees of freedom, with sphericity assumed.
+            The test statistic and its degrees of freedom, with sphericity assumed; by Kenward and
+            Roger of mixed models.
         p_uncorrected, p_corrected, correction
             The p-value of the test alone, the one to report, and how it was corrected: "none",
             "Greenhouse-Geisser" where sphericity is rejected or cannot be tested, "Bonferroni x5"
@@ -319,10 +320,7 @@ def _pairs(cells: pd.DataFrame, design: Design) -> Iterator[Row]:
         for size in (_size("mean difference", found.mean), _size("Cohen's dz", found.dz)):
             estimates.append(_row("estimate", effect, n, missing, **size))
     for rows in tests.values():
-        alone = np.array([row["p_uncorrected"] for row in rows])
-        for correction, corrected in _corrected(alone, len(design.pairs)).items():
-            for row, p in zip(rows, corrected, strict=True):
-                yield row | {"correction": correction, "p_corrected": float(p)}
+        yield from _with_corrections(rows, len(design.pairs))
     yield from estimates
 
 
@@ -331,30 +329,37 @@ def _mixed(values: pd.DataFrame, design: Design) -> Iterator[Row]:
     if not design.factors or not is_incomplete_or_repeated(values, design.cells):
         return
     n, recordings = values["subject"].nunique(), values[["subject", "recording"]].drop_duplicates()
-    used = f"{len(recordings)} recordings of {n} subjects"
+    used = f"{len(recordings)} recordings of {n} subjects; one variance in all cells"
     if n > MIN_SUBJECTS:
-        for effect, chi2, df, p in effects_of_factors(values, design):
-            of_test = {"statistic_name": "chi2", "statistic": chi2, "df1": df}
-            yield _row(MIXED_MODEL, effect, n, used, **of_test, **_uncorrected(p))
+        try:
+            tests = list(effects_of_factors(values, design))
+        except ValueError as error:
+            tests = []
+            yield _row(MIXED_MODEL, "", n, f"not computed: {error}")
+        for effect, test in tests:
+            of_test = {"statistic_name": "F", "statistic": test.f}
+            of_test |= {"df1": test.df1, "df2": test.df2}
+            yield _row(MIXED_MODEL, effect, n, used, **of_test, **_uncorrected(test.p))
+    rows = []
     for first, second in design.pairs:
-        effect, found = f"{first} - {second}", compare_cells(values, first, second)
-        if found is None:
+        effect, compared = f"{first} - {second}", judging_comparison(values, first, second)
+        if compared is None or compared.subjects < MIN_SUBJECTS:
             yield _too_few(MIXED_MODEL, effect, n, MIN_SUBJECTS, "in each cell")
             continue
-        count = len(design.pairs)
-        low, high = found.interval()
-        yield _row(
-            MIXED_MODEL,
-            effect,
-            found.subjects,
-            f"{found.recordings} recordings",
-            statistic_name="t",
-            statistic=found.t,
-            p_uncorrected=found.p,
-            p_corrected=min(1.0, count * found.p),
-            correction=f"Bonferroni x{count}",
-            **_size("mean difference", IntervalEstimate(found.difference, low, high)),
-        )
+        interval = IntervalEstimate(compared.difference, *compared.interval())
+        of_t = {"statistic_name": "t", "statistic": compared.t, "df1": compared.df()}
+        of_t |= {"p_uncorrected": compared.p, **_size("mean difference", interval)}
+        note = f"{compared.recordings} recordings"
+        rows.append(_row(MIXED_MODEL, effect, compared.subjects, note, **of_t))
+    yield from _with_corrections(rows, len(design.pairs))
+
+
+def _with_corrections(rows: list[Row], planned: int) -> Iterator[Row]:
+    """Give the rows of a test of planned pairs with each correction."""
+    alone = np.array([row["p_uncorrected"] for row in rows])
+    for correction, corrected in _corrected(alone, planned).items():
+        for row, p in zip(rows, corrected, strict=True):
+            yield row | {"correction": correction, "p_corrected": float(p)}
 
 
 def _size(name: str, size: IntervalEstimate) -> Row:

@@ -7,106 +7,401 @@ their own: residuals without compensation scatter ten times as much as those wit
 error would be wrong for both.
 """
 
-import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import product
-from math import nan
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+from itertools import combinations, product
+from math import inf, nan
 from typing import Any, Final
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+from numpy.typing import NDArray
+from scipy import optimize, stats
 
 from hbm.spatial import Array
 from pipeline.statistics.design import COMPENSATION, CONFIDENCE, MIN_SUBJECTS, Design
+from pipeline.statistics.rm_glm import effect_coded
 
-DRAWS: Final = 2000
-"""Of the parametric bootstrap: the 99 % quantile of an interval for five pairs is known to 3 %."""
-RATIOS: Final = {1: 16, 2: 8, 3: 5}
-"""Number of random effects -> how many variances of each by that of the error, from 0.01 to 1000
-and 0, among which each draw takes the likeliest."""
+MAX_FRACTION: Final = 1 - 1e-8
+"""Of a random effect in the variance of this effect and the error; beyond, there is no error."""
+STARTS: Final = (0.0, 0.3, 0.7, 0.95)
+"""Fractions from which the optimum is sought: the criterion can have several minima."""
+BEST_STARTS: Final = 3
+"""Of all combinations of `STARTS`, from which the search begins."""
+ZERO_FRACTION: Final = 1e-7
+"""A smaller fraction is a variance of zero."""
+MAX_SLOPE: Final = 1e-4
+"""Of the criterion at its minimum, by fraction: estimates have converged to six digits."""
+Weights = tuple[float, float]
+"""Of the means of two cells in a sum of both."""
+DIFFERENCE: Final = (1.0, -1.0)
+"""Weights of the means of two cells in their difference."""
 
 
 @dataclass(frozen=True, slots=True)
-class MixedComparison:
-    """The difference of two cells by a mixed model.
+class FTest:
+    """An F test of fixed effects.
 
     Attributes
     ----------
-    difference, error
-        Estimate and standard error.
-    scatter
-        |t| of each draw of the parametric bootstrap if there is no difference, (`DRAWS`,).
-    subjects, recordings
-        How many of them are in one of the cells.
+    f, df1, df2, p
+        Statistic, degrees of freedom (of the error by Kenward and Roger), p-value.
     """
 
-    difference: float
-    error: float
-    scatter: Array
+    f: float
+    df1: int
+    df2: float
+    p: float
+
+
+@dataclass(frozen=True, slots=True)
+class MixedModel:
+    """A linear mixed model, fitted by restricted maximum likelihood (REML).
+
+    Attributes
+    ----------
+    coefficients, covariance
+        Fixed effects, (P,), and their covariance, (P, P).
+    variances
+        Of the random effects and, last, of the error, (K + 1,). Zero too of an effect that the
+        values cannot tell from another.
+    adjusted
+        Covariance with the correction for few subjects, (P, P).
+    sensitivity
+        Change of `covariance` with each variance that is not zero, (J, P, P).
+    uncertainty
+        Covariance of these variances, (J, J).
+    """
+
+    coefficients: Array
+    covariance: Array
+    variances: Array
+    adjusted: Array
+    sensitivity: Array
+    uncertainty: Array
+
+    def df(self, weights: Array) -> float:
+        """Give the degrees of freedom of a linear combination of the coefficients, (P,)."""
+        variance, slopes = weights @ self.covariance @ weights, self.sensitivity @ weights @ weights
+        return float(2 * variance**2 / (slopes @ self.uncertainty @ slopes))
+
+    def test(self, contrasts: Array) -> FTest:
+        """Test whether linear combinations of the coefficients, (L, P), are all zero.
+
+        Raises
+        ------
+        ValueError
+            If there are too few subjects for several combinations together.
+
+        Notes
+        -----
+        Kenward and Roger 1997, Biometrics 53:983, equations 4 to 9: the F statistic is scaled, and
+        has as many degrees of freedom, that its mean and variance are those of an F distribution.
+        """
+        count = len(contrasts)
+        inverse = np.linalg.inv(contrasts @ self.covariance @ contrasts.T)
+        changes = inverse @ contrasts @ self.sensitivity @ contrasts.T
+        traces = np.trace(changes, axis1=1, axis2=2)
+        a1 = traces @ self.uncertainty @ traces
+        a2 = np.einsum("jk,jab,kba->", self.uncertainty, changes, changes)
+        scale, df = 1.0, 2 / a2  # of a single combination
+        if count > 1:
+            # mean and variance of the F statistic, chosen to be exact where there is an exact test
+            b = (a1 + 6 * a2) / (2 * count)
+            g = ((count + 1) * a1 - (count + 4) * a2) / ((count + 2) * a2)
+            c1, c2, c3 = np.array([g, count - g, count + 2 - g]) / (3 * count + 2 * (1 - g))
+            by_mean = 1 - a2 / count
+            above, below = (1 + c1 * b) * by_mean**2, (1 - c2 * b) ** 2 * (1 - c3 * b)
+            # the F distribution with these moments
+            df = 4 + (count + 2) * below / (above - below)
+            scale = df * by_mean / (df - 2)
+            if not df > 2:
+                raise ValueError(f"too few subjects for {count + 1} levels")
+        estimate = contrasts @ self.coefficients
+        adjusted = contrasts @ self.adjusted @ contrasts.T
+        f = scale / count * estimate @ np.linalg.solve(adjusted, estimate)
+        return FTest(float(f), count, float(df), float(stats.f.sf(f, count, df)))
+
+
+@dataclass(frozen=True, slots=True)
+class CellComparison:
+    """Two cells compared: their means, and how sure weighted sums of both are.
+
+    Attributes
+    ----------
+    means
+        Of the first and of the second cell, (2,).
+    covariance
+        Of the means, (2, 2); NaN of a single subject.
+    between, within
+        Covariance of the cells between subjects with infinitely many recordings, and what a single
+        recording adds, (2, 2) each.
+    subjects, recordings
+        How many of them are in one of the cells.
+    repeats
+        Recordings of a subject in a cell: their harmonic mean.
+    model
+        The mixed model of all recordings; None of pairs of single recordings, where Student's t of
+        the differences is exact.
+    """
+
+    means: Array
+    covariance: Array
+    between: Array
+    within: Array
     subjects: int
     recordings: int
+    repeats: float = 1.0
+    model: MixedModel | None = None
+
+    def df(self, weights: Weights = DIFFERENCE) -> float:
+        """Give the degrees of freedom of a weighted sum."""
+        return self.subjects - 1 if self.model is None else self.model.df(np.array(weights))
+
+    def bounds(self, weights: Weights, alpha: float) -> tuple[float, float]:
+        """Give the confidence interval of a weighted sum, with alpha beyond either end."""
+        value = float(self.means @ weights)
+        half = float(stats.t.isf(alpha, self.df(weights))) * _deviation(self.covariance, weights)
+        return value - half, value + half
 
     def interval(self, alpha: float = 1 - CONFIDENCE) -> tuple[float, float]:
-        """Give the confidence interval, with alpha beyond its ends."""
-        student = stats.t.isf(alpha / 2, self.subjects - 1)
-        half = max(float(np.quantile(self.scatter, 1 - alpha)), student) * self.error
-        return self.difference - half, self.difference + half
+        """Give the confidence interval of the difference, with alpha beyond both ends together."""
+        return self.bounds(DIFFERENCE, alpha / 2)
+
+    def ratio_interval(self, alpha: float = 1 - CONFIDENCE) -> tuple[float, float]:
+        """Give the confidence interval of the first mean by the second.
+
+        The ratios r for which ``first - r second`` does not differ from zero (Fieller 1954, J R
+        Stat Soc B 16:175); infinite where the second mean may be zero, NaN of a single subject.
+        """
+
+        def beyond(ratio: float) -> float:
+            """Give how far the weighted sum of a ratio is from its critical value."""
+            low, high = self.bounds((1, -ratio), alpha / 2)
+            return abs(low + high) / 2 - (high - low) / 2
+
+        low, high = self.bounds((0, 1), alpha / 2)
+        if np.isnan(low):
+            return nan, nan
+        if low <= 0 <= high:
+            return -inf, inf
+        ratio = float(self.means[0] / self.means[1])
+        if beyond(ratio) >= 0:  # nothing varies
+            return ratio, ratio
+        ends = []
+        for sign in (-1, 1):
+            step = 1e-3
+            while beyond(ratio + sign * step) < 0:
+                step *= 2
+            ends.append(optimize.brentq(beyond, ratio, ratio + sign * step))
+        return ends[0], ends[1]
+
+    def spread(self, weights: Weights, repeats: float | None = None) -> float:
+        """Give the SD of weighted sums between subjects, with as many recordings, or a number."""
+        return _deviation(self.between + self.within / (repeats or self.repeats), weights)
+
+    @property
+    def difference(self) -> float:
+        """The first mean minus the second."""
+        return float(self.means[0] - self.means[1])
+
+    @property
+    def error(self) -> float:
+        """Standard error of the difference, without the correction for few subjects."""
+        return _deviation(self.covariance if self.model is None else self.model.covariance)
 
     @property
     def t(self) -> float:
-        """The difference by its standard error."""
-        return self.difference / self.error if self.error > 0 else nan
+        """The difference by its error, corrected for few subjects; NaN without an error."""
+        error = _deviation(self.covariance)
+        return self.difference / error if error > 0 else nan
 
     @property
     def p(self) -> float:
         """The probability of a larger |t| if there is no difference."""
-        beyond = np.count_nonzero(self.scatter >= abs(self.t))
-        student = 2 * stats.t.sf(abs(self.t), self.subjects - 1)
-        return float(max((1 + beyond) / (1 + len(self.scatter)), student))
+        return float(2 * stats.t.sf(abs(self.t), self.df()))
 
 
-def fit_mixed(
-    formula: str,
-    table: pd.DataFrame,
-    groups: str,
-    random_slopes: str = "1",
-    variance_components: Mapping[str, str] | None = None,
-) -> Any:
+def _deviation(covariance: Array, weights: Weights = DIFFERENCE) -> float:
+    """Give the standard deviation of a weighted sum of two values."""
+    return float(np.sqrt(np.array(weights) @ covariance @ weights))
+
+
+def fit_mixed(values: Array, fixed: Array, effects: Sequence[NDArray[Any]]) -> MixedModel:
     """Fit a linear mixed model by restricted maximum likelihood.
 
     Parameters
     ----------
-    formula
-        Of the fixed effects, such as "Reaction ~ Days".
-    table
-        A row per value.
-    groups
-        Column of the subjects.
-    random_slopes
-        Formula of effects that vary between subjects, with any correlation; the intercept alone by
-        default.
-    variance_components
-        Name -> formula of independent effects within subjects.
+    values
+        What is measured, (N,).
+    fixed
+        Columns of the fixed effects, (N, P).
+    effects
+        Which level of each random effect a value has, (N,) each. The first are the subjects;
+        levels of the others lie within a subject.
 
     Returns
     -------
-    statsmodels.regression.mixed_linear_model.MixedLMResults
-        Of statsmodels (Lindstrom and Bates 1988, J Am Stat Assoc 83:1014).
+    MixedModel
+        Where a variance is zero, the model without its effect.
+
+    Raises
+    ------
+    ValueError
+        If a fixed effect is not determined, nothing is left for the error, or no optimum is found.
+
+    Notes
+    -----
+    The criterion of Laird and Ware 1982 (Biometrics 38:963), profiled over the fixed effects and
+    the variance of the error, is minimised over the fraction of each effect in the variance of
+    effect and error, from several starts. The fraction may be zero: there, the criterion has to
+    rise. Correction for few subjects: Kenward and Roger 1997, Biometrics 53:983, with the expected
+    information; the covariance is linear in the variances, so its second derivatives vanish.
+
+    Examples
+    --------
+    >>> subject = np.array([0, 0, 1, 1, 2, 2])
+    >>> model = fit_mixed(np.array([1.0, 2, 4, 6, 8, 9]), np.ones((6, 1)), [subject])
+    >>> float(model.coefficients[0])
+    5.0
     """
-    from statsmodels.regression.mixed_linear_model import MixedLM
+    count, columns = fixed.shape
+    if np.linalg.matrix_rank(fixed) < columns:
+        raise ValueError("a combination of levels has no value")
+    if count <= columns or not np.ptp(values) > 0:
+        raise ValueError("nothing varies within the cells")
+    y, x, alike = _by_subject(values, fixed, [*effects, np.arange(count)])  # the last is the error
+    # an effect counts if a level of it repeats, and no effect before it has the same levels
+    counting = [
+        k
+        for k, same in enumerate(alike)
+        if same.sum() > count and not any(np.array_equal(same, alike[j]) for j in range(k))
+    ]
+    fractions = _likeliest(y, x, alike[counting], count)
+    above_zero = fractions > ZERO_FRACTION
+    kept = [*np.array(counting, int)[above_zero], len(effects)]
+    ratios = np.append(fractions[above_zero] / (1 - fractions[above_zero]), 1.0)
+    model = _corrected(ratios, y, x, alike[kept], count)
+    variances = np.zeros(len(effects) + 1)
+    variances[kept] = model.variances
+    return replace(model, variances=variances)
 
-    model = MixedLM.from_formula(
-        formula, table, groups=groups, re_formula=random_slopes, vc_formula=variance_components
+
+def _by_subject(
+    values: Array, fixed: Array, effects: Sequence[NDArray[Any]]
+) -> tuple[Array, Array, Array]:
+    """Give a block per subject, filled with zeros where a subject has fewer values than others.
+
+    Values (S, M, 1), fixed effects (S, M, P), and for each random effect 1 where two values have
+    the same level, else 0, (K, S, M, M).
+    """
+    subject = np.unique(effects[0], return_inverse=True)[1]
+    order = np.argsort(subject, kind="stable")
+    counts = np.bincount(subject)
+    block = subject[order]
+    row = np.arange(len(values)) - np.repeat(np.cumsum(counts) - counts, counts)
+    shape = len(counts), counts.max()
+    y, x = np.zeros((*shape, 1)), np.zeros((*shape, fixed.shape[1]))
+    y[block, row, 0], x[block, row] = values[order], fixed[order]
+    level = np.full((len(effects), *shape), -1)
+    for k, effect in enumerate(effects):
+        level[k, block, row] = np.unique(effect, return_inverse=True)[1][order]
+    alike = (level[..., :, None] == level[..., None, :]) & (level[..., None] >= 0)
+    return y, x, alike.astype(float)
+
+
+def _inverse(ratios: Array, alike: Array) -> Array:
+    """Give the inverse covariance of the values by the error's variance, (S, M, M)."""
+    covariance = np.eye(alike.shape[2]) + np.tensordot(ratios, alike, axes=1)
+    return np.asarray(np.linalg.inv(covariance), float)
+
+
+def _criterion(
+    fractions: Array, y: Array, x: Array, alike: Array, count: int
+) -> tuple[float, Array]:
+    """Give -2 log of the restricted likelihood but for a constant, and its slopes, (K,)."""
+    weight = _inverse(fractions / (1 - fractions), alike)
+    weighted_x = weight @ x
+    precision = np.einsum("smp,smq->pq", x, weighted_x)
+    rest = y - x @ np.linalg.solve(precision, np.einsum("smp,smo->po", weighted_x, y))
+    weighted = weight @ rest
+    squares, freedom = float(np.sum(rest * weighted)), count - x.shape[2]
+    value = freedom * np.log(squares) + np.linalg.slogdet(precision)[1]
+    value -= np.linalg.slogdet(weight)[1].sum()
+
+    # derivatives by the ratios: of the squares, of the determinants of fixed effects and values
+    of_squares = np.sum(weighted * (alike @ weighted), axis=(1, 2, 3))
+    of_fixed = np.einsum("smp,ksmq->kpq", weighted_x, alike @ weighted_x)
+    slopes = np.sum(weight * alike, axis=(1, 2, 3)) - freedom / squares * of_squares
+    slopes -= np.trace(np.linalg.solve(precision, of_fixed), axis1=1, axis2=2)
+    return float(value), slopes / (1 - fractions) ** 2  # by the fractions
+
+
+def _likeliest(y: Array, x: Array, alike: Array, count: int) -> Array:
+    """Find the fractions at the minimum of the criterion, which may be zero, (K,)."""
+
+    def criterion(fractions: Array) -> tuple[float, Array]:
+        """Give the criterion and its slopes."""
+        return _criterion(fractions, y, x, alike, count)
+
+    starts = [np.array(fractions) for fractions in product(STARTS, repeat=len(alike))]
+    starts.sort(key=lambda fractions: criterion(fractions)[0])
+    ends = [
+        optimize.minimize(
+            criterion,
+            start,
+            jac=True,
+            method="L-BFGS-B",
+            bounds=[(0, MAX_FRACTION)] * len(alike),
+            options={"ftol": 0.0, "gtol": MAX_SLOPE / 10},
+        )
+        for start in starts[:BEST_STARTS]
+    ]
+    best = np.asarray(min(ends, key=lambda end: end.fun).x)
+    slopes = criterion(best)[1]
+    # inside its bounds the criterion is level; at a variance of zero it may rise
+    if np.any(np.where(best > ZERO_FRACTION, np.abs(slopes), -slopes) > MAX_SLOPE):
+        raise ValueError("the variances have no likeliest values")
+    return best
+
+
+def _corrected(ratios: Array, y: Array, x: Array, alike: Array, count: int) -> MixedModel:
+    """Give the model with given variances by that of the error, the last, and its correction."""
+    weight = _inverse(ratios[:-1], alike[:-1])
+    precision = np.einsum("smp,smq->pq", x, weight @ x)
+    coefficients = np.linalg.solve(precision, np.einsum("smp,smo->p", weight @ x, y))
+    rest = y - (x @ coefficients)[..., None]
+    error = float(np.sum(rest * (weight @ rest))) / (count - x.shape[2])
+    covariance = error * np.asarray(np.linalg.inv(precision), float)
+
+    # how the precision of the fixed effects changes with each variance, to first and second order
+    weight = weight / error
+    changed_x = alike @ weight @ x
+    first = np.einsum("smp,ksmq->kpq", weight @ x, changed_x)
+    second = np.einsum("jsmp,ksmq->jkpq", changed_x, weight @ changed_x)
+    # expected information of the variances: of all values, minus that of the fixed effects
+    changed, products = alike @ weight, covariance @ first
+    information = np.einsum("jsmn,ksnm->jk", changed, changed) / 2
+    information += np.einsum("jpq,kqp->jk", products, products) / 2
+    information -= np.trace(covariance @ second, axis1=2, axis2=3)
+    uncertainty = np.linalg.pinv(information)
+
+    # the fixed effects vary more than by their covariance, as the variances are estimates
+    excess = second - first[:, None] @ covariance @ first
+    correction = covariance @ np.einsum("jk,jkpq->pq", uncertainty, excess) @ covariance
+    return MixedModel(
+        coefficients=coefficients,
+        covariance=covariance,
+        variances=error * ratios,
+        adjusted=covariance + 2 * correction,
+        sensitivity=covariance @ first @ covariance,
+        uncertainty=uncertainty,
     )
-    with warnings.catch_warnings():  # a variance of zero is no fault
-        warnings.simplefilter("ignore")
-        return model.fit(reml=True)
 
 
-def compare_cells(values: pd.DataFrame, first: str, second: str) -> MixedComparison | None:
-    """Compare two cells by all recordings that there are.
+def compare_cells(values: pd.DataFrame, first: str, second: str) -> CellComparison | None:
+    """Compare two cells by a mixed model of all recordings that there are.
 
     Parameters
     ----------
@@ -118,40 +413,61 @@ def compare_cells(values: pd.DataFrame, first: str, second: str) -> MixedCompari
 
     Returns
     -------
-    MixedComparison or None
+    CellComparison or None
         ``first - second``; None where fewer than two subjects are in a cell, or the values do not
-        vary.
+        vary within the cells.
 
     Notes
     -----
-    The interval is that of a parametric bootstrap of t: values are drawn from the fitted model, and
-    the variances are estimated anew in each draw (Davison and Hinkley 1997, Bootstrap Methods,
-    section 5.2). As variances of few subjects are uncertain, it is never narrower than by Student's
-    t with as many degrees of freedom as subjects but one: where no cell is missing and nothing is
-    repeated, it is that of the paired t-test. Equal data give equal numbers.
+    Estimate and error are by restricted maximum likelihood, interval and p by Kenward and Roger
+    (`fit_mixed`). Where no cell is missing and nothing is repeated, they are those of the paired
+    t-test, unless subjects vary less than their differences.
     """
-    own = values[values["cell"].isin((first, second)) & np.isfinite(values["value"])]
-    own = own.assign(first=np.where(own["cell"] == first, 0.5, -0.5)).reset_index(drop=True)
-    people = own.groupby("cell")["subject"].nunique()
+    cells = values[values["cell"].isin((first, second)) & np.isfinite(values["value"])]
+    people = cells.groupby("cell")["subject"].nunique()
     if len(people) < 2 or people.min() < MIN_SUBJECTS:
         return None
-    size = float(own["value"].std())
-    if not size > 0:
+    effects = _random_effects(cells)
+    means = np.column_stack([cells["cell"] == name for name in (first, second)]).astype(float)
+    try:
+        model = fit_mixed(cells["value"].to_numpy(float), means, effects)
+    except ValueError:
         return None
-    components = _components(own)
-    formulas = {name: f"0 + C({name})" for name in components}
-    own["scaled"] = own["value"] / size
-    fitted = fit_mixed("scaled ~ first", own, "subject", variance_components=formulas or None)
-    variances = [float(fitted.cov_re.iloc[0, 0]), *map(float, fitted.vcomp)]
-    alike = [_alike(own[name]) for name in ("subject", *components)]
-    covariance = float(fitted.scale) * np.eye(len(own))
-    covariance += sum(v * same for v, same in zip(variances, alike, strict=True))
-    fixed = np.column_stack([np.ones(len(own)), own["first"]])
-    error = float(np.sqrt(np.linalg.inv(fixed.T @ np.linalg.solve(covariance, fixed))[1, 1]))
-    scatter = _drawn_t(fixed, alike, covariance)
-    subjects, recordings = own["subject"].nunique(), own["of_recording"].nunique()
-    difference = float(fitted.fe_params["first"])
-    return MixedComparison(size * difference, size * error, scatter, subjects, recordings)
+    of_subject, of_cell, of_recording, error = model.variances
+    both, apart = np.ones((2, 2)), np.eye(2)  # what is in both cells, and what is in one
+    counts = cells.groupby(["subject", "cell"]).size()
+    return CellComparison(
+        means=model.coefficients,
+        covariance=model.adjusted,
+        between=of_subject * both + of_cell * apart,
+        within=of_recording * both + error * apart,
+        subjects=len(np.unique(effects[0])),
+        recordings=len(np.unique(effects[2])),
+        repeats=float(1 / (1 / counts).mean()),
+        model=model,
+    )
+
+
+def judging_comparison(values: pd.DataFrame, first: str, second: str) -> CellComparison | None:
+    """Compare two cells as their difference is judged.
+
+    By pairs where every subject has one recording of each cell, else by a mixed model.
+    Parameters and None are those of `compare_cells`; pairs are given of a single subject too.
+    """
+    cells = values[values["cell"].isin((first, second)) & np.isfinite(values["value"])]
+    if cells.empty or is_incomplete_or_repeated(cells, (first, second)):
+        return compare_cells(cells, first, second)
+    table = cells.pivot(index="subject", columns="cell", values="value")
+    pairs = table[[first, second]].to_numpy(float)
+    spread = np.full((2, 2), nan) if len(pairs) < MIN_SUBJECTS else np.cov(pairs.T)
+    return CellComparison(
+        means=pairs.mean(axis=0),
+        covariance=spread / len(pairs),
+        between=spread,
+        within=np.zeros((2, 2)),
+        subjects=len(pairs),
+        recordings=len(np.unique(_random_effects(cells)[2])),
+    )
 
 
 def recording_values(recordings: pd.DataFrame, axis: str, design: Design) -> pd.DataFrame:
@@ -160,20 +476,20 @@ def recording_values(recordings: pd.DataFrame, axis: str, design: Design) -> pd.
     Of a long table with a row per recording, compensation and axis: subject, condition, recording,
     compensated, axis, rms.
     """
-    own = recordings[
+    rows = recordings[
         (recordings["axis"] == axis)
         & recordings["condition"].isin(design.conditions)
         & recordings["compensated"].isin(design.variants)
     ]
-    cells = [design.cell(*key) for key in zip(own["condition"], own["compensated"], strict=True)]
+    cells = [design.cell(*key) for key in zip(rows["condition"], rows["compensated"], strict=True)]
     return pd.DataFrame(
         {
-            "subject": own["subject"].to_numpy(),
-            "recording": (own["condition"] + " " + own["recording"].astype(str)).to_numpy(),
-            "condition": own["condition"].to_numpy(),
-            "compensated": own["compensated"].to_numpy(),
+            "subject": rows["subject"].to_numpy(),
+            "recording": (rows["condition"] + " " + rows["recording"].astype(str)).to_numpy(),
+            "condition": rows["condition"].to_numpy(),
+            "compensated": rows["compensated"].to_numpy(),
             "cell": cells,
-            "value": own["rms"].to_numpy(float),
+            "value": rows["rms"].to_numpy(float),
         }
     )
 
@@ -188,72 +504,47 @@ def is_incomplete_or_repeated(values: pd.DataFrame, cells: Sequence[str]) -> boo
     return bool((counts != 1).any(axis=None))
 
 
-def effects_of_factors(
-    values: pd.DataFrame, design: Design
-) -> Iterator[tuple[str, float, int, float]]:
-    """Test the factors and their interactions by all recordings.
+def effects_of_factors(values: pd.DataFrame, design: Design) -> Iterator[tuple[str, FTest]]:
+    """Test the factors and their interactions by all recordings, in one model of all cells.
 
     Of the design's groups where the values have a column ``group``.
 
     Yields
     ------
-    effect, chi2, degrees of freedom, p
-        Wald's test in one model of all cells, with a common error.
+    effect, FTest
+        Type III, by Kenward and Roger.
+
+    Raises
+    ------
+    ValueError
+        If a combination of levels has no value, or the values do not vary.
     """
-    terms = {COMPENSATION: "C(compensated, Sum)", design.factor: "C(condition, Sum)"}
-    named = [terms[factor] for factor in design.factors]
-    own = values.assign(scaled=values["value"] / values["value"].std())
+    levels = {COMPENSATION: "compensated", design.factor: "condition"}
+    factors = {name: levels[name] for name in design.factors}
+    rows = values
     if design.group is not None and "group" in values:
-        terms[design.group] = "C(group, Sum)"
-        own, named = own.dropna(subset="group"), [*named, terms[design.group]]
-    components = _components(own)
-    formulas = {name: f"0 + C({name})" for name in components}
-    formula = f"scaled ~ {' * '.join(named)}"
-    fitted = fit_mixed(formula, own, "subject", variance_components=formulas or None)
-    tests = fitted.wald_test_terms(scalar=True).table
-    names = {term: factor for factor, term in terms.items()}
-    for term, row in tests.iterrows():
-        if term != "Intercept":
-            effect = ":".join(names[part] for part in str(term).split(":"))
-            yield effect, float(row["statistic"]), int(row["df_constraint"]), float(row["pvalue"])
+        factors[design.group] = "group"
+        rows = values.dropna(subset="group")
+    # effect coding: each term is tested for the mean over the levels of the others
+    columns = {name: effect_coded(name, rows[c].to_numpy(str)) for name, c in factors.items()}
+    terms = [t for size in range(len(factors) + 1) for t in combinations(factors, size)]
+    blocks = [
+        reduce(_products, [columns[name] for name in term], np.ones((len(rows), 1)))
+        for term in terms
+    ]
+    model = fit_mixed(rows["value"].to_numpy(float), np.hstack(blocks), _random_effects(rows))
+    ends = np.cumsum([block.shape[1] for block in blocks])
+    for term, start, end in zip(terms[1:], ends, ends[1:], strict=False):
+        yield ":".join(term), model.test(np.eye(ends[-1])[start:end])
 
 
-def _components(own: pd.DataFrame) -> list[str]:
-    """Add the random effects within subjects that recordings of two cells can tell, as columns."""
-    own["of_cell"] = own["subject"] + " " + own["cell"]
-    own["of_recording"] = own["subject"] + " " + own["recording"]
-    found = []
-    for name in ("of_cell", "of_recording"):
-        repeated = own[name].duplicated().any()
-        if repeated and own[name].nunique() > own["subject"].nunique():
-            found.append(name)
-    return found
+def _products(block: Array, factor: Array) -> Array:
+    """Multiply each column of a block by each of a factor, (N, columns)."""
+    return (block[:, :, None] * factor[:, None, :]).reshape(len(block), -1)
 
 
-def _alike(names: pd.Series) -> Array:
-    """Give 1 where two rows have the same name, else 0, (N, N)."""
-    column = names.to_numpy(str)
-    return np.asarray(column[:, None] == column, float)
-
-
-def _drawn_t(fixed: Array, alike: list[Array], covariance: Array) -> Array:
-    """Give |t| of values that are drawn from a model without a difference, (`DRAWS`,)."""
-    count = len(fixed)
-    rng = np.random.default_rng(0)
-    drawn = np.linalg.cholesky(covariance) @ rng.standard_normal((count, DRAWS))
-    best, found = np.full(DRAWS, np.inf), np.zeros(DRAWS)
-    each = np.array([0.0, *np.geomspace(0.01, 1000, RATIOS[len(alike)])])
-    for ratios in product(each, repeat=len(alike)):
-        mixed = np.eye(count) + sum(r * same for r, same in zip(ratios, alike, strict=True))
-        weight = np.linalg.inv(mixed)
-        normal = fixed.T @ weight @ fixed
-        back = np.linalg.solve(normal, fixed.T @ weight)
-        estimate = back @ drawn
-        left = drawn - fixed @ estimate
-        square = np.sum(left * (weight @ left), axis=0) / (count - 2)
-        shape = np.linalg.slogdet(mixed)[1] + np.linalg.slogdet(normal)[1]
-        criterion = (count - 2) * np.log(square) + shape
-        t = np.abs(estimate[1]) / np.sqrt(square * np.linalg.inv(normal)[1, 1])
-        better = criterion < best
-        best[better], found[better] = criterion[better], t[better]
-    return found
+def _random_effects(values: pd.DataFrame) -> list[NDArray[Any]]:
+    """Give the subject, the subject's cell and the subject's recording of each value."""
+    subject = values["subject"].to_numpy(str)
+    within = (np.char.add(subject, "\0" + values[n].to_numpy(str)) for n in ("cell", "recording"))
+    return [subject, *within]

@@ -1,18 +1,21 @@
 """Repeatability of values that were recorded several times, in one session or in several."""
 
-import warnings
-from collections.abc import Iterator
+from collections.abc import Sequence
 from math import nan, sqrt
 from typing import Final
 
 import numpy as np
 import pandas as pd
+from scipy import stats
 
-from pipeline.statistics.design import MIN_SUBJECTS
+from hbm.spatial import Array
+from pipeline.statistics.design import CONFIDENCE, MIN_SUBJECTS
 
 KEYS: Final = ["condition", "compensated", "name", "unit"]
 MIN_VALUES: Final = 5
 """Of an intraclass correlation."""
+TAIL: Final = (1 - CONFIDENCE) / 2
+"""Probability beyond either bound."""
 COLUMNS: Final = (
     *KEYS,
     *("repeated", "n_subjects", "n_repeats", "mean", "sd_within", "icc", "icc_low", "icc_high"),
@@ -40,15 +43,16 @@ def reliability(values: pd.DataFrame) -> pd.DataFrame:
         mean, sd_within
             Mean, and within-subject standard deviation: the root mean square over subjects.
         icc, icc_low, icc_high
-            Intraclass correlation of single repeats, absolute agreement, with 95 % interval.
+            Intraclass correlation of single repeats, absolute agreement, with 95 % interval
+            between 0 and 1; a negative estimate means that no variance between subjects is seen.
         sem, smallest_detectable_change
             Standard error of measurement, and the change that exceeds it in one person (95 %).
 
     Notes
     -----
-    ICC(A,1) of McGraw and Wong 1996 (Psychol Methods 1:30), by pingouin; the standard error of
-    measurement is the total standard deviation times √(1 − ICC), the smallest detectable change
-    1.96 √2 of it (Weir 2005, J Strength Cond Res 19:231).
+    ICC(A,1) of McGraw and Wong 1996 (Psychol Methods 1:30); the standard error of measurement is
+    the total standard deviation times √(1 − ICC), the smallest detectable change 1.96 √2 of it
+    (Weir 2005, J Strength Cond Res 19:231).
 
     Examples
     --------
@@ -62,48 +66,54 @@ def reliability(values: pd.DataFrame) -> pd.DataFrame:
     >>> (row["repeated"], int(row["n_subjects"]), bool(row["icc"] > 0.99))
     ('recording', 9, True)
     """
-    rows, several_of = [], values.duplicated([*KEYS, "subject"], keep=False)
-    for key, own in values[several_of].groupby(KEYS, sort=False):
-        sessions = own.groupby("subject")["session"].nunique()
-        of_session = bool((sessions > 1).sum() >= MIN_SUBJECTS)
-        unit = "session" if of_session else "recording"
-        each = own.groupby(["subject", unit], sort=True)["value"].mean()
-        counts = each.groupby("subject").size()
-        several = counts.index[counts > 1]
-        if len(several) >= MIN_SUBJECTS:
-            repeats = each[each.index.get_level_values("subject").isin(several)]
-            of_repeats = [*_of_repeats(repeats, int(counts[several].min()))]
-            rows.append((*key, unit, len(several), int(counts[several].min()), *of_repeats))
+    rows, is_repeated = [], values.duplicated([*KEYS, "subject"], keep=False)
+    for key, repeated in values[is_repeated].groupby(KEYS, sort=False):
+        sessions = repeated.groupby("subject")["session"].nunique()
+        of_sessions = bool((sessions > 1).sum() >= MIN_SUBJECTS)
+        unit = "session" if of_sessions else "recording"
+        means = repeated.groupby(["subject", unit], sort=True)["value"].mean()
+        of_subjects = [value for _, value in means.groupby("subject") if len(value) > 1]
+        if len(of_subjects) >= MIN_SUBJECTS:
+            repeats = [value.to_numpy(float) for value in of_subjects]
+            count = min(map(len, repeats))
+            rows.append((*key, unit, len(repeats), count, *_of_repeats(repeats, count)))
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
-def _of_repeats(repeats: pd.Series, count: int) -> Iterator[float]:
-    """Give the numbers of one value, indexed by subject and repeat, from the mean on."""
-    of_subject = repeats.groupby("subject")
-    within = sqrt(float(np.average(of_subject.var(), weights=of_subject.size() - 1)))
-    yield float(of_subject.mean().mean())
-    yield within
-    first = of_subject.head(count)
-    repeat = first.groupby("subject").cumcount().to_numpy()
-    table = first.reset_index(name="value").assign(repeat=repeat)
-    icc, (low, high) = _agreement(table)
-    yield from (icc, low, high)
-    sem = float(first.std()) * sqrt(max(1 - icc, 0.0))
-    yield from (sem, 1.96 * sqrt(2) * sem)
+def _of_repeats(repeats: Sequence[Array], count: int) -> tuple[float, ...]:
+    """Give the numbers of one value, from the mean on, of the repeats of each subject."""
+    freedoms = [len(values) - 1 for values in repeats]
+    within = sqrt(np.average([values.var(ddof=1) for values in repeats], weights=freedoms))
+    mean = float(np.mean([values.mean() for values in repeats]))
+    table = np.array([values[:count] for values in repeats])
+    icc, low, high = _agreement(table)
+    sem = float(table.std(ddof=1)) * sqrt(max(1 - icc, 0.0))
+    return mean, within, icc, low, high, sem, 1.96 * sqrt(2) * sem
 
 
-def _agreement(table: pd.DataFrame) -> tuple[float, tuple[float, float]]:
-    """Give the intraclass correlation of single repeats with its interval.
+def _agreement(table: Array) -> tuple[float, float, float]:
+    """Give the intraclass correlation of single repeats, (subjects, repeats), with its interval.
 
     NaN without variance, and of two repeats of two subjects.
     """
-    import pingouin
-
-    if not table["value"].std() > 0 or len(table) < MIN_VALUES:
-        return nan, (nan, nan)
-    with warnings.catch_warnings():  # of pandas' deprecations, and of subjects who are all alike
-        warnings.simplefilter("ignore")
-        found = pingouin.intraclass_corr(table, "subject", "repeat", "value")
-    row = found.set_index("Type").loc["ICC(A,1)"]
-    low, high = row["CI95"]
-    return float(row["ICC"]), (float(low), float(high))
+    n, k = table.shape
+    if table.size < MIN_VALUES or not table.std() > 0:
+        return nan, nan, nan
+    # mean squares of subjects, of repeats and of the error
+    subjects, repeats = table.mean(axis=1, keepdims=True), table.mean(axis=0, keepdims=True)
+    error = np.sum((table - subjects - repeats + table.mean()) ** 2) / ((n - 1) * (k - 1))
+    of_subjects, of_repeats = k * subjects.var(ddof=1), n * repeats.var(ddof=1)
+    total = of_subjects + (k - 1) * error + k * (of_repeats - error) / n
+    icc = (of_subjects - error) / total
+    if not icc < 1:  # all repeats of a subject are equal
+        return 1.0, 1.0, 1.0
+    # degrees of freedom of the error of a repeat, by Satterthwaite (McGraw and Wong, table 7)
+    a, b = k * icc / (n * (1 - icc)), 1 + k * icc * (n - 1) / (n * (1 - icc))
+    parts = np.array([a * of_repeats, b * error])
+    df = parts.sum() ** 2 / (parts**2 / [k - 1, (n - 1) * (k - 1)]).sum()
+    rest = k * of_repeats + (k * n - k - n) * error
+    high_f, low_f = stats.f.isf(TAIL, n - 1, df), stats.f.isf(TAIL, df, n - 1)
+    low = n * (of_subjects - high_f * error) / (high_f * rest + n * of_subjects)
+    high = n * (low_f * of_subjects - error) / (rest + n * low_f * of_subjects)
+    low, high = np.clip([low, high], 0.0, 1.0)
+    return float(icc), float(low), float(high)

@@ -104,7 +104,7 @@ def repeated_measures_glm(
     values = np.asarray(values, float)
     n, *levels = values.shape
     blocks = {"": np.ones((n, 1))}
-    blocks |= {name: _coded(name, column) for name, column in (between or {}).items()}
+    blocks |= {name: effect_coded(name, column) for name, column in (between or {}).items()}
     design = np.hstack(list(blocks.values()))
     df_error = n - design.shape[1]
     if df_error < 1:
@@ -140,7 +140,7 @@ def repeated_measures_glm(
     return tuple(terms)
 
 
-def _coded(name: str, column: Array) -> Array:
+def effect_coded(name: str, column: Array) -> Array:
     """Code a group by its effects, or centre a covariate, (n, columns)."""
     column = np.asarray(column)
     if np.issubdtype(column.dtype, np.number):

@@ -11,6 +11,7 @@ from typing import Final
 
 import numpy as np
 import pandas as pd
+from scipy.integrate import trapezoid
 
 from hbm.coordinates import INDEX, SIDES
 from hbm.spatial import Array
@@ -71,9 +72,11 @@ CURVES: Final = {"angle": "deg", "moment": "N·m/kg", "power": "W/kg"}
 JOULES: Final = "J/kg"
 BESIDE_S: Final = np.array([-0.2, 0.2])
 """Time before and after gait cycles from which their curves are interpolated."""
-MIN_KNOWN: Final = 0.8
-"""Of a gait cycle that is summarised: where a stumble makes it uncertain whose foot is on a plate,
-moments of some instants are unknown."""
+NEAR_EXTREME: Final = 0.2
+"""Of the range of the mean curve: where that is so near to its extreme, an unknown instant of a
+cycle may hide the extreme of this cycle."""
+MAX_UNKNOWN_WORK: Final = 0.05
+"""Of the mean work, in the unknown instants of a cycle, where the mean power is taken."""
 
 
 def joint_spans(result: TrialResult) -> dict[str, Array]:
@@ -180,7 +183,9 @@ def joint_tables(result: TrialResult, condition: str) -> tuple[pd.DataFrame, pd.
         As `joints.csv` holds it: subject, condition, recording, session, compensated, side, joint,
         direction, quantity (`QUANTITIES`), unit; value and sd, mean and standard deviation over
         cycles, and the mean percent of the cycle at which a peak is (NaN of ranges and work);
-        n_cycles, the cycles of which at least `MIN_KNOWN` is known.
+        n_cycles, those in which the quantity is known: of an extreme those without unknown instants
+        near that of the mean curve (`NEAR_EXTREME`), of work those in which unknown instants have
+        little of it (`MAX_UNKNOWN_WORK`).
     cycles
         As `joint_cycles.parquet` holds it: subject, condition, recording, session, compensated,
         side, cycle (from 1 for each side), percent, and a column for every joint motion and curve,
@@ -202,7 +207,7 @@ def joint_tables(result: TrialResult, condition: str) -> tuple[pd.DataFrame, pd.
     for variant, of_sides in joint_curves(result).items():
         for side, curves in of_sides.items():
             of_side = variant == "compensated", side
-            rows += [(*of_side, *row) for row in _quantities(curves, time_s[side])]
+            rows += [(*of_side, *row) for row in quantities(curves, time_s[side])]
             count, percents = curves.shape[:2]
             values = curves.reshape(count * percents, len(CYCLE_COLUMNS) - 4).astype(np.float32)
             part = pd.DataFrame(values, columns=CYCLE_COLUMNS[4:])
@@ -215,33 +220,62 @@ def joint_tables(result: TrialResult, condition: str) -> tuple[pd.DataFrame, pd.
     return with_name(summary, result, condition), with_name(cycles, result, condition)
 
 
-def _quantities(curves: Array, duration_s: Array) -> Iterator[tuple[object, ...]]:
+def quantities(curves: Array, duration_s: Array) -> Iterator[tuple[object, ...]]:
     """Give the rows of a side from the joint on, of curves (C, 101, 13, 3)."""
-    known = np.isfinite(curves).mean(axis=1) >= MIN_KNOWN
     for quantity, (curve, unit) in QUANTITIES.items():
-        c = [*CURVES].index(curve)
-        of_cycles, percent = _quantity(quantity, curves[..., c], duration_s)
         for k, motion in enumerate(JOINT_MOTIONS):
-            values = of_cycles[known[:, k, c], k]
+            of_motion = curves[..., k, [*CURVES].index(curve)]
+            of_cycles, percent = _quantity(quantity, of_motion, duration_s)
+            known = np.isfinite(of_cycles)
+            values = of_cycles[known]
             if len(values):
                 spread = values.std(ddof=1) if len(values) > 1 else np.nan
-                at = float(percent[known[:, k, c], k].mean())
                 name = motion.joint, motion.direction, quantity, unit
-                yield *name, values.mean(), spread, at, len(values)
+                yield *name, values.mean(), spread, float(percent[known].mean()), len(values)
 
 
 def _quantity(quantity: str, curves: Array, duration_s: Array) -> tuple[Array, Array]:
-    """Give a quantity of each cycle and the percent at which it is, of (C, 101, K), (C, K) each."""
-    unknown = np.isnan(curves)
+    """Give a quantity of each cycle and the percent at which it is, of (C, 101), (C,) each.
+
+    NaN in cycles of which it is not known.
+    """
+    unplaced = np.full(len(curves), np.nan)
     if quantity.endswith("work"):
         part = np.maximum(curves, 0) if quantity.startswith("positive") else np.minimum(curves, 0)
-        samples = np.maximum(np.count_nonzero(~unknown, axis=1), 1)
-        work = np.where(unknown, 0.0, part).sum(axis=1) / samples * duration_s[:, None]
-        return work, np.full(work.shape, np.nan)
-    high, low = np.where(unknown, -np.inf, curves), np.where(unknown, np.inf, curves)
+        return _mean_power(part) * duration_s, unplaced
     if quantity == "range of motion":
-        span = high.max(axis=1) - low.min(axis=1)
-        return span, np.full(span.shape, np.nan)
+        return _largest(curves)[0] + _largest(-curves)[0], unplaced
     if quantity.startswith("largest"):
-        return high.max(axis=1), high.argmax(axis=1).astype(float)
-    return low.min(axis=1), low.argmin(axis=1).astype(float)
+        return _largest(curves)
+    largest, percent = _largest(-curves)
+    return -largest, percent
+
+
+def _mean_power(power: Array) -> Array:
+    """Give the mean over each cycle, (C,), of power (C, 101); NaN where too much is unknown."""
+    unknown, usual = np.isnan(power), _mean_curve(power)
+    # integrals over the cycle: of the whole, of what is unknown in it, of the mean curve
+    filled = np.where(unknown, usual, power), np.where(unknown, usual, 0.0)
+    mean, missing = trapezoid(filled, dx=1 / (power.shape[1] - 1), axis=2)
+    most = MAX_UNKNOWN_WORK * abs(float(trapezoid(usual, dx=1 / (power.shape[1] - 1))))
+    return np.asarray(np.where(np.abs(missing) <= most, mean, np.nan))
+
+
+def _largest(curves: Array) -> tuple[Array, Array]:
+    """Give the largest value of each cycle, (C,), NaN where it may be hidden, and its percent."""
+    unknown, usual = np.isnan(curves), _mean_curve(curves)
+    near = ~(usual < usual.max() - NEAR_EXTREME * np.ptp(usual))
+    values = np.where(unknown, -np.inf, curves)
+    hidden = (near & unknown).any(axis=1)
+    largest = np.where(hidden, np.nan, values.max(axis=1))
+    return largest, values.argmax(axis=1).astype(float)
+
+
+def _mean_curve(curves: Array) -> Array:
+    """Average what is known of cycles, (C, 101) to (101,); straight over what none knows."""
+    known = np.isfinite(curves)
+    seen = np.flatnonzero(known.any(axis=0))
+    if not len(seen):
+        return np.full(curves.shape[1], np.nan)
+    mean = np.where(known, curves, 0.0).sum(axis=0)[seen] / known.sum(axis=0)[seen]
+    return np.asarray(np.interp(np.arange(curves.shape[1]), seen, mean))

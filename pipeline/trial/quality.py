@@ -166,11 +166,13 @@ def carried_notes(quality: Indices, time: Array, need: Array, measured: Array) -
     Returns
     -------
     tuple of Note
-        ``frames_not_carried`` where there are such frames; ``carried_in_part`` where, in frames
-        that count, plates measure more than `MAX_DOUBTFUL` too little or too much on average over
-        `STEP_S`.
+        ``plates_shared`` and ``frames_not_carried`` where there are such frames;
+        ``carried_in_part`` where, in frames that count, plates measure more than `MAX_DOUBTFUL` too
+        little or too much on average over `STEP_S`.
     """
     notes, known = [], np.isfinite(need + measured)
+    if shared := int(np.count_nonzero(~free_of(quality, Quality.FOOT_UNCERTAIN))):
+        notes.append(Note.of("plates_shared", shared=shared, frames=len(quality)))
     carried = free_of(quality, NO_SUPPORT)
 
     def share(frames: Mask) -> float:

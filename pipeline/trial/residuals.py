@@ -1,6 +1,6 @@
 """Residuals of a trial: over gait cycles, as tables, and beside published thresholds."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -30,8 +30,8 @@ MAX_MOMENT_SHARE: Final = 0.01
 FOOT_SEGMENTS: Final = ("left_foot", "left_toes", "right_foot", "right_toes")
 """Begin at the ankle and at the ball of the foot."""
 CYCLE_COLUMNS: Final = (
-    *("compensated", "side", "cycle", "start_s", "stop_s"),
-    *("axis", "unit", "rms", "peak", "valid_share"),
+    *("compensated", "window", "headline", "side", "cycle", "start_s", "stop_s"),
+    *("axis", "unit", "rms", "peak", "n_frames", "valid_share"),
 )
 TRIAL_COLUMNS: Final = ("subject", "condition", "recording", "session")
 """Which trial: the recording is empty where there is one of the condition."""
@@ -56,14 +56,19 @@ class Window:
     ----------
     name, headline
         As in `residual_table`.
-    spans
-        Start and stop of each of its stretches, (N, 2) [s]: one per gait cycle, NaN where a cycle
-        has none; or one of the recording.
+    of_sides
+        Side -> start and stop of each of its stretches, (N, 2) [s]: one per gait cycle, NaN where a
+        cycle has none; or one of the recording, of no side.
     """
 
     name: str
     headline: bool
-    spans: Array
+    of_sides: Mapping[str, Array]
+
+    @property
+    def spans(self) -> Array:
+        """Those of both sides one after another, (N, 2) [s]."""
+        return np.concatenate([np.empty((0, 2)), *self.of_sides.values()])
 
 
 def reported(residual: Array) -> Array:
@@ -113,17 +118,15 @@ def cycle_residuals(result: TrialResult, variant: str) -> dict[str, Array]:
 def windows(result: TrialResult) -> tuple[Window, ...]:
     """Give what a trial's residuals are summarised over, the headline first."""
     if result.span:
-        return (Window("span", True, np.array([result.span])),)
-    cycles = Window(result.unit, result.part is None, _joined(result.cycles))
+        return (Window("span", True, {"": np.array([result.span])}),)
+
+    def arrays(of_sides: Mapping[str, ArrayLike]) -> dict[str, Array]:
+        return {side: np.reshape(of_sides[side], (-1, 2)) for side in result.cycles}
+
+    cycles = Window(result.unit, result.part is None, arrays(result.cycles))
     if result.part is None:
         return (cycles,)
-    spans = {side: result.part.spans[side] for side in result.cycles}
-    return Window(result.part.name, True, _joined(spans)), cycles
-
-
-def _joined(spans: Mapping[str, ArrayLike]) -> Array:
-    """Give the spans of both sides one after another, (C, 2)."""
-    return np.concatenate([np.empty((0, 2)), *(np.reshape(own, (-1, 2)) for own in spans.values())])
+    return Window(result.part.name, True, arrays(result.part.spans)), cycles
 
 
 def counted(result: TrialResult) -> Mask:
@@ -149,23 +152,36 @@ def cycles_of(result: TrialResult, condition: str) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        subject, condition, recording, session, compensated, side, cycle (from 1 for each side),
-        start_s, stop_s, axis, unit, rms and peak (largest magnitude) over the frames of the cycle
-        that count, and their share of its frames; NaN where none counts. Empty where a span of the
-        recording counts.
+        subject, condition, recording, session, compensated, window and headline (as in
+        `residual_table`), side, cycle (from 1 for each side), start_s, stop_s, axis, unit, rms and
+        peak (largest magnitude) over the frames of the window in the cycle that count, their number
+        and share; NaN where none counts. Empty where a span of the recording counts.
     """
-    time, counts, rows = result.motion.time, result.counts, list[tuple[object, ...]]()
-    for name, dynamics in result.variants.items():
-        residual = reported(dynamics.residual)
-        for side, spans in ({} if result.span else result.cycles).items():
-            for number, (start, stop) in enumerate(np.reshape(spans, (-1, 2)).tolist(), start=1):
-                inside = (time >= start) & (time < stop)
-                share = float(np.mean(counts[inside])) if inside.any() else 0.0
-                cycle = name == "compensated", side, number, start, stop
-                measures = zip(AXES, UNITS, *_rms_and_peak(residual[inside & counts]), strict=True)
-                rows += [(*cycle, *measure, share) for measure in measures]
-    table = pd.DataFrame(rows, columns=CYCLE_COLUMNS)
-    return with_name(table, result, condition)
+    rows = []
+    for name in result.variants:
+        for window in () if result.span else windows(result):
+            of_window = name == "compensated", window.name, window.headline
+            for *cycle, rms, peak, count, share in _of_cycles(result, name, window):
+                for measure in zip(AXES, UNITS, rms.tolist(), peak.tolist(), strict=True):
+                    rows.append((*of_window, *cycle, *measure, count, share))
+    return with_name(pd.DataFrame(rows, columns=CYCLE_COLUMNS), result, condition)
+
+
+def _of_cycles(
+    result: TrialResult, variant: str, window: Window
+) -> Iterator[tuple[str, int, float, float, Array, Array, int, float]]:
+    """Give of each gait cycle side, number, start, stop, RMS, peak, (6,), used frames, share."""
+    time, counts = result.motion.time, result.counts
+    residual = reported(result.variants[variant].residual)
+    for side, spans in window.of_sides.items():
+        for number, (start, stop) in enumerate(spans.tolist(), start=1):
+            inside = (time >= start) & (time < stop)
+            used = residual[inside & counts]
+            rms = peak = np.full(len(AXES), np.nan)
+            if len(used):
+                rms, peak = np.sqrt(np.mean(used**2, axis=0)), np.abs(used).max(axis=0)
+            share = len(used) / max(1, int(np.count_nonzero(inside)))
+            yield side, number, start, stop, rms, peak, len(used), share
 
 
 def with_name(table: pd.DataFrame, result: TrialResult, condition: str) -> pd.DataFrame:
@@ -174,13 +190,6 @@ def with_name(table: pd.DataFrame, result: TrialResult, condition: str) -> pd.Da
     for name, value in reversed([*zip(TRIAL_COLUMNS, names, strict=True)]):
         table.insert(0, name, value)
     return table
-
-
-def _rms_and_peak(residual: Array) -> tuple[Sequence[float], Sequence[float]]:
-    if not len(residual):
-        unknown = [np.nan] * residual.shape[1]
-        return unknown, unknown
-    return np.sqrt(np.mean(residual**2, axis=0)).tolist(), np.abs(residual).max(axis=0).tolist()
 
 
 def residual_table(result: TrialResult, condition: str) -> pd.DataFrame:
@@ -213,7 +222,7 @@ def residual_table(result: TrialResult, condition: str) -> pd.DataFrame:
         rms, mean, sd, peak
             Over all samples of the window; the peak is the largest magnitude.
         rms_of_cycles
-            RMS over cycles of each cycle's RMS over what of 0–100 % is in the window.
+            RMS over cycles of each cycle's RMS in the window, that of `cycles_of`.
         rms_percent
             The RMS in percent of body weight, or of body weight × stature.
         n_cycles
@@ -257,6 +266,8 @@ def _summary(result: TrialResult, window: Window, variant: str) -> pd.DataFrame:
     percent = weight * np.repeat([1.0, result.body.height_m], 3) / 100
     value = reported(result.variants[variant].residual[counts])
     rms = np.sqrt(np.mean(value**2, axis=0))
+    of_cycles = [rms**2 for *_, rms, _, count, _ in _of_cycles(result, variant, window) if count]
+    rms_of_cycles = np.nan if result.span or not of_cycles else np.sqrt(np.mean(of_cycles, axis=0))
     spread = np.full(len(AXES), np.nan)
     if variant == "compensated" and result.uncertainty is not None:
         spread = np.sqrt(np.mean(result.uncertainty[counts] ** 2, axis=0))
@@ -268,7 +279,7 @@ def _summary(result: TrialResult, window: Window, variant: str) -> pd.DataFrame:
             "axis": AXES,
             "unit": UNITS,
             "rms": rms,
-            "rms_of_cycles": _rms_of_cycles(result, variant, window),
+            "rms_of_cycles": rms_of_cycles,
             "mean": value.mean(axis=0),
             "sd": value.std(axis=0),
             "peak": np.abs(value).max(axis=0),
@@ -279,21 +290,6 @@ def _summary(result: TrialResult, window: Window, variant: str) -> pd.DataFrame:
             "compensation_sd": spread,
         }
     )
-
-
-def _rms_of_cycles(result: TrialResult, variant: str, window: Window) -> Array:
-    """Give the RMS over cycles of each cycle's RMS in a window, (6,); NaN without cycles."""
-    curves = np.concatenate(list(cycle_residuals(result, variant).values()))
-    if result.part is not None and window.name == result.part.name:
-        share = np.linspace(0, 1, curves.shape[1])
-        start, stop = _joined(result.cycles).T[..., None]
-        first, last = ((bound[:, None] - start) / (stop - start) for bound in window.spans.T)
-        inside = (share >= first) & (share <= last)
-        curves = np.where(inside[..., None], curves, np.nan)
-    curves = curves[np.isfinite(curves).any(axis=(1, 2))]
-    if result.span or not len(curves):
-        return np.full(len(AXES), np.nan)
-    return np.asarray(np.sqrt(np.mean(np.nanmean(curves**2, axis=1), axis=0)))
 
 
 def height_of_mass(body: Body, q: Array) -> float:

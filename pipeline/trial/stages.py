@@ -36,6 +36,7 @@ from pipeline.trial.gait.carried import Support, places_of
 from pipeline.trial.gait.contact import (
     FEET,
     SharedPlates,
+    both_stand,
     by_foot,
     feet_of,
     forces_of_legs,
@@ -45,6 +46,8 @@ from pipeline.trial.ground.wrenches import Ground
 from pipeline.trial.once import once
 from pipeline.trial.quality import NO_SUPPORT, Quality, flagged, free_of, settled_frames
 
+MAX_UNCERTAIN_N: Final = 10.0
+"""Vertical, filtered, of an uncertain foot: half a metre before an ankle, 0.07 N·m/kg in 70 kg."""
 MAX_DELAY_S: Final = 0.010
 """No published limit: one frame of a 100 Hz camera."""
 
@@ -110,6 +113,7 @@ def dynamics_under_feet(
         ground.variants[ground.best],
         feet_of(body, pose.solved),
         settings.contact_threshold_n,
+        standing=both_stand(body, pose.solved),
         numbers=[plate.number for plate in ground.plates],
         stated=contacts,
         method=settings.filter,
@@ -158,9 +162,23 @@ def frame_quality(
             Quality.FORCES_UNKNOWN: ~ground.known,
             Quality.NOT_CARRIED: ~_carried(body, motion, ground, loads, settings),
             Quality.SETTLING: ~settled_frames(gapless, motion.time, settling),
-            Quality.FOOT_UNCERTAIN: loads.shared.ambiguous,
+            Quality.FOOT_UNCERTAIN: _foot_uncertain(ground, loads, settings, motion.time),
         }
     )
+
+
+def _foot_uncertain(ground: Ground, loads: Loads, settings: Settings, time: Array) -> Mask:
+    """Find the frames in which the filtered force of a leg holds one of an uncertain foot, (T,).
+
+    In real time those that are uncertain themselves.
+    """
+    ambiguous = loads.shared.ambiguous
+    if settings.filter == "realtime" or not ambiguous.any():
+        return np.asarray(ambiguous.any(axis=1))
+    vertical = np.nan_to_num(np.stack(ground.variants[ground.best], axis=1)[..., 2])
+    uncertain_n = np.where(ambiguous, np.abs(vertical), 0.0).sum(axis=1)
+    filtered = low_pass(uncertain_n, time, settings.cutoff_hz, settings.filter)
+    return np.asarray(filtered > MAX_UNCERTAIN_N)
 
 
 def _carried(

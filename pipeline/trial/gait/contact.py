@@ -24,6 +24,12 @@ MAX_PRESSURE_DISTANCE_M: Final = 0.2
 """Farther from the middle of a foot, ankle to toes, there is no pressure under it."""
 MAX_HEIGHT_DIFFERENCE_M: Final = 0.03
 """Two feet that both stand are level; one that swings past is not."""
+MAX_STANDING: Final = 0.2
+"""Speed of a foot by the other's, of the fastest: above it one of both swings."""
+MIN_SWINGING_MPS: Final = 0.3
+"""Below, neither foot swings, however slow the fastest is."""
+FOOT_RADIUS_M: Final = 0.13
+"""Half of an adult's foot: a load on one foot alone has its pressure nearer to the middle."""
 
 
 Span = tuple[int, int]
@@ -142,7 +148,7 @@ class SharedPlates(NamedTuple):
     on
         0 left and 1 right, (T, P).
     ambiguous
-        Frames in which the split between the feet is uncertain, (T,).
+        Frames in which the split of a plate between the feet is uncertain, (T, P).
     contacts
         All contacts in order of plate and time.
     """
@@ -159,12 +165,24 @@ def feet_of(body: Body, motion: Motion) -> Array:
     return np.asarray((joints[:, 0::2] + joints[:, 1::2]) / 2)
 
 
+def both_stand(body: Body, motion: Motion) -> Mask:
+    """Find the frames in which no foot swings, (T,): part of each is at rest against the other."""
+    names = [f"{side}_{part}" for side in ("left", "right") for part in ("foot", "toes")]
+    velocity = np.gradient(joint_positions(body, motion.q, names), motion.time, axis=0)
+    # ankle and ball of the left foot against both of the right one, wherever the ground moves
+    apart = velocity[:, :2, None] - velocity[:, None, 2:]
+    slowest = np.sqrt(np.square(apart).sum(axis=-1)).min(axis=(1, 2))
+    fastest = np.nanquantile(slowest, 0.95) if np.isfinite(slowest).any() else np.nan
+    return np.asarray(slowest < max(MAX_STANDING * fastest, MIN_SWINGING_MPS))
+
+
 def share_between_feet(
     time: Array,
     wrenches: Sequence[Array],
     feet: Array,
     threshold_n: float,
     *,
+    standing: Mask | None = None,
     numbers: Sequence[int] | None = None,
     stated: Sequence[PlateContact] = (),
     method: Method = "zero_phase",
@@ -183,6 +201,8 @@ def share_between_feet(
         Middle of the left and the right foot in the lab, (T, 2, 3) [m].
     threshold_n
         Vertical force above which a plate is loaded [N].
+    standing
+        Frames in which no foot swings, (T,), as `both_stand` gives them; None if not known.
     numbers
         Of the plates in the file, which may lack some; by default from 1.
     stated
@@ -206,14 +226,16 @@ def share_between_feet(
     A loaded frame belongs to the foot whose middle is nearer to the centre of pressure by
     ``MIN_DISTANCE_DIFFERENCE_M`` at least. Within a contact, stretches of one foot that are shorter
     than ``MIN_STANCE_S`` do not count beside longer ones. Of the frames between two stretches,
-    unloaded or undecided, each half belongs to the nearer one's foot. In real time no stretch is
+    unloaded or undecided, each half belongs to the nearer one's foot. Where both feet bear more
+    than the threshold on one plate, as its pressure lies between them, it is uncertain from when
+    the second one stands until one of them swings. In real time no stretch is
     too short, all frames between two belong to the first one's foot, and frames alone are doubtful,
     not whole contacts. Residuals do not depend on this choice, joint moments do.
     """
     numbers = numbers or range(1, len(wrenches) + 1)
     require_contacts(stated, numbers, time)
-    live, ambiguous = method == "realtime", np.zeros(len(feet), bool)
-    contacts, on = list[Contact](), list[Indices]()
+    live = method == "realtime"
+    contacts, on, ambiguous = list[Contact](), list[Indices](), list[Mask]()
     for number, wrench in zip(numbers, wrenches, strict=True):
         pressure = pressure_beside(wrench, feet, threshold_n)
         loaded = [(int(a), int(b)) for a, b in stretches(pressure.loaded)]
@@ -221,12 +243,25 @@ def share_between_feet(
             _drop_brief(pressure, loaded, time)
         _overrule(pressure, loaded, time, [each for each in stated if each.plate == number])
         on.append(_foot_of_frames(pressure, live))
-        ambiguous |= pressure.uncertain
-        own = _contacts(number, pressure, loaded, time, on[-1])
-        contacts += own
-        for contact in () if live else own:
-            ambiguous[contact.start : contact.stop] |= contact.ambiguous
-    return SharedPlates(np.stack(on, axis=1), ambiguous, tuple(contacts))
+        of_plate = _contacts(number, pressure, loaded, time, on[-1])
+        contacts += of_plate
+        uncertain = pressure.uncertain.copy()
+        if not live and standing is not None:
+            under_both = _bears_both(pressure, feet, wrench[:, 2], threshold_n)
+            for start, stop in stretches(pressure.loaded & standing):
+                uncertain[start:stop] |= under_both[start:stop].any()
+        for contact in () if live else of_plate:
+            uncertain[contact.start : contact.stop] |= contact.ambiguous
+        ambiguous.append(uncertain)
+    return SharedPlates(np.stack(on, axis=1), np.stack(ambiguous, axis=1), tuple(contacts))
+
+
+def _bears_both(pressure: Pressure, feet: Array, load: Array, threshold_n: float) -> Mask:
+    """Find the frames in which a plate bears more than the threshold of either foot, (T,)."""
+    between = np.linalg.norm(feet[:, 1, :2] - feet[:, 0, :2], axis=1) - 2 * FOOT_RADIUS_M
+    # the foot farther away bears at least as much as moves the pressure beyond the nearer one
+    beyond = np.clip(pressure.distance.min(axis=1) - FOOT_RADIUS_M, 0, None)
+    return np.asarray(pressure.loaded & (load * beyond > threshold_n * np.maximum(between, 0)))
 
 
 def by_foot(wrenches: Array, on: Indices) -> Array:

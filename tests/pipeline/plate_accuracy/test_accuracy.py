@@ -164,6 +164,21 @@ def test_orthogonal_errors_leave_out_what_a_line_explains(good_plate, faulty):
     assert across[1] == pytest.approx(across[0], rel=0.2)  # the alignment was corrected
 
 
+def test_slow_errors_are_those_of_the_plate_and_not_of_the_marker_s_noise(good_plate, faulty):
+    """Its curvature shows in them, with half a newton of drift; at 20 Hz noise hides it."""
+    slow, fast = [], []
+    for found in (good_plate, faulty):
+        errors = trial_errors(found.trials)
+        vertical = errors[(errors["zone"] == "all") & (errors["quantity"] == "Fz")]
+        slow.append(vertical["slow"].to_numpy())
+        fast.append(vertical["difference"].to_numpy())
+    weight = np.array([trial.truth[trial.used, 2].mean() for trial in faulty.trials])
+    curved = ERRORS.curvature * weight**2 / faulty.study.file.full_scale_n
+    assert (slow[0] < 0.5).all()
+    assert (fast[0] > 5).all()
+    np.testing.assert_allclose(slow[1], curved, atol=0.8)
+
+
 def test_one_command_simulates_checks_and_leaves_tables_figures_and_a_verdict(
     tmp_path, monkeypatch, capsys
 ):

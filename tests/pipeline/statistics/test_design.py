@@ -176,7 +176,7 @@ def test_planned_pairs_margin_and_correction_are_those_of_the_design(walked):
     judged = verdicts(table, design)
     assert {v.condition for v in judged} == {"sway", "pitch"}
     for verdict in judged:
-        assert (verdict.answer == "at baseline") == (verdict.high <= 0.5 * verdict.baseline)
+        assert (verdict.answer == "within margin") == (verdict.high <= 0.5 * verdict.baseline)
 
 
 def test_table_3_of_one_factor_shows_the_difference_from_the_reference():

@@ -23,10 +23,18 @@ def test_the_example_of_shrout_and_fleiss_is_reproduced():
     """ICC(2,1) = 0.29, with an interval of 0.02 to 0.76 (McGraw and Wong 1996, table 7)."""
     (row,) = reliability(table(RATINGS)).itertuples()
     assert row.icc == pytest.approx(0.29, abs=0.005)
-    assert (row.icc_low, row.icc_high) == (pytest.approx(0.02), pytest.approx(0.76))
+    assert (row.icc_low, row.icc_high) == pytest.approx((0.0188, 0.7611), abs=5e-5)
     assert row.sd_within == pytest.approx(np.sqrt(np.var(RATINGS, axis=1, ddof=1).mean()))
     assert row.sem == pytest.approx(np.std(RATINGS, ddof=1) * np.sqrt(1 - row.icc))
     assert row.smallest_detectable_change == pytest.approx(1.96 * np.sqrt(2) * row.sem)
+
+
+def test_intervals_of_an_intraclass_correlation_are_between_0_and_1():
+    """The interval of these would reach to -1.4, which no share of a variance can be."""
+    (row,) = reliability(table([[1.0, 2.0], [2.0, 1.1], [1.4, 1.6]])).itertuples()
+    assert row.icc < 0 == row.icc_low <= row.icc_high <= 1
+    (row,) = reliability(table([[1.0, 1.0], [2.0, 2.0], [3.0, 3.0]])).itertuples()
+    assert (row.icc, row.icc_low, row.icc_high) == (1, 1, 1)
 
 
 def test_sessions_are_what_is_repeated_where_subjects_came_more_than_once():

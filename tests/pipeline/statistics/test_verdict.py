@@ -1,4 +1,4 @@
-"""Whether compensation returns residuals to baseline: at baseline, above it, or inconclusive."""
+"""Whether residuals exceed baseline by at most the margin, are above it, or neither is shown."""
 
 import numpy as np
 import pandas as pd
@@ -9,11 +9,11 @@ from scipy import stats
 
 from pipeline.statistics.comparison import statistics
 from pipeline.statistics.design import EXPERIMENT_3
+from pipeline.statistics.mixed import judging_comparison
 from pipeline.statistics.verdict import (
     Verdict,
     headlines,
     noninferiority_power,
-    ratio_interval,
     subjects_needed,
     verdicts,
 )
@@ -54,8 +54,8 @@ def sway(table):
     return next(v for v in verdicts(table) if v.condition == "sway")
 
 
-def test_a_residual_that_returns_to_baseline_is_at_baseline():
-    assert sway(study(excess=0.5, spread=1)).answer == "at baseline"
+def test_a_residual_that_returns_to_baseline_is_within_the_margin():
+    assert sway(study(excess=0.5, spread=1)).answer == "within margin"
 
 
 def test_a_residual_that_stays_far_above_baseline_is_above():
@@ -73,16 +73,16 @@ def test_a_difference_that_is_not_significant_does_not_show_equality():
     assert sway(table).answer == "inconclusive"
 
 
-def test_a_residual_below_baseline_counts_as_at_baseline():
+def test_a_residual_below_baseline_is_within_the_margin():
     verdict = sway(study(excess=-15, spread=1))
-    assert verdict.answer == "at baseline"
+    assert verdict.answer == "within margin"
     assert verdict.high < 0
 
 
-def test_a_significant_but_small_increase_within_the_margin_is_at_baseline():
+def test_a_significant_increase_below_the_margin_is_within_the_margin():
     verdict = sway(study(excess=3, spread=0.5))
     assert verdict.low > 0
-    assert verdict.answer == "at baseline"
+    assert verdict.answer == "within margin"
 
 
 @settings(max_examples=25)
@@ -98,7 +98,7 @@ def test_the_interval_agrees_with_the_corrected_tests(excess, spread, n, seed):
     assert (verdict.low > 0 or verdict.high < 0) == (5 * p < 0.05)
     excess = cells["sway", True] - (1 + EXPERIMENT_3.margin) * cells["baseline", False]
     one_sided = stats.ttest_1samp(excess, 0, alternative="less").pvalue
-    assert (verdict.answer == "at baseline") == (one_sided <= 0.05 / 5 / 2)
+    assert (verdict.answer == "within margin") == (one_sided <= 0.05 / 5 / 2)
 
 
 def test_one_subject_has_means_but_no_interval():
@@ -126,7 +126,18 @@ def test_missing_cells_give_no_verdict():
     assert {v.answer for v in verdicts(residuals(cells))} == {"no data"}
 
 
-@given(seed=st.integers(0, 10_000), n=st.integers(3, 12), alpha=st.sampled_from([0.005, 0.025]))
+def ratio_interval(first, second, alpha):
+    """The interval of the ratio of the means of paired values."""
+    cells = [("a", first), ("b", second)]
+    rows = [
+        {"subject": f"s{k}", "recording": cell, "cell": cell, "value": value}
+        for cell, values in cells
+        for k, value in enumerate(values)
+    ]
+    return judging_comparison(pd.DataFrame(rows), "a", "b").ratio_interval(alpha)
+
+
+@given(seed=st.integers(0, 10_000), n=st.integers(3, 12), alpha=st.sampled_from([0.01, 0.05]))
 @settings(max_examples=25)
 def test_a_ratio_is_in_its_interval_where_a_paired_t_test_does_not_refuse_it(seed, n, alpha):
     rng = np.random.default_rng(seed)
@@ -136,11 +147,21 @@ def test_a_ratio_is_in_its_interval_where_a_paired_t_test_does_not_refuse_it(see
     for ratio in np.linspace(0.6, 1.6, 21):
         p = stats.ttest_1samp(first - ratio * second, 0).pvalue
         if np.isfinite(low) and min(abs(ratio - low), abs(ratio - high)) > 1e-9:
-            assert (low < ratio < high) == (p > 2 * alpha)
+            assert (low < ratio < high) == (p > alpha)
+
+
+def test_the_interval_of_a_ratio_is_fiellers():
+    first, second = np.array([11.0, 12, 13]), np.array([10.0, 11, 12])
+    critical = stats.t.isf(0.025, 2) ** 2 * np.cov(first, second) / 3
+    a, b = second.mean() ** 2 - critical[1, 1], first.mean() * second.mean() - critical[0, 1]
+    c = first.mean() ** 2 - critical[0, 0]
+    expected = np.sort(np.roots([a, -2 * b, c]))
+    assert ratio_interval(first, second, 0.05) == pytest.approx(expected)
 
 
 def test_a_ratio_to_what_may_be_zero_has_no_bounds():
-    assert ratio_interval(np.array([1.0, 2, 3]), np.array([-4.0, 1, 5]), 0.025) == (-np.inf, np.inf)
+    bounds = ratio_interval(np.array([1.0, 2, 3]), np.array([-4.0, 1, 5]), 0.05)
+    assert bounds == (-np.inf, np.inf)
 
 
 def with_errors(table, level, of_sway, of_others):
@@ -190,12 +211,12 @@ def test_one_subject_has_an_interval_of_measurement():
     assert half == pytest.approx(1.96 * 5, rel=1e-3)
 
 
-def test_the_headline_counts_the_residuals_at_baseline_and_names_the_others():
-    answers = {"Fx": "at baseline", "Fy": "above", "Fz": "above", "Mx": "inconclusive"}
+def test_the_headline_counts_the_residuals_within_the_margin_and_names_the_others():
+    answers = {"Fx": "within margin", "Fy": "above", "Fz": "above", "Mx": "inconclusive"}
     found = [Verdict(axis, "N", "sway", answer, n=9) for axis, answer in answers.items()]
     assert headlines(found)[0] == (
-        "In sway, 1 of 4 residuals is at baseline level with compensation; "
-        "Fy and Fz are above it; for Mx, the result is inconclusive with 9 subjects."
+        "In sway, 1 of 4 residuals is not more than 20 % above baseline with compensation; "
+        "Fy and Fz are above baseline; for Mx, the result is inconclusive with 9 subjects."
     )
 
 

@@ -8,8 +8,9 @@ from scipy.interpolate import CubicSpline
 
 from hbm.coordinates import INDEX, MOVING
 from hbm.poses import segment_frames
-from hbm.spatial import GRAVITY_MPS2
-from pipeline.config.schema import Settings
+from hbm.spatial import GRAVITY_MPS2, shift_wrench
+from pipeline.config.schema import Settings, Subject
+from pipeline.io.recording import Plate
 from pipeline.trial.joints import (
     CURVES,
     JOINT_MOTIONS,
@@ -17,9 +18,15 @@ from pipeline.trial.joints import (
     joint_curves,
     joint_spans,
     joint_tables,
+    quantities,
 )
 from pipeline.trial.process import process_recording
+from pipeline.trial.quality import Quality, free_of
+from pipeline.trial.window import frames_within
+from tests.pipeline import lab
 from tests.recordings.recorded import recorded, treadmill
+
+LEG_JOINTS = ("HipFlexion", "HipAbduction", "KneeFlexion", "AnklePlantarFlexion")
 
 
 @pytest.fixture(scope="module")
@@ -124,11 +131,75 @@ def test_peaks_ranges_and_work_are_those_of_the_curves(virtual):
     )
     curves = joint_curves(virtual)["compensated"]["right"]
     k = [motion.name for motion in JOINT_MOTIONS].index("ankle_plantarflexion")
-    spans = joint_spans(virtual)["right"]
-    net = np.nanmean(curves[:, :, k, 2], axis=1) * np.diff(spans)[:, 0]
-    assert own["positive work"] + own["negative work"] == pytest.approx(net.mean())
     assert own["largest moment"] == pytest.approx(np.nanmax(curves[:, :, k, 1], axis=1).mean())
+    # net work: the integral of the power over all frames, by splines
+    time, power = virtual.motion.time, virtual.compensated.power[:, INDEX["RAnklePlantarFlexion"]]
+    known = np.isfinite(power)
+    integral = CubicSpline(time[known], power[known]).antiderivative()
+    net = np.diff(integral(joint_spans(virtual)["right"]))[:, 0] / virtual.body.mass
+    assert own["positive work"] + own["negative work"] == pytest.approx(net.mean(), abs=2e-3)
     stored = cycles.query("compensated and side == 'right' and cycle == 1")
     for c, name in enumerate(CURVES):
         values = stored[f"ankle_plantarflexion_{name}"].to_numpy()
         np.testing.assert_allclose(values, curves[0, :, k, c], rtol=1e-6, atol=1e-5)
+
+
+def test_work_is_the_integral_over_the_cycle():
+    """Of a power of sin² with a period of the cycle: half of its duration, and no more."""
+    curves = np.zeros((1, 101, len(JOINT_MOTIONS), len(CURVES)))
+    curves[..., 2] = np.cos(np.pi * np.linspace(0, 1, 101))[:, None] ** 2
+    rows = {row[:3]: row[4] for row in quantities(curves, np.array([1.1]))}
+    assert rows["ankle", "plantarflexion", "positive work"] == pytest.approx(0.55)
+    assert rows["ankle", "plantarflexion", "negative work"] == 0
+
+
+def test_an_extreme_that_may_be_hidden_is_not_reported():
+    """A peak at 50 % of three cycles, of which unknown instants hide it, its foot, and nothing."""
+    peak = np.exp(-(((np.arange(101) - 50) / 8) ** 2))
+    curves = np.tile(peak[:, None, None], (3, 1, len(JOINT_MOTIONS), len(CURVES)))
+    curves[0, 45:60] = curves[1, 70:85] = np.nan
+    rows = {row[:3]: row for row in quantities(curves, np.ones(3))}
+    *_, value, _, percent, count = rows["ankle", "plantarflexion", "largest moment"]
+    assert (value, percent, count) == (1.0, 50.0, 2)
+    curves[:, 45:60] = np.nan
+    names = {row[2] for row in quantities(curves, np.ones(3))}
+    assert "largest moment" not in names
+    assert "smallest moment" in names
+
+
+def test_on_one_plate_moments_of_legs_are_those_of_two_or_unknown(tmp_path):
+    """A walk whose feet have a plate each, and the same walk on one plate for both."""
+    walk = lab.walk(tmp_path)
+    corners = np.concatenate([plate.corners for plate in walk.plates])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    outline = [[low[0], low[1]], [low[0], high[1]], [high[0], high[1]], [high[0], low[1]]]
+    together = Plate(
+        1,
+        walk.plates[0].time,
+        shift_wrench(sum(plate.wrench for plate in walk.plates), corners.mean(axis=0)),
+        np.eye(3),
+        corners.mean(axis=0),
+        np.insert(np.array(outline), 2, 0.0, axis=1),
+    )
+    known = {"subject": Subject(sex="male", mass_kg=74.6), "settings": Settings()}
+    on_two = process_recording(walk, **known)
+    on_one = process_recording(replace(walk, plates=(together,)), **known)
+    np.testing.assert_allclose(on_one.measured.residual, on_two.measured.residual, atol=1e-6)
+
+    inside = on_one.counts & frames_within(on_one.motion.time, on_one.cycles, None)
+    columns = [INDEX[f"{side}{joint}"] for side in "LR" for joint in LEG_JOINTS]
+    error = np.abs(on_one.measured.tau - on_two.measured.tau)[:, columns].max(axis=1)
+    uncertain = ~free_of(on_one.quality, Quality.FOOT_UNCERTAIN)
+    assert np.isnan(error[uncertain]).all()
+    assert np.nanmax(error[inside & ~uncertain]) < 0.1 * on_one.body.mass
+    assert np.mean(~uncertain[inside]) > 0.3
+
+
+def test_an_ankle_s_peak_does_not_hold_the_other_foot_s_load(real):
+    """In some cycles of this walk the right heel lands on the left plate, with up to 300 N."""
+    summary, _ = joint_tables(real, "walking")
+    peak = summary.query("joint == 'ankle' and quantity == 'largest moment' and side == 'left'")
+    peak = peak[peak["direction"] == "plantarflexion"].iloc[0]
+    assert peak["value"] == pytest.approx(1.30, abs=0.03)
+    assert peak["sd"] < 0.03
+    assert peak["n_cycles"] >= 4

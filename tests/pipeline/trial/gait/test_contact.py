@@ -29,7 +29,12 @@ def share(wrenches, feet, **options):
     found = share_between_feet(time, wrenches, feet, 30.0, **options)
     under = by_foot(np.stack(wrenches, axis=1), found.on)
     each = {"left_foot": under[:, LEFT], "right_foot": under[:, RIGHT]}
-    return SimpleNamespace(**found._asdict(), by_foot=each)
+    return SimpleNamespace(
+        on=found.on,
+        ambiguous=found.ambiguous.any(axis=1),
+        contacts=found.contacts,
+        by_foot=each,
+    )
 
 
 def ramp(x):
@@ -145,6 +150,24 @@ def test_on_one_plate_alone_the_foot_changes_at_every_step():
     halved = load.min(axis=1) > WEIGHT_N / 3
     assert halved.any()
     assert ambiguous[halved].all()
+
+
+def test_a_heel_on_the_other_foot_s_plate_makes_it_uncertain_while_both_feet_stand():
+    """The third right foot bears 60 % on the left plate; the pressure shows it later."""
+    feet, load, points, wrenches = on_own_belts()
+    right_stance = np.diff(load[:, RIGHT] > 0, prepend=False, append=False).nonzero()[0][4:6]
+    third = slice(*right_stance)
+    aside = 0.6 * wrench_of(load[:, RIGHT], points[:, RIGHT])[third]
+    wrenches[LEFT][third] += aside
+    wrenches[RIGHT][third] -= aside
+    both = load.min(axis=1) > 0
+    shared = share(wrenches, feet, standing=both).ambiguous
+    without_times = share(wrenches, feet).ambiguous
+    in_third = np.zeros(len(load), bool)
+    in_third[third] = True
+    assert shared[both & in_third & (load[:, LEFT] > 30)].all()
+    assert not shared[~(both & in_third)].any()
+    assert without_times.sum() < 0.7 * shared.sum()
 
 
 def test_standing_with_both_feet_on_one_plate_is_flagged():

@@ -1,0 +1,1 @@
+"""Mixed models by lme4, lmerTest and pbkrtest: designs, script, numbers."""
