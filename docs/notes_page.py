@@ -1,4 +1,4 @@
-"""The page of the notes, ``notes.md``: made from the catalogue, ``hbm/notes.toml``.
+"""The page of the warnings, ``notes.md``: made from the catalogue, ``hbm/notes.toml``.
 
 ``python docs/notes_page.py`` writes it again.
 """
@@ -9,11 +9,11 @@ from pathlib import Path
 
 from hbm.notes import catalogue
 
-INTRODUCTION = """# What the notes mean
+INTRODUCTION = """# Warnings
 
-A note is a **warning**, with something to do, or **provenance**: how a result was made. Warnings
-are listed here by the codes that the console prints in brackets. Provenance is a table in the
-report, in the viewer, in results files and, with `--verbose`, on the console.
+A **warning** says what makes a result doubtful, and what to do. Warnings are listed here by their
+codes, which the console prints in brackets and the pages beside them. How a result was made is its
+[provenance](conventions.md#provenance).
 """
 
 

@@ -15,7 +15,7 @@ from numbers import Integral, Real
 from string import Formatter
 from typing import Any, Final, Literal, SupportsFloat
 
-from hbm.spelling import printable
+from hbm.spelling import printable, written
 
 Level = Literal["warning", "provenance"]
 NoteValue = str | int | float | tuple[str, ...] | Mapping[str, float]
@@ -160,7 +160,8 @@ class _Sentence(Formatter):
 
     Python's format of numbers, with a factor before it and a unit behind it, both optional:
     ``{difference_m:1000*.0f mm}``. Names are joined by commas, and so are numbers by name.
-    ``{frames:frame|frames}`` is singular or plural.
+    ``{frames:frame|frames}`` is singular or plural. Numbers that people type, after ``=`` as in
+    ``{delay_s:=.4f}``, have a hyphen and no minus sign.
     """
 
     def format_field(self, value: Any, format_spec: str) -> str:
@@ -176,7 +177,8 @@ class _Sentence(Formatter):
             return f"{value} {singular if value == 1 else several}"
         number, space, unit = format_spec.partition(" ")
         factor, _, number = number.rpartition("*")
-        return format(value * float(factor) if factor else value, number) + (
+        write = format if number.startswith("=") or not isinstance(value, Real) else written
+        return write(value * float(factor) if factor else value, number) + (
             unit if unit == "°" else space + unit
         )
 

@@ -1,4 +1,4 @@
-"""What people type: TOML texts, and names in messages, printable and with a hint if misspelt."""
+"""What people type and read: TOML texts, names, printable and with a hint if misspelt, numbers."""
 
 import re
 import tomllib
@@ -21,6 +21,11 @@ def printable(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(letter if letter.isprintable() else "?" for letter in " ".join(text.split()))
+
+
+def written(value: float, form: str) -> str:
+    """Give a number that people read, with a minus sign (U+2212) where files have a hyphen."""
+    return format(value, form).replace("-", "−")
 
 
 def short(name: object, characters: int = MAX_CHARACTERS) -> str:

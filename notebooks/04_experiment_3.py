@@ -57,11 +57,14 @@ print((page.parent / "table_3.md").read_text(encoding="utf-8"))
 # %% [markdown]
 # ## The pictures
 #
-# Every panel is one residual: its RMS in the three conditions, without (dashed) and with (solid)
-# compensation, mean and 95 % confidence interval, with a thin line for each subject. Without
-# compensation, sway affects Fy, Mx and Mz, and pitch Fx, My, Fz and Mz. With compensation, the
-# residuals are those of a treadmill at rest. They come from body, soft tissue and markers, which no
-# compensation of plates can remove.
+# Every panel is one residual: its RMS in the three conditions, without (vermilion squares) and with
+# (blue circles) compensation, mean and 95 % confidence interval, with a thin line for each subject,
+# on logarithmic axes. In the second figure, lines are the RMS over gait cycles at each percent of
+# the cycle; colours mean compensation, line styles conditions.
+#
+# Without compensation, sway affects Fy, Mx and Mz, and pitch Fx, My, Fz and Mz. With compensation,
+# the residuals are those of a treadmill at rest. They come from body, soft tissue and markers,
+# which no compensation of plates can remove.
 #
 # Three subjects show how the analysis works but prove nothing: a Wilcoxon test with three pairs
 # cannot become significant.

@@ -11,7 +11,8 @@ from compensation.inertia.fit import fit_inertia
 from compensation.inertia.model import InertiaModel
 from compensation.inertia.model_error import SLOW_HZ
 from hbm.signals.filtering import low_pass
-from hbm.spatial import WRENCH_COMPONENTS, Array, read_only
+from hbm.spatial import WRENCH_COMPONENTS, Array, Mask, read_only
+from hbm.spelling import written
 
 MIN_COMMANDED_MPS2: Final = 0.2
 """Largest standard deviation of a channel of a platform that follows commands. Trials have 1 m/s²
@@ -190,14 +191,27 @@ class DayCheck(NamedTuple):
         leave, (6,) [N, N·m].
     zero_change
         Of the plate, (6,) [N, N·m].
-    faults
-        What is beyond its limit, in words; empty where the calibration is still valid.
+    leaves_much, moved
+        Which components are beyond their limits: of what is left, and of the zero, (6,).
     """
 
     left: Array
     left_by_new_fit: Array
     zero_change: Array
-    faults: tuple[str, ...]
+    leaves_much: Mask
+    moved: Mask
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """What is beyond its limit, in words; empty where the calibration is still valid."""
+        faults = []
+        for k, (name, unit) in enumerate(zip(WRENCH_COMPONENTS, UNITS, strict=True)):
+            if self.leaves_much[k]:
+                left, by_new = self.left[k], self.left_by_new_fit[k]
+                faults.append(f"{name} left {left:.1f} {unit}, by a new fit {by_new:.1f}")
+            if self.moved[k]:
+                faults.append(f"zero of {name} {written(self.zero_change[k], '+.1f')} {unit}")
+        return tuple(faults)
 
 
 def check_another_day(
@@ -235,10 +249,4 @@ def check_another_day(
     if model.model_error is not None:
         usual = np.hypot(usual, model.model_error.zero)
     moved = np.abs(zero) > np.maximum(MAX_ZERO_CHANGE, CONTROL_LIMIT * usual)
-    faults = []
-    for k, (name, unit) in enumerate(zip(WRENCH_COMPONENTS, UNITS, strict=True)):
-        if beyond[k]:
-            faults.append(f"{name} left {left[k]:.1f} {unit}, by a new fit {by_new[k]:.1f}")
-        if moved[k]:
-            faults.append(f"zero of {name} {zero[k]:+.1f} {unit}")
-    return DayCheck(left, by_new, zero, tuple(faults))
+    return DayCheck(left, by_new, zero, beyond, moved)

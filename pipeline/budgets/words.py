@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from hbm.spatial import Array
-from hbm.spelling import listed
+from hbm.spelling import listed, written
 from pipeline.explain.budget import Budget, EstimatedCause, SharedCause, alike_in_plates
 from pipeline.explain.cause import OF_PERSON, groups
 from pipeline.explain.linearise import MIN_CYCLES
@@ -123,7 +123,7 @@ def size_in_words(cause: EstimatedCause) -> str:
     factor, unit = SHOWN_UNITS.get(cause.unit, (1.0, cause.unit))
     size, half = factor * cause.size, factor * NORMAL_95 * cause.deviation
     digits = 2 if half < 0.95 else 1 if half < 9.5 else 0
-    return f"{size:.{digits}f} ± {half:.{digits}f} {unit}"
+    return f"{written(size, f'.{digits}f')} ± {half:.{digits}f} {unit}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -287,13 +287,15 @@ def budget_table(budget: Budget) -> tuple[str, tuple[str, ...], list[Column]]:
             known = own[0].deviation < own[0].usual
             head = f"{head}: {size_in_words(own[0]) if known else 'unknown'}"
         columns.append((head, tuple(map(_share, group.share, group.deviation))))
-    columns.append(("not explained", tuple(f"{100 * share:z.0f}" for share in budget.unexplained)))
+    columns.append(
+        ("not explained", tuple(written(100 * share, "z.0f") for share in budget.unexplained))
+    )
     return title, tuple(f"{axis}, {unit}" for axis, unit in zip(AXES, UNITS, strict=True)), columns
 
 
 def _share(share: float, deviation: float) -> str:
     """Write a share with its 95 % interval, where that is not 0."""
-    half, text = 100 * NORMAL_95 * deviation, f"{100 * share:z.0f}"
+    half, text = 100 * NORMAL_95 * deviation, written(100 * share, "z.0f")
     return f"{text} ± {half:.0f}" if half >= 0.5 else text
 
 
@@ -315,7 +317,7 @@ def budget_lines(budget: Budget, mendings: Sequence[Fix]) -> Iterator[str]:
             yield f"Not separable in this trial, {group_name(group.groups)}{how}."
     of = "cycles" if budget.cycles >= MIN_CYCLES else "frames"
     shares = zip(budget.held_out, AXES, strict=True)
-    taken = ", ".join(f"{100 * share:z.0f} % of {axis}" for share, axis in shares)
+    taken = ", ".join(f"{written(100 * share, 'z.0f')} % of {axis}" for share, axis in shares)
     yield (
         f"Held-out check: causes estimated in one half of the {of} explain of the other half's "
         f"mean square {taken}{' (negative: they add)' * bool((budget.held_out < 0).any())}."

@@ -28,7 +28,7 @@ from pipeline.calibration_ranking.verdict import (
 )
 from pipeline.figures.style import save_figure
 from pipeline.io.write import write_csv
-from pipeline.report.blocks import Table
+from pipeline.report.blocks import Table, drawing
 from pipeline.report.empty_treadmill import time_figure
 from pipeline.report.laboratory import Drawn, Part, frame_table
 
@@ -134,7 +134,7 @@ def write_results(trials: Trials, seed: int, out: Path) -> Part:
 
 def _saved(text: str, figure: Figure, out: Path, name: str) -> Drawn:
     save_figure(figure, out / "figures" / f"{name}.png")
-    return Drawn(text, figure, many_points=True)
+    return Drawn(text, drawing(figure, ".png"))
 
 
 def _ranking_tables(ranking: Ranking[Model], title: str, out: Path, prefix: str) -> list[Table]:

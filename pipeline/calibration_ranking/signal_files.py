@@ -25,7 +25,7 @@ from compensation.protocol import (
     belt_signal,
     platform_signal,
 )
-from pipeline.figures.style import COLOURS, DPI, STYLE
+from pipeline.figures.style import DPI, PALETTE, STYLE
 from pipeline.io.write import whole_file
 
 KINDS: Final = ("pitch_sway", "belt", "validation")
@@ -121,9 +121,9 @@ def signal_figure(signal: Signal, limits: MachineLimits) -> Figure:
         figure = Figure(figsize=(7, 6), layout="constrained")
         panels = figure.subplots(3, 1, sharex=True)
         for panel, (name, values, limit) in zip(panels, rows, strict=True):
-            panel.plot(signal.time, values, color=COLOURS["compensated"], linewidth=0.6)
+            panel.plot(signal.time, values, linewidth=0.6)
             for level in (-limit, limit):
-                panel.axhline(level, color=COLOURS["measured"], linestyle="--", linewidth=1)
+                panel.axhline(level, color=PALETTE[1], linestyle="--", linewidth=1)
             panel.set_ylabel(name)
         panels[-1].set_xlabel("time (s)")
         figure.suptitle(f"{signal.name}, and limits of the machine (dashed)", fontsize=10)

@@ -33,7 +33,7 @@ VERBOSE: Final = Annotated[
 ]
 JSON: Final = Annotated[
     bool,
-    Option("--json", help="Print one object with numbers and notes.", rich_help_panel=PANEL),
+    Option("--json", help="Print one object: numbers, warnings …", rich_help_panel=PANEL),
 ]
 
 

@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 
 def say_parts(
-    console: PlainConsole, folder: Path, *parts: "Part", also: tuple["Part", ...] = ()
+    console: PlainConsole, folder: Path, *parts: "Part", verdicts: tuple["Part", ...] = ()
 ) -> None:
     """Write parts into the page of a folder, and print their verdicts and tables of numbers.
 
-    Parts in ``also`` are on the page alone.
+    Those of ``verdicts`` are on the page alone.
     """
     from pipeline.report.laboratory import write_page
 
@@ -35,7 +35,7 @@ def say_parts(
         numbers = (block for block in part.tables if block.css_class == "numbers")
         for block in (*part.verdict, *numbers):
             print_block(block, console, narrow=True)
-    console.say(f"page: {write_page(folder, *also, *parts)}")
+    console.say(f"page: {write_page(folder, *parts, verdicts=verdicts)}")
 
 
 @takes(RecordingRequest)
@@ -146,7 +146,7 @@ def fit(
         *of_empty.plates_timed_apart(empty, treadmill, calibration.sensors, plates),
         *uncertainty_limits(belts_mps, calibration),
     ]
-    say_parts(console, out.parent, calibration_part(calibration, out, measured, ranges))
+    say_parts(console, out.parent, calibration_part(calibration, out, measured, ranges, notes))
     console.say_notes(notes)
     console.say(f"written to {out}")
     rows = [(name, row) for name in calibration.in_use for row in calibration.verdict[name]]
@@ -294,7 +294,7 @@ def check(
     """
     from pipeline.config.plate_correction import read_plate_correction
     from pipeline.report.empty_treadmill import measure_empty
-    from pipeline.report.laboratory import add_check, calibration_part, check_part
+    from pipeline.report.laboratory import add_check, calibration_in_use, check_part
     from pipeline.run.job import file_digest
     from pipeline.trial.ground.accelerometers import stated_accelerometers
     from pipeline.trial.ground.calibration_recording import read_empty
@@ -317,10 +317,14 @@ def check(
         console,
         calibration.parent,
         check_part(laboratory.calibration, calibration, made, found, measured),
-        also=(calibration_part(laboratory.calibration, calibration),),
+        verdicts=(calibration_in_use(laboratory.calibration, calibration),),
     )
     notes = (*found.notes, *laboratory.calibration.notes)
     console.say_notes(notes)
-    plates_found = {name: one._asdict() for name, one in found.plates.items()}
+    numbers = ("left", "left_by_new_fit", "zero_change", "faults")
+    plates_found = {
+        name: {number: getattr(one, number) for number in numbers}
+        for name, one in found.plates.items()
+    }
     print_object(valid=found.valid, plates=plates_found, notes=plain_notes(notes))
     return 0 if found.valid else 1

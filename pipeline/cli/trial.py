@@ -101,7 +101,7 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
 
 
 def print_result(result: "TrialResult", console: PlainConsole) -> None:
-    """Print what the page of a trial begins with, and its notes."""
+    """Print what the page of a trial begins with, and its warnings and provenance."""
     from pipeline.report.trial_page import result_tables, scope, verdict_lines
 
     console.say(scope(result))
@@ -161,9 +161,9 @@ def _explain_trial(request: TrialRequest, out: Path) -> int:
     page = write_trial_page(
         trial.result, out / f"{name}{PAGE}", plates=plates, explanation=explanation
     )
-    if doubts := warnings_of(trial.result.notes):
+    if warnings := warnings_of(trial.result.notes):
         console.say("Warnings of the trial, to correct first:")
-        console.say_notes(doubts)
+        console.say_notes(warnings)
     print_explanation(explanation, console)
     console.say(
         f"written to {out}: {page.name}; {name}{SUFFIX} (all numbers), {name}{BANDS} (residuals "

@@ -11,15 +11,14 @@ from pipeline.budgets.words import group_name
 from pipeline.explain.budget import Bands, Budget
 from pipeline.explain.shares import NORMAL_95
 from pipeline.figures.residuals import label_panels, legend_below, six_panels
-from pipeline.figures.style import BAND_OPACITY, COLOURS, STYLE
+from pipeline.figures.style import BAND_OPACITY, PALETTE, STYLE
 from pipeline.trial.gait.cycles import mean_and_sd, normalise
 from pipeline.trial.residuals import AXES, UNITS
 
 GROUP_COLOURS: Final = (
-    *("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442"),
-    *("#332288", "#882255", "#44AA99", "#117733"),
+    *(*PALETTE[1:], "#F0E442", "#332288", "#882255", "#44AA99", "#117733", "#999933", "#AA4499"),
 )
-"""The colour-blind safe palettes of Okabe and Ito and of Tol."""
+"""Of the colour-blind safe palettes of Okabe and Ito and of Tol, those without a meaning."""
 UNEXPLAINED: Final = "#DDDDDD"
 
 
@@ -90,19 +89,14 @@ def bands_figure(bands: Bands, name: str) -> Figure:
         figure, panels = six_panels()
         for k, panel in enumerate(panels):
             for spread, colour, label in (
-                (half[:, k], "#777777", "95 % interval of measurement"),
-                (between[:, k], COLOURS["measured"], "SD between cycles"),
+                (half[:, k], PALETTE[1], "95 % interval of measurement"),
+                (between[:, k], PALETTE[0], "SD between cycles"),
             ):
+                low, high = mean[:, k] - spread, mean[:, k] + spread
                 panel.fill_between(
-                    percent,
-                    mean[:, k] - spread,
-                    mean[:, k] + spread,
-                    color=colour,
-                    alpha=BAND_OPACITY,
-                    lw=0,
-                    label=label,
+                    *(percent, low, high), color=colour, alpha=BAND_OPACITY, lw=0, label=label
                 )
-            panel.plot(percent, mean[:, k], color=COLOURS["measured"], label="mean")
+            panel.plot(percent, mean[:, k], label="mean")
         label_panels(panels)
         legend_below(figure, panels[0])
         figure.suptitle(

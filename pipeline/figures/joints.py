@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
 import matplotlib as mpl
 import numpy as np
@@ -20,7 +20,10 @@ PANEL_INCH: Final = (2.2, 1.7)
 MARGIN_INCH: Final = (0.7, 0.8)
 """Left and below; to lay out so many panels by their texts would take a second each time."""
 
-Curve = tuple[str, str, str, Array, Array]
+GAPS: Final = "; gaps: load of the foot, or pose, unknown in most gait cycles"
+"""Moments are unknown where it is uncertain whose foot is on a plate, or none carries it."""
+
+Curve = tuple[str, str, Any, Array, Array]
 """Label, colour and line style of a curve; mean and standard deviation, (101, 13, 3)."""
 
 
@@ -38,15 +41,17 @@ def joint_figure(
     percent = np.linspace(0, 100, 101)
     with mpl.rc_context(STYLE):
         size = PANEL_INCH[0] * len(motions), PANEL_INCH[1] * len(CURVES) + 0.9
-        figure = Figure(figsize=size)
+        figure, gaps = Figure(figsize=size), ""
         panels = figure.subplots(len(CURVES), len(motions), sharex=True)
         left, bottom = MARGIN_INCH[0] / size[0], MARGIN_INCH[1] / size[1]
         right, top = 1 - 0.2 / size[0], 1 - 0.6 / size[1]
         figure.subplots_adjust(left, bottom, right, top, wspace=0.3, hspace=0.2)
         for label, colour, linestyle, mean, spread in curves:
+            if np.isnan(mean[:, columns]).any():
+                gaps = GAPS
             for (row, column), panel in np.ndenumerate(panels):
-                own = mean[:, columns[column], row], spread[:, columns[column], row]
-                draw_band(panel, percent, *own, colour, label=label, linestyle=linestyle)
+                band = mean[:, columns[column], row], spread[:, columns[column], row]
+                draw_band(panel, percent, *band, colour, label=label, linestyle=linestyle)
         for (row, column), panel in np.ndenumerate(panels):
             if row == 0:
                 panel.set_title(f"{motions[column].joint} {motions[column].direction}", loc="left")
@@ -59,5 +64,5 @@ def joint_figure(
             panel.set_xlim(0, 100)
             draw_differences(panel, differing.get((motions[column].name, [*CURVES][row]), ()))
         legend_below(figure, panels[0, 0])
-        figure.suptitle(title, fontsize=11)
+        figure.suptitle(f"{title}{gaps}", fontsize=11)
     return figure

@@ -1,6 +1,7 @@
 """Residuals of one trial, over the gait cycle or over time, and the labels of the panels."""
 
 from collections.abc import Iterable, Sequence
+from typing import Final
 
 import matplotlib as mpl
 import numpy as np
@@ -12,22 +13,17 @@ from pipeline.config.schema import NOUNS
 from pipeline.figures.style import COLOURS, STYLE, draw_band
 from pipeline.trial.gait.cycles import mean_and_sd, normalise
 from pipeline.trial.quality import Quality, free_of
-from pipeline.trial.residuals import (
-    AXES,
-    DIRECTIONS,
-    UNITS,
-    counted,
-    cycle_residuals,
-    reported,
-)
+from pipeline.trial.residuals import AXES, DIRECTIONS, UNITS, counted, cycle_residuals, reported
 from pipeline.trial.result import TrialResult
 
-UNCOUNTED = "#BBBBBB"
+UNCOUNTED: Final = "#BBBBBB"
 """Colour of frames that do not count, and of the part of the gait cycle that does."""
-UNCERTAINTY_HATCH = "//////"
+UNCERTAINTY_HATCH: Final = "//////"
 """Of the uncertainty of the compensation, distinct from the spread between gait cycles."""
-PART_OPACITY = 0.4
+PART_OPACITY: Final = 0.4
 """Curves and their bands remain visible on it."""
+LABEL_INCH: Final = 2.2
+"""Width of a label in a legend."""
 
 
 def residual_figure(result: TrialResult) -> Figure:
@@ -111,17 +107,16 @@ def _over_cycle(result: TrialResult) -> Figure:
 
 
 def legend_below(figure: Figure, panel: Axes) -> None:
-    """Name the curves of a panel below all of them, up to four in a line."""
+    """Name the curves of a panel below all of them, as many in a line as there is room for."""
     named = panel.get_legend_handles_labels()
-    figure.legend(*named, loc="outside lower center", ncols=min(4, len(named[1])), frameon=False)
+    columns = min(int(figure.get_figwidth() / LABEL_INCH), len(named[1]))
+    figure.legend(*named, loc="outside lower center", ncols=columns, frameon=False)
 
 
 def _draw_uncertainty(panel: Axes, x: Array, middle: Array, spread: Array) -> None:
     """Draw the band of one standard deviation that the compensation adds about a curve."""
     panel.fill_between(
-        x,
-        middle - spread,
-        middle + spread,
+        *(x, middle - spread, middle + spread),
         facecolor="none",
         edgecolor=COLOURS["compensated"],
         hatch=UNCERTAINTY_HATCH,

@@ -5,34 +5,51 @@ from pathlib import Path
 from typing import Any, Final
 
 import matplotlib as mpl
+import numpy as np
+from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
+from numpy.typing import ArrayLike
 
 from hbm.spatial import Array
 from pipeline.io.write import whole_file
 from pipeline.statistics.curves import CurveDifference
 
-COLOURS: Final = {"measured": "#D55E00", "compensated": "#0072B2", "baseline": "#555555"}
-"""Vermilion, blue and grey of the colour-blind safe palette of Okabe and Ito."""
+COLOURS: Final = {"measured": "#D55E00", "compensated": "#0072B2"}
+"""Vermilion and blue mean plates as measured and compensated, in every figure and in the viewer."""
+PALETTE: Final = ("#000000", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+"""All others of the colour-blind safe palette of Okabe and Ito but yellow: conditions, plates …"""
+LINE_STYLES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
+"""Of conditions, so that no two differ by colour alone."""
 LINE_WIDTH_PT: Final = 1.5
 BAND_OPACITY: Final = 0.2
 """Two bands and their overlap can be distinguished."""
-BAR: Final = 0.02
-"""Height of a bar over a part of the gait cycle, as a share of the panel's."""
+BAR: Final = (1.01, 1.035)
+"""Lower and upper edge of a bar over a part of the gait cycle, as shares of the panel's height."""
+MIN_RATIO: Final = 10.0
+"""Of the ends of a logarithmic axis: what hardly differs looks so, and there are three ticks."""
 DPI: Final = 150
 """Resolution of PNG files: 1400 pixels for a figure across a page."""
 
 STYLE: Final[Any] = {
+    "axes.prop_cycle": cycler(color=PALETTE),
     "axes.spines.top": False,
     "axes.spines.right": False,
     "font.size": 9,
     "axes.titlesize": 9,
+    "axes.titlepad": 9,
     "svg.fonttype": "none",
     "svg.hashsalt": "hbm",
     "text.parse_math": False,
 }
+
+
+def condition_style(k: int) -> tuple[str, Any]:
+    """Give colour and line style of a study's kth condition, distinct for the first 25."""
+    return PALETTE[k % len(PALETTE)], LINE_STYLES[(k + k // len(PALETTE)) % len(LINE_STYLES)]
 
 
 def draw_band(
@@ -43,7 +60,7 @@ def draw_band(
     colour: str,
     *,
     label: str | None = None,
-    linestyle: str = "-",
+    linestyle: Any = "-",
     linewidth: float = LINE_WIDTH_PT,
 ) -> None:
     """Draw a mean as a line and its spread on both sides as a band.
@@ -64,14 +81,30 @@ def draw_band(
 
 
 def draw_differences(panel: Axes, parts: Iterable[CurveDifference]) -> None:
-    """Draw bars below curves over the parts of the gait cycle that differ; p of the longest."""
-    parts = sorted(parts, key=lambda part: part.stop - part.start)
+    """Draw bars above a panel over the parts of the gait cycle that differ, and the smallest p.
+
+    Each percent of the cycle is as wide in the bars as in the curves, so that a single one is seen.
+    """
+    smallest = 1.0
     for part in parts:
-        panel.axvspan(part.start, part.stop, ymin=0, ymax=BAR, color="black", lw=0)
-    for part in parts[-1:]:
-        text = "p < 0.001" if part.p < 0.001 else f"p = {part.p:.3f}"
-        place = (part.start + part.stop) / 2, 1.5 * BAR
-        panel.text(*place, text, fontsize=6, ha="center", transform=panel.get_xaxis_transform())
+        start, stop = max(part.start - 0.5, 0.0), min(part.stop + 0.5, 100.0)
+        panel.axvspan(start, stop, *BAR, color="black", lw=0, clip_on=False)
+        smallest = min(smallest, part.p)
+    if smallest < 1.0:
+        text = "p < 0.001" if smallest < 0.001 else f"p = {smallest:.3f}"
+        panel.set_title(text, loc="right", fontsize=7)
+
+
+def draw_logarithmic(panel: Axes, values: ArrayLike) -> None:
+    """Give a panel a logarithmic axis upward that holds values, with plain numbers at its ticks."""
+    logarithms = np.log([value for value in np.ravel(values) if value > 0] or [1.0])
+    middle, half = (logarithms.max() + logarithms.min()) / 2, 0.55 * np.ptp(logarithms)
+    half = max(half, np.log(MIN_RATIO) / 2)
+    panel.set_yscale("log", nonpositive="clip")
+    panel.set_ylim(*np.exp([middle - half, middle + half]))
+    panel.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    panel.yaxis.set_major_formatter("{x:g}")
+    panel.yaxis.set_minor_formatter("")
 
 
 def save_figure(figure: Figure, path: Path) -> None:

@@ -27,7 +27,7 @@ from pipeline.plate_accuracy.accuracy import (
 from pipeline.plate_accuracy.response import PEAK, PlateResponse
 from pipeline.plate_accuracy.trials import LOADED_SHARE, SLOW_CUTOFF_HZ, THESIS_FILTER, WeightTrial
 from pipeline.plate_accuracy.verdict import TOTAL, PlateVerdict, judge
-from pipeline.report.blocks import Check, Table
+from pipeline.report.blocks import Check, Table, drawing
 from pipeline.report.laboratory import Drawn, Part, frame_table
 from pipeline.run.job import file_digest
 
@@ -89,11 +89,11 @@ def write_report(found: PlateAccuracy, out: Path) -> Part:
         write_csv(tests, out / "anova.csv")
         write_csv(pairs, out / "pairs.csv")
     figures = {
-        "correction": Drawn(
+        "correction": (
             "Total errors by their limits, before and after correction.",
             correction_figure(verdicts),
         ),
-        "linearity": Drawn(
+        "linearity": (
             "Measured against known load; shaded: loads of a walking person of "
             f"{file.body_mass_kg:g} kg above the largest recorded one, extrapolated.",
             linearity_figure(found.trials, verdicts, file.body_mass_kg),
@@ -109,9 +109,11 @@ def write_report(found: PlateAccuracy, out: Path) -> Part:
                 f"pressure (arrows: direction) under {file.body_mass_kg:g} kg at each place; dots: "
                 "recorded weights."
             )
-            figures[f"map_{verdict.belt}"] = Drawn(text, maps, many_points=True)
-    for name, drawn in figures.items():
-        save_figure(drawn.figure, out / "figures" / f"{name}.png")
+            figures[f"map_{verdict.belt}"] = text, maps
+    drawn = []
+    for name, (text, figure) in figures.items():
+        save_figure(figure, out / "figures" / f"{name}.png")
+        drawn.append(Drawn(text, drawing(figure, ".png" if name.startswith("map_") else ".svg")))
     _write_calibration(found, verdicts, out)
     total = errors_table(verdicts, TOTAL_NOTE.format(mass=file.body_mass_kg))
     tables = [total, errors_table(verdicts, totals=False)]
@@ -127,7 +129,7 @@ def write_report(found: PlateAccuracy, out: Path) -> Part:
     if len(tests):
         text = EFFECTS_NOTE.format(remarks="; ".join(remarks))
         tables.append(frame_table("Effects of the conditions", tests, 3, text))
-    return Part("plates", [one.table for one in verdicts], tables, list(figures.values()))
+    return Part("plates", [one.table for one in verdicts], tables, drawn)
 
 
 def errors_table(
@@ -341,12 +343,10 @@ def linearity_figure(
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9, 3), layout="constrained")
         panel = figure.subplots()
-        for verdict, marker, colour in zip(
-            verdicts, "ox", ("measured", "compensated"), strict=False
-        ):
+        for verdict, marker in zip(verdicts, "ox", strict=False):
             known, measured = mean_loads(trials, verdict.belt)
             label = f"{verdict.belt} plate"
-            panel.plot(known, measured - known, marker, color=COLOURS[colour], ms=4, label=label)
+            panel.plot(known, measured - known, marker, ms=4, label=label)
         begins = min(one.largest_n for one in verdicts)
         panel.axvspan(begins, PEAK * mass_kg * GRAVITY_MPS2, color="#fbf1cf", zorder=0)
         panel.axvline(begins, color="black", lw=0.9)

@@ -11,6 +11,7 @@ from scipy import stats
 from compensation import Delay, PlateCalibration, agreed_delay
 from compensation.hammer import AgreedDelay
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS
+from hbm.spelling import written
 from pipeline.config.plate_study import AccuracyLimits, BeltSide
 from pipeline.plate_accuracy.accuracy import PlateAccuracy
 from pipeline.plate_accuracy.response import (
@@ -529,7 +530,8 @@ def _contradiction(faults: Sequence[FaultEstimate]) -> tuple[str, ...]:
     if late is None or not late.disagree:
         return ()
     sizes = {
-        one.fault: f"{1000 * one.value:.1f} ± {1000 * one.uncertainty:.1f} ms" for one in faults
+        one.fault: f"{written(1000 * one.value, '.1f')} ± {1000 * one.uncertainty:.1f} ms"
+        for one in faults
     }
     return (
         f"delay by the hammer {sizes['delay']}, in motion {sizes['delay in motion']}; used: "
@@ -566,5 +568,6 @@ def _to_record(found: PlateAccuracy, belt: BeltSide) -> tuple[str, ...]:
 def rounded(value: float, uncertainty: float) -> str:
     """Write a number with two digits of its uncertainty, at most six decimals."""
     if not 0 < uncertainty < np.inf:
-        return f"{value:.3g}"
-    return f"{value:.{min(max(1 - math.floor(math.log10(uncertainty)), 0), MAX_DECIMALS)}f}"
+        return written(value, ".3g")
+    decimals = min(max(1 - math.floor(math.log10(uncertainty)), 0), MAX_DECIMALS)
+    return written(value, f".{decimals}f")

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.figures.joints import LEG
-from pipeline.report.figures import mirrored
+from pipeline.report.figures import rms_over_cycles
 from pipeline.statistics.curves import curve_differences
 from pipeline.statistics.design import Design, Weigh
 from pipeline.statistics.verdict import judged_conditions
@@ -40,12 +40,12 @@ def differing_curves(
     reference: Cell = (design.reference, False)
     best, rows = design.compensated, list[tuple[object, ...]]()
     judged: list[Cell] = [(name, best) for name in judged_conditions(design)]
-    mirrored_cycles = mirrored(cycles)
+    keys = ["condition", "compensated", "subject", "percent"]
+    rms = rms_over_cycles(cycles, design.weigh).set_index(keys)
     for axis, unit in zip(AXES, UNITS, strict=True):
-        of_axis = mirrored_cycles[mirrored_cycles["axis"] == axis]
-        means = subject_means(of_axis.rename(columns={"value": axis}), [axis], design.weigh)
+        values = rms.loc[rms["axis"] == axis, "value"].rename(axis)
         for cell in judged:
-            rows += _rows(means[axis], unit, cell, reference, design)
+            rows += _rows(values, unit, cell, reference, design)
     pairs = [((name, True), (name, False)) for name in design.conditions if design.compensated]
     pairs += [((name, best), (design.reference, best)) for name in design.others]
     names = [f"{motion.name}_{curve}" for motion in LEG for curve in CURVES]

@@ -1,6 +1,6 @@
 """What a recording of the empty treadmill shows beside its calibration: numbers and figures."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -17,9 +17,10 @@ from compensation.inertia.quality import UNITS
 from hbm.signals.filtering import low_pass
 from hbm.signals.resampling import resample
 from hbm.spatial import WRENCH_COMPONENTS, Array, fit_rotation
+from hbm.spelling import written
 from pipeline.config.schema import Platform, Treadmill
 from pipeline.config.study import Study
-from pipeline.figures.style import COLOURS, STYLE
+from pipeline.figures.style import COLOURS, PALETTE, STYLE
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.accelerometers import accelerations, fastest_belt, mean_belt_speed
 from pipeline.trial.ground.calibration_recording import plate_samples, setup_of
@@ -86,6 +87,10 @@ class Place:
     along: float
     up: float
 
+    def __str__(self) -> str:
+        along, up = written(self.along, "+.2f"), written(self.up, "+.2f")
+        return f"{along} m along the belts, {up} m up"
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EmptyTreadmill:
@@ -133,6 +138,11 @@ class EmptyTreadmill:
     pitch_deg: float | None
 
     @property
+    def front_is_known(self) -> bool:
+        """Whether the axes were stated; an empty treadmill does not show which end is its front."""
+        return any(note.code == "axes" for note in self.recording.notes)
+
+    @property
     def motion(self) -> dict[str, str]:
         """Largest sway and pitch, for the provenance of a calibration; empty where unknown."""
         if self.sway_m is None or self.pitch_deg is None:
@@ -174,9 +184,8 @@ def measure_empty(
     calibration, treadmill = laboratory.calibration, laboratory.treadmill
     assert calibration is not None
     recording = with_corrected_plates(recording, laboratory.plates)
-    samples = plate_samples(
-        recording, treadmill, calibration.sensors, laboratory.plates, _lags(calibration)
-    )
+    lags_s = next((model.lags_s for model in calibration.dynamic.values()), ())
+    samples = plate_samples(recording, treadmill, calibration.sensors, laboratory.plates, lags_s)
     rate_hz = setup_of(recording, treadmill).rate_hz
     before = {name: wrench for name, (_, wrench) in samples.items()}
     models = calibration.in_use
@@ -185,24 +194,24 @@ def measure_empty(
     spectra = {}
     for plate, artefact in zip(recording.plates, artefacts, strict=True):
         wrench = plate.wrench_in_plate
-        known = np.isfinite(wrench).all(axis=1)
+        is_known = np.isfinite(wrench).all(axis=1)
         name = f"plate {plate.number}"
-        spectra[name] = _spectrum(wrench[known], (wrench - artefact)[known], rate_hz)
+        spectra[name] = _spectrum(wrench[is_known], (wrench - artefact)[is_known], rate_hz)
     belts_mps = mean_belt_speed(fastest_belt(recording, treadmill))
     rollers_hz = _rollers(list(spectra.values()), belts_mps)
     moving = _of_motion(calibration, samples, rate_hz)
     people: dict[str, Array] = {}
     for other in beside:
-        own = with_corrected_plates(other, laboratory.plates)
-        of_people = plate_samples(own, treadmill, calibration.sensors, laboratory.plates, ())
+        corrected = with_corrected_plates(other, laboratory.plates)
+        of_people = plate_samples(corrected, treadmill, calibration.sensors, laboratory.plates, ())
         for name, rms in _of_motion(calibration, of_people, rate_hz).items():
             people[name] = np.maximum(rms, people.get(name, 0.0))
     sources = {}
-    for name, left in after.items():
-        slow = low_pass(left, rate_hz, SLOW_HZ, "zero_phase")
+    for name, remaining in after.items():
+        slow = low_pass(remaining, rate_hz, SLOW_HZ, "zero_phase")
         rollers = None if rollers_hz is None else _line_rms(slow, rate_hz, rollers_hz)
         rest = slow.var(axis=0) - sum(
-            each**2 for each in (moving.get(name), rollers) if each is not None
+            part**2 for part in (moving.get(name), rollers) if part is not None
         )
         other = np.sqrt(np.maximum(rest, 0.0))
         sources[name] = Sources(moving.get(name), rollers, other, people.get(name))
@@ -211,9 +220,9 @@ def measure_empty(
     felt = setup.low_pass(readings, clock)
     pose, places = empty_pose(recording, platform), dict[str, Place]()
     if pose is not None:
-        known = np.isfinite(pose.position).all(axis=1)
-        pose = PlatformPose(pose.rotation[known], pose.position[known])
-        times = recording.markers.time[known]
+        is_known = np.isfinite(pose.position).all(axis=1)
+        pose = PlatformPose(pose.rotation[is_known], pose.position[is_known])
+        times = recording.markers.time[is_known]
         rate = recording.markers.rate_hz
         places = _places(times, rate, pose, clock, readings, setup.sensors)
     return EmptyTreadmill(
@@ -251,10 +260,6 @@ def trial_ranges(study: Study, treadmill: Treadmill) -> dict[str, tuple[Array, A
         known = ranges.get(name.condition, (low, high))
         ranges[name.condition] = np.minimum(known[0], low), np.maximum(known[1], high)
     return ranges
-
-
-def _lags(calibration: Calibration) -> tuple[float, ...]:
-    return next((model.lags_s for model in calibration.dynamic.values()), ())
 
 
 def _of_motion(
@@ -333,9 +338,8 @@ def _base(spectra: Sequence[Spectrum]) -> tuple[float, ...]:
 
 def _axis(pose: PlatformPose) -> Array:
     """Give the axis of pitch, along which the platform sways, (3,), in any axes of the file."""
-    rotation = pose.rotation
-    turn = np.stack([rotation[:, 2, 1], rotation[:, 0, 2], rotation[:, 1, 0]], axis=1)
-    turn = turn - np.stack([rotation[:, 1, 2], rotation[:, 2, 0], rotation[:, 0, 1]], axis=1)
+    skew = pose.rotation - np.swapaxes(pose.rotation, 1, 2)
+    turn = skew[:, [2, 0, 1], [1, 2, 0]]
     vectors = turn if np.abs(turn).max() > 2 * MIN_PITCH_RAD else pose.position
     return np.asarray(np.linalg.eigh(vectors.T @ vectors)[1][:, -1])
 
@@ -358,7 +362,7 @@ def _places(
     force = low_pass(specific_force(pose, rate_hz), rate_hz, PLACE_HZ, "zero_phase")
     slow = low_pass(readings, clock, PLACE_HZ, "zero_phase")
     back = np.swapaxes(pose.rotation, 1, 2) @ np.gradient(pose.rotation, 1 / rate_hz, axis=0)
-    speed = np.stack([back[:, 2, 1], back[:, 0, 2], back[:, 1, 0]], axis=1) @ axis
+    speed = back[:, [2, 0, 1], [1, 2, 0]] @ axis
     speed = low_pass(speed, rate_hz, PLACE_HZ, "zero_phase")
     felt = resample(clock, slow, time)
     inside = np.isfinite(felt).all(axis=1)
@@ -371,19 +375,12 @@ def _places(
     design = np.column_stack([force[:, :3], force[:, 3:] @ axis, speed**2])[inside]
     forward = np.cross(axis, [0.0, 0.0, 1.0])
     forward *= np.sign(forward[np.argmax(np.abs(forward))]) or 1.0
-    found = {}
-    for sensor, own in zip(sensors, np.split(felt[inside], len(sensors), axis=1), strict=True):
-        gains = np.linalg.lstsq(design, own)[0].T
+    places = {}
+    for sensor, measured in zip(sensors, np.split(felt[inside], len(sensors), axis=1), strict=True):
+        gains = np.linalg.lstsq(design, measured)[0].T
         arm = np.cross(fit_rotation(gains[:, :3]).T @ gains[:, 3], axis)
-        found[sensor] = Place(float(arm @ forward), float(arm[2]))
-    return found
-
-
-LINES: Final = {
-    "before": COLOURS["measured"],
-    "predicted": COLOURS["compensated"],
-    "after": COLOURS["baseline"],
-}
+        places[sensor] = Place(float(arm @ forward), float(arm[2]))
+    return places
 
 
 def time_figure(
@@ -395,12 +392,14 @@ def time_figure(
     start = int(np.clip(np.argmax(size) - count // 2, 0, len(size) - count))
     shown = slice(start, start + count, max(count // SHOWN_SAMPLES, 1))
     time = np.arange(len(size))[shown] / rate_hz
-    every = (before, predicted, before - predicted)
+    lines = (
+        ("before", before, COLOURS["measured"], 1.6),
+        ("predicted", predicted, PALETTE[0], 0.7),
+        ("after", before - predicted, COLOURS["compensated"], 0.7),
+    )
 
     def draw(panel: Axes, k: int) -> None:
-        for (label, colour), values, width in zip(
-            LINES.items(), every, (1.6, 0.7, 0.7), strict=True
-        ):
+        for label, values, colour, width in lines:
             panel.plot(time, values[shown, k], color=colour, lw=width, label=label)
         panel.set_xlabel("time (s)")
 
@@ -415,14 +414,14 @@ def spectrum_figure(spectrum: Spectrum, empty: EmptyTreadmill, cutoff_hz: float 
     if cutoff_hz is not None:
         marks.append((f"calibration filter, {cutoff_hz:g} Hz", cutoff_hz, "black", ":"))
     if empty.rollers_hz is not None:
-        marks.append((f"rollers, {empty.rollers_hz:.2f} Hz", empty.rollers_hz, "#009E73", "--"))
-    marks += [(f"base, {hz:.0f} Hz", hz, "#CC79A7", "-.") for hz in empty.base_hz]
+        marks.append((f"rollers, {empty.rollers_hz:.2f} Hz", empty.rollers_hz, PALETTE[1], "--"))
+    marks += [(f"base, {hz:.0f} Hz", hz, PALETTE[2], "-.") for hz in empty.base_hz]
 
     def draw(panel: Axes, k: int) -> None:
         panel.axvspan(0.2, SLOW_HZ, color="#f0f2f4", lw=0)
-        for label in ("before", "after"):
-            values = getattr(spectrum, label)[inside, k]
-            panel.loglog(frequency[inside], values, color=LINES[label], lw=0.9, label=label)
+        lines = {"before": spectrum.before, "after": spectrum.after}
+        for (label, values), colour in zip(lines.items(), COLOURS.values(), strict=True):
+            panel.loglog(frequency[inside], values[inside, k], color=colour, lw=0.9, label=label)
         for label, hz, colour, dashes in marks:
             panel.axvline(hz, color=colour, ls=dashes, lw=0.9, label=label)
         panel.set_xlim(0.2, BASE_HZ[1])
@@ -434,9 +433,8 @@ def spectrum_figure(spectrum: Spectrum, empty: EmptyTreadmill, cutoff_hz: float 
     return _panels(WRENCH_COMPONENTS, draw, "/√Hz")
 
 
-def _panels(components: Sequence[str], draw: object, per: str = "") -> Figure:
+def _panels(components: Sequence[str], draw: Callable[[Axes, int], None], per: str = "") -> Figure:
     """Lay out a panel per component; `draw` fills it."""
-    assert callable(draw)
     rows = 1 + (len(components) > 3)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9, 2.5 * rows + 0.3), layout="constrained")
@@ -453,12 +451,13 @@ def _panels(components: Sequence[str], draw: object, per: str = "") -> Figure:
 def plan_figure(empty: EmptyTreadmill) -> Figure:
     """Draw plates, markers and accelerometers from above, as the file and the readings say.
 
-    The belts are upright; which end is the front is known only where the axes are stated.
+    The belts are upright; the front is above where the axes are stated, and else either end.
     """
     markers, plates = empty.recording.markers, empty.recording.plates
     corners = np.array([plate.corners for plate in plates])
     length, width = np.ptp(corners[0], axis=0)[:2]
-    along, across = ((0, 1.0), (1, 1.0)) if length >= width else ((1, 1.0), (0, -1.0))
+    lengthwise = empty.front_is_known or length >= width
+    along, across = ((0, 1.0), (1, 1.0)) if lengthwise else ((1, 1.0), (0, -1.0))
 
     def place(points: Array) -> tuple[Array, Array]:
         return across[1] * points[..., across[0]], along[1] * points[..., along[0]]
@@ -475,23 +474,23 @@ def plan_figure(empty: EmptyTreadmill) -> Figure:
             seen = seen[np.isfinite(seen).all(axis=1)]
             if len(seen):
                 x, y = map(float, place(np.median(seen, axis=0)))
-                panel.plot(x, y, "o", color=COLOURS["measured"], ms=5)
+                panel.plot(x, y, "o", color=PALETTE[0], ms=5)
                 panel.annotate(name, (x, y), (4, 4), textcoords="offset points", fontsize=7)
         for name, at in empty.places.items():
-            panel.axhline(at.along, color=COLOURS["compensated"], ls="--", lw=1)
+            panel.axhline(at.along, color=PALETTE[1], ls="--", lw=1)
             panel.annotate(
-                f"{name}: {at.along:+.2f} m along, {at.up:+.2f} m up",
+                f"{name}: {at}",
                 (0.01, at.along),
                 (0, 3),
                 xycoords=panel.get_yaxis_transform(),
                 textcoords="offset points",
-                color=COLOURS["compensated"],
+                color=PALETTE[1],
                 fontsize=8,
             )
         panel.set_aspect("equal", adjustable="datalim")
         panel.invert_xaxis()
         panel.set_xlabel("across the belts (m)")
-        panel.set_ylabel("along the belts (m)")
+        panel.set_ylabel(f"along the belts{', to the front' * empty.front_is_known} (m)")
     return figure
 
 
@@ -507,7 +506,8 @@ def range_figure(calibration: Calibration, others: Mapping[str, tuple[Array, Arr
         panel.barh(at, high - low, left=low, height=0.7, color="#d9dee3", label="calibration")
         for n, (label, (least, most)) in enumerate(others.items()):
             place = at + (n - (len(others) - 1) / 2) * 0.6 / max(len(others), 1)
-            panel.hlines(place, least - mean, most - mean, color=f"C{n}", lw=2.5, label=label)
+            ends, colour = (least - mean, most - mean), PALETTE[n % len(PALETTE)]
+            panel.hlines(place, *ends, color=colour, lw=2.5, label=label)
         panel.set_yticks(at, names)
         panel.invert_yaxis()
         panel.set_xlabel("acceleration about the calibration's mean (m/s²)")

@@ -1,9 +1,8 @@
 """Figures of a study: gait cycles over subjects, marginal means, every cycle of one subject."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Final, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -12,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy import stats
 
+from hbm.spatial import Array
 from pipeline.figures.residuals import (
     axis_label,
     draw_part,
@@ -24,45 +24,46 @@ from pipeline.figures.style import (
     COLOURS,
     LINE_WIDTH_PT,
     STYLE,
+    condition_style,
     draw_band,
     draw_differences,
+    draw_logarithmic,
 )
 from pipeline.run.load import Results
 from pipeline.statistics.comparison import MIXED_ANOVA, RM_ANOVA
 from pipeline.statistics.curves import CurveDifference, parts_of
-from pipeline.statistics.design import CONFIDENCE, Design
+from pipeline.statistics.design import CONFIDENCE, Design, Weigh
 from pipeline.statistics.table_3 import format_p
 from pipeline.trial.residuals import AXES, UNITS
 
-LATERAL: Final = ("Fy", "Mx", "Mz")
-"""Residuals that change sign when mirrored in the sagittal plane."""
 SIX_PANELS_INCH: Final = (9.5, 5.6)
 PANEL_HEIGHT_INCH: Final = 1.4
 MARGIN_HEIGHT_INCH: Final = 1.2
 TITLE_PT: Final = 11
+MIDDLE_LINE_PT: Final = 1.0
 THIN_LINE_PT: Final = 0.7
+MAX_LABELS: Final = 28
+"""Characters of all conditions together that stand side by side below a panel."""
 OFFSET: Final = 0.05
 """Shift of the means of both variants against each other, in steps of conditions."""
 
 
-Spans = Mapping[str, Any]
-"""Side -> start and stop of each gait cycle [s]."""
+CYCLE_KEYS: Final = ["subject", "condition", "recording", "side", "cycle"]
+"""A gait cycle."""
 
 
-@dataclass(frozen=True, slots=True)
-class Variant:
+class Variant(NamedTuple):
     """How residuals without or with inertia compensation (IC) are drawn."""
 
     label: str
     colour: str
-    linestyle: str
     marker: str
     offset: float
 
 
 VARIANTS: Final = {
-    False: Variant("no IC", COLOURS["measured"], "--", "s", -OFFSET),
-    True: Variant("IC", COLOURS["compensated"], "-", "o", OFFSET),
+    False: Variant("no IC", COLOURS["measured"], "s", -OFFSET),
+    True: Variant("IC", COLOURS["compensated"], "o", OFFSET),
 }
 
 
@@ -85,25 +86,24 @@ def study_figures(
     Yields
     ------
     name, figure
-        ``gait_cycle_CONDITION`` (as the thesis' Figs 6 and 7), ``marginal_means`` (F.8–F.13) and
+        ``gait_cycle_CONDITION``, ``marginal_means`` (as the thesis' Figs F.8–F.13) and
         ``raw_AXIS`` (F.14–F.19), the latter where there are gait cycles.
     """
+    over_cycles = rms_over_cycles(results.cycles, design.weigh)
     for condition in drawn_conditions(results.cycles, design):
         grey = mean_part(t for t in results.trials.values() if t.condition == condition)
         compared = f"{design.judged(condition)} - {design.reference_cell}"
         differing = {axis: parts_of(curves, axis, compared) for axis in AXES}
-        figure = gait_cycle_figure(
-            results.cycles, condition, design, grey=grey, differing=differing
-        )
+        figure = gait_cycle_figure(over_cycles, condition, design, grey=grey, differing=differing)
         yield f"gait_cycle_{condition}", figure
     yield "marginal_means", marginal_means_figure(results.residuals, statistics, design)
     subject = example_subject(results.cycles)
     if subject is None:
         return
-    spans = {n[1:]: trial.cycles for n, trial in results.trials.items() if n.subject == subject}
-    own = results.cycles[results.cycles["subject"] == subject]
+    starts = results.by_cycle[[*CYCLE_KEYS, "start_s"]].drop_duplicates()
+    cycles = results.cycles[results.cycles["subject"] == subject].merge(starts, "left", CYCLE_KEYS)
     for axis in AXES:
-        yield f"raw_{axis}", raw_figure(own, spans, axis, design)
+        yield f"raw_{axis}", raw_figure(cycles, axis, design)
 
 
 def drawn_conditions(cycles: pd.DataFrame, design: Design) -> list[str]:
@@ -118,14 +118,33 @@ def example_subject(cycles: pd.DataFrame) -> str | None:
     return None if cells.empty else str(cells.groupby("subject", sort=True).size().idxmax())
 
 
-def mirrored(cycles: pd.DataFrame) -> pd.DataFrame:
-    """Mirror the cycles of the left foot in the sagittal plane."""
-    left = (cycles["side"] == "left") & cycles["axis"].isin(LATERAL)
-    return cycles.assign(value=cycles["value"].where(~left, -cycles["value"]))
+def rms_over_cycles(cycles: pd.DataFrame, weigh: Weigh) -> pd.DataFrame:
+    """Give each subject's RMS over gait cycles at every percent of the cycle.
+
+    Its root mean square over the percent of a window is the subject's RMS in the table of
+    residuals. A mean would not be: what changes sign from cycle to cycle cancels in it.
+
+    Parameters
+    ----------
+    cycles
+        As `pipeline.run.load.Results.cycles`.
+    weigh
+        Whether each gait cycle or each recording is equal.
+
+    Returns
+    -------
+    pandas.DataFrame
+        subject, condition, compensated, axis, percent, value [N, N·m]; NaN where none counts.
+    """
+    keys = ["subject", "condition", "compensated", "axis", "percent"]
+    squares = cycles.assign(value=cycles["value"] ** 2)
+    for level in [[*keys, "recording"], keys] if weigh == "recording" else [keys]:
+        squares = squares.groupby(level, sort=False)["value"].mean().reset_index()
+    return squares.assign(value=np.sqrt(squares["value"]))
 
 
 def gait_cycle_figure(
-    cycles: pd.DataFrame,
+    curves: pd.DataFrame,
     condition: str,
     design: Design,
     *,
@@ -136,8 +155,8 @@ def gait_cycle_figure(
 
     Parameters
     ----------
-    cycles
-        As `pipeline.run.load.Results.cycles`.
+    curves
+        As `rms_over_cycles` gives them.
     condition
         The condition; the reference is drawn with it.
     design
@@ -150,50 +169,52 @@ def gait_cycle_figure(
     Returns
     -------
     matplotlib.figure.Figure
-        Six panels: mean ± SD over the subjects' mean cycles; for a single subject, over its cycles.
-        Cycles of the left foot are mirrored, as lateral residuals would cancel otherwise.
+        Six panels: mean over subjects of the RMS over gait cycles at each percent, on logarithmic
+        axes, ± SD of the two cells that are compared. Colours mean compensation, where there is
+        any, and line styles conditions.
     """
-    shown = mirrored(cycles[cycles["condition"].isin((design.reference, condition))])
-    counts = shown.groupby("condition")["subject"].nunique()
-    single = counts.max() == 1
-    unit = ["recording", "side", "cycle"] if single else ["subject"]
-    keys = ["condition", "compensated", "axis", "percent"]
-    values = shown.groupby([*keys, *unit], sort=False)["value"].mean().groupby(keys)
-    mean, sd = values.mean().unstack("percent"), values.std().unstack("percent")
+    shown = curves[curves["condition"].isin((design.reference, condition))]
+    of_subjects = shown.groupby(["condition", "compensated", "axis", "percent"])["value"]
+    mean, sd = of_subjects.mean().unstack("percent"), of_subjects.std().unstack("percent")
+    order = design.in_order(curves["condition"])
+    cells = sorted({key[:2] for key in mean.index}, key=lambda c: (c[1], order.index(c[0])))
     with mpl.rc_context(STYLE):
         figure, panels = six_panels(SIX_PANELS_INCH)
-        drawn = [
-            (name, compensated)
-            for name in design.in_order(counts.index)
-            for compensated in VARIANTS
-        ]
-        for name, compensated in drawn:
-            if (name, compensated) not in mean.index:
-                continue
-            variant = VARIANTS[compensated]
-            dotted = name != condition and compensated
-            for k, panel in enumerate(panels):
-                key = (name, compensated, AXES[k])
+        for name, compensated in cells:
+            colour, linestyle = condition_style(order.index(name))
+            if design.compensated:
+                colour = VARIANTS[compensated].colour
+            cell = design.cell(name, compensated)
+            compared = cell in (design.judged(condition), design.reference_cell)
+            for axis, panel in zip(AXES, panels, strict=True):
+                key = name, compensated, axis
                 draw_band(
                     panel,
                     mean.columns.to_numpy(float),
                     mean.xs(key).to_numpy(),
-                    sd.xs(key).to_numpy(),
-                    variant.colour if name == condition else COLOURS["baseline"],
-                    label=f"{name}, {variant.label}",
-                    linestyle=":" if dotted else variant.linestyle,
-                    linewidth=1.0 if dotted else LINE_WIDTH_PT,
+                    sd.xs(key).to_numpy() if compared else np.full(len(mean.columns), np.nan),
+                    colour,
+                    label=cell,
+                    linestyle=linestyle,
+                    linewidth=LINE_WIDTH_PT if compared else MIDDLE_LINE_PT,
                 )
         label_panels(panels)
         draw_part(panels, grey)
         for axis, panel in zip(AXES, panels, strict=True):
+            draw_logarithmic(panel, mean.xs(axis, level="axis").to_numpy())
+            panel.set_ylabel(f"RMS ({panel.get_ylabel()})")
             draw_differences(panel, differing.get(axis, ()))
         legend_below(figure, panels[0])
-        over = "gait cycles of one subject" if single else f"{counts[condition]} subjects"
-        title = f"Pelvis residuals, {condition}: mean ± SD over {over}"
-        title += "; grey: the part that is used" * (grey is not None)
-        title += f"; bars: differs from {design.reference}" * any(differing.values())
-        figure.suptitle(title, fontsize=TITLE_PT)
+        count = shown.loc[shown["condition"] == condition, "subject"].nunique()
+        over = f", mean ± SD over {count} subjects" if count > 1 else " of one subject"
+        pair = f"{design.judged(condition)} differs from {design.reference_cell}"
+        remarks = {
+            "grey: the part that is used": grey is not None,
+            f"black bars: {pair}": any(differing.values()),
+        }
+        extra = "; ".join(remark for remark, holds in remarks.items() if holds)
+        title = f"Pelvis residuals, {condition}: RMS over gait cycles{over}"
+        figure.suptitle(f"{title}\n{extra}".strip(), fontsize=TITLE_PT)
     return figure
 
 
@@ -215,35 +236,41 @@ def marginal_means_figure(
     Returns
     -------
     matplotlib.figure.Figure
-        Six panels: means and 95 % confidence intervals over the subjects with all cells (over all
-        subjects where none has them), each subject as a thin line.
+        Six panels on logarithmic axes: means and 95 % confidence intervals over the subjects with
+        all cells (over all subjects where none has them), each subject as a thin line.
     """
     conditions = design.in_order(residuals["condition"])
+    turned = 30 if len("".join(conditions)) > MAX_LABELS else 0
     with mpl.rc_context(STYLE):
         figure, panels = six_panels(SIX_PANELS_INCH)
         for k, panel in enumerate(panels):
-            own = residuals[residuals["axis"] == AXES[k]]
-            cells = own.pivot(index="subject", columns=["compensated", "condition"], values="rms")
+            rows = residuals[residuals["axis"] == AXES[k]]
+            cells = rows.pivot(index="subject", columns=["compensated", "condition"], values="rms")
             compared = [column for column in cells.columns if column[1] in design.conditions]
             if not cells.dropna(subset=compared).empty:
                 cells = cells.dropna(subset=compared)
-            for compensated in sorted(own["compensated"].unique()):
+            shown = [cells.to_numpy().ravel()]
+            for compensated in sorted(rows["compensated"].unique()):
                 rms = cells[compensated].reindex(columns=conditions)
-                _draw_means(panel, rms, VARIANTS[compensated])
+                shown.append(_draw_means(panel, rms, VARIANTS[compensated]))
+            draw_logarithmic(panel, np.concatenate(shown))
             panel.set_title(axis_label(k), loc="left")
             panel.set_title(_p_value(statistics, AXES[k], design), loc="right", fontsize=8)
             panel.set_ylabel(f"RMS ({UNITS[k]})")
-            panel.set_ylim(bottom=0)
-            panel.set_xticks(range(len(conditions)), conditions)
+            panel.set_xticks(range(len(conditions)), conditions, rotation=turned)
             panel.set_xlim(-0.3, len(conditions) - 0.7)
-        legend_below(figure, panels[0])
-        title = f"RMS residuals, mean and 95 % CI over {len(cells)} subjects"
-        figure.suptitle(title, fontsize=TITLE_PT)
+        if design.compensated:
+            legend_below(figure, panels[0])
+        over = f", mean and 95 % CI over {len(cells)} subjects" if len(cells) > 1 else ""
+        figure.suptitle(f"RMS residuals{over or ' of one subject'}", fontsize=TITLE_PT)
     return figure
 
 
-def _draw_means(panel: Axes, rms: pd.DataFrame, variant: Variant) -> None:
-    """Draw means with intervals over conditions, and each subject as a thin line."""
+def _draw_means(panel: Axes, rms: pd.DataFrame, variant: Variant) -> Array:
+    """Draw means with intervals over conditions, and each subject as a thin line.
+
+    Gives the upper ends of the intervals, which fit on a logarithmic axis; lower ones may not.
+    """
     n = rms.count()
     half = stats.t.isf((1 - CONFIDENCE) / 2, (n - 1).clip(lower=1)) * rms.std() / np.sqrt(n)
     x = np.arange(len(rms.columns)) + variant.offset
@@ -252,12 +279,12 @@ def _draw_means(panel: Axes, rms: pd.DataFrame, variant: Variant) -> None:
         *(x, rms.mean()),
         yerr=half.fillna(0),
         color=variant.colour,
-        ls=variant.linestyle,
         marker=variant.marker,
         ms=4,
         capsize=3,
         label=variant.label,
     )
+    return np.asarray(rms.mean() + half)
 
 
 def _p_value(statistics: pd.DataFrame, axis: str, design: Design) -> str:
@@ -275,18 +302,14 @@ def _p_value(statistics: pd.DataFrame, axis: str, design: Design) -> str:
     return f"{name} p {written if written.startswith('<') else f'= {written}'}"
 
 
-def raw_figure(
-    cycles: pd.DataFrame, spans: Mapping[tuple[str, str], Spans], axis: str, design: Design
-) -> Figure:
+def raw_figure(cycles: pd.DataFrame, axis: str, design: Design) -> Figure:
     """Draw one residual of one subject in every gait cycle of every condition.
 
     Parameters
     ----------
     cycles
-        One subject's gait cycles, as `pipeline.run.load.Results.cycles`.
-    spans
-        Condition and recording -> side -> start and stop of each cycle [s], by which the cycles
-        are ordered.
+        One subject's gait cycles, as `pipeline.run.load.Results.cycles`, with the column start_s by
+        which they are ordered.
     axis
         The residual, such as "Fx".
     design
@@ -297,46 +320,26 @@ def raw_figure(
     matplotlib.figure.Figure
         One panel per condition, without and with compensation, as recorded (not mirrored).
     """
-    own = cycles[cycles["axis"] == axis]
-    conditions = design.in_order(own["condition"])
+    rows = cycles[cycles["axis"] == axis].sort_values(["recording", "start_s", "side", "percent"])
+    conditions = design.in_order(rows["condition"])
     k = AXES.index(axis)
     height = MARGIN_HEIGHT_INCH + PANEL_HEIGHT_INCH * len(conditions)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(SIX_PANELS_INCH[0], height), layout="constrained")
         panels = figure.subplots(len(conditions), 1, squeeze=False)[:, 0]
         for condition, panel in zip(conditions, panels, strict=True):
-            for compensated, trial in own[own["condition"] == condition].groupby("compensated"):
+            for compensated, trial in rows[rows["condition"] == condition].groupby("compensated"):
                 variant = VARIANTS[bool(compensated)]
-                keys = [
-                    (recording, *key)
-                    for (of, recording), own_spans in sorted(spans.items())
-                    if of == condition
-                    for key in _in_time(own_spans)
-                ]
-                curves = trial.pivot(
-                    index=["recording", "side", "cycle"], columns="percent", values="value"
-                )
-                values = curves.loc[keys].to_numpy()
-                x = np.arange(len(values))[:, None] + curves.columns.to_numpy() / 100
-                panel.plot(
-                    *(x.ravel(), values.ravel()),
-                    color=variant.colour,
-                    lw=THIN_LINE_PT,
-                    label=variant.label,
-                    zorder=2,
-                )
+                x = trial["percent"].eq(0).cumsum() - 1 + trial["percent"] / 100
+                look = {"color": variant.colour, "lw": THIN_LINE_PT, "zorder": 2}
+                panel.plot(x, trial["value"], label=variant.label, **look)
             panel.axhline(0, color="black", lw=0.5)
             panel.set_title(condition, loc="left")
             panel.set_ylabel(UNITS[k])
             panel.margins(x=0)
         panels[-1].set_xlabel("analysed gait cycles, one after another")
-        legend_below(figure, panels[0])
-        subject = own["subject"].iloc[0]
+        if design.compensated:
+            legend_below(figure, panels[0])
+        subject = rows["subject"].iloc[0]
         figure.suptitle(f"Residual {axis_label(k)} of {subject}, every cycle", fontsize=TITLE_PT)
     return figure
-
-
-def _in_time(spans: Spans) -> list[tuple[str, int]]:
-    """Give side and number of a trial's gait cycles in order of their starts."""
-    keys = [(side, number) for side, own in spans.items() for number in range(1, len(own) + 1)]
-    return sorted(keys, key=lambda key: spans[key[0]][key[1] - 1][0])

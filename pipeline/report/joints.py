@@ -1,6 +1,7 @@
 """Joints of a study: their curves, and what the compensation changes in their peaks."""
 
 from collections.abc import Iterator
+from math import nan
 from typing import Final
 
 import numpy as np
@@ -9,9 +10,10 @@ from matplotlib.figure import Figure
 
 from hbm.spatial import Array
 from pipeline.figures.joints import LEG, UPPER_BODY, Curve, joint_figure
-from pipeline.figures.style import COLOURS
+from pipeline.figures.style import condition_style
 from pipeline.report.blocks import Table
 from pipeline.report.figures import VARIANTS
+from pipeline.report.tables import numbers
 from pipeline.statistics.curves import parts_of
 from pipeline.statistics.design import MIN_SUBJECTS, Design, Weigh
 from pipeline.statistics.paired import compare_paired
@@ -21,8 +23,9 @@ from pipeline.trial.joints import CURVES, JOINT_MOTIONS
 PEAKS: Final = ("largest moment", "smallest moment")
 MIN_PEAK: Final = 0.1
 """Of a moment that is in the table of what compensation changes [N·m/kg]."""
-CONDITION_COLOURS: Final = (COLOURS["baseline"], "#0072B2", "#D55E00", "#009E73", "#CC79A7")
-"""Of the palette of Okabe and Ito; further conditions begin anew."""
+
+MIN_KNOWN_CYCLES: Final = 0.5
+"""Share of the gait cycles of which an instant has to be known to be drawn."""
 
 
 def subject_values(joints: pd.DataFrame, weigh: Weigh) -> pd.DataFrame:
@@ -47,26 +50,20 @@ def compensation_tables(joints: pd.DataFrame, design: Design) -> list[Table]:
     leg = [(motion.joint, motion.direction) for motion in LEG]
     tables = []
     for condition in design.in_order(values["condition"].unique()):
-        own = values[(values["condition"] == condition) & values["quantity"].isin(PEAKS)]
-        cells = own.pivot_table(
-            index=["joint", "direction", "quantity", "subject"],
-            columns="compensated",
-            values="value",
-        )
+        peaks = values[(values["condition"] == condition) & values["quantity"].isin(PEAKS)]
+        peak = ["joint", "direction", "quantity"]
+        cells = peaks.pivot_table("value", [*peak, "subject"], "compensated")
         if len(cells.columns) < 2:  # without and with compensation
             continue
-        of_peak = {
-            key: pair.to_numpy(float)
-            for key, pair in cells.dropna().groupby(["joint", "direction", "quantity"])
-        }
-        rows = []
-        for motion in leg:
-            for quantity in PEAKS:
-                pair = of_peak.get((*motion, quantity))
-                if pair is not None and np.abs(pair).max() >= MIN_PEAK:
-                    rows.append((f"{' '.join(motion)}, {quantity}", *_change(pair)))
+        pairs = {key: pair.to_numpy(float) for key, pair in cells.dropna().groupby(peak)}
+        rows = [
+            (f"{' '.join(motion)}, {quantity}", *_change(pairs[*motion, quantity]))
+            for motion in leg
+            for quantity in PEAKS
+            if np.abs(pairs.get((*motion, quantity), 0.0)).max() >= MIN_PEAK
+        ]
         heads = ("Moment (N·m/kg)", "no IC", "IC", "IC − no IC [95 % CI]", "of the peak")
-        count = own["subject"].nunique()
+        count = peaks["subject"].nunique()
         caption = f"What compensation changes, {condition}: means over {count} subject"
         tables.append(Table(caption + "s" * (count > 1), heads, rows, "numbers"))
     return tables
@@ -83,8 +80,11 @@ def _change(pair: Array) -> tuple[str, str, str, str]:
     if len(pair) >= MIN_SUBJECTS:
         mean = compare_paired(after - before).mean
         text += f"\n[{number(mean.low, '+z.3f')} to {number(mean.high, '+z.3f')}]"
-    percent = 100 * change / abs(before.mean())
-    return f"{before.mean():.2f}", f"{after.mean():.2f}", text, f"{percent:+.1f} %"
+    means = before.mean(), after.mean()
+    # of the peak's size, whichever its sign; of a peak that changes its sign, none
+    percent = 100 * (means[1] / means[0] - 1) if means[0] * means[1] > 0 else nan
+    first, second = (number(mean, "z.2f") for mean in means)
+    return first, second, text, number(percent, "+z.1f", " %")
 
 
 def joint_figures(
@@ -101,19 +101,22 @@ def joint_figures(
     """
     conditions = design.in_order(cycles["condition"].unique())
     people = cycles.groupby("condition", sort=False)["subject"].nunique()
-    over = {c: f"{people[c]} subjects" if people[c] > 1 else "gait cycles" for c in conditions}
+
+    def over(counts: pd.Series) -> str:
+        return numbers(counts, "subject") if counts.max() > 1 else "gait cycles"
+
     curves = {
-        (condition, compensated): _mean_and_spread(own)
-        for (condition, compensated), own in cycles.groupby(["condition", "compensated"])
+        (condition, compensated): _mean_and_spread(cell)
+        for (condition, compensated), cell in cycles.groupby(["condition", "compensated"])
     }
     best = bool(cycles["compensated"].any())
     for condition in conditions if best else ():
         drawn: list[Curve] = []
         for compensated, variant in VARIANTS.items():
             if (condition, compensated) in curves:
-                style = variant.label, variant.colour, variant.linestyle
-                drawn.append((*style, *curves[condition, compensated]))
-        title = f"Joints of the legs, {condition}: mean ± SD over {over[condition]}"
+                look = variant.label, variant.colour, "-"
+                drawn.append((*look, *curves[condition, compensated]))
+        title = f"Joints of the legs, {condition}: mean ± SD over {over(people[[condition]])}"
         compared = f"{design.cell(condition, True)} - {design.cell(condition, False)}"
         parts = {
             (motion.name, curve): parts_of(differing, f"{motion.name}_{curve}", compared)
@@ -123,22 +126,29 @@ def joint_figures(
         title += "; bars: IC differs from no IC" * any(parts.values())
         yield f"joints_{condition}", joint_figure(drawn, title, differing=parts)
     together: list[Curve] = [
-        (name, CONDITION_COLOURS[k % len(CONDITION_COLOURS)], "-", *curves[name, best])
+        (name, *condition_style(k), *curves[name, best])
         for k, name in enumerate(conditions)
         if (name, best) in curves
     ]
     for name, motions in (("joints", LEG), ("upper_body", UPPER_BODY)):
         what = "Joints of the legs" if motions == LEG else "Trunk and arms"
-        yield name, joint_figure(together, f"{what}: mean ± SD", motions)
+        what += ", with inertia compensation" * best
+        yield name, joint_figure(together, f"{what}: mean ± SD over {over(people)}", motions)
 
 
 def _mean_and_spread(cycles: pd.DataFrame) -> tuple[Array, Array]:
-    """Give mean and SD over subjects, or over cycles of a single one, (101, 13, 3) each."""
+    """Give mean and SD over subjects, or over cycles of a single one, (101, 13, 3) each.
+
+    NaN where most cycles are unknown: means of the few others are of other steps.
+    """
     columns = [f"{motion.name}_{curve}" for motion in JOINT_MOTIONS for curve in CURVES]
     single = cycles["subject"].nunique() == 1
     unit = ["recording", "side", "cycle"] if single else ["subject"]
-    each = cycles.groupby(["percent", *unit], sort=False)[columns].mean()
-    of_percent = each.groupby("percent", sort=True)
+    of_units = cycles.groupby(["percent", *unit], sort=False)[columns].mean()
+    of_percent = of_units.groupby("percent", sort=True)
+    is_drawn = cycles[columns].notna().groupby(cycles["percent"]).mean() >= MIN_KNOWN_CYCLES
     shape = -1, len(JOINT_MOTIONS), len(CURVES)
-    mean, spread = of_percent.mean().to_numpy(float), of_percent.std().to_numpy(float)
+    mean, spread = (
+        table.where(is_drawn).to_numpy(float) for table in (of_percent.mean(), of_percent.std())
+    )
     return mean.reshape(shape), spread.reshape(shape)

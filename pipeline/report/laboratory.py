@@ -1,12 +1,12 @@
 """The page of a laboratory, ``laboratory.html``: calibration, checks, plates, calibration signals.
 
-Each command writes its own part and leaves the parts of the others in the folder as they are.
+Each command writes its own part into ``laboratory.json`` and leaves the parts of the others as they
+are; the page shows that file.
 """
 
 import os
-import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
@@ -16,6 +16,7 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from pydantic import TypeAdapter
 
 from compensation import Calibration
 from compensation.inertia.quality import (
@@ -28,9 +29,11 @@ from compensation.inertia.quality import (
     lightest_kg,
 )
 from compensation.inertia.sensors import MAX_EXCESS_SHARE
+from hbm.notes import Note, provenance, warnings_of
 from hbm.spatial import WRENCH_COMPONENTS, Array
+from hbm.spelling import written
 from pipeline.config.study import Study
-from pipeline.figures.style import STYLE
+from pipeline.figures.style import STYLE, condition_style
 from pipeline.io.input_file import read_text
 from pipeline.io.write import write_csv, write_text
 from pipeline.report.blocks import TEMPLATES, Check, Table, drawing
@@ -48,6 +51,9 @@ from pipeline.run.job import file_digest
 from pipeline.trial.ground.calibrations import CalibrationCheck
 
 PAGE: Final = "laboratory.html"
+STATE: Final = "laboratory.json"
+OLD_PAGE: Final = "laboratory_old.html"
+"""Where a page without such a file is kept, as earlier versions wrote it."""
 CHECKS: Final = "laboratory_checks.csv"
 PartName = Literal["calibration", "check", "plates", "ranking"]
 TITLES: Final[Mapping[PartName, str]] = {
@@ -56,9 +62,6 @@ TITLES: Final[Mapping[PartName, str]] = {
     "plates": "Plates under known weights",
     "ranking": "Ranking of calibration signals",
 }
-KEPT: Final = re.compile(
-    r"<!-- (verdict|details) of (\w+) (\w*) -->\n(.*?)<!-- end -->\n", re.DOTALL
-)
 CHILD_KG: Final = 20.0
 """Lighter persons hardly walk on treadmills."""
 BEYOND: Final = "study_beyond_range"
@@ -67,11 +70,10 @@ NEW_FIT: Final = "record the empty treadmill, hbm calibration fit"
 
 
 class Drawn(NamedTuple):
-    """A figure with its caption; one of many points is stored as pixels."""
+    """A figure as a source inside the page, with its caption."""
 
     caption: str
-    figure: Figure
-    many_points: bool = False
+    source: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +90,8 @@ class Part:
         Below.
     of
         SHA-256 of the calibration that the part is about; empty where it is about none.
-    keep
-        Whether tables and figures that the page has of this part stay, in place of these.
+    warnings
+        Sentence, code and advice of each, at the top of the page.
     """
 
     name: PartName
@@ -97,58 +99,61 @@ class Part:
     tables: Sequence[Table] = ()
     figures: Sequence[Drawn] = ()
     of: str = ""
-    keep: bool = False
+    warnings: Sequence[tuple[str, str, str]] = ()
 
 
-def write_page(folder: Path, *parts: Part) -> Path:
-    """Write parts into the page of a folder.
+PARTS: Final = TypeAdapter(dict[PartName, Part])
+
+
+def write_page(folder: Path, *parts: Part, verdicts: Sequence[Part] = ()) -> Path:
+    """Write parts into ``laboratory.json`` of a folder, and the page that shows it.
 
     Parameters
     ----------
     folder
-        Of the page.
+        Of both.
     *parts
         They replace those of their names. Parts of another calibration go.
+    verdicts
+        Parts of which the verdict alone replaces that of the same name, where there is one.
 
     Returns
     -------
     Path
         ``laboratory.html``.
+
+    Raises
+    ------
+    ValueError
+        If ``laboratory.json`` is damaged.
     """
-    path, kept = folder / PAGE, dict[tuple[str, str], tuple[str, str]]()
-    for what, name, of, text in KEPT.findall(read_text(path) if path.exists() else ""):
-        kept[what, name] = of, text.rstrip()
-    given = {part.name: part for part in parts}
-    calibration = next((part.of for part in parts if part.of), "")
-    shown = []
-    for name, title in TITLES.items():
-        part = given.get(name)
-        known = {what: kept.get((what, name), ("", "")) for what in ("verdict", "details")}
-        if calibration and known["details"][0] not in ("", calibration):
-            known = dict.fromkeys(known, ("", ""))
-        if part is None and not known["verdict"][1]:
-            continue
-        keeps = part is None or part.keep
-        shown.append(
-            {
-                "name": name,
-                "title": title,
-                "of": part.of if part else known["verdict"][0],
-                "verdict": part.verdict if part else (),
-                "tables": part.tables if part else (),
-                "drawn": [
-                    (one.caption, drawing(one.figure, ".png" if one.many_points else ".svg"))
-                    for one in (part.figures if part else ())
-                ],
-                "kept_verdict": "" if part else known["verdict"][1],
-                "kept_details": known["details"][1] if keeps else "",
-            }
-        )
-    page = TEMPLATES.get_template("laboratory.html").render(
-        name="Laboratory", scope="Record of the treadmill and its force plates", parts=shown
-    )
-    write_text(page, path)
-    return path
+    page, state = folder / PAGE, folder / STATE
+    shown = dict[PartName, Part]()
+    if state.exists():
+        try:
+            shown = PARTS.validate_json(read_text(state))
+        except ValueError as error:
+            raise ValueError(
+                f"{state}: damaged, or of another version; move it away, and run the commands "
+                "whose parts the page is to show again"
+            ) from error
+    elif page.exists():
+        page.replace(folder / OLD_PAGE)
+    of = {part.of for part in (*parts, *verdicts)} - {""}
+    shown = {name: part for name, part in shown.items() if not of or part.of in {"", *of}}
+    shown |= {part.name: part for part in parts}
+    for part in verdicts:
+        shown[part.name] = replace(shown.get(part.name, part), verdict=part.verdict)
+    in_order = [shown[name] for name in TITLES if name in shown]
+    write_text(PARTS.dump_json(shown, indent=1).decode(), state)
+    template = TEMPLATES.get_template("laboratory.html")
+    write_text(template.render(parts=in_order, titles=TITLES), page)
+    return page
+
+
+def shown_warnings(notes: Iterable[Note]) -> list[tuple[str, str, str]]:
+    """Give sentence, code and advice of the warnings among notes."""
+    return [(note.text, note.code, note.advice) for note in warnings_of(notes)]
 
 
 def page_of_study(study: Study, folder: Path) -> str | None:
@@ -166,23 +171,22 @@ def page_of_study(study: Study, folder: Path) -> str | None:
     return None
 
 
-def frame_table(
-    caption: str, frame: pd.DataFrame, digits: int, legend: str = "", css_class: str = "folded"
-) -> Table:
+def frame_table(caption: str, frame: pd.DataFrame, digits: int, legend: str = "") -> Table:
     """Lay out rows of numbers and texts, numbers with so many digits after the point."""
     rows = [
-        [f"{cell:.{digits}f}" if isinstance(cell, float) else str(cell) for cell in row]
+        [written(cell, f".{digits}f") if isinstance(cell, float) else str(cell) for cell in row]
         for row in frame.itertuples(index=False)
     ]
     heads = [str(column).replace("_", " ") for column in frame.columns]
-    return Table(caption, heads, rows, css_class, legend)
+    return Table(caption, heads, rows, "folded", legend)
 
 
 def calibration_part(
     calibration: Calibration,
     file: Path,
-    empty: EmptyTreadmill | None = None,
-    others: Mapping[str, tuple[Array, Array]] | None = None,
+    empty: EmptyTreadmill,
+    others: Mapping[str, tuple[Array, Array]],
+    notes: Sequence[Note],
 ) -> Part:
     """Give the part of a calibration: for which trials it is fit, and what it leaves.
 
@@ -191,27 +195,40 @@ def calibration_part(
     calibration, file
         The calibration and its file, beside which the checks are.
     empty
-        The recording that it was fitted to; None to keep its tables and figures.
+        The recording that it was fitted to.
     others
         Of the study's trials: label -> lowest and highest acceleration of the channels, (k,)
         [m/s²] each.
+    notes
+        What was found in the fit.
     """
-    verdict, of = calibration_verdict(calibration, file), file_digest(file)
-    if empty is None:
-        return Part("calibration", [verdict], [component_table(calibration, {})], of=of, keep=True)
-    drawn = _of_recording(calibration, empty)
     tables = [component_table(calibration, empty.sources), frequency_table(empty)]
-    if others:
-        tables.append(range_table(calibration, others))
+    tables += [range_table(calibration, others)] if others else []
+    tables.append(Table("Provenance", ("Item", "Finding"), provenance(notes), "folded"))
     text = "Range of the calibration" + (" and of the trials of the study." if others else ".")
-    drawn.append(Drawn(text, range_figure(calibration, others or {})))
-    return Part("calibration", [verdict], tables, drawn, of)
+    ranges = Drawn(text, drawing(range_figure(calibration, others)))
+    drawn = [*_of_recording(calibration, empty), ranges]
+    verdict, of = calibration_verdict(calibration, file), file_digest(file)
+    return Part("calibration", [verdict], tables, drawn, of, shown_warnings(notes))
+
+
+def calibration_in_use(calibration: Calibration, file: Path) -> Part:
+    """Give the part of a calibration without its recording: its verdict, by all checks."""
+    verdict, of = calibration_verdict(calibration, file), file_digest(file)
+    return Part("calibration", [verdict], of=of, warnings=shown_warnings(calibration.notes))
+
+
+def _excess(calibration: Calibration, least: Array, most: Array) -> Array:
+    """Give by how much channels leave the range of a calibration, as a share of it, (k,)."""
+    model = next(iter(calibration.plates.values()))
+    low, high = model.acceleration_low, model.acceleration_high
+    return np.asarray(np.maximum(low - least, most - high) / (high - low))
 
 
 def beyond_range(calibration: Calibration, others: Mapping[str, tuple[Array, Array]]) -> str:
     """Name the conditions of a study that accelerate the treadmill more than its calibration."""
-    rows = range_table(calibration, others).rows
-    return ", ".join(str(row[0]) for row in rows if row[-1][0][0] != "pass")
+    excess = {label: _excess(calibration, *ends).max() for label, ends in others.items()}
+    return ", ".join(label for label, most in excess.items() if most > MAX_EXCESS_SHARE)
 
 
 def calibration_verdict(calibration: Calibration, file: Path) -> Table:
@@ -261,10 +278,9 @@ def limits_of(calibration: Calibration) -> str:
     mean = models[0].acceleration_mean
     most = np.max([models[0].acceleration_high - mean, mean - models[0].acceleration_low])
     texts.append(f"acceleration {most:.1f} m/s²")
-    errors = [model.model_error for model in models]
-    speeds = [error.fastest_mps for error in errors if error is not None]
-    known = [speed for speed in speeds if speed is not None]
-    texts.append(f"belts {min(known):.2f} m/s" if known else "belt speed unknown")
+    errors = [model.model_error for model in models if model.model_error is not None]
+    speeds = [error.fastest_mps for error in errors if error.fastest_mps is not None]
+    texts.append(f"belts {min(speeds):.2f} m/s" if speeds else "belt speed unknown")
     return ", ".join(texts)
 
 
@@ -289,23 +305,22 @@ def _validity(checks: pd.DataFrame) -> str:
 
 def component_table(calibration: Calibration, sources: Mapping[str, Sources]) -> Table:
     """Give a row per plate and component: before, after, limit, share explained, sources."""
-    rows: list[list[str | Sequence[Check]]] = []
+    rows: list[Sequence[str | Sequence[Check]]] = []
     for plate, of_plate in calibration.verdict.items():
         of = sources.get(plate, Sources())
-        for k, row in enumerate(of_plate):
-            numbers = (row.excited, row.after)
-            parts = (of.base, of.rollers, of.other, of.people)
-            rows.append(
-                [
-                    plate,
-                    row.component,
-                    *(f"{number:.2f} {row.unit}" for number in numbers),
-                    [_rated(row)],
-                    f"{row.limit:.2f} {row.unit}",
-                    f"{100 * row.r_squared:.2f} %",
-                    *("–" if part is None else f"{part[k]:.2f} {row.unit}" for part in parts),
-                ]
-            )
+        details = ["" if row.verdict == "good" else row.verdict for row in of_plate]
+        rows += zip(
+            *([plate] * len(UNITS), WRENCH_COMPONENTS),
+            *(
+                with_units([row.excited for row in of_plate]),
+                with_units([r.after for r in of_plate]),
+            ),
+            rated([row.left for row in of_plate], [not row.passed for row in of_plate], details),
+            with_units([row.limit for row in of_plate]),
+            [f"{100 * row.r_squared:.2f} %" for row in of_plate],
+            *(with_units(part) for part in (of.base, of.rollers, of.other, of.people)),
+            strict=True,
+        )
     return Table(
         "Empty plates before and after compensation, RMS",
         (
@@ -323,13 +338,22 @@ def component_table(calibration: Calibration, sources: Mapping[str, Sources]) ->
     )
 
 
-def _rated(row: LeftOver) -> Check:
-    words = {"above limit": "above the limit", "hardly moved": "hardly moved"}
-    return (
-        "pass" if row.passed else "fail",
-        f"{row.left:.2f} {row.unit}",
-        words.get(row.verdict, ""),
-    )
+def with_units(values: Iterable[float] | None, form: str = ".2f") -> list[str]:
+    """Write the six components of a plate; dashes where they are not known."""
+    if values is None:
+        return ["–"] * len(UNITS)
+    return [f"{written(value, form)} {unit}" for value, unit in zip(values, UNITS, strict=True)]
+
+
+def rated(
+    values: Iterable[float],
+    failed: Iterable[bool],
+    details: Iterable[str] = ("",) * len(UNITS),
+    form: str = ".2f",
+) -> list[list[Check]]:
+    """Write the six components of a plate, rated by whether each is beyond its limit."""
+    cells = zip(with_units(values, form), failed, details, strict=True)
+    return [[("fail" if beyond else "pass", text, detail)] for text, beyond, detail in cells]
 
 
 def range_table(calibration: Calibration, others: Mapping[str, tuple[Array, Array]]) -> Table:
@@ -342,12 +366,13 @@ def range_table(calibration: Calibration, others: Mapping[str, tuple[Array, Arra
     low, high = model.acceleration_low, model.acceleration_high
     rows: list[list[str | Sequence[Check]]] = []
     for label, (least, most) in others.items():
-        excess = np.maximum(low - least, most - high) / (high - low)
+        excess = _excess(calibration, least, most)
         k = int(np.argmax(excess))
         beyond = excess[k] > MAX_EXCESS_SHARE
-        rated: Check = ("check", "beyond", "") if beyond else ("pass", "within", "")
-        ranges = (f"{a[k]:.1f} to {b[k]:.1f} m/s²" for a, b in ((least, most), (low, high)))
-        rows.append([label, names[k], *ranges, [rated]])
+        answer: Check = ("check", "beyond", "") if beyond else ("pass", "within", "")
+        ends = [written(end[k], ".1f") for end in (least, most, low, high)]
+        ranges = f"{ends[0]} to {ends[1]} m/s²", f"{ends[2]} to {ends[3]} m/s²"
+        rows.append([label, names[k], *ranges, [answer]])
     heads = ("Trials", "Channel", "Range", "Calibration", "Range of the calibration")
     return Table("Accelerations of the study's trials", heads, rows)
 
@@ -362,39 +387,34 @@ def frequency_table(empty: EmptyTreadmill) -> Table:
         rows.append(("Rollers", "no line found"))
     base = ", ".join(f"{hz:.1f} Hz" for hz in empty.base_hz)
     rows.append(("Base", base or "no peak found"))
-    rows += [
-        (f"Accelerometer {name}", f"{place.along:+.2f} m along the belts, {place.up:+.2f} m up")
-        for name, place in empty.places.items()
-    ]
-    legend = "Along the belts: positive to the front."
-    if empty.recording.stated.axes is None:
-        legend = "Along the belts: which end is positive is not known without --axes."
+    rows += [(f"Accelerometer {name}", str(place)) for name, place in empty.places.items()]
+    front = "to the front" if empty.front_is_known else "upward in the plan (front: --axes)"
+    legend = f"Along the belts: positive {front}." if empty.places else ""
     title = f"Recording {empty.recording.source.name}"
-    return Table(title, ("Item", "Value"), rows, "answers", legend if empty.places else "")
+    return Table(title, ("Item", "Value"), rows, "answers", legend)
 
 
 def _of_recording(calibration: Calibration, empty: EmptyTreadmill) -> list[Drawn]:
     """Draw plates over time, spectra and plan of a recording."""
     drawn, file = [], empty.recording.source.name
-    axes = "plate's own axes"
     for name, before in empty.before.items():
         figure = time_figure(before, before - empty.after[name], empty.rate_hz)
-        caption = f"{name} in {file} over time, before and after compensation ({axes})."
-        drawn.append(Drawn(caption, figure, many_points=True))
+        caption = f"{name} in {file} over time, before and after compensation (its own axes)."
+        drawn.append(Drawn(caption, drawing(figure, ".png")))
     setup = next(iter(calibration.plates.values())).setup
-    cutoff_hz = None if setup is None else setup.cutoff_hz
     for name, spectrum in empty.spectra.items():
-        figure = spectrum_figure(spectrum, empty, cutoff_hz)
+        figure = spectrum_figure(spectrum, empty, None if setup is None else setup.cutoff_hz)
         caption = f"Spectra of {name} in {file}, unfiltered; shaded: below the filter of trials."
-        drawn.append(Drawn(caption, figure, many_points=True))
+        drawn.append(Drawn(caption, drawing(figure, ".png")))
     places = (
         "Accelerometers: distance along the belts (dashed) and height by their readings; sway and "
-        "pitch do not show the distance across. Front and rear: as the axes are given (--axes)."
+        "pitch do not show the distance across. "
+        + ("The front is above." if empty.front_is_known else "The front is not known (--axes).")
         if empty.places
         else "Places of accelerometers unknown: name markers on the platform (--platform-markers)."
     )
     text = f"Plan from above: plates and markers as {file} states. {places}"
-    return [*drawn, Drawn(text, plan_figure(empty))]
+    return [*drawn, Drawn(text, drawing(plan_figure(empty)))]
 
 
 def check_part(
@@ -422,50 +442,32 @@ def check_part(
         Drawn(
             "Checks over days, worst component of each plate. Cross: not valid; hollow: of an "
             "earlier calibration.",
-            history_figure(file),
+            drawing(history_figure(file)),
         )
     ]
     if empty is not None:
         tables.insert(0, check_table(found, empty))
         drawn += _of_recording(calibration, empty)
         seen = {empty.recording.source.name: (empty.low, empty.high)}
-        drawn.append(Drawn("Range of calibration and check.", range_figure(calibration, seen)))
-    return Part("check", [verdict], tables, drawn, file_digest(file))
+        drawn.append(
+            Drawn("Range of calibration and check.", drawing(range_figure(calibration, seen)))
+        )
+    return Part("check", [verdict], tables, drawn, file_digest(file), shown_warnings(found.notes))
 
 
 def check_table(found: CalibrationCheck, empty: EmptyTreadmill) -> Table:
     """Give what the calibration and a new fit leave on another day, and how the zeros changed."""
-    rows: list[list[str | Sequence[Check]]] = []
+    rows: list[Sequence[str | Sequence[Check]]] = []
     for plate, one in found.plates.items():
-        before = empty.before[plate].std(axis=0)
-        after = np.sqrt(
-            np.mean((empty.after[plate] - empty.after[plate].mean(axis=0)) ** 2, axis=0)
+        rows += zip(
+            *([plate] * len(UNITS), WRENCH_COMPONENTS),
+            *(with_units(of[plate].std(axis=0)) for of in (empty.before, empty.after)),
+            rated(one.left, one.leaves_much),
+            *(with_units(one.left_by_new_fit), with_units(MAX_LEFT)),
+            rated(one.zero_change, one.moved, form="+.2f"),
+            with_units(MAX_ZERO_CHANGE),
+            strict=True,
         )
-        for k, (name, unit) in enumerate(zip(WRENCH_COMPONENTS, UNITS, strict=True)):
-            starts = [fault.split()[0] for fault in one.faults], [f.split()[:3] for f in one.faults]
-            left: Check = (
-                "fail" if name in starts[0] else "pass",
-                f"{one.left[k]:.2f} {unit}",
-                "",
-            )
-            zero: Check = (
-                "fail" if ["zero", "of", name] in starts[1] else "pass",
-                f"{one.zero_change[k]:+.2f} {unit}",
-                "",
-            )
-            rows.append(
-                [
-                    plate,
-                    name,
-                    f"{before[k]:.2f} {unit}",
-                    f"{after[k]:.2f} {unit}",
-                    [left],
-                    f"{one.left_by_new_fit[k]:.2f} {unit}",
-                    f"{MAX_LEFT[k]:.2f} {unit}",
-                    [zero],
-                    f"{MAX_ZERO_CHANGE[k]:.2f} {unit}",
-                ]
-            )
     return Table(
         f"Plates in {empty.recording.source.name}, RMS about the mean",
         (
@@ -533,26 +535,35 @@ def read_checks(calibration: Path) -> pd.DataFrame:
     return table[table["calibration"] == calibration.name].reset_index(drop=True)
 
 
+def of_checks(checks: pd.DataFrame, what: str) -> dict[str, Array]:
+    """Give "left", "by new fit" or "zero change" of every check: plate -> (N, 6)."""
+    first = f" {WRENCH_COMPONENTS[0]} {what}"
+    plates = [str(name).removesuffix(first) for name in checks if str(name).endswith(first)]
+    return {
+        plate: checks[[f"{plate} {name} {what}" for name in WRENCH_COMPONENTS]].to_numpy(float)
+        for plate in plates
+    }
+
+
 def history_table(checks: pd.DataFrame) -> Table:
     """Give day, recording and largest values by their limits, a row per check."""
-    rows: list[list[str | Sequence[Check]]] = []
-    for _, check in checks.iterrows():
-        rating: Check = ("pass", "valid", "") if check["valid"] else ("fail", "not valid", "")
-        cells = []
-        for what, limits in (("left", MAX_LEFT), ("zero change", MAX_ZERO_CHANGE)):
-            columns = [c for c in checks.columns if c.endswith(what) and not pd.isna(check[c])]
-            components = [
-                WRENCH_COMPONENTS.index(c.split()[-1 - len(what.split())]) for c in columns
+    columns = []
+    for what, limits in (("left", MAX_LEFT), ("zero change", MAX_ZERO_CHANGE)):
+        plates, cells = of_checks(checks, what), []
+        for n in range(len(checks)):
+            sizes = [
+                (abs(value) / limit, f"{plate} {name} {written(value, '.2f')} {unit}")
+                for plate, values in plates.items()
+                for value, limit, name, unit in zip(
+                    *(values[n], limits, WRENCH_COMPONENTS, UNITS), strict=True
+                )
+                if np.isfinite(value)
             ]
-            sizes = [abs(check[c]) / limits[k] for c, k in zip(columns, components, strict=True)]
-            worst = int(np.argmax(sizes)) if sizes else None
-            cells.append(
-                "–"
-                if worst is None
-                else f"{columns[worst].removesuffix(what)}{check[columns[worst]]:.2f} "
-                f"{UNITS[components[worst]]}"
-            )
-        rows.append([str(check["day"]), str(check["recording"]), [rating], *cells])
+            cells.append(max(sizes, default=(0.0, "–"))[1])
+        columns.append(cells)
+    valid, not_valid = [("pass", "valid", "")], [("fail", "not valid", "")]
+    ratings = [valid if check else not_valid for check in checks["valid"]]
+    rows = [*zip(checks["day"], checks["recording"], ratings, *columns, strict=True)]
     heads = ("Day", "Recording", "Calibration", "Largest RMS below 6 Hz", "Largest change of zero")
     return Table("Checks by day; largest: in relation to the limit", heads, rows)
 
@@ -561,33 +572,37 @@ def history_figure(calibration: Path) -> Figure:
     """Draw each check of a calibration's file over days, the worst component of each plate."""
     checks, digest = read_checks(calibration), file_digest(calibration)
     days = pd.to_datetime(checks["day"]).to_numpy()
-    plates = list(dict.fromkeys(c.rsplit(" ", 2)[0] for c in checks.columns if c.endswith(" left")))
-    own = (checks["calibration_sha256"] == digest).to_numpy()
+    remaining, by_new, zero = (
+        of_checks(checks, what) for what in ("left", "by new fit", "zero change")
+    )
+    current = (checks["calibration_sha256"] == digest).to_numpy()
     valid = checks["valid"].to_numpy(bool)
+    shown = {
+        "removed by a new fit / allowed": {
+            plate: np.sqrt(np.maximum(values**2 - by_new[plate] ** 2, 0)) / (MAX_GAIN * MAX_LEFT)
+            for plate, values in remaining.items()
+        },
+        "largest change of zero / limit": {
+            plate: np.abs(values) / MAX_ZERO_CHANGE for plate, values in zero.items()
+        },
+    }
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9, 3.2), layout="constrained")
         panels = figure.subplots(1, 2)
-        titles = "removed by a new fit / allowed", "largest change of zero / limit"
-        for panel, title, moved in zip(panels, titles, (False, True), strict=True):
-            for n, plate in enumerate(plates):
-                left, new, zero = (
-                    checks[[f"{plate} {name} {what}" for name in WRENCH_COMPONENTS]].to_numpy(float)
-                    for what in ("left", "by new fit", "zero change")
-                )
-                removed = np.sqrt(np.maximum(left**2 - new**2, 0)) / (MAX_GAIN * MAX_LEFT)
-                worst = (np.abs(zero) / MAX_ZERO_CHANGE if moved else removed).max(axis=1)
-                panel.plot(days, worst, color=f"C{n}", lw=1, label=plate)
+        for panel, (title, sizes) in zip(panels, shown.items(), strict=True):
+            for n, (plate, of_plate) in enumerate(sizes.items()):
+                colour, linestyle = condition_style(n)
+                worst = of_plate.max(axis=1)
+                panel.plot(days, worst, color=colour, ls=linestyle, lw=1, label=plate)
                 for marker, of_kind in (("o", valid), ("X", ~valid)):
-                    for shown, face in ((own & of_kind, f"C{n}"), (~own & of_kind, "none")):
-                        look = {"color": f"C{n}", "mfc": face, "ms": 7, "ls": "none"}
-                        panel.plot(days[shown], worst[shown], marker=marker, **look)
-            panel.axhline(1, color="black", ls="--", lw=0.9)
+                    for drawn, face in ((current & of_kind, colour), (~current & of_kind, "none")):
+                        look = {"color": colour, "mfc": face, "ms": 7, "ls": "none"}
+                        panel.plot(days[drawn], worst[drawn], marker=marker, **look)
+            panel.axhline(1, color="black", ls=":", lw=0.9)
             panel.set_ylim(bottom=0)
             panel.set_title(title, loc="left")
-            panel.set_xticks(np.unique(days))
-            panel.set_xticklabels(
-                [str(day)[:10] for day in np.unique(days)], rotation=30, ha="right"
-            )
-        if plates:
+            labels = np.unique(days)
+            panel.set_xticks(labels, [str(day)[:10] for day in labels], rotation=30, ha="right")
+        if remaining:
             panels[0].legend(frameon=False)
     return figure

@@ -9,7 +9,7 @@ import pandas as pd
 
 from pipeline.config.schema import NOUNS
 from pipeline.report.blocks import Table
-from pipeline.statistics.design import CONFIDENCE, MIN_SUBJECTS, Design
+from pipeline.statistics.design import CONFIDENCE, EXPERIMENT_3, MIN_SUBJECTS, Design
 from pipeline.statistics.table_3 import (
     markdown_table,
     mean_sd,
@@ -61,7 +61,8 @@ def _table_3(table_3: pd.DataFrame, design: Design) -> Table:
     heads, columns = zip(*printed_columns(table_3, design), strict=True)
     in_two_lines = ([cell.replace(" [", "\n[") for cell in own] for own in columns)
     rows = tuple(zip(*in_two_lines, strict=True))
-    caption = "Table III. RMS residuals, mean ± SD over n subjects"
+    of_thesis = design.compensated and design.conditions == EXPERIMENT_3.conditions
+    caption = "Table III. " * of_thesis + "RMS residuals, mean ± SD over n subjects"
     return Table(caption, heads, rows, "numbers table3", table_3_legend(table_3, design))
 
 

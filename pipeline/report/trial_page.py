@@ -1,6 +1,5 @@
-"""The page of one trial: its residuals, doubts, joints, causes and provenance."""
+"""The page of one trial: its residuals, warnings, joints, causes and provenance."""
 
-import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -12,13 +11,14 @@ from joblib import delayed
 from matplotlib.figure import Figure
 
 from hbm.notes import Note, provenance, warnings_of
+from hbm.spelling import written
 from pipeline.budgets.explanation import Explanation
 from pipeline.config.schema import TrialName
 from pipeline.config.study import Study
 from pipeline.figures.explained import bands_figure
 from pipeline.figures.joints import Curve, joint_figure
 from pipeline.figures.residuals import legend_below, residual_figure, six_panels
-from pipeline.figures.style import COLOURS, STYLE
+from pipeline.figures.style import COLOURS, PALETTE, STYLE
 from pipeline.io.recording import Plate
 from pipeline.io.write import write_text
 from pipeline.report.blocks import TEMPLATES, Table, drawing
@@ -26,6 +26,8 @@ from pipeline.report.trials import NOT_KNOWN, causes, trial_quality
 from pipeline.run.processes import in_processes
 from pipeline.run.program import program_digest
 from pipeline.run.store import read_trial
+from pipeline.statistics.verdict import join_names
+from pipeline.trial.gait.cycles import mean_and_sd
 from pipeline.trial.joints import joint_curves
 from pipeline.trial.residuals import (
     AXES,
@@ -64,7 +66,7 @@ def write_trial_page(
     path
         The page to write.
     plates
-        As recorded: the channels of plates in doubt are drawn.
+        As recorded: the channels of plates that a warning is about are drawn.
     explanation
         Of the residuals; without it, the page names the command that finds their causes.
     study
@@ -105,14 +107,10 @@ def write_trial_page(
         verdict=[*verdict_lines(result)],
         residuals=drawing(residual_figure(result)),
         tables=[*result_tables(result)],
-        doubts=[
-            (
-                note,
-                drawing(figure, ".png")
-                if (figure := _doubt_figure(note, result, recorded))
-                else "",
-            )
+        warnings=[
+            (note, drawing(figure, ".png") if figure else "")
             for note in warnings_of(result.notes)
+            for figure in [_warning_figure(note, result, recorded)]
         ],
         joints=drawing(joint_figure(curves, "Joints of the legs, mean ± SD")) if curves else "",
         causes=causes(name, explanation) if explanation is not None else None,
@@ -174,11 +172,24 @@ def scope(result: TrialResult) -> str:
 
 
 def verdict_lines(result: TrialResult) -> Iterable[str]:
-    """Compare the residuals closest to the truth with published limits; count the warnings."""
+    """Compare the residuals closest to the truth with others; count the warnings.
+
+    The first sentence holds both comparisons: with healthy walking, and with published limits.
+    """
     if result.shortage:
         yield f"No residuals: {result.shortage}."
-    rows = rows_of(threshold_table(result))
-    best = [row for row in rows if row.compensated == (result.compensated is not None)]
+    compensated = result.compensated is not None
+    best = [row for row in rows_of(threshold_table(result)) if row.compensated == compensated]
+    if best:
+        table = residual_table(result, "").query("headline and compensated == @compensated")
+        rows = zip(rows_of(table), HEALTHY_RMS, strict=True)
+        above = [row.axis for row, healthy in rows if row.rms > healthy]
+        beyond = [row.quantity for row in best if not row.passed]
+        rms = "are below healthy walking in all six axes"
+        if above:
+            rms = f"exceed healthy walking in {join_names(above)}"
+        peaks = f"peaks of {join_names(beyond)} exceed" if beyond else "peaks are within"
+        yield f"RMS residuals{' with compensation' * compensated} {rms}; {peaks} published limits."
     for row in best:
         relation = "below" if row.passed else f"above it in {row.above_percent:.1f} % of the frames"
         yield (
@@ -198,7 +209,7 @@ def result_tables(result: TrialResult) -> Iterable[Table]:
         (
             f"{row.axis} ({row.unit})",
             "compensated" if row.compensated else "measured",
-            *(f"{value:.1f}" for value in (row.rms, row.mean, row.sd, row.peak)),
+            *(written(value, "z.1f") for value in (row.rms, row.mean, row.sd, row.peak)),
             f"{row.rms_percent:.2f}",
             f"{HEALTHY_RMS[AXES.index(row.axis)]:.1f}",
         )
@@ -217,28 +228,22 @@ def result_tables(result: TrialResult) -> Iterable[Table]:
 
 def _mean_curves(result: TrialResult) -> list[Curve]:
     """Give mean and SD of the joints over the gait cycles of both sides."""
-    found: list[Curve] = []
-    for variant, of_sides in joint_curves(result).items():
-        cycles = [*of_sides.values()]
-        if cycles:
-            every = np.concatenate(cycles)
-            with np.errstate(invalid="ignore"):
-                known = np.isfinite(every).any(axis=0)
-                filled = np.where(known, every, 0.0)
-                mean = np.where(known, np.nanmean(filled, axis=0), np.nan)
-                spread = np.where(known, np.nanstd(filled, axis=0), np.nan)
-            found.append((variant, COLOURS[variant], "-", mean, spread))
-    return found
+    return [
+        (variant, COLOURS[variant], "-", *mean_and_sd(np.concatenate([*of_sides.values()])))
+        for variant, of_sides in joint_curves(result).items()
+        if of_sides
+    ]
 
 
-def _doubt_figure(note: Note, result: TrialResult, plates: dict[int, Plate]) -> Figure | None:
+def _warning_figure(note: Note, result: TrialResult, plates: dict[int, Plate]) -> Figure | None:
     """Draw the channels of a plate, or the errors of markers, that a warning is about."""
     numbers = [note.values.get(key) for key in ("plate", "first", "second")]
-    doubted = [plates[n] for n in numbers if isinstance(n, int) and n in plates]
-    if doubted and _of_plates(note):
-        return _plate_figure(doubted, note)
-    words = re.split(r"[\s,;:–]+", note.text)
-    markers = [name for name in result.motion.markers if name in words]
+    named = [plates[n] for n in numbers if isinstance(n, int) and n in plates]
+    if named and _of_plates(note):
+        return _plate_figure(named, note)
+    values = [[value] if isinstance(value, str) else value for value in note.values.values()]
+    names = {name for value in values if isinstance(value, Iterable) for name in value}
+    markers = [name for name in result.motion.markers if name in names]
     return _marker_figure(result, markers) if markers else None
 
 
@@ -250,7 +255,7 @@ def _plate_figure(plates: list[Plate], note: Note) -> Figure:
     with mpl.rc_context(STYLE):
         figure, panels = six_panels()
         for k, panel in enumerate(panels):
-            for plate, colour in zip(plates, COLOURS.values(), strict=False):
+            for plate, colour in zip(plates, PALETTE, strict=False):
                 time, low, high = _extremes(plate.time, plate.wrench_in_plate[:, k])
                 label = f"plate {plate.number}"
                 panel.fill_between(time, low, high, color=colour, lw=0.6, label=label)

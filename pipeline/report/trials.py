@@ -7,6 +7,7 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
+from hbm.spelling import written
 from pipeline.budgets.explanation import Explanation
 from pipeline.budgets.words import CAPTION, budget_table
 from pipeline.config.schema import NOUNS, TrialName
@@ -94,7 +95,7 @@ def corrections_table(study: Study | None, headline: pd.DataFrame) -> Table | No
             each.setting,
             str(each.trials),
             f"{each.residual} {each.before:.1f} → {each.after:.1f}",
-            f"{each.held_out_percent:.0f} %",
+            f"{written(each.held_out_percent, 'z.0f')} %",
         )
         for each in study.file.corrections
     ]
@@ -133,11 +134,8 @@ def trial_quality(trial: TrialResult) -> dict[str, tuple[Check, ...]]:
     """Rate a trial: criterion -> findings, in the same order for every trial."""
     solved, locked = trial.motion.converged, len(trial.body.locked)
     unsolved = int(np.count_nonzero(~solved))
-    residuals, markers, limits = (
-        residual_table(trial, ""),
-        marker_table(trial),
-        threshold_table(trial),
-    )
+    residuals, markers = residual_table(trial, ""), marker_table(trial)
+    limits = threshold_table(trial)
     headline = residuals[residuals["headline"].astype(bool)]
     return {
         "Gait cycles": (_counted(trial, headline),),
@@ -212,7 +210,7 @@ def _delay(delay_s: float, uncertainty_s: float) -> Check:
         return "check", "unknown", ""
     spread = "" if np.isnan(uncertainty_s) else f" ± {1000 * uncertainty_s:.1f}"
     rating = "check" if abs(delay_s) > MAX_DELAY_S else "pass"
-    return rating, f"{1000 * delay_s:.1f}{spread} ms", ""
+    return rating, f"{written(1000 * delay_s, 'z.1f')}{spread} ms", ""
 
 
 def causes(name: str, explanation: Explanation) -> tuple[Text, Table]:

@@ -19,10 +19,7 @@ from pipeline.report.columns import write_columns
 from pipeline.report.curves import differing_curves
 from pipeline.report.effects import residual_tests
 from pipeline.report.figures import example_subject, study_figures
-from pipeline.report.joints import (
-    compensation_tables,
-    joint_figures,
-)
+from pipeline.report.joints import compensation_tables, joint_figures
 from pipeline.report.laboratory import page_of_study
 from pipeline.report.methods import bibtex, methods
 from pipeline.report.tables import (
@@ -43,12 +40,7 @@ from pipeline.report.trials import (
     quality_table,
     trial_quality,
 )
-from pipeline.report.variants import (
-    as_conditions,
-    choices,
-    variant_residuals,
-    variant_results,
-)
+from pipeline.report.variants import as_conditions, choices, variant_residuals, variant_results
 from pipeline.report.verdict import question, verdict_values
 from pipeline.report.workbook import write_wide_tables
 from pipeline.run.job import read_failures
@@ -159,15 +151,8 @@ def write_report(
     compared = compared[compared["condition"].isin(design.conditions)]
     measurement, missing = study_covariances(explained, compared, design.weigh)
     table = table_3(results.residuals, tests, design, measurement)
-    windows = " ".join(
-        filter(
-            None,
-            (
-                windows_sentence(results.residuals),
-                recordings_sentence(results.residuals, design),
-            ),
-        )
-    )
+    windows = windows_sentence(results.residuals)
+    windows = f"{windows} {recordings_sentence(results.residuals, design)}".strip()
     write_csv(tests, folder / "statistics.csv")
     write_csv(table, folder / "table_3.csv")
     below = "\n".join(filter(None, (windows, missing)))

@@ -28,6 +28,7 @@ from hbm.spatial import (
     rotate_wrench,
     shift_wrench,
 )
+from hbm.spelling import written
 from pipeline.io.mended_plates import correction
 from pipeline.io.recording import Recording
 from pipeline.trial.subject import (
@@ -345,7 +346,7 @@ def check_plates(
             at_rest = np.abs(means[:, 2] - level) <= REST_SPREAD_N / 2
             usual = np.median(means[at_rest], axis=0) if at_rest.any() else np.zeros(6)
             far = np.flatnonzero(np.abs(usual) > MAX_REST)
-            others += [f"{name} {WRENCH_COMPONENTS[k]} {usual[k]:+.0f}" for k in far]
+            others += [f"{name} {WRENCH_COMPONENTS[k]} {written(usual[k], '+.0f')}" for k in far]
             zero = rotate_wrench([*usual[:2], level, *usual[3:]], plate.rotation.T)
             zeros += [
                 f"{plate.number}: zero {component} {reads:.1f}"

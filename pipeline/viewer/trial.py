@@ -50,9 +50,9 @@ PERTURBATION_S: Final = 1.0
 """How long a perturbation is drawn; only its onset is known."""
 PHASES: Final = {"foot_strike": "stance", "foot_off": "swing"}
 PHASE_COLOURS: Final = {"stance": "#009E73", "swing": "#3A4A45"}
-SIDE_COLOURS: Final = {"right": "#D55E00", "left": "#56B4E9"}
+SIDE_COLOURS: Final = {"right": "#E69F00", "left": "#56B4E9"}
 """Warm and cool, as in the scene."""
-STATES: Final = {"perturbation": "#E69F00", "uncertain": "#CC79A7", "not used": "#D55E00"}
+STATES: Final = {"perturbation": "#E69F00", "uncertain": "#CC79A7", "not used": "#BBBBBB"}
 """Colours of other states."""
 
 
@@ -202,8 +202,7 @@ def trial_summary(result: TrialResult) -> str:
         shown = pd.DataFrame({"": AXES, "direction": DIRECTIONS})
         for name in result.variants:
             own = [row for row in rows if row.compensated == (name == "compensated")]
-            shown[name] = [f"{row.rms:.1f} {row.unit}" for row in own]
-            shown[f"% {name}"] = [row.rms_percent for row in own]
+            shown[name] = [f"{row.rms:.1f} {row.unit}, {row.rms_percent:.2f} %" for row in own]
         peaks = threshold_table(result)
         limits = pd.DataFrame(
             {

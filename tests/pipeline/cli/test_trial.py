@@ -116,7 +116,8 @@ def test_what_is_printed_is_what_is_in_the_table(real_trial, tmp_path, capsys):
     lines = [cells for cells in lines if cells[1].strip()[:2] in AXES]
     assert [cells[1].strip()[:2] for cells in lines] == list(AXES)
     assert [cells[3].strip() for cells in lines] == [f"{rms:.1f}" for rms in table["rms"]]
-    assert [cells[4].strip() for cells in lines] == [f"{mean:.1f}" for mean in table["mean"]]
+    means = [f"{mean:z.1f}".replace("-", "−") for mean in table["mean"]]
+    assert [cells[4].strip() for cells in lines] == means
     for note in summary.notes:
         assert str(note) in out
     markers = marker_table(summary).set_index("marker")["rms_mm"][:-1]

@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from pipeline.figures.style import COLOURS, draw_band, save_figure
+from pipeline.figures.explained import GROUP_COLOURS
+from pipeline.figures.style import COLOURS, PALETTE, draw_band, draw_differences, save_figure
+from pipeline.statistics.curves import CurveDifference
+from pipeline.viewer.plots import LARGEST_COLOURS
+from pipeline.viewer.trial import SIDE_COLOURS, STATES
 
 
 def figure():
@@ -32,3 +36,19 @@ def test_equal_figures_give_equal_files(tmp_path):
 def test_a_dollar_sign_is_text_and_not_a_formula(tmp_path):
     save_figure(figure(), tmp_path / "dollar")
     assert "$\\frac" in (tmp_path / "dollar.svg").read_text(encoding="utf-8")
+
+
+def test_a_part_of_a_single_percent_has_a_bar_outside_the_panel_and_p_is_beside_it():
+    panel = figure().axes[0]
+    draw_differences(panel, [CurveDifference(67, 67, 0.047), CurveDifference(99, 100, 0.03)])
+    bars = [patch.get_extents().transformed(panel.transData.inverted()) for patch in panel.patches]
+    assert [(bar.x0, bar.x1) for bar in bars] == [(66.5, 67.5), (98.5, 100)]
+    top = panel.get_ylim()[1]
+    assert all(bar.y0 > top for bar in bars)
+    assert panel.get_title(loc="right") == "p = 0.030"
+
+
+def test_the_colours_of_plates_as_measured_and_compensated_mean_nothing_else():
+    """In figures and in the viewer."""
+    others = {*PALETTE, *GROUP_COLOURS, *LARGEST_COLOURS, *SIDE_COLOURS.values(), *STATES.values()}
+    assert not others & {*COLOURS.values()}

@@ -13,9 +13,10 @@ from scipy import stats
 from pipeline.config.comparison import study_design
 from pipeline.config.study import read_study
 from pipeline.report import write
-from pipeline.report.joints import compensation_tables, subject_values
+from pipeline.report.joints import compensation_tables, joint_figures, subject_values
 from pipeline.report.write import write_report
 from pipeline.statistics.design import unstated_design
+from pipeline.trial.joints import CURVES, JOINT_MOTIONS
 
 DESIGN = unstated_design(["walk"], compensated=True)
 
@@ -47,6 +48,41 @@ def test_the_change_of_a_peak_has_the_interval_of_a_paired_t_test():
     low, high = stats.ttest_1samp(differences, 0).confidence_interval()
     numbers = [float(n.replace("−", "-")) for n in re.findall(r"[−+\d.]+", change)]
     np.testing.assert_allclose(numbers, [differences.mean(), low, high], atol=5e-4)
+
+
+@pytest.mark.parametrize(
+    ("pair", "percent"),
+    [
+        ((1.0, 0.4), "−60.0 %"),
+        ((-1.0, -0.394), "−60.6 %"),
+        ((-1.0, -1.2), "+20.0 %"),
+        ((-0.2, 0.3), "–"),
+    ],
+)
+def test_a_peak_that_shrinks_has_lost_so_much_of_itself_whichever_its_sign(pair, percent):
+    (table,) = compensation_tables(peaks([pair] * 2), DESIGN)
+    (row,) = table.rows
+    assert row[-1] == percent
+    assert "-" not in "".join(row[1:])  # every minus sign is one
+
+
+def test_joints_are_drawn_only_where_most_cycles_are_known_and_the_title_says_so():
+    """At 50 % one of three cycles is known, at 60 % two."""
+    columns = [f"{motion.name}_{curve}" for motion in JOINT_MOTIONS for curve in CURVES]
+    rows = [
+        {"subject": s, "condition": "walk", "compensated": False, "recording": ""}
+        | {"side": "left", "cycle": cycle, "percent": percent}
+        | dict.fromkeys(columns, np.nan if percent in (50, 60)[: 3 - cycle] else 1.0)
+        for s in ("s1", "s2")
+        for cycle in (1, 2, 3)
+        for percent in range(101)
+    ]
+    none = pd.DataFrame(columns=["curve", "compared", "start_percent", "stop_percent", "p"])
+    design = unstated_design(["walk"], compensated=False)
+    figures = dict(joint_figures(pd.DataFrame(rows), design, none))
+    drawn = figures["joints"].axes[0].get_lines()[0].get_ydata()
+    assert np.flatnonzero(np.isnan(drawn)).tolist() == [50]
+    assert "gaps: load of the foot" in figures["joints"].get_suptitle()
 
 
 def test_values_of_sides_and_recordings_are_averaged_by_cycles_or_each_equal():

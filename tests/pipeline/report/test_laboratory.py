@@ -10,27 +10,36 @@ from html.parser import HTMLParser
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
 from compensation import from_json
 from compensation.inertia.quality import MAX_GAIN, MAX_LEFT
+from compensation.protocol import pitch_and_sway_signals
 from hbm.spatial import WRENCH_COMPONENTS, rotation_about
 from pipeline.cli.app import main
 from pipeline.config.schema import Treadmill
 from pipeline.config.study import read_study
+from pipeline.io.stated import Stated
 from pipeline.report.blocks import Table
-from pipeline.report.empty_treadmill import measure_empty
+from pipeline.report.empty_treadmill import measure_empty, plan_figure
 from pipeline.report.laboratory import (
     CHECKS,
     PAGE,
+    STATE,
     Part,
     calibration_verdict,
+    frequency_table,
     history_figure,
     page_of_study,
     read_checks,
     write_page,
 )
-from pipeline.trial.ground.calibration_recording import fit_calibration
+from pipeline.trial.ground.calibration_recording import fit_calibration, read_empty
 from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.virtual_lab.faults import AccelerometerFaults, Faults
+from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
+from pipeline.virtual_lab.protocol.walking_study import write_recording
+from pipeline.virtual_lab.protocol.walking_trial import run_signal
 from tests.pipeline import lab
 from tests.pipeline.browser import needs_chromium, open_browser
 
@@ -203,7 +212,7 @@ def test_a_check_leaves_tables_and_figures_of_the_fit_and_a_new_fit_drops_the_ch
     fitted, checked, tmp_path
 ):
     def details(page):
-        return re.search(r"<!-- details of calibration.*?<!-- end -->", page, re.DOTALL)[0]
+        return re.search(r'<section id="calibration">.*?</section>', page, re.DOTALL)[0]
 
     assert details(page_of(checked)) == details(page_of(fitted))
     folder = shutil.copytree(checked, tmp_path / "lab")
@@ -218,6 +227,46 @@ def test_a_check_leaves_tables_and_figures_of_the_fit_and_a_new_fit_drops_the_ch
     assert sections == ["verdict", "calibration", "plates"]
     assert page_of(folder).count("Left &lt;plate&gt;") == 1
     assert Rows(page_of(folder)).answer("For how long").endswith("no check on another day yet")
+
+
+def test_the_page_is_made_of_the_file_beside_it_and_holds_no_state(checked, tmp_path):
+    folder = shutil.copytree(checked, tmp_path / "lab")
+    assert "<!--" not in page_of(folder)
+    (folder / PAGE).unlink()
+    write_page(folder)
+    assert page_of(folder) == page_of(checked)
+
+
+def test_a_damaged_file_beside_the_page_is_named(checked, tmp_path):
+    folder = shutil.copytree(checked, tmp_path / "lab")
+    for text in ("{", "[]", '{"calibration": {"name": "x"}}'):
+        (folder / STATE).write_text(text, encoding="utf-8")
+        with pytest.raises(ValueError, match=r"laboratory.json: damaged.*move it away"):
+            write_page(folder)
+
+
+def test_a_page_of_an_earlier_version_is_kept_beside_the_new_one(tmp_path):
+    (tmp_path / PAGE).write_text("earlier", encoding="utf-8")
+    write_page(tmp_path, Part("plates", [Table("Left", ("Question", "Answer"), [("A", "B")])]))
+    assert (tmp_path / "laboratory_old.html").read_text(encoding="utf-8") == "earlier"
+    assert "Left" in page_of(tmp_path)
+
+
+def test_every_warning_that_the_console_prints_is_on_the_page(tmp_path, capsys):
+    """Plate 2 is 5 ms late; with a check, the page keeps the warnings of the fit."""
+    recording = empty(1)
+    first, second = recording.plates
+    late = np.roll(second.wrench_in_plate, 5, axis=0)
+    apart = replace(recording, plates=(first, replace(second, wrench_in_plate=late)))
+    path = lab.save(apart, tmp_path / "empty.c3d")
+    assert main(["calibration", "fit", str(path), "-o", str(tmp_path / "lab.json")]) == 0
+    printed = re.findall(r"^- warning: (.*) \[(\w+)\]$", capsys.readouterr().out, re.MULTILINE)
+    assert "plates_timed_apart" in {code for _, code in printed}
+    other = saved(empty(2), tmp_path / "day.c3d", DAYS[0])
+    for _ in range(2):
+        text = page_of(tmp_path)
+        assert all(sentence in text and code in text for sentence, code in printed)
+        main(["calibration", "check", str(tmp_path / "lab.json"), str(other)])
 
 
 def test_a_dead_sensor_is_a_check_that_failed(fitted, tmp_path):
@@ -235,8 +284,8 @@ def test_a_dead_sensor_is_a_check_that_failed(fitted, tmp_path):
 CHANNELS = {name: list(channels) for name, channels in lab.CHANNELS.items()}
 
 
-def measured(recording):
-    treadmill = Treadmill(accelerometers=CHANNELS)
+def measured(recording, channels=None):
+    treadmill = Treadmill(accelerometers=channels or CHANNELS)
     calibration = fit_calibration(recording, treadmill)
     return measure_empty(recording, Laboratory(treadmill, calibration))
 
@@ -285,11 +334,36 @@ def test_what_people_add_is_expected_of_the_motion_in_their_recordings():
     assert measure_empty(bent, laboratory).sources["plate 1"].people is None
 
 
-def test_accelerometers_are_found_where_they_are():
-    found = measured(empty(1)).places
-    for name, (x, _, z) in lab.SENSORS_M.items():
-        assert found[name].along == pytest.approx(x, abs=0.05)
-        assert found[name].up == pytest.approx(z, abs=0.05)
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("axes", [None, "left,back,up"])
+def test_accelerometers_are_where_they_are_and_the_front_is_known_by_stated_axes_alone(
+    seed, axes, tmp_path
+):
+    """Four anywhere on the frame and turned anyhow; the file's y axis points back."""
+    rng = np.random.default_rng(seed)
+    treadmill = make_treadmill(Faults(accelerometers=AccelerometerFaults(sensors=4)), seed)
+    sensors = tuple(
+        replace(
+            sensor,
+            place=rng.uniform([-1.1, -0.7, -0.5], [1.1, 0.7, 0.1]),
+            sensitivity=sensor.sensitivity @ Rotation.random(random_state=rng).as_matrix(),
+        )
+        for sensor in treadmill.sensors
+    )
+    signal = pitch_and_sway_signals(0, 1.3)[0]
+    recording = run_signal(replace(treadmill, sensors=sensors), signal, rng)
+    write_recording(tmp_path / "empty.c3d", recording)
+    stated = Stated(axes=axes)
+    channels = {s.name: [f"{s.name}.{x}" for x in "XYZ"] for s in sensors}
+    found = measured(read_empty(tmp_path / "empty.c3d", stated), channels)
+    sign = 1 if axes else -1  # the file's y axis points back
+    for sensor in sensors:
+        place = found.places[sensor.name]
+        assert place.along == pytest.approx(sign * sensor.place[0], abs=0.05)
+        assert place.up == pytest.approx(sensor.place[2], abs=0.05)
+    label = plan_figure(found).axes[0].get_ylabel()
+    assert ("front" in label) == found.front_is_known == bool(axes)
+    assert ("positive to the front" in frequency_table(found).legend) == bool(axes)
 
 
 def test_the_report_of_a_study_links_to_the_page_beside_its_calibration(moving_study, tmp_path):

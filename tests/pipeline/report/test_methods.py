@@ -39,7 +39,7 @@ def test_the_methods_describe_the_study(usual):
         "forward and backward (−3 dB at 6 Hz after both passes)",
         "Newton–Euler algorithm with Pinocchio 4.1.0 (Carpentier et al. 2019) and verified in 144 "
         "frames with a second implementation (equations generated with CasADi 3.7.2): generalised "
-        "forces and residuals agreed to 2e-14 of each frame's largest force and moment.",
+        "forces and residuals agreed to 2e−14 of each frame's largest force and moment.",
         "platform's pose measured with 3 markers",
         "contact (threshold 30 N)",
         "low-pass filtered with zero phase (−3 dB at 20 Hz)",
@@ -47,6 +47,9 @@ def test_the_methods_describe_the_study(usual):
         "paired t-tests",
     ):
         assert phrase in text
+    assert not re.search(
+        r"\b(He|She|His|Her|he|she|his|her)\b", text
+    )  # a reader takes it for whom?
 
 
 def with_settings(**stated):

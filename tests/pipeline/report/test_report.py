@@ -139,6 +139,7 @@ def test_table_3_on_the_page_is_that_on_disk(page, folder):
     for mean, sd in (("mean_no_ic", "sd_no_ic"), ("mean_ic", "sd_ic")):
         assert f"{row[mean]:.1f} ± {row[sd]:.1f}" in page.text
     assert "sway without sub02" in page.text
+    assert "Table III. RMS residuals" in page.text
 
 
 def test_failed_and_excluded_trials_are_named_before_the_results(page):
@@ -200,6 +201,13 @@ def test_incomplete_studies_are_reported_with_what_is_missing(tmp_path, unsaved,
     assert "nan" not in re.sub(r"[a-z]+nan|nan[a-z]+", "", found.text.lower())
 
 
+def test_a_study_without_compensation_speaks_of_none(tmp_path, quick):
+    conditions = ("barefoot", "boots")
+    write_fake_results(tmp_path, subjects=2, conditions=conditions, cycles=2, compensated=False)
+    found = Page(write_report(tmp_path))
+    assert not re.search(r"\bIC\b|Table III\. ", found.text)
+
+
 def test_a_study_with_a_comparison_of_its_own_is_reported_by_it(tmp_path, quick):
     """Other conditions, one of them left out, groups, another reference, margin and correction."""
     names = {"baseline": "still", "sway": "tilt", "pitch": "shake"}
@@ -223,6 +231,7 @@ def test_a_study_with_a_comparison_of_its_own_is_reported_by_it(tmp_path, quick)
     own = residuals.query("axis == 'Fx' and condition == 'still' and subject in @BEFORE")["rms"]
     of_group = found.text[found.text.index("group before. RMS residuals") :]
     assert f"still 3 {own.mean():.1f} ± {own.std():.1f}" in of_group
+    assert "Table III" not in found.text  # which is of the conditions of the thesis
     tests = pd.read_csv(tmp_path / "statistics.csv")
     assert {"mixed ANOVA", "mixed ANOVA with mass_kg"} <= set(tests["test"])
     assert tests["note"].iloc[-1] == "conditions outside the design were not tested: tilt"

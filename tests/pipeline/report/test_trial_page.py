@@ -1,4 +1,4 @@
-"""The page of a trial: the numbers of its table, its doubts with their channels, in a browser."""
+"""The page of a trial: the numbers of its table, its warnings with their channels, in a browser."""
 
 import re
 from dataclasses import replace
@@ -8,7 +8,7 @@ import pytest
 
 from hbm.notes import Note, warnings_of
 from pipeline.io.recording import Plate
-from pipeline.report.trial_page import write_trial_page
+from pipeline.report.trial_page import verdict_lines, write_trial_page
 from pipeline.report.write import write_report
 from pipeline.run.store import write_trial
 from pipeline.trial.residuals import residual_table, threshold_table
@@ -47,15 +47,49 @@ def test_the_page_has_the_numbers_of_the_tables(trial, page):
     table = residual_table(trial, "")
     for row in table[table["headline"]].itertuples():
         plates = "compensated" if row.compensated else "measured"
-        numbers = " ".join(f"{value:.1f}" for value in (row.rms, row.mean, row.sd, row.peak))
-        assert f"{row.axis} ({row.unit}) {plates} {numbers}" in text
+        numbers = " ".join(f"{value:z.1f}" for value in (row.rms, row.mean, row.sd, row.peak))
+        assert f"{row.axis} ({row.unit}) {plates} {numbers.replace('-', '−')}" in text
+    assert not re.findall(r"(?<![\w.:])-\d", text)  # a minus sign is no hyphen
     for row in threshold_table(trial).query("compensated").itertuples():
         assert (
             f"Peak residual {row.quantity} {row.peak:.1f} {row.unit}, limit {row.limit:.1f}" in text
         )
 
 
-def test_a_doubt_has_its_advice_and_the_channels_of_its_plate(trial, page):
+@pytest.mark.parametrize(
+    ("scale", "sentence"),
+    [
+        (
+            1.0,
+            "exceed healthy walking in Fy and Mz; peaks of force and moment exceed",
+        ),
+        (
+            0.35,
+            "are below healthy walking in all six axes; peaks of moment exceed",
+        ),
+        (
+            0.01,
+            "are below healthy walking in all six axes; peaks are within",
+        ),
+    ],
+)
+def test_the_first_sentence_compares_with_healthy_walking_and_with_published_limits(
+    trial, scale, sentence
+):
+    dynamics = replace(trial.compensated, residual=scale * trial.compensated.residual)
+    variants = {**trial.variants, "compensated": dynamics}
+    first, *_ = verdict_lines(replace(trial, variants=variants))
+    assert first == f"RMS residuals with compensation {sentence} published limits."
+
+
+def test_a_warning_about_a_marker_shows_how_far_the_marker_is_from_the_model(trial, tmp_path):
+    marker = trial.motion.markers[4]
+    far = Note.of("marker_outliers", samples=9, first_s=1.0, last_s=2.0, of_marker={marker: 9})
+    page = write_trial_page(replace(trial, notes=(far,)), tmp_path / "far.html")
+    assert f'alt="{far.text}"' in page.read_text(encoding="utf-8")
+
+
+def test_a_warning_has_its_advice_and_the_channels_of_its_plate(trial, page):
     source, text = page.read_text(encoding="utf-8"), text_of(page)
     for note in warnings_of(trial.notes):
         assert note.text in text
@@ -97,7 +131,7 @@ def test_in_a_browser_all_is_drawn_at_any_width_and_nothing_is_requested(page):
         browser.resize(1200)
         browser.open(page)
         sizes = browser.evaluate("[...document.images].map(i => [i.complete, i.naturalWidth])")
-        assert len(sizes) == 3  # residuals, a plate in doubt, joints
+        assert len(sizes) == 3  # residuals, the plate of the warning, joints
         assert all(complete and width > 500 for complete, width in sizes)
         for width in (390, 1024):
             browser.resize(width)

@@ -74,7 +74,7 @@ def test_any_component_that_is_not_zero_when_nobody_is_on_the_plate_is_named(com
     for note in notes:
         (found,) = note.values["components"]
         assert found.startswith("plate 2 ")
-        assert abs(float(found.split()[-1])) == pytest.approx(abs(offset), abs=1)
+        assert abs(float(found.split()[-1].replace("−", "-"))) == pytest.approx(abs(offset), abs=1)
 
 
 def test_samples_that_are_zero_while_a_plate_is_loaded_are_named():
