@@ -60,7 +60,9 @@ class Pressure(NamedTuple):
     uncertain: Mask
 
 
-def pressure_beside(wrench: Array, feet: Array, threshold_n: float) -> Pressure:
+def pressure_beside(
+    wrench: Array, feet: Array, threshold_n: float, standing: Mask | None = None
+) -> Pressure:
     """Find the pressure on a plate beside the feet.
 
     Parameters
@@ -71,6 +73,8 @@ def pressure_beside(wrench: Array, feet: Array, threshold_n: float) -> Pressure:
         Middle of the left and the right foot in the lab, (T, 2, 3) [m].
     threshold_n
         Vertical force above which the plate is loaded [N].
+    standing
+        Frames in which no foot swings, (T,); by default those in which the feet are level.
 
     Returns
     -------
@@ -85,14 +89,15 @@ def pressure_beside(wrench: Array, feet: Array, threshold_n: float) -> Pressure:
     distance = np.where(loaded[:, None], distance, 0.0)
     left, right = distance.T
     undecided = np.abs(left - right) < MIN_DISTANCE_DIFFERENCE_M
-    level = np.abs(feet[:, 1, 2] - feet[:, 0, 2]) < MAX_HEIGHT_DIFFERENCE_M
+    if standing is None:
+        standing = np.abs(feet[:, 1, 2] - feet[:, 0, 2]) < MAX_HEIGHT_DIFFERENCE_M
     under_none = np.minimum(left, right) > MAX_PRESSURE_DISTANCE_M
     return Pressure(
         loaded,
         distance,
         (right < left).astype(int),
         loaded & ~undecided,
-        loaded & (under_none | (undecided & level)),
+        loaded & (under_none | (undecided & standing)),
     )
 
 
@@ -237,7 +242,7 @@ def share_between_feet(
     live = method == "realtime"
     contacts, on, ambiguous = list[Contact](), list[Indices](), list[Mask]()
     for number, wrench in zip(numbers, wrenches, strict=True):
-        pressure = pressure_beside(wrench, feet, threshold_n)
+        pressure = pressure_beside(wrench, feet, threshold_n, None if live else standing)
         loaded = [(int(a), int(b)) for a, b in stretches(pressure.loaded)]
         if not live:
             _drop_brief(pressure, loaded, time)
