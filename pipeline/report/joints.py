@@ -12,6 +12,7 @@ from hbm.spatial import Array
 from pipeline.figures.joints import LEG, UPPER_BODY, Curve, joint_figure
 from pipeline.figures.style import condition_style
 from pipeline.report.blocks import Table
+from pipeline.report.curves import subject_means
 from pipeline.report.figures import VARIANTS
 from pipeline.report.tables import numbers
 from pipeline.statistics.curves import parts_of
@@ -106,7 +107,7 @@ def joint_figures(
         return numbers(counts, "subject") if counts.max() > 1 else "gait cycles"
 
     curves = {
-        (condition, compensated): _mean_and_spread(cell)
+        (condition, compensated): _mean_and_spread(cell, design.weigh)
         for (condition, compensated), cell in cycles.groupby(["condition", "compensated"])
     }
     best = bool(cycles["compensated"].any())
@@ -136,16 +137,15 @@ def joint_figures(
         yield name, joint_figure(together, f"{what}: mean ± SD over {over(people)}", motions)
 
 
-def _mean_and_spread(cycles: pd.DataFrame) -> tuple[Array, Array]:
+def _mean_and_spread(cycles: pd.DataFrame, weigh: Weigh) -> tuple[Array, Array]:
     """Give mean and SD over subjects, or over cycles of a single one, (101, 13, 3) each.
 
     NaN where most cycles are unknown: means of the few others are of other steps.
     """
     columns = [f"{motion.name}_{curve}" for motion in JOINT_MOTIONS for curve in CURVES]
     single = cycles["subject"].nunique() == 1
-    unit = ["recording", "side", "cycle"] if single else ["subject"]
-    of_units = cycles.groupby(["percent", *unit], sort=False)[columns].mean()
-    of_percent = of_units.groupby("percent", sort=True)
+    means = cycles if single else subject_means(cycles, columns, weigh, of_sides=True)
+    of_percent = means.groupby("percent", sort=True)[columns]
     is_drawn = cycles[columns].notna().groupby(cycles["percent"]).mean() >= MIN_KNOWN_CYCLES
     shape = -1, len(JOINT_MOTIONS), len(CURVES)
     mean, spread = (
