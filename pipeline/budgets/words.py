@@ -222,18 +222,20 @@ def study_lines(causes: Sequence[SharedCause], stated: Mapping[str, StatedNow]) 
 def alike_lines(
     alike: Mapping[str, Sequence[EstimatedCause]], rms: Mapping[str, Array]
 ) -> Iterator[str]:
-    """Say which gains all plates have alike, where one is certain and worth a word.
+    """Say which gains all plates have alike, where one would be certain and is worth a word.
 
-    The RMS of residuals is of each cause, by its name.
+    It is not: what the body model of all subjects lacks, such as shoes, looks the same. The RMS of
+    residuals is of each cause, by its name.
     """
     for fault, same in alike.items():
         fall = max(own.falls(rms[own.name]).max() for own in same)
         if fall >= MIN_FALL and any(own.is_certain for own in same):
-            plates = "All plates alike" if len(same) > 1 else "The only plate"
+            plates = "all plates alike" if len(same) > 1 else "the only plate"
             sizes = [f"{own.name.partition(':')[0]} {size_in_words(own)}" for own in same]
             yield (
-                f"{plates}: {fault}, {listed(sizes)}, by plates or body model; "
-                "compare with known weights (hbm plates)."
+                f"Not certain: {fault} of {plates}, {listed(sizes)}. What the body model lacks in "
+                "all subjects, such as shoes, looks the same; compare with known weights "
+                "(hbm plates)."
             )
 
 
@@ -302,8 +304,8 @@ def _share(share: float, deviation: float) -> str:
 def budget_lines(budget: Budget, mendings: Sequence[Fix]) -> Iterator[str]:
     """Say what a table of shares does not: what to do, what the trial does not tell, the check."""
     rms = dict.fromkeys((cause.name for cause in budget.causes), budget.rms)
-    certain = [*map(str, mendings), *alike_lines(alike_in_plates(budget.causes), rms)]
-    yield from certain or [NOTHING_CERTAIN]
+    yield from map(str, mendings) if mendings else [NOTHING_CERTAIN]
+    yield from alike_lines(alike_in_plates(budget.causes), rms)
     faults = [cause for cause in budget.causes if cause.chance < 1 or cause.group == "delay"]
     unknown = list(dict.fromkeys(cause.fault for cause in faults if not cause.is_told))
     if unknown:

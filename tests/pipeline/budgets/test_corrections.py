@@ -120,7 +120,7 @@ def test_a_gain_that_all_plates_have_alike_may_be_the_body_model_and_is_not_writ
     lines = study_lines(found, {trial: StatedNow(0.0, 74.0, False) for trial in TRIALS})
     (alike,) = (line for line in lines if "Mx" in line)
     assert alike.startswith(
-        "All plates alike: gain of Mx, plate 1 6.0 ± 1.2 %, plate 2 7.0 ± 1.4 %"
+        "Not certain: gain of Mx of all plates alike, plate 1 6.0 ± 1.2 %, plate 2 7.0 ± 1.4 %"
     )
 
 
