@@ -37,7 +37,7 @@ from pipeline.io.recording import (
     Preview,
     Recording,
 )
-from pipeline.io.stated import Stated, as_stated
+from pipeline.io.stated import Stated, as_stated, impossible_samples
 
 KINDS: Final = {
     **dict.fromkeys(
@@ -321,7 +321,8 @@ def read_c3d_file(path: Path, stated: Stated, max_frames: int | None = None) -> 
     position = samples.points[:, list(labels.markers.values())]
     if labels.markers:
         position *= stated.metre(unit)
-    stated.check_span(position, unit)
+    notes = stated.check_positions(position, [*labels.markers], unit)
+    notes += impossible_samples([name for name, _ in channels], samples.impossible)
     try:
         layouts, plate_notes = plate_layouts(header, stated)
     except ValueError as error:
@@ -376,6 +377,7 @@ def read_c3d_file(path: Path, stated: Stated, max_frames: int | None = None) -> 
         stated=stated,
         notes=(
             *axes_notes,
+            *notes,
             *([Note.of("c3d_corrected", corrections=corrections)] if corrections else ()),
             *stated.unit_notes([unit], written),
             *labels.notes,

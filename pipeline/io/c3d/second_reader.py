@@ -31,6 +31,7 @@ from pipeline.io.c3d.data import (
 )
 from pipeline.io.c3d.parameters import BLOCK_BYTES
 from pipeline.io.input_file import naming
+from pipeline.io.units import MAX_VALUE
 
 PROGRAM: Final = Path(__file__).with_name("ezc3d_arrays.py")
 COMPARED: Final = (
@@ -232,7 +233,7 @@ def _differences(header: Header, samples: Samples, second: Arrays) -> list[str]:
     labels = parameters.texts("POINT", "LABELS")
     found += _different_samples("marker", labels, _seen(samples.points), _seen(seen), header)
     names = [name for name, _ in header.channels]
-    analog = np.where(np.isfinite(analog), analog, np.nan)
+    analog = np.where(np.abs(analog) <= MAX_VALUE, analog, np.nan)
     unlike = _different_samples("channel", names, samples.analog, analog, header)
     if unlike and not found and (parameters.numbers("ANALOG", "OFFSET") < 0).any():
         raise _Refused("it takes ANALOG:OFFSET without its sign")
