@@ -34,9 +34,7 @@ VERBOSE: Final = Annotated[
 ]
 JSON: Final = Annotated[
     bool,
-    Option(
-        "--json", help="Print one object: numbers and notes, or the error.", rich_help_panel=PANEL
-    ),
+    Option("--json", help="Print one object: numbers, notes, or the error.", rich_help_panel=PANEL),
 ]
 
 

@@ -204,12 +204,7 @@ def _explain_results(
 ) -> int:
     from rich.text import Text
 
-    from pipeline.budgets.study import (
-        explain_planned,
-        explain_study,
-        plan_explanations,
-        study_of,
-    )
+    from pipeline.budgets.study import explain_planned, explain_study, plan_explanations, study_of
     from pipeline.budgets.words import NOTHING_CERTAIN
     from pipeline.run.processes import keep_freed_memory
 
@@ -239,11 +234,7 @@ def _explain_results(
 
 
 def _apply(
-    study: "Study",
-    folder: Path,
-    found: "StudyExplanation",
-    corrected: Path,
-    console: PlainConsole,
+    study: "Study", folder: Path, found: "StudyExplanation", corrected: Path, console: PlainConsole
 ) -> None:
     """Write the corrected study and say what is in it."""
     from pipeline.budgets.corrections import write_corrected

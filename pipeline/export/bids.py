@@ -13,7 +13,7 @@ import pandas as pd
 
 from hbm.spatial import Array
 from hbm.spelling import printable
-from pipeline.config.schema import TrialName
+from pipeline.config.schema import Subject, TrialName
 from pipeline.config.study import Study
 from pipeline.export.tables import even_rate_hz
 from pipeline.io.input_file import describe_error, naming
@@ -70,9 +70,7 @@ def write_bids(
         The folder cannot be written.
     """
     session, number = (result.session, result.recording) if result else ("", "")
-    labels = {"sub": subject, "ses": session, "task": task}
-    if not session:
-        del labels["ses"]
+    labels = {"sub": subject, **({"ses": session} if session else {}), "task": task}
     for name, label in labels.items():
         if label != bare_label(label) or not label:
             raise ValueError(f"{name} {label!r}: BIDS allows letters and digits only")
@@ -176,14 +174,13 @@ def _channels(rows: Sequence[tuple[str, ...]]) -> pd.DataFrame:
 
 def _person(recording: Recording, result: TrialResult | None, group: str | None) -> dict[str, Any]:
     """Give what is known of the subject by the columns of participants.tsv; None for the rest."""
-    known = recording.metadata
-    age, sex, height_m, mass_kg = None, "unspecified", known.height_m, known.mass_kg
+    subject = result.subject if result else Subject()
+    height_m, mass_kg = recording.metadata.height_m, recording.metadata.mass_kg
     if result is not None:
-        age, sex = result.subject.age_years, result.subject.sex
         height_m, mass_kg = result.body.height_m, result.body.mass
     return {
-        "age": age and min(age, MAX_AGE_YEARS),
-        "sex": None if sex == "unspecified" else sex,
+        "age": subject.age_years and min(subject.age_years, MAX_AGE_YEARS),
+        "sex": None if subject.sex == "unspecified" else subject.sex,
         "height": height_m and round(height_m, 3),
         "weight": mass_kg and round(mass_kg, 1),
         "group": group,

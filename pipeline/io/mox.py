@@ -91,13 +91,7 @@ def read_mox(path: Path, stated: Stated) -> Recording:
     if plates:
         notes.append(Note.of("force_sign_unconfirmed"))
     return recording_of(
-        path,
-        stated,
-        markers,
-        np.arange(len(position)) / rate,
-        plates,
-        notes=notes,
-        analog=analog,
+        path, stated, markers, np.arange(len(position)) / rate, plates, notes=notes, analog=analog
     )
 
 

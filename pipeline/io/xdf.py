@@ -408,9 +408,7 @@ def _of_markers(
 
 def _clock_notes(stream: Stream, clock: Clock) -> list[Note]:
     of = f"stream {short(stream.name)}"
-    notes = [
-        Note.of("sample_clock", of=of, rate_hz=clock.rate_hz, scatter_s=clock.scatter_s),
-    ]
+    notes = [Note.of("sample_clock", of=of, rate_hz=clock.rate_hz, scatter_s=clock.scatter_s)]
     if dropped := clock.frames - len(stream.stamps):
         notes.append(Note.of("samples_dropped", of=of, dropped=dropped, samples=clock.frames))
     return notes

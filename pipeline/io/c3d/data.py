@@ -543,9 +543,7 @@ def is_unsigned(header: Header) -> bool:
     return header.parameters.text("ANALOG", "FORMAT").upper() == "UNSIGNED"
 
 
-def analog_scaling(
-    header: Header,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], list[str]]:
+def analog_scaling(header: Header) -> tuple[NDArray[np.float64], NDArray[np.float64], list[str]]:
     """Give offset and scale of each channel: value = (sample − offset) · scale, (channels,) each.
 
     An absent ANALOG:OFFSET is taken as 0, an absent ANALOG:SCALE as 1 where samples are real and

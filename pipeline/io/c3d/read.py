@@ -16,13 +16,7 @@ from hbm.notes import Note
 from hbm.spatial import Array, frozen
 from hbm.spelling import short
 from pipeline.io.axes import mean_force, parse_axes, settle_axes
-from pipeline.io.c3d.data import (
-    Header,
-    correction,
-    missing_share,
-    read_header,
-    read_samples,
-)
+from pipeline.io.c3d.data import Header, correction, missing_share, read_header, read_samples
 from pipeline.io.c3d.force_plates import PlateLayout, plate_layouts
 from pipeline.io.c3d.parameters import Parameters, Value
 from pipeline.io.input_file import naming
@@ -252,7 +246,8 @@ def read_compensation(parameters: Parameters) -> Compensation | None:
             f"{', '.join(get_args(PlateFrame))}; another version of this program wrote it"
         )
     plates = tuple(parameters.integers(GROUP, "PLATES").ravel().tolist())
-    return Compensation(**texts, plates=plates, cutoff_hz=parameters.number(GROUP, "CUTOFF_HZ"))
+    cutoff_hz = next(map(float, parameters.numbers(GROUP, "CUTOFF_HZ").flat), None)
+    return Compensation(**texts, plates=plates, cutoff_hz=cutoff_hz)
 
 
 def read_c3d(

@@ -21,14 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbm.spelling import short
-from pipeline.io.c3d.data import (
-    DATA_STARTS,
-    MAX_COUNT,
-    Header,
-    Samples,
-    read_header,
-    read_samples,
-)
+from pipeline.io.c3d.data import DATA_STARTS, MAX_COUNT, Header, Samples, read_header, read_samples
 from pipeline.io.c3d.parameters import BLOCK_BYTES
 from pipeline.io.input_file import naming
 from pipeline.io.units import MAX_VALUE
@@ -259,11 +252,7 @@ def _seen(points: NDArray[np.floating]) -> NDArray[np.floating]:
 
 
 def _different_samples(
-    kind: str,
-    names: Sequence[str],
-    first: NDArray[Any],
-    second: NDArray[Any],
-    header: Header,
+    kind: str, names: Sequence[str], first: NDArray[Any], second: NDArray[Any], header: Header
 ) -> list[str]:
     """Name each marker, (T, M, 3), or channel, (N, M), that differs: first frame, both values."""
     if not first.shape[1]:
