@@ -8,7 +8,6 @@ from zipfile import BadZipFile
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from hbm.spatial import Array
@@ -17,8 +16,9 @@ from pipeline.config.schema import NOUNS, TrialName
 from pipeline.explain.budget import Bands, Budget, SharedCause, TrialEvidence
 from pipeline.explain.explain import explain_trial
 from pipeline.explain.sizes import Evidence
+from pipeline.io.input_file import MAX_BYTES, read_text, too_large
 from pipeline.io.recording import Recording
-from pipeline.io.write import whole_file, write_text
+from pipeline.io.write import read_parquet, whole_file, write_text
 from pipeline.statistics.design import Weigh
 from pipeline.statistics.measurement import CELL, Covariances
 from pipeline.statistics.recordings import recording_weights, root_mean_square
@@ -120,7 +120,7 @@ def read_explanation(path: Path, kind: type[Kind]) -> Kind:
         If it cannot be opened.
     """
     try:
-        found = TypeAdapter(kind).validate_json(path.read_bytes())
+        found = TypeAdapter(kind).validate_json(read_text(path))
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(map(str, first["loc"]))
@@ -176,6 +176,8 @@ def read_evidence(path: Path) -> TrialEvidence:
     """
     try:
         with np.load(path, allow_pickle=False) as stored:
+            if (size := sum(part.file_size for part in stored.zip.infolist())) > MAX_BYTES:
+                raise ValueError(f"{path.name}: {too_large(size, MAX_BYTES)}")
             arrays = {name: stored[name] for name in stored.files}
         parts: dict[str, Any] = {
             part: Evidence(
@@ -211,16 +213,14 @@ def read_bands(path: Path) -> Bands:
         If it cannot be opened.
     """
     try:
-        table = pd.read_parquet(path)
+        table = read_parquet(path)
         residual, deviation = (
             table[[f"{name}.{axis}" for axis in AXES]].to_numpy()
             for name in ("residual", "deviation")
         )
         return Bands(table["time_s"].to_numpy(), table["cycle"].to_numpy(), residual, deviation)
-    except (pa.ArrowInvalid, KeyError) as error:
-        raise ValueError(
-            f"{path.name}: no residuals with bands; run 'hbm explain' again"
-        ) from error
+    except (ValueError, KeyError) as error:
+        raise ValueError(f"{path.name}: no bands ({error}); run 'hbm explain' again") from error
 
 
 def study_covariances(

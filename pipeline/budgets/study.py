@@ -31,7 +31,7 @@ from pipeline.explain.budget import Bands
 from pipeline.explain.joint import explain_together
 from pipeline.io.input_file import describe_error
 from pipeline.io.recording import Recording
-from pipeline.io.write import remove_leftovers, require_writable
+from pipeline.io.write import require_writable
 from pipeline.run.job import (
     Job,
     Outcome,
@@ -122,7 +122,6 @@ def explain_planned(
         stops no other; why is stored in place of its explanation.
     """
     require_writable(folder / FOLDER)
-    remove_leftovers(folder / FOLDER)
     kernels(announce)
     ready = {
         job.target

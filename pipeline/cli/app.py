@@ -7,7 +7,6 @@ at once; what it needs to run is imported when it runs.
 import atexit
 import gc
 import io
-import json
 import os
 import sys
 from collections.abc import Mapping, Sequence
@@ -21,9 +20,9 @@ from typer.core import TyperCommand, TyperGroup
 from typer.exceptions import TyperException
 
 from hbm.spelling import both_ends, did_you_mean, printable, short
-from pipeline.cli.output import PANELS, printing
-from pipeline.cli.stopping import Stopped
-from pipeline.io.input_file import describe_error
+from pipeline.cli.output import AGAIN, OUTPUT, PANELS, failure, print_object, printing
+from pipeline.cli.stopping import Stopped, stoppable
+from pipeline.io.input_file import RENAME, UNUSABLE, describe_error, expected
 
 USAGE: Final = 2
 """Exit code for wrong usage or input."""
@@ -160,28 +159,58 @@ def main(arguments: Sequence[str] | None = None) -> int:
     typed = [argument for argument in given if argument != "--debug"]
     if typed in ([], [GROUP]):
         typed.append("--help")
+    OUTPUT.reset(json="--json" in typed)
     try:
-        full = _with_command(typed)
-        if full is None:
-            return 0
-        code = int(app(args=full, prog_name="hbm", standalone_mode=False) or 0)
+        code = _run(typed, debug="--debug" in given)
+        print_object()
         if sys.stdout is not None:
             sys.stdout.flush()
     except BrokenPipeError:
         drop_output()
         return UNREAD
-    except Stopped as stopped:
-        print_error(str(stopped))
-        return stopped.exit_code
-    except Exception as error:
+    except OSError as error:
         if "--debug" in given:
             raise
-        for line in getattr(error, "faults", None) or [one_line(error)]:
-            print_error(f"error: {line}")
-        return USAGE
-    if code == INTERRUPTED:
-        print_error("interrupted")
+        return _fail(error)  # the output cannot be written
+    finally:
+        OUTPUT.reset()
     return code
+
+
+def _run(typed: list[str], *, debug: bool) -> int:
+    """Run what was typed, and say what ends it; give the exit code."""
+    try:
+        with stoppable(lambda: AGAIN):
+            for argument in filter(UNUSABLE.search, typed):
+                raise ValueError(f"{argument}: {RENAME}")
+            full = _with_command(typed)
+            if full is None:
+                return 0
+            code = int(app(args=full, prog_name="hbm", standalone_mode=False) or 0)
+            if code == INTERRUPTED:  # before the command began
+                raise KeyboardInterrupt
+            return code
+    except Exception as error:
+        if isinstance(error, BrokenPipeError) or (debug and not isinstance(error, Stopped)):
+            raise
+        return _fail(error)
+
+
+def _fail(error: Exception) -> int:
+    """Say what ends the command, put it into the object of --json, and give the exit code."""
+    if isinstance(error, Stopped):
+        lines, code = [str(error)], error.code
+    else:
+        lines = [*getattr(error, "faults", [one_line(error)])]
+        code = "input" if expected(error) else "program"
+        code = "usage" if isinstance(error, TyperException) else code
+    for line in lines:
+        print_error(line if isinstance(error, Stopped) else f"error: {line}")
+    file = getattr(error, "filename", None)
+    OUTPUT.result["error"] = failure(code, "; ".join(lines), file and str(file))
+    if hasattr(error, "faults"):
+        OUTPUT.result["faults"] = lines
+    return error.exit_code if isinstance(error, Stopped) else USAGE
 
 
 def _with_command(typed: list[str]) -> list[str] | None:
@@ -202,12 +231,12 @@ def _with_command(typed: list[str]) -> list[str] | None:
             f"{typed[0]} is {found.what}; {', '.join(others)} has no effect on it"
             + (f"; next: {found.commands[0]}" if found.commands else "")
         )
-    if "--json" not in typed and "--quiet" not in typed:
+    if not OUTPUT.json and "--quiet" not in typed:
         print(f"{typed[0]}: {found.what}")
     if found.walking:
         return ["residuals", *typed]
-    if "--json" in typed:
-        print(json.dumps({"file": typed[0], "what": found.what, "commands": found.commands}))
+    if OUTPUT.json:
+        OUTPUT.result.update(file=typed[0], what=found.what, commands=found.commands)
     else:
         print("\n".join(f"  {command}" for command in found.commands))
     return None

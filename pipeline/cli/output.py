@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import wraps
 from inspect import Parameter, signature
 from math import isfinite
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 from typer import Option
 
 from hbm.notes import Note
+from pipeline.cli.stopping import stoppable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,17 +34,37 @@ VERBOSE: Final = Annotated[
 ]
 JSON: Final = Annotated[
     bool,
-    Option("--json", help="Print one object: numbers, warnings …", rich_help_panel=PANEL),
+    Option(
+        "--json", help="Print one object: numbers, warnings, or the error.", rich_help_panel=PANEL
+    ),
 ]
+
+
+AGAIN: Final = "no file is half-written; the same command begins again"
+"""What a command says that is stopped, where it does not know how much is done."""
 
 
 @dataclass(slots=True)
 class Output:
-    """What the command that runs may print."""
+    """What the command that runs may print.
+
+    Attributes
+    ----------
+    quiet, verbose, json
+        As typed.
+    result
+        Of --json: the object, which is printed when the command ends.
+    """
 
     quiet: bool = False
     verbose: bool = False
     json: bool = False
+    result: dict[str, Any] = field(default_factory=dict)
+
+    def reset(self, *, json: bool = False) -> None:
+        """Begin or end a command."""
+        self.quiet = self.verbose = False
+        self.json, self.result = json, {}
 
 
 OUTPUT: Final = Output()
@@ -62,12 +83,10 @@ def printing(command: Callable[..., Any], *, with_json: bool) -> Callable[..., A
         chosen = {name: values.pop(name) for name in options}
         if sum(chosen.values()) > 1:
             raise ValueError(f"{' and '.join(f'--{n}' for n, v in chosen.items() if v)}: give one")
-        for name in ("quiet", "verbose", "json"):
-            setattr(OUTPUT, name, chosen.get(name, False))
-        try:
+        for name, value in chosen.items():
+            setattr(OUTPUT, name, value)
+        with stoppable(lambda: AGAIN):
             return command(**values)
-        finally:
-            OUTPUT.quiet = OUTPUT.verbose = OUTPUT.json = False
 
     own = [p.replace(kind=Parameter.KEYWORD_ONLY) for p in signature(command).parameters.values()]
     typed.__annotations__ = {p.name: p.annotation for p in (*own, *added)}
@@ -75,10 +94,24 @@ def printing(command: Callable[..., Any], *, with_json: bool) -> Callable[..., A
     return typed
 
 
-def print_object(**values: Any) -> None:
-    """Print the result of a command as one JSON object, if --json asks for it."""
-    if OUTPUT.json:
-        print(json.dumps(_finite(values), ensure_ascii=False, allow_nan=False))
+AGAIN_ADVICE: Final = "run the same command again"
+ADVICE: Final = {
+    "usage": "read the command's --help",
+    "input": f"correct what the text names, then {AGAIN_ADVICE}",
+    "program": "report it, with what --debug shows",
+}
+"""Kind of an error -> what to do, where it is not to run it again."""
+
+
+def failure(code: str, text: str, file: str | None = None) -> dict[str, str | None]:
+    """Describe for scripts why a command ends: the kind of error, its sentence, file and advice."""
+    return {"code": code, "text": text, "file": file, "advice": ADVICE.get(code, AGAIN_ADVICE)}
+
+
+def print_object() -> None:
+    """Print the result of the command as one JSON object, in ASCII, if --json asks for it."""
+    if OUTPUT.json and OUTPUT.result:
+        print(json.dumps(_finite(OUTPUT.result), allow_nan=False))
 
 
 def _finite(value: Any) -> Any:
@@ -101,9 +134,9 @@ def tables_in(folder: Path) -> dict[str, Any]:
     """Give the CSV tables of a folder for JSON, by their names, if --json asks for them."""
     if not OUTPUT.json:
         return {}
-    import pandas as pd
+    from pipeline.io.write import read_csv
 
-    return {path.stem: records(pd.read_csv(path)) for path in sorted(folder.glob("*.csv"))}
+    return {path.stem: records(read_csv(path)) for path in sorted(folder.glob("*.csv"))}
 
 
 def plain_notes(notes: Iterable[Note]) -> list[dict[str, Any]]:

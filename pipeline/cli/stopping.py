@@ -1,6 +1,7 @@
 """Long work that is stopped, by Ctrl-C or by SIGTERM: it says what is done and how to go on."""
 
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -18,6 +19,7 @@ class Stopped(Exception):
     def __init__(self, sentence: str, exit_code: int) -> None:
         super().__init__(sentence)
         self.exit_code = exit_code
+        self.code = "terminated" if exit_code == SIGNAL_EXIT + signal.SIGTERM else "interrupted"
 
 
 class Terminated(KeyboardInterrupt):
@@ -46,7 +48,10 @@ def stoppable(progress: Callable[[], str]) -> Iterator[None]:
 @contextmanager
 def terminable() -> Iterator[None]:
     """Let SIGTERM raise `Terminated`, where nothing else is done about it yet."""
-    takes_over = signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    takes_over = (
+        threading.current_thread() is threading.main_thread()
+        and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    )
     if takes_over:
         signal.signal(signal.SIGTERM, _terminate)
     try:

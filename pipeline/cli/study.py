@@ -8,7 +8,7 @@ from rich.text import Text
 from typer import Argument, Option
 
 from pipeline.cli.options import RESULT, Jobs, Out, ResultsFolder, StudyFolder
-from pipeline.cli.output import OUTPUT, plain_notes, print_object
+from pipeline.cli.output import OUTPUT, plain_notes
 from pipeline.cli.stopping import stoppable
 from pipeline.cli.terminal import (
     PlainConsole,
@@ -61,6 +61,7 @@ def check(
     """Every TOML file and every recording is read; exit code 2 where there are faults."""
     from pipeline.config.comparison import study_design
     from pipeline.config.study import read_study
+    from pipeline.config.toml_file import StudyFaults
     from pipeline.run.check import check_study, read_twice, study_recordings
     from pipeline.statistics.design import in_words
 
@@ -90,8 +91,8 @@ def check(
         )
     trials = sum(trial.exclude is None for trial in loaded.trials.values())
     remarks = [remark for remark in found.remarks if isinstance(remark.said, str)]
-    print_object(
-        faults=[str(fault) for fault in found.faults],
+    OUTPUT.result.update(
+        faults=[],
         subjects=len(loaded.subjects),
         trials=trials,
         remarks=[{"place": remark.place, "text": remark.said} for remark in remarks],
@@ -101,11 +102,13 @@ def check(
             if not isinstance(remark.said, str)
         ],
     )
-    console.say(
+    counts = (
         f"{counted(len(loaded.subjects), 'subject')}, {counted(trials, 'trial')}, "
         f"{counted(len(found.faults), 'fault')}"
-        + ("" if found.faults else f"; next: hbm run {study}")
     )
+    if found.faults and (OUTPUT.quiet or OUTPUT.json):
+        raise StudyFaults([str(fault) for fault in found.faults])
+    console.say(counts if found.faults else f"{counts}; next: hbm run {study}")
     return 2 if found.faults else 0
 
 
@@ -162,7 +165,7 @@ def run(
     finished = follow_trials(outcomes, len(planned), "processing", "done and kept", console)
     console.say_notes(dict.fromkeys(note for one in finished for note in one.of_calibration))
     seconds = time.monotonic() - start
-    print_object(trials=[outcome_record(outcome) for outcome in finished], seconds=seconds)
+    OUTPUT.result.update(trials=[outcome_record(outcome) for outcome in finished], seconds=seconds)
     console.say(f"{counts_of(finished, 'processed')}, in {seconds:.1f} s; next: hbm report {out}")
     return int(any(one.failure is not None or one.failed_variants for one in finished))
 
@@ -248,12 +251,11 @@ def _result_of(folder: Path, *wanted: str | None) -> Path:
 
 def print_study_residuals(folder: Path) -> None:
     """Print the residuals of a study's report: RMS, mean ± SD over subjects."""
-    import pandas as pd
-
+    from pipeline.io.write import read_csv
     from pipeline.report.tables import means, windows_sentence
     from pipeline.statistics.design import EXPERIMENT_3
 
-    residuals, console = pd.read_csv(folder / "residuals.csv").query("headline"), PlainConsole()
+    residuals, console = read_csv(folder / "residuals.csv").query("headline"), PlainConsole()
     print_block(means(residuals, EXPERIMENT_3), console)
     console.say(windows_sentence(residuals))
 

@@ -1,6 +1,7 @@
 """What commands print with: a console, tables, and the progress of long work."""
 
 import math
+import sys
 from collections import Counter
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, Final
@@ -158,13 +159,15 @@ class StepProgress(Progress):
         self.task = self.add_task(work, total=None)
         self.advance(self.task, 0)  # the time left is estimated from here on
 
-    def show(self, line: str, done: int, steps: int, *, always: bool = False) -> None:
-        """Say that a step is done; with ``always`` in a terminal too, such as a failure."""
+    def show(self, line: str, done: int, steps: int, *, failed: bool = False) -> None:
+        """Say that a step is done; one that failed in a terminal too, and with --quiet."""
+        if failed and OUTPUT.quiet:
+            print(f"hbm: {line}", file=sys.stderr)
         task, count = self.tasks[0], f"{done} of {steps} {self.unit}"
         task.total = steps  # to update it would begin the estimate of the time left anew
         self.update(self.task, completed=done, description=f"{self.work}: {count}")
         if self.console.is_interactive:
-            if always:
+            if failed:
                 self.console.print(line, soft_wrap=True)
         else:
             left = TimeRemainingColumn().render(task)
@@ -194,7 +197,7 @@ def follow_trials(
                 alike[outcome.failure].append(str(outcome.job.name))
             elif outcome.state != "kept" or failed:
                 kept = sum(each.state == "kept" for each in finished)
-                progress.show(str(outcome), len(finished) - kept, total - kept, always=failed)
+                progress.show(str(outcome), len(finished) - kept, total - kept, failed=failed)
             if outcome.failure is not None:
                 alike.setdefault(outcome.failure, [])
     for reason, names in alike.items():

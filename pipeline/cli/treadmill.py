@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Option
 
 from pipeline.cli.options import Out, PlateCorrectionFile, Seed, Simulate, described, takes
-from pipeline.cli.output import plain_notes, print_object, tables_in
+from pipeline.cli.output import OUTPUT, plain_notes, tables_in
 from pipeline.cli.terminal import PlainConsole, StepProgress, announcer, print_block
 from pipeline.config.schema import Platform, Treadmill
 from pipeline.config.toml_file import check_options
@@ -150,7 +150,7 @@ def fit(
     console.say_notes(notes)
     console.say(f"written to {out}")
     rows = [(name, row) for name in calibration.in_use for row in calibration.verdict[name]]
-    print_object(
+    OUTPUT.result.update(
         calibration=str(out),
         fit_for_trials=not calibration.notes,
         components=[{"plate": name, **row._asdict(), "verdict": row.verdict} for name, row in rows],
@@ -245,7 +245,7 @@ def rank(
     with StepProgress(console, "reading", "recordings") as progress:
         trials = read_trials(folder, settings, progress.show)
     say_parts(console, out, write_results(trials, seed, out))
-    print_object(tables=tables_in(out))
+    OUTPUT.result.update(tables=tables_in(out))
 
 
 def plates(
@@ -273,7 +273,7 @@ def plates(
     experiment = read_plates_study(study)
     announce(f"reading {len(experiment.file.weights)} recordings of known weights")
     say_parts(console, out, write_report(check_plates(experiment), out))
-    print_object(tables=tables_in(out))
+    OUTPUT.result.update(tables=tables_in(out))
 
 
 @takes(RecordingRequest)
@@ -326,5 +326,5 @@ def check(
         name: {number: getattr(one, number) for number in numbers}
         for name, one in found.plates.items()
     }
-    print_object(valid=found.valid, plates=plates_found, notes=plain_notes(notes))
+    OUTPUT.result.update(valid=found.valid, plates=plates_found, notes=plain_notes(notes))
     return 0 if found.valid else 1

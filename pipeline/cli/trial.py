@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from typer import Option
 
 from hbm.notes import warnings_of
-from hbm.spelling import listed, short
+from hbm.spelling import listed
 from pipeline.cli.options import (
     RESULT,
     Jobs,
@@ -19,7 +19,7 @@ from pipeline.cli.options import (
     require_no_options,
     takes,
 )
-from pipeline.cli.output import plain_notes, print_object, records
+from pipeline.cli.output import OUTPUT, plain_notes, records
 from pipeline.cli.terminal import (
     PlainConsole,
     StepProgress,
@@ -81,7 +81,7 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
         f"written to {out}: {page.name}; {name}.parquet (frames), {name}_residuals.csv, .png and "
         f".svg, {name}_cycles.csv (each gait cycle)"
     )
-    print_object(
+    OUTPUT.result.update(
         trial=request.trial.name,
         mass_kg=result.body.mass,
         height_m=result.body.height_m,
@@ -170,7 +170,7 @@ def _explain_trial(request: TrialRequest, out: Path) -> int:
         f"over time), {name}_explained and {name}_bands as .png and .svg"
     )
     numbers = json.loads((out / f"{name}{SUFFIX}").read_text(encoding="utf-8"))
-    print_object(
+    OUTPUT.result.update(
         trial=request.trial.name,
         explanation=numbers,
         lines=[*explanation.lines()],
@@ -204,12 +204,7 @@ def _explain_results(
 ) -> int:
     from rich.text import Text
 
-    from pipeline.budgets.study import (
-        explain_planned,
-        explain_study,
-        plan_explanations,
-        study_of,
-    )
+    from pipeline.budgets.study import explain_planned, explain_study, plan_explanations, study_of
     from pipeline.budgets.words import NOTHING_CERTAIN
     from pipeline.run.processes import keep_freed_memory
 
@@ -232,16 +227,14 @@ def _explain_results(
     console.say(f"{counts_of(finished, 'explained')}; next: hbm report {folder}")
     if corrected:
         _apply(study, folder, together, corrected, console)
-    print_object(trials=[outcome_record(outcome) for outcome in finished], lines=[*together.lines])
+    OUTPUT.result.update(
+        trials=[outcome_record(outcome) for outcome in finished], lines=[*together.lines]
+    )
     return int(any(outcome.failure is not None for outcome in finished))
 
 
 def _apply(
-    study: "Study",
-    folder: Path,
-    found: "StudyExplanation",
-    corrected: Path,
-    console: PlainConsole,
+    study: "Study", folder: Path, found: "StudyExplanation", corrected: Path, console: PlainConsole
 ) -> None:
     """Write the corrected study and say what is in it."""
     from pipeline.budgets.corrections import write_corrected
@@ -272,8 +265,8 @@ def export(
     ] = None,
     out: Out = Path("export"),
     ankle_zero: Annotated[AnkleZero, Option(help="in_line: as in the HBM.")] = "right_angle",
-    subject: Annotated[str, Option(help="BIDS label of the subject.")] = "01",
-    task: Annotated[str, Option(help="BIDS label of the task.")] = "walk",
+    subject: Annotated[str | None, Option(help="BIDS label, default: 01.")] = None,
+    task: Annotated[str | None, Option(help="BIDS label, default: walk.")] = None,
     c3d: Annotated[Path | None, Option(help="Folder for C3D files.", hidden=True)] = None,
     frame: Annotated[
         Literal["plate", "lab"] | None,
@@ -287,27 +280,32 @@ def export(
 
     TRIAL may be a result, RESULTS/trials/*.parquet: it is exported as it is, not processed again.
     For tables, TRIAL may be the RESULTS of a study: its tables are written as CSV and workbook.
-    For c3d, the original recording is written with compensated plates; TRIAL may be a study's
-    folder: the recordings of all its trials are written.
+    For c3d, the original recording is written with compensated plates, for bids with gait events;
+    TRIAL may be a study's folder: the recordings of all its trials are written.
     """
     chosen = {*(form or ()), *(["c3d"] if c3d else [])}
     trial, of_c3d = request.trial, c3d or out
-    for unknown in chosen - {*FORMATS}:
-        raise ValueError(f"--format {short(unknown)}: expected {listed(FORMATS)}")
-    if not chosen:
-        raise ValueError(
-            f"nothing to export; name a --format of {listed(FORMATS)}, and --out FOLDER"
-        )
+    if not chosen or chosen - {*FORMATS}:
+        given = listed(sorted(chosen - {*FORMATS})) if chosen else "none given"
+        raise ValueError(f"--format {given}: expected {listed(FORMATS)}, and --out FOLDER")
     if frame and "c3d" not in chosen:
         raise ValueError("--frame goes with --format c3d")
     require_folder(of_c3d)
     if trial.is_dir():
         require_no_options(request, "a study or its results, whose files have all settings")
-        if chosen == {"c3d"}:
-            return _export_study(trial, of_c3d, frame)
+        if (subject, task) != (None, None):
+            raise ValueError("--subject and --task go with one recording; a study has its names")
+        if chosen in ({"c3d"}, {"bids"}):
+            (one,) = chosen
+            return _export_study(trial, of_c3d if one == "c3d" else out, one, frame)
         if chosen == {"tables"}:
-            return _export_tables(trial, out)
-        raise ValueError("of a study only c3d is exported, of its results only tables; one at once")
+            from pipeline.report.workbook import write_workbook
+
+            *tables, workbook = write_workbook(trial, out)
+            tables_as_csv = f"{counted(len(tables), 'table')} as CSV"
+            PlainConsole().say(f"{tables_as_csv}, and all of them in {workbook}")
+            return 0
+        raise ValueError("of a study c3d or bids is exported, of its results tables; one at once")
     if trial.suffix == RESULT:
         require_no_options(request, "a result that has been processed already")
         if recorded := " and ".join(sorted(chosen & {"bids", "c3d"})):
@@ -317,44 +315,39 @@ def export(
     console, written = PlainConsole(), list[Path]()
     if "c3d" in chosen:
         written.append(_export_trial(request, of_c3d, frame, console))
-    if "bids" in chosen:
-        from pipeline.export.bids import write_bids
-        from pipeline.run.one_trial import read_requested
-
-        written += write_bids(read_requested(request), out, subject, task)
-    if models := chosen & {"osim", "urdf", "tables"}:
-        written += _export_models(request, models, out, ankle_zero, console)
+    if others := chosen - {"c3d"}:
+        labels = subject or "01", task or "walk"
+        written += _export_processed(request, others, out, ankle_zero, labels, console)
     console.say("written: " + ", ".join(map(str, written)))
     return 0
 
 
-def _export_tables(results: Path, out: Path) -> int:
-    """Write the tables of a study for statistics programs."""
-    from pipeline.report.workbook import write_workbook
-
-    console = PlainConsole()
-    with console.status("writing the tables"):
-        *tables, workbook = write_workbook(results, out)
-    console.say(f"{counted(len(tables), 'table')} as CSV, and all of them in {workbook}")
-    return 0
-
-
-def _export_models(
+def _export_processed(
     request: TrialRequest,
     chosen: set[str],
     out: Path,
     ankle_zero: AnkleZero,
+    labels: tuple[str, str],
     console: PlainConsole,
 ) -> list[Path]:
-    """Write the body of a trial, processed or to be processed, and its tables."""
+    """Write the body of a trial, processed or to be processed, its tables, and what BIDS holds."""
+    from pipeline.export.bids import write_bids
     from pipeline.export.models import write_osim, write_urdf
     from pipeline.export.tables import write_tables
-    from pipeline.run.one_trial import process_request
+    from pipeline.run.one_trial import process_request, read_requested
     from pipeline.run.store import read_trial
 
-    stem, processed = request.trial.stem, request.trial.suffix == RESULT
-    result = read_trial(request.trial) if processed else process_request(request).result
-    written = list[Path]()
+    stem, written = request.trial.stem, list[Path]()
+    if request.trial.suffix == RESULT:
+        result = read_trial(request.trial)
+    else:
+        try:
+            result = process_request(request).result
+        except ValueError as error:
+            if chosen != {"bids"}:
+                raise
+            console.say(f"events, mass and stature are those of the file alone: {error}")
+            return write_bids(read_requested(request), out, *labels)
     for form, write in (("osim", write_osim), ("urdf", write_urdf)):
         if form in chosen:
             written.append(out / f"{stem}.{form}")
@@ -363,6 +356,8 @@ def _export_models(
         written += write_tables(result, out, stem, ankle_zero)
         plates = "measured" if result.compensated is None else "compensated"
         console.print(f"forces and loads are from the {plates} plate forces")
+    if "bids" in chosen:
+        written += write_bids(read_requested(request), out, *labels, result=result)
     console.say_notes(result.notes)
     return written
 
@@ -371,7 +366,7 @@ def _export_trial(
     request: TrialRequest, out: Path, frame: "Frame | None", console: PlainConsole
 ) -> Path:
     """Write a trial's C3D file again with compensated plates, and say what has checked it."""
-    from pipeline.export.compensated_c3d import Calibrations, require_c3d, write_compensated
+    from pipeline.export.compensated_c3d import Calibrations, write_compensated
     from pipeline.run.one_trial import read_requested, requested_laboratory
 
     if request.calibration is None and request.plate_calibration is None:
@@ -379,7 +374,6 @@ def _export_trial(
             "c3d has compensated plates: name the --calibration of the treadmill, or the "
             "--plate-calibration"
         )
-    require_c3d(request.trial)
     written = write_compensated(
         read_requested(request),
         Calibrations(requested_laboratory(request), request.calibration),
@@ -392,27 +386,34 @@ def _export_trial(
     return written.path
 
 
-def _export_study(folder: Path, out: Path, frame: "Frame | None") -> int:
+def _export_study(folder: Path, out: Path, form: str, frame: "Frame | None") -> int:
     """Write all recordings of a study's trials again; exit code 1 where some of them failed."""
     from pipeline.config.study import read_study
+    from pipeline.export.bids import write_bids_study
     from pipeline.export.compensated_c3d import recordings_of, write_compensated_study
 
     console, study = PlainConsole(), read_study(folder)
-    total, failed = len(recordings_of(study)), 0
-    with StepProgress(console, "compensating", "recordings") as progress:
-        for done, (name, written) in enumerate(write_compensated_study(study, out, frame), 1):
+    in_bids, failed = form == "bids", 0
+    used = [trial for trial in study.trials.values() if trial.file and trial.exclude is None]
+    total = len(used) if in_bids else len(recordings_of(study))
+    exported = (
+        write_bids_study(study, out) if in_bids else write_compensated_study(study, out, frame)
+    )
+    with StepProgress(console, "writing", "recordings") as progress:
+        for done, (name, written) in enumerate(exported, 1):
             if isinstance(written, str):
                 failed += 1
                 line = f"FAILED {name}: {written.removeprefix(f'{name}: ')}"
+            elif isinstance(written, list):
+                line = f"{name}: {written[-1].name}"
             else:
                 for note in written.notes:
                     if note.level == "warning":
                         console.say(f"{name}: ", note_line(note))
                 line = f"{name}: {_checked_by(written)}"
-            progress.show(line, done, total, always=True)
-    console.say(
-        f"{counted(total - failed, 'recording')} with compensated plates in {out}, {failed} failed"
-    )
+            progress.show(line, done, total, failed=isinstance(written, str))
+    how = "as BIDS" if in_bids else "with compensated plates"
+    console.say(f"{counted(total - failed, 'recording')} {how} in {out}, {failed} failed")
     return 1 if failed else 0
 
 

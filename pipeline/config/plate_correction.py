@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from compensation.plate_calibration import PlateCalibrations, from_json, to_json
-from pipeline.io.input_file import naming, open_file
+from pipeline.io.input_file import naming, read_text
 
 SAME_DELAY_S: Final = 1e-4
 """Stated delays that differ by no more are equal: no plate's delay is known better."""
@@ -92,7 +92,7 @@ def read_plate_correction(path: Path) -> PlateCorrection:
     ValueError, OSError
         It cannot be read, or is no plate calibration; one line that names it.
     """
-    with naming(path), open_file(path) as file:
-        calibrations = from_json(file.read().decode("utf-8-sig"))
+    with naming(path):
+        calibrations = from_json(read_text(path))
     corrections = to_json(PlateCalibrations(calibrations.plates)).encode()
     return PlateCorrection(path.name, hashlib.sha256(corrections).hexdigest(), calibrations)

@@ -4,7 +4,7 @@
 folder is a subject. File names in them are relative to the folder.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final, TypeVar
@@ -182,6 +182,9 @@ def read_study(folder: str | Path, *, recordings: bool = True) -> Study:
         conditions = [*stated] if isinstance(stated, dict) else None
         file = check_table("study.toml", table, StudyFile, faults, Around(folder))
     variants = {} if file is None else _variants(folder, file, faults)
+    if file is not None:
+        faults += _alike("study.toml: condition", file.conditions)
+        faults += _alike("study.toml: variant", file.variants)
     hips = set() if file is None else {file.settings.hip}
     hips |= {own.settings.hip for own, _ in variants.values()}
     subjects = _subjects(Around(folder, recordings, conditions, hips), faults)
@@ -262,8 +265,20 @@ def _subjects(around: Around, faults: list[str]) -> dict[str, SubjectFile]:
             faults.append(f"{folder}: no subject files (one TOML per subject, next to study.toml)")
         elif not any(person.trials for person in subjects.values()):
             faults.append(f"{folder}: no subject has a trial; write them as [trials.CONDITION]")
+    faults += _alike("subject", subjects)
     faults += _result_name_faults(subjects)
     return subjects
+
+
+def _alike(what: str, names: Iterable[str]) -> Iterator[str]:
+    """Find names that differ by upper and lower case alone, as names of files on some systems."""
+    taken: dict[str, str] = {}
+    for name in names:
+        if (other := taken.setdefault(name.casefold(), name)) != name:
+            yield (
+                f"{what} {name}: files of results cannot be told from those of {other} where upper "
+                "and lower case are one; rename it"
+            )
 
 
 def _own_marker_set(folder: Path, file: StudyFile, faults: list[str]) -> MarkerSet | None:

@@ -1,38 +1,44 @@
 """A recording as a BIDS data set (Motion-BIDS): what other laboratories and repositories read."""
 
 import json
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
-from typing import Final
+from types import MappingProxyType
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
 
 from hbm.spatial import Array
+from hbm.spelling import printable
+from pipeline.config.schema import Subject, TrialName
+from pipeline.config.study import Study
 from pipeline.export.tables import even_rate_hz
-from pipeline.io.input_file import naming
+from pipeline.io.input_file import describe_error, naming
 from pipeline.io.recording import Recording
-from pipeline.io.write import whole_file, write_text
+from pipeline.io.write import uncomputed, whole_file, write_text
+from pipeline.trial.process import process_trial
+from pipeline.trial.result import TrialResult
+from pipeline.trial.study_files import read_study_file, read_study_laboratory
 
-BIDS_VERSION: Final = "1.10.0"
-FRAME: Final = "lab"
-SPACE: Final = {"SpatialAxes": "ALS", "RotationOrder": "n/a", "RotationRule": "n/a"}
-"""x, y and z point to anterior, left and superior."""
-FORMULA: Final = ("=", "+", "-", "@")
-"""Beginnings of a cell that spreadsheets take for a formula."""
-README: Final = """Marker trajectories and ground reactions of people on an instrumented treadmill.
-
-Frame `lab`: right-handed, x forward, y left, z up. Plates (tracksys-plates): force on the subject
-and moment about the origin of the lab. Gaps are n/a. Times start at 0 at the first sample.
-"""
-
-
+MAX_AGE_YEARS: Final = 89
+"""BIDS asks for it in place of higher ages, so that old people are not recognised."""
+TEMPLATES: Final = files("pipeline.export") / "bids_files"
 System = tuple[Array, pd.DataFrame, Array]
 """Times (N,) [s], one row per channel, samples (N, channels)."""
 
 
-def write_bids(recording: Recording, folder: str | Path, subject: str, task: str) -> list[Path]:
+def write_bids(
+    recording: Recording,
+    folder: str | Path,
+    subject: str,
+    task: str,
+    *,
+    result: TrialResult | None = None,
+    group: str | None = None,
+) -> list[Path]:
     """Add a recording to a BIDS data set; make the data set where there is none.
 
     Parameters
@@ -43,6 +49,12 @@ def write_bids(recording: Recording, folder: str | Path, subject: str, task: str
         The data set's folder.
     subject, task
         Labels, of letters and digits only.
+    result
+        The processed trial: the subject's sex, age, stature and body mass, gait events, session
+        and number of the recording. Without one, mass and stature are the file's, and so are
+        events.
+    group
+        Of the subject.
 
     Returns
     -------
@@ -57,8 +69,10 @@ def write_bids(recording: Recording, folder: str | Path, subject: str, task: str
     OSError
         The folder cannot be written.
     """
-    for name, label in (("subject", subject), ("task", task)):
-        if not re.fullmatch(r"[0-9a-zA-Z]+", label):
+    session, number = (result.session, result.recording) if result else ("", "")
+    labels = {"sub": subject, **({"ses": session} if session else {}), "task": task}
+    for name, label in labels.items():
+        if label != bare_label(label) or not label:
             raise ValueError(f"{name} {label!r}: BIDS allows letters and digits only")
     systems = _systems(recording)
     with naming(recording.source):
@@ -66,53 +80,80 @@ def write_bids(recording: Recording, folder: str | Path, subject: str, task: str
             name: even_rate_hz(time, f"BIDS ({name})") for name, (time, _, _) in systems.items()
         }
     folder = Path(folder)
-    place = folder / f"sub-{subject}" / "motion"
-    written = _data_set(folder, subject)
+    entities = [f"{name}-{label}" for name, label in labels.items()]
+    start = folder.joinpath(*entities[:-1], "motion", "_".join(entities))
+    run = f"_run-{number}" if number else ""
+    written = _data_set(folder, f"sub-{subject}", _person(recording, result, group))
     for name, (_, channels, values) in systems.items():
-        stem = f"{place / f'sub-{subject}_task-{task}_tracksys-{name}'}"
-        optical = name == "optical"
-        description = {
+        stem = f"{start}_tracksys-{name}{run}"
+        numbers = {
             "TaskName": task,
-            "SamplingFrequency": rates[name],
-            "TrackedPointsCount": channels["tracked_point"].nunique() if optical else 0,
-            "MotionChannelCount": len(channels),
-            ("POSChannelCount" if optical else "MISCChannelCount"): len(channels),
-            "RecordingDuration": len(values) / rates[name],
-            "RecordingType": "continuous",
-            "MissingValues": "n/a",
             "TrackingSystemName": name,
+            "SamplingFrequency": rates[name],
+            "RecordingDuration": len(values) / rates[name],
+            "MotionChannelCount": len(channels),
+            f"{channels['type'].iloc[0]}ChannelCount": len(channels),
         }
+        if name == "optical":
+            numbers["TrackedPointsCount"] = len(recording.markers.names)
         written += [
             _tsv(Path(f"{stem}_motion.tsv"), pd.DataFrame(values), header=False),
-            _json(Path(f"{stem}_motion.json"), description),
-            _tsv(Path(f"{stem}_channels.tsv"), channels),
-            _json(Path(f"{stem}_channels.json"), {"reference_frame": {"Levels": {FRAME: SPACE}}}),
+            _json(Path(f"{stem}_motion.json"), numbers),
+            _tsv(Path(f"{stem}_channels.tsv"), channels.map(_cell)),
+            _json(Path(f"{stem}_channels.json")),
         ]
-    if recording.events:
-        stem = f"{place / f'sub-{subject}_task-{task}'}"
-        kinds = [f"{event.side}_{event.label}" for event in recording.events]
-        onsets = [event.time for event in recording.events]
+    if events := result.events if result else recording.events:
+        onsets = [event.time - recording.markers.time[0] for event in events]
+        kinds = [f"{event.side}_{event.label}" for event in events]
         table = pd.DataFrame({"onset": onsets, "duration": 0, "trial_type": kinds})
-        levels = {kind: kind.replace("_", " ") for kind in dict.fromkeys(kinds)}
-        meaning = {"trial_type": {"Description": "gait event", "Levels": levels}}
-        written += [
-            _tsv(Path(f"{stem}_events.tsv"), table),
-            _json(Path(f"{stem}_events.json"), meaning),
-        ]
+        written.append(_tsv(Path(f"{start}{run}_events.tsv"), table.sort_values("onset")))
+        written.append(_json(Path(f"{start}{run}_events.json")))
     return written
+
+
+def write_bids_study(study: Study, out: Path) -> Iterator[tuple[TrialName, list[Path] | str]]:
+    """Add every trial of a study to a BIDS data set, processed for its gait events.
+
+    Yields the name of each trial and its files, or the reason why there are none. Conditions are
+    tasks. A ValueError where two subjects or conditions have one label, or the laboratory cannot
+    be read.
+    """
+    for kind, names in (("subject", study.subjects), ("condition", study.file.conditions)):
+        labels = [bare_label(text).casefold() for text in names]
+        for text, label in zip(names, labels, strict=True):
+            if labels.count(label) > 1:
+                raise ValueError(f"{kind} {text}: another one has the same letters; rename one")
+    laboratory = read_study_laboratory(study)
+    for name, trial in study.trials.items():
+        if trial.file is None or trial.exclude is not None:
+            continue
+        person = study.subject(name.subject)
+        subject, task = bare_label(name.subject), bare_label(name.condition)
+        try:
+            recording = read_study_file(study, trial.file, trial, person.static)
+            result = process_trial(study, *name, laboratory=laboratory)
+            result = replace(result, session=bare_label(result.session))
+            yield name, write_bids(recording, out, subject, task, result=result, group=person.group)
+        except Exception as error:
+            yield name, describe_error(error)
+
+
+def bare_label(name: str) -> str:
+    """Give the letters and digits of a name, of which BIDS makes labels."""
+    return "".join(letter for letter in name if letter.isascii() and letter.isalnum())
 
 
 def _systems(recording: Recording) -> dict[str, System]:
     """Give time, channels and samples of each tracking system."""
     markers, plates, analog = recording.markers, recording.plates, recording.analog
-    points = [(f"{name}_{a}", a, "POS", name, "m", FRAME) for name in markers.names for a in "xyz"]
+    points = [(f"{name}_{a}", a, "POS", name, "m", "lab") for name in markers.names for a in "xyz"]
     position = markers.position.reshape(len(markers.time), -1)
     found = {"optical": (markers.time, _channels(points), position)}
     if plates:
         if any(not np.array_equal(plate.time, plates[0].time) for plate in plates):
             raise ValueError(f"{recording.source.name}: the plates have different clocks")
         of_plates = [
-            (f"plate{plate.number}_{what}_{a}", a, "MISC", f"plate{plate.number}", unit, FRAME)
+            (f"plate{plate.number}_{what}_{a}", a, "MISC", f"plate{plate.number}", unit, "lab")
             for plate in plates
             for what, unit in (("force", "N"), ("moment", "N m"))
             for a in "xyz"
@@ -131,52 +172,59 @@ def _channels(rows: Sequence[tuple[str, ...]]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def _data_set(folder: Path, subject: str) -> list[Path]:
-    """Write what a data set needs once, and list the subject."""
-    written = []
-    description, readme = folder / "dataset_description.json", folder / "README.md"
-    if not description.exists():
-        name = folder.resolve().name
-        data_set = {"Name": name, "BIDSVersion": BIDS_VERSION, "DatasetType": "raw"}
-        written.append(_json(description, data_set))
-    if not readme.exists() and not (folder / "README").exists():
-        write_text(README, readme)
-        written.append(readme)
+def _person(recording: Recording, result: TrialResult | None, group: str | None) -> dict[str, Any]:
+    """Give what is known of the subject by the columns of participants.tsv; None for the rest."""
+    subject = result.subject if result else Subject()
+    height_m, mass_kg = recording.metadata.height_m, recording.metadata.mass_kg
+    if result is not None:
+        height_m, mass_kg = result.body.height_m, result.body.mass
+    return {
+        "age": subject.age_years and min(subject.age_years, MAX_AGE_YEARS),
+        "sex": None if subject.sex == "unspecified" else subject.sex,
+        "height": height_m and round(height_m, 3),
+        "weight": mass_kg and round(mass_kg, 1),
+        "group": group,
+    }
+
+
+def _data_set(folder: Path, subject: str, person: Mapping[str, Any]) -> list[Path]:
+    """Write what a data set needs once, and list the subject; what is listed already stays."""
+    needed = [folder / name for name in ("dataset_description.json", "participants.json")]
+    written = [_json(path) for path in needed if not path.exists()]
+    if not [*folder.glob("README*")]:
+        write_text((TEMPLATES / "README.md").read_text(encoding="utf-8"), folder / "README.md")
+        written.append(folder / "README.md")
     people = folder / "participants.tsv"
     known = pd.DataFrame({"participant_id": []}, dtype=str)
     if people.exists():
         known = pd.read_csv(people, sep="\t", dtype=str, keep_default_na=False)
     if "participant_id" not in known:
         raise ValueError(f"{people}: no column participant_id")
-    if f"sub-{subject}" not in set(known["participant_id"]):
-        row = pd.DataFrame({"participant_id": [f"sub-{subject}"]})
-        written.append(_tsv(people, pd.concat([known, row])))
-    return written
+    table = known
+    if subject not in set(known["participant_id"]):
+        table = pd.concat([known, pd.DataFrame({"participant_id": [subject]})])
+    columns = dict.fromkeys([*known, *person])
+    table = table.reindex(columns=[*columns]).astype(object).fillna("n/a")
+    for name, value in person.items():
+        unknown = (table["participant_id"] == subject) & (table[name] == "n/a")
+        table.loc[unknown, name] = _cell(value)
+    return written if table.equals(known) else [*written, _tsv(people, table)]
+
+
+def _cell(value: Any) -> str:
+    """Give a cell of text: in one line, computed by no spreadsheet, n/a for what is unknown."""
+    return "n/a" if value is None else uncomputed(printable(str(value))) or "n/a"
 
 
 def _tsv(path: Path, table: pd.DataFrame, *, header: bool = True) -> Path:
-    texts = table.select_dtypes(exclude="number")
-    table = table.assign(**texts.map(_no_formula))
+    form: Any = {"sep": "\t", "na_rep": "n/a", "float_format": "%.9g", "lineterminator": "\n"}
     with whole_file(path) as temporary:
-        table.to_csv(
-            temporary,
-            sep="\t",
-            index=False,
-            header=header,
-            na_rep="n/a",
-            float_format="%.9g",
-            lineterminator="\n",
-            encoding="utf-8",
-        )
+        table.to_csv(temporary, index=False, header=header, encoding="utf-8", **form)
     return path
 
 
-def _no_formula(cell: object) -> object:
-    """Put a quote before a text that a spreadsheet would compute; a label may be anything."""
-    formula = isinstance(cell, str) and len(cell) > 1 and cell.startswith(FORMULA)
-    return f"'{cell}" if formula else cell
-
-
-def _json(path: Path, content: Mapping[str, object]) -> Path:
-    write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", path)
+def _json(path: Path, more: Mapping[str, object] = MappingProxyType({})) -> Path:
+    """Write what every data set says in files with such an end of their name, and more."""
+    template = (TEMPLATES / path.name.rpartition("_")[2]).read_text(encoding="utf-8")
+    write_text(json.dumps(json.loads(template) | more, indent=2) + "\n", path)
     return path

@@ -64,16 +64,6 @@ class Written:
     notes: tuple[Note, ...]
 
 
-def require_c3d(path: Path) -> None:
-    """Refuse a recording that is no C3D file; a ValueError or OSError says so."""
-    kind = file_format(path)
-    if kind != "C3D":
-        raise ValueError(
-            f"{path.name}: is a {kind} file; c3d copies a C3D file and changes its plates, so "
-            "give the trial's C3D file"
-        )
-
-
 def write_compensated(
     recording: Recording,
     calibrations: Calibrations,
@@ -109,8 +99,8 @@ def write_compensated(
     Raises
     ------
     ValueError
-        The recording has no plates or is compensated already, ``target`` is the recording, the
-        calibration does not fit it, the pose is needed and unknown, or `rewrite_plates` refuses.
+        The recording is no C3D file or has no plates, ``target`` is the recording, the calibration
+        does not fit it, the pose is needed and unknown, or `rewrite_plates` refuses.
     OSError
         A file cannot be read or written.
 
@@ -121,10 +111,10 @@ def write_compensated(
     `hbm residuals --calibration` computes.
     """
     laboratory = calibrations.laboratory
-    if recording.compensation is not None:
+    if (kind := file_format(recording.source)) != "C3D":
         raise ValueError(
-            f"{recording.source.name}: its plates are compensated already, by "
-            f"{recording.compensation.software}"
+            f"{recording.source.name}: is a {kind} file; c3d copies a C3D file and changes its "
+            "plates, so give the trial's C3D file"
         )
     if not recording.plates:
         raise ValueError(f"{recording.source.name}: {recording.why_no_plates}")
@@ -235,7 +225,6 @@ def write_compensated_study(
         try:
             if PurePath(name).is_absolute() or ".." in PurePath(name).parts:
                 raise ValueError(f"{name}: lies outside the study's folder")
-            require_c3d(study.path(name))
             recording = read_study_file(study, name, trial)
             written = write_compensated(
                 recording,

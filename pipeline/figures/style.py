@@ -1,6 +1,8 @@
 """The style of all figures, and how they are written."""
 
-from collections.abc import Iterable
+import warnings
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+from matplotlib.font_manager import fontManager
 from matplotlib.ticker import LogLocator
 from numpy.typing import ArrayLike
 
@@ -34,8 +37,11 @@ MIN_RATIO: Final = 10.0
 DPI: Final = 150
 """Resolution of PNG files: 1400 pixels for a figure across a page."""
 
+FONTS: Final = ("DejaVu Sans", "Arial Unicode MS", "Noto Sans CJK JP", "Hiragino Sans", "Yu Gothic")
+"""Of these, the ones that are installed: the first that has a letter draws it."""
 STYLE: Final[Any] = {
     "axes.prop_cycle": cycler(color=PALETTE),
+    "font.family": [font for font in FONTS if font in fontManager.get_font_names()],
     "axes.spines.top": False,
     "axes.spines.right": False,
     "font.size": 9,
@@ -50,6 +56,14 @@ STYLE: Final[Any] = {
 def condition_style(k: int) -> tuple[str, Any]:
     """Give colour and line style of a study's kth condition, distinct for the first 25."""
     return PALETTE[k % len(PALETTE)], LINE_STYLES[(k + k // len(PALETTE)) % len(LINE_STYLES)]
+
+
+@contextmanager
+def in_style() -> Iterator[None]:
+    """Draw in the style; in PNG, a letter that no font has is a box, of which nothing is said."""
+    with mpl.rc_context(STYLE), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
+        yield
 
 
 def draw_band(
@@ -112,7 +126,7 @@ def save_figure(figure: Figure, path: Path) -> None:
     bare = path.with_suffix("") if path.suffix in (".png", ".svg") else path
     figure.dpi = DPI
     raster: Any = FigureCanvasAgg(figure)
-    with mpl.rc_context(STYLE):  # savefig() would draw each format twice, once for its layout
+    with in_style():  # savefig() would draw each format twice, once for its layout
         with whole_file(Path(f"{bare}.png")) as temporary:
             raster.print_png(temporary)
         figure.set_layout_engine("none")  # the same layout in both files

@@ -72,7 +72,7 @@ def file_markers(
     position = positions(list(markers.values()))
     position *= metre
     position[~np.isfinite(position).all(axis=-1) | ~position.any(axis=-1)] = np.nan
-    stated.check_span(position, unit)
+    notes += stated.check_positions(position, [*markers], unit)
     return FileMarkers(tuple(markers), position, unit, notes)
 
 

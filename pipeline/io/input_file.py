@@ -1,6 +1,8 @@
 """Files that are given to be read: opened if they are files, their faults told with their name."""
 
 import errno
+import os
+import re
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,12 +15,22 @@ MAX_MESSAGE: Final = 699
 """Characters of what is said about a file: twenty labels, two sets and what to do."""
 
 
+UNUSABLE: Final = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff]")
+"""In a name: it has a control character, or bytes that are no UTF-8."""
+RENAME: Final = "a name that is not UTF-8, or has a control character; rename the file or folder"
+NO_MEMORY: Final = "there is not enough memory; close other programs or use a larger machine"
+MAX_BYTES: Final = 2**31
+"""Of a recording, or of a table: three hours of markers and plates."""
+MAX_TEXT_BYTES: Final = 2**26
+"""Of settings, calibrations and explanations, which have some megabytes."""
 MAX_REASON: Final = 200
 """Characters of an error that nobody expects."""
 
 
 class FileFault(ValueError):
     """What is wrong with a file: one printable line that begins with its name."""
+
+    filename: str | None = None
 
 
 @contextmanager
@@ -32,9 +44,12 @@ def naming(path: Path) -> Iterator[None]:
         if error.filename is None:
             error.filename = str(path)
         raise
-    except ValueError as error:
+    except (ValueError, MemoryError) as error:
         name = f"{path.name}: "
-        raise FileFault(fault_line(name + str(error).removeprefix(name))) from error
+        text = NO_MEMORY if isinstance(error, MemoryError) else str(error).removeprefix(name)
+        fault = FileFault(fault_line(name + text))
+        fault.filename = str(path)
+        raise fault from error
 
 
 def fault_line(text: str) -> str:
@@ -42,19 +57,25 @@ def fault_line(text: str) -> str:
     return both_ends(printable(text), MAX_MESSAGE)
 
 
+def expected(error: BaseException) -> bool:
+    """Say whether an error is about what people gave; otherwise it is a fault of this program."""
+    if isinstance(error, KeyError):
+        return any(isinstance(text, str) and " " in text for text in error.args[:1])
+    told = isinstance(error, ValueError | OSError) and str(error) != ""
+    return told or isinstance(error, MemoryError)
+
+
 def describe_error(error: BaseException) -> str:
     """Put an error into one line, with the notes that were added on its way up."""
-    for_people = isinstance(error, ValueError | OSError)
-    text = str(error)
-    if isinstance(error, KeyError) and error.args and isinstance(error.args[0], str):
-        text = error.args[0]
-        for_people = " " in text
+    text = str(error.args[0] if isinstance(error, KeyError) and error.args else error)
     if isinstance(error, FileExistsError | NotADirectoryError) and error.filename:
         text = f"{error.filename}: a file stands where a folder should be"
     elif isinstance(error, OSError) and error.strerror:
-        text = error.strerror.lower()
+        text = error.strerror[:1].lower() + error.strerror[1:]
         text = f"{error.filename}: {text}" if error.filename else text
-    elif not (for_people and text):
+    elif isinstance(error, MemoryError):
+        text = NO_MEMORY
+    elif not expected(error):
         place = traceback.extract_tb(error.__traceback__)[-1]
         text = (
             f"a fault of this program: {type(error).__name__}: {text[:MAX_REASON]} "
@@ -62,7 +83,7 @@ def describe_error(error: BaseException) -> str:
             "--debug shows"
         )
     parts = [text, *getattr(error, "__notes__", [])]
-    return "; ".join(" ".join(part.split()) for part in parts)
+    return "; ".join(map(printable, (" ".join(part.split()) for part in parts)))
 
 
 def is_file(path: Path) -> bool:
@@ -79,31 +100,31 @@ def last_written(path: Path) -> tuple[int, int]:
     return status.st_mtime_ns, status.st_size
 
 
-def open_file(path: Path) -> BinaryIO:
-    """Open a file to read its bytes.
-
-    Parameters
-    ----------
-    path
-        The file.
-
-    Returns
-    -------
-    BinaryIO
-        Its bytes.
+def open_file(path: Path, most: int = MAX_BYTES) -> BinaryIO:
+    """Open a file of at most so many bytes to read them.
 
     Raises
     ------
     OSError
-        It cannot be opened, or is a pipe or a device, which may never end.
+        It cannot be opened, is larger, or is a pipe or a device, which may never end.
     """
     if path.exists() and not (path.is_file() or path.is_dir()):
         reason = "is a pipe or a device; save what it gives as a file first"
         raise OSError(errno.EINVAL, reason, str(path))
-    return path.open("rb")
+    file = path.open("rb")
+    if (size := os.fstat(file.fileno()).st_size) > most:
+        file.close()
+        raise OSError(errno.EINVAL, too_large(size, most), str(path))
+    return file
 
 
-def read_text(path: Path) -> str:
+def too_large(size: float, most: float) -> str:
+    """Say that a file is larger than any that is right, or its content once it is expanded."""
+    sizes = f"holds {size / 1e6:,.0f} MB, expected at most {most / 1e6:,.0f} MB"
+    return f"{sizes}; give another file, or a part of it"
+
+
+def read_text(path: Path, most: int = MAX_TEXT_BYTES) -> str:
     """Read a file in UTF-8, with or without a byte order mark; a ValueError if it is not."""
-    with open_file(path) as file:
+    with open_file(path, most) as file:
         return file.read().decode("utf-8-sig")

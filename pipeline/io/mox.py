@@ -17,11 +17,11 @@ from pipeline.io.input_file import open_file
 from pipeline.io.recording import Analog, Recording
 from pipeline.io.stated import Stated
 from pipeline.io.text_table import decoded, read_number
+from pipeline.io.units import MAX_VALUE
 
 ROOT: Final = "moxie_viewer_datafile"
 MAX_RATE_HZ: Final = 1e6
-MAX_VALUE: Final = 1e9
-"""Beyond these nothing was measured: the file is damaged."""
+"""Beyond it nothing was measured: the file is damaged."""
 MARKER: Final = re.compile(
     r"(?:(?:Marker|Position)[ -]+(?P<a>\S+) |(?P<b>\S+)\.Pos)(?P<axis>[XYZ])"
 )
@@ -91,13 +91,7 @@ def read_mox(path: Path, stated: Stated) -> Recording:
     if plates:
         notes.append(Note.of("force_sign_unconfirmed"))
     return recording_of(
-        path,
-        stated,
-        markers,
-        np.arange(len(position)) / rate,
-        plates,
-        notes=notes,
-        analog=analog,
+        path, stated, markers, np.arange(len(position)) / rate, plates, notes=notes, analog=analog
     )
 
 

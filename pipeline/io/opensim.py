@@ -192,10 +192,7 @@ def _trajectories(path: Path, stated: Stated) -> Trajectories:
     position = values[:, 2:].reshape(len(rows), len(names), 3)
     time, time_notes = _regular(values[:, 1], rate_hz)
     markers = file_markers(names, header["Units"], lambda kept: position[:, kept], stated)
-    attributes = {
-        "first_frame": int(values[0, 0]),
-        "notes": [*notes, *time_notes],
-    }
+    attributes = {"first_frame": int(values[0, 0]), "notes": [*notes, *time_notes]}
     return markers, time, attributes
 
 

@@ -13,7 +13,7 @@ from pipeline.io.axes import AxesUnknownError
 from pipeline.io.c3d.data import KEY
 from pipeline.io.c3d.read import preview_c3d, read_c3d_file
 from pipeline.io.dflow import read_dflow
-from pipeline.io.input_file import naming, open_file
+from pipeline.io.input_file import RENAME, UNUSABLE, naming, open_file
 from pipeline.io.mended_plates import with_mended_plates
 from pipeline.io.mox import ROOT, read_mox
 from pipeline.io.nexus import is_nexus, read_nexus
@@ -21,6 +21,7 @@ from pipeline.io.opensim import read_trc
 from pipeline.io.recording import Preview, Recording
 from pipeline.io.stated import Stated, as_stated
 from pipeline.io.text_table import EMPTY, decoded
+from pipeline.io.write import PART
 from pipeline.io.xdf import MAGIC, read_xdf
 
 READERS: Final[dict[str, Callable[..., Recording]]] = {
@@ -152,6 +153,10 @@ def file_format(path: Path) -> str:
         The file cannot be opened.
     """
     with open_file(path) as file, naming(path):
+        if UNUSABLE.search(path.name):
+            raise ValueError(RENAME)
+        if path.name.startswith(".") and path.suffix == PART:
+            raise ValueError("a part of a file whose writing was stopped; delete it")
         return _format(file.read(HEAD_BYTES))
 
 

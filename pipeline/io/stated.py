@@ -1,18 +1,18 @@
 """What a person states about files; it is used instead of what a file says or leaves out."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Final, Literal
+from typing import Final, Literal, SupportsInt
 
 import numpy as np
 
 from hbm.markers import MarkerSet
 from hbm.notes import Note
-from hbm.spatial import Array
+from hbm.spatial import Array, Indices
 from hbm.spelling import listed, short
-from pipeline.io.units import force_in_n, length_in_m, length_of_moment, moment_in_nm
+from pipeline.io.units import MAX_VALUE, force_in_n, length_in_m, length_of_moment, moment_in_nm
 
 Quantity = Literal["force", "moment", "pressure"]
 """What a channel of a plate holds."""
@@ -30,6 +30,8 @@ ASK_FOR_GAINS: Final = (
 MIN_SPAN_M: Final = 0.05
 MAX_SPAN_M: Final = 20.0
 """Between the markers of a person and a treadmill, or of a walkway."""
+MAX_POSITION_M: Final = 50.0
+"""From the origin along any axis; no laboratory is larger."""
 
 
 MENDING: Final = re.compile(
@@ -165,15 +167,19 @@ class Stated:
             if stated is not None
         ]
 
-    def check_span(self, position: Array, unit: str) -> None:
-        """Refuse positions, (T, M, 3) [m], whose extent contradicts their unit.
+    def check_positions(self, position: Array, names: Sequence[str], unit: str) -> list[Note]:
+        """Make gaps of positions, (T, M, 3) [m], that no laboratory has; a note counts them.
 
-        A ValueError where the markers of the median frame lie within 5 cm of each other, or spread
-        over 20 m; ``unit`` is the file's.
+        A ValueError where the extent contradicts the file's ``unit``: most positions are so far
+        away, or the markers of the median frame lie within 5 cm of each other or spread over 20 m.
         """
+        far = (np.abs(position) > MAX_POSITION_M).any(axis=-1)
+        if 2 * np.count_nonzero(far) < np.isfinite(position[..., 0]).sum():
+            position[far] = np.nan
+        notes = impossible_samples(names, far.sum(axis=0))
         several = np.isfinite(position).all(axis=-1).sum(axis=1) > 1
         if not several.any():
-            return
+            return notes
         highest, lowest = (each.reduce(position, axis=1)[several] for each in (np.fmax, np.fmin))
         with np.errstate(over="ignore"):
             span = float(np.median(np.linalg.norm(highest - lowest, axis=1)))
@@ -183,6 +189,7 @@ class Stated:
                 f"{short(self.units or unit)!r}, expected {MIN_SPAN_M} to {MAX_SPAN_M:g} m; "
                 f"{self.correct_units}"
             )
+        return notes
 
     @property
     def correct_units(self) -> str:
@@ -190,6 +197,19 @@ class Stated:
         if self.units is not None:
             return "correct --units, or units in study.toml"
         return f"correct the unit in the file, or {STATE_UNITS}"
+
+
+def without_impossible(values: Array) -> Indices:
+    """Make gaps of samples, (K, …), that cannot have been measured; give their numbers, (K,)."""
+    impossible = np.abs(values) > MAX_VALUE
+    values[impossible] = np.nan
+    return np.asarray(impossible.sum(axis=tuple(range(1, values.ndim))))
+
+
+def impossible_samples(names: Sequence[str], counts: Iterable[SupportsInt]) -> list[Note]:
+    """Note how many samples of which channels were made gaps; no note where there are none."""
+    of = {name: int(n) for name, n in zip(names, counts, strict=True) if int(n)}
+    return [Note.of("impossible_samples", samples=sum(of.values()), of_channel=of)] if of else []
 
 
 def as_stated(stated: Stated | str | None) -> Stated:

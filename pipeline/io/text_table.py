@@ -14,6 +14,7 @@ from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import printable, short
 from pipeline.io.input_file import open_file
+from pipeline.io.units import MAX_VALUE
 
 DECIMAL_COMMA: Final = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
 UTF16_MARKS: Final = {b"\xff\xfe": "utf-16-le", b"\xfe\xff": "utf-16-be"}
@@ -30,8 +31,6 @@ GAPS: Final = [
 """How programs write a number that is missing; "nan(ind)" is that of C on Windows."""
 EMPTY: Final = "the file is empty"
 BINARY: Final = "the file holds binary data, expected text"
-MAX_VALUE: Final = 1e9
-"""In any unit; beyond it the number is damaged."""
 
 
 def lines_of(path: Path) -> Iterator[str]:

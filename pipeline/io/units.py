@@ -8,6 +8,8 @@ import numpy as np
 
 from hbm.spelling import short
 
+MAX_VALUE: Final = 1e9
+"""In any unit; beyond it a number was not measured: it is damaged."""
 STANDARD_GRAVITY_MPS2: Final = 9.80665
 """What accelerometers mean by 1 g, wherever they are."""
 LENGTHS: Final = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}

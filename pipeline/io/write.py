@@ -1,30 +1,135 @@
-"""Files that are written whole or not at all: tables, text, anything that takes a path."""
+"""Files that are written whole or not at all: tables, text, anything that takes a path.
+
+Tables keep text and numbers apart. In CSV every text is quoted and no number is. A text that a
+spreadsheet would compute has an apostrophe before it, which `read_csv` removes.
+"""
 
 import errno
+import platform
+import re
 import secrets
+import sys
 import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
+from io import StringIO
 from pathlib import Path
-from typing import Final
+from typing import BinaryIO, Final
+from zlib import crc32
 
+import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from pipeline.io.input_file import MAX_BYTES, naming, open_file, read_text, too_large
 
 PART: Final = ".part"
 """Suffix of a file that is being written."""
 NO_ROOM: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """Errors of a disk that is full, of a quota and of a limit; they name no file."""
+HOST: Final = f"{crc32(platform.node().encode()) & 0xFFFF:04x}"
+"""This machine in names of parts: locks of another one may not be seen on a shared disk."""
 MAX_WRITING_S: Final = 3600.0
-"""Longer than any one file takes: what is older was left by a run that was killed."""
+"""Longer than any one file takes: the age of a leftover where locks tell nothing."""
+MAX_EXPANDED_BYTES: Final = 2**33
+"""Of a study's table in memory: a million gait cycles."""
+COMPUTED: Final = re.compile(r"'*[=+\-@\t\r\n]")
+"""Beginning of a text that a spreadsheet would compute, with or without apostrophes before it."""
+CELL: Final = re.compile(r'("(?:[^"]|"")*"|[^,\r\n]*)(?:,|\r?\n|$)')
 _unfinished: Final = set[Path]()
 """Temporary files that this process is writing."""
 
 
 def write_csv(table: pd.DataFrame, path: Path) -> None:
-    """Write a table as CSV, whole or not at all."""
-    with whole_file(path) as temporary:
-        table.to_csv(temporary, index=False, float_format="%.6g", encoding="utf-8")
+    """Write a table as CSV, whole or not at all; numbers with six digits."""
+    columns = [[_quoted(name), *_cells(table[name])] for name in table]
+    write_text("".join(f"{','.join(row)}\n" for row in zip(*columns, strict=True)), path)
+
+
+def _cells(column: pd.Series) -> list[str]:
+    """Give the cells of a column, in quotes if it has any text; what is missing is empty."""
+    form = _quoted if any(isinstance(value, str) for value in column) else _number
+    return [form("" if gone else value) for value, gone in zip(column, column.isna(), strict=True)]
+
+
+def _number(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float | np.floating) else str(value)
+
+
+def _quoted(text: object) -> str:
+    return '"' + uncomputed(str(text)).replace('"', '""') + '"'
+
+
+def uncomputed(text: str) -> str:
+    """Put an apostrophe before a text that a spreadsheet would compute, such as "=1+1"."""
+    return f"'{text}" if COMPUTED.match(text) else text
+
+
+def read_csv(path: str | Path) -> pd.DataFrame:
+    """Read a table of the results back, as it was written.
+
+    Parameters
+    ----------
+    path
+        A CSV file of `hbm`.
+
+    Returns
+    -------
+    pandas.DataFrame
+        What was text is text, also "01", "NA" and "=1+1"; numbers have six digits.
+
+    Raises
+    ------
+    ValueError
+        It is no such file.
+    OSError
+        It cannot be opened.
+
+    Examples
+    --------
+    >>> write_csv(pd.DataFrame({"subject": ["01", "NA"], "rms": [1.5, 2.0]}), Path("rms.csv"))
+    >>> read_csv("rms.csv")["subject"].tolist()
+    ['01', 'NA']
+    """
+    text = read_text(Path(path), MAX_BYTES)
+    names = pd.read_csv(StringIO(text), nrows=0).columns
+    # the quotes of the first row tell text from numbers, which pandas does not
+    row = CELL.finditer(text, text.find("\n") + 1)
+    texts = [name for name, cell in zip(names, row, strict=False) if cell[0].startswith('"')]
+    kinds, gaps = dict.fromkeys(texts, str), {name: [""] for name in names.difference(texts)}
+    table = pd.read_csv(StringIO(text), dtype=kinds, keep_default_na=False, na_values=gaps)
+    table[texts] = table[texts].map(_as_given)
+    return table.rename(columns=_as_given)
+
+
+def _as_given(text: str) -> str:
+    """Undo `uncomputed`."""
+    return text[1:] if text.startswith("'") and COMPUTED.match(text) else text
+
+
+def read_parquet(path: Path) -> pd.DataFrame:
+    """Read a table from a Parquet file; a ValueError where it is none or expands to too much."""
+    with naming(path), open_file(path) as file:
+        table = open_parquet(file, MAX_EXPANDED_BYTES).read(use_threads=False)
+        shown: pd.DataFrame = table.to_pandas(use_threads=False)
+        return shown
+
+
+def open_parquet(content: BinaryIO | pa.NativeFile, most: int) -> pq.ParquetFile:
+    """Open a Parquet file; a ValueError where it expands to more than so many bytes.
+
+    Read it without threads: those that cannot be started for lack of memory end the process.
+    """
+    file = pq.ParquetFile(content)
+    groups = [file.metadata.row_group(k) for k in range(file.metadata.num_row_groups)]
+    # pages of equal values are short, whatever they state
+    size = sum(max(g.total_byte_size, 8 * g.num_rows * g.num_columns) for g in groups)
+    if size > most:
+        raise ValueError(too_large(size, most))
+    return file
 
 
 @contextmanager
@@ -32,27 +137,46 @@ def whole_file(path: Path) -> Iterator[Path]:
     """Give a temporary name beside a file; it takes the file's place once all is written.
 
     Permissions are those of any new file. What goes wrong with the temporary file is said of the
-    file.
+    file. What killed processes left in the folder is removed first.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, "is a folder, not a file to write", str(path))
     if path.exists() and not path.is_file():
         raise OSError(errno.EINVAL, "is a device or a pipe, not a file to write", str(path))
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}{PART}")
-    _unfinished.add(temporary)
+    _remove_leftovers_once(path.parent)
+    temporary = path.with_name(f".{path.name}.{HOST}{secrets.token_hex(2)}{PART}")
+    unlocked = temporary.with_suffix("")
+    _unfinished.update((unlocked, temporary))
     try:
-        temporary.touch(exist_ok=False)
-        yield temporary
-        temporary.replace(path)
+        with unlocked.open("xb") as lock:
+            # it is locked before it looks like a leftover; Windows renames no open file
+            if not _locked(lock):
+                lock.close()
+            unlocked.rename(temporary)
+            yield temporary
+            temporary.replace(path)
     except OSError as error:
-        if error.errno in NO_ROOM or error.filename == str(temporary):
+        if error.errno in NO_ROOM or error.filename in (str(unlocked), str(temporary)):
             error.filename = str(path)
         raise
     finally:
-        with suppress(OSError):
-            temporary.unlink()
-        _unfinished.discard(temporary)
+        for name in (unlocked, temporary):
+            with suppress(OSError):
+                name.unlink()
+            _unfinished.discard(name)
+
+
+def _locked(file: BinaryIO) -> bool:
+    """Lock a file until it is closed or this process ends; whether that was possible."""
+    if sys.platform == "win32":
+        return False
+    import fcntl
+
+    with suppress(OSError):
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return True
+    return False
 
 
 def remove_unfinished() -> None:
@@ -63,15 +187,23 @@ def remove_unfinished() -> None:
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Remove temporary files of killed runs: those not written to for an hour."""
+    """Remove temporary files that nobody writes: they are not locked, or an hour old."""
     for path in folder.glob(f".*.????????{PART}"):
         with suppress(OSError):
-            if time.time() - path.stat().st_mtime > MAX_WRITING_S:
+            with path.open("rb") as file:
+                here = path.suffixes[-2].startswith(f".{HOST}") and _locked(file)
+                dead = here or time.time() - path.stat().st_mtime > MAX_WRITING_S
+            if dead:
                 path.unlink()
+
+
+_remove_leftovers_once = cache(remove_leftovers)
 
 
 def require_writable(out: Path) -> None:
     """Make a folder and try to write to it, before minutes are spent on its content.
+
+    What killed processes left in it is removed.
 
     Raises
     ------
@@ -80,6 +212,7 @@ def require_writable(out: Path) -> None:
     """
     try:
         out.mkdir(parents=True, exist_ok=True)
+        remove_leftovers(out)
         with tempfile.TemporaryFile(dir=out) as file:
             file.write(bytes(4096))
     except OSError as error:

@@ -33,7 +33,7 @@ from pipeline.io.columns import (
 from pipeline.io.input_file import open_file
 from pipeline.io.labels import require_unique
 from pipeline.io.recording import Analog, Recording
-from pipeline.io.stated import Stated
+from pipeline.io.stated import Stated, impossible_samples, without_impossible
 from pipeline.io.streams import (
     Channel,
     Clock,
@@ -337,14 +337,16 @@ def read_xdf(path: Path, stated: Stated) -> Recording:
     clocks: dict[str, Clock] = {s.name: _of(s, find_clock, s.stamps, s.rate_hz) for s in regular}
     clock = clocks[stream.name]
     position = layout.positions(clock.on_frames(stream.values)).reshape(clock.frames, -1, 3)
-    stated.check_span(position, layout.unit)
-    markers = FileMarkers(layout.names, position, layout.unit, layout.notes)
+    far = stated.check_positions(position, layout.names, layout.unit)
+    markers = FileMarkers(layout.names, position, layout.unit, [*layout.notes, *far])
     signals = []
     notes = []
     for other in regular:
         own = clocks[other.name]
         notes += _clock_notes(other, own)
         if other is not stream:
+            lost = without_impossible(other.values.T)
+            notes += impossible_samples([c.label for c in channels[other.name]], lost)
             time, values = own.time - clock.start_s, own.on_frames(other.values)
             plates, absent = find_plates(other.info, channels[other.name])
             notes += [left_out(f"plate {short(number)}", why) for number, why in absent.items()]
@@ -406,9 +408,7 @@ def _of_markers(
 
 def _clock_notes(stream: Stream, clock: Clock) -> list[Note]:
     of = f"stream {short(stream.name)}"
-    notes = [
-        Note.of("sample_clock", of=of, rate_hz=clock.rate_hz, scatter_s=clock.scatter_s),
-    ]
+    notes = [Note.of("sample_clock", of=of, rate_hz=clock.rate_hz, scatter_s=clock.scatter_s)]
     if dropped := clock.frames - len(stream.stamps):
         notes.append(Note.of("samples_dropped", of=of, dropped=dropped, samples=clock.frames))
     return notes

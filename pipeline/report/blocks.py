@@ -7,13 +7,12 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any, Final
 
-import matplotlib as mpl
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from hbm.notes import provenance, warnings_of
-from pipeline.figures.style import DPI, STYLE
+from pipeline.figures.style import DPI, in_style
 from pipeline.statistics.verdict import join_names
 
 MEDIA_TYPES: Final = {".svg": "image/svg+xml", ".png": "image/png"}
@@ -59,7 +58,7 @@ def picture(path: Path) -> str:
 def drawing(figure: Figure, suffix: str = ".svg") -> str:
     """Give a figure as a source inside the page, without a file; .png where lines are many."""
     target, canvas = BytesIO(), FigureCanvasAgg(figure)
-    with mpl.rc_context(STYLE):
+    with in_style():
         options: Any = {"metadata": {"Date": None}} if suffix == ".svg" else {"dpi": DPI}
         canvas.print_figure(target, format=suffix[1:], **options)
     return f"data:{MEDIA_TYPES[suffix]};base64,{b64encode(target.getvalue()).decode()}"

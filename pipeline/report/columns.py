@@ -36,9 +36,10 @@ def write_columns(folder: Path) -> None:
 
 def described(file: str, column: str) -> tuple[str, str]:
     """Give unit and meaning of a column; a KeyError where the dictionary lacks it."""
-    known = _dictionary()
-    for pattern, (unit, meaning) in ({**known[file], **known["every table"]}).items():
+    known = {**_dictionary()["every table"], **_dictionary()[file]}
+    for pattern in sorted(known, key=".*".__eq__):  # what matches any column is last
         if match := re.fullmatch(pattern, column):
+            unit, meaning = known[pattern]
             words = {name: text.replace("_", " ") for name, text in match.groupdict().items()}
             return unit, meaning.format(**words)
     raise KeyError(f"{file}: {column}")

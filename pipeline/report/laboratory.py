@@ -35,7 +35,7 @@ from hbm.spelling import written
 from pipeline.config.study import Study
 from pipeline.figures.style import STYLE, condition_style
 from pipeline.io.input_file import read_text
-from pipeline.io.write import write_csv, write_text
+from pipeline.io.write import read_csv, write_csv, write_text
 from pipeline.report.blocks import TEMPLATES, Check, Table, drawing
 from pipeline.report.empty_treadmill import (
     PITCH,
@@ -516,7 +516,7 @@ def add_check(
             row[f"{plate} {name} by new fit"] = one.left_by_new_fit[k]
             row[f"{plate} {name} zero change"] = one.zero_change[k]
     path = calibration.with_name(CHECKS)
-    table = pd.read_csv(path, dtype={"day": str}) if path.exists() else pd.DataFrame()
+    table = read_csv(path) if path.exists() else pd.DataFrame()
     if len(table):
         keys = ["calibration_sha256", "recording_sha256"]
         table = table[(table[keys] != [row[key] for key in keys]).any(axis=1)]
@@ -531,7 +531,7 @@ def read_checks(calibration: Path) -> pd.DataFrame:
     if not path.exists():
         columns = ["day", "recording", "valid", "calibration", "calibration_sha256"]
         return pd.DataFrame(columns=columns)
-    table = pd.read_csv(path, dtype={"day": str})
+    table = read_csv(path)
     return table[table["calibration"] == calibration.name].reset_index(drop=True)
 
 

@@ -12,6 +12,7 @@ from pipeline.budgets.explanation import Explanation
 from pipeline.budgets.words import CAPTION, budget_table
 from pipeline.config.schema import NOUNS, TrialName
 from pipeline.config.study import Study
+from pipeline.io.write import read_csv
 from pipeline.report.blocks import Check, Table, Text
 from pipeline.run.load import Results
 from pipeline.run.provenance import Provenance, TrialState
@@ -102,7 +103,7 @@ def corrections_table(study: Study | None, headline: pd.DataFrame) -> Table | No
     before = study.folder / study.file.corrections[0].source / "residuals.csv"
     legend = "The results before the corrections are missing."
     with suppress(OSError, KeyError, ValueError):
-        old = _mean_rms(pd.read_csv(before).query("headline"))
+        old = _mean_rms(read_csv(before).query("headline"))
         new = _mean_rms(headline)
         fall = ", ".join(f"{axis} {old[axis]:.1f} → {new[axis]:.1f}" for axis in new.index)
         legend = f"Mean RMS over all trials before and after all corrections: {fall}."

@@ -1,14 +1,17 @@
 """The tables of a study for statistics programs: a row per subject, mean curves, a workbook."""
 
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import pandas as pd
+from openpyxl import Workbook
+from openpyxl.cell import WriteOnlyCell
+from openpyxl.cell.cell import ILLEGAL_CHARACTERS_RE
+from openpyxl.worksheet.worksheet import Worksheet
 
 from pipeline.config.schema import TrialName
-from pipeline.io.write import whole_file, write_csv
+from pipeline.io.write import read_csv, read_parquet, uncomputed, whole_file, write_csv
 from pipeline.report.columns import FILE, write_columns
 from pipeline.report.joints import subject_values
 from pipeline.statistics.design import Design
@@ -81,31 +84,39 @@ def write_workbook(results: Path, out: Path) -> list[Path]:
     ValueError
         If the results have no report.
     """
-    tables = sorted(path for path in results.glob("*.csv") if path.name != FILE)
     if not (results / FILE).is_file():
         raise ValueError(f"{results}: no tables of a report here; run 'hbm report {results}' first")
-    out.mkdir(parents=True, exist_ok=True)
-    for table in tables:
-        shutil.copyfile(table, out / table.name)
-    for name, mean in _mean_curves(results):
-        write_csv(mean, out / name)
-        tables.append(out / name)
+    tables = {path.name: read_csv(path) for path in sorted(results.glob("*.csv"))}
+    del tables[FILE]
+    tables |= _mean_curves(results)
+    for name, table in tables.items():
+        write_csv(table, out / name)
     write_columns(out)
-    written = [out / table.name for table in tables] + [out / FILE]
-    with (
-        whole_file(out / WORKBOOK) as temporary,
-        pd.ExcelWriter(temporary, engine="openpyxl") as workbook,
-    ):
-        for path in written:
-            sheet = pd.read_csv(path, dtype={"recording": str, "session": str})
-            sheet.to_excel(workbook, sheet_name=path.stem, index=False, freeze_panes=(1, 0))
-    return [*written, out / WORKBOOK]
+    tables[FILE] = read_csv(out / FILE)
+    workbook = Workbook(write_only=True)
+    for name, table in tables.items():
+        sheet = workbook.create_sheet(Path(name).stem)
+        sheet.freeze_panes = "A2"
+        for row in ([*table], *table.itertuples(index=False, name=None)):
+            sheet.append([_cell(sheet, value) for value in row])
+    with whole_file(out / WORKBOOK) as temporary:
+        workbook.save(temporary)
+    return [*(out / name for name in tables), out / WORKBOOK]
+
+
+def _cell(sheet: Worksheet, value: Any) -> Any:
+    """Give a cell of a sheet: text stays text, also where it is edited in a spreadsheet."""
+    if not isinstance(value, str):
+        return None if pd.isna(value) else value
+    text = WriteOnlyCell(sheet, ILLEGAL_CHARACTERS_RE.sub("?", value) or None)
+    text.data_type, text.quotePrefix = "s", value != uncomputed(value)
+    return text
 
 
 def _mean_curves(results: Path) -> Iterator[tuple[str, pd.DataFrame]]:
     """Average the curves of each trial over its gait cycles."""
     for name, others in CURVES.items():
-        cycles = pd.read_parquet(results / f"{name}.parquet")
+        cycles = read_parquet(results / f"{name}.parquet")
         keys = [*TRIAL, *others, "percent"]
         mean = cycles.drop(columns="cycle").groupby(keys, sort=False, dropna=False).mean()
         yield f"{name}_mean.csv", mean.reset_index()

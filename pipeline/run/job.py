@@ -15,7 +15,7 @@ from hbm.engines.engine import engine_identity
 from hbm.notes import Note
 from pipeline.config.schema import TrialName
 from pipeline.config.study import Study
-from pipeline.io.input_file import describe_error, last_written
+from pipeline.io.input_file import describe_error, last_written, read_text
 from pipeline.io.write import write_text
 from pipeline.run.program import computation_digest
 from pipeline.run.store import FORMAT_VERSION, read_trial, write_trial
@@ -310,4 +310,4 @@ def read_failures(folder: Path) -> dict[str, str]:
 
 def _reasons(path: Path) -> dict[str, str]:
     """Read reasons by trial; a ValueError where a file holds anything else."""
-    return _REASONS.validate_json(path.read_bytes())
+    return _REASONS.validate_json(read_text(path))

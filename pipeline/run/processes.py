@@ -15,12 +15,13 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from functools import cache
 from multiprocessing import resource_tracker
+from pathlib import Path
 from typing import Any, Final
 
 from joblib import Parallel
 from threadpoolctl import threadpool_limits
 
-from pipeline.io.write import remove_unfinished
+from pipeline.io.write import remove_leftovers, remove_unfinished
 
 POLL_S: Final = 0.5
 """How often a process looks whether the one that started it is still there."""
@@ -37,7 +38,9 @@ Task = tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]
 """What `joblib.delayed` makes of a call."""
 
 
-def in_processes(tasks: Iterable[Task], workers: int, *, ordered: bool = False) -> Iterator[Any]:
+def in_processes(
+    tasks: Iterable[Task], workers: int, written: Iterable[Path] = (), *, ordered: bool = False
+) -> Iterator[Any]:
     """Work on tasks in processes of their own; with one worker, in this process.
 
     Parameters
@@ -46,6 +49,8 @@ def in_processes(tasks: Iterable[Task], workers: int, *, ordered: bool = False) 
         Calls wrapped by `joblib.delayed`.
     workers
         How many at a time.
+    written
+        Folders into which they write; files that stopped processes left there are removed.
     ordered
         Whether results come in the order of the tasks; by default as tasks finish.
 
@@ -82,6 +87,8 @@ def in_processes(tasks: Iterable[Task], workers: int, *, ordered: bool = False) 
     )
     _ignore_failing_manager()  # where this process is stopped, its workers are killed
     with warnings.catch_warnings(), ExitStack() as started:
+        for folder in written:
+            started.callback(remove_leftovers, folder)
         # a process whose memory has grown is replaced; where this one is stopped, tasks are left
         warnings.filterwarnings("ignore", "A worker stopped|.* tasks", UserWarning)
         with _held(signal.SIGINT, signal.SIGTERM), _interrupts_blocked():

@@ -145,10 +145,7 @@ def trial_states(
 
 
 def _state(
-    key: TrialName,
-    trial: TrialResult | None,
-    failures: Mapping[str, str],
-    study: Study | None,
+    key: TrialName, trial: TrialResult | None, failures: Mapping[str, str], study: Study | None
 ) -> TrialState:
     """Give what became of a trial, from its result, its failure, and what was to be done."""
     identity = (trial.source.name, trial.key) if trial is not None else (None, None)

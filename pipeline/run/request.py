@@ -6,14 +6,7 @@ from typing import Annotated, Any, Final
 from pydantic import BeforeValidator, Field
 
 from hbm.spelling import short
-from pipeline.config.schema import (
-    MAX_STOP,
-    Condition,
-    Interval,
-    RecordingRules,
-    Settings,
-    Subject,
-)
+from pipeline.config.schema import MAX_STOP, Condition, Interval, RecordingRules, Settings, Subject
 from pipeline.config.toml_file import Model
 
 NO_OPTIONS: Final = frozenset({"id", "age_years", "plate_delay_s"})

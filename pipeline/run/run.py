@@ -18,7 +18,7 @@ from hbm.engines.engine import choose_engine
 from hbm.kernels.native import kernels
 from pipeline.config.schema import TrialName
 from pipeline.config.study import Study
-from pipeline.io.write import remove_leftovers, require_writable
+from pipeline.io.write import require_writable
 from pipeline.run.cluster import on_cluster
 from pipeline.run.job import (
     OTHER_PROGRAM,
@@ -230,7 +230,6 @@ def run_planned(
     folders = [out, *(variant_folder(out, variant) for variant in study.variants)]
     for folder in folders:
         require_writable(folder / "trials")
-        remove_leftovers(folder / "trials")
     record_run(out, study.folder)
     kernels(announce)
     trials = [str(name) for name, trial in study.trials.items() if trial.exclude is None]
@@ -293,7 +292,8 @@ def work_on(
     left = {job.target: job for job in sorted(todo, key=lambda job: job.size, reverse=True)}
     try:
         tasks = [delayed(work)(job) for job in left.values()]
-        for outcome in in_processes(tasks, max(1, min(workers, len(tasks)))):
+        written = {j.target.parent for job in left.values() for j in (job, *job.variants.values())}
+        for outcome in in_processes(tasks, max(1, min(workers, len(tasks))), written):
             del left[outcome.job.target]
             yield outcome
     except BrokenProcessPool:

@@ -30,9 +30,9 @@ from hbm.motion import Motion
 from hbm.notes import Note
 from hbm.spatial import Array, Indices, Mask, frozen
 from hbm.spelling import short
-from pipeline.io.input_file import open_file
+from pipeline.io.input_file import NO_MEMORY, open_file, read_text
 from pipeline.io.recording import Event, Plate
-from pipeline.io.write import whole_file, write_text
+from pipeline.io.write import open_parquet, whole_file, write_text
 from pipeline.trial.residuals import AXES, reported
 from pipeline.trial.result import TrialResult
 
@@ -49,6 +49,8 @@ COMPRESSION: Final = "snappy"
 COMPRESSED: Final = ("observed.", "quality", "time_s", "event")
 """What columns begin with that compress well. Computed numbers do not, and of markers' positions a
 quarter would be saved, 9 % of a file, for half the time that it takes to write it."""
+MAX_EXPANSION: Final = 10
+"""Of a file in memory; most of its columns are not compressed at all."""
 MAX_REASON: Final = 120
 """Characters of a library's message, or of a file's name, within ours."""
 RUN: Final = "run.json"
@@ -152,7 +154,7 @@ def read_trial(path: str | Path, *, frames: bool = True) -> TrialResult:
         digested = place >= len(DIGEST_START)
         if digested and content[place : place + len(NO_DIGEST)] != _digest(content, place):
             raise _DamagedError("its bytes are not those that were written")
-        file = pq.ParquetFile(pa.BufferReader(content))
+        file = open_parquet(pa.BufferReader(content), MAX_EXPANSION * len(content))
         metadata: dict[bytes, bytes] = file.metadata.metadata or {}
     if METADATA not in metadata:
         raise ValueError(f"{short(path.name, MAX_REASON)} is not the result of a trial")
@@ -163,7 +165,7 @@ def read_trial(path: str | Path, *, frames: bool = True) -> TrialResult:
         rows = file.metadata.num_rows
         if rows != stored["frames"]:
             raise _DamagedError(f"it has {rows} frames, expected {stored['frames']}")
-        table = file.read() if frames else file.schema_arrow.empty_table()
+        table = file.read(use_threads=False) if frames else file.schema_arrow.empty_table()
         result = _result(table, stored)
         if not (result.shortage or result.span or any(map(len, result.cycles.values()))):
             raise _DamagedError("it has residuals without the gait cycles or span that they are of")
@@ -309,11 +311,7 @@ def frame_table(result: TrialResult) -> pa.Table:
         columns |= _columns(f"marker.{name}", "xyz", markers.position[:, k])
     columns |= _by_coordinate("observed", motion.observed)
     gradient = motion.gradient if motion.gradient is not None else np.full(len(motion.time), np.nan)
-    columns |= {
-        "converged": motion.converged,
-        "gradient": gradient,
-        "quality": result.quality,
-    }
+    columns |= {"converged": motion.converged, "gradient": gradient, "quality": result.quality}
     return pa.table({name: pa.array(column) for name, column in columns.items()})
 
 
@@ -329,7 +327,8 @@ def _frames(table: pa.Table, engine: EngineUsed) -> dict[str, Any]:
         return tuple(n[len(prefix) : len(n) - len(last)] for n in columns)
 
     time, names = table.column("time_s").to_numpy(), named("marker.", ".x")
-    position = [read(f"marker.{name}", "xyz") for name in names]
+    places = [read(f"marker.{name}", "xyz") for name in names]
+    position = np.stack(places, axis=1) if places else np.empty((len(time), 0, 3))
     in_motion = named("marker_error.")
     motion = Motion(
         time=time,
@@ -350,11 +349,7 @@ def _frames(table: pa.Table, engine: EngineUsed) -> dict[str, Any]:
         ground[name] = {foot: read(f"ground.{name}.{foot}", WRENCH) for foot in feet}
     pose = read("platform", POSE) if named("platform.") else None
     return {
-        "markers": Markers(
-            time,
-            names,
-            frozen(np.stack(position, axis=1) if position else np.empty((len(time), 0, 3))),
-        ),
+        "markers": Markers(time, names, frozen(position)),
         "motion": motion,
         "variants": variants,
         "ground": ground,
@@ -404,10 +399,12 @@ def _readable(path: Path) -> Iterator[None]:
     name, again = short(path.name, MAX_REASON), "'hbm run' makes it again; otherwise delete it"
     try:
         yield
+    except MemoryError as error:
+        raise ValueError(f"{name}: {NO_MEMORY}") from error
     except (OSError, *DAMAGED) as error:
         if isinstance(error, OSError) and error.errno is not None:
             # the file cannot be opened; without a number, it cannot be decompressed
-            raise OSError(error.errno, os.strerror(error.errno), str(path)) from error
+            raise OSError(error.errno, error.strerror, str(path)) from error
         text = f"no {error.args[0]}" if isinstance(error, KeyError) else str(error)
         reason = short(" ".join(text.split()), MAX_REASON)
         raise ValueError(f"{name} is damaged: {reason}; {again}") from error
@@ -426,8 +423,7 @@ def record_run(folder: Path, study: Path, bytes_per_s: float | None = None) -> N
     except ValueError:
         where = str(study.resolve())
     speed = bytes_per_s or recorded_speed(folder)
-    text = json.dumps({"study": where, "bytes_per_s": speed}, ensure_ascii=False)
-    write_text(text, folder / RUN)
+    write_text(json.dumps({"study": where, "bytes_per_s": speed}), folder / RUN)
 
 
 def recorded_study_folder(folder: Path) -> Path | None:
@@ -445,6 +441,6 @@ def recorded_speed(folder: Path) -> float | None:
 def _recorded(folder: Path) -> dict[str, object]:
     """Give what `record_run` noted; empty where that is damaged or not there."""
     try:
-        return dict(json.loads((folder / RUN).read_text(encoding="utf-8")))
+        return dict(json.loads(read_text(folder / RUN)))
     except (OSError, ValueError, TypeError, RecursionError):
         return {}

@@ -1,6 +1,7 @@
 """Rerun recordings: filled column by column, then written whole or not at all."""
 
 import hashlib
+import os
 import re
 import unicodedata
 from collections.abc import Callable, Iterator, Mapping
@@ -41,7 +42,7 @@ def recording_file(
     viewers may see hashed, is a pseudonym of title and place.
     """
     rr.set_strict_mode(True)
-    pseudonym = hashlib.sha256(f"{title} {path.resolve()}".encode()).hexdigest()[:16]
+    pseudonym = hashlib.sha256(os.fsencode(f"{title} {path.resolve()}")).hexdigest()[:16]
     stream = rr.RecordingStream(application, recording_id=pseudonym, send_properties=False)
     memory = stream.memory_recording()
     try:

@@ -17,6 +17,7 @@ from pipeline.explain.budget import Bands
 from pipeline.explain.shares import NORMAL_95
 from pipeline.figures.joints import LEG
 from pipeline.figures.residuals import residual_figure
+from pipeline.figures.style import in_style
 from pipeline.io.write import markdown
 from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.residuals import (
@@ -163,7 +164,8 @@ def write_recording(
         log_text(stream, "legend", LEGEND)
         if has_cycles:
             picture = BytesIO()
-            residual_figure(result).savefig(picture, format="png", dpi=150)
+            with in_style():
+                residual_figure(result).savefig(picture, format="png", dpi=150)
             image = rr.EncodedImage(contents=picture.getvalue(), media_type="image/png")
             stream.log("gait_cycle", image, static=True)
 

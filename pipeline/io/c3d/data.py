@@ -21,6 +21,7 @@ from pipeline.io.c3d.parameters import (
     parse_parameters,
 )
 from pipeline.io.input_file import open_file
+from pipeline.io.stated import without_impossible
 
 MAX_COUNT: Final = 65535
 """Of a 16-bit number: frame counts stop there or start over."""
@@ -370,6 +371,8 @@ class Samples:
         Sampling rates [Hz].
     corrections
         What the file states wrongly or not at all about rates, offsets and scales.
+    impossible
+        How many samples of each channel cannot have been measured; they are NaN.
     """
 
     points: NDArray[np.float64]
@@ -377,6 +380,7 @@ class Samples:
     rate_hz: float
     analog_rate_hz: float
     corrections: list[str]
+    impossible: NDArray[np.int_]
 
 
 def read_samples(header: Header, max_frames: int | None = None) -> Samples:
@@ -422,6 +426,7 @@ def read_samples(header: Header, max_frames: int | None = None) -> Samples:
     points = np.moveaxis(np.empty((n_points, 3, frames)), -1, 0)
     analog = np.empty((channels, frames, per_frame))
     offset, scale = offset[:, None, None], scale[:, None, None]
+    impossible = np.zeros(channels, int)
     with header.path.open("rb") as file, np.errstate(invalid="ignore", over="ignore"):
         file.seek(header.data_start)
         for start in range(0, frames, FRAMES_PER_SLICE):
@@ -434,13 +439,14 @@ def read_samples(header: Header, max_frames: int | None = None) -> Samples:
             values[:] = np.moveaxis(raw_analog, -1, 0)
             values -= offset
             values *= scale
-            values[~np.isfinite(values)] = np.nan
+            impossible += without_impossible(values)
     return Samples(
         points,
         analog.reshape(channels, frames * per_frame).T,
         rate,
         rate * per_frame,
         [*rate_corrections, *scale_corrections],
+        impossible,
     )
 
 
@@ -537,9 +543,7 @@ def is_unsigned(header: Header) -> bool:
     return header.parameters.text("ANALOG", "FORMAT").upper() == "UNSIGNED"
 
 
-def analog_scaling(
-    header: Header,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], list[str]]:
+def analog_scaling(header: Header) -> tuple[NDArray[np.float64], NDArray[np.float64], list[str]]:
     """Give offset and scale of each channel: value = (sample − offset) · scale, (channels,) each.
 
     An absent ANALOG:OFFSET is taken as 0, an absent ANALOG:SCALE as 1 where samples are real and

@@ -3,7 +3,7 @@
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, overload
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -125,11 +125,7 @@ class Parameters:
         with np.errstate(invalid="ignore"):
             return np.concatenate(parts, axis=-1).astype(float)
 
-    @overload
-    def number(self, group: str, name: str) -> float | None: ...
-    @overload
-    def number(self, group: str, name: str, default: float) -> float: ...
-    def number(self, group: str, name: str, default: float | None = None) -> float | None:
+    def number(self, group: str, name: str, default: float) -> float:
         """Give the first number of a parameter, or the default where it is absent."""
         return next(map(float, self.numbers(group, name).flat), default)
 

@@ -16,13 +16,7 @@ from hbm.notes import Note
 from hbm.spatial import Array, frozen
 from hbm.spelling import short
 from pipeline.io.axes import mean_force, parse_axes, settle_axes
-from pipeline.io.c3d.data import (
-    Header,
-    correction,
-    missing_share,
-    read_header,
-    read_samples,
-)
+from pipeline.io.c3d.data import Header, correction, missing_share, read_header, read_samples
 from pipeline.io.c3d.force_plates import PlateLayout, plate_layouts
 from pipeline.io.c3d.parameters import Parameters, Value
 from pipeline.io.input_file import naming
@@ -37,7 +31,7 @@ from pipeline.io.recording import (
     Preview,
     Recording,
 )
-from pipeline.io.stated import Stated, as_stated
+from pipeline.io.stated import Stated, as_stated, impossible_samples
 
 KINDS: Final = {
     **dict.fromkeys(
@@ -252,7 +246,8 @@ def read_compensation(parameters: Parameters) -> Compensation | None:
             f"{', '.join(get_args(PlateFrame))}; another version of this program wrote it"
         )
     plates = tuple(parameters.integers(GROUP, "PLATES").ravel().tolist())
-    return Compensation(**texts, plates=plates, cutoff_hz=parameters.number(GROUP, "CUTOFF_HZ"))
+    cutoff_hz = next(map(float, parameters.numbers(GROUP, "CUTOFF_HZ").flat), None)
+    return Compensation(**texts, plates=plates, cutoff_hz=cutoff_hz)
 
 
 def read_c3d(
@@ -321,7 +316,8 @@ def read_c3d_file(path: Path, stated: Stated, max_frames: int | None = None) -> 
     position = samples.points[:, list(labels.markers.values())]
     if labels.markers:
         position *= stated.metre(unit)
-    stated.check_span(position, unit)
+    notes = stated.check_positions(position, [*labels.markers], unit)
+    notes += impossible_samples([name for name, _ in channels], samples.impossible)
     try:
         layouts, plate_notes = plate_layouts(header, stated)
     except ValueError as error:
@@ -376,6 +372,7 @@ def read_c3d_file(path: Path, stated: Stated, max_frames: int | None = None) -> 
         stated=stated,
         notes=(
             *axes_notes,
+            *notes,
             *([Note.of("c3d_corrected", corrections=corrections)] if corrections else ()),
             *stated.unit_notes([unit], written),
             *labels.notes,

@@ -38,7 +38,7 @@ from pipeline.io.c3d.second_reader import SecondReading, check_rewritten
 from pipeline.io.input_file import naming
 from pipeline.io.recording import Compensation
 from pipeline.io.stated import Stated
-from pipeline.io.write import remove_leftovers, whole_file
+from pipeline.io.write import whole_file
 
 MAX_REAL: Final = float(np.finfo(np.float32).max)
 MAX_DEC: Final = MAX_REAL / 4
@@ -205,7 +205,6 @@ def rewrite_plates(
             raise ValueError(f"its plates are compensated already, by {before.software}")
         samples = _plate_samples(header, stated)
         parameter_start = (header.parameter_block - 1) * BLOCK_BYTES
-        remove_leftovers(target.parent)
         with whole_file(target) as temporary:
             with original.open("rb") as source, temporary.open("wb") as copy:
                 head = source.read(parameter_start)

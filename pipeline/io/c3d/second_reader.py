@@ -21,16 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbm.spelling import short
-from pipeline.io.c3d.data import (
-    DATA_STARTS,
-    MAX_COUNT,
-    Header,
-    Samples,
-    read_header,
-    read_samples,
-)
+from pipeline.io.c3d.data import DATA_STARTS, MAX_COUNT, Header, Samples, read_header, read_samples
 from pipeline.io.c3d.parameters import BLOCK_BYTES
 from pipeline.io.input_file import naming
+from pipeline.io.units import MAX_VALUE
 
 PROGRAM: Final = Path(__file__).with_name("ezc3d_arrays.py")
 COMPARED: Final = (
@@ -232,7 +226,7 @@ def _differences(header: Header, samples: Samples, second: Arrays) -> list[str]:
     labels = parameters.texts("POINT", "LABELS")
     found += _different_samples("marker", labels, _seen(samples.points), _seen(seen), header)
     names = [name for name, _ in header.channels]
-    analog = np.where(np.isfinite(analog), analog, np.nan)
+    analog = np.where(np.abs(analog) <= MAX_VALUE, analog, np.nan)
     unlike = _different_samples("channel", names, samples.analog, analog, header)
     if unlike and not found and (parameters.numbers("ANALOG", "OFFSET") < 0).any():
         raise _Refused("it takes ANALOG:OFFSET without its sign")
@@ -258,11 +252,7 @@ def _seen(points: NDArray[np.floating]) -> NDArray[np.floating]:
 
 
 def _different_samples(
-    kind: str,
-    names: Sequence[str],
-    first: NDArray[Any],
-    second: NDArray[Any],
-    header: Header,
+    kind: str, names: Sequence[str], first: NDArray[Any], second: NDArray[Any], header: Header
 ) -> list[str]:
     """Name each marker, (T, M, 3), or channel, (N, M), that differs: first frame, both values."""
     if not first.shape[1]:

@@ -12,7 +12,7 @@ from hbm.spatial import Array, shift_wrench
 from pipeline.config.toml_file import SIMULATED
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Recording
-from pipeline.io.write import remove_leftovers, whole_file, write_csv, write_text
+from pipeline.io.write import whole_file, write_csv, write_text
 from pipeline.run.processes import in_processes
 from pipeline.virtual_lab.machine.instrumented_treadmill import (
     PITCH_CHANNEL,
@@ -288,8 +288,6 @@ def simulate_study(
     for name, text in study_texts(setting).items():
         if name in wanted:
             write_text(text, folder / name)
-    remove_leftovers(folder)
-    remove_leftovers((folder / SIMULATED).parent)
 
     tasks = [
         delayed(_write_calibration)(folder, setting, name)
@@ -302,7 +300,8 @@ def simulate_study(
         for condition in sorted(protocol.conditions, key=protocol.duration, reverse=True)
         if not wanted.isdisjoint(trial_names(PERSONS[number], condition))
     ]
-    for done, name in enumerate(in_processes(tasks, jobs), start=1):
+    written = folder, (folder / SIMULATED).parent
+    for done, name in enumerate(in_processes(tasks, jobs, written), start=1):
         if progress is not None:
             progress(name, done, len(tasks))
     return folder

@@ -1,8 +1,10 @@
 """Standard output of any encoding and width, closed, full, or no longer read."""
 
 import os
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -69,6 +71,51 @@ def started(program, *arguments, changed=None, **options):
 
 
 HBM = ("-m", "pipeline.cli")
+
+
+@pytest.mark.parametrize("name", ["歩行_1.c3d", '=1+1, "a".c3d', "ʻŌlelo 01 – é.c3d"])
+def test_every_name_in_utf_8_works_without_a_warning(name, trial, tmp_path):
+    path = shutil.copy(trial, tmp_path / name)
+    done = started(
+        HBM, "residuals", path, "--mass-kg", "74.6", "--out", tmp_path / "out", "--quiet"
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert len(list((tmp_path / "out").iterdir())) == 6
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names of files are bytes on Linux alone")
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [(b"caf\xe9.c3d", b"not UTF-8"), (b"a\x01b.c3d", b"a control character"),
+     (b"a\nb.c3d", b"a control character")],
+)  # fmt: skip
+@pytest.mark.parametrize("command", ["residuals", "export", "init", "run"])
+def test_other_names_are_refused_before_anything_is_computed(
+    command, name, reason, trial, tmp_path
+):
+    path = os.path.join(os.fsencode(tmp_path), name)  # noqa: PTH118
+    shutil.copy(os.fsencode(trial), path)
+    command = [*HBM, command, path, "--out" if command != "init" else "--quiet", tmp_path / "out"]
+    done = subprocess.run([sys.executable, *command], capture_output=True, timeout=300)
+    assert done.returncode == 2
+    assert reason in done.stderr
+    assert done.stderr.count(b"\n") == 1
+    assert not (tmp_path / "out").exists()
+    listed = subprocess.run([sys.executable, *HBM, "init", tmp_path], capture_output=True)
+    assert b"not used: " in listed.stdout
+    assert reason in listed.stdout
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names of files are bytes on Linux alone")
+def test_a_study_works_within_a_folder_whose_name_is_not_utf_8(study, tmp_path):
+    folder = os.path.join(os.fsencode(tmp_path), b"\xe9tude")  # noqa: PTH118
+    shutil.copytree(os.fsencode(study), folder)
+    for words in (["run", "."], ["report"], ["view", "--save", "a.rrd"]):
+        done = subprocess.run(
+            [sys.executable, *HBM, *words], cwd=folder, capture_output=True, timeout=300,
+            env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[3])},
+        )  # fmt: skip
+        assert (done.returncode, done.stderr) == (0, b"")
 
 
 @pytest.mark.parametrize(

@@ -66,6 +66,79 @@ def test_quiet_prints_nothing_and_errors_are_still_printed(standing, tmp_path, c
     assert capsys.readouterr().err.startswith("hbm: error: absent.c3d")
 
 
+@pytest.mark.parametrize(
+    ("words", "code", "file"),
+    [
+        ("residuals absent.c3d", "input", "absent.c3d"),
+        ("explain absent.c3d", "input", "absent.c3d"),
+        ("run absent", "input", None),
+        ("check absent", "input", None),
+        ("plates absent", "input", None),
+        ("calibration fit absent.c3d -o lab.json", "input", "absent.c3d"),
+        ("calibration check absent.json absent.c3d", "input", "absent.json"),
+        ("calibration rank absent", "input", None),
+        ("residuals", "usage", None),
+        ("residuals absent.c3d --cutof-hz 6", "usage", None),
+        ("report absent", "usage", None),  # it has no --json
+        ("residuals absent.c3d --quiet", "input", None),
+        ("nonsense", "usage", None),
+    ],
+)
+def test_what_ends_a_command_is_one_object_too(words, code, file, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    if "absent.json" in words:
+        Path("absent.json").write_text("{}", encoding="utf-8")
+    assert main([*words.split(), "--json"]) == 2
+    out, err = capsys.readouterr()
+    found = json.loads(out, parse_constant=only_numbers)
+    error = found["error"]
+    assert (error["code"], error["file"]) == (code, file)
+    assert error["text"] in err
+    assert error["advice"]
+    of_study = words.split()[0] in ("run", "check", "plates")
+    assert found.get("faults") == ([error["text"]] if of_study else None)
+
+
+def test_a_fault_of_the_program_is_an_object_too(standing, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("pipeline.run.one_trial.process_recording", lambda *_, **__: 1 / 0)
+    assert main(["residuals", str(standing), "--out", str(tmp_path), "--json"]) == 2
+    assert json.loads(capsys.readouterr().out)["error"]["code"] == "program"
+
+
+def test_faults_that_a_check_finds_are_listed_beside_the_error(tmp_path, capsys):
+    (tmp_path / "study.toml").write_text("[conditions.level]\n", encoding="utf-8")
+    person = 'id = "a"\n[trials.level]\nfile = "a.c3d"\n'
+    (tmp_path / "a.toml").write_text(person, encoding="utf-8")
+    (tmp_path / "a.c3d").write_text("no recording", encoding="utf-8")
+    assert main(["check", str(tmp_path), "--json"]) == 2
+    out, err = capsys.readouterr()
+    found = json.loads(out)
+    assert "not a C3D file" in found["error"]["text"]
+    assert found["faults"] == [found["error"]["text"]]
+    assert (found["trials"], err) == (1, f"hbm: error: {found['faults'][0]}\n")
+
+
+def test_quiet_is_silent_but_for_what_fails(tmp_path, capsys):
+    (tmp_path / "study.toml").write_text("[conditions.level]\n", encoding="utf-8")
+    person = 'id = "a"\n[trials.level]\nfile = "a.c3d"\n'
+    (tmp_path / "a.toml").write_text(person, encoding="utf-8")
+    (tmp_path / "a.c3d").write_text("no recording", encoding="utf-8")
+    for words, code in ((["check"], 2), (["run", "--out", str(tmp_path / "out")], 1)):
+        assert main([*words, str(tmp_path), "--quiet"]) == code
+        out, err = capsys.readouterr()
+        assert (out, err.count("\n")) == ("", 1)
+        assert "not a C3D file" in err
+
+
+def test_a_trial_without_residuals_is_one_object_with_its_numbers_and_the_error(tmp_path, capsys):
+    path, half = tmp_path / "empty.c3d", np.zeros(1000)
+    write_c3d(path, synthetic_t_pose(), [plate(1, half), plate(2, half)])
+    words = ("residuals", path, "--mass-kg", "70", "--out", tmp_path, "--json")
+    found = json.loads(printed(capsys, *words, code=2))
+    assert found["mass_kg"] == 70
+    assert "there are no residuals" in found["error"]["text"]
+
+
 def test_verbose_prints_how_a_result_was_made(standing, tmp_path, capsys):
     words = ("residuals", standing, "--mass-kg", "74.6", "--out", tmp_path)
     short, long = printed(capsys, *words), printed(capsys, *words, "--verbose")

@@ -29,6 +29,19 @@ def test_a_folder_of_recordings_is_no_study_and_begins_with_one(folder):
     assert found.commands[0] == f"hbm init {folder}"
 
 
+def test_what_a_killed_process_left_is_no_recording(folder, tmp_path, capsys):
+    """Neither for a look at the folder, nor for a new study, nor where it is named."""
+    shutil.copy(folder / "standing.c3d", tmp_path / "walk.c3d")
+    part = tmp_path / ".walk.c3d.deadbeef.part"
+    shutil.copy(folder / "standing.c3d", part)
+    assert recognise(tmp_path).what == "a folder with 1 recording and no study"
+    assert main(["residuals", str(part)]) == 2
+    assert "whose writing was stopped" in capsys.readouterr().err
+    assert main(["init", str(tmp_path)]) == 0
+    assert "deadbeef" not in capsys.readouterr().out
+    assert "deadbeef" not in (tmp_path / "sub01.toml").read_text(encoding="utf-8")
+
+
 def test_a_study_its_calibration_and_its_settings_are_recognised(moving_study):
     found = recognise(moving_study)
     assert found.what.startswith("a study with 2 subject files")

@@ -136,6 +136,21 @@ def test_two_trials_with_the_same_result_file_are_refused(write):
     assert "would both be called" in only_fault_of(write(study, one=one, other=other))
 
 
+@pytest.mark.parametrize(
+    ("more", "name", "fault"),
+    [
+        ("[variants.a]\nhip = 'bell'\n[variants.A]\ncutoff_hz = 8.0", "sub02", "variant A"),
+        ("[conditions.Walk]", "sub02", "condition Walk"),
+        ("", "SUB01", "subject SUB01"),
+    ],
+)
+def test_names_that_differ_by_upper_and_lower_case_alone_are_refused(write, more, name, fault):
+    """On Windows and macOS one would replace the results of the other."""
+    study = f"{PLAIN}[conditions.run]\n{more}\n"
+    other = f'id = "{name}"\n[trials.run]\nfile = "walk.c3d"\n'
+    assert f"{fault}: files of results cannot" in only_fault_of(write(study, a=PERSON, b=other))
+
+
 def test_a_file_in_another_encoding_is_refused(write):
     folder = write()
     (folder / "sub01.toml").write_bytes(PERSON.encode("utf-16"))

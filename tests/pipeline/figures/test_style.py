@@ -33,6 +33,13 @@ def test_equal_figures_give_equal_files(tmp_path):
         assert a.read_bytes() == b.read_bytes()
 
 
+def test_letters_that_no_font_has_are_in_the_svg_and_nothing_is_said(tmp_path):
+    drawn = figure()
+    drawn.axes[0].set_title("\U000103a0 歩行")  # Old Persian, which fonts lack
+    save_figure(drawn, tmp_path / "letters")  # warnings are errors
+    assert "\U000103a0 歩行" in (tmp_path / "letters.svg").read_text(encoding="utf-8")
+
+
 def test_a_dollar_sign_is_text_and_not_a_formula(tmp_path):
     save_figure(figure(), tmp_path / "dollar")
     assert "$\\frac" in (tmp_path / "dollar.svg").read_text(encoding="utf-8")

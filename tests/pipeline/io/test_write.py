@@ -1,16 +1,28 @@
 """Files that are written whole or not at all, whatever stops the writing."""
 
 import os
+import signal
 import stat
 import subprocess
 import sys
 import time
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
+import pandas as pd
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from pipeline.cli.app import main
-from pipeline.io.write import remove_leftovers, require_writable, whole_file
+from pipeline.io.write import (
+    HOST,
+    read_csv,
+    remove_leftovers,
+    require_writable,
+    whole_file,
+    write_csv,
+)
 
 PIPELINE = Path(__file__).resolve().parents[3] / "pipeline"
 LIMITED = """
@@ -44,22 +56,51 @@ def test_a_file_is_never_seen_half_written(tmp_path):
     assert path.read_text() == "half"
 
 
-def test_what_a_killed_run_left_is_removed_but_not_what_another_writes_now(tmp_path):
-    with whole_file(tmp_path / "a.parquet") as running:
-        dead = tmp_path / ".a.parquet.deadbeef.part"
-        dead.write_text("half")
-        two_hours_ago = time.time() - 7200
-        os.utime(dead, (two_hours_ago, two_hours_ago))
-        others = [
-            tmp_path / name for name in (".a.parquet.notes", ".hidden.part", "b.csv.deadbeef.part")
-        ]
-        for other in others:
-            other.touch()
-            os.utime(other, (two_hours_ago, two_hours_ago))
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from pipeline.io.write import whole_file
+with whole_file(Path(sys.argv[1])) as temporary:
+    temporary.write_text("half")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals")
+def test_what_a_killed_process_left_is_removed_by_the_next_writer_but_not_what_another_writes(
+    tmp_path,
+):
+    command = [sys.executable, "-c", KILLED, tmp_path / "a.csv"]
+    assert subprocess.run(command, cwd=PIPELINE.parent).returncode == -signal.SIGKILL
+    (left,) = tmp_path.iterdir()
+    foreign = f".a.csv.{(int(HOST, 16) + 1) % 65536:04x}"  # of another machine on a shared disk
+    names = (".a.csv.notes", ".hidden.part", "b.csv.deadbeef.part", f"{foreign}beef.part")
+    others = [tmp_path / name for name in names]
+    old = tmp_path / f"{foreign}dead.part"
+    for other in (*others, old):
+        other.touch()
+    os.utime(old, (time.time() - 7200,) * 2)
+    with whole_file(tmp_path / "a.csv") as running:
         remove_leftovers(tmp_path)
-        assert running.exists()
-        assert not dead.exists()
-        assert all(other.exists() for other in others)
+        running.write_text("whole")
+        assert not left.exists()
+        assert not old.exists()
+    assert (tmp_path / "a.csv").read_text() == "whole"
+    assert all(other.exists() for other in others)
+
+
+@given(st.lists(st.text(st.characters(exclude_categories=["Cs", "Cc"])), min_size=1))
+@example(["01", "1e5", "NA", "null", "None", "TRUE", "2024-05-03", "nan", "-3.2", "", "'=x", "''"])
+@example(["=1+1", "+1", "-x", "@x", "\tx", "\rx", "\nx", 'a,"b"', "-", "="])
+def test_text_comes_back_from_a_table_as_text_and_no_spreadsheet_computes_it(texts):
+    with TemporaryDirectory() as folder:
+        path = Path(folder, "table.csv")
+        table = pd.DataFrame({"=name": texts, "value": -3.25, "valid": True})
+        write_csv(table, path)
+        pd.testing.assert_frame_equal(read_csv(path), table, check_dtype=False)
+        cells = pd.read_csv(path, dtype=str, keep_default_na=False).drop(columns="value")
+        shown = [*cells, *cells.to_numpy().ravel()]
+        assert not [text for text in shown if text.startswith(("=", "+", "-", "@", "\t", "\r"))]
 
 
 def test_a_folder_that_cannot_be_written_to_is_refused_before_the_work(tmp_path):

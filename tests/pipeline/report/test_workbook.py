@@ -1,13 +1,20 @@
 """Tables for other programs: the same numbers in a workbook and with a row per subject."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
+from openpyxl import load_workbook
 
 from pipeline.cli.app import main
+from pipeline.io.write import read_csv
 from pipeline.report import write as report
+from pipeline.report.columns import described
+from pipeline.report.workbook import write_workbook
 from pipeline.report.write import write_report
-from tests.pipeline.fake_results import write_fake_results
+from pipeline.run.store import write_trial
+from tests.pipeline.fake_results import fake_trial, write_fake_results
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +45,54 @@ def test_the_workbook_holds_every_table(exported):
         )
 
 
+NAMES = {
+    **{"01": "NA", "NA": "null", "1e5": "=1+1", "null": "-3.2", "None": "NA"},
+    **{"TRUE": "null", "2024-05-03": "=1+1", "1": "-3.2"},
+}
+"""Subjects and their groups."""
+CONDITIONS = ("baseline", "1e5", "NA")
+
+
+def test_every_name_stays_as_it_is_in_csv_and_workbook(tmp_path, monkeypatch):
+    """Also those that spreadsheets and pandas take for numbers, dates, gaps or formulas."""
+    study, folder = tmp_path / "study", tmp_path / "results"
+    study.mkdir()
+    conditions = "".join(f'[conditions."{name}"]\n' for name in CONDITIONS)
+    (study / "study.toml").write_text(f'{conditions}[comparison]\ngroup = "group"\n')
+    for number, (name, group) in enumerate(NAMES.items(), start=1):
+        about = f'id = "{name}"\ngroup = "{group}"\nsex = "male"\n'
+        (study / f"{number}.toml").write_text(
+            about + "".join(f'[trials."{c}"]\nfile = "{c}.c3d"\n' for c in CONDITIONS)
+        )
+        for condition in CONDITIONS:
+            trial = fake_trial(number, condition, 3, compensated=False)
+            person = trial.subject.model_copy(update={"id": name})
+            write_trial(
+                replace(trial, subject=person, condition=condition),
+                folder / "trials" / f"{name}_{condition}.parquet",
+            )
+    for figures in ("study_figures", "joint_figures"):
+        monkeypatch.setattr(report, figures, lambda *args: iter(()))
+    write_report(folder, study)
+    write_workbook(folder, tmp_path / "tables")
+    book = load_workbook(tmp_path / "tables" / "study.xlsx")
+    assert not [c for sheet in book for row in sheet for c in row if c.data_type == "f"]
+    for file, column, expected in (
+        ("residuals", "subject", set(NAMES)),
+        ("residuals", "condition", set(CONDITIONS)),
+        ("residuals_wide", "group", set(NAMES.values())),
+        ("cycles_mean", "subject", set(NAMES)),
+        ("table_3", "condition", set(CONDITIONS)),
+    ):
+        heads, *rows = book[file].iter_rows(values_only=True)
+        assert {row[heads.index(column)] for row in rows} == expected
+        path = tmp_path / "tables" / f"{file}.csv"
+        assert set(read_csv(path)[column]) == expected
+        as_documented = {"dtype": {column: str}, "keep_default_na": False, "na_values": [""]}
+        texts = pd.read_csv(path, **as_documented)[column]
+        assert set(texts.str.removeprefix("'")) == expected
+
+
 def test_every_column_of_every_table_has_a_meaning(exported):
     columns = pd.read_csv(exported / "columns.csv")
     assert columns["meaning"].notna().all()
@@ -45,6 +100,7 @@ def test_every_column_of_every_table_has_a_meaning(exported):
         if path.name != "columns.csv":
             own = columns.loc[columns["file"] == path.name, "column"]
             assert own.tolist() == pd.read_csv(path, nrows=0).columns.tolist()
+    assert described("statistics.csv", "axis") == described("residuals.csv", "axis")
 
 
 def test_a_row_per_subject_has_the_residual_of_each_cell(results):

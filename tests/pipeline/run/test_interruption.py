@@ -14,6 +14,7 @@ import pytest
 
 from pipeline.cli.app import main
 from tests.campaign.kills import environment, kills, undisturbed
+from tests.pipeline.fake_results import write_fake_results
 
 needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="lists processes")
 
@@ -119,6 +120,51 @@ def test_a_stopped_run_says_how_to_go_on_and_leaves_no_process(
     )
     wait_until(lambda: not members(running.pid), 10.0)
     assert json.loads((tmp_path / "failures.json").read_text("utf-8")) == {}
+    assert not list(tmp_path.rglob("*.part"))
+
+
+STOPPED_AS_IT_WRITES = """
+import os, signal, sys, time
+from pathlib import Path
+from pipeline.cli.app import main
+number, suffix, *words = sys.argv[1:]
+replace = Path.replace
+def stop(self, target):
+    if str(target).endswith(suffix):
+        os.kill(os.getpid(), int(number))
+        time.sleep(5.0)
+    return replace(self, target)
+Path.replace = stop
+signal.signal(signal.SIGINT, signal.default_int_handler)
+sys.exit(main(words))
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize(
+    ("words", "suffix"),
+    [
+        ("residuals {study}/sub01_sway.c3d --out {out} --json", ".svg"),
+        ("report {out}", ".png"),
+        ("export {study} --format c3d --out {out}", ".c3d"),
+    ],
+)
+def test_any_command_that_is_stopped_says_so_and_leaves_no_half_written_file(
+    moving_study, tmp_path, words, suffix, number
+):
+    out = write_fake_results(tmp_path / "out", subjects=2, cycles=3)
+    words = words.format(study=moving_study, out=out).split()
+    done = subprocess.run(
+        [sys.executable, "-c", STOPPED_AS_IT_WRITES, str(int(number)), suffix, *words],
+        capture_output=True, text=True, timeout=300,
+    )  # fmt: skip
+    code, word = {signal.SIGTERM: (143, "terminated"), signal.SIGINT: (130, "interrupted")}[number]
+    sentence = f"{word}: no file is half-written; the same command begins again"
+    assert (done.returncode, done.stderr) == (code, f"hbm: {sentence}\n")
+    assert not list(out.rglob("*.part"))
+    if "--json" in words:
+        error = json.loads(done.stdout)["error"]
+        assert (error["code"], error["text"]) == (word, sentence)
 
 
 @needs_proc

@@ -6,13 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from pipeline.io import write
 from pipeline.io.recording import Event, Plate
+from pipeline.io.write import read_parquet
 from pipeline.run.store import (
     DIGEST,
     FORMAT_VERSION,
@@ -35,6 +38,27 @@ def written(processed, tmp_path_factory):
     path = tmp_path_factory.mktemp("trials") / "sub01_pitch.parquet"
     write_trial(replace(processed, condition="pitch", key="a key"), path)
     return path
+
+
+def test_a_file_that_expands_to_far_more_than_its_size_is_refused_before_it_is_read(
+    written, tmp_path
+):
+    """Columns of equal values take no place in a file, whatever its pages state."""
+    path, rows = tmp_path / "bomb.parquet", 50_000
+    schema = pq.read_schema(written).remove_metadata()
+    equal = {"string": "", "bool": False}
+    columns = [pa.array([equal.get(str(kind), 0)] * rows, kind) for kind in schema.types]
+    with pq.ParquetWriter(path, schema, compression="zstd") as file:
+        file.write_table(pa.table(columns, schema=schema))
+        file.add_key_value_metadata({METADATA: b"{}"})
+    with pytest.raises(ValueError, match=r"holds \d+ MB, expected at most \d+ MB"):
+        read_trial(path, frames=False)
+    write.MAX_EXPANDED_BYTES, most = 10**6, write.MAX_EXPANDED_BYTES
+    try:
+        with pytest.raises(ValueError, match="expected at most 1 MB"):
+            read_parquet(path)
+    finally:
+        write.MAX_EXPANDED_BYTES = most
 
 
 def without_folder(result):

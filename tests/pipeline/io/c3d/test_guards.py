@@ -5,7 +5,14 @@ import struct
 import numpy as np
 import pytest
 
+from hbm.markers import Markers
+from pipeline.export.tables import write_trc
 from pipeline.io.c3d.read import read_c3d
+from pipeline.io.c3d.second_reader import compare_readers
+from pipeline.io.c3d.write import write_c3d
+from pipeline.io.read import read_recording
+from pipeline.io.recording import Analog
+from tests.synthetic import synthetic_t_pose
 
 ezc3d = pytest.importorskip("ezc3d", reason="ezc3d has no wheel for this system")
 
@@ -27,11 +34,36 @@ def test_broken_sample_files_are_refused_in_one_line(shared_data, name, refusal)
         read_c3d(shared_data / "c3d_samples" / name)
 
 
+@pytest.mark.parametrize("suffix", [".c3d", ".trc"])
+def test_positions_and_samples_that_no_laboratory_has_are_gaps_with_a_note(tmp_path, suffix):
+    person, path = synthetic_t_pose(), tmp_path / f"still{suffix}"
+    position = person.position.copy()
+    position[20:25, 3, 0] = 60.0
+    markers = Markers(person.time, person.names, position)
+    samples = np.zeros((1000, 2))
+    samples[:7] = 1e38, -np.inf
+    analog = Analog(np.arange(1000) / 1000, ("A", "B"), ("V", "V"), samples)
+    counts = {person.names[3]: 5}
+    if suffix == ".c3d":
+        write_c3d(path, markers, analog=analog)
+        counts |= {"A": 7, "B": 7}
+    else:
+        write_trc(markers, path)
+    read = read_recording(path, "left,back,up" if suffix == ".c3d" else AXES)
+    assert not np.isfinite(read.markers.position[20:25, 3]).any()
+    assert np.isfinite(np.delete(read.markers.position, 3, axis=1)).all()
+    noted = [n.values["of_channel"] for n in read.notes if n.code == "impossible_samples"]
+    assert {name: count for of_channel in noted for name, count in of_channel.items()} == counts
+    if suffix == ".c3d":
+        assert np.isnan(read.analog.values[:7]).all()
+        assert compare_readers(path).disagreements == ()
+
+
 @pytest.mark.parametrize("n_frames", [65535, 70000])
 @pytest.mark.parametrize("counted_by", ["started_over", "saturated", "trial", "long_frames"])
 def test_no_frame_is_lost_where_16_bits_cannot_count_them(raw_c3d, n_frames, counted_by):
     points = np.zeros((n_frames, 2, 4))
-    points[..., 0] = np.arange(n_frames)[:, None]
+    points[..., 0] = np.arange(n_frames)[:, None] / 2
     points[:, 1, 2] = 1500
     extra = {
         "started_over": {},
@@ -52,7 +84,7 @@ def test_no_frame_is_lost_where_16_bits_cannot_count_them(raw_c3d, n_frames, cou
         path.write_bytes(content)
     position = read_c3d(path, AXES).markers.position
     assert len(position) == n_frames
-    assert position[-1, 0, 0] == pytest.approx((n_frames - 1) / 1000)
+    assert position[-1, 0, 0] == pytest.approx((n_frames - 1) / 2000)
 
 
 @pytest.mark.parametrize(
