@@ -13,6 +13,7 @@ from scipy import stats
 from pipeline.config.comparison import study_design
 from pipeline.config.study import read_study
 from pipeline.report import write
+from pipeline.report.curves import subject_means
 from pipeline.report.joints import compensation_tables, joint_figures, subject_values
 from pipeline.report.write import write_report
 from pipeline.statistics.design import unstated_design
@@ -91,6 +92,21 @@ def test_values_of_sides_and_recordings_are_averaged_by_cycles_or_each_equal():
     assert subject_values(table, "recording")["value"].tolist() == [1.5, 1.5]
 
 
+def test_both_sides_count_alike_however_many_cycles_they_have():
+    left = peaks([(1.0, 1.0)], cycles=1).query("side == 'left'")
+    table = pd.concat([left, peaks([(3.0, 3.0)], cycles=9).query("side == 'right'")])
+    for weigh in ("cycle", "recording"):
+        assert subject_values(table, weigh)["value"].tolist() == [2.0, 2.0]
+
+
+@pytest.mark.parametrize(("weigh", "expected"), [("cycle", 1.75), ("recording", 1.5)])
+def test_mean_curves_weigh_cycles_or_recordings_as_the_study_says(weigh, expected):
+    cycles = pd.DataFrame({"recording": ["01", "02", "02", "02"], "side": "left"})
+    cycles = cycles.assign(subject="s1", condition="walk", compensated=False, percent=0)
+    cycles["hip"] = cycles["recording"].astype(int).astype(float)
+    assert subject_means(cycles, ["hip"], weigh, of_sides=True)["hip"].tolist() == [expected]
+
+
 @pytest.fixture(scope="module")
 def reported(moving_study, finished, tmp_path_factory):
     """The report of two simulated people, without its figures."""
@@ -113,6 +129,7 @@ def test_every_column_of_every_table_is_in_the_data_dictionary(reported):
         for column in columns:
             assert known[path.name, column]["meaning"], (path.name, column)
     assert known["joint_cycles.parquet", "hip_flexion_moment"]["unit"] == "N·m/kg"
+    assert known["statistics.csv", "ci_low"]["unit"] == "as unit for a mean difference, else 1"
 
 
 def test_joints_of_every_trial_are_in_one_table(reported, moving_study):

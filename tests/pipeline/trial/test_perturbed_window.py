@@ -16,7 +16,7 @@ from pipeline.figures.residuals import mean_part
 from pipeline.run.store import read_trial, write_trial
 from pipeline.trial.gait.cycles import motion_onsets, motion_stops
 from pipeline.trial.process import process_trial
-from pipeline.trial.residuals import counted, residual_table
+from pipeline.trial.residuals import counted, cycles_of, residual_table
 from pipeline.trial.window import perturbed_part
 from tests.pipeline import lab
 
@@ -185,6 +185,22 @@ def test_the_rms_of_cycles_is_that_of_the_part(sway):
     part = table[table["headline"] & ~table["compensated"]]
     np.testing.assert_allclose(part["rms_of_cycles"], part["rms"], rtol=0.1)
     assert set(part["window"]) == {"0 to 0.2 s"}
+
+
+@pytest.mark.parametrize("window", [None, "motion", "stated"])
+def test_a_residual_follows_from_the_rows_of_its_cycles(sway, window):
+    """Whole cycles and parts: mean squares by used frames, and those of cycles."""
+    keys = ["window", "compensated", "axis"]
+    cycles = cycles_of(sway[window], "sway").assign(
+        square=lambda t: t["rms"] ** 2 * t["n_frames"], of_cycle=lambda t: t["rms"] ** 2
+    )
+    of_rows = cycles.groupby(keys).agg(
+        {"square": "sum", "n_frames": "sum", "of_cycle": "mean", "headline": "first"}
+    )
+    table = residual_table(sway[window], "sway").set_index(keys).loc[of_rows.index]
+    np.testing.assert_array_equal(table["headline"], of_rows["headline"])
+    np.testing.assert_allclose(np.sqrt(of_rows["square"] / of_rows["n_frames"]), table["rms"])
+    np.testing.assert_allclose(np.sqrt(of_rows["of_cycle"]), table["rms_of_cycles"])
 
 
 def test_the_part_is_where_the_perturbation_is_in_the_cycle(sway):
