@@ -345,7 +345,7 @@ def read_xdf(path: Path, stated: Stated) -> Recording:
         own = clocks[other.name]
         notes += _clock_notes(other, own)
         if other is not stream:
-            time, values = own.time - clock.start_s, own.on_frames(other.values)
+            time, values = own.time - clock.start_s, own.on_most_frames(other.values)
             plates, absent = find_plates(other.info, channels[other.name])
             notes += [left_out(f"plate {short(number)}", why) for number, why in absent.items()]
             signals.append(_Signals(other.name, channels[other.name], time, values, plates))
