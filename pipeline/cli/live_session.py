@@ -321,17 +321,20 @@ def summary(
     )
     yield (
         f"{chain.received} frames received: {chain.solved} used, {chain.marked} not used"
-        f"{f' ({why})' if why else ''}; {chain.left_out} samples repeated or out of order"
+        f"{f' ({why})' if why else ''}"
     )
-    for name, lost in monitor.losses.lost.items():
-        yield f"stream {name}: {lost} samples not received"
+    for name, missing in session.arrivals.missing.items():
+        if missing:
+            yield f"stream {name}: {missing} samples not received"
+        if unused := session.arrivals.unused[name]:
+            yield f"stream {name}: {unused} samples not used: late, repeated, or without a time"
     unit = f"{NOUNS[condition.unit]}s"
     yield f"{condition.cycles} {unit} of both feet used, {condition.used} of one foot"
     yield from monitor.residuals()
     if monitor.during_stop:
         yield f"{monitor.during_stop} {unit} not used: measured while the light showed stop"
-    if condition.not_carried:
-        yield f"{condition.not_carried} {unit} not used: a foot was beside the plates"
+    for reason, count in condition.left_out.most_common():
+        yield f"{count} {unit} not used: {reason}"
     if not chain.received:
         yield f"stream {chain.stream.name}: no frame received; does its program measure?"
     else:

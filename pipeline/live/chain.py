@@ -20,7 +20,7 @@ from hbm.spelling import listed
 from pipeline.config.live import Live
 from pipeline.config.schema import Settings
 from pipeline.io.recording import Plate
-from pipeline.live.ground import AnalogStreams, LiveGround, Pose, SampleBuffer
+from pipeline.live.ground import AnalogStreams, LiveGround, Pose
 from pipeline.live.stream import Samples, StreamDescription
 from pipeline.trial.checks import LEGS, MAX_UNSEEN_PELVIS_S
 from pipeline.trial.gait.carried import PLACES, Feet, Support
@@ -198,8 +198,9 @@ class LiveChain:
         self.wait_s = self.ground.ahead_s
         self.filter_delay_s = float(np.sqrt(2) / (2 * np.pi * settings.cutoff_hz))
         self.tracker = MarkerTracker(body, markers.labels)
-        self.motion = RealtimeFilter(settings.cutoff_hz, N_Q)
-        self.forces = RealtimeFilter(settings.cutoff_hz, 12 * len(self.ground.variants))
+        step_s, forces = 1 / markers.rate_hz, 12 * len(self.ground.variants)
+        self.motion = RealtimeFilter(settings.cutoff_hz, N_Q, step_s)
+        self.forces = RealtimeFilter(settings.cutoff_hz, forces, step_s)
         corners, threshold_n = [plate.corners for plate in plates], settings.contact_threshold_n
         self.support = Support(body, corners, threshold_n, settings.cutoff_hz, "realtime")
         in_real_time = settings.model_copy(update={"filter": "realtime"})
@@ -209,11 +210,10 @@ class LiveChain:
         self.newton_euler = OneFrameKernel(ready.newton_euler, body.geometry, body.inertia_vector)
         self.pelvis = np.array([body.segment_of[m] == "pelvis" for m in self.tracker.markers])
         self.shown: Mask = np.zeros(len(TREE), bool)
-        self.pelvis_seen_s = self.judged_s = -np.inf
-        self.known_since: float | None = None
+        self.pelvis_seen_s = self.known_s = self.known_since_s = -np.inf
         self.foot_on: list[int | None] = [None] * len(plates)
         self.waiting = deque[_Pose]()
-        self.order = SampleBuffer(0, MAX_WAITING_FRAMES)
+        self.newest_s = -np.inf
         self.solved = self.marked = self.late = 0
 
     @property
@@ -221,13 +221,8 @@ class LiveChain:
         """Frames that were received."""
         return len(self.waiting) + self.solved + self.marked
 
-    @property
-    def left_out(self) -> int:
-        """Samples of all streams that came when one as late, or later, was there already."""
-        return sum(buffer.left_out for buffer in (self.order, *self.analog.used.values()))
-
     def push(self, samples: Samples) -> list[LiveFrame]:
-        """Take what arrived of one stream; those that are not used are ignored.
+        """Take what arrived of one stream, in order; those that are not used are ignored.
 
         Gives the frames that are now complete, or that have waited too long, in order.
         """
@@ -247,10 +242,10 @@ class LiveChain:
         return [self._next(False, perf_counter()) for _ in range(len(self.waiting))]
 
     def _take_frames(self, samples: Samples) -> None:
-        values = samples.values.reshape(len(samples.time), -1, 3)
+        values = samples.values.reshape(len(samples.time), len(self.stream.labels), 3)
         values = np.where(np.isnan(values).any(axis=2, keepdims=True), np.nan, values)
-        kept = self.order.append(samples.time, np.empty((len(values), 0)))
-        for time, position in zip(samples.time[kept].tolist(), values[kept], strict=True):
+        for time, position in zip(samples.time.tolist(), values, strict=True):
+            self.newest_s = time
             self.waiting.append(self._pose(time, position))
 
     def _complete(self, time: float) -> bool | None:
@@ -259,7 +254,7 @@ class LiveChain:
         newest = [buffer.newest_s for buffer in self.analog.used.values()]
         if min(newest, default=np.inf) >= needed_s:
             return True
-        now_s = max(self.order.newest_s, *newest)
+        now_s = max(self.newest_s, *newest)
         if now_s > needed_s + self.live.wait_s or len(self.waiting) > MAX_WAITING_FRAMES:
             return False
         return None
@@ -319,6 +314,9 @@ class LiveChain:
         on, uncertain = self._feet_on_plates(wrenches[-1], pose.feet)
         raw = (on == np.array([[0], [1]])).astype(float) @ wrenches
         raw[np.isnan(wrenches).any(axis=(1, 2))] = np.nan
+        contact = raw[-1, :, 2] > self.settings.contact_threshold_n
+        if np.isnan(pose.q[0]):
+            raw[:] = np.nan  # what is lost for the motion is lost for the forces
         self.forces.step(time, raw.ravel())
 
         by_foot = self.forces.value.reshape(raw.shape)
@@ -342,8 +340,7 @@ class LiveChain:
             quality |= Quality.NOT_CARRIED
         if uncertain:
             quality |= Quality.FOOT_UNCERTAIN
-        gap = bool(np.isnan(residual).any() or quality & Quality.LIMB_UNSEEN)
-        if not self._settled(time, gap):
+        if not self._settled(time, bool(np.isfinite(residual).all()), quality):
             quality |= Quality.SETTLING
         self.solved += quality.counts
         self.marked += not quality.counts
@@ -356,7 +353,7 @@ class LiveChain:
             tau=dict(zip(names, tau, strict=True)),
             residual=dict(zip(names, reported(residual), strict=True)),
             by_foot=dict(zip(names, by_foot, strict=True)),
-            contact=raw[-1, :, 2] > self.settings.contact_threshold_n,
+            contact=contact,
             marker_error=pose.marker_error,
             quality=quality,
             computing_s=perf_counter() - started,
@@ -380,15 +377,18 @@ class LiveChain:
                 on[k] = last
         return on, bool(pressure.uncertain.any())
 
-    def _settled(self, time: float, gap: bool) -> bool:
-        """Whether the filters have settled in a frame, which is a gap of pose or forces or none."""
-        since_s, self.judged_s = time - self.judged_s, time
-        if gap:
-            self.known_since = None
-            return False
-        if self.known_since is None or since_s > self.motion.longest_s:
-            self.known_since = time
-        return time - self.known_since >= self.settling_s
+    def _settled(self, time: float, known: bool, quality: Quality) -> bool:
+        """Whether the filters have settled in a frame, of which pose and forces are known or not.
+
+        They go on over a few frames that are not, but not over a limb that keeps its pose.
+        """
+        if quality & Quality.LIMB_UNSEEN:
+            self.known_s = -np.inf
+        elif known:
+            if time - self.known_s > self.motion.longest_s:
+                self.known_since_s = time
+            self.known_s = time
+        return self.known_s > -np.inf and time - self.known_since_s >= self.settling_s - ROUNDING_S
 
 
 def _one(platform: Pose | None) -> Pose | None:

@@ -9,10 +9,11 @@ import numpy as np
 from compensation import BeltModel, InertiaModel, Setup, commanded_pose, fit_pose, neutral_markers
 from compensation.platform import MAX_DISTANCE_M
 from hbm.signals.resampling import Convolution
-from hbm.spatial import Array, Indices, Mask, fit_rotation, transform_wrench
+from hbm.spatial import Array, Indices, fit_rotation, transform_wrench
 from hbm.spelling import listed, short
 from pipeline.config.schema import Belt, Platform, Settings
 from pipeline.io.recording import Plate
+from pipeline.io.streams import over_short_losses
 from pipeline.io.units import (
     acceleration_in_mps2,
     angle_in_rad,
@@ -33,15 +34,12 @@ from pipeline.trial.ground.platform import MAX_MARKER_ERROR_M, NEUTRAL_FRAMES
 class SampleBuffer:
     """The newest samples of one stream, at least so many, in memory that does not grow.
 
-    Samples that are no later than one before them are left out and counted.
-
     Examples
     --------
     >>> buffer = SampleBuffer(columns=1, length=3)
-    >>> buffer.append(np.array([0.0, 0.1, 0.1, 0.2]), np.ones((4, 1))).tolist()
-    [True, True, False, True]
-    >>> buffer.newest_s, buffer.left_out
-    (0.2, 1)
+    >>> buffer.append(np.array([0.0, 0.1, 0.2]), np.ones((3, 1)))
+    >>> buffer.newest_s
+    0.2
     """
 
     def __init__(self, columns: int, length: int) -> None:
@@ -49,7 +47,6 @@ class SampleBuffer:
         self._time, self._values = np.empty(2 * length), np.empty((2 * length, columns))
         self._stop = 0
         self.newest_s = -np.inf
-        self.left_out = 0
 
     @property
     def time(self) -> Array:
@@ -61,13 +58,8 @@ class SampleBuffer:
         """The samples, (N, K); valid until the next are appended."""
         return self._values[: self._stop]
 
-    def append(self, time: Array, values: Array) -> Mask:
-        """Take samples, (N,) [s] and (N, K), that follow the last one; give which do, (N,)."""
-        before = np.maximum.accumulate(np.concatenate([[self.newest_s], time]))
-        taken = np.asarray(time > before[:-1])
-        if not taken.all():
-            self.left_out += int(np.count_nonzero(~taken))
-            time, values = time[taken], values[taken]
+    def append(self, time: Array, values: Array) -> None:
+        """Take samples, (N,) [s] and (N, K), in order and later than the last one."""
         time, values = time[-self.length :], values[-self.length :]
         if self._stop + len(time) > len(self._time):
             kept_before = slice(max(0, self._stop - self.length + len(time)), self._stop)
@@ -80,7 +72,6 @@ class SampleBuffer:
         self._stop = place.stop
         if len(time):
             self.newest_s = float(time[-1])
-        return taken
 
 
 HISTORY_S: Final = 2.0
@@ -114,8 +105,13 @@ class AnalogStreams:
 
     def append(self, samples: Samples) -> None:
         """Take what arrived, if it is of a stream of which channels are used."""
-        if samples.stream in self.used:
-            self.used[samples.stream].append(samples.time, samples.values)
+        if (buffer := self.used.get(samples.stream)) is None:
+            return
+        kept = min(len(buffer.time), 1)
+        time = np.concatenate([buffer.time[-1:], samples.time])
+        values = np.concatenate([buffer.values[-1:], samples.values])
+        time, values = over_short_losses(time, values, self.streams[samples.stream].rate_hz)
+        buffer.append(time[kept:], values[kept:])
 
     def find(
         self,
@@ -389,7 +385,7 @@ class LiveGround:
         """Give the platform's pose as its markers show it among a frame's, (M, 3) [m], if any."""
         if not isinstance(self.platform, MarkedPlatform):
             return None
-        return self.platform.pose(position)
+        return self.platform.pose(position) if np.isfinite(position).any() else UNKNOWN
 
     def at(self, time: float, seen: Pose | None) -> tuple[Array, Pose | None]:
         """Give the plates at a frame's time [s], whose markers show the platform so, or not.

@@ -20,6 +20,10 @@ OF_NOTES: Final[Mapping[str, tuple[Colour, str]]] = {
         "stop",
         "Stream {stream} is not received: start its program or check its cable",
     ),
+    "live_stamps_repeat": (
+        "stop",
+        "Time stamps of stream {stream} repeat: start its program again",
+    ),
     "accelerometer_dead": (
         "stop",
         "Platform sensor {sensors} is dead: check its power and its cable",
@@ -73,7 +77,10 @@ OF_FRAMES: Final[Mapping[Quality, str]] = {
 """Why frames are not used -> sentence, the cause before what follows from it."""
 EXPLAINS: Final[Mapping[str, Quality]] = {
     "live_marker_gone": Quality.POSE_UNKNOWN | Quality.LIMB_UNSEEN,
-    "live_stream_silent": Quality.LATE | Quality.FORCES_UNKNOWN | Quality.PLATFORM_UNKNOWN,
+    **dict.fromkeys(
+        ("live_stream_silent", "live_stamps_repeat"),
+        Quality.LATE | Quality.FORCES_UNKNOWN | Quality.PLATFORM_UNKNOWN,
+    ),
 }
 """Note -> why frames are not used where it holds: then the note has the sentence."""
 URGENCY: Final[Sequence[Colour]] = ("good", "look", "stop")

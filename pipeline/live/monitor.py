@@ -33,8 +33,6 @@ from pipeline.trial.residuals import (
 from pipeline.trial.subject import differing_masses
 from pipeline.viewer.live import FULL_SCALE, Board
 
-MISSING: Final = 1.5
-"""Sampling intervals between two samples of which one at least is missing between them."""
 GONE_S: Final = 0.4
 """A marker that a hand or a rail hides is back sooner."""
 FITTED_S: Final = 2.0
@@ -59,34 +57,6 @@ SATURATED_SAMPLES: Final = 5
 SATURATED_STEPS: Final = 3
 SMALLER: Final = 0.9
 """Of the extreme, between two steps."""
-
-
-class Losses:
-    """Counts samples that are missing between those that arrived, by stream, in ``lost``.
-
-    Examples
-    --------
-    >>> heels = StreamDescription("Markers", "markers", ("LHEE",), ("m",), 100.0)
-    >>> losses = Losses([heels])
-    >>> losses.add(Samples("Markers", np.array([0.0, 0.01, 0.05]), np.ones((3, 3))))
-    >>> dict(losses.lost)
-    {'Markers': 3}
-    """
-
-    def __init__(self, streams: Sequence[StreamDescription]) -> None:
-        self._rate_hz = {stream.name: stream.rate_hz for stream in streams}
-        self._newest_s: dict[str, float] = {}
-        self.lost: Counter[str] = Counter()
-
-    def add(self, received: Samples) -> None:
-        """Take samples with known times as they were received."""
-        times: Array = np.sort(received.time)
-        before_s = self._newest_s.get(received.stream, times[0])
-        self._newest_s[received.stream] = max(before_s, float(times[-1]))
-        rate_hz = self._rate_hz.get(received.stream, 0.0)
-        intervals = np.diff(times, prepend=before_s) * rate_hz
-        if missing := int(np.sum(np.round(intervals[intervals > MISSING]) - 1)):
-            self.lost[received.stream] += missing
 
 
 class MarkerGaps:
@@ -355,8 +325,6 @@ class Monitor:
         The newest ones as they arose, each with its time on the streams' clock [s].
     reasons
         Why frames are not used -> how many.
-    losses
-        Samples that never arrived.
     during_stop
         Gait cycles that are not used because the light said stop.
     """
@@ -369,11 +337,10 @@ class Monitor:
         required: int = REQUIRED,
     ) -> None:
         self.chain, self._say, self._required = chain, say, required
-        self._gait, self._delay = GaitTracker(), DelayWatch()
+        self._gait, self._delay = GaitTracker(chain.motion.longest_s), DelayWatch()
         self._markers = MarkerGaps(chain.tracker.markers)
         self._columns = list(chain.tracker.columns)
         self._fit = FitWatch(chain.tracker.markers, self._columns)
-        self.losses = Losses([chain.stream, *chain.analog.streams.values()])
         body, ground = chain.body, chain.ground
         self._weight, self._sides = WeightWatch(body.mass), marker_sides(body)
         moves = ground.platform is not None
@@ -393,7 +360,8 @@ class Monitor:
         self._height_m = self._standing_m = height_of_mass(body, np.zeros((1, N_Q)))
         streams = (chain.stream.name, *chain.analog.used)
         self._arrived_s = dict.fromkeys(streams, monotonic())
-        self._silent: set[str] = set()
+        self._untimed_s = dict.fromkeys(streams, -np.inf)
+        self._silent: dict[str, str] = {}
         self._held: set[tuple[str, object]] = set()
         least = chain.settings.min_valid_share
         self._so_far = {unit: ConditionSoFar(least, unit) for unit in ("cycle", "step")}
@@ -409,14 +377,16 @@ class Monitor:
             self._note(Note.of("live_markers_absent", markers=names, stream=of))
 
     def samples(self, received: Samples) -> None:
-        """Take samples as they were received."""
+        """Take samples as they were received, in order; none where none had a time of its own."""
         name, time, values = received.stream, received.time, received.values
+        if not len(time):
+            self._untimed_s[name] = monotonic()
+            return
         self._time = float(time[-1])
         if received.clock_set_s:
             self._note(Note.of("live_clock_set", stream=name, set_s=received.clock_set_s))
         self._arrived_s[name] = monotonic()
-        self._silent.discard(name)
-        self.losses.add(received)
+        self._silent.pop(name, None)
         if name == self.chain.stream.name:
             position = values.reshape(len(time), -1, 3)
             self._markers.add(time, position[:, self._columns])
@@ -451,14 +421,18 @@ class Monitor:
         return cycles
 
     def look_for_silence(self) -> None:
-        """Find streams that have sent nothing for a second, once all that came was taken."""
+        """Find streams without a new sample for a second, once all that came was taken."""
         late_s = monotonic() - SILENT_S
-        self._silent = {name for name, arrived_s in self._arrived_s.items() if arrived_s < late_s}
+        self._silent = {
+            name: "live_stream_silent" if self._untimed_s[name] < late_s else "live_stamps_repeat"
+            for name, arrived_s in self._arrived_s.items()
+            if arrived_s < late_s
+        }
         self.look()
 
     def look(self) -> list[Note]:
         """Give what is wrong now; what is new is noted."""
-        found = [Note.of("live_stream_silent", stream=stream) for stream in sorted(self._silent)]
+        found = [Note.of(code, stream=stream) for stream, code in sorted(self._silent.items())]
         found += [note for watch in self._watches for note in watch.found]
         keys = {note: (note.code, _subject(note)) for note in found}
         self._note(*(note for note, key in keys.items() if key not in self._held))

@@ -39,6 +39,8 @@ class Session:
 
     Attributes
     ----------
+    arrivals
+        What never came of each stream, and what came late or twice.
     frames, samples
         What is new for whoever shows it; the oldest is dropped, and counted in ``not_shown``, where
         nobody takes it.
@@ -57,7 +59,7 @@ class Session:
     ) -> None:
         self._source, self._chain = source, chain
         self._recorder, self._outlet = recorder, outlet
-        self._arrivals = Arrivals([chain.stream, *chain.analog.streams.values()])
+        self.arrivals = Arrivals([chain.stream, *chain.analog.streams.values()])
         self.frames: deque[tuple[LiveFrame, float]] = deque()
         self.samples: deque[Samples] = deque()
         self.not_shown = 0
@@ -93,14 +95,14 @@ class Session:
             self._give(frame, perf_counter())
 
     def _take(self, samples: Samples, arrived: float) -> None:
-        samples = self._arrivals.take(samples, arrived)
+        samples = self.arrivals.take(samples, arrived)
+        self._keep(self.samples, samples)
         if not len(samples.time):
             return  # none has a sure time
         for frame in self._chain.push(samples):
             self._give(frame, arrived)
         if self._recorder is not None:
             self._recorder.samples(samples)
-        self._keep(self.samples, samples)
 
     def _give(self, frame: LiveFrame, arrived: float) -> None:
         row = result_row(frame)

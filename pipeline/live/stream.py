@@ -1,5 +1,6 @@
 """Streams of samples: what they carry, what senders say of them, and how they arrive."""
 
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final, Literal, Protocol
@@ -7,7 +8,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from hbm.spatial import Array
+from hbm.spatial import Array, Mask
 from hbm.spelling import short
 from pipeline.io.axes import parse_axes
 from pipeline.io.columns import DFLOW_PLATE
@@ -130,6 +131,8 @@ MAX_AHEAD_S: Final = 1.0
 CONFIRMED_S: Final = 0.05
 """Of samples that follow each other on another clock; fewer have wrong time stamps."""
 MIN_CONFIRMED: Final = 3
+MISSING: Final = 1.5
+"""Sampling intervals between two samples of which one at least is missing between them."""
 SAME_CLOCK_S: Final = 0.05
 """Streams whose clocks were set by amounts that differ by less were set together."""
 
@@ -139,19 +142,74 @@ def known(values: Array) -> Array:
     return np.where(np.abs(values) < LARGEST, values, np.nan)
 
 
+MAX_HOLES: Final = 1000
+"""Of a stream, in which a late sample may belong."""
+
+
 @dataclass(slots=True, eq=False)
 class _Clock:
-    """One stream's: what is added to its time stamps, its newest time, and samples in doubt."""
+    """One stream's: what is added to its time stamps, its newest time, and samples in doubt.
+
+    Counted are samples that ``came``, those given on, the ``unordered`` ones that came late or
+    twice, and those ``lost`` between others, so far. A hole has its start and stop [s], and how
+    many were lost in it.
+    """
 
     rate_hz: float
     added_s: float = 0.0
     newest_s: float | None = None
     heard_s: float = 0.0
     doubtful: list[tuple[float, Array]] = field(default_factory=list)
+    given_s: float = -np.inf
+    came: int = 0
+    given: int = 0
+    unordered: int = 0
+    lost: int = 0
+    holes: deque[tuple[float, float, int]] = field(default_factory=lambda: deque(maxlen=MAX_HOLES))
+
+    @property
+    def unused(self) -> int:
+        """Samples that came late, twice, or without a sure time."""
+        return self.came - self.given - len(self.doubtful)
+
+    @property
+    def missing(self) -> int:
+        """Samples that have not come; one without a sure time has left a hole, but has come."""
+        return max(self.lost - (self.unused - self.unordered), 0)
+
+    def in_order(self, time: Array) -> Mask:
+        """Find samples at times, (N,) [s], that are later than all before them; count the others.
+
+        One that comes late was only thought to be lost.
+        """
+        before = np.maximum.accumulate(np.append(self.given_s, time))
+        later = np.asarray(time > before[:-1])
+        ordered = np.append(self.given_s, time[later])
+        longest_s = MISSING / self.rate_hz if self.rate_hz > 0 else np.inf
+        for k in np.flatnonzero(np.diff(ordered) > longest_s):
+            self._open(ordered[k], ordered[k + 1])
+        for late_s in time[~later].tolist():
+            self.unordered += 1
+            for hole in self.holes:
+                if hole[0] < late_s < hole[1]:
+                    self.holes.remove(hole)
+                    self.lost -= hole[2]
+                    self._open(hole[0], late_s)
+                    self._open(late_s, hole[1])
+                    break
+        self.given_s, self.given = float(before[-1]), self.given + int(later.sum())
+        return later
+
+    def _open(self, start_s: float, stop_s: float) -> None:
+        """Note a hole between two samples, if one is missing between them."""
+        lost = round((stop_s - start_s) * self.rate_hz) - 1 if np.isfinite(start_s) else 0
+        if lost > 0:
+            self.lost += lost
+            self.holes.append((float(start_s), float(stop_s), lost))
 
 
 class Arrivals:
-    """Brings the samples of each stream onto a clock that goes on where the sender sets its own.
+    """Brings the samples of each stream into order, on a clock that goes on when it is set.
 
     Parameters
     ----------
@@ -162,7 +220,9 @@ class Arrivals:
     -----
     The first sample after the clock was set follows the last one before it by one sampling
     interval, or, after a pause, it is as late as the newest sample of another stream. Streams of
-    one sender are moved alike, so that they stay together.
+    one sender are moved alike, so that they stay together. Samples that are no later than one
+    before them have come late or twice; they are left out and counted, as are those that never
+    came.
 
     Examples
     --------
@@ -172,10 +232,22 @@ class Arrivals:
     >>> after = arrivals.take(Samples("Markers", 2 + np.arange(5) / 100, values), 0.05)
     >>> after.time.round(3).tolist(), round(after.clock_set_s, 3)
     ([10.05, 10.06, 10.07, 10.08, 10.09], -8.05)
+    >>> arrivals.missing, arrivals.unused
+    ({'Markers': 0}, {'Markers': 0})
     """
 
     def __init__(self, streams: Sequence[StreamDescription]) -> None:
         self._clocks = {stream.name: _Clock(stream.rate_hz) for stream in streams}
+
+    @property
+    def missing(self) -> dict[str, int]:
+        """Stream -> samples that have not come."""
+        return {name: clock.missing for name, clock in self._clocks.items()}
+
+    @property
+    def unused(self) -> dict[str, int]:
+        """Stream -> samples that came late, twice or without a sure time, and were left out."""
+        return {name: clock.unused for name, clock in self._clocks.items()}
 
     def take(self, samples: Samples, arrived_s: float) -> Samples:
         """Take what arrived of a stream at a time of this computer [s]; give it as it counts.
@@ -183,6 +255,15 @@ class Arrivals:
         Samples without a time are left out. Those that are in doubt are kept until others confirm
         them; if none do, they are left out too.
         """
+        found = self._on_clock(samples, arrived_s)
+        if (clock := self._clocks.get(samples.stream)) is None:
+            return found
+        clock.came += len(samples.time)
+        later = clock.in_order(found.time)
+        return replace(found, time=found.time[later], values=found.values[later])
+
+    def _on_clock(self, samples: Samples, arrived_s: float) -> Samples:
+        """Bring samples onto the clock that goes on."""
         timed = np.isfinite(samples.time)
         stamps, values = samples.time[timed], known(samples.values[timed])
         clock = self._clocks.get(samples.stream)

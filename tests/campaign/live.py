@@ -110,7 +110,7 @@ def attacked(seed: int, minutes: float) -> Tally:
         tally.computing_s = tally.computing_s[-100_000:]
     given += len(chain.finish())
     tally.received, tally.solved, tally.marked = chain.received, chain.solved, chain.marked
-    tally.late, tally.unaccounted = chain.late, sent_frames - chain.order.left_out - given
+    tally.late, tally.unaccounted = chain.late, sent_frames - given
     return tally
 
 
