@@ -3,7 +3,8 @@
 import signal
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,7 +34,7 @@ from pipeline.live.output import (
     result_outlet,
 )
 from pipeline.live.preparation import PlacedPlates, PoseFinder, Preparation, place_plates
-from pipeline.live.qualisys import QualisysSource
+from pipeline.live.qualisys import PORT, QualisysSource
 from pipeline.live.session import RECEIVE_S, Session
 from pipeline.live.stream import Source
 from pipeline.viewer.live import ShownFrame
@@ -97,9 +98,10 @@ def run_session(prepared: Preparation, console: PlainConsole, options: Options) 
     body = None if options.pose else prepared.body()
     if body is not None and prepared.study is not None and prepared.static is not None:
         console.say(f"calibration pose: {prepared.static.source.name}")
+    news = deque[Note]()
     with ExitStack() as ending, terminable(), ExitStack() as stack:
         with stoppable(lambda: "nothing was received, and nothing is recorded"):
-            source = _source(prepared, options, console)
+            source = _source(prepared, options, console, news.append)
         stack.callback(source.close)
         console.say(f"receiving {senders(source.streams)}")
         placed = place_plates(source.plates, prepared.static, prepared.live)
@@ -142,7 +144,9 @@ def run_session(prepared: Preparation, console: PlainConsole, options: Options) 
             f"{1000 * chain.wait_s:.0f} ms of resampling (stop with Ctrl-C)"
         )
         seconds = options.duration_s
-        terminated = follow(session, source, monitor, recorder, view, console, seconds, ending)
+        terminated = follow(
+            session, source, monitor, recorder, view, console, seconds, ending, news
+        )
         stack.close()
         lines = [*summary(chain, monitor, session, recorder, folder)]
         for text in lines:
@@ -155,10 +159,18 @@ def run_session(prepared: Preparation, console: PlainConsole, options: Options) 
     return int(failed)
 
 
-def _source(prepared: Preparation, options: Options, console: PlainConsole) -> Source:
+def _source(
+    prepared: Preparation,
+    options: Options,
+    console: PlainConsole,
+    say: Callable[[Note], object],
+) -> Source:
     if options.qualisys is not None:
         console.say(f"connecting to Qualisys Track Manager at {options.qualisys}")
-        return QualisysSource(options.qualisys, stated=prepared.stated)
+        host, colon, port = options.qualisys.partition(":")
+        if colon and not port.isdecimal():
+            raise ValueError(f"--qualisys {options.qualisys}: expected ADDRESS or ADDRESS:PORT")
+        return QualisysSource(host, port=int(port or PORT), stated=prepared.stated, say=say)
     markers, analog = prepared.streams
     console.say(f"searching at {options.listen} for {', '.join((markers, *analog))}")
     try:
@@ -236,10 +248,12 @@ def follow(
     console: PlainConsole,
     duration_s: float | None,
     ending: ExitStack,
+    news: deque[Note],
 ) -> bool:
     """Show what is new until it is stopped, by Ctrl-C, after a time, or by a fault.
 
-    From then on until ``ending`` is closed nothing interrupts. Gives whether it was terminated.
+    The news are the source's. From then on until ``ending`` is closed nothing interrupts. Gives
+    whether it was terminated.
     """
     terminated = False
     before = sys.getswitchinterval()
@@ -252,6 +266,8 @@ def follow(
             while session.runs and (duration_s is None or time.monotonic() - began < duration_s):
                 time.sleep(SHOWN_S)
                 take_new(session, monitor, view)
+                while news:
+                    monitor.hear(news.popleft())
                 if view is not None and view.fault is not None:
                     console.say(f"nothing is shown any more: {view.fault}; all else goes on")
                     view = None

@@ -47,6 +47,10 @@ OF_NOTES: Final[Mapping[str, tuple[Colour, str]]] = {
         "look",
         "Plates are {delay_ms:.0f} ms later than the markers: set plate_delay_s = {delay_s:.3f}",
     ),
+    "live_start_unknown": (
+        "look",
+        "{stream} may be {frame_ms:.0f} ms early or late: measure its delay, set plate_delay_s",
+    ),
     "accelerometer_clipped": ("look", "Platform sensor {shares} is clipped: choose a larger range"),
     "calibration_range_exceeded": (
         "look",

@@ -19,7 +19,7 @@ from pipeline.io.recording import Plate
 from pipeline.live.chain import LiveChain, LiveFrame
 from pipeline.live.cycles import ConditionSoFar, GaitTracker, Limits, LiveCycle
 from pipeline.live.ground import Channels
-from pipeline.live.light import OF_FRAMES, STOPPING, LiveState, light, marker_sides
+from pipeline.live.light import OF_FRAMES, OF_NOTES, STOPPING, LiveState, light, marker_sides
 from pipeline.live.stream import Samples, StreamDescription
 from pipeline.trial.checks import MAX_REST_N, rest_level
 from pipeline.trial.quality import Quality
@@ -363,6 +363,7 @@ class Monitor:
         self._untimed_s = dict.fromkeys(streams, -np.inf)
         self._silent: dict[str, str] = {}
         self._held: set[tuple[str, object]] = set()
+        self._lasting: list[Note] = []
         least = chain.settings.min_valid_share
         self._so_far = {unit: ConditionSoFar(least, unit) for unit in ("cycle", "step")}
         self.cycles: deque[LiveCycle] = deque(maxlen=10)
@@ -420,6 +421,12 @@ class Monitor:
         self.look()
         return cycles
 
+    def hear(self, note: Note) -> None:
+        """Take what the source of the samples says; what the light knows stays wrong."""
+        self._note(note)
+        if note.code in OF_NOTES:
+            self._lasting.append(note)
+
     def look_for_silence(self) -> None:
         """Find streams without a new sample for a second, once all that came was taken."""
         late_s = monotonic() - SILENT_S
@@ -438,7 +445,7 @@ class Monitor:
         self._note(*(note for note, key in keys.items() if key not in self._held))
         self._held = set(keys.values())
         self._stopped = any(note.code in STOPPING for note in found)
-        return found
+        return [*found, *self._lasting]
 
     def warnings(self) -> list[tuple[Note, int]]:
         """Give the newest note of each kind that arose, and how often."""

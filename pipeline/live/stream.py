@@ -323,6 +323,19 @@ class Arrivals:
         return max((newest_s for newest_s in others if newest_s is not None), default=-np.inf)
 
 
+RATES_HZ: Final = (1.0, 50_000.0)
+"""Of streams; memory is kept for two seconds of them."""
+
+
+def _require_rate(name: str, rate_hz: float) -> None:
+    """Refuse a nominal rate that no instrument has; 0 says that it is not stated."""
+    if rate_hz != 0 and not RATES_HZ[0] <= rate_hz <= RATES_HZ[1]:
+        raise ValueError(
+            f"{short(name)} states {rate_hz:g} Hz, expected {RATES_HZ[0]:g} to {RATES_HZ[1]:g}; "
+            "correct it in the program that sends it"
+        )
+
+
 Convert = Callable[[Array], Array]
 """From samples as sent, (N, K), to samples of a `Samples`."""
 
@@ -333,8 +346,10 @@ def describe_markers(
     """Describe a stream of markers, and give what brings its samples to lab axes and m.
 
     A marker that is not seen becomes NaN. The sender's axes are empty where it does not state them;
-    a ValueError says that nobody does, or as `pipeline.io.streams.marker_layout`.
+    a ValueError says that nobody does, that no instrument has this rate, or as
+    `pipeline.io.streams.marker_layout`.
     """
+    _require_rate(name, rate_hz)
     layout = marker_layout(channels, stated)
     known = stated.axes or axes
     if not known:
@@ -359,7 +374,8 @@ def describe_signals(
     """Describe a stream of other signals, and give what brings its samples to N and N·m.
 
     Vectors of plates that are named as D-Flow names them, such as FP1.ForX, FP1.ForY and FP1.ForZ,
-    are in the markers' axes as sent, where these are known, and become lab axes.
+    are in the markers' axes as sent, where these are known, and become lab axes. A ValueError says
+    that no instrument has this rate.
 
     Examples
     --------
@@ -368,6 +384,7 @@ def describe_signals(
     >>> convert(np.array([[0.0, 0.7, -0.1]])).tolist()
     [[100.0, 0.0, 700.0]]
     """
+    _require_rate(name, rate_hz)
     units, factors = si_units(channels)
     labels = tuple(channel.label for channel in channels)
     description = StreamDescription(name, "analog", labels, units, rate_hz)
