@@ -82,7 +82,7 @@ def test_lost_frames_are_gaps_and_counted_and_short_losses_of_signals_are_interp
     trial, tmp_path
 ):
     cameras, plates, analog = xdf.recorded(trial)
-    gone, long, short = [40, 41, 42, 110], range(700, 711), range(1500, 1509)
+    gone, long, short = [40, 41, 42, 110], range(700, 745), range(1500, 1509)
     for of, lost in ((cameras, gone), (plates, [*long, *short])):
         kept = np.delete(np.arange(len(of["stamps"])), list(lost))
         of |= {"stamps": of["stamps"][kept], "values": of["values"][kept]}
