@@ -8,7 +8,7 @@ import socket
 import struct
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 from xml.etree.ElementTree import Element
@@ -50,25 +50,19 @@ def place_of(plate: Element, number: int, unit: str, to_lab: Array) -> Plate:
     the program's forces, so that corners whose z points up are in another order. A ValueError says
     so, or that there are no corners or that they are no rectangle.
     """
-    corners = np.array([_corner(plate, k) for k in range(1, 5)]) * length_in_m(unit) @ to_lab.T
+    metre, places = length_in_m(unit), [f"Location/Corner{k}" for k in range(1, 5)]
+    words = [[plate.findtext(f"{place}/{axis}") or "" for axis in AXES] for place in places]
+    try:
+        corners = np.array(words, float) * metre @ to_lab.T
+    except ValueError as error:
+        raise ValueError("the program has not its four corners") from error
     rotation = plate_axes(corners)
-    if np.linalg.norm(corners[0] + corners[2] - corners[1] - corners[3]) > MAX_CORNER_ERROR_M:
+    if not np.linalg.norm(corners.T @ [1, -1, 1, -1]) < MAX_CORNER_ERROR_M:
         raise ValueError("its corners are no rectangle")
     if rotation[2, 2] >= 0:
         raise ValueError("its corners are in another order than that of the C3D format: z is up")
     empty = np.empty(0)
     return Plate(number, empty, empty.reshape(0, 6), rotation, corners.mean(axis=0), corners)
-
-
-def _corner(plate: Element, k: int) -> list[float]:
-    words = [plate.findtext(f"Location/Corner{k}/{axis}") or "" for axis in AXES]
-    try:
-        found = list(map(float, words))
-    except ValueError:
-        found = []
-    if not found or not np.isfinite(found).all():
-        raise ValueError(f"the program has no corner {k}, but {short(' '.join(words))!r}")
-    return found
 
 
 MARKERS: Final = "Markers"
@@ -178,20 +172,18 @@ class Packets:
         ]
         rate_hz = _number(root.find("General"), "Frequency", "the cameras")
         self.markers, self._convert = describe_markers(MARKERS, channels, rate_hz, stated)
-        self._plates, self.plates = _plates(root, parse_axes(stated.axes or LAB_AXES))
-        self._devices = _devices(root)
-        signals = (*self._plates.values(), *self._devices.values())
-        self.streams = (self.markers, *(each.description for each in signals))
+        self._signals, self.plates = _signals(root, parse_axes(stated.axes or LAB_AXES))
+        every = [each for of in (FORCE, ANALOG) for each in self._signals[of].values()]
+        self.streams = (self.markers, *(each.description for each in every))
         require_unique([stream.name for stream in self.streams], f"{PROGRAM}: streams of one name")
-        sent = {POSITIONS: True, ANALOG: bool(self._devices), FORCE: bool(self._plates)}
-        self.components = [component for component, is_sent in sent.items() if is_sent]
+        self.components = [c for c in COMPONENTS if c == POSITIONS or self._signals[c]]
         self._base_s, self._last_s = 0.0, -np.inf
         self._seen_s = dict[int, float]()
 
     def restart(self) -> None:
         """Expect sample numbers from another start."""
         self._seen_s.clear()
-        for signals in (*self._devices.values(), *self._plates.values()):
+        for signals in (each for of in self._signals.values() for each in of.values()):
             signals.origin_s = None
 
     def samples(self, data: bytes) -> list[Samples]:
@@ -210,10 +202,9 @@ class Packets:
         stamp_s, number_s, found = stamp_us / 1e6, number / self.markers.rate_hz, list[Samples]()
         if POSITIONS in parts:
             found.append(self._markers_of(parts[POSITIONS], stamp_s))
-        for component, read in ((ANALOG, self._of_devices), (FORCE, self._of_plates)):
-            for signals, first, values in read(parts[component]) if component in parts else ():
-                rate_hz = signals.description.rate_hz
-                own_s = (first + np.arange(len(values))) / rate_hz
+        for component in {ANALOG, FORCE} & parts.keys():
+            for signals, first, values in self._read(component, parts[component]):
+                own_s = (first + np.arange(len(values))) / signals.description.rate_hz
                 if signals.origin_s is None:
                     signals.origin_s = self._origin_s(signals, stamp_s, number_s, own_s[-1])
                 times = self._base_s + (own_s + signals.origin_s)
@@ -241,25 +232,24 @@ class Packets:
         time = np.array([self._base_s + stamp_s])
         return Samples(MARKERS, time, self._convert(positions.reshape(1, -1)))
 
-    def _of_devices(self, part: _Bytes) -> Iterator[tuple[Signals, int, Array]]:
-        """Give the analog devices of a frame: number of the first sample, and samples, (N, K)."""
+    def _read(self, component: int, part: _Bytes) -> Iterator[tuple[Signals, int, Array]]:
+        """Give plates or devices of a frame: number of the first sample, and samples, (N, K)."""
         for _ in range(*part.counts(1)):
-            number, channels, length = part.counts(3)
-            first = part.counts(1)[0] if length else 0
-            values = part.numbers(channels, length).T
-            if length and (device := self._devices.get(number)):
-                if channels != (named := len(device.description.labels)):
-                    raise Malformed(f"device {number} has {channels} channels, but named {named}")
-                yield device, first, values
-
-    def _of_plates(self, part: _Bytes) -> Iterator[tuple[Signals, int, Array]]:
-        """Give the plates of a frame: number of the first sample, and samples, (N, 6)."""
-        for _ in range(*part.counts(1)):
-            number, length, first = part.counts(3)
-            forces = part.numbers(length, 9)
-            if length and (plate := self._plates.get(number)):
-                plate.check_moments(forces)
-                yield plate, first, -forces[:, :6]
+            if component == FORCE:
+                number, length, first = part.counts(3)
+                values = part.numbers(length, 9)
+            else:
+                number, channels, length = part.counts(3)
+                first = part.counts(1)[0] if length else 0
+                values = part.numbers(channels, length).T
+            if not length or (signals := self._signals[component].get(number)) is None:
+                continue
+            if component == FORCE:
+                signals.check_moments(values)
+                values = -values[:, :6]
+            elif channels != (named := len(signals.description.labels)):
+                raise Malformed(f"device {number} has {channels} channels, but named {named}")
+            yield signals, first, values
 
     def _origin_s(self, signals: Signals, stamp_s: float, number_s: float, last_s: float) -> float:
         """Give where sample numbers begin on the clock of the stamps, from a frame and its samples.
@@ -276,57 +266,46 @@ class Packets:
         return stamp_s + frame_s / 2 - last_s
 
 
-def _devices(root: Element) -> dict[int, Signals]:
-    """Give what analog devices send, by their numbers."""
-    found = dict[int, Signals]()
-    devices = root.findall("Analog/Device")
-    for device, name in zip(devices, _names(devices, "Device_Name", "Device_ID"), strict=True):
-        channels = [
-            Channel(_text(channel, "Label"), _text(channel, "Unit"))
-            for channel in device.iterfind("Channel")
-        ]
-        rate_hz = _number(device, "Frequency", f"device {name}")
-        described = describe_signals(name, channels, rate_hz)
-        found[int(_number(device, "Device_ID", f"device {name}"))] = Signals(*described)
-    return _all_of(found, devices)
+def _signals(
+    root: Element, to_lab: Array
+) -> tuple[dict[int, dict[int, Signals]], tuple[StatedPlate, ...]]:
+    """Give what plates and devices send, by component and number, and plates as described.
 
-
-def _plates(root: Element, to_lab: Array) -> tuple[dict[int, Signals], tuple[StatedPlate, ...]]:
-    """Give what plates send, by their numbers, and how the program describes them."""
-    found, described = dict[int, Signals](), []
+    Where several have one name, they have their numbers in it.
+    """
+    found, plates = {FORCE: dict[int, Signals](), ANALOG: dict[int, Signals]()}, []
     force, length = (_text(root.find("Force"), f"Unit_{of}") for of in ("Force", "Length"))
-    plates = root.findall("Force/Plate")
-    for plate, name in zip(plates, _names(plates, "Name", "Plate_ID"), strict=True):
-        tag = "Plate_ID" if _text(plate, "Plate_ID") else "Force_Plate_Index"
-        number = int(_number(plate, tag, f"plate {name}"))
-        channels = [
-            Channel(f"{name}.{part}", force if part[0] == "F" else "Nm")
-            for part in WRENCH_COMPONENTS
-        ]
-        rate_hz = _number(plate, "Frequency", f"plate {name}")
-        found[number] = Signals(*describe_signals(name, channels, rate_hz))
-        place, problem = None, ""
-        try:
-            place = place_of(plate, number, length, to_lab)
-        except ValueError as error:
-            problem = str(error)
-        labels = found[number].description.labels
-        described.append(StatedPlate(str(number), labels, place, problem))
-    return _all_of(found, plates), tuple(described)
-
-
-def _names(elements: Sequence[Element], tag: str, number: str) -> Iterator[str]:
-    """Give the names of plates or devices; where several have one, with their numbers."""
-    counts = Counter(_text(element, tag) for element in elements)
-    for element in elements:
-        name = _text(element, tag)
-        yield name if name and counts[name] == 1 else f"{name} {_text(element, number)}".strip()
-
-
-def _all_of(found: dict[int, Signals], elements: Sequence[Element]) -> dict[int, Signals]:
-    if len(found) < len(elements):
-        raise ValueError(f"{PROGRAM} numbers two of {elements[0].tag} alike; number them anew")
-    return found
+    for component, path, tag in ((FORCE, "Force/Plate", ""), (ANALOG, "Analog/Device", "Device_")):
+        elements = root.findall(path)
+        counts = Counter(_text(element, f"{tag}Name") for element in elements)
+        for element in elements:
+            name = _text(element, f"{tag}Name")
+            what = f"{element.tag} {name}"
+            number = int(_number(element, f"{tag or 'Plate_'}ID", what))
+            if number in found[component]:
+                raise ValueError(f"{PROGRAM} numbers two of {element.tag} {number}; change one")
+            if not name or counts[name] > 1:
+                name = f"{name} {number}".strip()
+            channels = [
+                Channel(_text(channel, "Label"), _text(channel, "Unit"))
+                for channel in element.iterfind("Channel")
+            ]
+            if component == FORCE:
+                units = [force] * 3 + ["Nm"] * 3
+                parts = zip(WRENCH_COMPONENTS, units, strict=True)
+                channels = [Channel(f"{name}.{part}", unit) for part, unit in parts]
+            rate_hz = _number(element, "Frequency", what)
+            signals = Signals(*describe_signals(name, channels, rate_hz))
+            found[component][number] = signals
+            if component == FORCE:
+                place, problem = None, ""
+                try:
+                    place = place_of(element, number, length, to_lab)
+                except ValueError as error:
+                    problem = str(error)
+                labels = signals.description.labels
+                plates.append(StatedPlate(str(number), labels, place, problem))
+    return found, tuple(plates)
 
 
 def _number(element: Element | None, tag: str, what: str) -> float:
@@ -372,120 +351,14 @@ MAX_WORDS: Final = 80
 """Letters of an answer in a message."""
 
 
+WHY_NOT: Final[Mapping[type[OSError], str]] = {
+    socket.gaierror: "is unknown: no computer has this name",
+    ConnectionRefusedError: f"refuses the connection; is {PROGRAM} running, and this its port?",
+    TimeoutError: "does not answer in time; is the computer on, and its firewall open?",
+}
+"""What is said of addresses."""
 Packet = tuple[int, bytes]
 """Its kind, and what is in it."""
-
-
-class _Connection:
-    """A connection to the program, and what has arrived of the next packet.
-
-    A ConnectionError says, in one line, what is wrong with it.
-    """
-
-    def __init__(self, host: str, port: int, timeout_s: float) -> None:
-        self._where, self._timeout_s = f"{host}:{port}", timeout_s
-        self._deadline_s, self.received = time.monotonic() + timeout_s, bytearray()
-        try:
-            self._socket = socket.create_connection((host, port), timeout_s)
-        except OSError as error:
-            raise ConnectionError(self._why_not(error)) from error
-
-    def _why_not(self, error: OSError) -> str:
-        """Say why there is no connection."""
-        if isinstance(error, socket.gaierror):
-            return f"{self._where}: no computer has this name"
-        if isinstance(error, ConnectionRefusedError):
-            return (
-                f"{self._where} refuses the connection; is {PROGRAM} running there, and its base "
-                "port one less?"
-            )
-        if isinstance(error, TimeoutError):
-            return (
-                f"{self._where} does not answer within {self._timeout_s:g} s; is the computer on, "
-                "and its firewall open?"
-            )
-        return f"{self._where} cannot be reached: {error.strerror or error}"
-
-    def begin(self) -> bytes:
-        """Wait for the welcome, and give the parameters."""
-        kind, welcome = self._answer("takes the connection, but says nothing")
-        if kind != COMMAND or _words(welcome) != WELCOME:
-            raise ConnectionError(f"{self._where} is no {PROGRAM}: it says {_words(welcome)!r}")
-        if _words(self._ask(f"Version {VERSION}", COMMAND)) != f"Version set to {VERSION}":
-            raise ConnectionError(f"{self._where} has not version {VERSION} of the protocol")
-        return self._ask("GetParameters General 3D Analog Force", XML).rstrip(b"\0")
-
-    def stream(self, components: Sequence[int]) -> list[Packet]:
-        """Ask for all frames; give what arrives first, of which some may be frames."""
-        command = f"StreamFrames AllFrames {' '.join(COMPONENTS[each] for each in components)}"
-        self.send(command)
-        found = self.packets(STREAM_S)
-        for kind, words in found:
-            if kind == ERROR:
-                raise ConnectionError(self._refusal(command, words))
-        return found
-
-    def _ask(self, command: str, expected: int) -> bytes:
-        """Send a command and give its answer."""
-        self.send(command)
-        kind, answer = self._answer(f"does not answer {command!r}")
-        if kind != expected:
-            raise ConnectionError(self._refusal(command, answer))
-        return answer
-
-    def _refusal(self, command: str, words: bytes) -> str:
-        return f"{PROGRAM} at {self._where} refuses {command!r}: {_words(words)}"
-
-    def _answer(self, silent: str) -> Packet:
-        """Give the next packet that answers something."""
-        while (left_s := self._deadline_s - time.monotonic()) > 0:
-            for kind, words in self.packets(left_s):
-                if kind in (ERROR, COMMAND, XML):
-                    return kind, words
-        raise ConnectionError(f"{self._where} {silent} within {self._timeout_s:g} s")
-
-    def send(self, command: str) -> None:
-        """Send a command."""
-        words = command.encode() + b"\0"
-        try:
-            self._socket.sendall(HEADER.pack(HEADER.size + len(words), COMMAND) + words)
-        except OSError as error:
-            raise ConnectionError(f"{self._where}: {error.strerror or error}") from error
-
-    def packets(self, timeout_s: float) -> list[Packet]:
-        """Give the packets that have arrived; wait for the first bytes."""
-        self._socket.settimeout(max(timeout_s, MIN_WAIT_S))
-        try:
-            piece = self._socket.recv(AT_ONCE)
-        except TimeoutError:
-            return []
-        except OSError as error:
-            raise ConnectionError(f"{self._where}: {error.strerror or error}") from error
-        if not piece:
-            raise ConnectionError(f"{self._where} has closed the connection")
-        self.received += piece
-        found = list[Packet]()
-        while len(self.received) >= HEADER.size:
-            size, kind = HEADER.unpack_from(self.received)
-            if not HEADER.size <= size <= MAX_BYTES or kind not in KINDS:
-                what = f"sends what is not of its protocol: {bytes(self.received[:16])!r}"
-                size, kind = HIGH_BYTE_FIRST.unpack_from(self.received)
-                if HEADER.size <= size <= MAX_BYTES and kind in KINDS:
-                    what = "sends the high byte first; the right port is one less"
-                raise ConnectionError(f"{self._where} {what}")
-            if len(self.received) < size:
-                break
-            found.append((kind, bytes(self.received[HEADER.size : size])))
-            del self.received[:size]
-        return found
-
-    def close(self) -> None:
-        """Disconnect."""
-        self._socket.close()
-
-
-def _words(answer: bytes) -> str:
-    return short(answer.rstrip(b"\0").decode("utf-8", "replace"), MAX_WORDS)
 
 
 class QualisysSource:
@@ -501,6 +374,13 @@ class QualisysSource:
         How long an answer is waited for.
     say
         Called with notes: frames that cannot be read, connections that are lost, what is doubtful.
+
+    Attributes
+    ----------
+    streams
+        What is received: markers, then plates, then analog devices.
+    plates
+        As the program's settings describe them.
 
     Raises
     ------
@@ -528,93 +408,136 @@ class QualisysSource:
         timeout_s: float = 5.0,
         say: Say = lambda note: None,
     ) -> None:
-        self._address, self._stated, self._say = (host, port), stated, say
-        self._packets: Packets | None = None
-        self._connection: _Connection | None = None
-        self._where = f"{host}:{port}"
-        self._told_s, self._again_s = dict[str, float](), 0.0
-        self._connect(timeout_s)
-
-    @property
-    def streams(self) -> tuple[StreamDescription, ...]:
-        """What is received: markers, then plates, then analog devices."""
-        streams = self._packets.streams if self._packets is not None else ()
-        return tuple(replace(stream, sender=self._where) for stream in streams)
-
-    @property
-    def plates(self) -> tuple[StatedPlate, ...]:
-        """Plates as the program's settings describe them."""
-        return self._packets.plates if self._packets is not None else ()
+        self._address, self._where = (host, port), f"{host}:{port}"
+        self._stated, self._say, self._told_s = stated, say, dict[str, float]()
+        self._socket: socket.socket | None = None
+        self._early, self._again_s = list[Packet](), 0.0
+        try:
+            self._packets = self._connect(timeout_s, None)
+        except BaseException:
+            self.close()
+            raise
+        streams, self.plates = self._packets.streams, self._packets.plates
+        self.streams = tuple(replace(stream, sender=self._where) for stream in streams)
 
     def receive(self, timeout_s: float) -> list[Samples]:
         """Give whatever has arrived; an empty list if nothing does within the timeout [s].
 
         A ValueError says that the program came back with other markers, channels or plates.
         """
-        if self._connection is None:
-            time.sleep(max(0.0, min(timeout_s, self._again_s - time.monotonic())))
         try:
-            if self._connection is None:
-                if time.monotonic() >= self._again_s:
-                    self._connect(RETURN_S)
-                return []
-            arrived = [*self._early, *self._connection.packets(timeout_s)]
-            self._early.clear()
-            self._look_for_silence(self._connection, bool(arrived))
-        except ConnectionError as reason:
-            self._lose(str(reason))
-            return []
-        return [samples for packet in arrived for samples in self._samples(*packet)]
+            if self._socket is not None:
+                arrived = self._early or self._arrived(self._socket, timeout_s)
+                self._early = list[Packet]()
+                self._look_for_silence(self._socket, bool(arrived))
+                return [samples for packet in arrived for samples in self._samples(*packet)]
+            time.sleep(max(0.0, min(timeout_s, self._again_s - time.monotonic())))
+            if time.monotonic() >= self._again_s:
+                self._connect(RETURN_S, self._packets)
+        except OSError as reason:
+            self.close()
+            self._again_s = time.monotonic() + RETRY_S
+            self._tell("live_connection_lost", reason.strerror or str(reason))
+        return []
 
     def close(self) -> None:
         """Disconnect."""
-        if self._connection is not None:
-            self._connection.close()
+        if self._socket is not None:
+            self._socket.close()
+        self._socket = None
 
-    def _connect(self, timeout_s: float) -> None:
-        """Connect, and begin to stream."""
-        connection, before = _Connection(*self._address, timeout_s), self._packets
+    def _connect(self, timeout_s: float, before: Packets | None) -> Packets:
+        """Connect, and begin to stream; a ConnectionError says what is wrong."""
+        self._received, self._until_s = bytearray(), time.monotonic() + timeout_s
+        self._heard_s, self._asked = self._until_s, False
         try:
-            written = connection.begin()
-            try:
-                packets = Packets(written, self._stated, self._say)
-            except ValueError as error:
-                if before is None:
-                    raise
-                raise ConnectionError(str(error)) from error  # it may not be ready yet
-            if before is not None:
-                sender = f"{PROGRAM} at {self._where}"
-                streams = {"description of its streams": (before.streams, packets.streams)}
-                require_same(sender, streams, before.plates, packets.plates)
-                packets = before
-            packets.restart()
-            self._early = connection.stream(packets.components)
-        except BaseException:
-            connection.close()
-            raise
-        self._packets, self._connection = packets, connection
-        self._heard_s, self._asked = time.monotonic(), False
+            self._socket = connected = socket.create_connection(self._address, timeout_s)
+        except OSError as error:
+            reasons = [why for kind, why in WHY_NOT.items() if isinstance(error, kind)]
+            why_not = (reasons or [f"cannot be reached: {error.strerror or error}"])[0]
+            raise ConnectionError(f"{self._where} {why_not}") from error
+        kind, welcome = self._answer(connected, "takes the connection, but says nothing")
+        if kind != COMMAND or _words(welcome) != WELCOME:
+            raise ConnectionError(f"{self._where} is no {PROGRAM}: it says {_words(welcome)!r}")
+        if _words(self._ask(connected, f"Version {VERSION}")) != f"Version set to {VERSION}":
+            raise ConnectionError(f"{self._where} has not version {VERSION} of the protocol")
+        written = self._ask(connected, "GetParameters General 3D Analog Force", XML)
+        try:
+            packets = Packets(written.rstrip(b"\0"), self._stated, self._say)
+        except ValueError as error:
+            if before is None:
+                raise
+            raise ConnectionError(str(error)) from error  # it may not be ready yet
+        if before is not None:
+            sender = f"{PROGRAM} at {self._where}"
+            streams = {"description of its streams": (before.streams, packets.streams)}
+            require_same(sender, streams, before.plates, packets.plates)
+            packets = before
+        packets.restart()
+        parts = " ".join(COMPONENTS[each] for each in packets.components)
+        _send(connected, f"StreamFrames AllFrames {parts}")
+        self._early = self._arrived(connected, STREAM_S)
+        for kind, words in self._early:
+            if kind == ERROR:
+                raise ConnectionError(f"{self._where} refuses to stream {parts}: {_words(words)}")
+        self._heard_s = time.monotonic()
+        return packets
 
-    def _look_for_silence(self, connection: _Connection, heard: bool) -> None:
+    def _ask(self, connected: socket.socket, command: str, expected: int = COMMAND) -> bytes:
+        """Send a command and give its answer."""
+        _send(connected, command)
+        kind, answer = self._answer(connected, f"does not answer {command!r}")
+        if kind != expected:
+            raise ConnectionError(f"{self._where} refuses {command!r}: {_words(answer)}")
+        return answer
+
+    def _answer(self, connected: socket.socket, silent: str) -> Packet:
+        """Give the next packet that answers something."""
+        while (left_s := self._until_s - time.monotonic()) > 0:
+            for kind, words in self._arrived(connected, left_s):
+                if kind in (ERROR, COMMAND, XML):
+                    return kind, words
+        raise ConnectionError(f"{self._where} {silent} in time")
+
+    def _arrived(self, connected: socket.socket, timeout_s: float) -> list[Packet]:
+        """Give the packets that have arrived; wait for the first bytes."""
+        connected.settimeout(max(timeout_s, MIN_WAIT_S))
+        try:
+            piece = connected.recv(AT_ONCE)
+        except TimeoutError:
+            return []
+        except ConnectionError:
+            piece = b""
+        if not piece:
+            raise ConnectionError(f"{self._where} has closed the connection")
+        self._received += piece
+        found = list[Packet]()
+        while len(self._received) >= HEADER.size:
+            size, kind = HEADER.unpack_from(self._received)
+            if not HEADER.size <= size <= MAX_BYTES or kind not in KINDS:
+                what = f"sends what is not of its protocol: {bytes(self._received[:16])!r}"
+                size, kind = HIGH_BYTE_FIRST.unpack_from(self._received)
+                if HEADER.size <= size <= MAX_BYTES and kind in KINDS:
+                    what = "sends the high byte first; the right port is one less"
+                raise ConnectionError(f"{self._where} {what}")
+            if len(self._received) < size:
+                break
+            found.append((kind, bytes(self._received[HEADER.size : size])))
+            del self._received[:size]
+        return found
+
+    def _look_for_silence(self, connected: socket.socket, heard: bool) -> None:
         """Ask a program that is silent whether it is there; one that does not answer is not."""
         if heard:
             self._heard_s, self._asked = time.monotonic(), False
         elif time.monotonic() - self._heard_s > SILENT_S:
-            if self._asked or connection.received:
+            if self._asked or self._received:
                 raise ConnectionError("it is silent in the middle of a packet, or when asked")
-            connection.send("QTMVersion")
+            _send(connected, "QTMVersion")
             self._heard_s, self._asked = time.monotonic(), True
-
-    def _lose(self, reason: str) -> None:
-        """Leave a connection, and say why once."""
-        if self._connection is not None:
-            self._connection.close()
-        self._connection, self._again_s = None, time.monotonic() + RETRY_S
-        self._tell("live_connection_lost", reason)
 
     def _samples(self, kind: int, data: bytes) -> list[Samples]:
         """Take one packet apart."""
-        assert self._packets is not None
         try:
             if kind == ERROR:
                 raise Malformed(f"it says {_words(data)!r}")
@@ -628,3 +551,12 @@ class QualisysSource:
         if time.monotonic() - self._told_s.get(code, -np.inf) > TELL_AGAIN_S:
             self._told_s[code] = time.monotonic()
             self._say(Note.of(code, program=PROGRAM, reason=reason))
+
+
+def _send(connected: socket.socket, command: str) -> None:
+    words = command.encode() + b"\0"
+    connected.sendall(HEADER.pack(HEADER.size + len(words), COMMAND) + words)
+
+
+def _words(answer: bytes) -> str:
+    return short(answer.rstrip(b"\0").decode("utf-8", "replace"), MAX_WORDS)
