@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from rich.text import Text
 
@@ -37,10 +37,7 @@ from pipeline.live.preparation import PlacedPlates, PoseFinder, Preparation, pla
 from pipeline.live.qualisys import PORT, QualisysSource
 from pipeline.live.session import RECEIVE_S, Session
 from pipeline.live.stream import Source
-from pipeline.viewer.live import ShownFrame
-
-if TYPE_CHECKING:
-    from pipeline.viewer.live import LiveView
+from pipeline.viewer.live import LiveScene, LiveView, Screen, ShownFrame
 
 SEARCH_S: Final = 60.0
 """How long streams are searched for."""
@@ -126,17 +123,9 @@ def run_session(prepared: Preparation, console: PlainConsole, options: Options) 
         session = Session(source, chain, recorder, outlet)
         view = None
         if options.view or options.web:
-            from pipeline.viewer.live import LiveScene, LiveView
-
-            scene = LiveScene(
-                chain.body,
-                plates,
-                chain.stream.labels,
-                chain.ground.variants,
-                "browser" if options.web else "window",
-                settings.contact_threshold_n,
-            )
-            view = LiveView(scene)
+            screen: Screen = "browser" if options.web else "window"
+            of_chain = chain.body, plates, chain.stream.labels, chain.ground.variants
+            view = LiveView(LiveScene(*of_chain, screen, settings.contact_threshold_n))
             stack.callback(view.close)
         monitor = Monitor(chain, plates, lambda note: console.say_notes((note,)), options.cycles)
         console.say(
@@ -160,10 +149,7 @@ def run_session(prepared: Preparation, console: PlainConsole, options: Options) 
 
 
 def _source(
-    prepared: Preparation,
-    options: Options,
-    console: PlainConsole,
-    say: Callable[[Note], object],
+    prepared: Preparation, options: Options, console: PlainConsole, say: Callable[[Note], object]
 ) -> Source:
     if options.qualisys is not None:
         console.say(f"connecting to Qualisys Track Manager at {options.qualisys}")
@@ -244,7 +230,7 @@ def follow(
     source: Source,
     monitor: Monitor,
     recorder: Recorder,
-    view: "LiveView | None",
+    view: LiveView | None,
     console: PlainConsole,
     duration_s: float | None,
     ending: ExitStack,
@@ -300,7 +286,7 @@ def _coloured(status: str) -> Text:
     return Text.assemble((f" {word} ", STYLES[word]), rest)
 
 
-def take_new(session: Session, monitor: Monitor, view: "LiveView | None" = None) -> None:
+def take_new(session: Session, monitor: Monitor, view: LiveView | None = None) -> None:
     """Bring what is new in a session to its monitor and its view."""
     while session.samples:
         monitor.samples(session.samples.popleft())
@@ -309,26 +295,14 @@ def take_new(session: Session, monitor: Monitor, view: "LiveView | None" = None)
         cycles = monitor.frame(frame, latency_s)
         if view is None:
             continue
-        shown = ShownFrame(
-            frame.time,
-            frame.q,
-            frame.markers,
-            frame.residual,
-            frame.by_foot,
-            frame.platform,
-            frame.quality.counts,
-        )
-        view.show(shown)
+        loads = frame.residual, frame.by_foot, frame.platform
+        view.show(ShownFrame(frame.time, frame.q, frame.markers, *loads, frame.quality.counts))
         for cycle in cycles:
             view.show_cycle(cycle.side, cycle.curve)
 
 
 def summary(
-    chain: LiveChain,
-    monitor: Monitor,
-    session: Session,
-    recorder: Recorder,
-    folder: Path,
+    chain: LiveChain, monitor: Monitor, session: Session, recorder: Recorder, folder: Path
 ) -> Iterator[str]:
     """Say what was received, what came of it, and where it is, line by line."""
     condition = monitor.condition
@@ -339,11 +313,11 @@ def summary(
         f"{chain.received} frames received: {chain.solved} used, {chain.marked} not used"
         f"{f' ({why})' if why else ''}"
     )
-    for name, missing in session.arrivals.missing.items():
-        if missing:
-            yield f"stream {name}: {missing} samples not received"
-        if unused := session.arrivals.unused[name]:
-            yield f"stream {name}: {unused} samples not used: late, repeated, or without a time"
+    for name, clock in session.arrivals.of.items():
+        if clock.missing:
+            yield f"stream {name}: {clock.missing} samples not received"
+        if clock.unused:
+            yield f"stream {name}: {clock.unused} samples not used: late, repeated, or untimed"
     unit = f"{NOUNS[condition.unit]}s"
     yield f"{condition.cycles} {unit} of both feet used, {condition.used} of one foot"
     yield from monitor.residuals()
@@ -358,7 +332,7 @@ def summary(
             f"from arrival to results: median {monitor.latency_ms(50):.2f} ms, 99 % within "
             f"{monitor.latency_ms(99):.2f} ms"
         )
-    for note, times in monitor.warnings():
+    for note, times in monitor.raised.values():
         yield f"warning, {times} times: {note}" if times > 1 else f"warning: {note}"
     if session.fault is not None:
         yield f"ended by itself: {session.fault}"

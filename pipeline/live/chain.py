@@ -30,18 +30,12 @@ from pipeline.trial.quality import Quality, settling_s
 from pipeline.trial.residuals import reported
 
 
-def _none() -> Array:
-    return np.empty((0, 3))
-
-
 @dataclass(frozen=True, slots=True)
 class LiveFrame:
     """One frame.
 
     Attributes
     ----------
-    number
-        Of the frame among those received, from 0.
     time
         On the streams' clock [s].
     q
@@ -69,7 +63,6 @@ class LiveFrame:
         From the arrival of its last sample until it was known [s].
     """
 
-    number: int
     time: float
     q: Array
     tau: Mapping[str, Array]
@@ -79,7 +72,7 @@ class LiveFrame:
     marker_error: Array
     quality: Quality
     computing_s: float
-    markers: Array = field(default_factory=_none)
+    markers: Array = field(default_factory=lambda: np.empty((0, 3)))
     platform: tuple[Array, Array] | None = None
 
 
@@ -135,9 +128,9 @@ class LiveChain:
         From a frame's time to that of the last sample that it needs [s].
     filter_delay_s
         By which the filter makes coordinates, forces and residuals late [s].
-    received, solved, marked, late
-        Frames: all, those that count, those that do not, and those of them whose samples did not
-        arrive in time. Frames that wait for samples are only received.
+    received, solved, marked
+        Frames: all, those that count, and those that do not. Frames that wait for samples are only
+        received.
 
     Raises
     ------
@@ -186,15 +179,9 @@ class LiveChain:
         markers, analog = stated_streams(live, streams)
         self.body, self.settings, self.live, self.stream = body, settings, live, markers
         self.analog = AnalogStreams(analog)
-        self.ground = LiveGround(
-            laboratory,
-            settings,
-            plates,
-            [live.channels_of(plate.number) for plate in plates],
-            self.analog,
-            markers.labels,
-            markers.rate_hz,
-        )
+        channels = [live.channels_of(plate.number) for plate in plates]
+        of_plates = laboratory, settings, plates, channels, self.analog
+        self.ground = LiveGround(*of_plates, markers.labels, markers.rate_hz)
         self.wait_s = self.ground.ahead_s
         self.filter_delay_s = float(np.sqrt(2) / (2 * np.pi * settings.cutoff_hz))
         self.tracker = MarkerTracker(body, markers.labels)
@@ -214,7 +201,7 @@ class LiveChain:
         self.foot_on: list[int | None] = [None] * len(plates)
         self.waiting = deque[_Pose]()
         self.newest_s = -np.inf
-        self.solved = self.marked = self.late = 0
+        self.solved = self.marked = 0
 
     @property
     def received(self) -> int:
@@ -269,18 +256,10 @@ class LiveChain:
         platform, above = self.ground.seen(position), None
         if platform is not None or self.ground.platform is None:  # else it waits for its commands
             above = self.support.feet(np.array([time]), places[None], _one(platform))
-        return _Pose(
-            time,
-            position,
-            platform,
-            q,
-            (feet[:2] + feet[2:]) / 2,
-            places,
-            above,
-            (tau.copy(), wrench.copy(), motion.reshape(N_Q, 6).copy()),
-            solution.marker_error,
-            self._quality_of_pose(time, solution),
-        )
+        shown = (feet[:2] + feet[2:]) / 2, places, above
+        needed = tau.copy(), wrench.copy(), motion.reshape(N_Q, 6).copy()
+        quality = self._quality_of_pose(time, solution)
+        return _Pose(time, position, platform, q, *shown, needed, solution.marker_error, quality)
 
     def _places(self, q: Array) -> Array:
         """Give pelvis, ankles and balls, left before right, coordinates (46,) to (5, 3) [m]."""
@@ -344,21 +323,14 @@ class LiveChain:
             quality |= Quality.SETTLING
         self.solved += quality.counts
         self.marked += not quality.counts
-        self.late += not complete
-        names = self.ground.variants
+
+        def named(values: Array) -> dict[str, Array]:
+            return dict(zip(self.ground.variants, values, strict=True))
+
+        forces = named(tau), named(reported(residual)), named(by_foot)
+        error, took_s = pose.marker_error, perf_counter() - started
         return LiveFrame(
-            number=self.solved + self.marked - 1,
-            time=time,
-            q=pose.q,
-            tau=dict(zip(names, tau, strict=True)),
-            residual=dict(zip(names, reported(residual), strict=True)),
-            by_foot=dict(zip(names, by_foot, strict=True)),
-            contact=contact,
-            marker_error=pose.marker_error,
-            quality=quality,
-            computing_s=perf_counter() - started,
-            markers=pose.position,
-            platform=platform,
+            time, pose.q, *forces, contact, error, quality, took_s, pose.position, platform
         )
 
     def _feet_on_plates(self, wrenches: Array, feet: Array) -> tuple[Indices, bool]:

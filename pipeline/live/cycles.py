@@ -72,7 +72,7 @@ class _Foot:
 
     loaded: bool | None = None
     changed_s: float | None = None
-    strike_s: float | None = None
+    strike_s: float = -np.inf
     others_strikes: int = 0
 
     def change(self, loaded: bool, time: float) -> float | None:
@@ -102,7 +102,7 @@ class GaitTracker:
     --------
     >>> from dataclasses import replace
     >>> nothing = {"measured": np.zeros(6)}
-    >>> still = LiveFrame(0, 0.0, np.zeros(46), {}, nothing, {"measured": np.zeros((2, 6))},
+    >>> still = LiveFrame(0.0, np.zeros(46), {}, nothing, {"measured": np.zeros((2, 6))},
     ...                   np.zeros(2, bool), np.zeros(1), Quality(0), 0.0)
     >>> tracker, strides = GaitTracker(0.042), []
     >>> for k in range(250):
@@ -133,12 +133,11 @@ class GaitTracker:
             if at is None or not loaded:
                 continue
             other.others_strikes += 1
-            if foot.strike_s is not None and self._is_usual("cycle", foot.strike_s, at):
-                whole = other.strike_s is None or foot.others_strikes == 1
+            if self._is_usual("cycle", foot.strike_s, at):
+                whole = other.strike_s == -np.inf or foot.others_strikes == 1
                 ended.append(self._cycle("cycle", side, foot.strike_s, at, whole))
-            own_s = -np.inf if foot.strike_s is None else foot.strike_s
-            last_s = -np.inf if other.strike_s is None else other.strike_s
-            if own_s < last_s and self._is_usual("step", last_s, at):
+            last_s = other.strike_s
+            if foot.strike_s < last_s and self._is_usual("step", last_s, at):
                 ended.append(self._cycle("step", other_side, last_s, at, True))
             foot.strike_s, foot.others_strikes = at, 0
         return ended
@@ -174,19 +173,9 @@ class GaitTracker:
         lost = np.rint(steps / np.median(steps)).astype(int) - 1 if len(steps) else []
         gap = np.where(steps > self.longest_s, Quality.POSE_UNKNOWN, Quality.BRIDGED)
         quality = [*(f.quality for f in inside), *np.repeat(gap, lost)]
-        return LiveCycle(
-            side,
-            start_s,
-            stop_s,
-            whole,
-            time[counts],
-            residual,
-            peak,
-            curve,
-            float(force[:, 2].mean()) if known else np.nan,
-            np.array(quality, int),
-            unit,
-        )
+        vertical_n = float(force[:, 2].mean()) if known else np.nan
+        of_frames = time[counts], residual, peak, curve, vertical_n, np.array(quality, int)
+        return LiveCycle(side, start_s, stop_s, whole, *of_frames, unit)
 
 
 class Limits(NamedTuple):

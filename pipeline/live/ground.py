@@ -32,46 +32,25 @@ from pipeline.trial.ground.platform import MAX_MARKER_ERROR_M, NEUTRAL_FRAMES
 
 
 class SampleBuffer:
-    """The newest samples of one stream, at least so many, in memory that does not grow.
+    """The newest samples of one stream, so many at most: times, (N,) [s], and values, (N, K).
 
     Examples
     --------
-    >>> buffer = SampleBuffer(columns=1, length=3)
+    >>> buffer = SampleBuffer(columns=1, length=2)
     >>> buffer.append(np.array([0.0, 0.1, 0.2]), np.ones((3, 1)))
-    >>> buffer.newest_s
-    0.2
+    >>> buffer.newest_s, len(buffer.values)
+    (0.2, 2)
     """
 
     def __init__(self, columns: int, length: int) -> None:
-        self.length = length
-        self._time, self._values = np.empty(2 * length), np.empty((2 * length, columns))
-        self._stop = 0
-        self.newest_s = -np.inf
-
-    @property
-    def time(self) -> Array:
-        """Times of the samples that are kept, (N,) [s]; valid until the next are appended."""
-        return self._time[: self._stop]
-
-    @property
-    def values(self) -> Array:
-        """The samples, (N, K); valid until the next are appended."""
-        return self._values[: self._stop]
+        self.length, self.newest_s = length, -np.inf
+        self.time, self.values = np.empty(0), np.empty((0, columns))
 
     def append(self, time: Array, values: Array) -> None:
         """Take samples, (N,) [s] and (N, K), in order and later than the last one."""
-        time, values = time[-self.length :], values[-self.length :]
-        if self._stop + len(time) > len(self._time):
-            kept_before = slice(max(0, self._stop - self.length + len(time)), self._stop)
-            moved = kept_before.stop - kept_before.start
-            self._time[:moved] = self._time[kept_before].copy()
-            self._values[:moved] = self._values[kept_before].copy()
-            self._stop = moved
-        place = slice(self._stop, self._stop + len(time))
-        self._time[place], self._values[place] = time, values
-        self._stop = place.stop
-        if len(time):
-            self.newest_s = float(time[-1])
+        self.time = np.concatenate([self.time, time])[-self.length :]
+        self.values = np.concatenate([self.values, values])[-self.length :]
+        self.newest_s = float(self.time[-1]) if len(self.time) else -np.inf
 
 
 HISTORY_S: Final = 2.0
@@ -140,6 +119,8 @@ class AnalogStreams:
                 f"{'' if missing else ' together'}; channels there: {listed(there)}"
             )
         stream = having[0]
+        if twice := [label for label in labels if stream.labels.count(label) > 1]:
+            raise ValueError(f"stream {short(stream.name)!r}: several channels are {listed(twice)}")
         columns = [stream.labels.index(label) for label in labels]
         try:
             units = [unit or stream.units[column] for column in columns]
@@ -329,19 +310,12 @@ class LiveGround:
         treadmill = laboratory.treadmill
         delays_s = plate_delays_s(plates, laboratory.plates, settings.plate_delay_s)
         self.plates = each = [analog.find(six, PLATE_UNITS) for six in channels]
-        alike: dict[tuple[int, float], list[int]] = {}
-        for k, (found, delay_s) in enumerate(zip(each, delays_s, strict=True)):
-            alike.setdefault((id(found.buffer), delay_s), []).append(k)
-        self.groups = list[tuple[list[int], Channels, Convolution, float]]()
-        for (_, delay_s), own in alike.items():
-            names = [name for k in own for name in channels[k]]
-            found = analog.find(names, PLATE_UNITS * len(own))
-            how = Convolution.between(found.rate_hz, frames_hz)
-            self.groups.append((own, found, how, delay_s))
+        resampling = [Convolution.between(found.rate_hz, frames_hz) for found in each]
+        self.resampled = list(zip(each, resampling, delays_s, strict=True))
         corrections = [_correction(plate, laboratory) for plate in plates]
         self.corrections, self.offsets = map(np.array, zip(*corrections, strict=True))
         self.to_lab = np.array([transform_wrench(np.eye(6), p.rotation, p.center) for p in plates])
-        ahead_s = [0.0, *(delay_s + how.reach_s for _, _, how, delay_s in self.groups)]
+        ahead_s = [0.0, *(delay_s + how.reach_s for _, how, delay_s in self.resampled)]
 
         self.gains = list[tuple[Array, Array]]()
         self.sensors: InertiaModel | None = None
@@ -393,9 +367,8 @@ class LiveGround:
         The wrenches of each variant and plate are in lab axes about the lab origin, unfiltered,
         (V, P, 6) [N, N·m], NaN where unknown; the platform's pose is None where it stands still.
         """
-        measured = np.empty((len(self.to_lab), 6))
-        for plates, channels, how, delay_s in self.groups:
-            measured[plates] = _resampled(channels, how, time + delay_s).reshape(-1, 6)
+        each = [_resampled(sent, how, time + delay_s) for sent, how, delay_s in self.resampled]
+        measured = np.reshape(each, (-1, 6))
         measured = (measured[:, None] @ self.corrections)[:, 0] + self.offsets
         variants = [measured]
         if len(self.variants) > 1:

@@ -1,7 +1,7 @@
 """What a laboratory sees of a session: residuals so far, latency, and what is wrong."""
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import pairwise
 from time import monotonic
 from typing import Final, Protocol
@@ -203,67 +203,50 @@ class WeightWatch:
             self.found = [note] if differs else []
 
 
-class Recent:
-    """Gathers samples, (N,) [s] and (N, K), until they span a time, and gives them in order."""
+class SignalWatch:
+    """Judges samples of signals that span a time [s], and then the next ones."""
 
-    def __init__(self, span_s: float) -> None:
-        self._span_s = span_s
+    def __init__(self, span_s: float, judge: Callable[[Array, Array], Iterable[Note]]) -> None:
+        self._span_s, self._judge = span_s, judge
         self._kept: list[tuple[Array, Array]] = []
-
-    def full(self, time: Array, values: Array) -> tuple[Array, Array] | None:
-        """Take samples; give all of them once they span the time, and begin anew."""
-        self._kept.append((time, values))
-        if time[-1] - self._kept[0][0][0] < self._span_s:
-            return None
-        time, values = map(np.concatenate, zip(*self._kept, strict=True))
-        self._kept.clear()
-        time, order = np.unique(time, return_index=True)
-        return time, values[order]
-
-
-class PlateWatch:
-    """Finds whether a plate is not zero without load, or saturated, ten seconds at a time.
-
-    Zero is judged as of trials (`pipeline.trial.checks.rest_level`). The plate's z axis points up
-    (1) or down (-1). What it reads without load on a platform that moves is the platform's inertia
-    and weight.
-    """
-
-    def __init__(self, number: int, mass_kg: float, up: float = 1, *, moves: bool = False) -> None:
-        self._number, self._weight_n = number, mass_kg * GRAVITY_MPS2
-        self._up, self._moves, self._recent = up, moves, Recent(JUDGED_S)
         self.found: list[Note] = []
 
-    def add(self, time: Array, wrench: Array) -> None:
-        """Take samples, (N,) [s] and (N, 6) in the plate's axes."""
-        if (recent := self._recent.full(time, wrench)) is not None:
-            self.found = list(self._judged(*recent))
+    def add(self, time: Array, values: Array) -> None:
+        """Take samples, (N,) [s] and (N, K)."""
+        self._kept.append((time, values))
+        if time[-1] - self._kept[0][0][0] >= self._span_s:
+            self.found = [*self._judge(*map(np.concatenate, zip(*self._kept, strict=True)))]
+            self._kept.clear()
 
-    def _judged(self, time: Array, wrench: Array) -> Iterator[Note]:
-        rest_n = None if self._moves else rest_level(self._up * wrench[:, 2], time, self._weight_n)
+
+def plate_watch(number: int, mass_kg: float, up: float = 1, *, moves: bool = False) -> SignalWatch:
+    """Find whether a plate is not zero without load, or saturated, ten seconds at a time.
+
+    Its samples are (N, 6), in its own axes. Zero is judged as of trials
+    (`pipeline.trial.checks.rest_level`). The plate's z axis points up (1) or down (-1). What it
+    reads without load on a platform that moves is the platform's inertia and weight.
+    """
+
+    def judge(time: Array, wrench: Array) -> Iterator[Note]:
+        vertical_n, weight_n = up * wrench[:, 2], mass_kg * GRAVITY_MPS2
+        rest_n = None if moves else rest_level(vertical_n, time, weight_n)
         if rest_n is not None and abs(rest_n) > MAX_REST_N:
-            yield Note.of("live_plate_not_zero", plate=self._number, rest_n=rest_n)
-        for name, values, least in zip(WRENCH_COMPONENTS, np.abs(wrench).T, EXTREME, strict=True):
-            if _is_limited(values, least):
-                limit, plate = float(np.nanmax(values)), self._number
-                yield Note.of("live_plate_saturated", plate=plate, component=name, value=limit)
+            yield Note.of("live_plate_not_zero", plate=number, rest_n=rest_n)
+        for name, sizes, least in zip(WRENCH_COMPONENTS, np.abs(wrench).T, EXTREME, strict=True):
+            if _is_limited(sizes, least):
+                limit = float(np.nanmax(sizes))
+                yield Note.of("live_plate_saturated", plate=number, component=name, value=limit)
+
+    return SignalWatch(JUDGED_S, judge)
 
 
-class SensorWatch:
-    """Finds what makes compensation doubtful in five seconds of accelerometers at a time.
+def sensor_watch(model: InertiaModel) -> SignalWatch:
+    """Find what makes compensation doubtful in five seconds of accelerometers at a time.
 
     As of trials, by `compensation.check_trial`; a gap is zero, so that a sensor that sends nothing
-    is dead.
+    is dead. Samples are (N, K) [m/s²].
     """
-
-    def __init__(self, model: InertiaModel) -> None:
-        self._model, self._recent = model, Recent(SENSORS_S)
-        self.found: list[Note] = []
-
-    def add(self, time: Array, accelerations: Array) -> None:
-        """Take samples, (N,) [s] and (N, K) [m/s²]."""
-        if (recent := self._recent.full(time, accelerations)) is not None:
-            self.found = list(check_trial(self._model, np.nan_to_num(recent[1])))
+    return SignalWatch(SENSORS_S, lambda _, read: check_trial(model, np.nan_to_num(read)))
 
 
 def _is_limited(values: Array, least: float) -> bool:
@@ -323,6 +306,8 @@ class Monitor:
         The last ten gait cycles.
     notes
         The newest ones as they arose, each with its time on the streams' clock [s].
+    raised
+        Code of a note, and what it is of -> the newest one, and how often it arose.
     reasons
         Why frames are not used -> how many.
     during_stop
@@ -344,12 +329,12 @@ class Monitor:
         body, ground = chain.body, chain.ground
         self._weight, self._sides = WeightWatch(body.mass), marker_sides(body)
         moves = ground.platform is not None
-        self._signals: list[tuple[Channels, PlateWatch | SensorWatch]] = [
-            (channels, PlateWatch(p.number, body.mass, np.sign(p.rotation[2, 2]), moves=moves))
+        self._signals: list[tuple[Channels, SignalWatch]] = [
+            (channels, plate_watch(p.number, body.mass, np.sign(p.rotation[2, 2]), moves=moves))
             for p, channels in zip(plates, ground.plates, strict=True)
         ]
         if ground.sensors is not None:
-            self._signals.append((ground.readings, SensorWatch(ground.sensors)))
+            self._signals.append((ground.readings, sensor_watch(ground.sensors)))
         self._watches: tuple[Watch, ...] = (
             *(self._markers, self._fit, self._delay, self._weight),
             *(watch for _, watch in self._signals),
@@ -370,7 +355,7 @@ class Monitor:
         self.notes: deque[tuple[float, Note]] = deque(maxlen=MAX_NOTES)
         self.reasons: Counter[str] = Counter()
         self._stopped, self.during_stop = False, 0
-        self._raised: dict[tuple[str, object], tuple[Note, int]] = {}
+        self.raised: dict[tuple[str, object], tuple[Note, int]] = {}
         self._steady_s = np.nan
         present = set(chain.tracker.markers)
         if absent := [name for name in body.markers if name not in present]:
@@ -447,10 +432,6 @@ class Monitor:
         self._stopped = any(note.code in STOPPING for note in found)
         return [*found, *self._lasting]
 
-    def warnings(self) -> list[tuple[Note, int]]:
-        """Give the newest note of each kind that arose, and how often."""
-        return [*self._raised.values()]
-
     @property
     def condition(self) -> ConditionSoFar:
         """The gait cycles so far or, where plates carry none of them, the steps."""
@@ -471,20 +452,12 @@ class Monitor:
         recent, condition = list(self._recent), self.condition
         shares = {r: sum(r in each for each in recent) / max(len(recent), 1) for r in OF_FRAMES}
         noun, steady = f"{NOUNS[condition.unit]}s", len(recent) >= MIN_FRAMES
-        state = LiveState(
-            *(condition.used, self._required, noun, steady, self.look(), shares, self._sides)
-        )
-        shown, weight_n = light(state), self.chain.body.mass * GRAVITY_MPS2
-        return Board(
-            shown.colour,
-            shown.sentence,
-            condition.used / self._required,
-            f"{condition.used} / {self._required} {noun}",
-            condition.newest,
-            MAX_FORCE_SHARE * weight_n,
-            MAX_MOMENT_SHARE * weight_n * self._standing_m,
-            senders(streams),
-        )
+        used, wanted, weight_n = condition.used, self._required, self.chain.body.mass * GRAVITY_MPS2
+        shown = light(LiveState(used, wanted, noun, steady, self.look(), shares, self._sides))
+        done = used / wanted, f"{used} / {wanted} {noun}"
+        limits = MAX_FORCE_SHARE * weight_n, MAX_MOMENT_SHARE * weight_n * self._standing_m
+        said = shown.colour, shown.sentence
+        return Board(*said, *done, condition.newest, *limits, senders(streams))
 
     def status(self) -> str:
         """Give one line: light, bars of the newest residuals, latency."""
@@ -525,7 +498,7 @@ class Monitor:
         for note in notes:
             self.notes.append((self._time, note))
             key = note.code, _subject(note)
-            self._raised[key] = note, self._raised.get(key, (note, 0))[1] + 1
+            self.raised[key] = note, self.raised.get(key, (note, 0))[1] + 1
             self._say(note)
 
 

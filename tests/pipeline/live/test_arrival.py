@@ -147,7 +147,7 @@ def test_a_sample_that_comes_twice_is_none_that_was_lost():
     for time in (np.arange(50) / 100, np.array([0.20, 0.50, 0.51])):
         given = taken.take(Samples("Markers", time, np.zeros((len(time), 3))), 0.5)
     np.testing.assert_array_equal(given.time, [0.50, 0.51])
-    assert (taken.missing["Markers"], taken.unused["Markers"]) == (0, 1)
+    assert (taken.of["Markers"].missing, taken.of["Markers"].unused) == (0, 1)
 
 
 @drawn(
@@ -174,5 +174,5 @@ def test_samples_that_never_came_are_told_from_those_that_came_late_twice_or_wit
         chunk = time[k : k + each]
         used += [*taken.take(Samples("Markers", chunk, np.zeros((len(chunk), 3))), k / 100).time]
     assert (np.diff(used) > 0).all()
-    assert taken.unused["Markers"] == len(time) - len(used)
-    assert taken.missing["Markers"] == len(lost)
+    assert taken.of["Markers"].unused == len(time) - len(used)
+    assert taken.of["Markers"].missing == len(lost)

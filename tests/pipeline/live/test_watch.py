@@ -15,8 +15,8 @@ from pipeline.live.monitor import (
     DelayWatch,
     FitWatch,
     MarkerGaps,
-    PlateWatch,
     WeightWatch,
+    plate_watch,
 )
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality
@@ -50,35 +50,35 @@ def noted(watch, time, wrench, each=25):
 
 
 def test_a_good_plate_is_not_noted():
-    assert noted(PlateWatch(1, MASS_KG), *walking(3)) == []
+    assert noted(plate_watch(1, MASS_KG), *walking(3)) == []
 
 
 @pytest.mark.parametrize("up", [1.0, -1.0])
 def test_a_plate_that_is_not_zero_is_noted_within_seconds(up):
     """As a load, whether its z axis points up or down."""
     time, wrench = walking(0.4, rest_n=14.0)
-    first, *_ = noted(PlateWatch(1, MASS_KG, up), time, up * wrench)
+    first, *_ = noted(plate_watch(1, MASS_KG, up), time, up * wrench)
     assert first.code == "live_plate_not_zero"
     assert first.values["rest_n"] == pytest.approx(14.0, abs=0.5)
 
 
 def test_what_a_plate_reads_on_a_platform_that_moves_is_no_offset():
     time, wrench = walking(1.0, rest_n=14.0)
-    assert noted(PlateWatch(1, MASS_KG), time, wrench)
-    assert noted(PlateWatch(1, MASS_KG, moves=True), time, wrench) == []
+    assert noted(plate_watch(1, MASS_KG), time, wrench)
+    assert noted(plate_watch(1, MASS_KG, moves=True), time, wrench) == []
 
 
 def test_a_saturated_component_is_noted_once_with_its_limit():
     time, wrench = walking(0.5)
     wrench[:, 2] = wrench[:, 2].clip(None, 600.0)
-    (note,) = noted(PlateWatch(1, MASS_KG), time, wrench)
+    (note,) = noted(plate_watch(1, MASS_KG), time, wrench)
     assert note.values == {"plate": 1, "component": "Fz", "value": 600.0}
 
 
 def test_a_converters_steps_are_no_saturation_at_rest_and_of_one_who_stands():
     time, wrench = walking(0.5)
-    assert noted(PlateWatch(1, MASS_KG), time, wrench.round()) == []
-    assert noted(PlateWatch(1, MASS_KG), time, np.full((len(time), 6), 350.0)) == []
+    assert noted(plate_watch(1, MASS_KG), time, wrench.round()) == []
+    assert noted(plate_watch(1, MASS_KG), time, np.full((len(time), 6), 350.0)) == []
 
 
 @given(gone=st.integers(0, 100), each=st.integers(1, 9))
@@ -176,7 +176,6 @@ def fitted(error_m, quality, seen=True, count=500):
     """Frames at 100 Hz with two markers of such errors; NaN where one is not used."""
     for k in range(count):
         yield LiveFrame(
-            number=k,
             time=k / 100,
             q=np.zeros(46),
             tau={},
