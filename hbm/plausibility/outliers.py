@@ -22,7 +22,7 @@ from hbm.plausibility.labels import (
     without_frozen_frames,
 )
 from hbm.signals.filtering import Method
-from hbm.signals.samples import stretches
+from hbm.signals.samples import without_short_gaps
 from hbm.spatial import Array, Indices, Mask
 
 MIN_EXCESS_M: Final = 0.1
@@ -136,11 +136,7 @@ def _with_lost_limbs(limbs: Sequence[Indices], time: Array, outliers: Mask) -> M
     for own in limbs:
         if len(own):
             lost = limb_is_lost(outliers[:, own])
-            for start, stop in stretches(~lost):
-                inside = start > 0 and stop < len(lost)
-                if inside and time[stop] - time[start - 1] <= MAX_BETWEEN_S:
-                    lost[start:stop] = True
-            result[np.ix_(lost, own)] = True
+            result[np.ix_(without_short_gaps(lost, time, MAX_BETWEEN_S), own)] = True
     return result
 
 
@@ -218,8 +214,12 @@ class MarkerTracker:
         time
             Of the frame, after the last one [s].
         position
-            Measured markers in the lab, (M, 3) [m]; NaN where missing.
+            Measured markers in the lab, (M, 3) [m]; NaN where missing. Without any, the frame was
+            lost: it is unsolved, and what follows is as if it had never come.
         """
+        if not np.isfinite(position[self.columns]).any():
+            self.frozen, self.left_out = False, np.zeros(len(self.markers), bool)
+            return self.tracker.solve(position)
         since_s, self.time = time - self.time, time
         self.frozen = self._is_frozen(time, position[self.columns])
         if self.frozen:

@@ -5,6 +5,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.interpolate import make_interp_spline
 
 from hbm.spatial import Array, Indices, Mask
 
@@ -75,27 +76,63 @@ def median_of(values: Array) -> float:
     return float((ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2)
 
 
-def blocks_without_gaps(columns: Array, needed: int) -> Iterator[tuple[slice, Mask | slice]]:
-    """Find blocks of at least ``needed`` finite rows in (T, K), and the columns that share them.
+def without_short_gaps(known: Mask, time: Array, longest_s: float) -> Mask:
+    """Find samples that are known, or between two known ones that are at most so far apart, (T,).
+
+    Examples
+    --------
+    >>> known = np.array([False, True, False, True, False, False, True])
+    >>> without_short_gaps(known, np.arange(7.0), 2.0).tolist()
+    [False, True, True, True, False, False, True]
+    """
+    filled = known.copy()
+    for start, stop in stretches(~known):
+        inside = start > 0 and stop < len(known)
+        if inside and time[stop] - time[start - 1] <= longest_s:
+            filled[start:stop] = True
+    return filled
+
+
+def bridged(columns: Array, time: Array, longest_s: float, degree: int) -> Array:
+    """Fill unknown samples (T, K) between known ones that are at most so far apart [s].
+
+    By straight lines (``degree`` 1), which know nothing of what follows, or by cubic splines (3).
+    """
+    filled = columns
+    for known, numbers in _columns_by_gaps(np.isfinite(columns)):
+        rows = np.flatnonzero(without_short_gaps(known, time, longest_s) & ~known)
+        if len(rows):
+            through = columns[known][:, numbers]
+            spline = make_interp_spline(time[known], through, min(degree, len(through) - 1))
+            filled = columns.copy() if filled is columns else filled
+            place = rows if isinstance(numbers, slice) else np.ix_(rows, numbers)
+            filled[place] = spline(time[rows])
+    return filled
+
+
+def _columns_by_gaps(known: Mask) -> Iterator[tuple[Mask, Mask | slice]]:
+    """Give which rows of (T, K) samples are known, and the columns that share them.
 
     Columns are a slice where all share them, which takes no copy.
     """
-    finite = np.isfinite(columns)
-    if finite.size and finite.all():
-        if len(columns) >= needed:
-            yield slice(0, len(columns)), slice(None)
+    if known.size and known.all():
+        yield known[:, 0], slice(None)
         return
-    same_gaps: dict[bytes, list[int]] = {}
-    known = np.ascontiguousarray(finite.T)
-    for number, of_column in enumerate(known):
-        same_gaps.setdefault(of_column.tobytes(), []).append(number)
-    for numbers in same_gaps.values():
-        chosen: Mask | slice = slice(None)
-        if len(same_gaps) > 1:
-            chosen = np.isin(np.arange(len(known)), numbers)
-        for start, stop in stretches(known[numbers[0]]):
+    same: dict[bytes, list[int]] = {}
+    columns = np.ascontiguousarray(known.T)
+    for number, of_column in enumerate(columns):
+        same.setdefault(of_column.tobytes(), []).append(number)
+    for numbers in same.values():
+        shared = slice(None) if len(same) == 1 else np.isin(np.arange(len(columns)), numbers)
+        yield columns[numbers[0]], shared
+
+
+def blocks_without_gaps(columns: Array, needed: int) -> Iterator[tuple[slice, Mask | slice]]:
+    """Find blocks of at least ``needed`` finite rows in (T, K), and the columns that share them."""
+    for known, numbers in _columns_by_gaps(np.isfinite(columns)):
+        for start, stop in stretches(known):
             if stop - start >= needed:
-                yield slice(start, stop), chosen
+                yield slice(start, stop), numbers
 
 
 def unknown(shape: tuple[int, int]) -> Array:

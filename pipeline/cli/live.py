@@ -22,7 +22,7 @@ def live(
     out: Annotated[Path | None, Option(help="New folder; default: live/TIME.")] = None,
     view: Annotated[bool, Option("--view", help="Show the body in a window.")] = False,
     web: Annotated[bool, Option("--web", help="Show the body to a browser here.")] = False,
-    qualisys: Annotated[str | None, Option(help="Address of QTM, in place of LSL.")] = None,
+    qualisys: Annotated[str | None, Option(help="ADDRESS[:PORT] of QTM; not LSL.")] = None,
     listen: Annotated[str | None, Option(help="This computer's address for streams.")] = None,
     sender: Annotated[
         list[str] | None, Option(help="Computer to receive from, of several; repeatable.")
@@ -51,17 +51,8 @@ def live(
     from pipeline.live.preparation import prepare
 
     prepared = prepare(study, subject, static, calibration)
-    options = Options(
-        out,
-        pose,
-        view,
-        web,
-        qualisys,
-        listen or prepared.live.listen,
-        sender or [],
-        cycles or prepared.cycles or REQUIRED,
-        duration_s,
-    )
+    address, wanted = listen or prepared.live.listen, cycles or prepared.cycles or REQUIRED
+    options = Options(out, pose, view, web, qualisys, address, sender or [], wanted, duration_s)
     return run_session(prepared, console, options)
 
 

@@ -3,11 +3,12 @@
 import signal
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from rich.text import Text
 
@@ -33,13 +34,10 @@ from pipeline.live.output import (
     result_outlet,
 )
 from pipeline.live.preparation import PlacedPlates, PoseFinder, Preparation, place_plates
-from pipeline.live.qualisys import QualisysSource
+from pipeline.live.qualisys import PORT, QualisysSource
 from pipeline.live.session import RECEIVE_S, Session
 from pipeline.live.stream import Source
-from pipeline.viewer.live import ShownFrame
-
-if TYPE_CHECKING:
-    from pipeline.viewer.live import LiveView
+from pipeline.viewer.live import LiveScene, LiveView, Screen, ShownFrame
 
 SEARCH_S: Final = 60.0
 """How long streams are searched for."""
@@ -97,9 +95,10 @@ def run_session(prepared: Preparation, console: PlainConsole, options: Options) 
     body = None if options.pose else prepared.body()
     if body is not None and prepared.study is not None and prepared.static is not None:
         console.say(f"calibration pose: {prepared.static.source.name}")
+    news = deque[Note]()
     with ExitStack() as ending, terminable(), ExitStack() as stack:
         with stoppable(lambda: "nothing was received, and nothing is recorded"):
-            source = _source(prepared, options, console)
+            source = _source(prepared, options, console, news.append)
         stack.callback(source.close)
         console.say(f"receiving {senders(source.streams)}")
         placed = place_plates(source.plates, prepared.static, prepared.live)
@@ -124,17 +123,9 @@ def run_session(prepared: Preparation, console: PlainConsole, options: Options) 
         session = Session(source, chain, recorder, outlet)
         view = None
         if options.view or options.web:
-            from pipeline.viewer.live import LiveScene, LiveView
-
-            scene = LiveScene(
-                chain.body,
-                plates,
-                chain.stream.labels,
-                chain.ground.variants,
-                "browser" if options.web else "window",
-                settings.contact_threshold_n,
-            )
-            view = LiveView(scene)
+            screen: Screen = "browser" if options.web else "window"
+            of_chain = chain.body, plates, chain.stream.labels, chain.ground.variants
+            view = LiveView(LiveScene(*of_chain, screen, settings.contact_threshold_n))
             stack.callback(view.close)
         monitor = Monitor(chain, plates, lambda note: console.say_notes((note,)), options.cycles)
         console.say(
@@ -142,7 +133,9 @@ def run_session(prepared: Preparation, console: PlainConsole, options: Options) 
             f"{1000 * chain.wait_s:.0f} ms of resampling (stop with Ctrl-C)"
         )
         seconds = options.duration_s
-        terminated = follow(session, source, monitor, recorder, view, console, seconds, ending)
+        terminated = follow(
+            session, source, monitor, recorder, view, console, seconds, ending, news
+        )
         stack.close()
         lines = [*summary(chain, monitor, session, recorder, folder)]
         for text in lines:
@@ -155,10 +148,15 @@ def run_session(prepared: Preparation, console: PlainConsole, options: Options) 
     return int(failed)
 
 
-def _source(prepared: Preparation, options: Options, console: PlainConsole) -> Source:
+def _source(
+    prepared: Preparation, options: Options, console: PlainConsole, say: Callable[[Note], object]
+) -> Source:
     if options.qualisys is not None:
         console.say(f"connecting to Qualisys Track Manager at {options.qualisys}")
-        return QualisysSource(options.qualisys, stated=prepared.stated)
+        host, colon, port = options.qualisys.partition(":")
+        if colon and not port.isdecimal():
+            raise ValueError(f"--qualisys {options.qualisys}: expected ADDRESS or ADDRESS:PORT")
+        return QualisysSource(host, port=int(port or PORT), stated=prepared.stated, say=say)
     markers, analog = prepared.streams
     console.say(f"searching at {options.listen} for {', '.join((markers, *analog))}")
     try:
@@ -232,14 +230,16 @@ def follow(
     source: Source,
     monitor: Monitor,
     recorder: Recorder,
-    view: "LiveView | None",
+    view: LiveView | None,
     console: PlainConsole,
     duration_s: float | None,
     ending: ExitStack,
+    news: deque[Note],
 ) -> bool:
     """Show what is new until it is stopped, by Ctrl-C, after a time, or by a fault.
 
-    From then on until ``ending`` is closed nothing interrupts. Gives whether it was terminated.
+    The news are the source's. From then on until ``ending`` is closed nothing interrupts. Gives
+    whether it was terminated.
     """
     terminated = False
     before = sys.getswitchinterval()
@@ -252,6 +252,8 @@ def follow(
             while session.runs and (duration_s is None or time.monotonic() - began < duration_s):
                 time.sleep(SHOWN_S)
                 take_new(session, monitor, view)
+                while news:
+                    monitor.hear(news.popleft())
                 if view is not None and view.fault is not None:
                     console.say(f"nothing is shown any more: {view.fault}; all else goes on")
                     view = None
@@ -284,7 +286,7 @@ def _coloured(status: str) -> Text:
     return Text.assemble((f" {word} ", STYLES[word]), rest)
 
 
-def take_new(session: Session, monitor: Monitor, view: "LiveView | None" = None) -> None:
+def take_new(session: Session, monitor: Monitor, view: LiveView | None = None) -> None:
     """Bring what is new in a session to its monitor and its view."""
     while session.samples:
         monitor.samples(session.samples.popleft())
@@ -293,26 +295,14 @@ def take_new(session: Session, monitor: Monitor, view: "LiveView | None" = None)
         cycles = monitor.frame(frame, latency_s)
         if view is None:
             continue
-        shown = ShownFrame(
-            frame.time,
-            frame.q,
-            frame.markers,
-            frame.residual,
-            frame.by_foot,
-            frame.platform,
-            frame.quality.counts,
-        )
-        view.show(shown)
+        loads = frame.residual, frame.by_foot, frame.platform
+        view.show(ShownFrame(frame.time, frame.q, frame.markers, *loads, frame.quality.counts))
         for cycle in cycles:
             view.show_cycle(cycle.side, cycle.curve)
 
 
 def summary(
-    chain: LiveChain,
-    monitor: Monitor,
-    session: Session,
-    recorder: Recorder,
-    folder: Path,
+    chain: LiveChain, monitor: Monitor, session: Session, recorder: Recorder, folder: Path
 ) -> Iterator[str]:
     """Say what was received, what came of it, and where it is, line by line."""
     condition = monitor.condition
@@ -321,17 +311,20 @@ def summary(
     )
     yield (
         f"{chain.received} frames received: {chain.solved} used, {chain.marked} not used"
-        f"{f' ({why})' if why else ''}; {chain.left_out} samples repeated or out of order"
+        f"{f' ({why})' if why else ''}"
     )
-    for name, lost in monitor.losses.lost.items():
-        yield f"stream {name}: {lost} samples not received"
+    for name, clock in session.arrivals.of.items():
+        if clock.missing:
+            yield f"stream {name}: {clock.missing} samples not received"
+        if clock.unused:
+            yield f"stream {name}: {clock.unused} samples not used: late, repeated, or untimed"
     unit = f"{NOUNS[condition.unit]}s"
     yield f"{condition.cycles} {unit} of both feet used, {condition.used} of one foot"
     yield from monitor.residuals()
     if monitor.during_stop:
         yield f"{monitor.during_stop} {unit} not used: measured while the light showed stop"
-    if condition.not_carried:
-        yield f"{condition.not_carried} {unit} not used: a foot was beside the plates"
+    for reason, count in condition.left_out.most_common():
+        yield f"{count} {unit} not used: {reason}"
     if not chain.received:
         yield f"stream {chain.stream.name}: no frame received; does its program measure?"
     else:
@@ -339,7 +332,7 @@ def summary(
             f"from arrival to results: median {monitor.latency_ms(50):.2f} ms, 99 % within "
             f"{monitor.latency_ms(99):.2f} ms"
         )
-    for note, times in monitor.warnings():
+    for note, times in monitor.raised.values():
         yield f"warning, {times} times: {note}" if times > 1 else f"warning: {note}"
     if session.fault is not None:
         yield f"ended by itself: {session.fault}"

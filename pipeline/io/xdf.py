@@ -347,7 +347,7 @@ def read_xdf(path: Path, stated: Stated) -> Recording:
         if other is not stream:
             lost = without_impossible(other.values.T)
             notes += impossible_samples([c.label for c in channels[other.name]], lost)
-            time, values = own.time - clock.start_s, own.on_frames(other.values)
+            time, values = own.time - clock.start_s, own.on_most_frames(other.values)
             plates, absent = find_plates(other.info, channels[other.name])
             notes += [left_out(f"plate {short(number)}", why) for number, why in absent.items()]
             signals.append(_Signals(other.name, channels[other.name], time, values, plates))

@@ -20,7 +20,7 @@ from hbm.spelling import listed
 from pipeline.config.live import Live
 from pipeline.config.schema import Settings
 from pipeline.io.recording import Plate
-from pipeline.live.ground import AnalogStreams, LiveGround, Pose, SampleBuffer
+from pipeline.live.ground import AnalogStreams, LiveGround, Pose
 from pipeline.live.stream import Samples, StreamDescription
 from pipeline.trial.checks import LEGS, MAX_UNSEEN_PELVIS_S
 from pipeline.trial.gait.carried import PLACES, Feet, Support
@@ -30,18 +30,12 @@ from pipeline.trial.quality import Quality, settling_s
 from pipeline.trial.residuals import reported
 
 
-def _none() -> Array:
-    return np.empty((0, 3))
-
-
 @dataclass(frozen=True, slots=True)
 class LiveFrame:
     """One frame.
 
     Attributes
     ----------
-    number
-        Of the frame among those received, from 0.
     time
         On the streams' clock [s].
     q
@@ -69,7 +63,6 @@ class LiveFrame:
         From the arrival of its last sample until it was known [s].
     """
 
-    number: int
     time: float
     q: Array
     tau: Mapping[str, Array]
@@ -79,7 +72,7 @@ class LiveFrame:
     marker_error: Array
     quality: Quality
     computing_s: float
-    markers: Array = field(default_factory=_none)
+    markers: Array = field(default_factory=lambda: np.empty((0, 3)))
     platform: tuple[Array, Array] | None = None
 
 
@@ -135,9 +128,9 @@ class LiveChain:
         From a frame's time to that of the last sample that it needs [s].
     filter_delay_s
         By which the filter makes coordinates, forces and residuals late [s].
-    received, solved, marked, late
-        Frames: all, those that count, those that do not, and those of them whose samples did not
-        arrive in time. Frames that wait for samples are only received.
+    received, solved, marked
+        Frames: all, those that count, and those that do not. Frames that wait for samples are only
+        received.
 
     Raises
     ------
@@ -186,20 +179,15 @@ class LiveChain:
         markers, analog = stated_streams(live, streams)
         self.body, self.settings, self.live, self.stream = body, settings, live, markers
         self.analog = AnalogStreams(analog)
-        self.ground = LiveGround(
-            laboratory,
-            settings,
-            plates,
-            [live.channels_of(plate.number) for plate in plates],
-            self.analog,
-            markers.labels,
-            markers.rate_hz,
-        )
+        channels = [live.channels_of(plate.number) for plate in plates]
+        of_plates = laboratory, settings, plates, channels, self.analog
+        self.ground = LiveGround(*of_plates, markers.labels, markers.rate_hz)
         self.wait_s = self.ground.ahead_s
         self.filter_delay_s = float(np.sqrt(2) / (2 * np.pi * settings.cutoff_hz))
         self.tracker = MarkerTracker(body, markers.labels)
-        self.motion = RealtimeFilter(settings.cutoff_hz, N_Q)
-        self.forces = RealtimeFilter(settings.cutoff_hz, 12 * len(self.ground.variants))
+        step_s, forces = 1 / markers.rate_hz, 12 * len(self.ground.variants)
+        self.motion = RealtimeFilter(settings.cutoff_hz, N_Q, step_s)
+        self.forces = RealtimeFilter(settings.cutoff_hz, forces, step_s)
         corners, threshold_n = [plate.corners for plate in plates], settings.contact_threshold_n
         self.support = Support(body, corners, threshold_n, settings.cutoff_hz, "realtime")
         in_real_time = settings.model_copy(update={"filter": "realtime"})
@@ -209,25 +197,19 @@ class LiveChain:
         self.newton_euler = OneFrameKernel(ready.newton_euler, body.geometry, body.inertia_vector)
         self.pelvis = np.array([body.segment_of[m] == "pelvis" for m in self.tracker.markers])
         self.shown: Mask = np.zeros(len(TREE), bool)
-        self.pelvis_seen_s = self.judged_s = -np.inf
-        self.known_since: float | None = None
+        self.pelvis_seen_s = self.known_s = self.known_since_s = -np.inf
         self.foot_on: list[int | None] = [None] * len(plates)
         self.waiting = deque[_Pose]()
-        self.order = SampleBuffer(0, MAX_WAITING_FRAMES)
-        self.solved = self.marked = self.late = 0
+        self.newest_s = -np.inf
+        self.solved = self.marked = 0
 
     @property
     def received(self) -> int:
         """Frames that were received."""
         return len(self.waiting) + self.solved + self.marked
 
-    @property
-    def left_out(self) -> int:
-        """Samples of all streams that came when one as late, or later, was there already."""
-        return sum(buffer.left_out for buffer in (self.order, *self.analog.used.values()))
-
     def push(self, samples: Samples) -> list[LiveFrame]:
-        """Take what arrived of one stream; those that are not used are ignored.
+        """Take what arrived of one stream, in order; those that are not used are ignored.
 
         Gives the frames that are now complete, or that have waited too long, in order.
         """
@@ -247,10 +229,10 @@ class LiveChain:
         return [self._next(False, perf_counter()) for _ in range(len(self.waiting))]
 
     def _take_frames(self, samples: Samples) -> None:
-        values = samples.values.reshape(len(samples.time), -1, 3)
+        values = samples.values.reshape(len(samples.time), len(self.stream.labels), 3)
         values = np.where(np.isnan(values).any(axis=2, keepdims=True), np.nan, values)
-        kept = self.order.append(samples.time, np.empty((len(values), 0)))
-        for time, position in zip(samples.time[kept].tolist(), values[kept], strict=True):
+        for time, position in zip(samples.time.tolist(), values, strict=True):
+            self.newest_s = time
             self.waiting.append(self._pose(time, position))
 
     def _complete(self, time: float) -> bool | None:
@@ -259,7 +241,7 @@ class LiveChain:
         newest = [buffer.newest_s for buffer in self.analog.used.values()]
         if min(newest, default=np.inf) >= needed_s:
             return True
-        now_s = max(self.order.newest_s, *newest)
+        now_s = max(self.newest_s, *newest)
         if now_s > needed_s + self.live.wait_s or len(self.waiting) > MAX_WAITING_FRAMES:
             return False
         return None
@@ -274,18 +256,10 @@ class LiveChain:
         platform, above = self.ground.seen(position), None
         if platform is not None or self.ground.platform is None:  # else it waits for its commands
             above = self.support.feet(np.array([time]), places[None], _one(platform))
-        return _Pose(
-            time,
-            position,
-            platform,
-            q,
-            (feet[:2] + feet[2:]) / 2,
-            places,
-            above,
-            (tau.copy(), wrench.copy(), motion.reshape(N_Q, 6).copy()),
-            solution.marker_error,
-            self._quality_of_pose(time, solution),
-        )
+        shown = (feet[:2] + feet[2:]) / 2, places, above
+        needed = tau.copy(), wrench.copy(), motion.reshape(N_Q, 6).copy()
+        quality = self._quality_of_pose(time, solution)
+        return _Pose(time, position, platform, q, *shown, needed, solution.marker_error, quality)
 
     def _places(self, q: Array) -> Array:
         """Give pelvis, ankles and balls, left before right, coordinates (46,) to (5, 3) [m]."""
@@ -319,6 +293,9 @@ class LiveChain:
         on, uncertain = self._feet_on_plates(wrenches[-1], pose.feet)
         raw = (on == np.array([[0], [1]])).astype(float) @ wrenches
         raw[np.isnan(wrenches).any(axis=(1, 2))] = np.nan
+        contact = raw[-1, :, 2] > self.settings.contact_threshold_n
+        if np.isnan(pose.q[0]):
+            raw[:] = np.nan  # what is lost for the motion is lost for the forces
         self.forces.step(time, raw.ravel())
 
         by_foot = self.forces.value.reshape(raw.shape)
@@ -342,26 +319,18 @@ class LiveChain:
             quality |= Quality.NOT_CARRIED
         if uncertain:
             quality |= Quality.FOOT_UNCERTAIN
-        gap = bool(np.isnan(residual).any() or quality & Quality.LIMB_UNSEEN)
-        if not self._settled(time, gap):
+        if not self._settled(time, bool(np.isfinite(residual).all()), quality):
             quality |= Quality.SETTLING
         self.solved += quality.counts
         self.marked += not quality.counts
-        self.late += not complete
-        names = self.ground.variants
+
+        def named(values: Array) -> dict[str, Array]:
+            return dict(zip(self.ground.variants, values, strict=True))
+
+        forces = named(tau), named(reported(residual)), named(by_foot)
+        error, took_s = pose.marker_error, perf_counter() - started
         return LiveFrame(
-            number=self.solved + self.marked - 1,
-            time=time,
-            q=pose.q,
-            tau=dict(zip(names, tau, strict=True)),
-            residual=dict(zip(names, reported(residual), strict=True)),
-            by_foot=dict(zip(names, by_foot, strict=True)),
-            contact=raw[-1, :, 2] > self.settings.contact_threshold_n,
-            marker_error=pose.marker_error,
-            quality=quality,
-            computing_s=perf_counter() - started,
-            markers=pose.position,
-            platform=platform,
+            time, pose.q, *forces, contact, error, quality, took_s, pose.position, platform
         )
 
     def _feet_on_plates(self, wrenches: Array, feet: Array) -> tuple[Indices, bool]:
@@ -380,15 +349,18 @@ class LiveChain:
                 on[k] = last
         return on, bool(pressure.uncertain.any())
 
-    def _settled(self, time: float, gap: bool) -> bool:
-        """Whether the filters have settled in a frame, which is a gap of pose or forces or none."""
-        since_s, self.judged_s = time - self.judged_s, time
-        if gap:
-            self.known_since = None
-            return False
-        if self.known_since is None or since_s > self.motion.longest_s:
-            self.known_since = time
-        return time - self.known_since >= self.settling_s
+    def _settled(self, time: float, known: bool, quality: Quality) -> bool:
+        """Whether the filters have settled in a frame, of which pose and forces are known or not.
+
+        They go on over a few frames that are not, but not over a limb that keeps its pose.
+        """
+        if quality & Quality.LIMB_UNSEEN:
+            self.known_s = -np.inf
+        elif known:
+            if time - self.known_s > self.motion.longest_s:
+                self.known_since_s = time
+            self.known_s = time
+        return self.known_s > -np.inf and time - self.known_since_s >= self.settling_s - ROUNDING_S
 
 
 def _one(platform: Pose | None) -> Pose | None:

@@ -7,11 +7,11 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from hbm.spatial import Array
+from hbm.spatial import Array, Indices
 from pipeline.config.schema import Unit
 from pipeline.live.chain import LiveFrame
 from pipeline.trial.gait.contact import MIN_STANCE_S
-from pipeline.trial.gait.cycles import MAX_DURATION, MIN_DURATION
+from pipeline.trial.gait.cycles import MAX_DURATION, MIN_DURATION, shortage
 from pipeline.trial.gait.events import MIN_STRIDE_S, SIDES
 from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import MAX_FORCE_SHARE, MAX_MOMENT_SHARE
@@ -47,8 +47,8 @@ class LiveCycle:
     vertical_n
         Mean vertical ground reaction force of both feet in it, compensated where plates are [N];
         NaN unless all its frames count, or would if the plates carried the subject.
-    carried_share
-        Share of its frames in which the plates carry the subject.
+    quality
+        Flags of its frames, lost ones included, (M,).
     unit
         "cycle" or "step".
     """
@@ -62,7 +62,7 @@ class LiveCycle:
     peak_ground_n: Mapping[str, float]
     curve: Mapping[str, Array]
     vertical_n: float = np.nan
-    carried_share: float = 1.0
+    quality: Indices = field(default_factory=lambda: np.zeros(1, int))
     unit: Unit = "cycle"
 
 
@@ -72,7 +72,7 @@ class _Foot:
 
     loaded: bool | None = None
     changed_s: float | None = None
-    strike_s: float | None = None
+    strike_s: float = -np.inf
     others_strikes: int = 0
 
     def change(self, loaded: bool, time: float) -> float | None:
@@ -95,15 +95,16 @@ class GaitTracker:
     known that much later. A stride takes 0.4 to 2.5 s and 0.6 to 1.5 of the median of the last ten;
     it is a gait cycle if the other foot has struck once in it, if that foot strikes at all. A step,
     from one foot's strike to the other's, takes half as long.
-    Contacts are those of the filtered forces, and as late as these.
+    Contacts are those of the filtered forces, and as late as these. Filters go on from one frame to
+    the next within ``longest_s``.
 
     Examples
     --------
     >>> from dataclasses import replace
     >>> nothing = {"measured": np.zeros(6)}
-    >>> still = LiveFrame(0, 0.0, np.zeros(46), {}, nothing, {"measured": np.zeros((2, 6))},
+    >>> still = LiveFrame(0.0, np.zeros(46), {}, nothing, {"measured": np.zeros((2, 6))},
     ...                   np.zeros(2, bool), np.zeros(1), Quality(0), 0.0)
-    >>> tracker, strides = GaitTracker(), []
+    >>> tracker, strides = GaitTracker(0.042), []
     >>> for k in range(250):
     ...     right = k % 100 < 60
     ...     frame = replace(still, time=k / 100, contact=np.array([False, right]))
@@ -112,6 +113,7 @@ class GaitTracker:
     [('right', 1.0, 2.0)]
     """
 
+    longest_s: float
     _frames: deque[LiveFrame] = field(default_factory=deque)
     _feet: tuple[_Foot, _Foot] = field(default_factory=lambda: (_Foot(), _Foot()))
     _durations: dict[Unit, deque[float]] = field(
@@ -131,12 +133,11 @@ class GaitTracker:
             if at is None or not loaded:
                 continue
             other.others_strikes += 1
-            if foot.strike_s is not None and self._is_usual("cycle", foot.strike_s, at):
-                whole = other.strike_s is None or foot.others_strikes == 1
+            if self._is_usual("cycle", foot.strike_s, at):
+                whole = other.strike_s == -np.inf or foot.others_strikes == 1
                 ended.append(self._cycle("cycle", side, foot.strike_s, at, whole))
-            own_s = -np.inf if foot.strike_s is None else foot.strike_s
-            last_s = -np.inf if other.strike_s is None else other.strike_s
-            if own_s < last_s and self._is_usual("step", last_s, at):
+            last_s = other.strike_s
+            if foot.strike_s < last_s and self._is_usual("step", last_s, at):
                 ended.append(self._cycle("step", other_side, last_s, at, True))
             foot.strike_s, foot.others_strikes = at, 0
         return ended
@@ -168,20 +169,13 @@ class GaitTracker:
             force = np.array([f.by_foot[variant][:, :3].sum(axis=0) for f in inside])
             peak[variant] = np.linalg.norm(force[counts], axis=1).max(initial=0.0)
         known = all((f.quality & ~Quality.NOT_CARRIED).counts for f in inside)
-        beside = [Quality.NOT_CARRIED in f.quality for f in inside]
-        return LiveCycle(
-            side,
-            start_s,
-            stop_s,
-            whole,
-            time[counts],
-            residual,
-            peak,
-            curve,
-            float(force[:, 2].mean()) if known else np.nan,
-            1 - float(np.mean(beside)),
-            unit,
-        )
+        steps = np.diff(time)
+        lost = np.rint(steps / np.median(steps)).astype(int) - 1 if len(steps) else []
+        gap = np.where(steps > self.longest_s, Quality.POSE_UNKNOWN, Quality.BRIDGED)
+        quality = [*(f.quality for f in inside), *np.repeat(gap, lost)]
+        vertical_n = float(force[:, 2].mean()) if known else np.nan
+        of_frames = time[counts], residual, peak, curve, vertical_n, np.array(quality, int)
+        return LiveCycle(side, start_s, stop_s, whole, *of_frames, unit)
 
 
 class Limits(NamedTuple):
@@ -206,14 +200,13 @@ class ConditionSoFar:
     Attributes
     ----------
     min_valid_share
-        Of a gait cycle's frames in which the plates carry the subject: with less it does not count.
+        Of a gait cycle's frames that count: with less the cycle does not, as in trials.
     unit
         "cycle" or "step".
     cycles
         Those that are used, of both sides.
-    not_carried
-        Gait cycles that are not, since the plates carried the subject in less than
-        ``min_valid_share`` of them.
+    left_out
+        Why others are not -> how many.
     newest
         Variant -> largest residuals in the newest cycle, (6,) [N, N·m].
     """
@@ -221,7 +214,7 @@ class ConditionSoFar:
     min_valid_share: float
     unit: Unit = "cycle"
     cycles: int = 0
-    not_carried: int = 0
+    left_out: Counter[str] = field(default_factory=Counter)
     newest: Mapping[str, Array] = field(default_factory=dict)
     _sides: Counter[str] = field(default_factory=Counter)
     _counted_s: float = -np.inf
@@ -231,10 +224,8 @@ class ConditionSoFar:
 
     def add(self, cycle: LiveCycle) -> None:
         """Take a cycle that has ended."""
-        if cycle.carried_share < self.min_valid_share:
-            self.not_carried += 1
-            return
-        if not len(cycle.time):
+        if reason := shortage(cycle.quality, self.min_valid_share):
+            self.left_out[reason] += 1
             return
         self.cycles += 1
         self._sides[cycle.side] += 1

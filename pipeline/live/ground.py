@@ -9,10 +9,11 @@ import numpy as np
 from compensation import BeltModel, InertiaModel, Setup, commanded_pose, fit_pose, neutral_markers
 from compensation.platform import MAX_DISTANCE_M
 from hbm.signals.resampling import Convolution
-from hbm.spatial import Array, Indices, Mask, fit_rotation, transform_wrench
+from hbm.spatial import Array, Indices, fit_rotation, transform_wrench
 from hbm.spelling import listed, short
 from pipeline.config.schema import Belt, Platform, Settings
 from pipeline.io.recording import Plate
+from pipeline.io.streams import over_short_losses
 from pipeline.io.units import (
     acceleration_in_mps2,
     angle_in_rad,
@@ -31,56 +32,25 @@ from pipeline.trial.ground.platform import MAX_MARKER_ERROR_M, NEUTRAL_FRAMES
 
 
 class SampleBuffer:
-    """The newest samples of one stream, at least so many, in memory that does not grow.
-
-    Samples that are no later than one before them are left out and counted.
+    """The newest samples of one stream, so many at most: times, (N,) [s], and values, (N, K).
 
     Examples
     --------
-    >>> buffer = SampleBuffer(columns=1, length=3)
-    >>> buffer.append(np.array([0.0, 0.1, 0.1, 0.2]), np.ones((4, 1))).tolist()
-    [True, True, False, True]
-    >>> buffer.newest_s, buffer.left_out
-    (0.2, 1)
+    >>> buffer = SampleBuffer(columns=1, length=2)
+    >>> buffer.append(np.array([0.0, 0.1, 0.2]), np.ones((3, 1)))
+    >>> buffer.newest_s, len(buffer.values)
+    (0.2, 2)
     """
 
     def __init__(self, columns: int, length: int) -> None:
-        self.length = length
-        self._time, self._values = np.empty(2 * length), np.empty((2 * length, columns))
-        self._stop = 0
-        self.newest_s = -np.inf
-        self.left_out = 0
+        self.length, self.newest_s = length, -np.inf
+        self.time, self.values = np.empty(0), np.empty((0, columns))
 
-    @property
-    def time(self) -> Array:
-        """Times of the samples that are kept, (N,) [s]; valid until the next are appended."""
-        return self._time[: self._stop]
-
-    @property
-    def values(self) -> Array:
-        """The samples, (N, K); valid until the next are appended."""
-        return self._values[: self._stop]
-
-    def append(self, time: Array, values: Array) -> Mask:
-        """Take samples, (N,) [s] and (N, K), that follow the last one; give which do, (N,)."""
-        before = np.maximum.accumulate(np.concatenate([[self.newest_s], time]))
-        taken = np.asarray(time > before[:-1])
-        if not taken.all():
-            self.left_out += int(np.count_nonzero(~taken))
-            time, values = time[taken], values[taken]
-        time, values = time[-self.length :], values[-self.length :]
-        if self._stop + len(time) > len(self._time):
-            kept_before = slice(max(0, self._stop - self.length + len(time)), self._stop)
-            moved = kept_before.stop - kept_before.start
-            self._time[:moved] = self._time[kept_before].copy()
-            self._values[:moved] = self._values[kept_before].copy()
-            self._stop = moved
-        place = slice(self._stop, self._stop + len(time))
-        self._time[place], self._values[place] = time, values
-        self._stop = place.stop
-        if len(time):
-            self.newest_s = float(time[-1])
-        return taken
+    def append(self, time: Array, values: Array) -> None:
+        """Take samples, (N,) [s] and (N, K), in order and later than the last one."""
+        self.time = np.concatenate([self.time, time])[-self.length :]
+        self.values = np.concatenate([self.values, values])[-self.length :]
+        self.newest_s = float(self.time[-1]) if len(self.time) else -np.inf
 
 
 HISTORY_S: Final = 2.0
@@ -114,8 +84,13 @@ class AnalogStreams:
 
     def append(self, samples: Samples) -> None:
         """Take what arrived, if it is of a stream of which channels are used."""
-        if samples.stream in self.used:
-            self.used[samples.stream].append(samples.time, samples.values)
+        if (buffer := self.used.get(samples.stream)) is None:
+            return
+        kept = min(len(buffer.time), 1)
+        time = np.concatenate([buffer.time[-1:], samples.time])
+        values = np.concatenate([buffer.values[-1:], samples.values])
+        time, values = over_short_losses(time, values, self.streams[samples.stream].rate_hz)
+        buffer.append(time[kept:], values[kept:])
 
     def find(
         self,
@@ -144,6 +119,8 @@ class AnalogStreams:
                 f"{'' if missing else ' together'}; channels there: {listed(there)}"
             )
         stream = having[0]
+        if twice := [label for label in labels if stream.labels.count(label) > 1]:
+            raise ValueError(f"stream {short(stream.name)!r}: several channels are {listed(twice)}")
         columns = [stream.labels.index(label) for label in labels]
         try:
             units = [unit or stream.units[column] for column in columns]
@@ -333,19 +310,12 @@ class LiveGround:
         treadmill = laboratory.treadmill
         delays_s = plate_delays_s(plates, laboratory.plates, settings.plate_delay_s)
         self.plates = each = [analog.find(six, PLATE_UNITS) for six in channels]
-        alike: dict[tuple[int, float], list[int]] = {}
-        for k, (found, delay_s) in enumerate(zip(each, delays_s, strict=True)):
-            alike.setdefault((id(found.buffer), delay_s), []).append(k)
-        self.groups = list[tuple[list[int], Channels, Convolution, float]]()
-        for (_, delay_s), own in alike.items():
-            names = [name for k in own for name in channels[k]]
-            found = analog.find(names, PLATE_UNITS * len(own))
-            how = Convolution.between(found.rate_hz, frames_hz)
-            self.groups.append((own, found, how, delay_s))
+        resampling = [Convolution.between(found.rate_hz, frames_hz) for found in each]
+        self.resampled = list(zip(each, resampling, delays_s, strict=True))
         corrections = [_correction(plate, laboratory) for plate in plates]
         self.corrections, self.offsets = map(np.array, zip(*corrections, strict=True))
         self.to_lab = np.array([transform_wrench(np.eye(6), p.rotation, p.center) for p in plates])
-        ahead_s = [0.0, *(delay_s + how.reach_s for _, _, how, delay_s in self.groups)]
+        ahead_s = [0.0, *(delay_s + how.reach_s for _, how, delay_s in self.resampled)]
 
         self.gains = list[tuple[Array, Array]]()
         self.sensors: InertiaModel | None = None
@@ -389,7 +359,7 @@ class LiveGround:
         """Give the platform's pose as its markers show it among a frame's, (M, 3) [m], if any."""
         if not isinstance(self.platform, MarkedPlatform):
             return None
-        return self.platform.pose(position)
+        return self.platform.pose(position) if np.isfinite(position).any() else UNKNOWN
 
     def at(self, time: float, seen: Pose | None) -> tuple[Array, Pose | None]:
         """Give the plates at a frame's time [s], whose markers show the platform so, or not.
@@ -397,9 +367,8 @@ class LiveGround:
         The wrenches of each variant and plate are in lab axes about the lab origin, unfiltered,
         (V, P, 6) [N, N·m], NaN where unknown; the platform's pose is None where it stands still.
         """
-        measured = np.empty((len(self.to_lab), 6))
-        for plates, channels, how, delay_s in self.groups:
-            measured[plates] = _resampled(channels, how, time + delay_s).reshape(-1, 6)
+        each = [_resampled(sent, how, time + delay_s) for sent, how, delay_s in self.resampled]
+        measured = np.reshape(each, (-1, 6))
         measured = (measured[:, None] @ self.corrections)[:, 0] + self.offsets
         variants = [measured]
         if len(self.variants) > 1:

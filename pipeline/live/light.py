@@ -15,51 +15,36 @@ MOST: Final = 0.5
 """Shares of the frames of two seconds that are not used: above SOME look, above MOST stop."""
 MIDDLE_M: Final = 0.02
 """From the middle of the body; markers that are nearer are neither left nor right."""
-OF_NOTES: Final[Mapping[str, tuple[Colour, str]]] = {
-    "live_stream_silent": (
-        "stop",
-        "Stream {stream} is not received: start its program or check its cable",
-    ),
-    "accelerometer_dead": (
-        "stop",
-        "Platform sensor {sensors} is dead: check its power and its cable",
-    ),
-    "accelerometer_turned": ("stop", "Platform sensor {angles_deg} is turned: mount it as before"),
-    "accelerometers_swapped": (
-        "stop",
-        "Sensors {first} and {second} are swapped: swap their cables",
-    ),
-    "live_plate_saturated": ("stop", "Plate {plate} is saturated: choose a larger range"),
-    "live_plate_not_zero": (
-        "stop",
-        "Plate {plate} reads {rest_n:.0f} N without load: step off and zero it",
-    ),
-    "live_markers_misfit": (
-        "stop",
-        "Markers are {error_mm:.0f} mm from the body: check the labels and the subject",
-    ),
-    "live_marker_gone": ("look", "{marker}"),
+STOPPING: Final[Mapping[str, str]] = {
+    "live_stream_silent": "Stream {stream} is not received: start its program or check its cable",
+    "live_stamps_repeat": "Time stamps of stream {stream} repeat: start its program again",
+    "accelerometer_dead": "Platform sensor {sensors} is dead: check its power and its cable",
+    "accelerometer_turned": "Platform sensor {angles_deg} is turned: mount it as before",
+    "accelerometers_swapped": "Sensors {first} and {second} are swapped: swap their cables",
+    "live_plate_saturated": "Plate {plate} is saturated: choose a larger range",
+    "live_plate_not_zero": "Plate {plate} reads {rest_n:.0f} N without load: step off and zero it",
+    "live_markers_misfit": "Markers are {error_mm:.0f} mm from the body: check labels and subject",
+}
+"""Code of a note -> sentence, the most urgent first. While one holds, no gait cycle is used."""
+OF_NOTES: Final[Mapping[str, str]] = {
+    **STOPPING,
+    "live_marker_gone": "{marker}",
     "live_plates_late": (
-        "look",
-        "Plates are {delay_ms:.0f} ms later than the markers: set plate_delay_s = {delay_s:.3f}",
+        "Plates are {delay_ms:.0f} ms later than the markers: set plate_delay_s = {delay_s:.3f}"
     ),
-    "accelerometer_clipped": ("look", "Platform sensor {shares} is clipped: choose a larger range"),
+    "live_start_unknown": "{stream} may be {frame_ms:.0f} ms off: measure it, set plate_delay_s",
+    "accelerometer_clipped": "Platform sensor {shares} is clipped: choose a larger range",
     "calibration_range_exceeded": (
-        "look",
-        "The platform moves more than in its calibration: calibrate with larger motion",
+        "The platform moves more than in its calibration: calibrate with larger motion"
     ),
     "live_weight_differs": (
-        "look",
-        "Plates carry {carried_kg:.0f} of {mass_kg:.0f} kg: feet on the plates, hands off the rail",
+        "Plates carry {carried_kg:.0f} of {mass_kg:.0f} kg: feet on the plates, hands off the rail"
     ),
     "live_foot_uncertain": (
-        "look",
-        "Pressure is under neither foot: check the places of the plates and the axes",
+        "Pressure is under neither foot: check the places of the plates and the axes"
     ),
 }
-"""Code of a note -> colour and sentence, the most urgent first. Others do not change the light."""
-STOPPING: Final = frozenset(code for code, (colour, _) in OF_NOTES.items() if colour == "stop")
-"""While one of these holds, no gait cycle is used."""
+"""The same with those for which one looks. Others do not change the light."""
 OF_FRAMES: Final[Mapping[Quality, str]] = {
     Quality.MARKERS_FROZEN: "Markers do not change: does the cameras' program measure?",
     Quality.POSE_UNKNOWN: "Pelvis or trunk is hidden: check cameras and markers",
@@ -71,9 +56,11 @@ OF_FRAMES: Final[Mapping[Quality, str]] = {
     Quality.SETTLING: "The filters start: wait a second",
 }
 """Why frames are not used -> sentence, the cause before what follows from it."""
+WITHOUT_SAMPLES: Final = Quality.LATE | Quality.FORCES_UNKNOWN | Quality.PLATFORM_UNKNOWN
 EXPLAINS: Final[Mapping[str, Quality]] = {
     "live_marker_gone": Quality.POSE_UNKNOWN | Quality.LIMB_UNSEEN,
-    "live_stream_silent": Quality.LATE | Quality.FORCES_UNKNOWN | Quality.PLATFORM_UNKNOWN,
+    "live_stream_silent": WITHOUT_SAMPLES,
+    "live_stamps_repeat": WITHOUT_SAMPLES,
 }
 """Note -> why frames are not used where it holds: then the note has the sentence."""
 URGENCY: Final[Sequence[Colour]] = ("good", "look", "stop")
@@ -157,7 +144,7 @@ def light(state: LiveState) -> Light:
 def _of_note(code: str, state: LiveState) -> tuple[Colour, str]:
     """Give colour and sentence of the notes of a code."""
     notes = [note for note in state.notes if note.code == code]
-    colour, sentence = OF_NOTES[code]
+    colour: Colour = "stop" if code in STOPPING else "look"
     if code == "live_marker_gone":
         return colour, _hidden([str(note.values["marker"]) for note in notes], state.sides)
     values = dict[str, object](notes[0].values)
@@ -168,7 +155,7 @@ def _of_note(code: str, state: LiveState) -> tuple[Colour, str]:
             values[f"{name[:-1]}m{name[-1]}"] = 1000 * value
     if code == "live_markers_misfit" and values["left_out"] != "none":
         return "look", f"Markers are not where they were: re-attach {values['left_out']}"
-    return colour, sentence.format_map(values)
+    return colour, OF_NOTES[code].format_map(values)
 
 
 def _hidden(markers: Sequence[str], sides: Mapping[str, str]) -> str:

@@ -139,7 +139,7 @@ POLL_S: Final = 0.02
 
 
 class Inlet:
-    """One connection to a stream, with memory for what arrives.
+    """One connection to a stream.
 
     A connection that is lost stays lost: the library's own recovery takes a sender that comes back
     for the same, whatever it sends, so that samples of other channels would arrive unnoticed. A
@@ -186,13 +186,6 @@ class Inlet:
         except self._refusals as error:
             raise ConnectionError(f"stream {self.name!r} sends nothing") from error
         self._heard_s = time.monotonic()
-        self.prepare()
-
-    def prepare(self) -> None:
-        """Prepare the memory for what is taken at once."""
-        rate_hz = self.description.rate_hz
-        count = max(1, round(CHUNK_S * rate_hz)) if rate_hz > 0 else MAX_SAMPLES
-        self._buffer = np.empty((count, len(self.described.channels)), self._inlet.np_dtype)
 
     def find_rate(self) -> None:
         """Find the sampling rate from time stamps where the sender does not state it."""
@@ -204,11 +197,10 @@ class Inlet:
             if len(stamps) > 1 and np.ptp(stamps) >= RATE_S:
                 rate_hz = find_clock(stamps, 0.0).rate_hz
                 self.description = replace(self.description, rate_hz=rate_hz)
-                self.prepare()
             elif time.monotonic() > deadline:
                 raise ConnectionError(
-                    f"stream {self.name!r} has no sampling rate, and sends too little within "
-                    f"{RATE_TIMEOUT_S:g} s to find it"
+                    f"stream {self.name!r} states no rate, and its time stamps of "
+                    f"{RATE_TIMEOUT_S:g} s do not show it"
                 )
 
     def measure(self) -> None:
@@ -228,10 +220,10 @@ class Inlet:
             return None
         if self.offset.due(self._lsl.local_clock()):
             self.measure()
+        rate_hz = self.description.rate_hz
+        most = max(1, round(CHUNK_S * rate_hz)) if rate_hz > 0 else MAX_SAMPLES
         try:
-            values, stamps = self._inlet.pull_chunk(
-                wait_s, len(self._buffer), self._buffer, min_samples=1, as_numpy=True
-            )
+            values, stamps = self._inlet.pull_chunk(wait_s, most, min_samples=1, as_numpy=True)
         except self._lsl.util.LostError:
             self.lost = True
             return None

@@ -1,7 +1,7 @@
 """What a laboratory sees of a session: residuals so far, latency, and what is wrong."""
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import pairwise
 from time import monotonic
 from typing import Final, Protocol
@@ -19,7 +19,7 @@ from pipeline.io.recording import Plate
 from pipeline.live.chain import LiveChain, LiveFrame
 from pipeline.live.cycles import ConditionSoFar, GaitTracker, Limits, LiveCycle
 from pipeline.live.ground import Channels
-from pipeline.live.light import OF_FRAMES, STOPPING, LiveState, light, marker_sides
+from pipeline.live.light import OF_FRAMES, OF_NOTES, STOPPING, LiveState, light, marker_sides
 from pipeline.live.stream import Samples, StreamDescription
 from pipeline.trial.checks import MAX_REST_N, rest_level
 from pipeline.trial.quality import Quality
@@ -33,8 +33,6 @@ from pipeline.trial.residuals import (
 from pipeline.trial.subject import differing_masses
 from pipeline.viewer.live import FULL_SCALE, Board
 
-MISSING: Final = 1.5
-"""Sampling intervals between two samples of which one at least is missing between them."""
 GONE_S: Final = 0.4
 """A marker that a hand or a rail hides is back sooner."""
 FITTED_S: Final = 2.0
@@ -59,34 +57,6 @@ SATURATED_SAMPLES: Final = 5
 SATURATED_STEPS: Final = 3
 SMALLER: Final = 0.9
 """Of the extreme, between two steps."""
-
-
-class Losses:
-    """Counts samples that are missing between those that arrived, by stream, in ``lost``.
-
-    Examples
-    --------
-    >>> heels = StreamDescription("Markers", "markers", ("LHEE",), ("m",), 100.0)
-    >>> losses = Losses([heels])
-    >>> losses.add(Samples("Markers", np.array([0.0, 0.01, 0.05]), np.ones((3, 3))))
-    >>> dict(losses.lost)
-    {'Markers': 3}
-    """
-
-    def __init__(self, streams: Sequence[StreamDescription]) -> None:
-        self._rate_hz = {stream.name: stream.rate_hz for stream in streams}
-        self._newest_s: dict[str, float] = {}
-        self.lost: Counter[str] = Counter()
-
-    def add(self, received: Samples) -> None:
-        """Take samples with known times as they were received."""
-        times: Array = np.sort(received.time)
-        before_s = self._newest_s.get(received.stream, times[0])
-        self._newest_s[received.stream] = max(before_s, float(times[-1]))
-        rate_hz = self._rate_hz.get(received.stream, 0.0)
-        intervals = np.diff(times, prepend=before_s) * rate_hz
-        if missing := int(np.sum(np.round(intervals[intervals > MISSING]) - 1)):
-            self.lost[received.stream] += missing
 
 
 class MarkerGaps:
@@ -233,67 +203,50 @@ class WeightWatch:
             self.found = [note] if differs else []
 
 
-class Recent:
-    """Gathers samples, (N,) [s] and (N, K), until they span a time, and gives them in order."""
+class SignalWatch:
+    """Judges samples of signals that span a time [s], and then the next ones."""
 
-    def __init__(self, span_s: float) -> None:
-        self._span_s = span_s
+    def __init__(self, span_s: float, judge: Callable[[Array, Array], Iterable[Note]]) -> None:
+        self._span_s, self._judge = span_s, judge
         self._kept: list[tuple[Array, Array]] = []
-
-    def full(self, time: Array, values: Array) -> tuple[Array, Array] | None:
-        """Take samples; give all of them once they span the time, and begin anew."""
-        self._kept.append((time, values))
-        if time[-1] - self._kept[0][0][0] < self._span_s:
-            return None
-        time, values = map(np.concatenate, zip(*self._kept, strict=True))
-        self._kept.clear()
-        time, order = np.unique(time, return_index=True)
-        return time, values[order]
-
-
-class PlateWatch:
-    """Finds whether a plate is not zero without load, or saturated, ten seconds at a time.
-
-    Zero is judged as of trials (`pipeline.trial.checks.rest_level`). The plate's z axis points up
-    (1) or down (-1). What it reads without load on a platform that moves is the platform's inertia
-    and weight.
-    """
-
-    def __init__(self, number: int, mass_kg: float, up: float = 1, *, moves: bool = False) -> None:
-        self._number, self._weight_n = number, mass_kg * GRAVITY_MPS2
-        self._up, self._moves, self._recent = up, moves, Recent(JUDGED_S)
         self.found: list[Note] = []
 
-    def add(self, time: Array, wrench: Array) -> None:
-        """Take samples, (N,) [s] and (N, 6) in the plate's axes."""
-        if (recent := self._recent.full(time, wrench)) is not None:
-            self.found = list(self._judged(*recent))
+    def add(self, time: Array, values: Array) -> None:
+        """Take samples, (N,) [s] and (N, K)."""
+        self._kept.append((time, values))
+        if time[-1] - self._kept[0][0][0] >= self._span_s:
+            self.found = [*self._judge(*map(np.concatenate, zip(*self._kept, strict=True)))]
+            self._kept.clear()
 
-    def _judged(self, time: Array, wrench: Array) -> Iterator[Note]:
-        rest_n = None if self._moves else rest_level(self._up * wrench[:, 2], time, self._weight_n)
+
+def plate_watch(number: int, mass_kg: float, up: float = 1, *, moves: bool = False) -> SignalWatch:
+    """Find whether a plate is not zero without load, or saturated, ten seconds at a time.
+
+    Its samples are (N, 6), in its own axes. Zero is judged as of trials
+    (`pipeline.trial.checks.rest_level`). The plate's z axis points up (1) or down (-1). What it
+    reads without load on a platform that moves is the platform's inertia and weight.
+    """
+
+    def judge(time: Array, wrench: Array) -> Iterator[Note]:
+        vertical_n, weight_n = up * wrench[:, 2], mass_kg * GRAVITY_MPS2
+        rest_n = None if moves else rest_level(vertical_n, time, weight_n)
         if rest_n is not None and abs(rest_n) > MAX_REST_N:
-            yield Note.of("live_plate_not_zero", plate=self._number, rest_n=rest_n)
-        for name, values, least in zip(WRENCH_COMPONENTS, np.abs(wrench).T, EXTREME, strict=True):
-            if _is_limited(values, least):
-                limit, plate = float(np.nanmax(values)), self._number
-                yield Note.of("live_plate_saturated", plate=plate, component=name, value=limit)
+            yield Note.of("live_plate_not_zero", plate=number, rest_n=rest_n)
+        for name, sizes, least in zip(WRENCH_COMPONENTS, np.abs(wrench).T, EXTREME, strict=True):
+            if _is_limited(sizes, least):
+                limit = float(np.nanmax(sizes))
+                yield Note.of("live_plate_saturated", plate=number, component=name, value=limit)
+
+    return SignalWatch(JUDGED_S, judge)
 
 
-class SensorWatch:
-    """Finds what makes compensation doubtful in five seconds of accelerometers at a time.
+def sensor_watch(model: InertiaModel) -> SignalWatch:
+    """Find what makes compensation doubtful in five seconds of accelerometers at a time.
 
     As of trials, by `compensation.check_trial`; a gap is zero, so that a sensor that sends nothing
-    is dead.
+    is dead. Samples are (N, K) [m/s²].
     """
-
-    def __init__(self, model: InertiaModel) -> None:
-        self._model, self._recent = model, Recent(SENSORS_S)
-        self.found: list[Note] = []
-
-    def add(self, time: Array, accelerations: Array) -> None:
-        """Take samples, (N,) [s] and (N, K) [m/s²]."""
-        if (recent := self._recent.full(time, accelerations)) is not None:
-            self.found = list(check_trial(self._model, np.nan_to_num(recent[1])))
+    return SignalWatch(SENSORS_S, lambda _, read: check_trial(model, np.nan_to_num(read)))
 
 
 def _is_limited(values: Array, least: float) -> bool:
@@ -353,10 +306,10 @@ class Monitor:
         The last ten gait cycles.
     notes
         The newest ones as they arose, each with its time on the streams' clock [s].
+    raised
+        Code of a note, and what it is of -> the newest one, and how often it arose.
     reasons
         Why frames are not used -> how many.
-    losses
-        Samples that never arrived.
     during_stop
         Gait cycles that are not used because the light said stop.
     """
@@ -369,20 +322,19 @@ class Monitor:
         required: int = REQUIRED,
     ) -> None:
         self.chain, self._say, self._required = chain, say, required
-        self._gait, self._delay = GaitTracker(), DelayWatch()
+        self._gait, self._delay = GaitTracker(chain.motion.longest_s), DelayWatch()
         self._markers = MarkerGaps(chain.tracker.markers)
         self._columns = list(chain.tracker.columns)
         self._fit = FitWatch(chain.tracker.markers, self._columns)
-        self.losses = Losses([chain.stream, *chain.analog.streams.values()])
         body, ground = chain.body, chain.ground
         self._weight, self._sides = WeightWatch(body.mass), marker_sides(body)
         moves = ground.platform is not None
-        self._signals: list[tuple[Channels, PlateWatch | SensorWatch]] = [
-            (channels, PlateWatch(p.number, body.mass, np.sign(p.rotation[2, 2]), moves=moves))
+        self._signals: list[tuple[Channels, SignalWatch]] = [
+            (channels, plate_watch(p.number, body.mass, np.sign(p.rotation[2, 2]), moves=moves))
             for p, channels in zip(plates, ground.plates, strict=True)
         ]
         if ground.sensors is not None:
-            self._signals.append((ground.readings, SensorWatch(ground.sensors)))
+            self._signals.append((ground.readings, sensor_watch(ground.sensors)))
         self._watches: tuple[Watch, ...] = (
             *(self._markers, self._fit, self._delay, self._weight),
             *(watch for _, watch in self._signals),
@@ -393,15 +345,17 @@ class Monitor:
         self._height_m = self._standing_m = height_of_mass(body, np.zeros((1, N_Q)))
         streams = (chain.stream.name, *chain.analog.used)
         self._arrived_s = dict.fromkeys(streams, monotonic())
-        self._silent: set[str] = set()
+        self._untimed_s = dict.fromkeys(streams, -np.inf)
+        self._silent: dict[str, str] = {}
         self._held: set[tuple[str, object]] = set()
+        self._lasting: list[Note] = []
         least = chain.settings.min_valid_share
         self._so_far = {unit: ConditionSoFar(least, unit) for unit in ("cycle", "step")}
         self.cycles: deque[LiveCycle] = deque(maxlen=10)
         self.notes: deque[tuple[float, Note]] = deque(maxlen=MAX_NOTES)
         self.reasons: Counter[str] = Counter()
         self._stopped, self.during_stop = False, 0
-        self._raised: dict[tuple[str, object], tuple[Note, int]] = {}
+        self.raised: dict[tuple[str, object], tuple[Note, int]] = {}
         self._steady_s = np.nan
         present = set(chain.tracker.markers)
         if absent := [name for name in body.markers if name not in present]:
@@ -409,14 +363,16 @@ class Monitor:
             self._note(Note.of("live_markers_absent", markers=names, stream=of))
 
     def samples(self, received: Samples) -> None:
-        """Take samples as they were received."""
+        """Take samples as they were received, in order; none where none had a time of its own."""
         name, time, values = received.stream, received.time, received.values
+        if not len(time):
+            self._untimed_s[name] = monotonic()
+            return
         self._time = float(time[-1])
         if received.clock_set_s:
             self._note(Note.of("live_clock_set", stream=name, set_s=received.clock_set_s))
         self._arrived_s[name] = monotonic()
-        self._silent.discard(name)
-        self.losses.add(received)
+        self._silent.pop(name, None)
         if name == self.chain.stream.name:
             position = values.reshape(len(time), -1, 3)
             self._markers.add(time, position[:, self._columns])
@@ -450,25 +406,31 @@ class Monitor:
         self.look()
         return cycles
 
+    def hear(self, note: Note) -> None:
+        """Take what the source of the samples says; what the light knows stays wrong."""
+        self._note(note)
+        if note.code in OF_NOTES:
+            self._lasting.append(note)
+
     def look_for_silence(self) -> None:
-        """Find streams that have sent nothing for a second, once all that came was taken."""
+        """Find streams without a new sample for a second, once all that came was taken."""
         late_s = monotonic() - SILENT_S
-        self._silent = {name for name, arrived_s in self._arrived_s.items() if arrived_s < late_s}
+        self._silent = {
+            name: "live_stream_silent" if self._untimed_s[name] < late_s else "live_stamps_repeat"
+            for name, arrived_s in self._arrived_s.items()
+            if arrived_s < late_s
+        }
         self.look()
 
     def look(self) -> list[Note]:
         """Give what is wrong now; what is new is noted."""
-        found = [Note.of("live_stream_silent", stream=stream) for stream in sorted(self._silent)]
+        found = [Note.of(code, stream=stream) for stream, code in sorted(self._silent.items())]
         found += [note for watch in self._watches for note in watch.found]
         keys = {note: (note.code, _subject(note)) for note in found}
         self._note(*(note for note, key in keys.items() if key not in self._held))
         self._held = set(keys.values())
         self._stopped = any(note.code in STOPPING for note in found)
-        return found
-
-    def warnings(self) -> list[tuple[Note, int]]:
-        """Give the newest note of each kind that arose, and how often."""
-        return [*self._raised.values()]
+        return [*found, *self._lasting]
 
     @property
     def condition(self) -> ConditionSoFar:
@@ -490,20 +452,12 @@ class Monitor:
         recent, condition = list(self._recent), self.condition
         shares = {r: sum(r in each for each in recent) / max(len(recent), 1) for r in OF_FRAMES}
         noun, steady = f"{NOUNS[condition.unit]}s", len(recent) >= MIN_FRAMES
-        state = LiveState(
-            *(condition.used, self._required, noun, steady, self.look(), shares, self._sides)
-        )
-        shown, weight_n = light(state), self.chain.body.mass * GRAVITY_MPS2
-        return Board(
-            shown.colour,
-            shown.sentence,
-            condition.used / self._required,
-            f"{condition.used} / {self._required} {noun}",
-            condition.newest,
-            MAX_FORCE_SHARE * weight_n,
-            MAX_MOMENT_SHARE * weight_n * self._standing_m,
-            senders(streams),
-        )
+        used, wanted, weight_n = condition.used, self._required, self.chain.body.mass * GRAVITY_MPS2
+        shown = light(LiveState(used, wanted, noun, steady, self.look(), shares, self._sides))
+        done = used / wanted, f"{used} / {wanted} {noun}"
+        limits = MAX_FORCE_SHARE * weight_n, MAX_MOMENT_SHARE * weight_n * self._standing_m
+        said = shown.colour, shown.sentence
+        return Board(*said, *done, condition.newest, *limits, senders(streams))
 
     def status(self) -> str:
         """Give one line: light, bars of the newest residuals, latency."""
@@ -544,7 +498,7 @@ class Monitor:
         for note in notes:
             self.notes.append((self._time, note))
             key = note.code, _subject(note)
-            self._raised[key] = note, self._raised.get(key, (note, 0))[1] + 1
+            self.raised[key] = note, self.raised.get(key, (note, 0))[1] + 1
             self._say(note)
 
 

@@ -31,9 +31,7 @@ PARTS = "label", "unit", "type", "marker", "plate"
 
 
 def describe(
-    channels: Sequence[Channel],
-    parts: Sequence[tuple[str, str]] = (),
-    plates: Sequence[Plate] = (),
+    channels: Sequence[Channel], parts: Sequence[tuple[str, str]] = (), plates: Sequence[Plate] = ()
 ) -> Element:
     """Give the ``desc`` of a stream: its channels, further parts, and plates that are among them.
 
@@ -45,24 +43,28 @@ def describe(
     >>> desc.findtext("channels/channel/unit"), desc.findtext("filter_delay_s")
     ('m/s', '0.0375')
     """
-    desc = Element("desc")
-    inside = SubElement(desc, "channels")
-    for channel in channels:
-        one = SubElement(inside, "channel")
-        for part in PARTS:
-            if text := getattr(channel, part):
-                SubElement(one, part).text = text
-    for part, text in parts:
-        SubElement(desc, part).text = text
-    if plates:
-        of_plates = SubElement(desc, "plates")
-        for plate in plates:
-            one = SubElement(of_plates, "plate")
-            SubElement(one, "number").text = str(plate.number)
-            for part in PLACE:
-                numbers = getattr(plate, part).ravel().tolist()
-                SubElement(one, part).text = " ".join(map(repr, numbers))
-    return desc
+    described = (
+        element("channel", *[(part, text) for part in PARTS if (text := getattr(each, part))])
+        for each in channels
+    )
+    placed = []
+    for plate in plates:
+        numbers = [(part, getattr(plate, part).ravel().tolist()) for part in PLACE]
+        place = [(part, " ".join(map(repr, each))) for part, each in numbers]
+        placed.append(element("plate", ("number", str(plate.number)), *place))
+    of_plates = [element("plates", *placed)] if placed else []
+    return element("desc", element("channels", *described), *parts, *of_plates)
+
+
+def element(tag: str, *inside: Element | tuple[str, str]) -> Element:
+    """Give an element of others, or of tags and their texts."""
+    made = Element(tag)
+    for part in inside:
+        if isinstance(part, Element):
+            made.append(part)
+        else:
+            SubElement(made, part[0]).text = part[1]
+    return made
 
 
 def stream_channels(
@@ -99,15 +101,17 @@ def described_streams(
     for stream in streams:
         channels = stream_channels(stream, live, plates)
         is_markers = stream.kind == "markers"
-        info = Element("info")
-        SubElement(info, "name").text = stream.name
-        SubElement(info, "type").text = "MoCap" if is_markers else "Analog"
-        SubElement(info, "channel_count").text = str(len(channels))
-        SubElement(info, "nominal_srate").text = repr(stream.rate_hz)
-        SubElement(info, "channel_format").text = "double64"
         numbers = {channel.plate for channel in channels}
         own = [plate for plate in plates if str(plate.number) in numbers]
-        info.append(describe(channels, [("axes", LAB_AXES)] if is_markers else [], own))
+        info = element(
+            "info",
+            ("name", stream.name),
+            ("type", "MoCap" if is_markers else "Analog"),
+            ("channel_count", str(len(channels))),
+            ("nominal_srate", repr(stream.rate_hz)),
+            ("channel_format", "double64"),
+            describe(channels, [("axes", LAB_AXES)] if is_markers else [], own),
+        )
         described.append(info)
     return described
 
@@ -147,9 +151,7 @@ class XdfWriter:
         self._counts: list[int] = []
         self._file = path.open("xb")
         self._file.write(MAGIC)
-        version = Element("info")
-        SubElement(version, "version").text = "1.0"
-        self._chunk(FILE_HEADER, tostring(version))
+        self._chunk(FILE_HEADER, tostring(element("info", ("version", "1.0"))))
         for number, info in enumerate(descriptions, start=1):
             self._numbers[info.findtext("name", "")] = number
             self._counts.append(0)
@@ -189,8 +191,7 @@ class XdfWriter:
             return
         with self._file:
             for number, count in enumerate(self._counts, start=1):
-                footer = Element("info")
-                SubElement(footer, "sample_count").text = str(count)
+                footer = element("info", ("sample_count", str(count)))
                 self._chunk(STREAM_FOOTER, struct.pack("<I", number) + tostring(footer))
 
     def _chunk(self, tag: int, content: bytes) -> None:
@@ -260,24 +261,17 @@ class Recorder:
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
 
-    def samples(self, received: Samples) -> None:
-        """Take samples as they were received."""
-        self._take(received)
-
-    def frame(self, row: Array) -> None:
-        """Take a frame's results, (K,)."""
-        self._take(row)
+    def take(self, entry: Samples | Array) -> None:
+        """Take samples as they were received, or a frame's results, (K,)."""
+        if self.fault is not None or self._waiting.qsize() >= MAX_WAITING:
+            self.lost += 1
+        else:
+            self._waiting.put(entry)
 
     def close(self) -> None:
         """Write all that was taken, and end the files."""
         self._stop.set()
         self._thread.join()
-
-    def _take(self, entry: Samples | Array) -> None:
-        if self.fault is not None or self._waiting.qsize() >= MAX_WAITING:
-            self.lost += 1
-        else:
-            self._waiting.put(entry)
 
     def _run(self) -> None:
         ending = False
@@ -352,7 +346,13 @@ def load_lsl(listen: str = LOOPBACK) -> Any:
         address = IPv4Address(own_address(listen))
     except ValueError as error:
         raise ValueError(f"listen: {error}") from error
-    lsl = import_extra("pylsl", "Lab Streaming Layer")
+    try:
+        lsl = import_module("pylsl")
+    except ImportError as missing:
+        raise ValueError(f"Lab Streaming Layer needs the extra live: {EXTRA}") from missing
+    except (OSError, RuntimeError) as broken:  # its library, where it has no wheel
+        reason = [*str(broken).splitlines(), type(broken).__name__][0]
+        raise ValueError(f"Lab Streaming Layer does not load: {reason}") from broken
     if not _listening:
         _require_own(address)
         scope = "ResolveScope = machine\n" if address.is_loopback else ""
@@ -381,17 +381,6 @@ def _require_own(address: IPv4Address) -> None:
                 f"listen: {address} is not an address of this computer ({error.strerror}); its "
                 "network settings list those that it has"
             ) from error
-
-
-def import_extra(module: str, what: str) -> Any:
-    """Import a module of the extra ``live``; a ValueError names the extra where it is missing."""
-    try:
-        return import_module(module)
-    except ImportError as missing:
-        raise ValueError(f"{what} needs the extra live: {EXTRA}") from missing
-    except (OSError, RuntimeError) as broken:  # pylsl without its library, where it has no wheel
-        reason = str(broken).splitlines()[0] if str(broken) else type(broken).__name__
-        raise ValueError(f"{what} does not load: {reason}") from broken
 
 
 RESULTS: Final = "hbm"
@@ -544,13 +533,6 @@ def result_row(frame: LiveFrame) -> Array:
     Array
         (106,); a variant that is not computed is NaN.
     """
-    best = list(frame.tau)[-1]
-    return np.concatenate(
-        [
-            frame.q,
-            frame.tau[best],
-            frame.residual["measured"],
-            frame.residual.get("compensated", UNKNOWN),
-            [float(frame.quality), frame.computing_s],
-        ]
-    )
+    *_, tau = frame.tau.values()
+    residuals = frame.residual["measured"], frame.residual.get("compensated", UNKNOWN)
+    return np.concatenate([frame.q, tau, *residuals, [float(frame.quality), frame.computing_s]])

@@ -1,27 +1,30 @@
-"""Markers, plates and analog channels of Qualisys Track Manager, by the vendor's client qtm-rt.
+"""Markers, plates and analog channels of Qualisys Track Manager, by its real-time protocol.
 
-The protocol is that of https://docs.qualisys.com/qtm-rt-protocol/.
+The protocol is that of https://docs.qualisys.com/qtm-rt-protocol/: packets of size and kind, with
+the low byte first; a welcome, commands as text, parameters as XML, frames of components.
 """
 
-import asyncio
-import threading
-from collections import deque
-from collections.abc import Iterator
+import socket
+import struct
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final
+from typing import Final
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from hbm.notes import Note
 from hbm.spatial import WRENCH_COMPONENTS, Array
 from hbm.spelling import printable, short
 from pipeline.io.axes import parse_axes
 from pipeline.io.c3d.force_plates import plate_axes
+from pipeline.io.labels import require_unique
 from pipeline.io.recording import Plate
 from pipeline.io.stated import Stated
 from pipeline.io.streams import AXES, Channel, parse_xml
 from pipeline.io.units import length_in_m
-from pipeline.live.output import import_extra
 from pipeline.live.stream import (
     LAB_AXES,
     Convert,
@@ -33,6 +36,7 @@ from pipeline.live.stream import (
     require_same,
 )
 
+PROGRAM: Final = "Qualisys Track Manager"
 MAX_CORNER_ERROR_M: Final = 0.02
 """Corners that are measured miss a rectangle by millimetres, those in no order by decimetres."""
 
@@ -46,9 +50,14 @@ def place_of(plate: Element, number: int, unit: str, to_lab: Array) -> Plate:
     the program's forces, so that corners whose z points up are in another order. A ValueError says
     so, or that there are no corners or that they are no rectangle.
     """
-    corners = np.array([_corner(plate, k) for k in range(1, 5)]) * length_in_m(unit) @ to_lab.T
+    metre, places = length_in_m(unit), [f"Location/Corner{k}" for k in range(1, 5)]
+    words = [[plate.findtext(f"{place}/{axis}") or "" for axis in AXES] for place in places]
+    try:
+        corners = np.array(words, float) * metre @ to_lab.T
+    except ValueError as error:
+        raise ValueError("the program has not its four corners") from error
     rotation = plate_axes(corners)
-    if np.linalg.norm(corners[0] + corners[2] - corners[1] - corners[3]) > MAX_CORNER_ERROR_M:
+    if not np.linalg.norm(corners.T @ [1, -1, 1, -1]) < MAX_CORNER_ERROR_M:
         raise ValueError("its corners are no rectangle")
     if rotation[2, 2] >= 0:
         raise ValueError("its corners are in another order than that of the C3D format: z is up")
@@ -56,18 +65,13 @@ def place_of(plate: Element, number: int, unit: str, to_lab: Array) -> Plate:
     return Plate(number, empty, empty.reshape(0, 6), rotation, corners.mean(axis=0), corners)
 
 
-def _corner(plate: Element, k: int) -> list[float]:
-    words = [plate.findtext(f"Location/Corner{k}/{axis}") or "" for axis in AXES]
-    try:
-        found = list(map(float, words))
-    except ValueError:
-        found = []
-    if not found or not np.isfinite(found).all():
-        raise ValueError(f"the program has no corner {k}, but {short(' '.join(words))!r}")
-    return found
-
-
 MARKERS: Final = "Markers"
+POSITIONS, ANALOG, FORCE = 1, 3, 4
+"""Components of a frame, by their numbers in the protocol."""
+COMPONENTS: Final = {POSITIONS: "3D", ANALOG: "Analog", FORCE: "Force"}
+"""What commands call them."""
+ABSENT_S: Final = 1.0
+"""Devices send samples in bursts, so that single frames lack them."""
 SAME_START_S: Final = 0.05
 """Sample numbers and time stamps count from the same start if they agree within it."""
 RESTART_S: Final = 0.5
@@ -76,6 +80,39 @@ LOADED_N: Final = 100.0
 CHECKED_SAMPLES: Final = 20
 MAX_MISFIT_M: Final = 0.01
 """As for recordings: moments of one plate agree with its centres of pressure within millimetres."""
+Say = Callable[[Note], object]
+"""Called with what is wrong as it arises."""
+
+
+class Malformed(Exception):
+    """Bytes that are not of the protocol."""
+
+
+@dataclass(slots=True)
+class _Bytes:
+    """Bytes of a packet, and how far they are read."""
+
+    data: bytes
+    at: int = 0
+
+    def part(self, size: int) -> bytes:
+        """Take some of them."""
+        start, self.at = self.at, self.at + size
+        if not start <= self.at <= len(self.data):
+            raise Malformed(f"a packet of {len(self.data)} bytes has a part of {size}")
+        return self.data[start : self.at]
+
+    def counts(self, count: int) -> Sequence[int]:
+        """Take whole numbers, none of which is negative."""
+        found = struct.unpack(f"<{count}i", self.part(4 * count))
+        if min(found) < 0:
+            raise Malformed(f"a packet counts {min(found)} parts")
+        return found
+
+    def numbers(self, rows: int, columns: int) -> Array:
+        """Take numbers of single precision, (rows, columns)."""
+        found = np.frombuffer(self.part(4 * rows * columns), "<f4")
+        return found.reshape(rows, columns).astype(float)
 
 
 @dataclass(slots=True)
@@ -90,15 +127,6 @@ class Signals:
     convert: Convert
     origin_s: float | None = None
     misfits: list[float] = field(default_factory=list)
-
-    def samples(self, first: int, values: Array, stamp_s: float, base_s: float) -> Samples:
-        """Give samples, the number of whose first is known, with those of a frame at a stamp."""
-        own_s = (first + np.arange(len(values))) / self.description.rate_hz
-        if self.origin_s is None:
-            ahead_s = stamp_s - float(own_s[-1])
-            self.origin_s = 0.0 if abs(ahead_s) < SAME_START_S else ahead_s
-        time = base_s + (own_s + self.origin_s)
-        return Samples(self.description.name, time, self.convert(values))
 
     def check_moments(self, forces: Array) -> None:
         """Refuse moments that are not about the centre of the plate's surface.
@@ -122,122 +150,174 @@ class Signals:
 
 
 class Packets:
-    """What the program sends by its parameters in XML, and its packets as samples.
+    """What the program sends by its parameters in XML, and its frames as samples.
 
     A ValueError says that parameters are broken, name no markers or state no rate, or as
     `pipeline.live.stream.describe_markers`.
     """
 
-    def __init__(self, written: bytes, stated: Stated) -> None:
+    def __init__(self, written: bytes, stated: Stated, say: Say = lambda note: None) -> None:
         try:
             root = parse_xml(written.decode("utf-8", "replace"))
         except ValueError as error:
-            raise ValueError(f"Qualisys Track Manager sends broken parameters: {error}") from error
+            raise ValueError(f"{PROGRAM} sends broken parameters: {error}") from error
         names = [_text(label, "Name") for label in root.iterfind("The_3D/Label")]
         if not names:
-            raise ValueError("Qualisys Track Manager has no labelled markers; apply an AIM model")
-        self.sent = len(names)
+            raise ValueError(f"{PROGRAM} has no labelled markers; apply an AIM model")
+        self._sent, self._say = len(names), say
         channels = [
             Channel(f"{name}_{axis}", "mm", f"Position{axis}", marker=name)
             for name in names
             for axis in AXES
         ]
-        rate_hz = _rate(root.find("General"), "the cameras")
+        rate_hz = _number(root.find("General"), "Frequency", "the cameras")
         self.markers, self._convert = describe_markers(MARKERS, channels, rate_hz, stated)
-        self._plates, self.plates = _plates(root, parse_axes(stated.axes or LAB_AXES))
-        self._devices = _devices(root)
-        signals = (*self._plates.values(), *self._devices.values())
-        self.streams = (self.markers, *(each.description for each in signals))
-        self.components = ["3d", *["analog"] * bool(self._devices), *["force"] * bool(self._plates)]
+        self._signals, self.plates = _signals(root, parse_axes(stated.axes or LAB_AXES))
+        every = [each for of in (FORCE, ANALOG) for each in self._signals[of].values()]
+        self.streams = (self.markers, *(each.description for each in every))
+        require_unique([stream.name for stream in self.streams], f"{PROGRAM}: streams of one name")
+        self.components = [c for c in COMPONENTS if c == POSITIONS or self._signals[c]]
         self._base_s, self._last_s = 0.0, -np.inf
+        self._seen_s = dict[int, float]()
 
     def restart(self) -> None:
         """Expect sample numbers from another start."""
-        for signals in (*self._devices.values(), *self._plates.values()):
+        self._seen_s.clear()
+        for signals in (each for of in self._signals.values() for each in of.values()):
             signals.origin_s = None
 
-    def samples(self, packet: Any) -> Iterator[Samples]:
-        """Give the samples of one packet of the vendor's client.
+    def samples(self, data: bytes) -> list[Samples]:
+        """Give the samples of a frame.
 
-        Time goes on when a measurement begins anew. A ValueError says that a packet has another
+        Time goes on when a measurement begins anew. A ValueError says that a frame has another
         number of markers, or that moments are about another point than the centre of a plate's
-        surface.
+        surface; `Malformed`, that it is not of the protocol.
         """
-        stamp = packet.timestamp / 1e6
-        if (markers := packet.get_3d_markers()) is not None:
-            _, positions = markers
-            if len(positions) != self.sent:
-                raise ValueError(
-                    f"Qualisys Track Manager sends {len(positions)} markers, but named "
-                    f"{self.sent}; start anew"
-                )
-            if stamp < self._last_s - RESTART_S:
-                self._base_s += self._last_s - stamp + 1 / self.markers.rate_hz
-                self.restart()
-            self._last_s = stamp
-            values = self._convert(np.array(positions, float).reshape(1, -1))
-            yield Samples(MARKERS, np.array([self._base_s + stamp]), values)
-        _, channels = packet.get_analog() or (None, [])
-        of_devices: dict[int, tuple[int, list[Any]]] = {}
-        for device, number, channel in channels:
-            first = number.sample_number
-            of_devices.setdefault(device.id, (first, []))[1].append(channel.samples)
-        for number, (first, channels) in of_devices.items():
-            if device := self._devices.get(number):
-                values = np.array(channels, float).T
-                yield device.samples(first, values, stamp, self._base_s)
-        _, plates = packet.get_force() or (None, [])
-        for sent, forces in plates:
-            if forces and (plate := self._plates.get(sent.id)):
-                each = np.array(forces, float)
-                plate.check_moments(each)
-                yield plate.samples(sent.force_number, -each[:, :6], stamp, self._base_s)
+        frame = _Bytes(data)
+        stamp_us, number, count = struct.unpack("<qII", frame.part(16))
+        parts = dict[int, _Bytes]()
+        while len(parts) < count:
+            size, component = frame.counts(2)
+            parts[component] = _Bytes(frame.part(size - 8))
+        stamp_s, number_s, found = stamp_us / 1e6, number / self.markers.rate_hz, list[Samples]()
+        if POSITIONS in parts:
+            found.append(self._markers_of(parts[POSITIONS], stamp_s))
+        for component in {ANALOG, FORCE} & parts.keys():
+            for signals, first, values in self._read(component, parts[component]):
+                own_s = (first + np.arange(len(values))) / signals.description.rate_hz
+                if signals.origin_s is None:
+                    signals.origin_s = self._origin_s(signals, stamp_s, number_s, own_s[-1])
+                times = self._base_s + (own_s + signals.origin_s)
+                found.append(Samples(signals.description.name, times, signals.convert(values)))
+        for component in self.components:
+            self._seen_s.setdefault(component, stamp_s)
+            if component in parts:
+                self._seen_s[component] = stamp_s
+            elif stamp_s - self._seen_s[component] > ABSENT_S:
+                self._seen_s[component] = np.inf  # is said once
+                self._say(Note.of("live_component_absent", component=COMPONENTS[component]))
+        return found
+
+    def _markers_of(self, part: _Bytes, stamp_s: float) -> Samples:
+        """Give the markers of a frame."""
+        (count,) = part.counts(1)
+        part.part(4)  # rates of frames that the program lost
+        positions = part.numbers(count, 3)
+        if count != self._sent:
+            raise ValueError(f"{PROGRAM} sends {count} markers, but named {self._sent}; start anew")
+        if stamp_s < self._last_s - RESTART_S:
+            self._base_s += self._last_s - stamp_s + 1 / self.markers.rate_hz
+            self.restart()
+        self._last_s = stamp_s
+        time = np.array([self._base_s + stamp_s])
+        return Samples(MARKERS, time, self._convert(positions.reshape(1, -1)))
+
+    def _read(self, component: int, part: _Bytes) -> Iterator[tuple[Signals, int, Array]]:
+        """Give plates or devices of a frame: number of the first sample, and samples, (N, K)."""
+        for _ in range(*part.counts(1)):
+            if component == FORCE:
+                number, length, first = part.counts(3)
+                values = part.numbers(length, 9)
+            else:
+                number, channels, length = part.counts(3)
+                first = part.counts(1)[0] if length else 0
+                values = part.numbers(channels, length).T
+            if not length or (signals := self._signals[component].get(number)) is None:
+                continue
+            if component == FORCE:
+                signals.check_moments(values)
+                values = -values[:, :6]
+            elif channels != (named := len(signals.description.labels)):
+                raise Malformed(f"device {number} has {channels} channels, but named {named}")
+            yield signals, first, values
+
+    def _origin_s(self, signals: Signals, stamp_s: float, number_s: float, last_s: float) -> float:
+        """Give where sample numbers begin on the clock of the stamps, from a frame and its samples.
+
+        Where time stamps count from another start, frame numbers may count from that of the
+        samples; else these are taken to lie around the frame. Both are doubtful by a frame.
+        """
+        if abs(stamp_s - last_s) < SAME_START_S:
+            return 0.0
+        frame_s = 1 / self.markers.rate_hz
+        self._say(Note.of("live_start_unknown", stream=signals.description.name, frame_s=frame_s))
+        if abs(number_s - last_s) < SAME_START_S:
+            return stamp_s - number_s
+        return stamp_s + frame_s / 2 - last_s
 
 
-def _devices(root: Element) -> dict[int, Signals]:
-    found = {}
-    for device in root.iterfind("Analog/Device"):
-        name = _text(device, "Device_Name")
-        channels = [
-            Channel(_text(channel, "Label"), _text(channel, "Unit"))
-            for channel in device.iterfind("Channel")
-        ]
-        described = describe_signals(name, channels, _rate(device, name))
-        found[int(_text(device, "Device_ID"))] = Signals(*described)
-    return found
+def _signals(
+    root: Element, to_lab: Array
+) -> tuple[dict[int, dict[int, Signals]], tuple[StatedPlate, ...]]:
+    """Give what plates and devices send, by component and number, and plates as described.
 
-
-def _plates(root: Element, to_lab: Array) -> tuple[dict[int, Signals], tuple[StatedPlate, ...]]:
-    """Give what plates send, and how the program describes them."""
-    found, described = {}, []
+    Where several have one name, they have their numbers in it.
+    """
+    found, plates = {FORCE: dict[int, Signals](), ANALOG: dict[int, Signals]()}, []
     force, length = (_text(root.find("Force"), f"Unit_{of}") for of in ("Force", "Length"))
-    for plate in root.iterfind("Force/Plate"):
-        name = _text(plate, "Name")
-        number = int(_text(plate, "Plate_ID") or _text(plate, "Force_Plate_Index"))
-        channels = [
-            Channel(f"{name}.{part}", force if part[0] == "F" else "Nm")
-            for part in WRENCH_COMPONENTS
-        ]
-        found[number] = Signals(*describe_signals(name, channels, _rate(plate, name)))
-        place, problem = None, ""
-        try:
-            place = place_of(plate, number, length, to_lab)
-        except ValueError as error:
-            problem = str(error)
-        labels = found[number].description.labels
-        described.append(StatedPlate(str(number), labels, place, problem))
-    return found, tuple(described)
+    for component, path, tag in ((FORCE, "Force/Plate", ""), (ANALOG, "Analog/Device", "Device_")):
+        elements = root.findall(path)
+        counts = Counter(_text(element, f"{tag}Name") for element in elements)
+        for element in elements:
+            name = _text(element, f"{tag}Name")
+            what = f"{element.tag} {name}"
+            number = int(_number(element, f"{tag or 'Plate_'}ID", what))
+            if number in found[component]:
+                raise ValueError(f"{PROGRAM} numbers two of {element.tag} {number}; change one")
+            if not name or counts[name] > 1:
+                name = f"{name} {number}".strip()
+            channels = [
+                Channel(_text(channel, "Label"), _text(channel, "Unit"))
+                for channel in element.iterfind("Channel")
+            ]
+            if component == FORCE:
+                units = [force] * 3 + ["Nm"] * 3
+                parts = zip(WRENCH_COMPONENTS, units, strict=True)
+                channels = [Channel(f"{name}.{part}", unit) for part, unit in parts]
+            rate_hz = _number(element, "Frequency", what)
+            signals = Signals(*describe_signals(name, channels, rate_hz))
+            found[component][number] = signals
+            if component == FORCE:
+                place, problem = None, ""
+                try:
+                    place = place_of(element, number, length, to_lab)
+                except ValueError as error:
+                    problem = str(error)
+                labels = signals.description.labels
+                plates.append(StatedPlate(str(number), labels, place, problem))
+    return found, tuple(plates)
 
 
-def _rate(element: Element | None, what: str) -> float:
-    text = _text(element, "Frequency")
+def _number(element: Element | None, tag: str, what: str) -> float:
+    """Give a positive number of an element."""
+    text = _text(element, tag)
     try:
-        rate = float(text)
+        found = float(text)
     except ValueError:
-        rate = 0.0
-    if not 0 < rate < np.inf:
-        raise ValueError(f"Qualisys Track Manager has no rate of {short(what)}, but {text!r}")
-    return rate
+        found = np.nan
+    if not 0 < found < np.inf:
+        raise ValueError(f"{PROGRAM} states no {tag} of {short(what)}, but {short(text)!r}")
+    return found
 
 
 def _text(element: Element | None, tag: str) -> str:
@@ -246,10 +326,39 @@ def _text(element: Element | None, tag: str) -> str:
 
 PORT: Final = 22223
 """Of the protocol with the low byte first."""
+VERSION: Final = "1.25"
+WELCOME: Final = "QTM RT Interface connected"
+ERROR, COMMAND, XML, DATA = range(4)
+"""Kinds of packets that are looked at."""
+KINDS: Final = range(10)
+HEADER, HIGH_BYTE_FIRST = struct.Struct("<II"), struct.Struct(">II")
+"""Size of a packet, and its kind."""
+MAX_BYTES: Final = 1 << 24
+"""Of a packet: a hundred times those of a frame of a large laboratory."""
 RETRY_S: Final = 1.0
 """Between attempts to reach a computer that has gone away."""
-MAX_WAITING: Final = 10_000
-"""Pieces kept for a receiver that is busy; then the oldest are lost."""
+SILENT_S: Final = 2.0
+"""Without a packet, after which the program is asked whether it is there."""
+RETURN_S: Final = 2.0
+"""Left to a program that is there again to answer."""
+STREAM_S: Final = 0.5
+"""Within which streaming is refused, if it is."""
+AT_ONCE: Final = 1 << 16
+"""Bytes."""
+MIN_WAIT_S: Final = 0.001
+TELL_AGAIN_S: Final = 60.0
+MAX_WORDS: Final = 80
+"""Letters of an answer in a message."""
+
+
+WHY_NOT: Final[Mapping[type[OSError], str]] = {
+    socket.gaierror: "is unknown: no computer has this name",
+    ConnectionRefusedError: f"refuses the connection; is {PROGRAM} running, and this its port?",
+    TimeoutError: "does not answer in time; is the computer on, and its firewall open?",
+}
+"""What is said of addresses."""
+Packet = tuple[int, bytes]
+"""Its kind, and what is in it."""
 
 
 class QualisysSource:
@@ -263,13 +372,22 @@ class QualisysSource:
         What a person states: the axes (necessary), labels to rename, the prefix of the subject.
     timeout_s
         How long an answer is waited for.
+    say
+        Called with notes: frames that cannot be read, connections that are lost, what is doubtful.
+
+    Attributes
+    ----------
+    streams
+        What is received: markers, then plates, then analog devices.
+    plates
+        As the program's settings describe them.
 
     Raises
     ------
     ValueError
-        The extra is missing, or the program's parameters lack markers or something that is needed.
+        The program's parameters lack markers or something that is needed.
     ConnectionError
-        Nothing answers there.
+        Nothing answers there, it is another program, or it refuses something. One line.
 
     Notes
     -----
@@ -277,7 +395,8 @@ class QualisysSource:
     analog channels the number of the sample over its rate, from the same start. Markers are in lab
     axes [m]. Forces that the program sends act on the plate, in the plate's own axes with z down
     (https://docs.qualisys.com/qtm/content/qtm_windows/force_data_information.htm); here they act
-    on the subject, in the same axes. A connection that is lost is sought again every second.
+    on the subject, in the same axes. A connection that is lost, or silent though it is asked, is
+    sought again every second.
     """
 
     def __init__(
@@ -287,125 +406,157 @@ class QualisysSource:
         stated: Stated,
         port: int = PORT,
         timeout_s: float = 5.0,
+        say: Say = lambda note: None,
     ) -> None:
-        self._client = import_extra("qtm_rt", "Qualisys")
-        self._where = f"{host}:{port}"
-        self._address = host, port
-        self._stated, self._timeout_s = stated, timeout_s
-        self._packets: Packets | None = None
-        self._fault: Exception | None = None
-        self._waiting: deque[Samples] = deque(maxlen=MAX_WAITING)
-        self._arrived, self._ready = threading.Event(), threading.Event()
-        self._loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._run, name="qualisys", daemon=True)
-        self._thread.start()
-        answered = self._ready.wait(3 * timeout_s)
-        if self._fault is not None or not answered:
+        self._address, self._where = (host, port), f"{host}:{port}"
+        self._stated, self._say, self._told_s = stated, say, dict[str, float]()
+        self._socket: socket.socket | None = None
+        self._early, self._again_s = list[Packet](), 0.0
+        try:
+            self._packets = self._connect(timeout_s, None)
+        except BaseException:
             self.close()
-            raise self._fault or ConnectionError(f"{self._where} does not answer")
-
-    @property
-    def streams(self) -> tuple[StreamDescription, ...]:
-        """What is received: markers, then plates, then analog devices."""
-        streams = self._packets.streams if self._packets is not None else ()
-        return tuple(replace(stream, sender=self._where) for stream in streams)
-
-    @property
-    def plates(self) -> tuple[StatedPlate, ...]:
-        """Plates as the program's settings describe them."""
-        return self._packets.plates if self._packets is not None else ()
+            raise
+        streams, self.plates = self._packets.streams, self._packets.plates
+        self.streams = tuple(replace(stream, sender=self._where) for stream in streams)
 
     def receive(self, timeout_s: float) -> list[Samples]:
         """Give whatever has arrived; an empty list if nothing does within the timeout [s].
 
         A ValueError says that the program came back with other markers, channels or plates.
         """
-        if not self._waiting:
-            self._arrived.wait(timeout_s)
-        self._arrived.clear()
-        if self._fault is not None:
-            raise self._fault
-        return [self._waiting.popleft() for _ in range(len(self._waiting))]
+        try:
+            if self._socket is not None:
+                arrived = self._early or self._arrived(self._socket, timeout_s)
+                self._early = list[Packet]()
+                self._look_for_silence(self._socket, bool(arrived))
+                return [samples for packet in arrived for samples in self._samples(*packet)]
+            time.sleep(max(0.0, min(timeout_s, self._again_s - time.monotonic())))
+            if time.monotonic() >= self._again_s:
+                self._connect(RETURN_S, self._packets)
+        except OSError as reason:
+            self.close()
+            self._again_s = time.monotonic() + RETRY_S
+            self._tell("live_connection_lost", reason.strerror or str(reason))
+        return []
 
     def close(self) -> None:
         """Disconnect."""
-        if self._loop.is_running():
-            self._loop.call_soon_threadsafe(self._cancel)
-        self._thread.join(self._timeout_s)
+        if self._socket is not None:
+            self._socket.close()
+        self._socket = None
 
-    def _cancel(self) -> None:
-        for task in asyncio.all_tasks(self._loop):
-            task.cancel()
-
-    def _run(self) -> None:
-        asyncio.set_event_loop(self._loop)
+    def _connect(self, timeout_s: float, before: Packets | None) -> Packets:
+        """Connect, and begin to stream; a ConnectionError says what is wrong."""
+        self._received, self._until_s = bytearray(), time.monotonic() + timeout_s
+        self._heard_s, self._asked = self._until_s, False
         try:
-            self._loop.run_until_complete(self._serve())
-        except asyncio.CancelledError:
-            pass
-        except Exception as fault:
-            self._fault = fault
-        finally:
-            self._loop.close()
-            self._ready.set()
-            self._arrived.set()
-
-    async def _serve(self) -> None:
-        """Connect, and again whenever the connection is lost."""
-        while True:
-            try:
-                await self._connection()
-            except (OSError, self._client.QRTCommandException):
-                if self._packets is None:
-                    raise ConnectionError(
-                        f"no Qualisys Track Manager answers at {self._where}; is it running, and "
-                        "its port for real-time output open?"
-                    ) from None
-            await asyncio.sleep(RETRY_S)
-
-    async def _connection(self) -> None:
-        """Stream until the connection is lost."""
-        lost = asyncio.Event()
-        connection = await asyncio.wait_for(
-            self._client.connect(
-                *self._address,
-                on_disconnect=lambda _: lost.set(),
-                timeout=self._timeout_s,
-                loop=self._loop,
-            ),
-            self._timeout_s,
-        )
-        if connection is None:
-            raise ConnectionError
+            self._socket = connected = socket.create_connection(self._address, timeout_s)
+        except OSError as error:
+            reasons = [why for kind, why in WHY_NOT.items() if isinstance(error, kind)]
+            why_not = (reasons or [f"cannot be reached: {error.strerror or error}"])[0]
+            raise ConnectionError(f"{self._where} {why_not}") from error
+        kind, welcome = self._answer(connected, "takes the connection, but says nothing")
+        if kind != COMMAND or _words(welcome) != WELCOME:
+            raise ConnectionError(f"{self._where} is no {PROGRAM}: it says {_words(welcome)!r}")
+        if _words(self._ask(connected, f"Version {VERSION}")) != f"Version set to {VERSION}":
+            raise ConnectionError(f"{self._where} has not version {VERSION} of the protocol")
+        written = self._ask(connected, "GetParameters General 3D Analog Force", XML)
         try:
-            written = await connection.get_parameters(["general", "3d", "analog", "force"])
-            packets, before = Packets(written, self._stated), self._packets
-            if before is not None:
-                sender = f"Qualisys Track Manager at {self._where}"
-                streams = {"description of its streams": (before.streams, packets.streams)}
-                require_same(sender, streams, before.plates, packets.plates)
-                packets = before
-            packets.restart()
-            self._packets = packets
-            self._ready.set()
-            while not lost.is_set():
-                try:
-                    await connection.stream_frames(
-                        components=packets.components, on_packet=self._take
-                    )
-                    await lost.wait()
-                except (TimeoutError, self._client.QRTCommandException):
-                    await asyncio.sleep(RETRY_S)  # no measurement runs yet
-        finally:
-            if connection.has_transport():
-                connection.disconnect()
+            packets = Packets(written.rstrip(b"\0"), self._stated, self._say)
+        except ValueError as error:
+            if before is None:
+                raise
+            raise ConnectionError(str(error)) from error  # it may not be ready yet
+        if before is not None:
+            sender = f"{PROGRAM} at {self._where}"
+            streams = {"description of its streams": (before.streams, packets.streams)}
+            require_same(sender, streams, before.plates, packets.plates)
+            packets = before
+        packets.restart()
+        parts = " ".join(COMPONENTS[each] for each in packets.components)
+        _send(connected, f"StreamFrames AllFrames {parts}")
+        self._early = self._arrived(connected, STREAM_S)
+        for kind, words in self._early:
+            if kind == ERROR:
+                raise ConnectionError(f"{self._where} refuses to stream {parts}: {_words(words)}")
+        self._heard_s = time.monotonic()
+        return packets
 
-    def _take(self, packet: Any) -> None:
+    def _ask(self, connected: socket.socket, command: str, expected: int = COMMAND) -> bytes:
+        """Send a command and give its answer."""
+        _send(connected, command)
+        kind, answer = self._answer(connected, f"does not answer {command!r}")
+        if kind != expected:
+            raise ConnectionError(f"{self._where} refuses {command!r}: {_words(answer)}")
+        return answer
+
+    def _answer(self, connected: socket.socket, silent: str) -> Packet:
+        """Give the next packet that answers something."""
+        while (left_s := self._until_s - time.monotonic()) > 0:
+            for kind, words in self._arrived(connected, left_s):
+                if kind in (ERROR, COMMAND, XML):
+                    return kind, words
+        raise ConnectionError(f"{self._where} {silent} in time")
+
+    def _arrived(self, connected: socket.socket, timeout_s: float) -> list[Packet]:
+        """Give the packets that have arrived; wait for the first bytes."""
+        connected.settimeout(max(timeout_s, MIN_WAIT_S))
+        try:
+            piece = connected.recv(AT_ONCE)
+        except TimeoutError:
+            return []
+        except ConnectionError:
+            piece = b""
+        if not piece:
+            raise ConnectionError(f"{self._where} has closed the connection")
+        self._received += piece
+        found = list[Packet]()
+        while len(self._received) >= HEADER.size:
+            size, kind = HEADER.unpack_from(self._received)
+            if not HEADER.size <= size <= MAX_BYTES or kind not in KINDS:
+                what = f"sends what is not of its protocol: {bytes(self._received[:16])!r}"
+                size, kind = HIGH_BYTE_FIRST.unpack_from(self._received)
+                if HEADER.size <= size <= MAX_BYTES and kind in KINDS:
+                    what = "sends the high byte first; the right port is one less"
+                raise ConnectionError(f"{self._where} {what}")
+            if len(self._received) < size:
+                break
+            found.append((kind, bytes(self._received[HEADER.size : size])))
+            del self._received[:size]
+        return found
+
+    def _look_for_silence(self, connected: socket.socket, heard: bool) -> None:
+        """Ask a program that is silent whether it is there; one that does not answer is not."""
+        if heard:
+            self._heard_s, self._asked = time.monotonic(), False
+        elif time.monotonic() - self._heard_s > SILENT_S:
+            if self._asked or self._received:
+                raise ConnectionError("it is silent in the middle of a packet, or when asked")
+            _send(connected, "QTMVersion")
+            self._heard_s, self._asked = time.monotonic(), True
+
+    def _samples(self, kind: int, data: bytes) -> list[Samples]:
         """Take one packet apart."""
-        if self._packets is None or self._fault is not None:
-            return
         try:
-            self._waiting.extend(self._packets.samples(packet))
-        except ValueError as fault:
-            self._fault = fault
-        self._arrived.set()
+            if kind == ERROR:
+                raise Malformed(f"it says {_words(data)!r}")
+            return self._packets.samples(data) if kind == DATA else []
+        except Malformed as reason:
+            self._tell("live_frames_unread", str(reason))
+            return []
+
+    def _tell(self, code: str, reason: str) -> None:
+        """Say something, but not the like of it for a minute."""
+        if time.monotonic() - self._told_s.get(code, -np.inf) > TELL_AGAIN_S:
+            self._told_s[code] = time.monotonic()
+            self._say(Note.of(code, program=PROGRAM, reason=reason))
+
+
+def _send(connected: socket.socket, command: str) -> None:
+    words = command.encode() + b"\0"
+    connected.sendall(HEADER.pack(HEADER.size + len(words), COMMAND) + words)
+
+
+def _words(answer: bytes) -> str:
+    return short(answer.rstrip(b"\0").decode("utf-8", "replace"), MAX_WORDS)

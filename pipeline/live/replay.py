@@ -192,12 +192,7 @@ class Replay:
     """
 
     def __init__(
-        self,
-        recording: Recording,
-        speed: float = 1.0,
-        *,
-        prefix: str = "",
-        listen: str = LOOPBACK,
+        self, recording: Recording, speed: float = 1.0, *, prefix: str = "", listen: str = LOOPBACK
     ) -> None:
         if not 0 < speed <= MAX_SPEED:
             raise ValueError(f"speed must be above 0 and at most {MAX_SPEED:g}, got {speed:g}")

@@ -3,7 +3,7 @@
 import threading
 from collections import deque
 from time import perf_counter
-from typing import Final, TypeVar
+from typing import Final
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from pipeline.live.replay import RecordedSource
 from pipeline.live.stream import Arrivals, Samples, Source
 from pipeline.trial.ground.laboratory import Laboratory
 
-Kept = TypeVar("Kept")
 RECEIVE_S: Final = 0.02
 """Longest wait for samples, after which it is looked whether to stop."""
 WAITING: Final = 12_000
@@ -39,11 +38,10 @@ class Session:
 
     Attributes
     ----------
+    arrivals
+        What never came of each stream, and what came late or twice.
     frames, samples
-        What is new for whoever shows it; the oldest is dropped, and counted in ``not_shown``, where
-        nobody takes it.
-    not_shown
-        How much was dropped.
+        What is new for whoever shows it; the oldest is dropped where nobody takes it.
     fault
         Why it ended by itself; None as long as it runs, or after `stop`.
     """
@@ -57,10 +55,9 @@ class Session:
     ) -> None:
         self._source, self._chain = source, chain
         self._recorder, self._outlet = recorder, outlet
-        self._arrivals = Arrivals([chain.stream, *chain.analog.streams.values()])
-        self.frames: deque[tuple[LiveFrame, float]] = deque()
-        self.samples: deque[Samples] = deque()
-        self.not_shown = 0
+        self.arrivals = Arrivals(source.streams)
+        self.frames = deque[tuple[LiveFrame, float]](maxlen=WAITING)
+        self.samples = deque[Samples](maxlen=WAITING)
         self.fault: Exception | None = None
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="live", daemon=True)
@@ -93,14 +90,14 @@ class Session:
             self._give(frame, perf_counter())
 
     def _take(self, samples: Samples, arrived: float) -> None:
-        samples = self._arrivals.take(samples, arrived)
+        samples = self.arrivals.take(samples, arrived)
+        self.samples.append(samples)
         if not len(samples.time):
             return  # none has a sure time
         for frame in self._chain.push(samples):
             self._give(frame, arrived)
         if self._recorder is not None:
-            self._recorder.samples(samples)
-        self._keep(self.samples, samples)
+            self._recorder.take(samples)
 
     def _give(self, frame: LiveFrame, arrived: float) -> None:
         row = result_row(frame)
@@ -108,14 +105,8 @@ class Session:
             self._outlet.push(np.array([frame.time]), row[None])
         latency_s = perf_counter() - arrived
         if self._recorder is not None:
-            self._recorder.frame(np.concatenate([[frame.time], row]))
-        self._keep(self.frames, (frame, latency_s))
-
-    def _keep(self, kept: deque[Kept], entry: Kept) -> None:
-        if len(kept) >= WAITING:
-            kept.popleft()
-            self.not_shown += 1
-        kept.append(entry)
+            self._recorder.take(np.concatenate([[frame.time], row]))
+        self.frames.append((frame, latency_s))
 
 
 def rehearse(

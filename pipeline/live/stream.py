@@ -1,13 +1,13 @@
 """Streams of samples: what they carry, what senders say of them, and how they arrive."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Final, Literal, Protocol
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from hbm.spatial import Array
+from hbm.spatial import Array, Mask
 from hbm.spelling import short
 from pipeline.io.axes import parse_axes
 from pipeline.io.columns import DFLOW_PLATE
@@ -130,6 +130,8 @@ MAX_AHEAD_S: Final = 1.0
 CONFIRMED_S: Final = 0.05
 """Of samples that follow each other on another clock; fewer have wrong time stamps."""
 MIN_CONFIRMED: Final = 3
+MISSING: Final = 1.5
+"""Sampling intervals between two samples of which one at least is missing between them."""
 SAME_CLOCK_S: Final = 0.05
 """Streams whose clocks were set by amounts that differ by less were set together."""
 
@@ -140,29 +142,72 @@ def known(values: Array) -> Array:
 
 
 @dataclass(slots=True, eq=False)
-class _Clock:
-    """One stream's: what is added to its time stamps, its newest time, and samples in doubt."""
+class StreamClock:
+    """One stream's: what is added to its time stamps, its newest time, and samples in doubt.
+
+    Counted are samples that ``came``, those ``given`` on, those ``unordered`` that came late or
+    twice, and those ``lost`` between others, so far; ``recent`` are times of half a second.
+    """
 
     rate_hz: float
     added_s: float = 0.0
-    newest_s: float | None = None
+    newest_s: float = -np.inf
     heard_s: float = 0.0
     doubtful: list[tuple[float, Array]] = field(default_factory=list)
+    came: int = 0
+    given: int = 0
+    unordered: int = 0
+    lost: int = 0
+    recent: Array = field(default_factory=lambda: np.array([-np.inf]))
+
+    @property
+    def unused(self) -> int:
+        """Samples that came late, twice, or without a sure time."""
+        return self.came - self.given - len(self.doubtful)
+
+    @property
+    def missing(self) -> int:
+        """Samples that have not come; those without a sure time are not among them."""
+        return max(self.lost - (self.unused - self.unordered), 0)
+
+    def in_order(self, time: Array) -> Mask:
+        """Find samples at times, (N,) [s], that are later than all before them; count the others.
+
+        One that comes late was only thought to be lost.
+        """
+        before = np.maximum.accumulate(np.append(self.recent[-1], time))
+        later: Mask = np.asarray(time > before[:-1])
+        known = np.append(self.recent, time[later])
+        steps = np.diff(known[-later.sum() - 1 :]) * self.rate_hz
+        self.lost += int(np.sum(np.rint(steps[(steps > MISSING) & np.isfinite(steps)]) - 1))
+        self.lost -= len(np.setdiff1d(time[~later], known))
+        self.given += int(later.sum())
+        self.unordered += int((~later).sum())
+        recent = np.union1d(known, time)
+        self.recent = recent[recent >= recent[-1] - MAX_BACK_S]
+        return later
 
 
 class Arrivals:
-    """Brings the samples of each stream onto a clock that goes on where the sender sets its own.
+    """Brings the samples of each stream into order, on a clock that goes on when it is set.
 
     Parameters
     ----------
     streams
         What is received.
 
+    Attributes
+    ----------
+    of
+        Stream -> its clock, and what is missing or left out of it.
+
     Notes
     -----
     The first sample after the clock was set follows the last one before it by one sampling
     interval, or, after a pause, it is as late as the newest sample of another stream. Streams of
-    one sender are moved alike, so that they stay together.
+    one sender are moved alike, so that they stay together. Samples that are no later than one
+    before them have come late or twice; they are left out and counted, as are those that never
+    came.
 
     Examples
     --------
@@ -172,10 +217,12 @@ class Arrivals:
     >>> after = arrivals.take(Samples("Markers", 2 + np.arange(5) / 100, values), 0.05)
     >>> after.time.round(3).tolist(), round(after.clock_set_s, 3)
     ([10.05, 10.06, 10.07, 10.08, 10.09], -8.05)
+    >>> arrivals.of["Markers"].missing, arrivals.of["Markers"].unused
+    (0, 0)
     """
 
     def __init__(self, streams: Sequence[StreamDescription]) -> None:
-        self._clocks = {stream.name: _Clock(stream.rate_hz) for stream in streams}
+        self.of = {stream.name: StreamClock(stream.rate_hz) for stream in streams}
 
     def take(self, samples: Samples, arrived_s: float) -> Samples:
         """Take what arrived of a stream at a time of this computer [s]; give it as it counts.
@@ -183,29 +230,18 @@ class Arrivals:
         Samples without a time are left out. Those that are in doubt are kept until others confirm
         them; if none do, they are left out too.
         """
-        timed = np.isfinite(samples.time)
-        stamps, values = samples.time[timed], known(samples.values[timed])
-        clock = self._clocks.get(samples.stream)
-        if clock is None or not len(stamps):
-            return replace(samples, time=stamps, values=values)
+        clock = self.of[samples.stream]
         passed_s, clock.heard_s = arrived_s - clock.heard_s, arrived_s
-        time = stamps + clock.added_s
-        if clock.newest_s is None:
-            clock.newest_s = float(time[0])
-        latest_s = MAX_AHEAD_S + max(clock.newest_s + passed_s, self._newest_s(samples.stream))
-        usual = (time > clock.newest_s - MAX_BACK_S) & (time < latest_s)
-        if usual.all() and not clock.doubtful:
-            clock.newest_s = max(clock.newest_s, float(time.max()))
-            return replace(samples, time=time, values=values)
-        return self._sorted_out(replace(samples, time=stamps, values=values), clock, latest_s)
-
-    def _sorted_out(self, samples: Samples, clock: _Clock, latest_s: float) -> Samples:
-        """Take samples one by one, some of which may be on another clock."""
-        taken: list[tuple[float, Array]] = []
-        before_s = clock.added_s
-        assert clock.newest_s is not None
+        others_s = max([-np.inf, *(c.newest_s for c in self.of.values() if c is not clock)])
+        latest_s = MAX_AHEAD_S + max(clock.newest_s + passed_s, others_s)
+        before_s, taken = clock.added_s, list[tuple[float, Array]]()
+        clock.came += len(samples.time)
         for stamp, value in zip(samples.time.tolist(), samples.values, strict=True):
             time = stamp + clock.added_s
+            if not np.isfinite(stamp):
+                continue
+            if clock.newest_s == -np.inf:
+                clock.newest_s, latest_s = time, np.inf
             if clock.newest_s - MAX_BACK_S < time < latest_s:
                 clock.doubtful.clear()
                 clock.newest_s = max(clock.newest_s, time)
@@ -215,31 +251,40 @@ class Arrivals:
                 clock.doubtful.clear()
             clock.doubtful.append((stamp, value))
             if len(clock.doubtful) >= max(MIN_CONFIRMED, CONFIRMED_S * clock.rate_hz):
-                self._set(samples.stream, clock)
+                self._set(clock, others_s)
                 taken += [(s + clock.added_s, each) for s, each in clock.doubtful]
                 clock.newest_s = taken[-1][0]
                 latest_s = clock.newest_s + MAX_AHEAD_S
                 clock.doubtful.clear()
-        values = np.array([value for _, value in taken]).reshape(-1, samples.values.shape[1])
         times = np.array([time for time, _ in taken])
-        return Samples(samples.stream, times, values, before_s - clock.added_s)
+        later = clock.in_order(times)
+        values = np.array([value for _, value in taken]).reshape(-1, samples.values.shape[1])
+        set_s = before_s - clock.added_s
+        return Samples(samples.stream, times[later], known(values[later]), set_s)
 
-    def _set(self, stream: str, clock: _Clock) -> None:
+    def _set(self, clock: StreamClock, others_s: float) -> None:
         """Find what has to be added to the time stamps of a stream whose clock was set."""
-        assert clock.newest_s is not None
         begins_s = clock.doubtful[0][0]
         next_s = clock.newest_s + (1 / clock.rate_hz if clock.rate_hz > 0 else 0.0)
-        others = {0.0, *(other.added_s for other in self._clocks.values() if other is not clock)}
+        others = {0.0, *(other.added_s for other in self.of.values() if other is not clock)}
         near = min(others, key=lambda added_s: abs(begins_s + added_s - next_s))
         if abs(begins_s + near - next_s) < SAME_CLOCK_S:
             clock.added_s = near
-            return
-        others_s = self._newest_s(stream)
-        clock.added_s = (others_s if others_s > next_s + MAX_BACK_S else next_s) - begins_s
+        else:
+            clock.added_s = (others_s if others_s > next_s + MAX_BACK_S else next_s) - begins_s
 
-    def _newest_s(self, stream: str) -> float:
-        others = (each.newest_s for name, each in self._clocks.items() if name != stream)
-        return max((newest_s for newest_s in others if newest_s is not None), default=-np.inf)
+
+RATES_HZ: Final = (1.0, 50_000.0)
+"""Of streams; memory is kept for two seconds of them."""
+
+
+def _require_rate(name: str, rate_hz: float) -> None:
+    """Refuse a nominal rate that no instrument has; 0 says that it is not stated."""
+    if rate_hz != 0 and not RATES_HZ[0] <= rate_hz <= RATES_HZ[1]:
+        raise ValueError(
+            f"{short(name)} states {rate_hz:g} Hz, expected {RATES_HZ[0]:g} to {RATES_HZ[1]:g}; "
+            "correct it in the program that sends it"
+        )
 
 
 Convert = Callable[[Array], Array]
@@ -252,8 +297,10 @@ def describe_markers(
     """Describe a stream of markers, and give what brings its samples to lab axes and m.
 
     A marker that is not seen becomes NaN. The sender's axes are empty where it does not state them;
-    a ValueError says that nobody does, or as `pipeline.io.streams.marker_layout`.
+    a ValueError says that nobody does, that no instrument has this rate, or as
+    `pipeline.io.streams.marker_layout`.
     """
+    _require_rate(name, rate_hz)
     layout = marker_layout(channels, stated)
     known = stated.axes or axes
     if not known:
@@ -278,32 +325,32 @@ def describe_signals(
     """Describe a stream of other signals, and give what brings its samples to N and N·m.
 
     Vectors of plates that are named as D-Flow names them, such as FP1.ForX, FP1.ForY and FP1.ForZ,
-    are in the markers' axes as sent, where these are known, and become lab axes.
+    are in the markers' axes as sent, where these are known, and become lab axes. A ValueError says
+    that no instrument has this rate.
 
     Examples
     --------
-    >>> channels = [Channel(f"FP1.For{axis}", "kN") for axis in "XYZ"]
+    >>> channels = [*(Channel(f"FP1.For{axis}", "kN") for axis in "XYZ"), Channel("EMG", "mV")]
     >>> _, convert = describe_signals("Plates", channels, 1000.0, "right,up,back")
-    >>> convert(np.array([[0.0, 0.7, -0.1]])).tolist()
-    [[100.0, 0.0, 700.0]]
+    >>> convert(np.array([[0.0, 0.7, -0.1, np.nan]])).tolist()
+    [[100.0, 0.0, 700.0, nan]]
     """
+    _require_rate(name, rate_hz)
     units, factors = si_units(channels)
     labels = tuple(channel.label for channel in channels)
     description = StreamDescription(name, "analog", labels, units, rate_hz)
-    vectors: dict[str, list[int]] = {}
-    for k, label in enumerate(labels):
-        if DFLOW_PLATE.fullmatch(label):
-            vectors.setdefault(label[:-1], []).append(k)
-    if not vectors or not axes:
-        return description, lambda values: np.asarray(values * factors, float)
-    to_si, to_lab = np.diag(factors), parse_axes(axes)
-    for stem, columns in vectors.items():
-        if [labels[k] for k in columns] == [f"{stem}{axis}" for axis in AXES]:
-            to_si[np.ix_(columns, columns)] = np.diag(factors[columns]) @ to_lab.T
+    stems = dict.fromkeys(label[:-1] for label in labels if DFLOW_PLATE.fullmatch(label))
+    vectors = ([f"{stem}{axis}" for axis in AXES] for stem in stems)
+    whole = [v for v in vectors if [label for label in labels if label[:-1] == v[0][:-1]] == v]
+    triples = [[labels.index(label) for label in vector] for vector in whole]
+    to_lab = parse_axes(axes or LAB_AXES)
 
     def convert(values: Array) -> Array:
+        found = np.asarray(values * factors, float)
         with np.errstate(invalid="ignore"):  # infinite ones
-            return np.asarray(values @ to_si, float)
+            for columns in triples:
+                found[:, columns] = found[:, columns] @ to_lab.T
+        return found
 
     return description, convert
 
@@ -374,11 +421,8 @@ def require_same(
 
 def _same_plate(before: StatedPlate, after: StatedPlate) -> bool:
     old, new = before.place, after.place
-    if (before.number, before.channels) != (after.number, after.channels):
-        return False
-    if old is None or new is None:
-        return old is new
-    return all(
-        np.allclose(getattr(old, part), getattr(new, part), rtol=0, atol=PLACE_M)
-        for part in ("corners", "rotation", "center")
-    )
+    named = (before.number, before.channels) == (after.number, after.channels)
+    if not named or old is None or new is None:
+        return named and old is new
+    pairs = ((getattr(old, part), getattr(new, part)) for part in ("corners", "rotation", "center"))
+    return all(np.allclose(*pair, rtol=0, atol=PLACE_M, equal_nan=True) for pair in pairs)

@@ -159,7 +159,8 @@ def known_frames(body: Body, motion: Motion) -> Mask:
         (T,). Frames that were solved, but for those in which the pelvis shows no marker for 0.1 s
         or more: what trunk and thighs say of it is off by up to 10° then.
     """
-    return np.asarray(np.isfinite(motion.a).all(axis=1) & ~_pelvis_unseen(body, motion))
+    solved = motion.converged & np.isfinite(motion.a).all(axis=1)
+    return np.asarray(solved & ~_pelvis_unseen(body, motion))
 
 
 def shown_frames(body: Body, motion: Motion) -> Mask:

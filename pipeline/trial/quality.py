@@ -22,6 +22,8 @@ not settled. Measured by cropping a virtual and a real treadmill trial at 16 hee
 MIN_SETTLING_S: Final = 0.15
 """At higher cut-offs: at 20 Hz, one period leaves 1.7 N and 1.5 of the other filter 4 N, three less
 than 0.1 N."""
+ROUNDING_S: Final = 1e-6
+"""Of times."""
 MAX_DOUBTFUL: Final = 0.15
 """Of what the motion needs: usual errors of gains and stated masses are smaller."""
 STEP_S: Final = 0.5
@@ -61,6 +63,8 @@ class Quality(IntFlag):
     """All markers repeat their positions exactly: they are not measured."""
     NOT_CARRIED = 512
     """A foot stands beside the plates, or on one that measures nothing."""
+    BRIDGED = 1024
+    """Lost, in a gap so short that the filters go on over it."""
 
     @property
     def counts(self) -> bool:
@@ -126,7 +130,8 @@ def settled_frames(known: Mask, time: Array, settling: tuple[float, float]) -> M
     Parameters
     ----------
     known
-        Whether there are samples to filter, (T,). A filter begins anew after every gap.
+        Whether there are samples to filter, or a gap is bridged, (T,). A filter begins anew after
+        every other gap.
     time
         (T,) [s].
     settling
@@ -144,7 +149,7 @@ def settled_frames(known: Mask, time: Array, settling: tuple[float, float]) -> M
     [2, 3]
     """
     settled = np.zeros(len(time), bool)
-    after_s, before_s = settling
+    after_s, before_s = (time_s - ROUNDING_S for time_s in settling)
     for start, stop in stretches(known):
         own = time[start:stop]
         settled[start:stop] = (own >= own[0] + after_s) & (own <= own[-1] - before_s)

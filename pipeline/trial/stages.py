@@ -16,7 +16,7 @@ and channels once, before the first frame.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -28,7 +28,13 @@ from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.notes import Note
 from hbm.plausibility.outliers import solve_motion
-from hbm.signals.filtering import acceleration_lag_s, low_pass
+from hbm.signals.filtering import (
+    acceleration_lag_s,
+    longest_gap_s,
+    low_pass,
+    over_short_gaps,
+)
+from hbm.signals.samples import without_short_gaps
 from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask
 from pipeline.config.schema import PlateContact, Settings
 from pipeline.trial.checks import known_frames, rest_level, shown_frames
@@ -54,7 +60,10 @@ MAX_DELAY_S: Final = 0.010
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose:
-    """The markers that were solved, the motion that they show, and the filtered one, T frames."""
+    """The markers that were solved, the motion that they show, and the filtered one, T frames.
+
+    Over a few lost frames both motions are interpolated.
+    """
 
     markers: Markers
     solved: Motion
@@ -68,7 +77,8 @@ def solve_pose(
     used, solved, outliers = once(solve_motion)(body, markers, settings.filter, jobs)
     notes += outliers
     motion = filter_motion(solved, cutoff=settings.cutoff_hz, method=settings.filter)
-    return Pose(used, solved, motion)
+    whole = over_short_gaps(solved.q, solved.time, settings.cutoff_hz, settings.filter)
+    return Pose(used, replace(solved, q=whole), motion)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,7 +129,7 @@ def dynamics_under_feet(
         method=settings.filter,
     )
     wrenches = {
-        variant: _filtered(by_foot(np.stack(own, axis=1), shared.on), motion.time, settings)
+        variant: _filtered(by_foot(np.stack(own, axis=1), shared.on), pose.solved, settings)
         for variant, own in ground.variants.items()
     }
     found = inverse_dynamics_variants(
@@ -131,14 +141,17 @@ def dynamics_under_feet(
     return Loads(shared, wrenches, dynamics, need, measured)
 
 
-def _filtered(feet: Array, time: Array, settings: Settings) -> dict[str, Array]:
+def _filtered(feet: Array, solved: Motion, settings: Settings) -> dict[str, Array]:
     """Pass the wrenches under both feet, (T, 2, 6), through the filter of the motion.
 
     In real time a gap of one foot is one of both: who carries a plate that is unknown is unknown.
+    A frame without a pose is one too: a frame that was lost is lost for the plates.
     """
     if settings.filter == "realtime":
-        feet = np.where(np.isnan(feet).any(axis=(1, 2), keepdims=True), np.nan, feet)
-    each = (low_pass(feet[:, k], time, settings.cutoff_hz, settings.filter) for k in range(2))
+        unknown = np.isnan(feet).any(axis=(1, 2)) | ~solved.converged
+        feet = np.where(unknown[:, None, None], np.nan, feet)
+    how = solved.time, settings.cutoff_hz, settings.filter
+    each = (low_pass(feet[:, k], *how) for k in range(2))
     return dict(zip(FEET, each, strict=True))
 
 
@@ -152,17 +165,22 @@ def frame_quality(
 ) -> Indices:
     """Give the flags of every frame, (T,), with the time that filters need to settle [s]."""
     motion = pose.motion
-    known, shown = known_frames(body, motion), shown_frames(body, pose.solved)
+    known, held = known_frames(body, motion), ~shown_frames(body, pose.solved)
+    held &= motion.converged
     computed = [np.isfinite(each.residual).all(axis=1) for each in loads.dynamics.values()]
-    gapless = np.all([known, shown, *computed], axis=0)
+    computed = np.all([known, ground.known, *computed], axis=0)
+    longest_s = longest_gap_s(settings.cutoff_hz)
+    gapless = without_short_gaps(computed, motion.time, longest_s) & ~held
+    lost = ~motion.converged & without_short_gaps(motion.converged, motion.time, longest_s)
     return flagged(
         {
-            Quality.POSE_UNKNOWN: ~known,
-            Quality.LIMB_UNSEEN: ~shown,
+            Quality.POSE_UNKNOWN: ~known & ~lost,
+            Quality.LIMB_UNSEEN: held,
             Quality.FORCES_UNKNOWN: ~ground.known,
             Quality.NOT_CARRIED: ~_carried(body, motion, ground, loads, settings),
             Quality.SETTLING: ~settled_frames(gapless, motion.time, settling),
             Quality.FOOT_UNCERTAIN: _foot_uncertain(ground, loads, settings, motion.time),
+            Quality.BRIDGED: lost,
         }
     )
 

@@ -70,9 +70,7 @@ def trial_layout(pelvis: Array, *, phases: bool, figure: bool) -> rrb.Blueprint:
     return _with_panels(
         rrb.Horizontal(
             rrb.Vertical(
-                _scene(pelvis),
-                *([states] if phases else []),
-                row_shares=[3, 1][: 1 + phases],
+                _scene(pelvis), *([states] if phases else []), row_shares=[3, 1][: 1 + phases]
             ),
             rrb.Tabs(
                 _residuals("Residuals around the cursor", window),

@@ -1,9 +1,10 @@
 """The viewer: in its own window, or as a page for browsers on this machine.
 
 Rerun's own page posts usage statistics and asks three other hosts, and its servers answer whoever
-knows their port. This server's policy lets the page request nothing but what is served here, and
-requests that name another host are refused, so that no site can let its own name point to this
-machine (DNS rebinding) and read a recording.
+knows their port. Its page has no switch for statistics: this one hands it a `fetch` that reaches
+nothing but this server, and its policy allows nothing else. Requests that name another host are
+refused, so that no site can let its own name point to this machine (DNS rebinding) and read a
+recording.
 """
 
 import os
@@ -52,6 +53,11 @@ PAGE: Final = b"""<!doctype html>
 </html>
 """
 START: Final = b"""
+const here = window.fetch.bind(window);
+window.fetch = (asked, ...more) =>
+  new URL(asked.url ?? asked, location).origin === location.origin
+    ? here(asked, ...more)
+    : Promise.resolve(new Response());
 async function start() {
   await wasm_bindgen({ module_or_path: "re_viewer_bg.wasm" });
   window.viewer = new wasm_bindgen.WebHandle({
@@ -137,8 +143,7 @@ def running_viewer(
         reason = lines[-1][:MAX_REASON] if lines else process.returncode
         raise OSError(f"the viewer failed: {reason}; where there is no screen, {without_screen}")
 
-    quiet = os.environ | {"RUST_LOG": "error", "NO_COLOR": "1"}
-    quiet["CI"] = "1"  # the switch for no statistics
+    quiet = os.environ | {"RUST_LOG": "error", "NO_COLOR": "1", "CI": "1"}  # CI: no statistics
     with TemporaryFile() as output:
         process = subprocess.Popen(
             [viewer_binary(), "--bind", LOOPBACK, *arguments],

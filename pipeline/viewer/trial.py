@@ -84,11 +84,7 @@ def view_result(result: TrialResult, *, web: bool = False) -> None:
 
 
 def write_recording(
-    result: TrialResult,
-    path: Path,
-    *,
-    view_hz: float = VIEW_RATE_HZ,
-    bands: Bands | None = None,
+    result: TrialResult, path: Path, *, view_hz: float = VIEW_RATE_HZ, bands: Bands | None = None
 ) -> None:
     """Write a trial for the viewer, with its layout.
 

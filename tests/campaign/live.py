@@ -30,6 +30,7 @@ from pipeline.live.monitor import Monitor
 from pipeline.live.replay import RecordedSource
 from pipeline.live.stream import Arrivals, Samples
 from pipeline.trial.process import process_recording
+from pipeline.trial.quality import Quality
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
 from tests.pipeline import lab
 from tests.pipeline.live.perturbed import Faults, PerturbedSource
@@ -84,7 +85,7 @@ def attacked(seed: int, minutes: float) -> Tally:
     chain = LiveChain(whole.body, laboratory, REALTIME, live, source.streams, walk.plates)
     monitor = Monitor(chain, walk.plates)
     arrivals = Arrivals(source.streams)
-    start_s, sent_frames, given = 0.0, 0, 0
+    start_s, sent_frames, given, late = 0.0, 0, 0, 0
     while tally.minutes < minutes:
         kinds = rng.choice(KINDS, size=int(rng.integers(1, 4)), replace=False).tolist()
         try:
@@ -95,7 +96,7 @@ def attacked(seed: int, minutes: float) -> Tally:
                 monitor.samples(samples)
                 sent_frames += len(samples.time) * (samples.stream == chain.stream.name)
                 for frame in chain.push(samples):
-                    given += 1
+                    given, late = given + 1, late + bool(frame.quality & Quality.LATE)
                     monitor.frame(frame, frame.computing_s)
                     tally.computing_s.append(frame.computing_s)
                     if frame.quality.counts:
@@ -108,9 +109,10 @@ def attacked(seed: int, minutes: float) -> Tally:
         tally.minutes = start_s / 60
         tally.memory_mb.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
         tally.computing_s = tally.computing_s[-100_000:]
-    given += len(chain.finish())
+    rest = chain.finish()
+    given, late = given + len(rest), late + len(rest)
     tally.received, tally.solved, tally.marked = chain.received, chain.solved, chain.marked
-    tally.late, tally.unaccounted = chain.late, sent_frames - chain.order.left_out - given
+    tally.late, tally.unaccounted = late, sent_frames - given
     return tally
 
 

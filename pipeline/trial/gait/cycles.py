@@ -295,29 +295,30 @@ def cut_cycles(
     """
     cycles: dict[str, Array] = {}
     left_out: dict[str, tuple[str, ...]] = {}
-    known = free_of(quality, Quality.POSE_UNKNOWN)
-    masks = free_of(quality, NO_SUPPORT), free_of(quality)
     for side in SIDES:
         cut = gait_cycles(events, side) if unit == "cycle" else steps(events, side, unit)
         spans, reasons = cut
         accepted, left_out[side] = [], tuple(reasons)
         for start, stop in spans:
             inside = slice(*np.searchsorted(time, (start, stop)))
-            frames = max(inside.stop - inside.start, 1)
-            carried, counted = (np.count_nonzero(mask[inside]) / frames for mask in masks)
-            reason = ""
+            reason = shortage(quality[inside], min_valid_share)
             if start < time[0] or stop > time[-1]:
                 reason = "an end beyond the recorded markers"
-            elif not known[inside].all():
-                reason = "frames without a solution or without forces"
-            elif carried < min_valid_share:
-                reason = "plates that do not carry the subject"
-            elif counted < min_valid_share:
-                reason = "an end or a gap too near for the filters to settle"
             accepted.append(not reason)
             left_out[side] += (reason,) if reason else ()
         cycles[side] = spans[np.array(accepted, bool)]
     return cycles, left_out
+
+
+def shortage(quality: Indices, min_valid_share: float) -> str:
+    """Say why a cycle is left out, by the flags of its frames, (N,); nothing where it is not."""
+    if not free_of(quality, Quality.POSE_UNKNOWN).all():
+        return "frames without a solution or without forces"
+    if np.count_nonzero(free_of(quality, NO_SUPPORT)) < min_valid_share * len(quality):
+        return "plates that do not carry the subject"
+    if np.count_nonzero(free_of(quality)) < min_valid_share * max(len(quality), 1):
+        return "an end or a gap too near for the filters to settle"
+    return ""
 
 
 def found_cycles(events: Sequence[Event], sides: Iterable[str]) -> int:

@@ -21,8 +21,8 @@ from compensation import (
 )
 from hbm.notes import Note
 from hbm.signals.resampling import resample
-from hbm.signals.samples import stretches
-from hbm.spatial import Array, fit_rotation, rotate_wrench, shift_wrench, transform_wrench
+from hbm.signals.samples import stretches, without_short_gaps
+from hbm.spatial import Array, Mask, fit_rotation, rotate_wrench, shift_wrench, transform_wrench
 from pipeline.config.schema import Platform
 from pipeline.io.input_file import naming
 from pipeline.io.recording import Plate, Recording
@@ -44,6 +44,8 @@ MIN_MOVED: Final = 0.005
 MIN_SWAY_M: Final = 0.01
 MIN_PITCH_DEG: Final = 1.0
 """Of a platform that moves while nothing is compensated; markers at rest wander by a tenth."""
+MAX_LOST_S: Final = 0.05
+"""From one frame to the next that was received, between which the pose is interpolated."""
 MAX_MARKER_ERROR_M: Final = 0.01
 """Farther from the rigid fit a marker is left out; cameras err by a millimetre or less."""
 
@@ -171,6 +173,11 @@ def moved_corners(plate: Plate, pose: PlatformPose) -> Array:
     return np.asarray((moved - plate.center) @ plate.rotation)
 
 
+def received_frames(recording: Recording) -> Mask:
+    """Find the frames that hold any marker, (T,): the others were lost."""
+    return np.asarray(np.isfinite(recording.markers.position).any(axis=(1, 2)))
+
+
 def _pose_from_markers(
     recording: Recording, markers: tuple[str, ...]
 ) -> tuple[PlatformPose, tuple[Note, ...]]:
@@ -181,15 +188,24 @@ def _pose_from_markers(
             f"{recording.source.name}: platform markers {', '.join(missing)} are not in the "
             f"file; markers there: {', '.join(names)}"
         )
+    received, time = received_frames(recording), recording.markers.time
     position = recording.markers.position[:, [names.index(name) for name in markers]]
-    seen = np.isfinite(position[:NEUTRAL_FRAMES].sum(axis=2))
+    first = position[received][:NEUTRAL_FRAMES]
+    seen = np.isfinite(first.sum(axis=2))
     hidden = [name for k, name in enumerate(markers) if not seen[:, k].any()]
     if hidden:
         raise ValueError(
             f"platform markers {', '.join(hidden)} are not seen in the first {NEUTRAL_FRAMES} "
             "frames, which show the platform in neutral; name others"
         )
-    fit = fit_pose(position, neutral_markers(position[:NEUTRAL_FRAMES]), MAX_MARKER_ERROR_M)
+    fit = fit_pose(position, neutral_markers(first), MAX_MARKER_ERROR_M)
+    lost = ~received & without_short_gaps(received, time, MAX_LOST_S)
+    if lost.any():
+        there = PlatformPose(fit.pose.rotation[received], fit.pose.position[received])
+        between = interpolate_pose(there, time[received], time[lost])
+        rotation, place = fit.pose.rotation.copy(), fit.pose.position.copy()
+        rotation[lost], place[lost] = between.rotation, between.position
+        fit = fit._replace(pose=PlatformPose(rotation, place))
     note = Note.of("platform_pose", source=f"by the markers {', '.join(markers)}")
     return fit.pose, (note, *check_pose(fit, markers, MAX_MARKER_ERROR_M))
 

@@ -26,6 +26,7 @@ from pipeline.trial.ground.platform import (
     plate_marker_delay,
     plates_note,
     platform_pose,
+    received_frames,
 )
 from pipeline.trial.ground.uncertainty import (
     Spread,
@@ -233,7 +234,7 @@ def ground_wrenches(
     if pose is None and lab.models:
         notes.append(Note.of("platform_pose", source=LEVEL))
     if live and marked:
-        later = (np.arange(len(time)) >= NEUTRAL_FRAMES)[:, None]
+        later = (np.cumsum(received_frames(recording)) > NEUTRAL_FRAMES)[:, None]
         variants = {
             name: [np.where(later, wrench, np.nan) for wrench in wrenches]
             for name, wrenches in variants.items()

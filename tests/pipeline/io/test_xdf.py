@@ -78,16 +78,22 @@ def test_jitter_of_time_stamps_changes_no_sample_and_is_told(trial, tmp_path):
     np.testing.assert_allclose(read.plates[0].time, trial.plates[0].time, atol=1e-3)
 
 
-def test_samples_that_were_lost_are_gaps_and_are_counted(trial, tmp_path):
+def test_lost_frames_are_gaps_and_counted_and_short_losses_of_signals_are_interpolated(
+    trial, tmp_path
+):
     cameras, plates, analog = xdf.recorded(trial)
-    gone = [40, 41, 42, 110]
-    for of, lost in ((cameras, gone), (plates, range(700, 707))):
+    gone, long, short = [40, 41, 42, 110], range(700, 745), range(1500, 1509)
+    for of, lost in ((cameras, gone), (plates, [*long, *short])):
         kept = np.delete(np.arange(len(of["stamps"])), list(lost))
         of |= {"stamps": of["stamps"][kept], "values": of["values"][kept]}
     read = read_recording(xdf.write_xdf(tmp_path / "a.xdf", [cameras, plates, analog]))
     empty = np.isnan(read.markers.position).all(axis=(1, 2))
     assert np.flatnonzero(empty).tolist() == gone
-    assert np.flatnonzero(np.isnan(read.plates[1].wrench[:, 0])).tolist() == list(range(700, 707))
+    wrench, true = (each.plates[1].wrench for each in (read, trial))
+    assert np.flatnonzero(np.isnan(wrench[:, 0])).tolist() == [*long]
+    share = np.arange(1, 10)[:, None] / 10
+    between = (1 - share) * true[1499] + share * true[1509]
+    np.testing.assert_allclose(wrench[short], between, atol=1e-9)
     assert Note.of("samples_dropped", of="stream Cameras", dropped=4, samples=200) in read.notes
 
 

@@ -54,7 +54,6 @@ def frames_of(result, gain=lambda time: np.ones(2)):
     for k, time in enumerate(result.motion.time):
         by_foot = ground[k] * np.reshape(gain(time), (2, 1))
         yield LiveFrame(
-            number=k,
             time=float(time),
             q=result.motion.q[k],
             tau={"measured": result.measured.tau[k]},

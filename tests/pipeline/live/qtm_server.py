@@ -1,4 +1,4 @@
-"""A server that speaks the real-time protocol of Qualisys Track Manager, for its vendor's client.
+"""A server that speaks the real-time protocol of Qualisys Track Manager, or something else.
 
 Written from the vendor's documentation, https://docs.qualisys.com/qtm-rt-protocol/: packets of size
 and type, little-endian; a welcome; commands as text; parameters as XML; frames as components.
@@ -7,11 +7,11 @@ and type, little-endian; a welcome; commands as text; parameters as XML; frames 
 import socket
 import struct
 import threading
+from contextlib import suppress
 
 import numpy as np
 
 ERROR, COMMAND, XML, DATA, NO_MORE_DATA = range(5)
-COMPONENTS = {"3d": 1, "analog": 3, "force": 4}
 
 
 def packet(kind, body):
@@ -65,9 +65,9 @@ def parameters(
 
 def frame(number, time_s, positions_mm, *, analog=None, forces=()):
     """One data packet: markers (M, 3), analog (first number, (N, K)), forces per plate likewise."""
-    parts = [
-        (1, struct.pack("<Ihh", len(positions_mm), 0, 0) + as_floats(positions_mm)),
-    ]
+    parts = []
+    if positions_mm is not None:
+        parts += [(1, struct.pack("<Ihh", len(positions_mm), 0, 0) + as_floats(positions_mm))]
     if analog is not None:
         first, samples = analog
         head = struct.pack("<iiii", 1, 1, samples.shape[1], len(samples))
@@ -77,24 +77,35 @@ def frame(number, time_s, positions_mm, *, analog=None, forces=()):
         for plate, (first, samples) in enumerate(forces, start=1):
             body += struct.pack("<iii", plate, len(samples), first) + as_floats(samples)
         parts.append((4, body))
+    return composed(*parts, number=number, time_s=time_s)
+
+
+def composed(*parts, number=0, time_s=0.0, count=None):
+    """One data packet of components, (kind, bytes) each."""
     components = b"".join(struct.pack("<II", 8 + len(b), kind) + b for kind, b in parts)
-    stamp = round(time_s * 1e6)
-    return packet(DATA, struct.pack("<qII", stamp, number, len(parts)) + components)
+    count = len(parts) if count is None else count
+    return packet(DATA, struct.pack("<qII", round(time_s * 1e6), number, count) + components)
 
 
 def as_floats(values):
     return np.ascontiguousarray(values, "<f4").tobytes()
 
 
-class QtmServer:
-    """Answers one client after the other; sends what `send` is given to those that stream."""
+WELCOME = text(COMMAND, "QTM RT Interface connected")
 
-    def __init__(self, settings):
-        self.settings = settings
-        self.commands = []
+
+class QtmServer:
+    """Answers one client after the other; sends what `send` is given to those that stream.
+
+    ``replies`` are other bytes for commands that begin with a word, "" for the welcome.
+    """
+
+    def __init__(self, settings, replies=None):
+        self.settings, self.replies = settings, {"": WELCOME, **(replies or {})}
+        self.connections = 0
         self._listening = socket.create_server(("127.0.0.1", 0))
         self.port = self._listening.getsockname()[1]
-        self._clients, self._streaming = [], threading.Event()
+        self._clients, self.streaming = [], False
         threading.Thread(target=self._accept, daemon=True).start()
 
     def _accept(self):
@@ -105,52 +116,47 @@ class QtmServer:
                 return
             client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._clients.append(client)
+            self.connections += 1
             threading.Thread(target=self._answer, args=(client,), daemon=True).start()
 
     def _answer(self, client):
-        client.sendall(text(COMMAND, "QTM RT Interface connected"))
         received = b""
-        while True:
-            try:
-                piece = client.recv(4096)
-            except OSError:
-                return
-            if not piece:
-                return
-            received += piece
-            while len(received) >= 8 and len(received) >= struct.unpack_from("<I", received)[0]:
-                (size,) = struct.unpack_from("<I", received)
-                command = received[8:size].rstrip(b"\0").decode()
-                received = received[size:]
-                self.commands.append(command)
-                self._obey(client, command.lower().split())
+        with suppress(OSError):
+            client.sendall(self.replies[""])
+            while piece := client.recv(4096):
+                received += piece
+                while len(received) >= 8 and len(received) >= struct.unpack_from("<I", received)[0]:
+                    (size,) = struct.unpack_from("<I", received)
+                    command = received[8:size].rstrip(b"\0").decode()
+                    received = received[size:]
+                    self._obey(client, command.lower().split())
 
     def _obey(self, client, words):
-        if words[0] == "version":
+        if words[0] in self.replies:
+            client.sendall(self.replies[words[0]])
+        elif words[0] == "version":
             client.sendall(text(COMMAND, f"Version set to {words[1]}"))
         elif words[0] == "getparameters":
             client.sendall(text(XML, self.settings))
-        elif words[:2] == ["streamframes", "stop"]:
-            self._streaming.clear()
         elif words[0] == "streamframes":
+            self.streaming = True
             client.sendall(packet(NO_MORE_DATA, b""))
-            self._streaming.set()
+        elif words[0] == "qtmversion":
+            client.sendall(text(COMMAND, "QTM Version is 2024.3"))
         else:
             client.sendall(text(ERROR, "Parse error"))
 
-    def await_stream(self, timeout_s=5.0):
-        assert self._streaming.wait(timeout_s)
-
     def send(self, data):
-        for client in self._clients:
+        for client in self._clients[-1:]:
             client.sendall(data)
 
     def drop_clients(self):
         """Close all connections, as when the program is ended."""
-        self._streaming.clear()
+        self.streaming = False
         clients, self._clients = self._clients, []
         for client in clients:
-            client.shutdown(socket.SHUT_RDWR)
+            with suppress(OSError):  # the other side has closed it
+                client.shutdown(socket.SHUT_RDWR)
             client.close()
 
     def close(self):

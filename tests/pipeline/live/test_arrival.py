@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given as drawn
+from hypothesis import strategies as st
 
 from pipeline.config.schema import Settings, Subject, Treadmill
 from pipeline.live.monitor import Monitor
@@ -138,3 +140,39 @@ def test_streams_that_are_set_together_stay_together_after_a_pause():
     markers = taken.take(Samples("Markers", np.arange(100) / 100, np.zeros((100, 3))), 4.0)
     plates = taken.take(Samples("Plates", np.arange(1000) / 1000, np.zeros((1000, 1))), 4.0)
     assert plates.time[0] == pytest.approx(markers.time[0], abs=1e-9)
+
+
+def test_a_sample_that_comes_twice_is_none_that_was_lost():
+    taken = Arrivals(STREAMS)
+    for time in (np.arange(50) / 100, np.array([0.20, 0.50, 0.51])):
+        given = taken.take(Samples("Markers", time, np.zeros((len(time), 3))), 0.5)
+    np.testing.assert_array_equal(given.time, [0.50, 0.51])
+    assert (taken.of["Markers"].missing, taken.of["Markers"].unused) == (0, 1)
+
+
+@drawn(
+    lost=st.sets(st.integers(1, 298)),
+    late=st.dictionaries(st.integers(1, 200), st.integers(1, 40), max_size=60),
+    twice=st.dictionaries(st.integers(0, 299), st.integers(1, 40), max_size=60),
+    untimed=st.sets(st.integers(1, 298), max_size=20),
+    each=st.integers(1, 40),
+    seed=st.integers(0),
+)
+def test_samples_that_never_came_are_told_from_those_that_came_late_twice_or_without_a_time(
+    lost, late, twice, untimed, each, seed
+):
+    jitter = np.random.default_rng(seed).uniform(-0.2, 0.2, 300)
+    stamps = 1e4 + (np.arange(300) + jitter) / 100
+    untimed = untimed - lost
+    late = {k: by for k, by in late.items() if k not in lost | untimed}
+    sent = [(k + late.get(k, 0) + 0.1 * (k in late), k) for k in range(300) if k not in lost]
+    sent += [(k + by + 0.2, k) for k, by in twice.items() if k not in lost | untimed]
+    order = np.array([k for _, k in sorted(sent)])
+    time = np.where(np.isin(order, [*untimed]), np.nan, stamps[order])
+    taken, used = Arrivals(STREAMS), []
+    for k in range(0, len(time), each):
+        chunk = time[k : k + each]
+        used += [*taken.take(Samples("Markers", chunk, np.zeros((len(chunk), 3))), k / 100).time]
+    assert (np.diff(used) > 0).all()
+    assert taken.of["Markers"].unused == len(time) - len(used)
+    assert taken.of["Markers"].missing == len(lost)

@@ -87,6 +87,21 @@ def test_markers_that_are_described_otherwise_are_refused_in_one_line(after, oth
         same(after, markers(MARKERS))
 
 
+@pytest.mark.parametrize("rate_hz", [1e9, np.inf, np.nan, -5.0, 0.01])
+@pytest.mark.parametrize(
+    "described", [lambda rate: markers(MARKERS, rate), lambda r: plates(SIX, r)]
+)
+def test_a_rate_that_no_instrument_has_is_refused_in_one_line(described, rate_hz):
+    with pytest.raises(ValueError, match=r"Stream states \S+ Hz, expected 1 to 50000; correct it"):
+        described(rate_hz)
+
+
+def test_two_plates_of_one_number_are_none():
+    for twice in (plates(SIX * 2, plates=[plate()]), plates(SIX, plates=[plate(), plate()])):
+        (only,) = twice.plates
+        assert (only.place, only.problem) == (None, "several plates have its number")
+
+
 def test_axes_of_the_sender_do_not_matter_where_a_person_states_them():
     stated = Stated(axes="left,back,up")
     before = markers(MARKERS, stated=stated)

@@ -30,7 +30,7 @@ def frames(result):
 @pytest.fixture(scope="module")
 def followed(frames):
     """The gait cycles that become known, and when."""
-    tracker = GaitTracker()
+    tracker = GaitTracker(0.042)
     return [(frame.time, cycles_of(tracker, frame)) for frame in frames]
 
 
@@ -78,22 +78,34 @@ def test_a_cycle_has_its_curve_and_the_residuals_of_its_frames(frames, followed)
     assert cycle.curve["measured"].shape == (101, 6)
 
 
-@pytest.mark.parametrize(("every", "left_out"), [(10, False), (1, True)])
-def test_gait_cycles_of_which_the_plates_carry_too_little_are_left_out_and_counted(
-    result, frames, every, left_out
-):
-    tracker, so_far = GaitTracker(), so_far_of(result)
+@pytest.mark.parametrize(
+    ("flag", "every", "reason"),
+    [
+        (Quality.NOT_CARRIED, 10, None),
+        (Quality.NOT_CARRIED, 1, "plates that do not carry the subject"),
+        (Quality.SETTLING, 1, "an end or a gap too near for the filters to settle"),
+        (Quality.POSE_UNKNOWN, 10, "frames without a solution or without forces"),
+        ("lost", 10, None),
+        ("lost for 50 ms", 1, "frames without a solution or without forces"),
+    ],
+)
+def test_gait_cycles_are_left_out_and_counted_as_in_trials(result, frames, flag, every, reason):
+    tracker, so_far = GaitTracker(0.042), so_far_of(result)
     for k, frame in enumerate(frames):
-        beside = Quality.NOT_CARRIED if frame.time > 8 and k % every == 0 else Quality(0)
-        for cycle in cycles_of(tracker, replace(frame, quality=frame.quality | beside)):
+        doubtful = frame.time > 8 and k % every == 0
+        if doubtful and (flag == "lost" or (flag == "lost for 50 ms" and k % 50 < 4)):
+            continue
+        more = flag if doubtful and isinstance(flag, Quality) else Quality(0)
+        for cycle in cycles_of(tracker, replace(frame, quality=frame.quality | more)):
             so_far.add(cycle)
-    assert (so_far.not_carried > 2) == left_out
-    assert (so_far.not_carried == 0) != left_out
+    counted = so_far.left_out
+    assert set(counted) <= {reason, "an end or a gap too near for the filters to settle"}
+    assert (counted[reason] > 2) == (reason is not None)
     assert so_far.cycles > 2
 
 
 def test_steps_follow_one_another_and_are_those_of_the_trial(result, frames):
-    tracker = GaitTracker()
+    tracker = GaitTracker(0.042)
     steps = [e for frame in frames for e in tracker.add(frame) if e.unit == "step"]
     np.testing.assert_array_equal([a.stop_s for a in steps[:-1]], [b.start_s for b in steps[1:]])
     assert [a.side for a in steps[:-1]] != [b.side for b in steps[1:]]
@@ -108,7 +120,7 @@ def test_steps_follow_one_another_and_are_those_of_the_trial(result, frames):
 def test_where_the_plates_carry_a_step_alone_the_summary_is_of_that_step(result, frames):
     """Feet are on the plates from one strike to the next but 0.1 s; strides are carried by less
     than half."""
-    tracker, so_far = GaitTracker(), {u: ConditionSoFar(0.6, u) for u in ("cycle", "step")}
+    tracker, so_far = GaitTracker(0.042), {u: ConditionSoFar(0.6, u) for u in ("cycle", "step")}
     strikes = [e.time for e in result.events if e.label == "foot_strike" and e.time > 8]
     start, stop = sorted(strikes)[:2]
     for frame in frames:
@@ -122,7 +134,7 @@ def test_where_the_plates_carry_a_step_alone_the_summary_is_of_that_step(result,
 
 
 def test_a_subject_who_stands_makes_no_cycle(frames):
-    tracker = GaitTracker()
+    tracker = GaitTracker(0.042)
     for k in range(1000):
         standing = replace(frames[0], time=k * FRAME_S, contact=np.ones(2, bool))
         assert tracker.add(standing) == []
@@ -130,7 +142,7 @@ def test_a_subject_who_stands_makes_no_cycle(frames):
 
 def test_a_pause_is_no_gait_cycle(frames):
     """Walking, 5 s of standing, walking: no cycle spans the pause."""
-    tracker, cycles = GaitTracker(), []
+    tracker, cycles = GaitTracker(0.042), []
     middle = len(frames) // 2
     for k, frame in enumerate([*frames[:middle], *[frames[middle]] * 500, *frames[middle:]]):
         cycles += cycles_of(tracker, replace(frame, time=k * FRAME_S))
@@ -140,7 +152,7 @@ def test_a_pause_is_no_gait_cycle(frames):
 
 def test_a_cycle_whose_frames_are_gone_after_a_gap_is_none(frames):
     """The foot lands, the stream goes away for 2.4 s, and the foot is still on the ground."""
-    tracker, cycles = GaitTracker(), []
+    tracker, cycles = GaitTracker(0.042), []
     for time, loaded in ((0.0, 0), (0.2, 1), (0.35, 1), (0.8, 0), (1.0, 0), (1.3, 1), (3.7, 1)):
         contact = np.array([bool(loaded), False])
         cycles += cycles_of(tracker, replace(frames[0], time=time, contact=contact))

@@ -1,6 +1,7 @@
-"""The vendor's client against a server that speaks its protocol, on the loopback."""
+"""Qualisys Track Manager, by a server that speaks its protocol, or does not, on the loopback."""
 
 import socket
+import struct
 import time
 
 import numpy as np
@@ -9,15 +10,26 @@ import pytest
 from pipeline.config.live import Live
 from pipeline.config.schema import Settings, Treadmill
 from pipeline.io.stated import Stated
+from pipeline.live import qualisys
 from pipeline.live.ground import AnalogStreams, LiveGround
 from pipeline.live.preparation import place_plates
+from pipeline.live.qualisys import Packets, QualisysSource
 from pipeline.live.stream import Samples
 from pipeline.trial.ground.laboratory import Laboratory
-from tests.pipeline.live.qtm_server import QtmServer, frame, location, parameters
-
-pytest.importorskip("qtm_rt", reason="the extra live is not installed")
-
-from pipeline.live.qualisys import Packets, QualisysSource
+from tests.pipeline.live.qtm_server import (
+    COMMAND,
+    DATA,
+    ERROR,
+    XML,
+    QtmServer,
+    as_floats,
+    composed,
+    frame,
+    location,
+    packet,
+    parameters,
+    text,
+)
 
 NAMES = ("LASIS", "RASIS", "SACR")
 AXES = Stated(axes="left,back,up")
@@ -34,9 +46,19 @@ def server():
 
 
 @pytest.fixture
-def source(server):
-    received = QualisysSource("127.0.0.1", port=server.port, stated=AXES, timeout_s=2.0)
-    server.await_stream()
+def said():
+    """Notes that a source says."""
+    return []
+
+
+def connected(server, said=None, timeout_s=2.0):
+    say = said.append if said is not None else lambda note: None
+    return QualisysSource("127.0.0.1", port=server.port, stated=AXES, timeout_s=timeout_s, say=say)
+
+
+@pytest.fixture
+def source(server, said):
+    received = connected(server, said)
     yield received
     received.close()
 
@@ -70,6 +92,14 @@ def collect(source, count, timeout_s=3.0):
         for name, each in found.items()
         if each
     }
+
+
+def await_stream(source, server, timeout_s=5.0):
+    """Receive until the source has connected again."""
+    deadline = time.monotonic() + timeout_s
+    while not server.streaming and time.monotonic() < deadline:
+        source.receive(0.02)
+    assert server.streaming
 
 
 def test_markers_are_in_lab_axes_and_metres_and_unseen_ones_are_nan(source, server):
@@ -124,7 +154,7 @@ def test_a_connection_that_is_lost_is_taken_up_again(source, server):
         server.send(data)
     assert len(collect(source, 3)["Markers"][0]) == 3
     server.drop_clients()
-    server.await_stream()
+    await_stream(source, server)
     for data, *_ in frames(range(300, 303)):
         server.send(data)
     times, _ = collect(source, 3)["Markers"]
@@ -154,20 +184,6 @@ def test_time_goes_on_when_another_measurement_begins(source, server):
     np.testing.assert_allclose(np.diff(found["Left"][0]), 1e-3, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        (parameters(()), "no labelled markers"),
-        ("<QTM_Parameters", "broken parameters"),
-    ],
-)
-def test_parameters_that_lack_something_are_one_line(settings, message):
-    server = QtmServer(settings)
-    with pytest.raises(ValueError, match=message):
-        QualisysSource("127.0.0.1", port=server.port, stated=AXES, timeout_s=2.0)
-    server.close()
-
-
 def plates_of(*corners_mm):
     """What is said of plates whose corners are so in left, back, up."""
     sent = parameters(NAMES, plates=("Left", "Right"), locations=tuple(map(location, corners_mm)))
@@ -192,8 +208,7 @@ def test_forces_arrive_in_the_lab_without_any_file():
     placed_mm = [around + np.array([side_mm, -900, 0]) for side_mm in (300, -300)]
     sent = parameters(NAMES, plates=("Left", "Right"), locations=tuple(map(location, placed_mm)))
     server = QtmServer(sent)
-    source = QualisysSource("127.0.0.1", port=server.port, stated=AXES, timeout_s=2.0)
-    server.await_stream()
+    source = connected(server)
     placed = place_plates(source.plates, None, Live())
     analog = AnalogStreams(source.streams[1:])
     channels = [placed.live.channels_of(plate.number) for plate in placed.plates]
@@ -222,11 +237,210 @@ def test_corners_that_are_not_set_or_in_another_order_are_no_place():
     assert (unset.place, upwards.place, crossed.place, unread.place) == (None,) * 4
 
 
-def test_axes_have_to_be_stated_and_somebody_has_to_answer(server):
-    with pytest.raises(ValueError, match="axes of its markers are unknown"):
-        QualisysSource("127.0.0.1", port=server.port, stated=Stated(), timeout_s=2.0)
+SETTINGS = parameters(NAMES, plates=("Left", "Right"), channels=CHANNELS)
+PARAMETERS = {
+    "axes of its markers are unknown": (SETTINGS, Stated()),
+    "no labelled markers; apply an AIM model": parameters(()),
+    "broken parameters: its description is no XML": "<QTM_Parameters",
+    "broken parameters": b"\xff\xfe\x00\x80",
+    "no Frequency of the cameras, but '0'": parameters(NAMES, rate=0),
+    "no Frequency of Plate Left, but 'fast'": parameters(NAMES, plates=["Left"], force_rate="fast"),
+    "Left states 1e\\+09 Hz, expected 1 to 50000": parameters(
+        NAMES, plates=["Left"], force_rate=1e9
+    ),
+    "Board 1 states 0.001 Hz": parameters(NAMES, channels=CHANNELS, force_rate=1e-3),
+    "Markers states 1e\\+09 Hz": parameters(NAMES, rate=10**9),
+    "no Plate_ID of Plate Left, but ''": SETTINGS.replace("Plate_ID", "Number"),
+    "no Device_ID of Device Board 1, but 'one'": SETTINGS.replace("Device_ID>1", "Device_ID>one"),
+    "numbers two of Plate 1; change one": SETTINGS.replace("Plate_ID>2", "Plate_ID>1"),
+    "streams of one name: Markers": parameters(NAMES, plates=["Markers"]),
+}
+
+
+@pytest.mark.parametrize("message", PARAMETERS)
+def test_parameters_that_lack_something_or_cannot_be_are_one_line(message):
+    settings, stated = each if isinstance(each := PARAMETERS[message], tuple) else (each, AXES)
+    written = settings if isinstance(settings, bytes) else settings.encode()
+    with pytest.raises(ValueError, match=message) as refusal:
+        Packets(written, stated)
+    assert "\n" not in str(refusal.value)
+
+
+HIGH_BYTE_FIRST = struct.pack(">II", 35, COMMAND) + b"QTM RT Interface connected\0"
+REPLIES = {
+    "takes the connection, but says nothing in time": {"": b""},
+    "sends what is not of its protocol: b'SSH-2.0-OpenSSH_'": {"": b"SSH-2.0-OpenSSH_9.2\r\n"},
+    "sends the high byte first; the right port is one less": {"": HIGH_BYTE_FIRST},
+    "is no Qualisys Track Manager: it says 'hello'": {"": text(COMMAND, "hello")},
+    "it says 'Too many clients'": {"": text(ERROR, "Too many clients")},
+    "refuses 'Version 1.25': Version NOT supported": {
+        "version": text(ERROR, "Version NOT supported")
+    },
+    "has not version 1.25": {"version": text(COMMAND, "Version set to 1.0")},
+    "does not answer 'Version 1.25' in time": {"version": b""},
+    "does not answer 'GetParameters General 3D Analog Force'": {"getparameters": b""},
+    "refuses 'GetParameters .*': Parse error": {"getparameters": text(ERROR, "Parse error")},
+    "refuses to stream 3D Analog Force: Parse": {"streamframes": text(ERROR, "Parse error")},
+    "broken parameters": {"getparameters": text(XML, "<QTM_Param")},
+}
+
+
+@pytest.mark.parametrize("message", REPLIES)
+def test_what_fails_before_the_first_frame_is_one_line_that_says_what(message):
+    server = QtmServer(SETTINGS, REPLIES[message])
+    with pytest.raises((ConnectionError, ValueError), match=message) as failure:
+        connected(server, timeout_s=0.3)
+    assert "\n" not in str(failure.value)
+    server.close()
+
+
+def test_who_is_not_there_refuses_or_does_not_answer_is_told_apart():
     with socket.socket() as unused:
         unused.bind(("127.0.0.1", 0))
         port = unused.getsockname()[1]
-    with pytest.raises(ConnectionError, match=f"no Qualisys Track Manager answers at .*:{port}"):
-        QualisysSource("127.0.0.1", port=port, stated=AXES, timeout_s=1.0)
+        with pytest.raises(ConnectionError, match=f"127.0.0.1:{port} refuses the connection"):
+            QualisysSource("127.0.0.1", port=port, stated=AXES)
+        unused.listen(0)
+        with socket.create_connection(("127.0.0.1", port)), socket.socket() as second:
+            second.setblocking(False)  # the queue is full: nobody answers
+            second.connect_ex(("127.0.0.1", port))
+            with pytest.raises(ConnectionError, match=r"does not answer in time"):
+                QualisysSource("127.0.0.1", port=port, stated=AXES, timeout_s=0.2)
+    with pytest.raises(ConnectionError, match="is unknown: no computer"):
+        QualisysSource("nobody.invalid", stated=AXES)
+
+
+GOOD = b"".join(data for data, *_ in frames(range(20, 23)))
+STALLS = {
+    "in the middle of a packet": GOOD[: len(GOOD) // 3 + 50],
+    "after a size of 0": struct.pack("<II", 0, DATA),
+    "after a size of 4 GB": struct.pack("<II", 0xFFFFFFFF, DATA),
+    "after a size that never comes": struct.pack("<II", 1 << 20, DATA) + GOOD,
+    "after an unknown kind": packet(77, b"????"),
+    "after random bytes": np.random.default_rng(0).bytes(500),
+    "after a text": b"HTTP/1.1 400 Bad Request\r\n\r\n",
+    "without an answer": b"",
+}
+
+
+@pytest.mark.parametrize("stall", STALLS)
+def test_a_connection_that_stalls_with_its_socket_open_is_sought_again(
+    source, server, said, monkeypatch, stall
+):
+    monkeypatch.setattr(qualisys, "SILENT_S", 0.2)
+    monkeypatch.setattr(qualisys, "RETRY_S", 0.1)
+    server.send(GOOD)
+    assert len(collect(source, 3)["Markers"][0]) == 3
+    server.replies["qtmversion"] = b""
+    server.streaming = False
+    server.send(STALLS[stall])
+    await_stream(source, server)
+    assert server.connections == 2
+    for data, *_ in frames(range(40, 43)):
+        server.send(data)
+    times, _ = collect(source, 3)["Markers"]
+    np.testing.assert_allclose(times, np.arange(40, 43) / 100, atol=1e-9)
+    assert [note.code for note in said] == ["live_connection_lost"]
+
+
+def test_a_program_that_is_idle_and_answers_keeps_its_connection(source, server, monkeypatch):
+    monkeypatch.setattr(qualisys, "SILENT_S", 0.05)
+    for _ in range(30):
+        source.receive(0.02)
+    server.send(GOOD)
+    assert len(collect(source, 3)["Markers"][0]) == 3
+    assert server.connections == 1
+
+
+def counted(*numbers):
+    return struct.pack(f"<{len(numbers)}i", *numbers)
+
+
+MARKERS = counted(3, 0) + as_floats(np.ones((3, 3)))
+MALFORMED = {
+    "no header": packet(DATA, b"1234567"),
+    "a count of components that are not there": composed((1, MARKERS), count=9),
+    "four thousand million components": composed((1, MARKERS), count=0xFFFFFFFF),
+    "a component of 0 bytes": packet(DATA, struct.pack("<qIIII", 0, 0, 1, 0, 1)),
+    "a component beyond the packet": packet(DATA, struct.pack("<qIIII", 0, 0, 1, 9999, 1)),
+    "an empty component": composed((1, b"")),
+    "fewer markers than counted": composed((1, MARKERS[:-4])),
+    "a negative number of markers": composed((1, counted(-1, 0) + MARKERS)),
+    "two thousand million markers": composed((1, counted(2**31 - 1, 0) + MARKERS)),
+    "a negative number of devices": composed((3, counted(-1))),
+    "devices that are not there": composed((3, counted(2**31 - 1, 1, 2, 0))),
+    "a negative number of channels": composed((3, counted(1, 1, -2, 10, 0))),
+    "other channels than named": composed((3, counted(1, 1, 3, 1, 0) + as_floats(np.ones(3)))),
+    "a negative number of samples": composed((3, counted(1, 1, 2, -10, 0))),
+    "thousand millions of samples": composed((3, counted(1, 1, 2, 2**30, 0))),
+    "a negative number of a sample": composed((3, counted(1, 1, 2, 1, -5) + as_floats(np.ones(2)))),
+    "a negative number of plates": composed((4, counted(-1))),
+    "fewer forces than counted": composed((4, counted(1, 1, 5, 0) + as_floats(np.ones(9)))),
+    "a negative number of forces": composed((4, counted(1, 1, -5, 0))),
+    "an error": text(ERROR, "No such component"),
+}
+
+
+@pytest.mark.parametrize("fault", MALFORMED)
+def test_frames_that_are_malformed_are_left_out_and_said_once(source, server, said, capfd, fault):
+    good = [data for data, *_ in frames(range(20, 23))]
+    for data in (good[0], MALFORMED[fault], good[1], MALFORMED[fault], good[2]):
+        server.send(data)
+    times, _ = collect(source, 3)["Markers"]
+    np.testing.assert_allclose(times, np.arange(20, 23) / 100, atol=1e-9)
+    assert [note.code for note in said] == ["live_frames_unread"]
+    assert server.connections == 1
+    assert capfd.readouterr() == ("", "")
+
+
+def test_packets_of_other_kinds_and_components_that_nobody_asked_for_are_ignored(
+    source, server, said
+):
+    server.send(packet(6, b"\x04") + packet(4, b"") + text(COMMAND, "QTM Version is 2024.3"))
+    server.send(text(XML, "<QTM_Parameters/>") + composed((17, counted(1)), (9, b"??")) + GOOD)
+    assert len(collect(source, 3)["Markers"][0]) == 3
+    assert said == []
+
+
+def test_two_plates_or_devices_of_one_name_are_two_streams():
+    twice = parameters(NAMES, plates=("Plate", "Plate", ""), channels=CHANNELS)
+    twice = twice.replace("</Device></Analog>", "</Device>{}</Analog>")
+    device = twice[twice.index("<Device>") : twice.index("{}")]
+    twice = twice.format(device.replace("Device_ID>1", "Device_ID>2"))
+    server = QtmServer(twice)
+    source = connected(server)
+    names = [stream.name for stream in source.streams]
+    assert names == ["Markers", "Plate 1", "Plate 2", "3", "Board 1 1", "Board 1 2"]
+    assert len({label for stream in source.streams[1:4] for label in stream.labels}) == 18
+    forces = [(0, factor * acting_on_plate(1)) for factor in (1, 2, 3)]
+    server.send(frame(0, 0.0, np.ones((3, 3)), forces=forces))
+    found = collect(source, 1)
+    assert [found[name][1][0, 2] for name in names[1:4]] == [-700, -1400, -2100]
+    source.close()
+    server.close()
+
+
+@pytest.mark.parametrize("behind", [0, 9])
+@pytest.mark.parametrize("numbered", [True, False])
+def test_plates_lie_beside_the_frames_whatever_their_numbers_count_from(
+    source, server, said, behind, numbered
+):
+    """Time stamps began 100.3 s before; samples follow their frame, or go before it."""
+    for k in range(1000, 1003):
+        forces = [(10 * k - behind, acting_on_plate(10))] * 2
+        number = k if numbered else 7 * k
+        server.send(frame(number, 100.3 + k / 100, np.ones((3, 3)), forces=forces))
+    found = collect(source, 3)
+    late_s = found["Left"][0][behind] - found["Markers"][0][0]
+    assert late_s == pytest.approx(0, abs=1e-6 if numbered else 0.005)
+    starts = [n.values["stream"] for n in said if n.code == "live_start_unknown"]
+    assert starts == ["Left", "Right"]
+
+
+def test_a_part_that_frames_lack_is_named(source, server, said):
+    for k in range(130):
+        forces = [(10 * k, acting_on_plate(10))] * 2
+        server.send(frame(k, k / 100, None if k else np.ones((3, 3)), forces=forces))
+    collect(source, 2, timeout_s=0.5)
+    absent = [n.values["component"] for n in said if n.code == "live_component_absent"]
+    assert sorted(absent) == ["3D", "Analog"]

@@ -89,7 +89,7 @@ def test_memory_stays_bounded_where_the_disk_stalls(streams, tmp_path, monkeypat
     monkeypatch.setattr(module, "MAX_WAITING", 10)
     recorder = Recorder(tmp_path, described(streams), COLUMNS)
     for number in range(30):
-        recorder.frame(np.array([number, 0.0]))
+        recorder.take(np.array([number, 0.0]))
     assert recorder.lost >= 10
     recorder.close()
 
@@ -108,8 +108,8 @@ for frame in range(100_000):
     while time.monotonic() < start + frame / 100:
         time.sleep(1e-3)
     position = np.array([[0.1, 0.2, 1, 0.1, -0.2, 1]]) + 1e-4 * frame
-    recorder.samples(Samples("Cameras", np.array([frame / 100]), position))
-    recorder.frame(np.array([frame / 100]))
+    recorder.take(Samples("Cameras", np.array([frame / 100]), position))
+    recorder.take(np.array([frame / 100]))
     print(frame, flush=True)
 """
 

@@ -25,7 +25,7 @@ from pipeline.live.output import (
 from pipeline.live.preparation import PoseFinder
 from pipeline.live.replay import RecordedSource
 from pipeline.live.session import Session
-from pipeline.live.stream import Samples
+from pipeline.live.stream import Arrivals, Samples
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.residuals import residual_table
@@ -69,7 +69,7 @@ def followed(walker, result, tmp_path_factory):
     with closing(Recorder(folder, described, result_columns())) as recorder:
         session = Session(source, computed, recorder)
         ended(session, source)
-    assert (session.fault, session.not_shown, recorder.fault, recorder.lost) == (None, 0, None, 0)
+    assert (session.fault, recorder.fault, recorder.lost) == (None, None, 0)
     monitor = Monitor(computed, walker.plates)
     frames = []
     for samples in session.samples:
@@ -142,13 +142,13 @@ def test_a_source_that_fails_ends_the_session_and_says_why(short, result):
     assert computed.received == len(session.frames)
 
 
-def test_where_nobody_takes_frames_the_oldest_are_dropped_and_counted(short, result, monkeypatch):
+def test_where_nobody_takes_frames_the_oldest_are_dropped(short, result, monkeypatch):
     monkeypatch.setattr(module, "WAITING", 100)
     source = RecordedSource(short)
     session = Session(source, chain(short, result))
     ended(session, source)
     assert len(session.frames) == len(session.samples) == 100
-    assert session.not_shown > 1000
+    assert session.frames[-1][0].time == short.markers.time[-1]
 
 
 def test_late_lost_doubled_and_disordered_samples_are_all_accounted_for(short, result):
@@ -159,7 +159,10 @@ def test_late_lost_doubled_and_disordered_samples_are_all_accounted_for(short, r
     assert session.fault is None
     assert computed.received == computed.solved + computed.marked == len(session.frames)
     assert computed.received < len(short.markers.time)
-    assert computed.left_out > 0
+    missing, unused = np.sum([(c.missing, c.unused) for c in session.arrivals.of.values()], axis=0)
+    assert missing == pytest.approx(source.dropped, abs=3)  # some are at the ends
+    late_or_twice = source.reordered + source.duplicated
+    assert 0.8 * late_or_twice < unused < 1.2 * late_or_twice
 
 
 def test_a_pose_is_found_where_the_subject_stands_and_gives_the_same_body(walker, result):
@@ -222,6 +225,29 @@ def test_streams_that_fall_silent_and_return_are_noted(walker, followed, monkeyp
     assert len(monitor.notes) == 3  # the plates were back
 
 
+def test_a_stream_whose_time_stamps_repeat_is_said_within_a_second(walker, followed, monkeypatch):
+    """As from a program whose clock stands still: samples arrive, but none counts."""
+    computed, now = followed[0], [100.0]
+    monkeypatch.setattr("pipeline.live.monitor.monotonic", lambda: now[0])
+    monitor, taken = Monitor(computed, walker.plates), Arrivals(RecordedSource(walker).streams)
+    for k in range(150):
+        now[0] += 0.01
+        for stream, stamp_s in (("Markers", min(k, 20) / 100), ("Plates", k / 100)):
+            columns = 3 * len(walker.markers.names) if stream == "Markers" else 12
+            sample = Samples(stream, np.array([stamp_s]), np.zeros((1, columns)))
+            monitor.samples(taken.take(sample, now[0]))
+        monitor.look_for_silence()
+        if k < 119:
+            assert not monitor.notes
+    assert [(n.code, n.values["stream"]) for _, n in monitor.notes] == [
+        ("live_stamps_repeat", "Markers")
+    ]
+    assert monitor.board().colour == "stop"
+    assert monitor.board().sentence == (
+        "Time stamps of stream Markers repeat: start its program again"
+    )
+
+
 def test_gait_cycles_measured_while_the_light_says_stop_are_not_used(walker, followed, monkeypatch):
     computed, _, frames, _ = followed
     monitor, whole = Monitor(computed, walker.plates), Monitor(computed, walker.plates)
@@ -234,7 +260,7 @@ def test_gait_cycles_measured_while_the_light_says_stop_are_not_used(walker, fol
         monitor.frame(frame, 0.0)
     assert 0 < monitor.condition.cycles < whole.condition.cycles
     assert monitor.condition.cycles + monitor.during_stop == whole.condition.cycles
-    assert monitor.warnings() == [(dead, 1)]
+    assert [*monitor.raised.values()] == [(dead, 1)]
 
 
 def test_the_moment_limit_does_not_depend_on_where_the_laboratory_has_its_origin(walker, followed):

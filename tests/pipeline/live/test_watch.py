@@ -14,12 +14,10 @@ from pipeline.live.monitor import (
     GONE_S,
     DelayWatch,
     FitWatch,
-    Losses,
     MarkerGaps,
-    PlateWatch,
     WeightWatch,
+    plate_watch,
 )
-from pipeline.live.stream import Samples, StreamDescription
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality
 from pipeline.trial.subject import differing_masses
@@ -52,35 +50,35 @@ def noted(watch, time, wrench, each=25):
 
 
 def test_a_good_plate_is_not_noted():
-    assert noted(PlateWatch(1, MASS_KG), *walking(3)) == []
+    assert noted(plate_watch(1, MASS_KG), *walking(3)) == []
 
 
 @pytest.mark.parametrize("up", [1.0, -1.0])
 def test_a_plate_that_is_not_zero_is_noted_within_seconds(up):
     """As a load, whether its z axis points up or down."""
     time, wrench = walking(0.4, rest_n=14.0)
-    first, *_ = noted(PlateWatch(1, MASS_KG, up), time, up * wrench)
+    first, *_ = noted(plate_watch(1, MASS_KG, up), time, up * wrench)
     assert first.code == "live_plate_not_zero"
     assert first.values["rest_n"] == pytest.approx(14.0, abs=0.5)
 
 
 def test_what_a_plate_reads_on_a_platform_that_moves_is_no_offset():
     time, wrench = walking(1.0, rest_n=14.0)
-    assert noted(PlateWatch(1, MASS_KG), time, wrench)
-    assert noted(PlateWatch(1, MASS_KG, moves=True), time, wrench) == []
+    assert noted(plate_watch(1, MASS_KG), time, wrench)
+    assert noted(plate_watch(1, MASS_KG, moves=True), time, wrench) == []
 
 
 def test_a_saturated_component_is_noted_once_with_its_limit():
     time, wrench = walking(0.5)
     wrench[:, 2] = wrench[:, 2].clip(None, 600.0)
-    (note,) = noted(PlateWatch(1, MASS_KG), time, wrench)
+    (note,) = noted(plate_watch(1, MASS_KG), time, wrench)
     assert note.values == {"plate": 1, "component": "Fz", "value": 600.0}
 
 
 def test_a_converters_steps_are_no_saturation_at_rest_and_of_one_who_stands():
     time, wrench = walking(0.5)
-    assert noted(PlateWatch(1, MASS_KG), time, wrench.round()) == []
-    assert noted(PlateWatch(1, MASS_KG), time, np.full((len(time), 6), 350.0)) == []
+    assert noted(plate_watch(1, MASS_KG), time, wrench.round()) == []
+    assert noted(plate_watch(1, MASS_KG), time, np.full((len(time), 6), 350.0)) == []
 
 
 @given(gone=st.integers(0, 100), each=st.integers(1, 9))
@@ -126,7 +124,7 @@ def test_plates_that_are_late_are_noted_and_others_are_not(walk, result):
 
 def weighed(result, gain):
     """What a session's strides show of the weight that the plates carry: times and notes."""
-    tracker, watch, found = GaitTracker(), WeightWatch(result.body.mass), []
+    tracker, watch, found = GaitTracker(0.042), WeightWatch(result.body.mass), []
     for frame in frames_of(result, gain):
         for stride in tracker.add(frame):
             found += [(frame.time, note) for note in new(watch, stride)]
@@ -166,7 +164,7 @@ def test_one_step_beside_a_plate_is_not_noted(result):
 
 
 def test_strides_with_frames_that_do_not_count_are_not_weighed(result):
-    tracker, watch = GaitTracker(), WeightWatch(1.2 * result.body.mass)
+    tracker, watch = GaitTracker(0.042), WeightWatch(1.2 * result.body.mass)
     for k, frame in enumerate(frames_of(result)):
         late = replace(frame, quality=Quality.LATE if k % 50 == 0 else frame.quality)
         for stride in tracker.add(late):
@@ -178,7 +176,6 @@ def fitted(error_m, quality, seen=True, count=500):
     """Frames at 100 Hz with two markers of such errors; NaN where one is not used."""
     for k in range(count):
         yield LiveFrame(
-            number=k,
             time=k / 100,
             q=np.zeros(46),
             tau={},
@@ -210,15 +207,3 @@ def test_markers_that_do_not_fit_and_feet_beside_the_pressure_are_noted_once(
     assert [note.code for note in notes] == codes
     if left_out:
         assert notes[0].values["left_out"] == left_out
-
-
-@given(kept=st.sets(st.integers(0, 299), min_size=2), each=st.integers(1, 40), seed=st.integers(0))
-def test_samples_that_never_arrived_are_counted_whatever_the_chunks(kept, each, seed):
-    numbers = np.array(sorted(kept))
-    jitter = np.random.default_rng(seed).uniform(-0.2, 0.2, len(numbers))
-    time = 1e4 + (numbers + jitter) / 1000
-    losses = Losses([StreamDescription("Plates", "analog", ("Fz",), ("N",), 1000.0)])
-    for k in range(0, len(time), each):
-        chunk = time[k : k + each]
-        losses.add(Samples("Plates", chunk, np.zeros((len(chunk), 1))))
-    assert losses.lost["Plates"] == numbers[-1] - numbers[0] + 1 - len(numbers)

@@ -161,6 +161,7 @@ def test_a_page_shows_what_comes_and_requests_only_what_is_served_here(trial, fr
         assert count_pixels((tmp_path / "page.png").read_bytes(), COLOURS["measured"]) > PIXELS
         assert view.address + "recording.rrd" in browser.requests
         assert [one for one in browser.requests if not one.startswith(view.address)] == []
+        assert [one for one in browser.complaints if "Content Security Policy" in one] == []
 
 
 def test_a_page_of_a_live_view_is_served_on_this_machine_only_and_ends_with_it(trial, frames):

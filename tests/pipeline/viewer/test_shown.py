@@ -107,6 +107,7 @@ def test_the_page_shows_the_trial_at_its_start_and_requests_only_what_is_served_
         assert count_pixels((tmp_path / "page.png").read_bytes(), COLOURS[variant]) > PIXELS
     assert address + "recording.rrd" in browser.requests
     assert [one for one in browser.requests if not one.startswith(address)] == []
+    assert [one for one in browser.complaints if "Content Security Policy" in one] == []
 
 
 def test_the_page_is_served_on_this_machine_only_and_no_other_port_is_open(recording, home):

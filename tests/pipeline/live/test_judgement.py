@@ -1,0 +1,75 @@
+"""What a session uses of streams with losses is what the trial of its recording uses."""
+
+from contextlib import closing
+
+import numpy as np
+import pytest
+
+from pipeline.config.schema import Settings, Subject, Treadmill
+from pipeline.io.read import read_recording
+from pipeline.live.output import STREAMS, Recorder, described_streams
+from pipeline.live.replay import RecordedSource
+from pipeline.live.session import Session
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.process import process_recording
+from pipeline.trial.quality import Quality
+from pipeline.trial.residuals import reported
+from pipeline.trial.study_files import read_study_file
+from tests.pipeline import lab
+from tests.pipeline.live.perturbed import Faults, PerturbedSource
+from tests.pipeline.live.playing import chain_of
+
+PERSON = Subject(sex="male", mass_kg=74.6)
+REALTIME = Settings(filter="realtime")
+LOST = {
+    "one sample in ten": Faults(drop=0.1),
+    "cameras for 30 ms": Faults(absent_s={"Markers": (4.0, 4.03)}),
+    "all for 30 ms": Faults(absent_s=dict.fromkeys(("Markers", "Plates", "Analog"), (4.0, 4.03))),
+    "cameras for 60 ms": Faults(absent_s={"Markers": (4.0, 4.06)}),
+    "plates for 60 ms": Faults(absent_s={"Plates": (4.0, 4.06)}),
+    "one sample in ten late": Faults(reorder=0.1),
+    "one sample in ten twice": Faults(duplicate=0.1),
+}
+
+
+@pytest.fixture(scope="module", params=["still", "pitching, compensated"])
+def recorded(request, walker, study, laboratory):
+    """A walk, its laboratory and the body."""
+    if request.param == "still":
+        trial, where = lab.cropped(walker, 0, 800), Laboratory(Treadmill())
+    else:
+        trial, where = read_study_file(study, "sub01_pitch.c3d"), laboratory
+        trial = lab.cropped(trial, 0, 800)
+    return trial, where, process_recording(trial, PERSON, REALTIME, laboratory=where).body
+
+
+@pytest.mark.parametrize("lost", LOST)
+def test_the_same_frames_with_the_same_numbers(recorded, tmp_path, lost):
+    trial, where, body = recorded
+    source = PerturbedSource(RecordedSource(trial, chunk_s=0.1), LOST[lost])
+    chain = chain_of(body, where, REALTIME, trial, wait_s=1.0)
+    described = described_streams(source.streams, chain.live, trial.plates)
+    with closing(Recorder(tmp_path, described, ())) as recorder:
+        session = Session(source, chain)
+        while not source.ended:
+            for samples in source.receive(0.0):
+                session._take(samples, samples.time[-1])
+                recorder.take(session.samples[-1])
+    frames = [frame for frame, _ in session.frames if not frame.quality & Quality.LATE]
+    used = {round(100 * frame.time): frame for frame in frames if frame.quality.counts}
+    assert np.mean([frame.quality.counts for frame in frames if frame.time > 1.5]) > 0.9
+    for method in ("realtime", "zero_phase"):
+        read = read_recording(tmp_path / STREAMS)
+        settings = Settings(filter=method)
+        whole = process_recording(read, PERSON, settings, static=trial, laboratory=where)
+        first = round(100 * (session.frames[0][0].time - read.markers.time[0]))
+        last = max(used)
+        counted = [k + first for k in np.flatnonzero(whole.counts) if k + first <= last]
+        if method == "realtime":
+            assert counted == sorted(used)
+            best = whole.compensated or whole.measured
+            residual = reported(best.residual)[np.array(counted) - first]
+            ours = [[*used[k].residual.values()][-1] for k in counted]
+            np.testing.assert_allclose(ours, residual, rtol=0, atol=1e-4)
+        else:
+            assert len(counted) > 0.95 * len(used)
