@@ -115,3 +115,25 @@ def test_equal_arguments_give_one_result_within_a_block_and_changed_ones_another
         assert len(calls) == 3
     assert total(values) == total(values) == 10
     assert len(calls) == 5
+
+
+def test_ways_of_processing_compared_with_each_other_are_no_conditions_and_no_mistake(
+    moving_study, tmp_path, capsys
+):
+    folder = shutil.copytree(moving_study, tmp_path / "study")
+    compared = '[comparison]\nfactor = "variant"\ncondition = "baseline"\n'
+    file = folder / "study.toml"
+    file.write_text(f"{file.read_text()}\n[variants.cutoff_8]\ncutoff_hz = 8\n\n{compared}")
+    out = tmp_path / "out"
+    assert main(["run", str(folder), "--out", str(out)]) == 0
+    capsys.readouterr()
+    assert main(["report", str(out)]) == 0
+    printed = "".join(capsys.readouterr())
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "different settings" not in printed + page
+    methods = page[page.index("The analysis included") :]
+    assert "processed in 2 ways, which were compared: as described here (main)" in methods
+    assert "with cutoff_hz 8.0 (cutoff_8)" in methods
+    assert methods.count("had not settled") == 1
+    assert "in the condition baseline." in methods
+    assert (out / "trials" / "sub01_baseline.html").is_file()
