@@ -300,6 +300,8 @@ ALLOWED: Final = (
 )
 MAX_STOP: Final = 1e6
 """Seconds; no recording is longer."""
+MAX_CYCLES: Final = 1_000_000
+"""No recording holds more."""
 PERCENT: Final = re.compile(r"\s*(-?\d+(?:\.\d+)?)\s*%\s*", re.ASCII)
 
 
@@ -373,9 +375,9 @@ class Condition(InputModel):
     10 to 40 %
     """
 
-    cycles: Annotated[int, Field(ge=1)] | None = Field(default=None, examples=[20])
+    cycles: Annotated[int, Field(ge=1, le=MAX_CYCLES)] | None = Field(default=None, examples=[20])
     """How many gait cycles are analysed; default: all."""
-    skip_s: Annotated[float, Field(ge=0)] = 0.0
+    skip_s: Annotated[float, Field(ge=0, le=MAX_STOP)] = 0.0
     """Time left out at the start."""
     perturbed: bool = Field(default=False, examples=[True])
     """Only gait cycles that contain a perturbation."""
@@ -494,7 +496,7 @@ class PlateContact(InputModel):
 
     plate: Annotated[int, Field(ge=1, le=99)] = Field(examples=[1])
     """Number of the plate in the file, from 1."""
-    time_s: Annotated[float, Field(ge=0)] = Field(examples=[3.2])
+    time_s: Annotated[float, Field(ge=0, le=MAX_STOP)] = Field(examples=[3.2])
     """Any instant of the contact, from the first frame."""
     foot: Literal["left", "right"] = Field(examples=["left"])
     """left or right."""

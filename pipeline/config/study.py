@@ -9,6 +9,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final, TypeVar
 
+from pydantic import ValidationError
+
 from hbm.coordinates import SEGMENTS
 from hbm.markers import MarkerSet, marker_sets, read_marker_set
 from hbm.spelling import Table, did_you_mean, shown
@@ -26,7 +28,14 @@ from pipeline.config.schema import (
     Trial,
     TrialName,
 )
-from pipeline.config.toml_file import SIMULATED, Around, StudyFaults, check_table, read_table
+from pipeline.config.toml_file import (
+    SIMULATED,
+    Around,
+    StudyFaults,
+    check_table,
+    describe_faults,
+    read_table,
+)
 from pipeline.io.input_file import is_file, read_text
 from pipeline.io.stated import Stated
 
@@ -194,6 +203,14 @@ def read_study(folder: str | Path, *, recordings: bool = True) -> Study:
     if faults or file is None:
         raise StudyFaults(faults)
     study = Study(folder, file, subjects, marker_set)
+    for name in study.trials:
+        try:
+            study.rule(name)
+        except ValidationError as error:
+            of_rule = describe_faults(error, Condition, {})
+            faults += [f"{name}: window: {fault}" for fault in of_rule]
+    if faults:
+        raise StudyFaults(faults)
     return replace(
         study,
         variants={

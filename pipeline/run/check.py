@@ -1,22 +1,28 @@
 """A study checked before it is processed: what a run will use, leave out or refuse.
 
-Every recording passes the stages of `pipeline.trial.process` that need no solved motion, on its
-beginning; what one of them refuses is collected, and the next one follows.
+Every recording passes the stages of `pipeline.trial.process` that need no solved motion; what one
+of them refuses is collected, and the next one follows.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from contextlib import nullcontext
+from dataclasses import dataclass, field, replace
 from functools import partial
+from hashlib import sha256
+from itertools import combinations
 from pathlib import Path
 from typing import Final, TypeVar
 
 import numpy as np
 
+from compensation import PlatformPose
 from compensation.inertia.sensors import describe_sensors
 from hbm.body import Body
 from hbm.coordinates import COORDINATES, LAST_Q, support
 from hbm.engines.engine import choose_engine
+from hbm.ik.problem import Problem
 from hbm.notes import Note
+from hbm.plausibility.motion import implausible
 from hbm.signals.filtering import low_pass
 from hbm.spelling import did_you_mean, listed
 from pipeline.config.schema import (
@@ -30,25 +36,33 @@ from pipeline.config.schema import (
 from pipeline.config.study import Study
 from pipeline.config.toml_file import read_segments
 from pipeline.io.c3d.second_reader import compare_readers
-from pipeline.io.read import file_format, preview_recording
-from pipeline.io.recording import Preview, Recording
+from pipeline.io.read import file_format
+from pipeline.io.recording import Recording
 from pipeline.trial.gait.contact import require_contacts
 from pipeline.trial.gait.cycles import found_cycles
-from pipeline.trial.gait.events import SIDES, gait_events
+from pipeline.trial.gait.events import SIDES, TIMED_BY_PLATES, gait_events, has_strides
 from pipeline.trial.ground.accelerometers import mean_belt_speed
+from pipeline.trial.ground.belts import belt_wrenches
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import Laboratory, bind
 from pipeline.trial.ground.platform import platform_pose
 from pipeline.trial.ground.uncertainty import uncertainty_limits
-from pipeline.trial.quality import settling_s
+from pipeline.trial.once import computing_once
+from pipeline.trial.quality import Quality, flagged, settled_frames, settling_s
 from pipeline.trial.study_files import labels_in_none, read_study_file, read_study_laboratory
-from pipeline.trial.subject import body_mass, subject_body
-from pipeline.trial.window import NO_POSE, counted_span, cycle_shortage
+from pipeline.trial.subject import (
+    MassUnknownError,
+    body_mass,
+    differing_masses,
+    roughly_weighed,
+    subject_body,
+)
+from pipeline.trial.window import NO_POSE, what_counts
 
 MIN_CYCLE_S: Final = 0.8
 """Gait cycle of fast walking: a recording cannot hold more cycles than of this duration."""
 MAX_MISSING_SHARE: Final = 0.2
-"""Share of the frames looked at; a marker that is missing in more is named."""
+"""Share of the frames; a marker that is missing in more is named."""
 ASSUMED_MASS_KG: Final = 70.0
 """For a body whose mass is not stated: a check uses only the positions of its joints."""
 Result = TypeVar("Result")
@@ -81,20 +95,24 @@ class Findings:
 
     faults: list[Finding] = field(default_factory=list)
     remarks: list[Finding] = field(default_factory=list)
+    variant: str = ""
+    """Which one is checked; empty for the study's own way. It adds only faults of its own."""
     read: dict[str, tuple[Note, ...]] = field(default_factory=dict)
     """Name of a file -> notes on reading it."""
+    content: dict[str, str] = field(default_factory=dict)
+    """Name of a file -> digest of its markers' positions."""
 
-    def remark(self, place: str, *said: Note | str) -> None:
-        """Add what is to be known of a place."""
-        self.add(Findings(remarks=[Finding(place, one) for one in said]))
-
-    def contents(self, place: str, text: str) -> None:
-        """Add what a file holds."""
-        self.add(Findings(remarks=[Finding(place, text, contents=True)]))
+    def remark(self, place: str, *said: Note | str, contents: bool = False) -> None:
+        """Add what is to be known of a place, or what a file holds."""
+        for one in (Finding(place, one, contents) for one in said):
+            if not self.variant and one not in self.remarks:
+                self.remarks.append(one)
 
     def fault(self, place: str, reason: str) -> None:
         """Add what stops a trial."""
-        self.add(Findings(faults=[Finding(place, reason)]))
+        of_variant = f"variant {self.variant}: {reason}" if self.variant else reason
+        if not {Finding(place, reason), Finding(place, of_variant)} & {*self.faults}:
+            self.faults.append(Finding(place, of_variant))
 
     def attempt(self, place: str, action: Callable[[], Result]) -> Result | None:
         """Give what a function returns; where it raises, its message is a fault of the place."""
@@ -103,12 +121,6 @@ class Findings:
         except (ValueError, OSError) as error:
             self.fault(place, str(error))
             return None
-
-    def add(self, other: "Findings") -> None:
-        """Add all that another check found."""
-        self.faults += [one for one in other.faults if one not in self.faults]
-        self.remarks += [one for one in other.remarks if one not in self.remarks]
-        self.read |= other.read
 
 
 def check_study(study: Study) -> Findings:
@@ -122,116 +134,101 @@ def check_study(study: Study) -> Findings:
     Returns
     -------
     Findings
-        All faults of all files, not only the first. A recording is judged by its header, its
-        beginning and frames spread over it; before a fault is reported, all of it is read.
+        All faults of all files, not only the first; those of variants too.
     """
-    found = Findings()
-    found.attempt("study.toml", lambda: choose_engine(study.file.settings.engine))
-    laboratory = found.attempt("study.toml", lambda: read_study_laboratory(study))
-    laboratory = laboratory or Laboratory(study.file.treadmill)
-    found.remark("study.toml", *laboratory.notes)
-    if (calibration := laboratory.calibration) is not None:
-        file = str(study.file.treadmill.calibration)
-        found.contents(file, f"compensates {listed(calibration.plates)}")
-        found.remark(file, *calibration.notes)
-        found.remark(file, *describe_sensors(calibration.sensors))
-    elif study.file.treadmill.platform is not None and not study.file.treadmill.calibration:
-        found.remark("study.toml", "no treadmill.calibration, so nothing will be compensated")
-    trial_of: dict[Path, TrialName] = {}
+    found, ways = Findings(), {"": study, **study.variants}
+    of_way = {way: replace(found, variant=way) for way in ways}  # they share their lists
+    laboratories = {way: _check_laboratory(ways[way], of_way[way]) for way in ways}
     for subject, person in study.subjects.items():
+        poses = {
+            way: _read(ways[way], person.static, laboratories[way], of_way[way]) for way in ways
+        }
         for name, trial in person.named_trials.items():
             if trial.exclude is not None:
                 found.remark(str(name), f"excluded: {trial.exclude}")
-            elif trial.file is not None:
-                other = trial_of.setdefault(study.path(trial.file).resolve(), name)
-                if other != name:
-                    found.remark(str(name), f"the same recording as {other}")
-                _check_trial(study, name, laboratory, found)
+                continue
+            with computing_once() if study.variants else nullcontext():
+                for way, own in ways.items():
+                    _check_trial(own, name, laboratories[way], poses[way], of_way[way])
         without = [name for name in study.file.conditions if name not in person.trials]
         if without:
             found.remark(subject, f"no trial for {listed(without)}")
+    _check_repeated(study, found)
     if absent := labels_in_none(found.read.values()):
         found.remark("study.toml", Note.of("rename_without_label", labels=absent))
     return found
 
 
-def _check_trial(
-    study: Study, trial_name: TrialName, laboratory: Laboratory, found: Findings
-) -> None:
-    """Check one trial: its beginning and, if that has a fault or contacts are stated, all of it."""
-    person, trial = study.subject(trial_name.subject), study.trial(trial_name)
-    file, *_ = trial.files
-    path = study.path(file)
-    forces, record, static = (
-        study.path(name) if name else None for name in (trial.forces, trial.record, person.static)
-    )
-
-    def check(read: Callable[[], Preview]) -> tuple[Findings, Preview | None]:
-        own = Findings()
-        preview = own.attempt(path.name, read)
-        if preview is not None:
-            rule = study.rule(trial_name)
-            _check_stages(study, rule, person, trial, laboratory, preview, own)
-        return own, preview
-
-    own, preview = check(
-        lambda: preview_recording(
-            path, study.stated_of(trial), forces, record=record, static=static
-        )
-    )
-    if own.faults or trial.contacts:
-        missing = preview.missing if preview is not None else {}
-
-        def whole() -> Preview:
-            recording = read_study_file(study, file, trial, person.static)
-            return Preview(recording, len(recording.markers.time), missing)
-
-        own, _ = check(whole)
-    found.add(own)
+def _check_laboratory(study: Study, found: Findings) -> Laboratory:
+    """Read the laboratory, without calibrations where that fails; say what is doubtful."""
+    file, treadmill = "study.toml", study.file.treadmill
+    found.attempt(file, lambda: choose_engine(study.file.settings.engine))
+    laboratory = found.attempt(file, lambda: read_study_laboratory(study)) or Laboratory(treadmill)
+    found.remark(file, *laboratory.notes)
+    if (calibration := laboratory.calibration) is not None:
+        file = str(treadmill.calibration)
+        found.remark(file, f"compensates {listed(calibration.plates)}", contents=True)
+        found.remark(file, *calibration.notes, *describe_sensors(calibration.sensors))
+    elif treadmill.platform is not None and not treadmill.calibration:
+        found.remark(file, "no treadmill.calibration, so nothing will be compensated")
+    return laboratory
 
 
-def _check_stages(
+def _read(
     study: Study,
-    rule: Condition,
-    person: SubjectFile,
-    trial: Trial,
+    file: str | None,
     laboratory: Laboratory,
-    preview: Preview,
     found: Findings,
-) -> None:
-    """Pass the stages that a preview can pass, each as far as it can go."""
-    settings, name = study.file.settings, preview.beginning.source.name
+    trial: Trial | None = None,
+    static: str | None = None,
+) -> Recording | None:
+    """Read a recording and correct its plates; None where there is none, or that fails."""
 
-    def corrected(recording: Recording) -> Recording:
-        found.read[recording.source.name] = recording.notes
+    def corrected(name: str) -> Recording:
+        recording = read_study_file(study, name, trial, static)
+        found.read[name] = recording.notes
+        found.content[name] = sha256(recording.markers.position.tobytes()).hexdigest()
         return with_corrected_plates(recording, laboratory.plates)
 
-    recording = found.attempt(name, lambda: corrected(preview.beginning))
+    return found.attempt(file, lambda: corrected(file)) if file else None
+
+
+def _check_trial(
+    study: Study,
+    trial_name: TrialName,
+    laboratory: Laboratory,
+    pose: Recording | None,
+    found: Findings,
+) -> None:
+    """Pass the stages of a trial that need no solved motion, each as far as it can go."""
+    person, trial = study.subject(trial_name.subject), study.trial(trial_name)
+    rule, settings = study.rule(trial_name), study.file.settings
+    recording = _read(study, trial.file, laboratory, found, trial, person.static)
     if recording is None:
         return
-    found.contents(name, _contents(recording, preview.frames))
+    name, markers = recording.source.name, recording.markers
+    duration_s = len(markers.time) / markers.rate_hz
+    found.remark(name, _contents(recording, duration_s), contents=True)
     found.remark(name, *recording.notes)
-    duration_s = preview.frames / recording.markers.rate_hz
     if rule.cycles and duration_s < rule.skip_s + rule.cycles * MIN_CYCLE_S:
         found.remark(name, f"too short for {rule.cycles} gait cycles after {rule.skip_s:g} s")
+    found.attempt(
+        name, lambda: low_pass(0 * markers.time, markers.time, settings.cutoff_hz, settings.filter)
+    )
     _check_loads(recording, trial.contacts, settings.contact_threshold_n, found)
-    pose, static = recording, person.static
-    if static is not None:
-        read = found.attempt(static, lambda: corrected(read_study_file(study, static)))
-        if read is None:
-            return
-        pose = read
-    body = _check_body(study, person, pose, recording, found)
+    platform = _check_ground(recording, laboratory, rule, settings, found)
+    standing = pose if person.static else recording
+    if standing is None:
+        return
+    body = _check_body(study, person, standing, recording, found)
     if body is not None:
-        _check_markers(body, preview, found)
-        _check_window(body, rule, preview, laboratory, settings, found)
-    _check_ground(recording, laboratory, rule, settings, found)
+        _check_markers(body, recording, found)
+        _check_window(body, rule, recording, platform, laboratory, settings, found)
 
 
-def _contents(recording: Recording, frames: int) -> str:
+def _contents(recording: Recording, duration_s: float) -> str:
     """Say what a file holds."""
     markers, plates, analog = recording.markers, recording.plates, recording.analog
-    duration_s = frames / markers.rate_hz
     contents = [f"{duration_s:.1f} s, {len(markers.names)} markers at {markers.rate_hz:g} Hz"]
     if plates:
         contents.append(f"{len(plates)} plates at {plates[0].rate_hz:.6g} Hz")
@@ -271,12 +268,16 @@ def _check_body(
     study: Study, person: SubjectFile, pose: Recording, recording: Recording, found: Findings
 ) -> Body | None:
     """Weigh the subject and build the body."""
-    name, mass = recording.source.name, None
-    if pose.plates or person.static:
-        mass = found.attempt(name, lambda: body_mass(person.person, pose, recording))
-    if mass is not None:
-        found.remark(name, mass.note)
-    mass_kg = mass.mass_kg if mass is not None else ASSUMED_MASS_KG
+    name, mass_kg = recording.source.name, ASSUMED_MASS_KG
+    functional = study.file.settings.hip == "functional"
+    if recording.plates:
+        try:
+            mass = body_mass(person.person, pose, recording)
+            mass_kg = mass.mass_kg
+            found.remark(name, mass.note, *differing_masses(mass.known_kg, None))
+        except MassUnknownError as unknown:  # steps may weigh, which only a solved motion shows
+            if found.attempt(name, partial(roughly_weighed, recording, unknown)):
+                found.remark(name, f"{unknown}; else steps weigh, where plates carry them")
     body = found.attempt(
         name,
         lambda: subject_body(
@@ -285,66 +286,34 @@ def _check_body(
             study.file.settings,
             mass_kg,
             marker_set=study.marker_set,
-            hip_trial=read_study_file(study, person.hip_trial) if person.hip_trial else None,
+            hip_trial=read_study_file(study, str(person.hip_trial)) if functional else None,
             segments=read_segments(study.path(person.segments)) if person.segments else None,
         ),
     )
-    found.remark(name, *(body.notes if body is not None else ()))
+    found.remark(name, *((*implausible(body), *body.notes) if body is not None else ()))
     return body
 
 
-def _check_markers(body: Body, preview: Preview, found: Findings) -> None:
+def _check_markers(body: Body, recording: Recording, found: Findings) -> None:
     """Say which markers are there, what they leave unknown, and which are often missing."""
-    name, known = preview.beginning.source.name, body.marker_set
-    present = list(known.present(preview.beginning.markers.names).segment)
+    name, markers, known = recording.source.name, recording.markers, body.marker_set
+    found.attempt(name, lambda: Problem(body, markers))
+    present = list(known.present(markers.names).segment)
     needed = [marker for marker in known.markers if not marker.optional]
     absent = [m.labels[0] for m in needed if not set(m.labels) & set(present)]
     there = f"{len(needed) - len(absent)} of the {len(needed)} markers of {known.name}"
-    found.contents(name, f"{there}; missing: {listed(absent)}" if absent else there)
+    there += f"; missing: {listed(absent)}" if absent else ""
+    found.remark(name, there, contents=True)
     used = {segment for marker, segment in body.segment_of.items() if marker in present}
     shown = {i for segment in used for i in support(LAST_Q[segment])}
     locked = tuple(c for i, c in enumerate(COORDINATES) if i not in shown)
     if locked:
         found.remark(name, Note.of("coordinates_held", coordinates=locked))
-    missing = {m: preview.missing.get(m, 0.0) for m in present}
-    often = [f"{m} {100 * s:.0f} %" for m, s in missing.items() if s > MAX_MISSING_SHARE]
+    missing = np.isnan(markers.position[..., 0]).mean(axis=0)
+    shares = {marker: missing[markers.names.index(marker)] for marker in present}
+    often = [f"{m} {100 * s:.0f} %" for m, s in shares.items() if s > MAX_MISSING_SHARE]
     if often:
         found.remark(name, f"often missing: {', '.join(often)}")
-
-
-def _check_window(
-    body: Body,
-    rule: Condition,
-    preview: Preview,
-    laboratory: Laboratory,
-    settings: Settings,
-    found: Findings,
-) -> None:
-    """Look for what counts: gait events, or the span that is stated."""
-    recording, markers = preview.beginning, preview.beginning.markers
-    name, settling = recording.source.name, settling_s(laboratory.filters(settings))
-    time = markers.time[0] + np.arange(preview.frames) / markers.rate_hz
-    every, least = np.ones(len(time), bool), settings.min_valid_share
-
-    def span() -> None:
-        low_pass(0 * time, time, settings.cutoff_hz, settings.filter)
-        counted_span(rule.wanted, {}, time, settling, every, least)
-
-    found.attempt(name, span)
-    if rule.wanted not in (None, "cycle"):
-        return
-    events, note = gait_events(recording.events, markers, body.marker_set, settings.events)
-    unknown = note.code == "events_unknown"
-    if unknown and settings.events in (None, "auto", "plates"):
-        return  # these need poses, and other markers than those that stand in for them here
-    counted = [event for event in events if event.time >= rule.skip_s]
-    if rule.wanted == "cycle" and not found_cycles(events, SIDES):
-        reason = str(note) if unknown else cycle_shortage(events, (), time, every)
-        found.fault(name, reason)
-    elif rule.wanted == "cycle" and not found_cycles(counted, SIDES):
-        found.fault(name, f"no gait cycle begins after the first {rule.skip_s:g} s, skip_s")
-    elif unknown:
-        found.remark(name, note)
 
 
 def _check_ground(
@@ -353,25 +322,100 @@ def _check_ground(
     rule: Condition,
     settings: Settings,
     found: Findings,
-) -> None:
-    """Look for everything that compensation, platform pose and perturbations need."""
-    name, bound = recording.source.name, None
-    treadmill, calibration = laboratory.treadmill, laboratory.calibration
+) -> PlatformPose | None:
+    """Look for what compensation, platform pose and perturbations need; give the pose, if known."""
+    name, markers, treadmill = recording.source.name, recording.markers, laboratory.treadmill
+    bound, belt, models = None, treadmill.belt, laboratory.belts
     if recording.plates:
         bound = found.attempt(name, lambda: bind(recording, laboratory, settings.plate_delay_s))
-    if bound is not None and calibration is not None:
+    if bound is not None and laboratory.calibration is not None:
         speed_mps = mean_belt_speed(bound.belts)
-        found.remark(name, *uncertainty_limits(speed_mps, calibration))
-    platform, time = treadmill.platform, recording.markers.time
-    pose = found.attempt(name, lambda: platform_pose(recording, platform, time))
-    found.remark(name, *(pose[1] if pose is not None else ()))
-    if rule.part == "motion" and platform is None:
+        found.remark(name, *uncertainty_limits(speed_mps, laboratory.calibration))
+    if recording.plates and belt is not None and models:
+        times = [markers.time] * len(recording.plates)
+        found.attempt(name, lambda: belt_wrenches(recording, models, belt, times, settings.filter))
+    placed = found.attempt(name, lambda: platform_pose(recording, treadmill.platform, markers.time))
+    pose, notes = placed or (None, ())
+    found.remark(name, *notes)
+    if rule.part == "motion" and treadmill.platform is None:
         found.fault("study.toml", NO_POSE)
     known = recording.analog.names if recording.analog is not None else ()
-    belts = treadmill.belt.speed_channels if treadmill.belt is not None else ()
+    belts = belt.speed_channels if belt is not None and not models else ()
     for channel in filter(None, (*belts, rule.pulse_channel)):
         if channel not in known:
             found.fault(name, f"no analog channel {channel!r}{did_you_mean(channel, known)}")
+    return pose
+
+
+def _check_window(
+    body: Body,
+    rule: Condition,
+    recording: Recording,
+    platform: PlatformPose | None,
+    laboratory: Laboratory,
+    settings: Settings,
+    found: Findings,
+) -> None:
+    """Look for what counts, by the events of the file or, in place of better ones, by markers."""
+    name, markers, time = recording.source.name, recording.markers, recording.markers.time
+    channels = recording.analog.names if recording.analog is not None else ()
+    settling = settling_s(laboratory.filters(settings))
+    settled = settled_frames(np.ones(len(time), bool), time, settling)
+    quality, least = flagged({Quality.SETTLING: ~settled}), settings.min_valid_share
+    events, note = gait_events(recording.events, markers, body.marker_set, settings.events)
+    unknown = note.code == "events_unknown"
+    source = settings.events or ("file" if has_strides(recording.events) else "auto")
+    guessed = source in TIMED_BY_PLATES  # the run's events need poses; these may err
+    if unknown and not guessed:
+        found.remark(name, note)
+
+    def count(rule: Condition) -> None:
+        notes = [note]
+        counted = what_counts(recording, events, quality, rule, settling, platform, notes, least)
+        later = [event for event in events if event.time >= rule.skip_s]
+        sure = not guessed or (
+            rule.wanted == "cycle" and not unknown and not found_cycles(later, SIDES)
+        )
+        if sure or (rule.perturbed and (counted.onsets < rule.skip_s).all()):
+            for shortage in (one for one in notes if one.code == "no_residuals"):
+                found.fault(name, str(shortage.values["reason"]))
+
+    if rule.perturbed:  # all gait cycles first: without any, perturbations do not matter
+        found.attempt(
+            name, lambda: count(rule.model_copy(update={"perturbed": False, "window": "cycle"}))
+        )
+        needs_pose = rule.pulse_channel is None or rule.part == "motion"
+        if rule.pulse_channel not in (None, *channels) or (needs_pose and platform is None):
+            return  # a fault of the ground
+    found.attempt(name, lambda: count(rule))
+
+
+def _check_repeated(study: Study, found: Findings) -> None:
+    """Refuse a recording of two subjects, and one that counts twice, whatever its name."""
+    uses: dict[str, list[tuple[str, TrialName | None]]] = {}
+    for subject, person in study.subjects.items():
+        trials = [(trial.file, name) for name, trial in person.named_trials.items()]
+        for file, name in [(person.static, None), *trials]:
+            if file in found.content and (name is None or study.trial(name).exclude is None):
+                uses.setdefault(found.content[file], []).append((subject, name))
+    for of_content in uses.values():
+        for (subject, name), (other_subject, other) in combinations(of_content, 2):
+            place, same = str(other or other_subject), f"the same recording as {name or subject}"
+            if subject != other_subject:
+                found.fault(place, f"{same}, another subject")
+            elif name is not None and other is not None:
+                rules = [study.rule(each) for each in (name, other)]
+                spans = [
+                    rule.wanted if isinstance(rule.wanted, tuple) else (rule.skip_s, np.inf)
+                    for rule in rules
+                ]
+                starts, stops = zip(*spans, strict=True)
+                if max(starts) >= min(stops):
+                    continue
+                if rules[0].perturbed != rules[1].perturbed:
+                    found.remark(place, same)
+                else:
+                    found.fault(place, f"{same}: it counts twice; exclude one, or state windows")
 
 
 def study_recordings(study: Study) -> tuple[Path, ...]:

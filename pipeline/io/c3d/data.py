@@ -444,33 +444,6 @@ def read_samples(header: Header, max_frames: int | None = None) -> Samples:
     )
 
 
-def missing_share(header: Header, sampled: int) -> NDArray[np.float64]:
-    """Estimate how often each point is missing, from frames spread evenly over the file.
-
-    Parameters
-    ----------
-    header
-        What `read_header` gave.
-    sampled
-        Number of frames to sample; all if there are fewer.
-
-    Returns
-    -------
-    ndarray
-        Share of the frames in which each point is missing, (P,).
-    """
-    chosen = np.unique(np.linspace(0, header.frames - 1, sampled).round().astype(int))
-    size, start = header.frame.bytes, header.data_start
-    data = bytearray()
-    with header.path.open("rb") as file:
-        for frame in chosen:
-            file.seek(start + int(frame) * size)
-            data += file.read(size)
-    with np.errstate(invalid="ignore", over="ignore"):
-        points, _ = _decode(bytes(data), header, False, len(chosen))
-        return np.asarray(_is_missing(points).mean(axis=0))
-
-
 def _decode(
     data: bytes, header: Header, unsigned: bool, frames: int
 ) -> tuple[NDArray[np.number], NDArray[np.number]]:

@@ -19,7 +19,6 @@ from pipeline.io.axes import mean_force, parse_axes, settle_axes
 from pipeline.io.c3d.data import (
     Header,
     correction,
-    missing_share,
     read_header,
     read_samples,
 )
@@ -34,7 +33,6 @@ from pipeline.io.recording import (
     Metadata,
     Plate,
     PlateFrame,
-    Preview,
     Recording,
 )
 from pipeline.io.stated import Stated, as_stated
@@ -51,10 +49,6 @@ LABEL: Final = re.compile(
     rf"(?P<before>{'|'.join(SIDE_WORDS)})?(?P<kind>{'|'.join(KINDS)})(?P<after>{'|'.join(SIDE_WORDS)})?"
 )
 GROUP: Final = "HBM_RESIDUALS"
-BEGINNING_FRAMES: Final = 1000
-"""Ten seconds at 100 Hz: enough gait to infer axes, weigh the subject and find events."""
-SAMPLED_FRAMES: Final = 500
-"""Frames in which missing markers are counted: shares are known to 2 % (one SD of 0.5 at most)."""
 OF_SUBJECT: Final = {
     "mass_kg": ("BODYMASS", 1.0, 5.0, 500.0),
     "height_m": ("HEIGHT", 1e-3, 0.3, 2.7),
@@ -299,16 +293,6 @@ def read_c3d(
     path = Path(path)
     with naming(path):
         return read_c3d_file(path, as_stated(stated), max_frames)
-
-
-def preview_c3d(path: Path, stated: Stated) -> Preview:
-    """Preview a C3D file without reading all of it; parameters and errors are `read_c3d`'s."""
-    beginning = read_c3d(path, stated, max_frames=BEGINNING_FRAMES)
-    header = read_header(path)
-    share = missing_share(header, SAMPLED_FRAMES)
-    markers = sort_labels(header, stated).markers
-    missing = {name: float(share[k]) for name, k in markers.items()}
-    return Preview(beginning, header.frames, missing)
 
 
 def read_c3d_file(path: Path, stated: Stated, max_frames: int | None = None) -> Recording:

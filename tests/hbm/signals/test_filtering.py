@@ -145,6 +145,8 @@ def test_a_block_shorter_than_one_period_of_the_cutoff_becomes_a_gap():
     [
         (np.zeros(16), 100, 6, "zero_phase", "at least 17 samples at 100 Hz, got 16"),
         (np.zeros(100), 100, 50, "realtime", r"half the sampling rate \(50 Hz\), got 50"),
+        # a clock of 100 Hz of which rounding makes 100.0000000001 Hz
+        (np.zeros(9), np.arange(9) * 0.00999999999999, 50, "realtime", r"half the sampling rate"),
         (np.zeros(100), np.arange(100.0) ** 1.01, 0.1, "zero_phase", "equal time steps"),
     ],
 )
