@@ -9,8 +9,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final, TypeVar
 
-from pydantic import ValidationError
-
 from hbm.coordinates import SEGMENTS
 from hbm.markers import MarkerSet, marker_sets, read_marker_set
 from hbm.spelling import Table, did_you_mean, shown
@@ -28,14 +26,7 @@ from pipeline.config.schema import (
     Trial,
     TrialName,
 )
-from pipeline.config.toml_file import (
-    SIMULATED,
-    Around,
-    StudyFaults,
-    check_table,
-    describe_faults,
-    read_table,
-)
+from pipeline.config.toml_file import SIMULATED, Around, StudyFaults, check_table, read_table
 from pipeline.io.input_file import is_file, read_text
 from pipeline.io.stated import Stated
 
@@ -121,13 +112,16 @@ class Study:
 
     def rule(self, name: TrialName) -> Condition:
         """Give what counts in a trial: as its condition says or, instead, its own window."""
+        return Condition.model_validate(self.stated_rule(name))
+
+    def stated_rule(self, name: TrialName) -> Table:
+        """Give that rule as it is stated, before it is checked."""
         condition, window = self.condition(name.condition), self.trial(name).window
-        if window is None:
-            return condition
-        stated = condition.model_dump(exclude={"window"})
-        if not condition.perturbed:
-            stated |= {"cycles": None, "skip_s": 0.0}
-        return Condition.model_validate(stated | {"window": window})
+        stated = condition.model_dump()
+        if window is not None:
+            stated |= {} if condition.perturbed else {"cycles": None, "skip_s": 0.0}
+            stated["window"] = window
+        return stated
 
 
 Key = TypeVar("Key", str, TrialName)
@@ -204,11 +198,7 @@ def read_study(folder: str | Path, *, recordings: bool = True) -> Study:
         raise StudyFaults(faults)
     study = Study(folder, file, subjects, marker_set)
     for name in study.trials:
-        try:
-            study.rule(name)
-        except ValidationError as error:
-            of_rule = describe_faults(error, Condition, {})
-            faults += [f"{name}: window: {fault}" for fault in of_rule]
+        check_table(f"{name}: window", study.stated_rule(name), Condition, faults, Around(folder))
     if faults:
         raise StudyFaults(faults)
     return replace(

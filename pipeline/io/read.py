@@ -1,6 +1,7 @@
 """Read a recording of any format, recognised by its content and not by its name."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -129,6 +130,21 @@ def file_format(path: Path) -> str:
     """
     with open_file(path) as file, naming(path):
         return _format(file.read(HEAD_BYTES))
+
+
+def is_recording(path: Path) -> bool:
+    """Whether the beginning of a file is that of a recording."""
+    with suppress(ValueError, OSError):
+        return bool(file_format(path))
+    return False
+
+
+def read_with_any_axes(path: Path) -> Recording:
+    """Read a recording whose axes may be unknown: of an empty treadmill, or somebody who turns."""
+    try:
+        return read_recording(path)
+    except ValueError:
+        return read_recording(path, "forward,left,up")
 
 
 def _format(head: bytes) -> str:

@@ -379,15 +379,13 @@ class Samples:
     corrections: list[str]
 
 
-def read_samples(header: Header, max_frames: int | None = None) -> Samples:
+def read_samples(header: Header) -> Samples:
     """Read all points and analog channels.
 
     Parameters
     ----------
     header
         What `read_header` gave.
-    max_frames
-        Read no more than these first frames; by default all.
 
     Returns
     -------
@@ -416,7 +414,7 @@ def read_samples(header: Header, max_frames: int | None = None) -> Samples:
             "again"
         )
     unsigned = is_unsigned(header)
-    frames = header.frames if max_frames is None else min(header.frames, max_frames)
+    frames = header.frames
     offset, scale, scale_corrections = analog_scaling(header)
     # every coordinate and channel in one piece of memory, as markers have it
     points = np.moveaxis(np.empty((n_points, 3, frames)), -1, 0)

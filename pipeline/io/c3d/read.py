@@ -221,10 +221,8 @@ def _kind_and_side(label: str) -> tuple[str, str]:
 
 def compensation_group(compensation: Compensation) -> dict[str, Value]:
     """Give the group's parameters; what is not known is left out."""
-    stated = {
-        field.name.upper(): getattr(compensation, field.name) for field in fields(compensation)
-    }
-    members: dict[str, Value] = {n: v for n, v in stated.items() if isinstance(v, str) and v}
+    said = {field.name.upper(): getattr(compensation, field.name) for field in fields(compensation)}
+    members: dict[str, Value] = {n: v for n, v in said.items() if isinstance(v, str) and v}
     members["PLATES"] = np.array(compensation.plates, int)
     if compensation.cutoff_hz is not None:
         members["CUTOFF_HZ"] = np.array([compensation.cutoff_hz])
@@ -249,9 +247,7 @@ def read_compensation(parameters: Parameters) -> Compensation | None:
     return Compensation(**texts, plates=plates, cutoff_hz=parameters.number(GROUP, "CUTOFF_HZ"))
 
 
-def read_c3d(
-    path: str | Path, stated: Stated | str | None = None, *, max_frames: int | None = None
-) -> Recording:
+def read_c3d(path: str | Path, stated: Stated | str | None = None) -> Recording:
     """Read a C3D file.
 
     Parameters
@@ -262,8 +258,6 @@ def read_c3d(
         What is stated about it: axes, units, labels. A text states the axes alone, such as
         ``"left,back,up"``; up is checked against markers and plates. Where they are not stated they
         are inferred, and the notes state them.
-    max_frames
-        Read no more than these first frames; by default all.
 
     Returns
     -------
@@ -292,14 +286,14 @@ def read_c3d(
     """
     path = Path(path)
     with naming(path):
-        return read_c3d_file(path, as_stated(stated), max_frames)
+        return read_c3d_file(path, as_stated(stated))
 
 
-def read_c3d_file(path: Path, stated: Stated, max_frames: int | None = None) -> Recording:
+def read_c3d_file(path: Path, stated: Stated) -> Recording:
     """Read a C3D file as `read_c3d` does; errors do not name it."""
     header = read_header(path)
     parameters, channels = header.parameters, header.channels
-    samples = read_samples(header, max_frames)
+    samples = read_samples(header)
     labels = sort_labels(header, stated)
     unit = parameters.text("POINT", "UNITS")
     position = samples.points[:, list(labels.markers.values())]
