@@ -25,7 +25,7 @@ class RecordingName(NamedTuple):
     kind
         "pose", "functional" or, of a trial, nothing.
     day
-        As it is written; empty without one.
+        Its digits; empty without one.
     fields
         All else, in order.
     candidates
@@ -37,7 +37,7 @@ class RecordingName(NamedTuple):
     --------
     >>> name = RecordingName.of("2024-05-03_P01_slow walk_2.c3d")
     >>> name.day, name.fields, name.read(0)
-    ('2024-05-03', ['P01', 'slow', 'walk', '2'], ('P01', 'slow-walk'))
+    ('20240503', ['P01', 'slow', 'walk', '2'], ('P01', 'slow-walk'))
     """
 
     kind: str
@@ -57,11 +57,12 @@ class RecordingName(NamedTuple):
         person = PATTERNS["person"]
         text = person.sub(lambda number: f"_{re.sub('[-_ ]', '', number[0])}_", text)
         fields = [part for part in PATTERNS["between"].split(text) if part.strip(".'’")]
-        numbers = [k for k, field in enumerate(fields) if person.fullmatch(field)]
-        first = [0] * bool(fields and fields[0].isdecimal() and not kind)
-        candidates = first + [k for k, field in enumerate(fields) if not _usual(field)]
-        sure = bool(numbers) and numbers == candidates[:1]
-        return cls(kind, day[0] if day else "", fields, candidates, sure)
+        if day and not kind and all(map(_usual, fields)):  # it may be what a person is called
+            fields.insert(0, day[0])
+        first = {0} if fields and fields[0][0].isdecimal() and not kind else set[int]()
+        candidates = sorted(first | {k for k, field in enumerate(fields) if not _usual(field)})
+        sure = [k for k, f in enumerate(fields) if person.fullmatch(f)] == (candidates[:1] or None)
+        return cls(kind, re.sub(r"\D", "", day[0]) if day else "", fields, candidates, sure)
 
     def read(self, place: int) -> tuple[str, str]:
         """Give the person by the field at a place, with a number behind it, and the condition."""

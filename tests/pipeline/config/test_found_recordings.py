@@ -147,6 +147,7 @@ def said(one):
         (("P01_S02_walk", "P02_S02_walk"), ["P01, P02", "S02"]),
         (("XY_S01_slow", "XY_S02_slow"), ["XY", "S01, S02"]),
         (("KO03", "KO04"), ["KO03, KO04", "sub01"]),
+        (("19980312_walk", "20011105_walk"), ["19980312, 20011105", "sub01"]),
     ],
 )
 def test_where_names_can_be_read_in_several_ways_all_are_said_and_nothing_is_written(
