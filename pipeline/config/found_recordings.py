@@ -97,13 +97,13 @@ def found_subjects(
     StudyFaults
         If the names can be read in several ways and none is chosen: one line for each.
     """
-    found, unused = _people_in(folder)
-    reading = _reading({one.file: one.name for one in found if not one.pose}, chosen)
+    recorded, unused = _people_in(folder)
+    reading = _reading({one.file: one.name for one in recorded if not one.pose}, chosen)
     people = {person.casefold(): person for person, _ in reading.values()}
     names = _valid(people.values(), FIRST)
     conditions = _valid((said for _, said in reading.values()), CONDITION)
     of_person: dict[str, list[_Found]] = {key: [] for key in sorted(people)}
-    for one in found:
+    for one in recorded:
         key, who = _whose(one, reading, people), one.name.candidates
         if key is not None:
             of_person[key].append(one)
@@ -123,7 +123,7 @@ def found_subjects(
 
 def _people_in(folder: Path) -> tuple[list[_Found], dict[str, str]]:
     """Read the recordings of people in a folder; those that cannot be used, and why."""
-    found, unused = list[_Found](), dict[str, str]()
+    recorded, unused = list[_Found](), dict[str, str]()
     studies = {path.parent for path in folder.rglob("study.toml")} - {folder}
     for path in sorted(folder.rglob("*")):
         file = path.relative_to(folder).as_posix()
@@ -142,17 +142,17 @@ def _people_in(folder: Path) -> tuple[list[_Found], dict[str, str]]:
                 raise ValueError("it is no trial; for functional hips, state it as hip_trial")
             if not (recording.plates or name.kind or moved_m <= MAX_STILL_M):
                 raise ValueError("it has no force plates")
-            found.append(_Found(file, name, bool(name.kind) or not recording.plates, moved_m))
+            recorded.append(_Found(file, name, bool(name.kind) or not recording.plates, moved_m))
         except (ValueError, OSError) as error:
             if path.suffix.lower() == ".c3d" or is_recording(path):
                 unused[file] = str(error)
-    return found, unused
+    return recorded, unused
 
 
 def _reading(names: Mapping[str, RecordingName], chosen: int | None) -> Reading:
     """Give the one way in which the names of trials can be read, or the one that is chosen."""
     ways = [{file: name.read(name.candidates[0]) for file, name in names.items() if name.sure}]
-    if not ways[0]:
+    if not ways[0] or any(name.candidates and not name.sure for name in names.values()):
         most = max((len(name.candidates) for name in names.values()), default=0)
         ways = [
             {f: n.read(n.candidates[k]) for f, n in names.items() if len(n.candidates) > k}
@@ -163,9 +163,9 @@ def _reading(names: Mapping[str, RecordingName], chosen: int | None) -> Reading:
     for way in ways:
         people = [way.get(file, ("", ""))[0].casefold() for file in names]
         different.setdefault(tuple(map(people.index, people)), way)  # by who is the same person
-    readings, persons = [*different.values()], {person for person, _ in ways[0].values()}
-    initials = INITIALS.fullmatch("".join(f"{person} " for person in persons))
-    if initials and len(ways) == 2 and len(ways[0]) == len(names):
+    readings = [*different.values()]
+    persons = [f"{person} " for person, said in ways[0].values() if said]
+    if INITIALS.fullmatch("".join({*persons})) and len(ways) == 2 and len(persons) == len(names):
         readings = readings[:1]
     if chosen is None and len(readings) > 1:
         raise StudyFaults([_described(k, way) for k, way in enumerate(readings, 1)] + [REMEDY])

@@ -117,11 +117,11 @@ class Study:
     def stated_rule(self, name: TrialName) -> Table:
         """Give that rule as it is stated, before it is checked."""
         condition, window = self.condition(name.condition), self.trial(name).window
-        stated = dict(condition)
+        rule = dict(condition)
         if window is not None:
-            stated |= {} if condition.perturbed else {"cycles": None, "skip_s": 0.0}
-            stated["window"] = window
-        return stated
+            rule |= {} if condition.perturbed else {"cycles": None, "skip_s": 0.0}
+            rule["window"] = window
+        return rule
 
 
 Key = TypeVar("Key", str, TrialName)

@@ -341,7 +341,7 @@ class _TrialCheck:
             none_strikes = rule.wanted == "cycle" and not unknown and not found_cycles(later, SIDES)
             unperturbed = rule.perturbed and (counted.onsets < rule.skip_s).all()
             if none_strikes or unperturbed or not guessed:
-                for shortage in (each for each in said if each.code == "no_residuals"):
+                for shortage in (note for note in said if note.code == "no_residuals"):
                     self.fault(str(shortage.values["reason"]))
 
         pulse = self.rule.pulse_channel

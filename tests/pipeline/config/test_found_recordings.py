@@ -146,7 +146,9 @@ def said(one):
         (("anna_P1_slow", "bert_P2_slow", "anna_P2_slow"), ["anna, bert", "P1, P2", "sub01"]),
         (("P01_S02_walk", "P02_S02_walk"), ["P01, P02", "S02"]),
         (("XY_S01_slow", "XY_S02_slow"), ["XY", "S01, S02"]),
-        (("KO03", "KO04"), ["KO03, KO04", "sub01"]),
+        (("KO03", "KO04", "AB03"), ["AB03, KO03, KO04", "sub01"]),
+        (("Pat_1", "Pat_2"), ["Pat1, Pat2", "sub01"]),
+        (("S01_walk_1", "AB_walk_1"), ["AB, S01", "sub01"]),
         (("19980312_walk", "20011105_walk"), ["19980312, 20011105", "sub01"]),
     ],
 )

@@ -186,14 +186,19 @@ def test_a_variant_that_contradicts_its_fitted_calibration_is_a_fault(sway):
     assert of_cutoff.startswith("variant b: sub01_sway.c3d: plate 1: calibration does not match")
 
 
-def test_markers_that_the_body_does_not_have_are_a_fault(sway):
-    """The calibration pose is labelled as in Plug-in-Gait, the trial as in the Human Body Model."""
+def test_a_trial_with_none_of_the_markers_of_its_pose_is_a_fault(sway):
     edit(sway / "sub01.toml", 'id = "sub01"', 'id = "sub01"\nstatic = "pose.c3d"')
-    simulated = read_c3d(sway / "sub01_baseline.c3d").markers
-    labels = {"LASIS": "LASI", "RASIS": "RASI"}
-    names = tuple(labels.get(name, f"{name}_static") for name in simulated.names)
-    write_c3d(sway / "pose.c3d", replace(simulated, names=names))
-    assert findings(sway).faults
+    shutil.copy(sway / "sub01_baseline.c3d", sway / "pose.c3d")
+    platform = tuple(lab.PLATFORM_MARKERS_M)
+
+    def renamed(recording):
+        markers = recording.markers
+        names = tuple(n if n in platform else f"{n}_2" for n in markers.names)
+        return replace(markers, names=names)
+
+    change(sway, "sub01_sway", markers=renamed)
+    faults = findings(sway).faults
+    assert any("none of the body's markers is in the trial" in fault for fault in faults), faults
 
 
 @pytest.mark.parametrize(
