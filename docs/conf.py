@@ -5,6 +5,7 @@ from other servers.
 """
 
 import ast
+import json
 import os
 import re
 import shutil
@@ -14,7 +15,8 @@ from pathlib import Path
 
 from sphinx.application import Sphinx
 
-from pipeline.config.templates import settings_table
+from pipeline.config.input_model import bounds_of
+from pipeline.config.schema import Settings
 from pipeline.explain.cause import priors
 
 DOCS = Path(__file__).resolve().parent
@@ -59,10 +61,22 @@ def setup(app: Sphinx) -> None:
     for name, page in {**{p: _public_names(p) for p in PACKAGES}, "modules": _modules()}.items():
         (DOCS / "api" / f"{name}.md").write_text(page, encoding="utf-8")
     (DOCS / "api" / "priors.md").write_text(_priors(), encoding="utf-8")
-    (DOCS / "api" / "settings.md").write_text(settings_table(), encoding="utf-8")
+    (DOCS / "api" / "settings.md").write_text(_settings_table(), encoding="utf-8")
     app.connect("include-read", _lead_links_to_the_root)
     app.connect("source-read", _lead_links_to_notebooks)
     app.connect("autodoc-process-signature", _shorten_arrays)
+
+
+def _settings_table() -> str:
+    """Give the settings as a table: key, default, allowed values, meaning."""
+    lines = ["| key | default | allowed | meaning |", "|---|---|---|---|"]
+    for name, field in Settings.model_json_schema()["properties"].items():
+        stated = field["anyOf"][0] if "anyOf" in field else field
+        allowed = ", ".join(stated.get("enum", ())) or bounds_of(Settings, name)
+        meaning = " ".join(field["description"].split())
+        default = "" if field["default"] is None else f"`{json.dumps(field['default'])}`"
+        lines.append(f"| `{name}` | {default} | {allowed} | {meaning} |")
+    return "\n".join(lines) + "\n"
 
 
 def _public_names(package: str) -> str:

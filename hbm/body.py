@@ -27,6 +27,7 @@ from hbm.notes import Note
 from hbm.plausibility.motion import mass_not_shown
 from hbm.poses import segment_frames
 from hbm.segments import (
+    LEGS_PER_STATURE,
     Inertia,
     Proportions,
     SegmentOverride,
@@ -48,9 +49,6 @@ TOES_KG: Final = 1e-6
 
 TOES_GYRATION_M: Final = 0.01
 """Their radius of gyration, of the order of the toes' own."""
-
-LEGS_PER_STATURE: Final = 0.245 + 0.246
-"""Thigh and shank, as shares of stature (Drillis and Contini 1966, as in Winter 2009, Fig. 4.1)."""
 
 LEGS: Final = tuple(f"{side}_{s}" for side in SIDES for s in ("thigh", "shank", "foot", "toes"))
 

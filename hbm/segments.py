@@ -21,6 +21,8 @@ Sex = Literal["male", "female", "unspecified"]
 SEXES: Final[tuple[Sex, ...]] = ("male", "female", "unspecified")
 SAMPLE_STATURE_M: Final[dict[str, float]] = {"male": 1.741, "female": 1.735}
 """Mean of de Leva's samples."""
+LEGS_PER_STATURE: Final = 0.245 + 0.246
+"""Thigh and shank, as shares of stature (Drillis and Contini 1966, as in Winter 2009, Fig. 4.1)."""
 
 COLUMNS: Final = (
     *("mass_pct", "cm_pct"),

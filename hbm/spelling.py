@@ -4,7 +4,9 @@ import re
 import tomllib
 from collections.abc import Iterable
 from difflib import get_close_matches
+from importlib.resources import files
 from typing import Any, Final
+from unicodedata import combining, normalize
 
 from hbm.coordinates import FIXED_TO
 
@@ -80,6 +82,22 @@ Table = dict[str, Any]
 """The contents of a TOML text before they are checked."""
 DEEP_KEY: Final = re.compile(r"(?:[\w-]+\s*\.\s*){100}")
 """A dotted key of a hundred parts; the parser needs memory with the square of their number."""
+
+
+def packaged_toml(package: str, name: str) -> Table:
+    """Read a TOML file that is a part of the program."""
+    return tomllib.loads(files(package).joinpath(name).read_text(encoding="utf-8"))
+
+
+def without_accents(text: str) -> str:
+    """Give a text without accents.
+
+    Examples
+    --------
+    >>> without_accents("gång")
+    'gang'
+    """
+    return "".join(letter for letter in normalize("NFKD", text) if not combining(letter))
 
 
 def parse_toml(text: str) -> Table:

@@ -108,7 +108,8 @@ rms = rms.pivot_table(index="axis", columns="condition", values="rms")
 rms.plot.bar(ylabel="mean RMS (N, N·m)", rot=0, title="Residuals on the two treadmills")
 
 # %%
-tests = pd.read_csv(results / "statistics.csv").query("test == 'mixed model' and correction == 'Bonferroni x1'")
+tests = pd.read_csv(results / "statistics.csv")
+tests = tests.query("test == 'mixed model' and correction == 'Bonferroni x1'")
 tests[["axis", "effect_size", "ci_low", "ci_high", "p_corrected", "n", "note"]].round(3)
 
 # %% [markdown]

@@ -46,7 +46,7 @@ ROUNDING: Final = 1e-6
 """Of times, relative."""
 
 EQUAL_STEPS_TOLERANCE: Final = 1e-9
-"""Relative difference of time steps up to which they are rounding errors of one step."""
+"""Relative difference of time steps, or rates, up to which it is a rounding error."""
 
 
 def longest_gap_s(cutoff_hz: float) -> float:
@@ -210,7 +210,7 @@ def _filtered(
     signal = np.asarray(signal, float)
     time = sample_times(time, signal)
     rate_hz = mean_rate_hz(time)
-    if not 0 < cutoff_hz < rate_hz / 2:
+    if not 0 < cutoff_hz < rate_hz / 2 * (1 - EQUAL_STEPS_TOLERANCE):
         raise ValueError(
             f"cut-off must lie between 0 and half the sampling rate ({rate_hz / 2:g} Hz), "
             f"got {cutoff_hz:g} Hz"

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Final
 
 from hbm.spelling import listed
-from pipeline.config.found_recordings import MIN_MARKERS, is_recording, read_with_any_axes
+from pipeline.config.found_recordings import MIN_MARKERS
+from pipeline.io.read import file_format, is_recording, read_with_any_axes
 
 CALIBRATIONS: Final = ("calibration/", "validation/")
 
@@ -125,8 +126,6 @@ def _json(path: Path) -> Recognised:
 
 def _recording(path: Path) -> Recognised:
     """Say what a recording holds."""
-    from pipeline.io.read import file_format
-
     kind, recording = file_format(path), read_with_any_axes(path)
     markers, plates = recording.markers, recording.plates
     held = [f"{len(markers.time) / markers.rate_hz:.1f} s", f"{len(markers.names)} markers"]

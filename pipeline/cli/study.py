@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 from rich.text import Text
 from typer import Argument, Option
 
+from hbm.spelling import listed, printable
 from pipeline.cli.options import RESULT, Jobs, Out, ResultsFolder, StudyFolder
 from pipeline.cli.output import OUTPUT, plain_notes
 from pipeline.cli.stopping import stoppable
@@ -33,21 +34,25 @@ MOST_PLACES = 3
 """Files that are named with what concerns all of them."""
 
 
-def init(folder: Annotated[Path, Argument(help="Folder for the new study.")]) -> None:
+def init(
+    folder: Annotated[Path, Argument(help="Folder for the new study.")],
+    reading: Annotated[int | None, Option(help="Of names with several readings.")] = None,
+) -> None:
     """Of the recordings in the folder, or as an example; edit it, then 'hbm check'."""
     from pipeline.config.found_recordings import found_subjects
     from pipeline.config.templates import write_template
 
     console = PlainConsole()
     with console.status("reading recordings"):
-        found, unused = found_subjects(folder)
+        found, unused = found_subjects(folder, reading)
     written = write_template(folder, found)
     for subject in found:
         pose = f"pose {subject.static}" if subject.static else "no recording of a pose"
         trials = (f"{name}: {', '.join(files)}" for name, files in subject.trials.items())
         console.say(f"{subject.name}: {'; '.join([pose, *trials])}")
     for file, reason in unused.items():
-        console.say(f"not used: {file}: {reason.removeprefix(f'{file}: ')}")
+        name = printable(Path(file).name)
+        console.say(f"not used: {printable(file)}: {reason.removeprefix(f'{name}: ')}")
     files = ", ".join(path.name for path in written)
     console.say(f"written to {folder}: {files}; next: edit them, then hbm check {folder}")
 
@@ -78,7 +83,7 @@ def check(
     places = {remark.place for remark in found.remarks}
     doubtful = [remark for remark in found.remarks if remark.doubtful]
     for said, where in _by_text(found.remarks if OUTPUT.verbose else doubtful).items():
-        console.say(f"{_abbreviated(where)}:")
+        console.say(f"{listed(where, MOST_PLACES)}:")
         console.say(f"- {said}" if isinstance(said, str) else note_line(said))
     if (healthy := len(places - {remark.place for remark in doubtful})) and not OUTPUT.verbose:
         console.say(f"no warnings: {counted(healthy, 'file')} (--verbose shows their contents)")
@@ -118,13 +123,6 @@ def _by_text(remarks: "Iterable[Finding]") -> "dict[Note | str, list[str]]":
     for remark in remarks:
         places.setdefault(remark.said, []).append(remark.place)
     return places
-
-
-def _abbreviated(places: list[str]) -> str:
-    """Name places; of many, the first ones."""
-    more = len(places) - MOST_PLACES
-    named = ", ".join(places[:MOST_PLACES])
-    return f"{named} and {counted(more, 'other')}" if more > 0 else named
 
 
 def run(

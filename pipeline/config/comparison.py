@@ -103,9 +103,8 @@ def _group_faults(stated: Comparison, subjects: Mapping[str, SubjectFile]) -> li
 
 
 def _group(person: SubjectFile, key: str) -> str | None:
-    if key == "group":
-        return person.group
-    return None if person.sex == "unspecified" else person.sex
+    sex = None if person.sex == "unspecified" else person.sex
+    return person.group if key == "group" else sex
 
 
 def groups(file: StudyFile, subjects: Mapping[str, SubjectFile]) -> dict[str, str | None]:

@@ -1,24 +1,38 @@
-"""Recordings in a folder without a study: whose they are, and which shows the calibration pose."""
+"""Recordings in a folder without a study: whose they are, and which shows the calibration pose.
+
+Their names say so (`pipeline.io.recording_names`). Of names that can be read in several ways all
+readings are given, and none is taken.
+"""
 
 import re
-from contextlib import suppress
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain, count
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from pipeline.io.read import file_format, read_recording
+from hbm.spelling import listed, without_accents
+from pipeline.config.input_model import RESERVED
+from pipeline.config.schema import COVARIATES
+from pipeline.config.toml_file import StudyFaults
+from pipeline.io.read import is_recording, read_with_any_axes
 from pipeline.io.recording import Recording
+from pipeline.io.recording_names import DIGITS, RecordingName, condition
 
-POSE: Final = re.compile(r"static|t-?pose|calib", re.IGNORECASE)
-"""In the name of a recording of the calibration pose."""
-SUBJECT: Final = re.compile(r"[A-Za-z]*[-_]?\d+")
-"""How the names of a subject's recordings begin, such as S01 or HC030."""
+INITIALS: Final = re.compile(r"(?:(?:[A-Z]{2,3}|[A-Z]{2,4}\d{2,}) ){3,}")
+"""Of three people or more, such as AB and KO03; fewer may be conditions."""
 FIRST: Final = "sub01"
-"""The subject of recordings whose names begin otherwise."""
+"""The subject where names do not say whose recordings they are."""
 CONDITION: Final = "walking"
-"""Of all trials, where names do not say theirs."""
-MIN_LETTERS: Final = 3
+"""Of trials where names do not say theirs."""
+REMEDY: Final = (
+    "the names can be read in these ways; nothing was written; choose one with --reading, or begin "
+    "every name with S and the person's number, as in S01_slow_1.c3d"
+)
+TAKEN: Final = (*RESERVED, *COVARIATES, "group", "study")
+"""Names that mean something else to a study or to the file system."""
+MAX_LETTERS: Final = 40
 MIN_MARKERS: Final = 9
 """Fewer are on a treadmill, not on a body."""
 MAX_STILL_M: Final = 0.3
@@ -31,7 +45,7 @@ class FoundSubject(NamedTuple):
     Attributes
     ----------
     name
-        How the names of the recordings begin.
+        As the names of the recordings say it, as far as a study can.
     static
         File of the calibration pose; empty where every recording is a trial.
     trials
@@ -43,88 +57,166 @@ class FoundSubject(NamedTuple):
     trials: dict[str, list[str]]
 
 
-def found_subjects(folder: Path) -> tuple[list[FoundSubject], dict[str, str]]:
-    """Find the subjects whose recordings are in a folder, in the order of their names.
+class _Found(NamedTuple):
+    """A recording of a person: a trial, or a pose."""
+
+    file: str
+    name: RecordingName
+    pose: bool
+    moved_m: float
+
+
+Reading = dict[str, tuple[str, str]]
+"""File -> whose it is, and of what condition."""
+
+
+def found_subjects(
+    folder: Path, chosen: int | None = None
+) -> tuple[list[FoundSubject], dict[str, str]]:
+    """Find the subjects whose recordings are in a folder and its subfolders.
 
     The calibration pose is the recording with such a name, else the stillest one in which nobody
-    makes a step. Conditions are the words between subject and number (``S01_shoes_2.c3d``) where
-    every trial has one.
+    makes a step.
+
+    Parameters
+    ----------
+    folder
+        The folder.
+    chosen
+        Which reading of the names is right, from 1, where there are several.
 
     Returns
     -------
     subjects
-        Those who have a trial on plates.
+        Those who have a trial on plates, in the order of their names.
     unused
         File of each recording that is not used -> why.
+
+    Raises
+    ------
+    StudyFaults
+        If the names can be read in several ways and none is chosen: one line for each.
     """
-    unused, of_subject = dict[str, str](), dict[str, list[tuple[bool, float, bool, str]]]()
-    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
-        try:
-            recording = _read_person(path)
-        except (ValueError, OSError) as error:
-            if path.suffix.lower() == ".c3d" or is_recording(path):
-                unused[path.name] = str(error)
-            continue
-        match, moved_m = SUBJECT.match(path.stem), _moved_m(recording)
-        no_pose = not POSE.search(path.stem)  # False comes first
-        found = no_pose, moved_m, bool(recording.plates), path.name
-        of_subject.setdefault(match[0] if match else FIRST, []).append(found)
-    statics, trials = dict[str, str](), dict[str, list[str]]()
-    for name, files in sorted(of_subject.items()):
-        no_pose, moved_m, _, static = min(files)
-        if no_pose and (len(files) == 1 or moved_m > MAX_STILL_M):
-            static = ""
-        others = {file: plates for *_, plates, file in files if file != static}
-        unused |= {file: "it has no force plates" for file, plates in others.items() if not plates}
-        statics[name], trials[name] = static, sorted(file for file in others if others[file])
-        if static and not trials[name]:
-            unused[static] = f"there is no trial of {name} on plates"
-    named = all(_condition(name, file) for name, files in trials.items() for file in files)
+    recorded, unused = _people_in(folder)
+    reading = _reading({one.file: one.name for one in recorded if not one.pose}, chosen)
+    people = {person.casefold(): person for person, _ in reading.values()}
+    names = _valid(people.values(), FIRST)
+    conditions = _valid((said for _, said in reading.values()), CONDITION)
+    of_person: dict[str, list[_Found]] = {key: [] for key in sorted(people)}
+    for one in recorded:
+        key, who = _whose(one, reading, people), one.name.candidates
+        if key is not None:
+            of_person[key].append(one)
+        elif one.pose and who:
+            unused[one.file] = f"there is no trial of {one.name.fields[who[0]]} on plates"
+        else:
+            unused[one.file] = "its name does not say whose it is"
     subjects = []
-    for name, walks in trials.items():
-        of_condition: dict[str, list[str]] = {}
-        for file in walks:
-            of_condition.setdefault(_condition(name, file) if named else CONDITION, []).append(file)
-        if walks:
-            subjects.append(FoundSubject(name, statics[name], of_condition))
+    for key, recordings in of_person.items():
+        static, trials = _pose(people[key], recordings, unused), dict[str, list[str]]()
+        for one in recordings:
+            if not one.pose and one.file != static:
+                trials.setdefault(conditions[reading[one.file][1]], []).append(one.file)
+        subjects.append(FoundSubject(names[people[key]], static, trials))
     return subjects, unused
 
 
-def _read_person(path: Path) -> Recording:
-    """Read a recording of a person; a ValueError where it is none."""
-    file_format(path)
-    recording = read_with_any_axes(path)
-    if len(recording.markers.names) < MIN_MARKERS:
-        raise ValueError(f"it has {len(recording.markers.names)} markers, too few for a body")
-    return recording
+def _people_in(folder: Path) -> tuple[list[_Found], dict[str, str]]:
+    """Read the recordings of people in a folder; those that cannot be used, and why."""
+    recorded, unused = list[_Found](), dict[str, str]()
+    studies = {path.parent for path in folder.rglob("study.toml")} - {folder}
+    for path in sorted(folder.rglob("*")):
+        file = path.relative_to(folder).as_posix()
+        if path.is_dir() or "/." in f"/{file}":
+            continue
+        try:
+            if not studies.isdisjoint(path.parents):
+                raise ValueError("its folder has a study of its own")
+            recording = read_with_any_axes(path)
+            if (markers := len(recording.markers.names)) < MIN_MARKERS:
+                raise ValueError(f"it has {markers} markers, too few for a body")
+            name, moved_m = RecordingName.of(file), _moved_m(recording)
+            if name.kind == "functional":
+                raise ValueError("it is no trial; for functional hips, state it as hip_trial")
+            if not (recording.plates or name.kind or moved_m <= MAX_STILL_M):
+                raise ValueError("it has no force plates")
+            recorded.append(_Found(file, name, bool(name.kind) or not recording.plates, moved_m))
+        except (ValueError, OSError) as error:
+            if path.suffix.lower() == ".c3d" or is_recording(path):
+                unused[file] = str(error)
+    return recorded, unused
 
 
-def read_with_any_axes(path: Path) -> Recording:
-    """Read a recording whose axes may be unknown: of an empty treadmill, or somebody who turns."""
-    try:
-        return read_recording(path)
-    except ValueError:
-        return read_recording(path, "forward,left,up")
+def _reading(names: Mapping[str, RecordingName], chosen: int | None) -> Reading:
+    """Give the one way in which the names of trials can be read, or the one that is chosen."""
+    ways = [{file: name.read(name.candidates[0]) for file, name in names.items() if name.sure}]
+    if not ways[0] or any(name.candidates and not name.sure for name in names.values()):
+        most = max((len(name.candidates) for name in names.values()), default=0)
+        ways = [
+            {f: n.read(n.candidates[k]) for f, n in names.items() if len(n.candidates) > k}
+            for k in range(most)
+        ]
+        ways.append({file: (FIRST, condition(name.fields)) for file, name in names.items()})
+    different: dict[tuple[int, ...], Reading] = {}
+    for way in ways:
+        people = [way.get(file, ("", ""))[0].casefold() for file in names]
+        different.setdefault(tuple(map(people.index, people)), way)  # by who is the same person
+    readings = [*different.values()]
+    persons = [f"{person} " for person, said in ways[0].values() if said]
+    if INITIALS.fullmatch("".join({*persons})) and len(ways) == 2 and len(persons) == len(names):
+        readings = readings[:1]
+    if chosen is None and len(readings) > 1:
+        raise StudyFaults([_described(k, way) for k, way in enumerate(readings, 1)] + [REMEDY])
+    if not 1 <= (chosen or 1) <= len(readings):
+        raise ValueError(f"--reading {chosen}: names can be read in {len(readings)} ways")
+    return readings[(chosen or 1) - 1]
 
 
-def is_recording(path: Path) -> bool:
-    """Whether the beginning of a file is that of a recording."""
-    with suppress(ValueError, OSError):
-        return bool(file_format(path))
-    return False
+def _described(number: int, reading: Reading) -> str:
+    """Describe a reading of names by its people and an example."""
+    people = {person.casefold(): person for person, _ in reading.values()}
+    file, (person, said) = next(iter(reading.items()))
+    example = f"{file} is of {person}, {said or CONDITION}"
+    return f"reading {number}: people {listed(people.values())}; {example}"
 
 
-def _condition(subject: str, file: str) -> str:
-    """Give the word between subject and number of a file's name; empty where there is none."""
-    word = re.sub(r"\d+$", "", Path(file).stem.removeprefix(subject)).strip("_- ").lower()
-    return word if len(word) >= MIN_LETTERS else ""
+def _whose(one: _Found, reading: Reading, people: Mapping[str, str]) -> str | None:
+    """Give whose a recording is; a pose is of whom its name says, or of the only one."""
+    if not one.pose:
+        return reading[one.file][0].casefold() if one.file in reading else None
+    fields = [field.casefold() for field in one.name.fields]
+    fields += [field.rstrip(DIGITS) for field in fields]
+    only = next(iter(people)) if len(people) == 1 and not one.name.candidates else None
+    return next((field for field in fields if field in people), only)
+
+
+def _pose(name: str, recordings: Sequence[_Found], unused: dict[str, str]) -> str:
+    """Give the file of a subject's calibration pose, if any; others so named are not used."""
+    poses = [one for one in recordings if one.pose]
+    pose = min(poses or recordings, key=lambda one: one.moved_m)
+    still = len(recordings) > 1 and pose.moved_m <= MAX_STILL_M
+    static, why = pose.file if poses or still else "", f"{pose.file} is the pose of {name}"
+    if len({one.name.day for one in recordings if one.name.day}) > 1:
+        static, why = "", f"{name} was recorded on several days; a pose holds for one"
+    unused |= {one.file: why for one in poses if one.file != static}
+    return static
+
+
+def _valid(texts: Iterable[str], otherwise: str) -> dict[str, str]:
+    """Give names that a study can have, different ones of different texts."""
+    names, taken = dict[str, str](), {*TAKEN}
+    for text in dict.fromkeys(texts):
+        letters = re.sub("[^A-Za-z0-9]+", "-", re.sub("['’]", "", without_accents(text)))
+        base = letters[:MAX_LETTERS].strip("-") or otherwise
+        numbered = (f"{base}-{number}" for number in count(2))
+        names[text] = next(n for n in chain([base], numbered) if n.casefold() not in taken)
+        taken.add(names[text].casefold())
+    return names
 
 
 def _moved_m(recording: Recording) -> float:
     """Give how far the marker that moves most moves [m]; a tenth of them may be labelled wrong."""
     position = recording.markers.position
-    seen = np.isfinite(position).all(axis=2).any(axis=0)
-    if not seen.any():
-        return np.inf
-    span = np.nanmax(position[:, seen], axis=0) - np.nanmin(position[:, seen], axis=0)
-    return float(np.percentile(np.linalg.norm(span, axis=1), 90))
+    box = np.fmax.reduce(position, axis=0) - np.fmin.reduce(position, axis=0)
+    moved = np.linalg.norm(box[np.isfinite(box).all(axis=1)], axis=1)
+    return float(np.percentile(moved, 90)) if len(moved) else np.inf

@@ -13,7 +13,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from hbm.spelling import printable
 from pipeline.io.axes import parse_axes
 from pipeline.io.stated import parse_mending, parse_plate_units
-from pipeline.io.units import length_in_m
+from pipeline.io.units import acceleration_in_mps2, length_in_m
 
 MAX_NAME: Final = 64
 """Characters; names of subject and condition together are part of the name of a file."""
@@ -90,8 +90,9 @@ AxesText = Annotated[str, _readable(parse_axes)]
 """Lab directions of the files' x, y and z axis, such as "left,back,up"."""
 LengthUnit = Annotated[str, _readable(length_in_m)]
 PlateUnitsText = Annotated[str, _readable(parse_plate_units)]
-MendingText = Annotated[str, _readable(parse_mending)]
 """Units of force and moment, such as "N,Nmm", and of centres of pressure as a third."""
+AccelerationUnit = Annotated[str, _readable(acceleration_in_mps2)]
+Mendings = Annotated[tuple[Annotated[str, _readable(parse_mending)], ...], Field(strict=False)]
 DelayS = Annotated[float, Field(ge=-0.5, le=0.5)]
 """Two devices of one laboratory disagree by some tens of milliseconds."""
 CoordinateM = Annotated[float, Field(ge=-2, le=2)]

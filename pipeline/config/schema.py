@@ -20,6 +20,7 @@ from hbm.markers import MarkerSet
 from hbm.segments import Sex
 from hbm.spelling import printable, shown
 from pipeline.config.input_model import (
+    AccelerationUnit,
     AxesText,
     Channels,
     DelayS,
@@ -27,7 +28,7 @@ from pipeline.config.input_model import (
     InputModel,
     Labels,
     LengthUnit,
-    MendingText,
+    Mendings,
     Name,
     PlateUnitsText,
     PointM,
@@ -36,7 +37,6 @@ from pipeline.config.input_model import (
 from pipeline.config.live import Live
 from pipeline.config.toml_file import ConditionName, FileName, RecordingName, SegmentsName
 from pipeline.io.stated import Stated
-from pipeline.io.units import acceleration_in_mps2
 
 Covariate = Literal["height_m", "mass_kg", "sex", "age_years"]
 COVARIATES: Final[tuple[Covariate, ...]] = get_args(Covariate)
@@ -123,9 +123,7 @@ class RecordingRules(InputModel):
     plate_units: PlateUnitsText | None = Field(default=None, examples=["N,Nmm"])
     """Units of the plates' forces, moments and, where given, centres of pressure, e.g. N,Nmm or
     N,Nmm,mm; default: the files'."""
-    mend_plates: Annotated[tuple[MendingText, ...], Field(strict=False)] = Field(
-        default=(), examples=[["2: turn 90"]]
-    )
+    mend_plates: Mendings = Field(default=(), examples=[["2: turn 90"]])
     """Mend a plate: '3: reverse Fx', '2: turn 90', '1: exchange 2', '2: unwrap Mz'; '1: gain Fz
     0.97' (a factor), '1: zero Fx 2.5' (subtracted), '1: move x -0.008' (metres, along an axis of
     the plate); repeatable."""
@@ -185,6 +183,12 @@ class Belt(InputModel):
     """Low-pass on belt acceleration and pitch moment."""
 
 
+SENSORS: Final = {
+    s: [f"Acc{k}.{a}" for a in "XYZ"] for k, s in ((1, "rear_left"), (2, "front_right"))
+}
+"""An example."""
+
+
 class Treadmill(InputModel):
     """The machine: its accelerometers, its calibration, its belts, its platform.
 
@@ -203,7 +207,7 @@ class Treadmill(InputModel):
     """Recordings of people beside an empty plate, fitted with the calibration recording."""
     check: FileName | None = Field(default=None, examples=["empty_day2.c3d"])
     """The empty treadmill on another day: is the calibration still valid?."""
-    accelerometer_unit: Text | None = Field(default=None, examples=["g"])
+    accelerometer_unit: AccelerationUnit | None = Field(default=None, examples=["g"])
     """g or m/s²; default: as the file says."""
     accelerometer_range_g: Annotated[float, Field(gt=0, le=200)] = 2.0
     """Largest acceleration that the accelerometers can measure."""
@@ -215,15 +219,7 @@ class Treadmill(InputModel):
     cutoff_hz: FilterCutoffHz = 20.0
     """Low-pass of the calibration, and of plates and accelerometers in trials; well above that of
     the settings."""
-    accelerometers: dict[Name, Channels] = Field(
-        default_factory=dict,
-        examples=[
-            {
-                "rear_left": ["Acc1.X", "Acc1.Y", "Acc1.Z"],
-                "front_right": ["Acc2.X", "Acc2.Y", "Acc2.Z"],
-            }
-        ],
-    )
+    accelerometers: dict[Name, Channels] = Field(default_factory=dict, examples=[SENSORS])
     """Sensor and its x, y and z channels."""
     belt: Belt | None = None
     platform: Platform | None = None
@@ -249,13 +245,6 @@ class Treadmill(InputModel):
                 "named more than once"
             )
         return sensors
-
-    @field_validator("accelerometer_unit")
-    @classmethod
-    def _known_unit(cls, unit: str | None) -> str | None:
-        if unit is not None:
-            acceleration_in_mps2(unit)
-        return unit
 
     @model_validator(mode="after")
     def _complete(self) -> "Treadmill":
@@ -300,6 +289,8 @@ ALLOWED: Final = (
 )
 MAX_STOP: Final = 1e6
 """Seconds; no recording is longer."""
+MAX_CYCLES: Final = 1_000_000
+"""No recording holds more."""
 PERCENT: Final = re.compile(r"\s*(-?\d+(?:\.\d+)?)\s*%\s*", re.ASCII)
 
 
@@ -373,9 +364,9 @@ class Condition(InputModel):
     10 to 40 %
     """
 
-    cycles: Annotated[int, Field(ge=1)] | None = Field(default=None, examples=[20])
+    cycles: Annotated[int, Field(ge=1, le=MAX_CYCLES)] | None = Field(default=None, examples=[20])
     """How many gait cycles are analysed; default: all."""
-    skip_s: Annotated[float, Field(ge=0)] = 0.0
+    skip_s: Annotated[float, Field(ge=0, le=MAX_STOP)] = 0.0
     """Time left out at the start."""
     perturbed: bool = Field(default=False, examples=[True])
     """Only gait cycles that contain a perturbation."""
@@ -451,14 +442,7 @@ class Comparison(InputModel):
     reference: Text | None = Field(default=None, examples=["baseline"])
     """Level that the others are compared with; default: the first."""
     pairs: Labels | None = Field(
-        None,
-        examples=[
-            [
-                *("baseline IC - baseline no IC", "sway IC - sway no IC"),
-                *("pitch IC - pitch no IC", "sway IC - baseline no IC"),
-                "pitch IC - baseline no IC",
-            ]
-        ],
+        None, examples=[["sway IC - sway no IC", "pitch IC - pitch no IC", "pitch IC - sway IC"]]
     )
     """Planned pairs of cells."""
     correction: Literal["bonferroni", "holm"] = "bonferroni"
@@ -494,7 +478,7 @@ class PlateContact(InputModel):
 
     plate: Annotated[int, Field(ge=1, le=99)] = Field(examples=[1])
     """Number of the plate in the file, from 1."""
-    time_s: Annotated[float, Field(ge=0)] = Field(examples=[3.2])
+    time_s: Annotated[float, Field(ge=0, le=MAX_STOP)] = Field(examples=[3.2])
     """Any instant of the contact, from the first frame."""
     foot: Literal["left", "right"] = Field(examples=["left"])
     """left or right."""
@@ -549,9 +533,7 @@ class Trial(InputModel):
     """When it was recorded, where subjects came more than once."""
     window: Window | None = Field(default=None, examples=[[2.0, 30.0]])
     """Part of this recording that is used; default: that of the condition."""
-    mend_plates: Annotated[tuple[MendingText, ...], Field(strict=False)] = Field(
-        default=(), examples=[["1: zero Fx 2.5"]]
-    )
+    mend_plates: Mendings = Field(default=(), examples=[["1: zero Fx 2.5"]])
     """Mend a plate in this recording, after what the study states."""
     rename: dict[Text, Text] = Field(default_factory=dict, examples=[{"LKNE": "RKNE"}])
     """Label in this recording, and the label wanted, before what the study states."""
@@ -656,9 +638,7 @@ class SubjectFile(Subject):
                 "recording in which both thighs swing"
             )
         if hips and "functional" not in hips and self.hip_trial is not None:
-            raise ValueError(
-                'hip_trial: has no effect unless settings.hip = "functional" in study.toml'
-            )
+            raise ValueError('hip_trial: has no effect unless settings.hip = "functional"')
         return self
 
     @property

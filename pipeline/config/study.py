@@ -112,13 +112,16 @@ class Study:
 
     def rule(self, name: TrialName) -> Condition:
         """Give what counts in a trial: as its condition says or, instead, its own window."""
+        return Condition.model_validate(self.stated_rule(name))
+
+    def stated_rule(self, name: TrialName) -> Table:
+        """Give that rule as it is stated, before it is checked."""
         condition, window = self.condition(name.condition), self.trial(name).window
-        if window is None:
-            return condition
-        stated = condition.model_dump(exclude={"window"})
-        if not condition.perturbed:
-            stated |= {"cycles": None, "skip_s": 0.0}
-        return Condition.model_validate(stated | {"window": window})
+        rule = dict(condition)
+        if window is not None:
+            rule |= {} if condition.perturbed else {"cycles": None, "skip_s": 0.0}
+            rule["window"] = window
+        return rule
 
 
 Key = TypeVar("Key", str, TrialName)
@@ -197,6 +200,10 @@ def read_study(folder: str | Path, *, recordings: bool = True) -> Study:
     if faults or file is None:
         raise StudyFaults(faults)
     study = Study(folder, file, subjects, marker_set)
+    for name in study.trials:
+        check_table(f"{name}: window", study.stated_rule(name), Condition, faults, Around(folder))
+    if faults:
+        raise StudyFaults(faults)
     return replace(
         study,
         variants={

@@ -1,66 +1,29 @@
-"""What people read of the settings: the template of a study, and the table in the docs.
+"""The template of a study, made from the fields in `pipeline.config.schema`.
 
-Both are made from the fields in `pipeline.config.schema`: name, default or example, description.
+Of each its name, default or example, and description.
 """
 
 import json
 import textwrap
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from hbm.spelling import packaged_toml
 from pipeline.config.found_recordings import FoundSubject
-from pipeline.config.input_model import bounds_of
-from pipeline.config.schema import Settings, StudyFile, SubjectFile
+from pipeline.config.schema import StudyFile, SubjectFile
 from pipeline.config.toml_file import models_in
 from pipeline.io.write import whole_file
 
 WIDTH: Final = 30
 """Columns of a key and its value, before the description."""
-STUDY: Final = """\
-# A study: the laboratory, how trials are processed, and the conditions.
-# Every other TOML file in this folder is a subject. File names are relative to this folder.
-# Units are in the names of the keys. 'hbm check .' lists what is missing.
-# Keys behind a # are not stated: their value is the default, or an example.
-"""
-SUBJECT: Final = """\
-# One subject. Copy this file for every further one.
-
-# A file of segments holds a table for each, such as [left_shank], with any of mass_kg = 1.9, of
-# the centre of mass from the proximal joint, center_m = [0.0, 0.0, -0.11] (forward, left, up when
-# standing), and of inertia_kg_m2 = [0.021, 0.021, 0.002] about it; [right_foot.worn], with mass_kg
-# and center_m, adds what the segment carries, such as a shoe.
-"""
-GIVEN_STUDY: Final = {
-    "name": "My study",
-    "settings": {},
-    "plates": {},
-    "treadmill": {},
-    "conditions": {
-        "baseline": {"cycles": 50, "skip_s": 10.0},
-        "sway": {
-            "cycles": 20,
-            "perturbed": True,
-            "pulse_channel": "Perturbation",
-            "window": "motion",
-        },
-        "pitch": {"cycles": 50, "skip_s": 10.0},
-    },
-}
-GIVEN_SUBJECT: Final = {
-    "id": "sub01",
-    "sex": "female",
-    "height_m": 1.70,
-    "trials": {
-        "baseline": {"file": "sub01_baseline.c3d"},
-        "sway": {"file": "sub01_sway.c3d"},
-        "pitch": {"exclude": "not recorded yet"},
-    },
-}
+in_toml = partial(json.dumps, ensure_ascii=False)
+TEMPLATE: Final = packaged_toml("pipeline.config", "template.toml")
 
 
 def write_template(folder: Path, found: Sequence[FoundSubject] = ()) -> tuple[Path, ...]:
@@ -77,10 +40,12 @@ def write_template(folder: Path, found: Sequence[FoundSubject] = ()) -> tuple[Pa
         If the folder cannot be written to; no file is there then.
     """
     conditions = {condition: dict[str, Any]() for subject in found for condition in subject.trials}
-    study = GIVEN_STUDY | ({"conditions": conditions} if found else {})
-    people = [_given(subject) for subject in found] or [GIVEN_SUBJECT]
-    texts = {folder / "study.toml": template(StudyFile, STUDY, study)}
-    texts |= {folder / f"{own['id']}.toml": template(SubjectFile, SUBJECT, own) for own in people}
+    study, subject = TEMPLATE["study"], TEMPLATE["subject"]
+    given = study["given"] | ({"conditions": conditions} if found else {})
+    texts = {folder / "study.toml": template(StudyFile, study["heading"], given)}
+    for person in [_given(subject) for subject in found] or [subject["given"]]:
+        file = folder / f"{person['id']}.toml"
+        texts[file] = template(SubjectFile, subject["heading"], person)
     for path in texts:
         if path.exists():
             raise ValueError(f"{path} is already there; nothing was written")
@@ -92,10 +57,7 @@ def write_template(folder: Path, found: Sequence[FoundSubject] = ()) -> tuple[Pa
 
 def _given(subject: FoundSubject) -> dict[str, Any]:
     """Give what the file of a subject found states."""
-    trials = {
-        condition: {"files": files} if files[1:] else {"file": files[0]}
-        for condition, files in subject.trials.items()
-    }
+    trials = {c: {"files": f} if f[1:] else {"file": f[0]} for c, f in subject.trials.items()}
     static = {"static": subject.static} if subject.static else {}
     return {"id": subject.name, "sex": "unspecified", **static, "trials": trials}
 
@@ -108,7 +70,7 @@ def template(kind: type[BaseModel], heading: str, given: Mapping[str, Any]) -> s
 def _lines(kind: type[BaseModel], table: str, given: Mapping[str, Any] | None) -> list[str]:
     """Lay out a model's keys, then its tables; all behind a # where nothing is given."""
     more = {name: value for name, value in (given or {}).items() if name not in kind.model_fields}
-    keys, tables = [f"{name} = {json.dumps(value)}" for name, value in more.items()], []
+    keys, tables = [f"{name} = {in_toml(value)}" for name, value in more.items()], []
     for name, field in kind.model_fields.items():
         if field.exclude:
             continue
@@ -121,12 +83,11 @@ def _lines(kind: type[BaseModel], table: str, given: Mapping[str, Any] | None) -
                 ((inner_name, example),) = example.items()
                 place = f"{place}.{inner_name}"
             comment = _comment(f"# [{place}]", field.description)
-            tables += ["", *comment, *(f"# {k} = {json.dumps(v)}" for k, v in example.items())]
+            tables += ["", *comment, *(f"# {k} = {in_toml(v)}" for k, v in example.items())]
         else:
             sign, value = ("# ", _example(field)) if stated is None else ("", stated)
             if value is not None:
-                text = f"{sign}{name} = {json.dumps(value, ensure_ascii=False)}"
-                keys += _comment(text, field.description)
+                keys += _comment(f"{sign}{name} = {in_toml(value)}", field.description)
     return keys + tables
 
 
@@ -138,7 +99,7 @@ def _tables(kind: type[BaseModel], place: str, field: FieldInfo, given: Any) -> 
         for number, (name, stated) in enumerate(given.items()):
             keys = _lines(kind, f"{place}.{name}", stated)
             if number:  # the keys that are not stated are shown once
-                keys = [f"{key} = {json.dumps(value)}" for key, value in stated.items()]
+                keys = [f"{key} = {in_toml(value)}" for key, value in stated.items()]
             lines += ["", f"[{place}.{name}]", *keys]
         return lines
     header = f"[[{place}]]" if "tuple" in kind_of_table else f"[{place}]"
@@ -159,15 +120,3 @@ def _comment(text: str, description: str | None) -> list[str]:
         return [*textwrap.wrap(f"# {description}", 100, subsequent_indent="# "), text]
     first, *others = textwrap.wrap(description or "", 97 - WIDTH)
     return [f"{text:<{WIDTH}} # {first}", *(f"{'#':<{WIDTH}} # {line}" for line in others)]
-
-
-def settings_table() -> str:
-    """Give the settings as a table for the docs: key, default, allowed values, meaning."""
-    lines = ["| key | default | allowed | meaning |", "|---|---|---|---|"]
-    for name, field in Settings.model_json_schema()["properties"].items():
-        stated = field["anyOf"][0] if "anyOf" in field else field
-        allowed = ", ".join(stated.get("enum", ())) or bounds_of(Settings, name)
-        meaning = " ".join(field["description"].split())
-        default = "" if field["default"] is None else f"`{json.dumps(field['default'])}`"
-        lines.append(f"| `{name}` | {default} | {allowed} | {meaning} |")
-    return "\n".join(lines) + "\n"

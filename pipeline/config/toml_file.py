@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ValidationError, ValidationInfo
+from pydantic import AfterValidator, BaseModel, Field, ValidationError, ValidationInfo
 from pydantic_core import ErrorDetails
 
 from hbm.segments import SegmentOverride, read_overrides
 from hbm.spelling import Table, did_you_mean, listed, parse_toml, short, shown
-from pipeline.config.input_model import Text
 from pipeline.io.input_file import fault_line, is_file, naming, read_text
 
 SIMULATED: Final = "truth/setting.toml"
@@ -125,9 +124,10 @@ def _known(name: str, around: Around, stated: Mapping[str, Any]) -> None:
         raise ValueError(f"no such condition in study.toml{hint}")
 
 
-FileName = Annotated[Text, _among(lambda name, around, _: require_file(around.folder, name))]
+Named = Annotated[str, Field(min_length=1)]
+FileName = Annotated[Named, _among(lambda name, around, _: require_file(around.folder, name))]
 """Of a file of the laboratory, in the study's folder."""
-RecordingName = Annotated[Text, _among(_recorded)]
+RecordingName = Annotated[Named, _among(_recorded)]
 """Of a file about a subject, in the study's folder, unless the trial is excluded."""
 SegmentsName = Annotated[RecordingName, _among(_readable)]
 ConditionName = Annotated[str, _among(_known)]

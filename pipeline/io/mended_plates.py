@@ -123,10 +123,8 @@ def with_mended_plates(recording: Recording) -> Recording:
             plates[number] = _measuring(plate, plate.time, wrench)
         elif deed == "move":
             axis, metres = what.split()
-            moved = float(metres) * plate.rotation[:, "xyz".index(axis)]
-            plates[number] = replace(
-                plate, center=plate.center + moved, corners=plate.corners + moved
-            )
+            way = float(metres) * plate.rotation[:, "xyz".index(axis)]
+            plates[number] = replace(plate, center=plate.center + way, corners=plate.corners + way)
         elif deed in ("gain", "zero"):
             component, value = what.split()
             wrench = np.array(plate.wrench_in_plate)

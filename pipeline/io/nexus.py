@@ -222,9 +222,7 @@ def _devices(block: Block, trajectories: Block) -> tuple[list[PlateColumns | Not
     ]
     used = {id(group) for parts in measured.values() for group in parts.values()}
     rest = [group for group in block.groups if id(group) not in used]
-    names = [
-        f"{group.name} {component}".strip() for group in rest for component in group.components
-    ]
+    names = [f"{group.name} {part}".strip() for group in rest for part in group.components]
     units = [unit for group in rest for unit in group.units]
     if not names:
         return plates, None

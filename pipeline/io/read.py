@@ -1,4 +1,4 @@
-"""Read or preview a recording of any format, recognised by its content and not by its name."""
+"""Read a recording of any format, recognised by its content and not by its name."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -6,19 +6,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-
 from hbm.notes import Note
 from pipeline.io.axes import AxesUnknownError
 from pipeline.io.c3d.data import KEY
-from pipeline.io.c3d.read import preview_c3d, read_c3d_file
+from pipeline.io.c3d.read import read_c3d_file
 from pipeline.io.dflow import read_dflow
 from pipeline.io.input_file import RENAME, UNUSABLE, naming, open_file
 from pipeline.io.mended_plates import with_mended_plates
 from pipeline.io.mox import ROOT, read_mox
 from pipeline.io.nexus import is_nexus, read_nexus
 from pipeline.io.opensim import read_trc
-from pipeline.io.recording import Preview, Recording
+from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated, as_stated
 from pipeline.io.text_table import EMPTY, decoded
 from pipeline.io.write import PART
@@ -111,27 +109,6 @@ def _beside(what: str, file: str | Path | None, goes_with: str, kind: str) -> li
     return [Path(file)] if file is not None else []
 
 
-def preview_recording(
-    path: Path,
-    stated: Stated,
-    forces: Path | None = None,
-    *,
-    record: Path | None = None,
-    static: Path | None = None,
-) -> Preview:
-    """Preview a recording of any format, a C3D file without reading all of it.
-
-    Parameters and errors are those of `read_recording`.
-    """
-    if file_format(path) == "C3D" and forces is None and record is None:
-        with suppress(ValueError):  # a static may tell the axes
-            return preview_c3d(path, stated)
-    recording = read_recording(path, stated, forces, record=record, static=static)
-    share = np.isnan(recording.markers.position[..., 0]).mean(axis=0)
-    missing = {m: float(s) for m, s in zip(recording.markers.names, share, strict=True)}
-    return Preview(recording, len(recording.markers.time), missing)
-
-
 def file_format(path: Path) -> str:
     """Recognise a file's format by its content.
 
@@ -158,6 +135,21 @@ def file_format(path: Path) -> str:
         if path.name.startswith(".") and path.suffix == PART:
             raise ValueError("a part of a file whose writing was stopped; delete it")
         return _format(file.read(HEAD_BYTES))
+
+
+def is_recording(path: Path) -> bool:
+    """Whether the beginning of a file is that of a recording."""
+    with suppress(ValueError, OSError):
+        return bool(file_format(path))
+    return False
+
+
+def read_with_any_axes(path: Path) -> Recording:
+    """Read a recording whose axes may be unknown: of an empty treadmill, or somebody who turns."""
+    try:
+        return read_recording(path)
+    except ValueError:
+        return read_recording(path, "forward,left,up")
 
 
 def _format(head: bytes) -> str:

@@ -260,24 +260,5 @@ class Recording:
         return f"no force plate can be used ({first['plate']}: {first['reason']})"
 
 
-@dataclass(frozen=True, slots=True)
-class Preview:
-    """A recording at a glance.
-
-    Attributes
-    ----------
-    beginning
-        Its first frames.
-    frames
-        Number of frames in the file.
-    missing
-        Marker -> share of the sampled frames in which it is missing.
-    """
-
-    beginning: Recording
-    frames: int
-    missing: Mapping[str, float]
-
-
 def _rate_hz(time: Array) -> float:
     return (len(time) - 1) / float(time[-1] - time[0])

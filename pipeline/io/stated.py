@@ -12,7 +12,14 @@ from hbm.markers import MarkerSet
 from hbm.notes import Note
 from hbm.spatial import Array, Indices
 from hbm.spelling import listed, short
-from pipeline.io.units import MAX_VALUE, force_in_n, length_in_m, length_of_moment, moment_in_nm
+from pipeline.io.units import (
+    MAX_VALUE,
+    force_in_n,
+    is_length,
+    length_in_m,
+    length_of_moment,
+    moment_in_nm,
+)
 
 Quantity = Literal["force", "moment", "pressure"]
 """What a channel of a plate holds."""
@@ -69,9 +76,7 @@ def parse_plate_units(text: str) -> tuple[str, ...]:
     """
     units = tuple(unit.strip() for unit in text.split(","))
     if len(units) not in (2, 3):
-        raise ValueError(
-            f"units of force and moment are needed, such as N,Nmm, got {short(text)!r}"
-        )
+        raise ValueError(f"units of force and moment are needed, as in N,Nmm, got {short(text)!r}")
     for unit, convert in zip(units, CONVERT.values(), strict=False):
         convert(unit)
     return units
@@ -143,7 +148,7 @@ class Stated:
         """
         if self.plate_units is not None:
             force, moment, *pressure = parse_plate_units(self.plate_units)
-            written = unit if _is_length(unit) else length_of_moment(moment)
+            written = unit if is_length(unit) else length_of_moment(moment)
             length = pressure[0] if pressure else written
             unit = {"force": force, "moment": moment, "pressure": length}[quantity]
         if raw := RAW_SIGNALS.get(unit.strip().lower()):
@@ -215,10 +220,3 @@ def impossible_samples(names: Sequence[str], counts: Iterable[SupportsInt]) -> l
 def as_stated(stated: Stated | str | None) -> Stated:
     """Give what is stated about a file; a text states its axes alone."""
     return stated if isinstance(stated, Stated) else Stated(axes=stated)
-
-
-def _is_length(unit: str) -> bool:
-    try:
-        return length_in_m(unit) > 0
-    except ValueError:
-        return False

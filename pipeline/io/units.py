@@ -44,6 +44,11 @@ def length_in_m(unit: str) -> float:
     return _lookup(unit, _symbol(_plain(unit)), LENGTHS, "length", "mm, cm or m")
 
 
+def is_length(unit: str) -> bool:
+    """Tell whether a unit is one of length."""
+    return _symbol(_plain(unit)) in LENGTHS
+
+
 def force_in_n(unit: str) -> float:
     """Give one force unit in newtons; raises ValueError where it is unknown."""
     return _lookup(unit, _symbol(_plain(unit)), FORCES, "force", "N or kN")
@@ -76,13 +81,11 @@ def angle_in_rad(unit: str) -> float:
     return _lookup(unit, _symbol(_plain(unit)), ANGLES, "angle", "deg or rad")
 
 
-def _lookup(
-    unit: str, plain: str, known: Mapping[str, float], quantity: str, examples: str
-) -> float:
+def _lookup(unit: str, plain: str, known: Mapping[str, float], what: str, examples: str) -> float:
     if not unit.strip():
-        raise ValueError(f"no {quantity} unit is given, expected {examples}")
+        raise ValueError(f"no {what} unit is given, expected {examples}")
     if plain not in known:
-        raise ValueError(f"unknown {quantity} unit {short(unit)!r}, expected {examples}")
+        raise ValueError(f"unknown {what} unit {short(unit)!r}, expected {examples}")
     return known[plain]
 
 

@@ -1,54 +1,65 @@
 """A study checked before it is processed: what a run will use, leave out or refuse.
 
-Every recording passes the stages of `pipeline.trial.process` that need no solved motion, on its
-beginning; what one of them refuses is collected, and the next one follows.
+Every recording passes the stages of `pipeline.trial.process` that need no solved motion; what one
+of them refuses is collected, and the next one follows.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from contextlib import nullcontext
+from dataclasses import dataclass, field, replace
 from functools import partial
+from hashlib import sha256
+from itertools import combinations
 from pathlib import Path
 from typing import Final, TypeVar
 
 import numpy as np
 
+from compensation import PlatformPose
 from compensation.inertia.sensors import describe_sensors
 from hbm.body import Body
-from hbm.coordinates import COORDINATES, LAST_Q, support
+from hbm.coordinates import COORDINATES
 from hbm.engines.engine import choose_engine
+from hbm.ik.problem import Problem, undetermined
 from hbm.notes import Note
+from hbm.plausibility.motion import implausible
 from hbm.signals.filtering import low_pass
 from hbm.spelling import did_you_mean, listed
-from pipeline.config.schema import (
-    Condition,
-    PlateContact,
-    Settings,
-    SubjectFile,
-    Trial,
-    TrialName,
-)
+from pipeline.config.schema import Condition, PlateContact, SubjectFile, Trial, TrialName
 from pipeline.config.study import Study
-from pipeline.config.toml_file import read_segments
 from pipeline.io.c3d.second_reader import compare_readers
-from pipeline.io.read import file_format, preview_recording
-from pipeline.io.recording import Preview, Recording
+from pipeline.io.read import file_format
+from pipeline.io.recording import Recording
 from pipeline.trial.gait.contact import require_contacts
 from pipeline.trial.gait.cycles import found_cycles
-from pipeline.trial.gait.events import SIDES, gait_events
+from pipeline.trial.gait.events import SIDES, TIMED_BY_PLATES, gait_events, has_strides
 from pipeline.trial.ground.accelerometers import mean_belt_speed
+from pipeline.trial.ground.belts import belt_wrenches
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import Laboratory, bind
 from pipeline.trial.ground.platform import platform_pose
 from pipeline.trial.ground.uncertainty import uncertainty_limits
-from pipeline.trial.quality import settling_s
-from pipeline.trial.study_files import labels_in_none, read_study_file, read_study_laboratory
-from pipeline.trial.subject import body_mass, subject_body
-from pipeline.trial.window import NO_POSE, counted_span, cycle_shortage
+from pipeline.trial.once import computing_once
+from pipeline.trial.quality import Quality, flagged, settled_frames, settling_s
+from pipeline.trial.study_files import (
+    labels_in_none,
+    read_body_files,
+    read_study_file,
+    read_study_laboratory,
+)
+from pipeline.trial.subject import (
+    MassUnknownError,
+    body_mass,
+    differing_masses,
+    roughly_weighed,
+    subject_body,
+)
+from pipeline.trial.window import NO_POSE, what_counts
 
 MIN_CYCLE_S: Final = 0.8
 """Gait cycle of fast walking: a recording cannot hold more cycles than of this duration."""
 MAX_MISSING_SHARE: Final = 0.2
-"""Share of the frames looked at; a marker that is missing in more is named."""
+"""Share of the frames; a marker that is missing in more is named."""
 ASSUMED_MASS_KG: Final = 70.0
 """For a body whose mass is not stated: a check uses only the positions of its joints."""
 Result = TypeVar("Result")
@@ -69,10 +80,8 @@ class Finding:
         return not self.contents if isinstance(self.said, str) else self.said.level == "warning"
 
     def __str__(self) -> str:
-        text = str(self.said)
-        return (
-            text if isinstance(self.said, str) and self.place in text else f"{self.place}: {text}"
-        )
+        named = isinstance(self.said, str) and self.place in self.said
+        return str(self.said) if named else f"{self.place}: {self.said}"
 
 
 @dataclass(slots=True)
@@ -81,20 +90,22 @@ class Findings:
 
     faults: list[Finding] = field(default_factory=list)
     remarks: list[Finding] = field(default_factory=list)
-    read: dict[str, tuple[Note, ...]] = field(default_factory=dict)
-    """Name of a file -> notes on reading it."""
+    variant: str = ""
+    """Which one is checked; empty for the study's main way. It adds only faults of its own."""
+    read: dict[str, tuple[str, tuple[Note, ...]]] = field(default_factory=dict)
+    """Name of a file -> digest of its markers' positions, notes on reading it."""
 
-    def remark(self, place: str, *said: Note | str) -> None:
-        """Add what is to be known of a place."""
-        self.add(Findings(remarks=[Finding(place, one) for one in said]))
-
-    def contents(self, place: str, text: str) -> None:
-        """Add what a file holds."""
-        self.add(Findings(remarks=[Finding(place, text, contents=True)]))
+    def remark(self, place: str, *said: Note | str, contents: bool = False) -> None:
+        """Add what is to be known of a place, or what a file holds."""
+        for remark in (Finding(place, text, contents) for text in said):
+            if not self.variant and remark not in self.remarks:
+                self.remarks.append(remark)
 
     def fault(self, place: str, reason: str) -> None:
         """Add what stops a trial."""
-        self.add(Findings(faults=[Finding(place, reason)]))
+        of_variant = f"variant {self.variant}: {reason}" if self.variant else reason
+        if not {Finding(place, reason), Finding(place, of_variant)} & {*self.faults}:
+            self.faults.append(Finding(place, of_variant))
 
     def attempt(self, place: str, action: Callable[[], Result]) -> Result | None:
         """Give what a function returns; where it raises, its message is a fault of the place."""
@@ -104,11 +115,43 @@ class Findings:
             self.fault(place, str(error))
             return None
 
-    def add(self, other: "Findings") -> None:
-        """Add all that another check found."""
-        self.faults += [one for one in other.faults if one not in self.faults]
-        self.remarks += [one for one in other.remarks if one not in self.remarks]
-        self.read |= other.read
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """One way of processing a study, its own or a variant, with what is found about it."""
+
+    study: Study
+    laboratory: Laboratory
+    findings: Findings
+
+    @classmethod
+    def of(cls, study: Study, findings: Findings) -> "Way":
+        """Read the laboratory, without calibrations where that fails; say what is doubtful."""
+        file, treadmill = "study.toml", study.file.treadmill
+        findings.attempt(file, lambda: choose_engine(study.file.settings.engine))
+        laboratory = findings.attempt(file, lambda: read_study_laboratory(study))
+        laboratory = laboratory or Laboratory(treadmill)
+        findings.remark(file, *laboratory.notes)
+        if (calibration := laboratory.calibration) is not None:
+            file = str(treadmill.calibration)
+            findings.remark(file, f"compensates {listed(calibration.plates)}", contents=True)
+            findings.remark(file, *calibration.notes, *describe_sensors(calibration.sensors))
+        elif treadmill.platform is not None and not treadmill.calibration:
+            findings.remark(file, "no treadmill.calibration, so nothing will be compensated")
+        return cls(study, laboratory, findings)
+
+    def read(
+        self, file: str | None, trial: Trial | None = None, static: str | None = None
+    ) -> Recording | None:
+        """Read a recording and correct its plates; None where there is none, or that fails."""
+
+        def corrected(file: str) -> Recording:
+            recording = read_study_file(self.study, file, trial, static)
+            digest = sha256(recording.markers.position.tobytes()).hexdigest()
+            self.findings.read[file] = digest, recording.notes
+            return with_corrected_plates(recording, self.laboratory.plates)
+
+        return self.findings.attempt(file, lambda: corrected(file)) if file else None
 
 
 def check_study(study: Study) -> Findings:
@@ -122,283 +165,244 @@ def check_study(study: Study) -> Findings:
     Returns
     -------
     Findings
-        All faults of all files, not only the first. A recording is judged by its header, its
-        beginning and frames spread over it; before a fault is reported, all of it is read.
+        All faults of all files, not only the first; those of variants too.
     """
-    found = Findings()
-    found.attempt("study.toml", lambda: choose_engine(study.file.settings.engine))
-    laboratory = found.attempt("study.toml", lambda: read_study_laboratory(study))
-    laboratory = laboratory or Laboratory(study.file.treadmill)
-    found.remark("study.toml", *laboratory.notes)
-    if (calibration := laboratory.calibration) is not None:
-        file = str(study.file.treadmill.calibration)
-        found.contents(file, f"compensates {listed(calibration.plates)}")
-        found.remark(file, *calibration.notes)
-        found.remark(file, *describe_sensors(calibration.sensors))
-    elif study.file.treadmill.platform is not None and not study.file.treadmill.calibration:
-        found.remark("study.toml", "no treadmill.calibration, so nothing will be compensated")
-    trial_of: dict[Path, TrialName] = {}
+    findings = Findings()  # the ways share its lists
+    ways = [
+        Way.of(variant, replace(findings, variant=name))
+        for name, variant in {"": study, **study.variants}.items()
+    ]
     for subject, person in study.subjects.items():
+        poses = [way.read(person.static) for way in ways]
         for name, trial in person.named_trials.items():
             if trial.exclude is not None:
-                found.remark(str(name), f"excluded: {trial.exclude}")
-            elif trial.file is not None:
-                other = trial_of.setdefault(study.path(trial.file).resolve(), name)
-                if other != name:
-                    found.remark(str(name), f"the same recording as {other}")
-                _check_trial(study, name, laboratory, found)
-        without = [name for name in study.file.conditions if name not in person.trials]
-        if without:
-            found.remark(subject, f"no trial for {listed(without)}")
-    if absent := labels_in_none(found.read.values()):
-        found.remark("study.toml", Note.of("rename_without_label", labels=absent))
-    return found
+                findings.remark(str(name), f"excluded: {trial.exclude}")
+                continue
+            with computing_once() if study.variants else nullcontext():
+                for way, pose in zip(ways, poses, strict=True):
+                    recording = way.read(trial.file, trial, person.static)
+                    if recording is not None:
+                        _TrialCheck(way, person, trial, way.study.rule(name), recording).run(pose)
+        if without := [name for name in study.file.conditions if name not in person.trials]:
+            findings.remark(subject, f"no trial for {listed(without)}")
+    _check_repeated(study, findings)
+    if absent := labels_in_none(notes for _, notes in findings.read.values()):
+        findings.remark("study.toml", Note.of("rename_without_label", labels=absent))
+    return findings
 
 
-def _check_trial(
-    study: Study, trial_name: TrialName, laboratory: Laboratory, found: Findings
-) -> None:
-    """Check one trial: its beginning and, if that has a fault or contacts are stated, all of it."""
-    person, trial = study.subject(trial_name.subject), study.trial(trial_name)
-    file, *_ = trial.files
-    path = study.path(file)
-    forces, record, static = (
-        study.path(name) if name else None for name in (trial.forces, trial.record, person.static)
-    )
+class _TrialCheck:
+    """The stages of a trial that need no solved motion, each passed as far as it can go."""
 
-    def check(read: Callable[[], Preview]) -> tuple[Findings, Preview | None]:
-        own = Findings()
-        preview = own.attempt(path.name, read)
-        if preview is not None:
-            rule = study.rule(trial_name)
-            _check_stages(study, rule, person, trial, laboratory, preview, own)
-        return own, preview
+    def __init__(
+        self, way: Way, person: SubjectFile, trial: Trial, rule: Condition, recording: Recording
+    ) -> None:
+        self.study, self.laboratory, self.findings = way.study, way.laboratory, way.findings
+        self.person, self.trial, self.rule = person, trial, rule
+        self.settings, self.treadmill = way.study.file.settings, way.laboratory.treadmill
+        self.recording, self.markers, self.plates = recording, recording.markers, recording.plates
+        self.channels = recording.analog.names if recording.analog is not None else ()
+        self.remark = partial(self.findings.remark, recording.source.name)
+        self.fault = partial(self.findings.fault, recording.source.name)
 
-    own, preview = check(
-        lambda: preview_recording(
-            path, study.stated_of(trial), forces, record=record, static=static
-        )
-    )
-    if own.faults or trial.contacts:
-        missing = preview.missing if preview is not None else {}
+    def attempt(self, action: Callable[[], Result]) -> Result | None:
+        """Give what a function returns; where it raises, that is a fault of the recording."""
+        return self.findings.attempt(self.recording.source.name, action)
 
-        def whole() -> Preview:
-            recording = read_study_file(study, file, trial, person.static)
-            return Preview(recording, len(recording.markers.time), missing)
+    def run(self, pose: Recording | None) -> None:
+        """Pass all stages; the pose is that of the static recording, where it could be read."""
+        time, settings, rule = self.markers.time, self.settings, self.rule
+        duration_s = len(time) / self.markers.rate_hz
+        self.remark(self.contents(duration_s), contents=True)
+        self.remark(*self.recording.notes)
+        if rule.cycles and duration_s < rule.skip_s + rule.cycles * MIN_CYCLE_S:
+            self.remark(f"too short for {rule.cycles} gait cycles after {rule.skip_s:g} s")
+        self.attempt(lambda: low_pass(0 * time, time, settings.cutoff_hz, settings.filter))
+        self.check_loads()
+        platform = self.check_ground()
+        standing = pose if self.person.static else self.recording
+        body = None if standing is None else self.body(standing)
+        if body is not None:
+            self.check_markers(body)
+            self.check_window(body, platform)
 
-        own, _ = check(whole)
-    found.add(own)
+    def contents(self, duration_s: float) -> str:
+        """Say what the file holds."""
+        rate_hz, plates, analog = self.markers.rate_hz, self.plates, self.recording.analog
+        contents = [f"{duration_s:.1f} s, {len(self.markers.names)} markers at {rate_hz:g} Hz"]
+        if plates:
+            contents.append(f"{len(plates)} plates at {plates[0].rate_hz:.6g} Hz")
+        if analog is not None:
+            channels = zip(analog.names, analog.units, strict=True)
+            contents.append("channels " + " ".join(f"{c} [{unit}]" for c, unit in channels))
+        return ", ".join([*contents, f"{len(self.recording.events) or 'no'} gait events"])
 
+    def check_loads(self) -> None:
+        """Refuse plates on which nobody ever stands, and stated contacts that are not there."""
+        threshold_n, plates = self.settings.contact_threshold_n, {p.number: p for p in self.plates}
+        loaded = {
+            number: np.linalg.norm(plate.wrench_in_plate[:, :3], axis=1) > threshold_n
+            for number, plate in plates.items()
+        }
+        if not plates:
+            self.fault(self.recording.why_no_plates)
+        elif not any(samples.any() for samples in loaded.values()):
+            self.fault(f"nobody is on the plates: none is loaded by more than {threshold_n:g} N")
 
-def _check_stages(
-    study: Study,
-    rule: Condition,
-    person: SubjectFile,
-    trial: Trial,
-    laboratory: Laboratory,
-    preview: Preview,
-    found: Findings,
-) -> None:
-    """Pass the stages that a preview can pass, each as far as it can go."""
-    settings, name = study.file.settings, preview.beginning.source.name
+        def require(contact: PlateContact) -> None:
+            require_contacts([contact], [*plates], self.markers.time)
+            number, time_s = contact.plate, contact.time_s
+            if not loaded[number][np.argmin(np.abs(plates[number].time - time_s))]:
+                raise ValueError(f"contacts: nobody is on plate {number} at {time_s:g} s")
 
-    def corrected(recording: Recording) -> Recording:
-        found.read[recording.source.name] = recording.notes
-        return with_corrected_plates(recording, laboratory.plates)
+        for contact in self.trial.contacts if plates else ():
+            self.attempt(partial(require, contact))
 
-    recording = found.attempt(name, lambda: corrected(preview.beginning))
-    if recording is None:
-        return
-    found.contents(name, _contents(recording, preview.frames))
-    found.remark(name, *recording.notes)
-    duration_s = preview.frames / recording.markers.rate_hz
-    if rule.cycles and duration_s < rule.skip_s + rule.cycles * MIN_CYCLE_S:
-        found.remark(name, f"too short for {rule.cycles} gait cycles after {rule.skip_s:g} s")
-    _check_loads(recording, trial.contacts, settings.contact_threshold_n, found)
-    pose, static = recording, person.static
-    if static is not None:
-        read = found.attempt(static, lambda: corrected(read_study_file(study, static)))
-        if read is None:
-            return
-        pose = read
-    body = _check_body(study, person, pose, recording, found)
-    if body is not None:
-        _check_markers(body, preview, found)
-        _check_window(body, rule, preview, laboratory, settings, found)
-    _check_ground(recording, laboratory, rule, settings, found)
+    def body(self, pose: Recording) -> Body | None:
+        """Weigh the subject and build the body."""
+        person, study, mass_kg = self.person, self.study, ASSUMED_MASS_KG
+        if self.plates:
+            try:
+                mass = body_mass(person.person, pose, self.recording)
+                mass_kg = mass.mass_kg
+                self.remark(mass.note, *differing_masses(mass.known_kg, None))
+            except MassUnknownError as unknown:  # steps may weigh, which a solved motion shows
+                if self.attempt(partial(roughly_weighed, self.recording, unknown)):
+                    self.remark(f"{unknown}; else steps weigh, where plates carry them")
 
+        def build() -> Body:
+            hips, segments = read_body_files(study, person)
+            files = partial(subject_body, hip_trial=hips, segments=segments)
+            return files(pose, person.person, self.settings, mass_kg, marker_set=study.marker_set)
 
-def _contents(recording: Recording, frames: int) -> str:
-    """Say what a file holds."""
-    markers, plates, analog = recording.markers, recording.plates, recording.analog
-    duration_s = frames / markers.rate_hz
-    contents = [f"{duration_s:.1f} s, {len(markers.names)} markers at {markers.rate_hz:g} Hz"]
-    if plates:
-        contents.append(f"{len(plates)} plates at {plates[0].rate_hz:.6g} Hz")
-    if analog is not None:
-        channels = zip(analog.names, analog.units, strict=True)
-        contents.append("channels " + " ".join(f"{c} [{unit}]" for c, unit in channels))
-    return ", ".join([*contents, f"{len(recording.events) or 'no'} gait events"])
+        body = self.attempt(build)
+        self.remark(*((*implausible(body), *body.notes) if body is not None else ()))
+        return body
 
+    def check_markers(self, body: Body) -> None:
+        """Say which markers are there, what they leave unknown, and which are often missing."""
+        names, marker_set = self.markers.names, body.marker_set
+        self.attempt(lambda: Problem(body, self.markers))
+        present = list(marker_set.present(names).segment)
+        needed = [marker for marker in marker_set.markers if not marker.optional]
+        absent = [m.labels[0] for m in needed if not set(m.labels) & set(present)]
+        there = f"{len(needed) - len(absent)} of the {len(needed)} markers of {marker_set.name}"
+        self.remark(there + f"; missing: {listed(absent)}" * bool(absent), contents=True)
+        missing = np.isnan(self.markers.position[..., 0]).mean(axis=0)
+        shares = {marker: missing[names.index(marker)] for marker in present}
+        held, _ = undetermined(body, [marker for marker, share in shares.items() if share < 1])
+        if held.any():
+            coordinates = tuple(np.array(COORDINATES)[held].tolist())
+            self.remark(Note.of("coordinates_held", coordinates=coordinates))
+        if often := [f"{m} {100 * s:.0f} %" for m, s in shares.items() if s > MAX_MISSING_SHARE]:
+            self.remark(f"often missing: {', '.join(often)}")
 
-def _check_loads(
-    recording: Recording, contacts: Sequence[PlateContact], threshold_n: float, found: Findings
-) -> None:
-    """Refuse plates on which nobody ever stands, and stated contacts that are not there."""
-    name, plates = recording.source.name, {plate.number: plate for plate in recording.plates}
-    loaded = {
-        number: np.linalg.norm(plate.wrench_in_plate[:, :3], axis=1) > threshold_n
-        for number, plate in plates.items()
-    }
-    if not plates:
-        found.fault(name, recording.why_no_plates)
-        return
-    if not any(each.any() for each in loaded.values()):
-        reason = f"nobody is on the plates: none is loaded by more than {threshold_n:g} N"
-        found.fault(name, reason)
+    def check_ground(self) -> PlatformPose | None:
+        """Look for what compensation, platform and perturbations need; give the known pose."""
+        recording, laboratory, time = self.recording, self.laboratory, self.markers.time
+        rule, settings, calibration = self.rule, self.settings, laboratory.calibration
+        platform, belt, models = self.treadmill.platform, self.treadmill.belt, laboratory.belts
+        if self.plates:
+            bound = self.attempt(lambda: bind(recording, laboratory, settings.plate_delay_s))
+            if bound is not None and calibration is not None:
+                self.remark(*uncertainty_limits(mean_belt_speed(bound.belts), calibration))
+        if self.plates and belt is not None and models:
+            times = [time] * len(self.plates)
+            self.attempt(lambda: belt_wrenches(recording, models, belt, times, settings.filter))
+        pose, notes = self.attempt(lambda: platform_pose(recording, platform, time)) or (None, ())
+        self.remark(*notes)
+        if rule.part == "motion" and platform is None:
+            self.findings.fault("study.toml", NO_POSE)
+        belts = belt.speed_channels if belt is not None and not models else ()
+        for channel in filter(None, (*belts, rule.pulse_channel)):
+            if channel not in self.channels:
+                hint = did_you_mean(channel, self.channels)
+                self.fault(f"no analog channel {channel!r}{hint}")
+        return pose
 
-    def require(contact: PlateContact) -> None:
-        require_contacts([contact], [*plates], recording.markers.time)
-        number, time_s = contact.plate, contact.time_s
-        if not loaded[number][np.argmin(np.abs(plates[number].time - time_s))]:
-            raise ValueError(f"contacts: nobody is on plate {number} at {time_s:g} s")
+    def check_window(self, body: Body, platform: PlatformPose | None) -> None:
+        """Look for what counts, by the file's events or, in place of better ones, by markers."""
+        recording, markers, settings = self.recording, self.markers, self.settings
+        time, least = markers.time, settings.min_valid_share
+        settling = settling_s(self.laboratory.filters(settings))
+        settled = settled_frames(np.ones(len(time), bool), time, settling)
+        quality = flagged({Quality.SETTLING: ~settled})
+        events, note = gait_events(recording.events, markers, body.marker_set, settings.events)
+        unknown = note.code == "events_unknown"
+        source = settings.events or ("file" if has_strides(recording.events) else "auto")
+        guessed = source in TIMED_BY_PLATES  # the run's events need poses; these may err
+        if unknown and not guessed:
+            self.remark(note)
 
-    for contact in contacts:
-        found.attempt(name, partial(require, contact))
+        def count(rule: Condition) -> None:
+            said, pose = [note], platform
+            counted = what_counts(recording, events, quality, rule, settling, pose, said, least)
+            later = [event for event in events if event.time >= rule.skip_s]
+            none_strikes = rule.wanted == "cycle" and not unknown and not found_cycles(later, SIDES)
+            unperturbed = rule.perturbed and (counted.onsets < rule.skip_s).all()
+            if none_strikes or unperturbed or not guessed:
+                for shortage in (note for note in said if note.code == "no_residuals"):
+                    self.fault(str(shortage.values["reason"]))
 
-
-def _check_body(
-    study: Study, person: SubjectFile, pose: Recording, recording: Recording, found: Findings
-) -> Body | None:
-    """Weigh the subject and build the body."""
-    name, mass = recording.source.name, None
-    if pose.plates or person.static:
-        mass = found.attempt(name, lambda: body_mass(person.person, pose, recording))
-    if mass is not None:
-        found.remark(name, mass.note)
-    mass_kg = mass.mass_kg if mass is not None else ASSUMED_MASS_KG
-    body = found.attempt(
-        name,
-        lambda: subject_body(
-            pose,
-            person.person,
-            study.file.settings,
-            mass_kg,
-            marker_set=study.marker_set,
-            hip_trial=read_study_file(study, person.hip_trial) if person.hip_trial else None,
-            segments=read_segments(study.path(person.segments)) if person.segments else None,
-        ),
-    )
-    found.remark(name, *(body.notes if body is not None else ()))
-    return body
-
-
-def _check_markers(body: Body, preview: Preview, found: Findings) -> None:
-    """Say which markers are there, what they leave unknown, and which are often missing."""
-    name, known = preview.beginning.source.name, body.marker_set
-    present = list(known.present(preview.beginning.markers.names).segment)
-    needed = [marker for marker in known.markers if not marker.optional]
-    absent = [m.labels[0] for m in needed if not set(m.labels) & set(present)]
-    there = f"{len(needed) - len(absent)} of the {len(needed)} markers of {known.name}"
-    found.contents(name, f"{there}; missing: {listed(absent)}" if absent else there)
-    used = {segment for marker, segment in body.segment_of.items() if marker in present}
-    shown = {i for segment in used for i in support(LAST_Q[segment])}
-    locked = tuple(c for i, c in enumerate(COORDINATES) if i not in shown)
-    if locked:
-        found.remark(name, Note.of("coordinates_held", coordinates=locked))
-    missing = {m: preview.missing.get(m, 0.0) for m in present}
-    often = [f"{m} {100 * s:.0f} %" for m, s in missing.items() if s > MAX_MISSING_SHARE]
-    if often:
-        found.remark(name, f"often missing: {', '.join(often)}")
-
-
-def _check_window(
-    body: Body,
-    rule: Condition,
-    preview: Preview,
-    laboratory: Laboratory,
-    settings: Settings,
-    found: Findings,
-) -> None:
-    """Look for what counts: gait events, or the span that is stated."""
-    recording, markers = preview.beginning, preview.beginning.markers
-    name, settling = recording.source.name, settling_s(laboratory.filters(settings))
-    time = markers.time[0] + np.arange(preview.frames) / markers.rate_hz
-    every, least = np.ones(len(time), bool), settings.min_valid_share
-
-    def span() -> None:
-        low_pass(0 * time, time, settings.cutoff_hz, settings.filter)
-        counted_span(rule.wanted, {}, time, settling, every, least)
-
-    found.attempt(name, span)
-    if rule.wanted not in (None, "cycle"):
-        return
-    events, note = gait_events(recording.events, markers, body.marker_set, settings.events)
-    unknown = note.code == "events_unknown"
-    if unknown and settings.events in (None, "auto", "plates"):
-        return  # these need poses, and other markers than those that stand in for them here
-    counted = [event for event in events if event.time >= rule.skip_s]
-    if rule.wanted == "cycle" and not found_cycles(events, SIDES):
-        reason = str(note) if unknown else cycle_shortage(events, (), time, every)
-        found.fault(name, reason)
-    elif rule.wanted == "cycle" and not found_cycles(counted, SIDES):
-        found.fault(name, f"no gait cycle begins after the first {rule.skip_s:g} s, skip_s")
-    elif unknown:
-        found.remark(name, note)
+        pulse = self.rule.pulse_channel
+        if self.rule.perturbed:  # all gait cycles first: without any, perturbations do not matter
+            cycles = self.rule.model_copy(update={"perturbed": False, "window": "cycle"})
+            self.attempt(lambda: count(cycles))
+            needs_pose = pulse is None or self.rule.part == "motion"
+            if pulse not in (None, *self.channels) or (needs_pose and platform is None):
+                return  # a fault of the ground
+        self.attempt(lambda: count(self.rule))
 
 
-def _check_ground(
-    recording: Recording,
-    laboratory: Laboratory,
-    rule: Condition,
-    settings: Settings,
-    found: Findings,
-) -> None:
-    """Look for everything that compensation, platform pose and perturbations need."""
-    name, bound = recording.source.name, None
-    treadmill, calibration = laboratory.treadmill, laboratory.calibration
-    if recording.plates:
-        bound = found.attempt(name, lambda: bind(recording, laboratory, settings.plate_delay_s))
-    if bound is not None and calibration is not None:
-        speed_mps = mean_belt_speed(bound.belts)
-        found.remark(name, *uncertainty_limits(speed_mps, calibration))
-    platform, time = treadmill.platform, recording.markers.time
-    pose = found.attempt(name, lambda: platform_pose(recording, platform, time))
-    found.remark(name, *(pose[1] if pose is not None else ()))
-    if rule.part == "motion" and platform is None:
-        found.fault("study.toml", NO_POSE)
-    known = recording.analog.names if recording.analog is not None else ()
-    belts = treadmill.belt.speed_channels if treadmill.belt is not None else ()
-    for channel in filter(None, (*belts, rule.pulse_channel)):
-        if channel not in known:
-            found.fault(name, f"no analog channel {channel!r}{did_you_mean(channel, known)}")
+def _check_repeated(study: Study, findings: Findings) -> None:
+    """Refuse a recording of two subjects, and one that counts twice, whatever its name."""
+    uses: dict[str, list[tuple[str, TrialName | None]]] = {}
+    for subject, person in study.subjects.items():
+        trials = [(t.file, name) for name, t in person.named_trials.items() if t.exclude is None]
+        for file, trial in [(person.static, None), *trials]:
+            if file in findings.read:
+                uses.setdefault(findings.read[file][0], []).append((subject, trial))
+    for of_content in uses.values():
+        for (subject, trial), (other_subject, other) in combinations(of_content, 2):
+            place, same = str(other or other_subject), f"the same recording as {trial or subject}"
+            if subject != other_subject:
+                findings.fault(place, f"{same}, another subject")
+            elif trial is not None and other is not None:
+                rules = study.rule(trial), study.rule(other)
+                starts, stops = zip(*map(_span, rules), strict=True)
+                if rules[0].perturbed != rules[1].perturbed and max(starts) < min(stops):
+                    findings.remark(place, same)
+                elif max(starts) < min(stops):
+                    findings.fault(place, f"{same}: it counts twice; exclude one, or state windows")
+
+
+def _span(rule: Condition) -> tuple[float, float]:
+    """Give from when to when a condition counts something [s]."""
+    return rule.wanted if isinstance(rule.wanted, tuple) else (rule.skip_s, np.inf)
 
 
 def study_recordings(study: Study) -> tuple[Path, ...]:
     """Give every recording that a study uses: trials, poses, hip trials, calibrations."""
+    people, trials = study.subjects.values(), study.trials.values()
     names: list[str | None] = [*study.file.treadmill.files]
-    for person in study.subjects.values():
-        names += [person.static, person.hip_trial]
-    for trial in study.trials.values():
-        names += trial.files if trial.exclude is None else ()
+    names += [name for person in people for name in (person.static, person.hip_trial)]
+    names += [name for trial in trials if trial.exclude is None for name in trial.files]
     return tuple(dict.fromkeys(study.path(name) for name in names if name))
 
 
-def read_twice(path: Path, found: Findings) -> bool:
+def read_twice(path: Path, findings: Findings) -> bool:
     """Compare our reading of a recording with ezc3d's; each disagreement is a fault.
 
     Gives whether both readings are the same; a remark says why ezc3d does not read a file.
     """
-    kind = found.attempt(path.name, lambda: file_format(path))
-    if kind != "C3D":
-        if kind is not None:
-            found.remark(path.name, "not a C3D file: there is no second reader for it")
-        return False
-    second = found.attempt(path.name, lambda: compare_readers(path))
+    kind = findings.attempt(path.name, lambda: file_format(path))
+    if kind not in (None, "C3D"):
+        findings.remark(path.name, "not a C3D file: there is no second reader for it")
+    second = findings.attempt(path.name, lambda: compare_readers(path)) if kind == "C3D" else None
     if second is None:
         return False
     for line in second.disagreements:
-        found.fault(path.name, line)
+        findings.fault(path.name, line)
     if second.refusal and not second.disagreements:
-        found.remark(path.name, f"{second.reader} does not read it: {second.refusal}")
+        findings.remark(path.name, f"{second.reader} does not read it: {second.refusal}")
     return not (second.refusal or second.disagreements)

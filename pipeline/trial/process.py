@@ -20,7 +20,6 @@ from pipeline.config.schema import (
     TrialName,
 )
 from pipeline.config.study import Study
-from pipeline.config.toml_file import read_segments
 from pipeline.io.recording import Event, Recording
 from pipeline.trial.checks import check_markers, check_motion, check_plates, other_person
 from pipeline.trial.gait.carried import places_of
@@ -53,6 +52,7 @@ from pipeline.trial.stages import (
 )
 from pipeline.trial.study_files import (
     naming_unused_renames,
+    read_body_files,
     read_study_file,
     read_study_laboratory,
     with_unused_renames,
@@ -315,13 +315,9 @@ def process_trial(
     person, trial, rule = study.subject(subject), study.trial(name), study.rule(name)
     if trial.file is None or trial.exclude is not None:
         raise ValueError(f"{name} is excluded: {trial.exclude}")
-
-    def read(name: str | None) -> Recording | None:
-        return read_study_file(study, name) if name else None
-
     walk = read_study_file(study, trial.file, trial, person.static)
-    functional = study.file.settings.hip == "functional"
-    static, hip_trial = read(person.static), read(person.hip_trial if functional else None)
+    static = read_study_file(study, person.static) if person.static else None
+    hip_trial, segments = read_body_files(study, person)
     walk = with_unused_renames(walk, static, hip_trial)
     with naming_unused_renames(walk):
         result = process_recording(
@@ -330,7 +326,7 @@ def process_trial(
             study.file.settings,
             static=static,
             hip_trial=hip_trial,
-            segments=read_segments(study.path(person.segments)) if person.segments else None,
+            segments=segments,
             marker_set=study.marker_set,
             laboratory=laboratory or read_study_laboratory(study),
             condition=rule,

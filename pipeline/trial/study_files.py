@@ -6,10 +6,11 @@ from dataclasses import replace
 
 from compensation import Calibration
 from hbm.notes import Note
+from hbm.segments import SegmentOverride
 from pipeline.config.plate_correction import read_plate_correction
-from pipeline.config.schema import Trial
+from pipeline.config.schema import SubjectFile, Trial
 from pipeline.config.study import Study
-from pipeline.config.toml_file import require_file
+from pipeline.config.toml_file import read_segments, require_file
 from pipeline.io.read import read_recording
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.calibrations import read_belts, read_calibration, read_check
@@ -52,6 +53,20 @@ def read_study_file(
         study.path(trial.forces) if trial.forces else None,
         record=study.path(trial.record) if trial.record else None,
         static=study.path(static) if static else None,
+    )
+
+
+def read_body_files(
+    study: Study, person: SubjectFile
+) -> tuple[Recording | None, dict[str, SegmentOverride] | None]:
+    """Read a subject's recording for functional hips, if the settings use one, and segments.
+
+    Errors are those of `read_study_file` and `read_segments`.
+    """
+    hip_trial = person.hip_trial if study.file.settings.hip == "functional" else None
+    return (
+        read_study_file(study, hip_trial) if hip_trial else None,
+        read_segments(study.path(person.segments)) if person.segments else None,
     )
 
 

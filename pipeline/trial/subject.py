@@ -1,13 +1,13 @@
 """A subject's mass, stature and body, from what is stated, recorded and weighed."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from hbm.body import Body, ImplausibleLegs, build_body
+from hbm.body import MAX_STATURE_M, MIN_STATURE_M, Body, ImplausibleLegs, build_body
 from hbm.calibration_pose.anatomy import HipRule, LimbMeasures
 from hbm.calibration_pose.functional import functional_hips
 from hbm.coordinates import SIDES
@@ -16,7 +16,7 @@ from hbm.notes import Note
 from hbm.segments import SegmentOverride
 from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask
 from pipeline.config.schema import Settings, Subject
-from pipeline.io.recording import Recording
+from pipeline.io.recording import Plate, Recording
 from pipeline.trial.once import once
 
 TENTH_S: Final = 0.1
@@ -129,9 +129,6 @@ MIN_LOAD_SHARE: Final = 0.7
 MAX_MASS_DIFFERENCE: Final = 0.03
 """Of the smallest: more than clothes, shoes, a meal and a plate's gain error together."""
 ON_PLATES: Final = "on the plates over steps"
-MIN_HEIGHT_M: Final = 0.5
-MAX_HEIGHT_M: Final = 2.6
-"""Bounds of stature that the body builder takes; a file that says otherwise has another unit."""
 
 
 class MassUnknownError(ValueError):
@@ -203,11 +200,8 @@ def body_mass(subject: Subject, pose: Recording, trial: Recording | None = None)
         found["standing on the plates"] = weighings[0]
     trial_kg = recordings[-1].metadata.mass_kg
     if trial_kg and file_kg and trial_kg != file_kg:
-        name = recordings[-1].source.name
-        found["in the trial's file"] = (
-            trial_kg,
-            Note.of("mass_of_file", mass_kg=trial_kg, file=name),
-        )
+        note = Note.of("mass_of_file", mass_kg=trial_kg, file=recordings[-1].source.name)
+        found["in the trial's file"] = trial_kg, note
     if not found:
         raise MassUnknownError(_nothing_known(pose.source.name, recordings))
     mass_kg, note = next(iter(found.values()))
@@ -253,11 +247,7 @@ def _weigh(recording: Recording, expected_kg: float | None) -> tuple[float, Note
     begin_s, count = common_tenths(markers.time, *(plate.time for plate in plates))
     if count < WEIGHING_TENTHS:
         return None
-    loads = [
-        tenths(plate.wrench_in_plate[:, :3] @ plate.rotation[2], plate.time, begin_s, count)
-        for plate in plates
-    ]
-    mass = np.sum(loads, axis=0) / GRAVITY_MPS2
+    mass = _carried_kg(plates, begin_s, count)
     long = sliding_window_view(mass, min(LONG_TENTHS, count)).mean(axis=1)
     least = max(MIN_MASS_KG, MIN_WHOLE_SHARE * np.max(long[np.isfinite(long)], initial=0.0))
     seconds = sliding_window_view(mass, WEIGHING_TENTHS)
@@ -286,14 +276,19 @@ def roughly_weighed(recording: Recording, unknown: MassUnknownError) -> float:
     """
     markers, plates = recording.markers, recording.plates
     every = common_tenths(markers.time, *(plate.time for plate in plates))
-    loads = [
-        tenths(plate.wrench_in_plate[:, :3] @ plate.rotation[2], plate.time, *every)
-        for plate in plates
-    ]
-    mass = np.nan_to_num(np.sum(loads, axis=0)) / GRAVITY_MPS2
+    mass = np.nan_to_num(_carried_kg(plates, *every))
     if mass.max(initial=0.0) < MIN_MASS_KG:
         raise unknown
     return float(mass[mass > MIN_LOAD_SHARE * mass.max()].mean())
+
+
+def _carried_kg(plates: Sequence[Plate], begin_s: float, count: int) -> Array:
+    """Give the mass that the plates carry together over successive tenths of a second, (count,)."""
+    loads = [
+        tenths(plate.wrench_in_plate[:, :3] @ plate.rotation[2], plate.time, begin_s, count)
+        for plate in plates
+    ]
+    return np.asarray(np.sum(loads, axis=0) / GRAVITY_MPS2)
 
 
 def _nothing_known(name: str, recordings: tuple[Recording, ...]) -> str:
@@ -358,8 +353,8 @@ def subject_body(
         from the regression's, or if there is a recording for them that is not used.
     """
     stature, limbs = pose.metadata.height_m, {}
-    if stature is not None and not MIN_HEIGHT_M <= stature <= MAX_HEIGHT_M:
-        stature = None
+    if stature is not None and not MIN_STATURE_M <= stature <= MAX_STATURE_M:
+        stature = None  # a file that says so has another unit
     for side in SIDES:
         recorded = pose.metadata.limbs.get(side, LimbMeasures())
         knee, ankle = subject.knee_width_m, subject.ankle_width_m

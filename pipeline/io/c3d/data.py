@@ -383,15 +383,13 @@ class Samples:
     impossible: NDArray[np.int_]
 
 
-def read_samples(header: Header, max_frames: int | None = None) -> Samples:
+def read_samples(header: Header) -> Samples:
     """Read all points and analog channels.
 
     Parameters
     ----------
     header
         What `read_header` gave.
-    max_frames
-        Read no more than these first frames; by default all.
 
     Returns
     -------
@@ -420,7 +418,7 @@ def read_samples(header: Header, max_frames: int | None = None) -> Samples:
             "again"
         )
     unsigned = is_unsigned(header)
-    frames = header.frames if max_frames is None else min(header.frames, max_frames)
+    frames = header.frames
     offset, scale, scale_corrections = analog_scaling(header)
     # every coordinate and channel in one piece of memory, as markers have it
     points = np.moveaxis(np.empty((n_points, 3, frames)), -1, 0)
@@ -448,33 +446,6 @@ def read_samples(header: Header, max_frames: int | None = None) -> Samples:
         [*rate_corrections, *scale_corrections],
         impossible,
     )
-
-
-def missing_share(header: Header, sampled: int) -> NDArray[np.float64]:
-    """Estimate how often each point is missing, from frames spread evenly over the file.
-
-    Parameters
-    ----------
-    header
-        What `read_header` gave.
-    sampled
-        Number of frames to sample; all if there are fewer.
-
-    Returns
-    -------
-    ndarray
-        Share of the frames in which each point is missing, (P,).
-    """
-    chosen = np.unique(np.linspace(0, header.frames - 1, sampled).round().astype(int))
-    size, start = header.frame.bytes, header.data_start
-    data = bytearray()
-    with header.path.open("rb") as file:
-        for frame in chosen:
-            file.seek(start + int(frame) * size)
-            data += file.read(size)
-    with np.errstate(invalid="ignore", over="ignore"):
-        points, _ = _decode(bytes(data), header, False, len(chosen))
-        return np.asarray(_is_missing(points).mean(axis=0))
 
 
 def _decode(

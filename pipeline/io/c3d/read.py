@@ -16,7 +16,7 @@ from hbm.notes import Note
 from hbm.spatial import Array, frozen
 from hbm.spelling import short
 from pipeline.io.axes import mean_force, parse_axes, settle_axes
-from pipeline.io.c3d.data import Header, correction, missing_share, read_header, read_samples
+from pipeline.io.c3d.data import Header, correction, read_header, read_samples
 from pipeline.io.c3d.force_plates import PlateLayout, plate_layouts
 from pipeline.io.c3d.parameters import Parameters, Value
 from pipeline.io.input_file import naming
@@ -28,7 +28,6 @@ from pipeline.io.recording import (
     Metadata,
     Plate,
     PlateFrame,
-    Preview,
     Recording,
 )
 from pipeline.io.stated import Stated, as_stated, impossible_samples
@@ -45,10 +44,6 @@ LABEL: Final = re.compile(
     rf"(?P<before>{'|'.join(SIDE_WORDS)})?(?P<kind>{'|'.join(KINDS)})(?P<after>{'|'.join(SIDE_WORDS)})?"
 )
 GROUP: Final = "HBM_RESIDUALS"
-BEGINNING_FRAMES: Final = 1000
-"""Ten seconds at 100 Hz: enough gait to infer axes, weigh the subject and find events."""
-SAMPLED_FRAMES: Final = 500
-"""Frames in which missing markers are counted: shares are known to 2 % (one SD of 0.5 at most)."""
 OF_SUBJECT: Final = {
     "mass_kg": ("BODYMASS", 1.0, 5.0, 500.0),
     "height_m": ("HEIGHT", 1e-3, 0.3, 2.7),
@@ -221,10 +216,8 @@ def _kind_and_side(label: str) -> tuple[str, str]:
 
 def compensation_group(compensation: Compensation) -> dict[str, Value]:
     """Give the group's parameters; what is not known is left out."""
-    stated = {
-        field.name.upper(): getattr(compensation, field.name) for field in fields(compensation)
-    }
-    members: dict[str, Value] = {n: v for n, v in stated.items() if isinstance(v, str) and v}
+    said = {field.name.upper(): getattr(compensation, field.name) for field in fields(compensation)}
+    members: dict[str, Value] = {n: v for n, v in said.items() if isinstance(v, str) and v}
     members["PLATES"] = np.array(compensation.plates, int)
     if compensation.cutoff_hz is not None:
         members["CUTOFF_HZ"] = np.array([compensation.cutoff_hz])
@@ -250,9 +243,7 @@ def read_compensation(parameters: Parameters) -> Compensation | None:
     return Compensation(**texts, plates=plates, cutoff_hz=cutoff_hz)
 
 
-def read_c3d(
-    path: str | Path, stated: Stated | str | None = None, *, max_frames: int | None = None
-) -> Recording:
+def read_c3d(path: str | Path, stated: Stated | str | None = None) -> Recording:
     """Read a C3D file.
 
     Parameters
@@ -263,8 +254,6 @@ def read_c3d(
         What is stated about it: axes, units, labels. A text states the axes alone, such as
         ``"left,back,up"``; up is checked against markers and plates. Where they are not stated they
         are inferred, and the notes state them.
-    max_frames
-        Read no more than these first frames; by default all.
 
     Returns
     -------
@@ -293,24 +282,14 @@ def read_c3d(
     """
     path = Path(path)
     with naming(path):
-        return read_c3d_file(path, as_stated(stated), max_frames)
+        return read_c3d_file(path, as_stated(stated))
 
 
-def preview_c3d(path: Path, stated: Stated) -> Preview:
-    """Preview a C3D file without reading all of it; parameters and errors are `read_c3d`'s."""
-    beginning = read_c3d(path, stated, max_frames=BEGINNING_FRAMES)
-    header = read_header(path)
-    share = missing_share(header, SAMPLED_FRAMES)
-    markers = sort_labels(header, stated).markers
-    missing = {name: float(share[k]) for name, k in markers.items()}
-    return Preview(beginning, header.frames, missing)
-
-
-def read_c3d_file(path: Path, stated: Stated, max_frames: int | None = None) -> Recording:
+def read_c3d_file(path: Path, stated: Stated) -> Recording:
     """Read a C3D file as `read_c3d` does; errors do not name it."""
     header = read_header(path)
     parameters, channels = header.parameters, header.channels
-    samples = read_samples(header, max_frames)
+    samples = read_samples(header)
     labels = sort_labels(header, stated)
     unit = parameters.text("POINT", "UNITS")
     position = samples.points[:, list(labels.markers.values())]

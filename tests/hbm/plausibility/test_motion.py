@@ -40,6 +40,13 @@ def test_legs_of_different_length_are_noticed():
     assert (note.code, note.level) == ("legs_differ", "warning")
 
 
+@pytest.mark.parametrize(("height_m", "differs"), [(None, False), (1.85, False), (0.5, True)])
+def test_a_stature_that_the_legs_contradict_is_noticed(height_m, differs):
+    """The legs are those of a person of 1.71 m."""
+    body = build_body(person(), mass=MASS_KG, height_m=height_m)
+    assert [note.code for note in implausible(body)] == ["stature_differs"] * differs
+
+
 @pytest.fixture(scope="module")
 def pose():
     """A second in a T-pose: the same frame a hundred times."""

@@ -1,70 +1,237 @@
-"""A folder of recordings becomes a study that needs no editing to run."""
+"""A folder of recordings becomes a study that needs no editing to run, or nothing is written."""
 
+import os
+import re
 import shutil
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from pipeline.cli.app import main
 from pipeline.config.found_recordings import found_subjects
 from pipeline.config.study import read_study
 from pipeline.io.c3d.write import write_c3d
+from pipeline.run.check import check_study
 from pipeline.trial.study_files import read_study_file
 from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
 from tests.pipeline.cli.test_app import plate
 from tests.synthetic import synthetic_t_pose
+
+POSE = re.compile(r"(?i)cal|static|stand|pose")
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """A walk of two steps, and a pose."""
+    folder = tmp_path_factory.mktemp("recorded")
+    half = np.full(1000, 74.6 * 9.81 / 2)
+    write_c3d(folder / "pose.c3d", synthetic_t_pose(), [plate(1, half), plate(2, half)])
+    simulate_trial(folder / "walk.c3d", duration_s=2.0)
+    return folder
+
+
+@pytest.fixture
+def named(recorded, tmp_path):
+    """Put recordings of such names into a folder: a pose where the name says so, else a walk."""
+
+    def put(*names, folder=tmp_path / "named"):
+        shutil.rmtree(folder, ignore_errors=True)
+        for name in names:
+            path = folder / f"{name}.c3d"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            os.link(recorded / f"{'pose' if POSE.search(name) else 'walk'}.c3d", path)
+        return folder
+
+    return put
 
 
 @pytest.fixture
 def folder(tmp_path):
     """Two subjects; one has a pose, the other two walks alone; and files that are none."""
     half = np.full(1000, 74.6 * 9.81 / 2)
-    write_c3d(tmp_path / "S01_standing.c3d", synthetic_t_pose(), [plate(1, half), plate(2, half)])
+    write_c3d(tmp_path / "S01_0.c3d", synthetic_t_pose(), [plate(1, half), plate(2, half)])
     simulate_trial(tmp_path / "S01_4.c3d", duration_s=8.0)
     for name in ("S02_5.c3d", "S02_6.c3d"):
         shutil.copy(tmp_path / "S01_4.c3d", tmp_path / name)
     (tmp_path / "notes.txt").write_text("measured on Monday")
     (tmp_path / "broken.c3d").write_bytes(b"no recording")
+    (tmp_path / ".S01_5.c3d.1a2b3c4d.part").write_bytes((tmp_path / "S01_4.c3d").read_bytes())
     return tmp_path
 
 
 def test_recordings_are_grouped_by_subject_and_the_stillest_is_the_pose(folder):
     (first, second), unused = found_subjects(folder)
-    assert first == ("S01", "S01_standing.c3d", {"walking": ["S01_4.c3d"]})
+    assert first == ("S01", "S01_0.c3d", {"walking": ["S01_4.c3d"]})
     assert second == ("S02", "", {"walking": ["S02_5.c3d", "S02_6.c3d"]})
     assert list(unused) == ["broken.c3d"]
 
 
-def test_words_in_names_are_conditions_and_a_pose_is_named_so(folder):
-    for name, better in (
-        ("S01_4", "S01_shoes_1"),
-        ("S02_5", "S02_barefoot_1"),
-        ("S02_6", "S02_shoes_1"),
-        ("S01_standing", "S01_static"),
-    ):
-        (folder / f"{name}.c3d").rename(folder / f"{better}.c3d")
-    (first, second), _ = found_subjects(folder)
-    assert first == ("S01", "S01_static.c3d", {"shoes": ["S01_shoes_1.c3d"]})
-    assert second.trials == {"barefoot": ["S02_barefoot_1.c3d"], "shoes": ["S02_shoes_1.c3d"]}
-
-
-def test_a_pose_without_a_trial_is_not_skipped_silently(folder):
-    (folder / "S01_4.c3d").unlink()
-    (folder / "S01_standing.c3d").rename(folder / "S01_static.c3d")
-    (second,), unused = found_subjects(folder)
+def test_a_pose_without_a_trial_is_not_skipped_silently(named):
+    (second,), unused = found_subjects(named("S01_static", "S02_5"))
     assert second.name == "S02"
     assert unused["S01_static.c3d"] == "there is no trial of S01 on plates"
 
 
+INITIALS = ("AB", "CD", "EF", "GS", "HK", "LM")
+WALKS = ("comf1", "comf2", "slow1", "slow2")
+
+
+@pytest.mark.parametrize(
+    ("names", "people"),
+    [
+        (
+            ("P01_slow_1", "P01_slow_2", "P01-cal", "P02_fast_1", "P02-cal"),
+            {"P01": "P01-cal slow slow", "P02": "P02-cal fast"},
+        ),
+        (
+            (*(f"{who}_{walk}" for who in INITIALS for walk in WALKS), "AB-cal"),
+            dict.fromkeys(INITIALS, " comf comf slow slow") | {"AB": "AB-cal comf comf slow slow"},
+        ),
+        (("GAIT_S01_slow", "GAIT_S02_slow"), {"S01": " gait-slow", "S02": " gait-slow"}),
+        (("slow_P01_1", "slow_P02_1", "static_P02"), {"P01": " slow", "P02": "static_P02 slow"}),
+        (
+            ("2024-05-03_P01_slow_1", "2024-05-03_P01_static", "2024-05-10_P02_slow_1"),
+            {"P01": "2024-05-03_P01_static slow", "P02": " slow"},
+        ),
+        (
+            ("P01/slow/Trial01", "P01/fast/Trial01", "P01/Kalibrierung", "P02/slow/Trial01"),
+            {"P01": "P01/Kalibrierung fast slow", "P02": " slow"},
+        ),
+        (
+            ("S01_fast walk_1", "S01 Tpose", "S02_gång_1"),
+            {"S01": "S01 Tpose fast-walk", "S02": " gang"},
+        ),
+        (("S01_walk v1.2", "S01_walk v1.3"), {"S01": " walk-v1-2 walk-v1-3"}),
+        (("O'Neil_walk_1", "O'Neil_walk_2", "O'Neil_static"), {"ONeil": "O'Neil_static walk walk"}),
+        (
+            ("sub-01_task-walk_run-1", "sub-01_task-walk_run-2", "sub-02_task-run_run-1"),
+            {"sub01": " walk walk", "sub02": " run"},
+        ),
+        (("Trial01", "Trial02", "Cal01"), {"sub01": "Cal01 walking walking"}),
+        (("shoes_1", "barefoot_1", "standing"), {"sub01": "standing barefoot shoes"}),
+        (
+            ("S01FastWalk1", "S01Static", "Subject 2 walk"),
+            {"S01": "S01Static fastwalk", "Subject2": " walk"},
+        ),
+        (("s01_walk_1", "S01_walk_2"), {"s01": " walk walk"}),
+        (("con_walk_1", "con_walk_2"), {"con-2": " walk walk"}),
+        (("S01_group_1", "S01_sex_1"), {"S01": " group-2 sex-2"}),
+    ],
+)
+def test_names_are_read_as_people_mean_them(named, names, people):
+    """Subject -> its pose, and the condition of each of its trials."""
+    found, _ = found_subjects(named(*names))
+    assert {one.name.lower(): said(one) for one in found} == {
+        k.lower(): v for k, v in people.items()
+    }
+
+
+def said(one):
+    conditions = sorted(name for name, files in one.trials.items() for _ in files)
+    return " ".join([one.static.removesuffix(".c3d"), *conditions])
+
+
+@pytest.mark.parametrize(
+    ("names", "readings"),
+    [
+        (("AB_slow_1", "CD_slow_1"), ["AB, CD", "sub01"]),
+        (("anna_slow_1", "bert_fast_1"), ["anna, bert", "sub01"]),
+        (("anna_1", "anna_2", "static"), ["anna1, anna2", "sub01"]),
+        (("sneakers_1", "loafers_1", "static"), ["loafers1, sneakers1", "sub01"]),
+        (("A_walk", "B_walk"), ["A, B", "sub01"]),
+        (("01_slow", "02_slow"), ["01, 02", "sub01"]),
+        (("王_walk_1", "李_walk_1"), ["李, 王", "sub01"]),
+        (("anna_P1_slow", "bert_P2_slow", "anna_P2_slow"), ["anna, bert", "P1, P2", "sub01"]),
+        (("P01_S02_walk", "P02_S02_walk"), ["P01, P02", "S02"]),
+        (("XY_S01_slow", "XY_S02_slow"), ["XY", "S01, S02"]),
+        (("KO03", "KO04", "AB03"), ["AB03, KO03, KO04", "sub01"]),
+        (("Pat_1", "Pat_2"), ["Pat1, Pat2", "sub01"]),
+        (("S01_walk_1", "AB_walk_1"), ["AB, S01", "sub01"]),
+        (("19980312_walk", "20011105_walk"), ["19980312, 20011105", "sub01"]),
+    ],
+)
+def test_where_names_can_be_read_in_several_ways_all_are_said_and_nothing_is_written(
+    named, capsys, names, readings
+):
+    folder = named(*names)
+    assert main(["init", str(folder)]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert not list(folder.rglob("*.toml"))
+    assert "choose one with --reading" in lines[-1]
+    for number, (people, line) in enumerate(zip(readings, lines[:-1], strict=True), 1):
+        assert f"reading {number}: people {people}; " in line
+    assert main(["init", str(folder), "--reading", "1"]) == 0
+    assert len(read_study(folder).subjects) == readings[0].count(",") + 1
+
+
+def test_what_is_not_used_is_said_with_the_reason(named):
+    folder = named(
+        *("S01_walk_1", "S01_static_1", "S01_static_2", "S01_ROM", "walk_7", "old/S02_walk_1"),
+        *("20240503_S03_walk", "20240510_S03_walk", "20240503_S03_cal"),
+    )
+    (folder / "old" / "study.toml").touch()
+    found, unused = found_subjects(folder)
+    assert [(one.name, one.static) for one in found] == [("S01", "S01_static_1.c3d"), ("S03", "")]
+    assert unused == {
+        "S01_static_2.c3d": "S01_static_1.c3d is the pose of S01",
+        "S01_ROM.c3d": "it is no trial; for functional hips, state it as hip_trial",
+        "walk_7.c3d": "its name does not say whose it is",
+        "old/S02_walk_1.c3d": "its folder has a study of its own",
+        "20240503_S03_cal.c3d": "S03 was recorded on several days; a pose holds for one",
+    }
+
+
+PARTS = st.text(st.characters(exclude_characters="/\0", exclude_categories=("Cs",)), max_size=12)
+ODD = st.sampled_from(
+    ["con", "study", "Walk", "walk", "a.b", "Ä'", '"', "\\", "😀", "v1.2", "..", "#"]
+)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
+@given(
+    st.lists(
+        st.tuples(st.sampled_from(["S1", "s1", "S2", ""]), st.one_of(PARTS, ODD)),
+        min_size=1,
+        max_size=5,
+    )
+)
+def test_every_study_that_is_written_is_read_whatever_the_names(named, stems):
+    """Subjects and conditions of any letters, in upper and lower case, with quotes and blanks."""
+    names = {f"{number}_{word}_{k}" for k, (number, word) in enumerate(stems)}
+    folder = named(*names)
+    if main(["init", str(folder), "--quiet"]) == 2:
+        assert not list(folder.rglob("*.toml"))
+        assert main(["init", str(folder), "--quiet", "--reading", "1"]) == 0
+    study = read_study_of(folder)
+    if study is None:
+        return  # all names have letters that cannot be printed: an example
+    used = [file for trial in study.trials.values() for file in trial.files]
+    used += [person.static for person in study.subjects.values() if person.static]
+    assert len(set(used)) == len(used) <= len(names)
+    for person in study.subjects.values():
+        files = [trial.file for trials in person.trials.values() for trial in trials]
+        numbers = {file[:2].upper() for file in files if file[:2].upper() in ("S1", "S2")}
+        assert len(numbers) <= 1
+
+
+def read_study_of(folder):
+    """The study that was written of recordings; None where there are none that can be used."""
+    example = any("baseline" in path.read_text("utf-8") for path in folder.glob("sub01.toml"))
+    return None if example else read_study(folder)
+
+
 def test_a_study_of_the_recordings_in_a_folder_runs_as_it_is_written(folder, tmp_path, capsys):
     assert main(["init", str(folder)]) == 0
-    assert "S01: pose S01_standing.c3d; walking: S01_4.c3d" in capsys.readouterr().out
+    assert "S01: pose S01_0.c3d; walking: S01_4.c3d" in capsys.readouterr().out
     study = read_study(folder)
     assert [str(name) for name in study.trials] == [
         "S01 walking",
         "S02 walking 01",
         "S02 walking 02",
     ]
+    assert all("the same recording as" in str(fault) for fault in check_study(study).faults)
     results = tmp_path / "results"
     assert main(["run", str(folder), "--subject", "S01", "--out", str(results)]) == 0
     assert (results / "trials" / "S01_walking.parquet").is_file()

@@ -112,12 +112,20 @@ def test_an_impossible_laboratory_is_refused(write, typed, message):
     assert only_fault_of(write(f"{typed}\n{PLAIN}")).startswith(f"study.toml: {message}")
 
 
+@pytest.mark.parametrize("digits", [7, 23, 400])
+@pytest.mark.parametrize("key", ["cycles", "skip_s"])
+def test_a_number_beyond_any_recording_is_refused(write, key, digits):
+    fault = only_fault_of(write(f"{PLAIN}{key} = 1{'0' * digits}\n"))
+    assert fault.startswith(f"study.toml: conditions.walk.{key}: ")
+
+
 @pytest.mark.parametrize(
     ("person", "message"),
     [
         ('id = "s"\n[trials.walk]\n', "trials.walk: needs a file, or exclude ="),
         ('static = "no.c3d"\n' + PERSON, "static: no file 'no.c3d'"),
         (f"a = {'[' * 5000}", "not valid TOML: it is nested too deeply"),
+        (PERSON + 'window = "motion"', 'sub01 walk: window: window "motion" is a part of pert'),
     ],
 )
 def test_an_impossible_subject_file_is_refused(write, person, message):

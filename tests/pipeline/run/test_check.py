@@ -6,19 +6,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from compensation import to_json
 from hbm.markers import Markers
 from hbm.notes import Note
 from pipeline.cli.app import main
 from pipeline.config.study import read_study
-from pipeline.io.c3d.read import preview_c3d, read_c3d
+from pipeline.io.c3d.read import read_c3d
 from pipeline.io.c3d.second_reader import SecondReading, installed
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Metadata
-from pipeline.io.stated import Stated
 from pipeline.run import check
 from pipeline.run.check import check_study
 from pipeline.run.run import run_study
 from pipeline.trial.process import process_trial
+from pipeline.trial.study_files import read_study_laboratory
 from tests.hbm.motions import without
 from tests.pipeline import lab
 from tests.pipeline.lab import edit
@@ -139,6 +140,105 @@ def test_what_a_run_would_refuse_is_a_fault(sway, tmp_path, change_study, fault)
     assert [outcome.state for outcome in outcomes] == ["failed"]
 
 
+IN_BASELINE = "[conditions.baseline]\ncycles = 4\nskip_s = 6.0\n"
+SWAY = 'pulse_channel = "Pulse"\n'
+VARIANT = "[variants.other]\n"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "fault"),
+    [
+        (IN_BASELINE, f"[settings]\ncutoff_hz = 50\n{IN_BASELINE}", "cut-off must lie between 0"),
+        (IN_BASELINE, f"{VARIANT}cutoff_hz = 50.0\n{IN_BASELINE}", "variant other: cut-off must"),
+        (IN_BASELINE, f'{VARIANT}events = "file"\n{IN_BASELINE}', "there are no foot strikes"),
+        (IN_BASELINE, f'{VARIANT}marker_set = "pig"\n{IN_BASELINE}', "pelvis needs the landmarks"),
+        (
+            IN_BASELINE,
+            f'[variants.other.treadmill.accelerometers]\nx = ["a", "b", "c"]\n{IN_BASELINE}',
+            "variant other: empty.c3d: no analog channel 'a'",
+        ),
+        (SWAY, 'pulse_channel = "Pitch"\n', "Pitch shows no perturbation"),
+        (SWAY, 'pulse_channel = "Puls"\n', "no analog channel 'Puls', did you mean 'Pulse'?"),
+        (SWAY, f"{SWAY}skip_s = 10.0\n", "none of the gait cycles is one that the condition"),
+        (SWAY, f"{SWAY}window = [0.0, 3.3]\n", "reaches into the next one at 9.7"),
+        (SWAY, f"{SWAY}window = [0.0, 3.0]\n", "ends beyond all"),
+    ],
+)
+def test_what_settings_make_a_run_refuse_is_a_fault(sway, tmp_path, old, new, fault):
+    """The sway trial at 100 Hz has pulses at 6.5 and 9.7 s, none in pitch, and no gait events."""
+    edit(sway / "study.toml", old, new)
+    faults = findings(sway).faults
+    assert len([line for line in faults if fault in line]) == 1, faults
+    (outcome,) = run_study(read_study(sway), tmp_path / "out", conditions=["sway"])
+    assert outcome.failure is not None or outcome.failed_variants
+
+
+def test_a_variant_that_contradicts_its_fitted_calibration_is_a_fault(sway):
+    calibration = read_study_laboratory(read_study(sway)).calibration
+    (sway / "e.json").write_text(to_json(calibration))
+    edit(sway / "study.toml", '"empty.c3d"', '"e.json"')
+    assert findings(sway).faults == []
+    stated = "[variants.a.treadmill]\naccelerometer_delay_s = 0.1\n"
+    stated += "[variants.b.treadmill]\ncutoff_hz = 10.0\n"
+    edit(sway / "study.toml", IN_BASELINE, stated + IN_BASELINE)
+    of_model, of_cutoff = findings(sway).faults
+    assert of_model.startswith("study.toml: variant a: e.json: the calibration was fitted with a")
+    assert of_cutoff.startswith("variant b: sub01_sway.c3d: plate 1: calibration does not match")
+
+
+def test_a_trial_with_none_of_the_markers_of_its_pose_is_a_fault(sway):
+    edit(sway / "sub01.toml", 'id = "sub01"', 'id = "sub01"\nstatic = "pose.c3d"')
+    shutil.copy(sway / "sub01_baseline.c3d", sway / "pose.c3d")
+    platform = tuple(lab.PLATFORM_MARKERS_M)
+
+    def renamed(recording):
+        markers = recording.markers
+        names = tuple(n if n in platform else f"{n}_2" for n in markers.names)
+        return replace(markers, names=names)
+
+    change(sway, "sub01_sway", markers=renamed)
+    faults = findings(sway).faults
+    assert any("none of the body's markers is in the trial" in fault for fault in faults), faults
+
+
+@pytest.mark.parametrize(
+    ("copy", "windows", "faults"),
+    [
+        ("sub01_baseline", ("", ""), 1),
+        ("again", ("", ""), 1),
+        ("again", ("window = [6.0, 8.0]", "window = [8.0, 10.0]"), 0),
+        ("again", ("window = [6.0, 8.0]", "window = [7.0, 9.0]"), 1),
+    ],
+)
+def test_a_recording_counts_once_whatever_its_name(study, copy, windows, faults):
+    """Pitch is the baseline once more: by the same name, or written anew with another header."""
+    change_header = {"metadata": lambda recording: Metadata(mass_kg=74.6)}
+    shutil.copy(study / "sub01_baseline.c3d", study / "again.c3d")
+    change(study, "again", **change_header)
+    edit(study / "sub01.toml", "sub01_pitch.c3d", f"{copy}.c3d")
+    for condition, window in zip(("baseline", "pitch"), windows, strict=True):
+        edit(study / "sub01.toml", f"[trials.{condition}]", f"[trials.{condition}]\n{window}")
+    text = "sub01 pitch: the same recording as sub01 baseline: it counts twice"
+    assert [f.startswith(text) for f in findings(study).faults] == [True] * faults
+
+
+@pytest.mark.parametrize("as_static", [True, False])
+def test_a_recording_of_two_subjects_is_a_fault(study, as_static):
+    shutil.copy(study / "sub01_baseline.c3d", study / "sub02.c3d")
+    static = 'static = "sub02.c3d"\n' if as_static else ""
+    trial = 'exclude = "fell"' if as_static else 'file = "sub02.c3d"'
+    (study / "sub02.toml").write_text(f'id = "sub02"\n{static}[trials.pitch]\n{trial}')
+    (fault,) = findings(study).faults
+    assert "the same recording as sub01 baseline, another subject" in fault
+
+
+def test_a_stature_that_the_legs_contradict_is_a_warning_before_a_run_and_in_it(sway):
+    edit(sway / "sub01.toml", 'id = "sub01"', 'id = "sub01"\nheight_m = 1.2')
+    (before,) = [n for n in findings(sway).notes["sub01_sway.c3d"] if n.code == "stature_differs"]
+    assert before in process_trial(read_study(sway), "sub01", "sway").notes
+    assert before.text == "stature 1.20 m, but 1.77 m by the length of the legs"
+
+
 needs_ezc3d = pytest.mark.skipif(not installed(), reason="no ezc3d wheel for this system")
 
 
@@ -176,7 +276,7 @@ def test_faults_of_all_files_are_listed_at_once(study):
         assert len([fault for fault in faults if fault.startswith(name)]) >= 2, faults
 
 
-def test_a_mass_that_cannot_be_weighed_has_to_be_stated(sway):
+def test_a_mass_that_only_steps_can_weigh_is_remarked(sway):
     def restless(recording):
         plates = []
         for plate in recording.plates:
@@ -189,9 +289,22 @@ def test_a_mass_that_cannot_be_weighed_has_to_be_stated(sway):
     assert found.faults == []
     assert any(note.code == "mass_of_file" for note in found.notes["sub01_sway.c3d"])
     change(sway, "sub01_sway", metadata=lambda recording: Metadata())
-    assert any("mass missing: nobody stands still" in fault for fault in findings(sway).faults)
+    found = findings(sway)
+    assert found.faults == []
+    (remark,) = [remark for remark in found.remarks if "mass missing: nobody stands" in remark]
+    assert remark.endswith("else steps weigh, where plates carry them")
     edit(sway / "sub01.toml", 'id = "sub01"', 'id = "sub01"\nmass_kg = 74.6')
-    assert findings(sway).faults == []
+    assert not any("mass missing" in remark for remark in findings(sway).remarks)
+
+
+def test_people_whom_nothing_but_steps_weighs_are_no_fault(shared_data, tmp_path):
+    """A real walk with markers on pelvis and legs, over two plates in the floor."""
+    shutil.copy(shared_data / "legs_only" / "Qualisys.c3d", tmp_path)
+    (tmp_path / "study.toml").write_text("[conditions.walk]")
+    (tmp_path / "a.toml").write_text('id = "a"\n[trials.walk]\nfile = "Qualisys.c3d"')
+    (outcome,) = run_study(read_study(tmp_path), tmp_path / "out")
+    assert outcome.failure is None
+    assert findings(tmp_path).faults == []
 
 
 def test_excluded_missing_repeated_short_and_uncompensated_trials_are_remarked(study):
@@ -222,10 +335,8 @@ def test_a_static_recording_is_checked_too(sway):
     assert fault.startswith("pose.c3d: not a C3D file, nor ")
 
 
-def test_a_marker_hidden_at_the_beginning_is_not_a_fault(sway, monkeypatch):
-    """Where the beginning alone has a fault, the whole file decides: LASIS is hidden for 3 s."""
-    monkeypatch.setattr("pipeline.io.c3d.read.BEGINNING_FRAMES", 300)
-
+def test_a_marker_hidden_at_the_beginning_is_not_a_fault(sway):
+    """LASIS is hidden for 3 s."""
     change(sway, "sub01_sway", markers=lambda r: without(r.markers, ["LASIS"], slice(300)))
     assert findings(sway).faults == []
 
@@ -243,19 +354,6 @@ def test_a_check_of_the_template_lists_what_is_missing(tmp_path, capsys):
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 2
     assert all("no file 'sub01_" in line for line in lines)
-
-
-def test_a_preview_is_the_beginning_of_a_file(moving_study, monkeypatch):
-    path = moving_study / "sub01_sway.c3d"
-    whole = read_c3d(path)
-    monkeypatch.setattr("pipeline.io.c3d.read.BEGINNING_FRAMES", 100)
-    monkeypatch.setattr("pipeline.io.c3d.read.SAMPLED_FRAMES", 50)
-    preview = preview_c3d(path, Stated())
-    assert preview.frames == len(whole.markers.time)
-    beginning = preview.beginning
-    np.testing.assert_array_equal(beginning.markers.position, whole.markers.position[:100])
-    assert len(beginning.plates[0].time) == 1000
-    np.testing.assert_array_equal(beginning.analog.values, whole.analog.values[:1000])
 
 
 def test_where_a_static_pose_has_no_plates_the_trial_weighs(sway):

@@ -175,10 +175,7 @@ def test_what_is_not_in_the_recording_is_found_by_the_check(
 
 
 @pytest.mark.parametrize("walks", [True, False])
-def test_a_trial_that_begins_with_standing_is_checked_to_its_end(
-    walker, study, tmp_path, monkeypatch, walks
-):
-    monkeypatch.setattr("pipeline.io.c3d.read.BEGINNING_FRAMES", 100)
+def test_a_trial_that_begins_with_standing_is_checked_to_its_end(walker, study, tmp_path, walks):
     recording = walker if walks else first(walker, 1.8)
     _, outcome = checked_and_run(study(recording, "cycles = 3"), tmp_path / "out")
     assert (outcome.state == "done") == walks
