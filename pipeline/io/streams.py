@@ -418,10 +418,10 @@ def over_short_losses(time: Array, values: Array, rate_hz: float) -> tuple[Array
 
     Examples
     --------
-    >>> time = np.array([0.0, 0.01, 0.03, 0.04, 0.07])
+    >>> time = np.array([0.0, 0.01, 0.03, 0.04, 0.09])
     >>> time, values = over_short_losses(time, 2 * time[:, None], 100.0)
     >>> time.round(3).tolist(), values[2].round(3).item()
-    ([0.0, 0.01, 0.02, 0.03, 0.04, 0.07], 0.04)
+    ([0.0, 0.01, 0.02, 0.03, 0.04, 0.09], 0.04)
     """
     steps = np.rint(np.diff(time) * rate_hz).astype(int)
     lost = np.where(steps <= max(MAX_LOSS_S * rate_hz, 2), steps - 1, 0).clip(0)

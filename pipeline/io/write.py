@@ -26,6 +26,9 @@ import pyarrow.parquet as pq
 
 from pipeline.io.input_file import MAX_BYTES, naming, open_file, read_text, too_large
 
+if sys.platform != "win32":
+    import fcntl  # here: where a program ends, modules are no longer imported
+
 PART: Final = ".part"
 """Suffix of a file that is being written."""
 NO_ROOM: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -171,8 +174,6 @@ def _locked(file: BinaryIO) -> bool:
     """Lock a file until it is closed or this process ends; whether that was possible."""
     if sys.platform == "win32":
         return False
-    import fcntl
-
     with suppress(OSError):
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         return True

@@ -66,8 +66,9 @@ def write_named(recording, path):
 @pytest.fixture(scope="module")
 def study(walker, tmp_path_factory):
     folder = tmp_path_factory.mktemp("named")
-    for name in ("walk.c3d", "again.c3d"):
-        write_named(walker, folder / name)
+    again = replace(walker.markers, position=walker.markers.position + 0.001)  # no copy
+    write_named(walker, folder / "walk.c3d")
+    write_named(replace(walker, markers=again), folder / "again.c3d")
     (folder / "study.toml").write_text(STUDY, encoding="utf-8")
     (folder / "sub01.toml").write_text(PERSON, encoding="utf-8")
     return folder

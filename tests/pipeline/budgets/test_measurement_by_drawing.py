@@ -14,7 +14,7 @@ from pipeline.statistics.measurement import deviation, mean_covariance
 from pipeline.trial.process import process_trial
 from pipeline.trial.study_files import read_study_file
 
-DRAWS = 4000
+DRAWS = 12000
 CONDITIONS = ("baseline", "pitch")
 
 pytestmark = pytest.mark.slow
