@@ -12,7 +12,7 @@ from pipeline.io.recording import Analog, Recording
 from pipeline.run.request import TrialRequest
 from tests.campaign.judgement import CODES, Ended, commanded, printed_raw
 from tests.campaign.outcome import Attack, Outcome
-from tests.campaign.study_files import SEGMENTS, STUDY, SUBJECT
+from tests.campaign.study_files import SEGMENTS, STUDY, SUBJECT, write_recordings
 from tests.pipeline.lab import save
 
 PERSON: Final = "JANE DOE"
@@ -74,7 +74,7 @@ def injections(
         for number, (name, text) in enumerate(PAYLOADS.items())
         for where, act in (
             *((w, _into_recording(recording, static, w, name, text)) for w in OF_RECORDING),
-            *((w, _into_study(walk, static, w, name, text)) for w in OF_STUDY),
+            *((w, _into_study(walk.parent, w, name, text)) for w in OF_STUDY),
         )
         if text != PERSON or where in OF_PEOPLE
     ]
@@ -105,16 +105,15 @@ def _into_recording(recording: Recording, static: Path, where: str, name: str, t
     return act
 
 
-def _into_study(walk: Path, static: Path, where: str, name: str, text: str) -> Act:
+def _into_study(source: Path, where: str, name: str, text: str) -> Act:
     def act(folder: Path, _: random.Random) -> Outcome:
         home = folder / "a" / "b"
         study, subject, person = OF_STUDY[where](text)
         home.mkdir(parents=True)
-        shutil.copy(walk, home / "walk.c3d")
-        shutil.copy(static, home / "static.c3d")
+        write_recordings(home, source, "sub01")
         (home / "study.toml").write_text(study, encoding="utf-8")
         (home / "own_segments.toml").write_text(SEGMENTS, encoding="utf-8")
-        own = person.replace('"{id}"', _toml(subject))
+        own = person.replace('"{id}"', _toml(subject)).replace("{id}", "sub01")
         (home / "sub01.toml").write_text(own, encoding="utf-8")
         calls = [
             ["check", home],
@@ -178,7 +177,7 @@ def _written(path: Path) -> str:
 
 def _other_trial(key: str, text: str) -> str:
     """Give a subject's file whose second trial states one thing."""
-    old = '[trials.again]\nfile = "walk.c3d"'
+    old = '[trials.again]\nfile = "{id}_again.c3d"'
     return SUBJECT.replace(old, f"[trials.again]\n{key} = {_toml(text)}")
 
 

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,13 @@ from compensation.inertia.fit import fit_inertia
 from compensation.inertia.model import Setup
 from pipeline.config.plate_study import read_plates_study
 from pipeline.config.toml_file import read_segments
+from pipeline.io.read import read_recording
 from pipeline.trial.ground.calibrations import read_laboratory
 from tests.campaign.formats import Format, read_alone
 from tests.campaign.judgement import commanded, printed_raw, refusal
 from tests.campaign.mutations import Damage
 from tests.campaign.outcome import MAX_MESSAGE_CHARACTERS, Outcome
+from tests.pipeline.lab import save
 
 STUDY = """name = "Small"
 [settings]
@@ -33,16 +36,16 @@ SUBJECT = """id = "{id}"
 sex = "male"
 height_m = 1.78
 age_years = 30
-static = "static.c3d"
+static = "{id}_static.c3d"
 segments = "own_segments.toml"
 [trials.level]
-file = "walk.c3d"
+file = "{id}_walk.c3d"
 [[trials.level.contacts]]
 plate = 1
 time_s = 1.2
 foot = "left"
 [trials.again]
-file = "walk.c3d"
+file = "{id}_again.c3d"
 """
 SEGMENTS = """[left_shank]
 mass_kg = 1.9
@@ -69,13 +72,25 @@ belt = "left"
 def write_study(folder: Path, source: Path, subjects: tuple[str, ...] = ("sub01",)) -> Path:
     """Write a small study on the recordings in ``source``."""
     folder.mkdir(parents=True, exist_ok=True)
-    for name in ("walk.c3d", "static.c3d"):
-        (folder / name).symlink_to(source / name)
+    for number, name in enumerate(subjects):
+        write_recordings(folder, source, name, 0.01 * number)
     (folder / "study.toml").write_text(STUDY, encoding="utf-8")
     (folder / "own_segments.toml").write_text(SEGMENTS, encoding="utf-8")
     for name in subjects:
         (folder / f"{name}.toml").write_text(SUBJECT.format(id=name), encoding="utf-8")
     return folder
+
+
+def write_recordings(folder: Path, source: Path, subject: str, shift_m: float = 0.0) -> None:
+    """Write those of a subject, whose markers are shifted: no recording is one of another's."""
+    for name, original, own_shift_m in (
+        ("static", "static", shift_m),
+        ("walk", "walk", shift_m),
+        ("again", "walk", shift_m + 0.001),
+    ):
+        recording = read_recording(source / f"{original}.c3d")
+        markers = replace(recording.markers, position=recording.markers.position + own_shift_m)
+        save(replace(recording, markers=markers), folder / f"{subject}_{name}.c3d")
 
 
 def study_files(folder: Path) -> list[Format]:
@@ -121,7 +136,7 @@ def checked(study: Path, name: str) -> Outcome:
     """Judge ``hbm check``: its faults are lines of its findings, or errors that name the file."""
     ended = commanded("check", study)
     if ended.err:
-        return refusal(ended, (name, "walk.c3d", "static.c3d", "own_segments.toml"))
+        return refusal(ended, (name, "_walk.c3d", "_again.c3d", "_static.c3d", "own_segments.toml"))
     faults = [line for line in ended.out.splitlines() if line.startswith("FAULT")]
     if raw := printed_raw(ended.out):
         return Outcome("leak", raw)
