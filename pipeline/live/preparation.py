@@ -17,7 +17,6 @@ from hbm.spelling import short
 from pipeline.config.live import Live
 from pipeline.config.schema import Settings, SubjectFile, Treadmill
 from pipeline.config.study import Study, read_study
-from pipeline.config.toml_file import read_segments
 from pipeline.io.read import read_recording
 from pipeline.io.recording import Plate, Recording
 from pipeline.io.stated import Stated
@@ -29,7 +28,7 @@ from pipeline.trial.ground.calibrations import read_calibration
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.platform import LEVEL
-from pipeline.trial.study_files import read_study_laboratory
+from pipeline.trial.study_files import read_body_files, read_study_laboratory
 from pipeline.trial.subject import (
     MAX_STILL_EXTENT_M,
     MIN_MASS_KG,
@@ -258,10 +257,7 @@ class Preparation:
         marker_set = hip_trial = segments = None
         if study is not None:
             marker_set = study.marker_set
-            if person.hip_trial:
-                hip_trial = read_recording(study.path(person.hip_trial), self.stated)
-            if person.segments:
-                segments = read_segments(study.path(person.segments))
+            hip_trial, segments = read_body_files(study, person)
         body = subject_body(
             pose,
             person.person,

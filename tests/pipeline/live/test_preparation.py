@@ -23,3 +23,9 @@ def test_a_platform_that_is_taken_as_level_is_noted_as_in_trials(prepared):
 def test_who_walks_has_to_be_clear(moving_study):
     with pytest.raises(ValueError, match=r"the study has \d+ subjects; choose who walks"):
         prepare(moving_study, None)
+
+
+def test_a_recording_for_functional_hips_is_read_only_where_the_settings_use_it(prepared):
+    person = prepared.person.model_copy(update={"hip_trial": "not_recorded_yet.c3d"})
+    body, _ = replace(prepared, person=person).body()
+    assert body.mass == prepared.body()[0].mass
