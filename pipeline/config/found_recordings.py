@@ -33,6 +33,8 @@ REMEDY: Final = (
 TAKEN: Final = (*RESERVED, *COVARIATES, "group", "study")
 """Names that mean something else to a study or to the file system."""
 MAX_LETTERS: Final = 40
+UNFINISHED: Final = (".part", ".partial", ".filepart", ".crdownload", ".download", ".tmp")
+"""Suffixes of files that are being copied."""
 MIN_MARKERS: Final = 9
 """Fewer are on a treadmill, not on a body."""
 MAX_STILL_M: Final = 0.3
@@ -132,6 +134,8 @@ def _people_in(folder: Path) -> tuple[list[_Found], dict[str, str]]:
         try:
             if not studies.isdisjoint(path.parents):
                 raise ValueError("its folder has a study of its own")
+            if path.suffix.lower() in UNFINISHED:
+                raise ValueError("a part of a file; end its copying or delete it")
             recording = read_with_any_axes(path)
             if (markers := len(recording.markers.names)) < MIN_MARKERS:
                 raise ValueError(f"it has {markers} markers, too few for a body")

@@ -166,6 +166,14 @@ def test_where_names_can_be_read_in_several_ways_all_are_said_and_nothing_is_wri
     assert len(read_study(folder).subjects) == readings[0].count(",") + 1
 
 
+def test_a_recording_that_is_being_copied_is_no_trial(named):
+    folder = named("S01_walk1", "S01_walk2")
+    (folder / "S01_walk2.c3d").rename(folder / "S01_walk2.c3d.part")
+    (subject,), unused = found_subjects(folder)
+    assert subject.trials == {"walk": ["S01_walk1.c3d"]}
+    assert unused == {"S01_walk2.c3d.part": "a part of a file; end its copying or delete it"}
+
+
 def test_what_is_not_used_is_said_with_the_reason(named):
     folder = named(
         *("S01_walk_1", "S01_static_1", "S01_static_2", "S01_ROM", "walk_7", "old/S02_walk_1"),
