@@ -18,7 +18,7 @@ from pipeline.config.schema import COVARIATES
 from pipeline.config.toml_file import StudyFaults
 from pipeline.io.read import is_recording, read_with_any_axes
 from pipeline.io.recording import Recording
-from pipeline.io.recording_names import DIGITS, RecordingName, condition
+from pipeline.io.recording_names import RecordingName, condition, usual
 
 INITIALS: Final = re.compile(r"(?:(?:[A-Z]{2,3}|[A-Z]{2,4}\d{2,}) ){3,}")
 """Of three people or more, such as AB and KO03; fewer may be conditions."""
@@ -100,17 +100,17 @@ def found_subjects(
         If the names can be read in several ways and none is chosen: one line for each.
     """
     recorded, unused = _people_in(folder)
-    reading = _reading({one.file: one.name for one in recorded if not one.pose}, chosen)
+    reading = _reading(recorded, chosen)
     people = {person.casefold(): person for person, _ in reading.values()}
     names = _valid(people.values(), FIRST)
     conditions = _valid((said for _, said in reading.values()), CONDITION)
     of_person: dict[str, list[_Found]] = {key: [] for key in sorted(people)}
     for one in recorded:
-        key, who = _whose(one, reading, people), one.name.candidates
+        key, who = _whose(one, reading, people), [one.name.fields[k] for k in one.name.candidates]
         if key is not None:
             of_person[key].append(one)
-        elif one.pose and who:
-            unused[one.file] = f"there is no trial of {one.name.fields[who[0]]} on plates"
+        elif one.pose and who and not any(who[0].casefold() in key.split("-") for key in people):
+            unused[one.file] = f"there is no trial of {who[0]} on plates"
         else:
             unused[one.file] = "its name does not say whose it is"
     subjects = []
@@ -151,29 +151,45 @@ def _people_in(folder: Path) -> tuple[list[_Found], dict[str, str]]:
     return recorded, unused
 
 
-def _reading(names: Mapping[str, RecordingName], chosen: int | None) -> Reading:
+def _reading(recorded: Sequence[_Found], chosen: int | None) -> Reading:
     """Give the one way in which the names of trials can be read, or the one that is chosen."""
+    names = {one.file: one.name for one in recorded if not one.pose}
+    poses, most = [one.name for one in recorded if one.pose], 0
     ways = [{file: name.read(name.candidates[0]) for file, name in names.items() if name.sure}]
-    if not ways[0] or any(name.candidates and not name.sure for name in names.values()):
+    sure = all(name.sure or not name.candidates for name in names.values()) and ways[0]
+    if not sure or not all(_follows(pose, names, sure) for pose in poses if pose.sure):
         most = max((len(name.candidates) for name in names.values()), default=0)
         ways = [
             {f: n.read(n.candidates[k]) for f, n in names.items() if len(n.candidates) > k}
             for k in range(most)
         ]
         ways.append({file: (FIRST, condition(name.fields)) for file, name in names.items()})
+        groups = {f: n.read(n.candidates[0], True) for f, n in names.items() if n.candidates}
+        first, grouped = (dict(way.values()) for way in (ways[0], groups))
+        same = len(first) == len(grouped) and [*first.values()] != [*grouped.values()]
+        if groups:  # first where people are the same, and a number is no longer a condition
+            ways.insert(0 if same else most, groups)
     different: dict[tuple[int, ...], Reading] = {}
     for way in ways:
         people = [way.get(file, ("", ""))[0].casefold() for file in names]
         different.setdefault(tuple(map(people.index, people)), way)  # by who is the same person
     readings = [*different.values()]
     persons = [f"{person} " for person, said in ways[0].values() if said]
-    if INITIALS.fullmatch("".join({*persons})) and len(ways) == 2 and len(persons) == len(names):
+    initials = INITIALS.fullmatch("".join({*persons})) and len(persons) == len(names)
+    if initials and most == 1 and len(readings) == 2 and all(pose.candidates for pose in poses):
         readings = readings[:1]
     if chosen is None and len(readings) > 1:
         raise StudyFaults([_described(k, way) for k, way in enumerate(readings, 1)] + [REMEDY])
     if not 1 <= (chosen or 1) <= len(readings):
         raise ValueError(f"--reading {chosen}: names can be read in {len(readings)} ways")
     return readings[(chosen or 1) - 1]
+
+
+def _follows(pose: RecordingName, names: Mapping[str, RecordingName], way: Reading) -> bool:
+    """Tell whether no word of a pose that may be a person sets it apart from its trials."""
+    person = pose.read(pose.candidates[0])[0]
+    trials = [names[f] for f, (who, _) in way.items() if who.casefold() == person.casefold()]
+    return all(map(usual, pose.apart(trials, person)))
 
 
 def _described(number: int, reading: Reading) -> str:
@@ -188,18 +204,20 @@ def _whose(one: _Found, reading: Reading, people: Mapping[str, str]) -> str | No
     """Give whose a recording is; a pose is of whom its name says, or of the only one."""
     if not one.pose:
         return reading[one.file][0].casefold() if one.file in reading else None
-    fields = [field.casefold() for field in one.name.fields]
-    fields += [field.rstrip(DIGITS) for field in fields]
-    only = next(iter(people)) if len(people) == 1 and not one.name.candidates else None
-    return next((field for field in fields if field in people), only)
+    fields = {field.casefold() for field in one.name.fields}
+    whose = [person for person in people if fields.issuperset(person.split("-"))]
+    if not whose and not one.name.candidates:  # its number may be that of another person
+        whose = [] if fields and "".join(people)[:1].isdecimal() else [*people]
+    return whose[0] if len(whose) == 1 else None
 
 
 def _pose(name: str, recordings: Sequence[_Found], unused: dict[str, str]) -> str:
     """Give the file of a subject's calibration pose, if any; others so named are not used."""
-    poses = [one for one in recordings if one.pose]
-    pose = min(poses or recordings, key=lambda one: one.moved_m)
-    still = len(recordings) > 1 and pose.moved_m <= MAX_STILL_M
-    static, why = pose.file if poses or still else "", f"{pose.file} is the pose of {name}"
+    poses, trials = ([one for one in recordings if one.pose is pose] for pose in (True, False))
+    still = [one for one in trials if one.moved_m <= MAX_STILL_M] if trials[1:] else []
+    hold = [one for one in poses or still if not one.name.apart([t.name for t in trials], name)]
+    static = min(hold, key=lambda one: one.moved_m).file if hold else ""
+    why = f"{static} is the pose of {name}" if hold else f"its name contradicts trials of {name}"
     if len({one.name.day for one in recordings if one.name.day}) > 1:
         static, why = "", f"{name} was recorded on several days; a pose holds for one"
     unused |= {one.file: why for one in poses if one.file != static}

@@ -25,9 +25,11 @@ class RecordingName(NamedTuple):
     kind
         "pose", "functional" or, of a trial, nothing.
     day
-        Its digits; empty without one.
+        Its digits, else the session, such as ses01; empty without any.
     fields
         All else, in order.
+    folders
+        Those of its folders, in small letters.
     candidates
         Places of the fields that may say whose it is.
     sure
@@ -43,6 +45,7 @@ class RecordingName(NamedTuple):
     kind: str
     day: str
     fields: list[str]
+    folders: list[str]
     candidates: list[int]
     sure: bool
 
@@ -52,34 +55,71 @@ class RecordingName(NamedTuple):
         text = normalize("NFC", str(PurePosixPath(file).with_suffix("")))
         day, kinds = PATTERNS["day"].search(text), ("functional", "pose")
         kind = next((kind for kind in kinds if PATTERNS[kind].search(text)), "")
-        for pattern in ("day", *kinds):
-            text = PATTERNS[pattern].sub("_", text)
-        person = PATTERNS["person"]
-        text = person.sub(lambda number: f"_{re.sub('[-_ ]', '', number[0])}_", text)
+        for name in ("day", *kinds):
+            text = PATTERNS[name].sub("_", text)
+        person, occasion = PATTERNS["person"], PATTERNS["occasion"]
+        for pattern in (person, occasion):
+            text = pattern.sub(lambda number: f"_{re.sub('[-_ ]', '', number[0])}_", text)
         fields = [part for part in PATTERNS["between"].split(text) if part.strip(".'’")]
-        if day and not kind and all(map(_usual, fields)):  # it may be what a person is called
+        # folders repeat what names say
+        fields = [f for k, f in enumerate(fields) if f.isdecimal() or f not in fields[:k]]
+        folders = PATTERNS["between"].split(text.casefold().rpartition("/")[0])
+        days = "".join([day[0]] if day else filter(occasion.fullmatch, fields)).casefold()
+        if day and not kind and all(map(usual, fields)):  # it may be what a person is called
             fields.insert(0, day[0])
         first = {0} if fields and fields[0][0].isdecimal() and not kind else set[int]()
-        candidates = sorted(first | {k for k, field in enumerate(fields) if not _usual(field)})
+        candidates = sorted(first | {k for k, field in enumerate(fields) if not usual(field)})
         sure = [k for k, f in enumerate(fields) if person.fullmatch(f)] == (candidates[:1] or None)
-        return cls(kind, re.sub(r"\D", "", day[0]) if day else "", fields, candidates, sure)
+        return cls(kind, re.sub("[-_.]", "", days), fields, folders, candidates, sure)
 
-    def read(self, place: int) -> tuple[str, str]:
-        """Give the person by the field at a place, with a number behind it, and the condition."""
+    def read(self, place: int, group: bool = False) -> tuple[str, str]:
+        """Give the person by the field at a place, with a number behind it, and the condition.
+
+        Where it may be that of a group, the number of the person in the group is looked for.
+        """
         person, rest = self.fields[place], self.fields[place + 1 :]
+        numbers = [field for field in rest if PATTERNS["person"].fullmatch(field)]
+        numbers = numbers or [f for f in rest[:1] if re.fullmatch(r"\d{1,4}", f)]  # days have more
         if not self.sure and len(rest) == 1 and rest[0].isdecimal():
             person, rest = f"{person}{rest[0]}", []
+        elif group and numbers and person.isalpha():
+            person = f"{person}-{numbers[0]}"
+            rest.remove(numbers[0])
         return person, condition([*self.fields[:place], *rest])
+
+    def words(self, person: str) -> set[str]:
+        """Give what its fields say beside the person; of a trial, without a repetition's number."""
+        said = [f for f in self.fields if f.casefold() not in person.casefold().split("-")]
+        return {word.casefold() for word in (said if self.kind else _unnumbered(said)) if word}
+
+    def apart(self, trials: Sequence["RecordingName"], person: str) -> set[str]:
+        """Give words of a pose by which it may not be of all these trials of a person.
+
+        Some trials have the word and others do not; or none has, and one has another such word.
+        """
+        said, others = self.words(person), [trial for trial in trials if trial is not self]
+        words = [trial.words(person) for trial in others]
+        apart = {w for w in said if 0 < sum(w in of_trial for of_trial in words) < len(words)}
+        if self.kind and any(trial.telling(trial.words(person) - said) for trial in others):
+            apart |= self.telling(said.difference(*words))
+        return apart
+
+    def telling(self, words: set[str]) -> set[str]:
+        """Give words that may say whose it is, or on what occasion it was made, as folders do."""
+        return {w for w in words if not usual(w) or w in self.folders + READ["words"]["occasion"]}
 
 
 def condition(fields: Sequence[str]) -> str:
     """Give what fields of a name say of the condition; the last number is that of a repetition."""
+    nothing = ("", *READ["words"]["trial"])
+    return "-".join(word for word in _unnumbered(fields) if _bare(word) not in nothing).lower()
+
+
+def _unnumbered(fields: Sequence[str]) -> list[str]:
+    """Give fields without the number that ends them, unless it is that of a level."""
     *words, last = fields or [""]
     level = "." in last or _bare(last) in READ["words"]["numbered"]
-    words.append(last if level else last.rstrip(DIGITS))
-    return "-".join(
-        word for word in words if _bare(word) not in ("", *READ["words"]["trial"])
-    ).lower()
+    return [*words, last if level else last.rstrip(DIGITS)]
 
 
 def _bare(word: str) -> str:
@@ -87,7 +127,7 @@ def _bare(word: str) -> str:
     return without_accents(word).casefold().rstrip(DIGITS)
 
 
-def _usual(field: str) -> bool:
+def usual(field: str) -> bool:
     """Tell whether a field is a number, or what trials are usually called."""
     words = re.findall(r"[A-Z]?[^\W\d_A-Z]+|[A-Z]+", without_accents(field))
     return USUAL.issuperset(word.casefold() for word in words)

@@ -75,6 +75,7 @@ def test_a_pose_without_a_trial_is_not_skipped_silently(named):
 
 
 INITIALS = ("AB", "CD", "EF", "GS", "HK", "LM")
+BIDS = "sub-01/ses-01/motion/sub-01_ses-01_task-"
 WALKS = ("comf1", "comf2", "slow1", "slow2")
 
 
@@ -118,6 +119,19 @@ WALKS = ("comf1", "comf2", "slow1", "slow2")
         (("s01_walk_1", "S01_walk_2"), {"s01": " walk walk"}),
         (("con_walk_1", "con_walk_2"), {"con-2": " walk walk"}),
         (("S01_group_1", "S01_sex_1"), {"S01": " group-2 sex-2"}),
+        (
+            ("S01/S01_walk1", "S02/S02_walk1", "S01/S01_cal"),
+            {"S01": "S01/S01_cal walk", "S02": " walk"},
+        ),
+        (
+            (f"{BIDS}walk_run-1_motion", f"{BIDS}walk_run-2_motion", f"{BIDS}static_motion"),
+            {"sub01": f"{BIDS}static_motion ses01-walk ses01-walk"},
+        ),
+        (("S01_240503_walk1", "S01_240503_cal"), {"S01": "S01_240503_cal walk"}),
+        (("S01_pre_walk1", "S01_post_walk1", "S01_cal"), {"S01": "S01_cal post-walk pre-walk"}),
+        (("S01_sneakers_1", "S01_loafers_1", "S01_cal_1"), {"S01": "S01_cal_1 loafers sneakers"}),
+        (("S01_xy_KneeL_1", "S01_xy_cal"), {"S01": "S01_xy_cal xy-kneel"}),
+        (("S01_01_cal", "S01_02_walk", "S01_03_walk"), {"S01": "S01_01_cal walk walk"}),
     ],
 )
 def test_names_are_read_as_people_mean_them(named, names, people):
@@ -143,13 +157,29 @@ def said(one):
         (("A_walk", "B_walk"), ["A, B", "sub01"]),
         (("01_slow", "02_slow"), ["01, 02", "sub01"]),
         (("王_walk_1", "李_walk_1"), ["李, 王", "sub01"]),
-        (("anna_P1_slow", "bert_P2_slow", "anna_P2_slow"), ["anna, bert", "P1, P2", "sub01"]),
+        (
+            ("anna_P1_slow", "bert_P2_slow", "anna_P2_slow"),
+            ["anna, bert", "P1, P2", "anna-P1, anna-P2, bert-P2", "sub01"],
+        ),
         (("P01_S02_walk", "P02_S02_walk"), ["P01, P02", "S02"]),
         (("XY_S01_slow", "XY_S02_slow"), ["XY", "S01, S02"]),
         (("KO03", "KO04", "AB03"), ["AB03, KO03, KO04", "sub01"]),
         (("Pat_1", "Pat_2"), ["Pat1, Pat2", "sub01"]),
         (("S01_walk_1", "AB_walk_1"), ["AB, S01", "sub01"]),
         (("19980312_walk", "20011105_walk"), ["19980312, 20011105", "sub01"]),
+        (("S1_AB_walk1", "S1_CD_walk1", "S1_AB_static", "S1_CD_static"), ["S1", "AB, CD"]),
+        (("P1/anna_walk1", "P1/bob_walk1", "P1/anna_static"), ["P1", "anna, bob"]),
+        (("fast_S1_AB", "fast_S1_CD", "static_S1_CD"), ["S1", "AB, CD"]),
+        (("NW_left1", "SW_left1", "FW_left1", "static"), ["FW, NW, SW", "sub01"]),
+        (("CTRL/P01/walk1", "STROKE/P01/walk1"), ["CTRL-P01, STROKE-P01", "P01"]),
+        (
+            ("control/01/walk1", "control/02/walk1", "patient/01/walk1", "patient/02/walk1"),
+            ["control, patient", "control-01, control-02, patient-01, patient-02", "sub01"],
+        ),
+        (
+            ("HC_01_walk1", "HC_02_walk1", "PD_01_walk1", "SCI_01_walk1", "HC_01_static"),
+            ["HC, PD, SCI", "HC-01, HC-02, PD-01, SCI-01", "sub01"],
+        ),
     ],
 )
 def test_where_names_can_be_read_in_several_ways_all_are_said_and_nothing_is_written(
@@ -164,6 +194,51 @@ def test_where_names_can_be_read_in_several_ways_all_are_said_and_nothing_is_wri
         assert f"reading {number}: people {people}; " in line
     assert main(["init", str(folder), "--reading", "1"]) == 0
     assert len(read_study(folder).subjects) == readings[0].count(",") + 1
+
+
+OTHERS = [
+    ("S1/AB_{}", "S1/CD_{}"),
+    ("{}_S1_AB", "{}_S1_CD"),
+    ("S1_anna_{}", "S1_bob_{}", "S2_bob_{}"),
+    ("normal/P01/{}", "prosthesis/P01/{}"),
+    ("CTRL/P01/{}", "STROKE/P01/{}"),
+    ("control/01/{}", "control/02/{}", "patient/01/{}"),
+    ("AB_{}", "AB2_{}", "CD_{}", "EF_{}"),
+    ("01_{}", "02_{}"),
+    ("S01_240503_{}", "S01_240604_{}"),
+    ("Day1/S01_{}", "Day2/S01_{}"),
+    ("S01_session1_{}", "S01_session2_{}"),
+    ("S01_pre_{}", "S01_post_{}"),
+    ("sub-01/ses-01/{}", "sub-01/ses-02/{}"),
+]
+
+
+@pytest.mark.parametrize("recorded_as", OTHERS)
+def test_in_no_reading_a_pose_serves_another_person_or_day(named, recorded_as):
+    """With poses of all, of the first alone, and of one who has no trial."""
+    walks, poses = ([name.format(kind) for name in recorded_as] for kind in ("walk1", "static"))
+    for names in ([*walks, *poses], [*walks, poses[0]], [*walks[1:], poses[0]]):
+        folder = named(*names)
+        for reading in (None, 1, 2, 3, 4):
+            try:
+                found, _ = found_subjects(folder, reading)
+            except ValueError:
+                continue
+            for one in found:
+                served = {
+                    file.replace("walk1", "static")
+                    for files in one.trials.values()
+                    for file in files
+                }
+                assert not one.static or served == {one.static}
+
+
+def test_groups_whose_numbers_are_the_same_have_the_pose_of_each_person(named):
+    folder = named(
+        *(f"{who}/{kind}" for who in ("CTRL/P01", "STROKE/P01") for kind in ("walk1", "static"))
+    )
+    found, _ = found_subjects(folder, 1)
+    assert [said(one) for one in found] == ["CTRL/P01/static walk", "STROKE/P01/static walk"]
 
 
 def test_a_recording_that_is_being_copied_is_no_trial(named):
