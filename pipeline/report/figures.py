@@ -29,6 +29,7 @@ from pipeline.figures.style import (
     draw_differences,
     draw_logarithmic,
 )
+from pipeline.report.tables import numbers
 from pipeline.run.load import Results
 from pipeline.statistics.comparison import MIXED_ANOVA, RM_ANOVA
 from pipeline.statistics.curves import CurveDifference, parts_of
@@ -205,8 +206,9 @@ def gait_cycle_figure(
             panel.set_ylabel(f"RMS ({panel.get_ylabel()})")
             draw_differences(panel, differing.get(axis, ()))
         legend_below(figure, panels[0])
-        count = shown.loc[shown["condition"] == condition, "subject"].nunique()
-        over = f", mean ± SD over {count} subjects" if count > 1 else " of one subject"
+        counts = shown.groupby("condition")["subject"].nunique()
+        over = f", mean ± SD over {numbers(counts, 'subject')}"
+        over = over if counts.max() > 1 else " of one subject"
         pair = f"{design.judged(condition)} differs from {design.reference_cell}"
         remarks = {
             "grey: the part that is used": grey is not None,
@@ -261,8 +263,9 @@ def marginal_means_figure(
             panel.set_xlim(-0.3, len(conditions) - 0.7)
         if design.compensated:
             legend_below(figure, panels[0])
-        over = f", mean and 95 % CI over {len(cells)} subjects" if len(cells) > 1 else ""
-        figure.suptitle(f"RMS residuals{over or ' of one subject'}", fontsize=TITLE_PT)
+        over = f", mean and 95 % CI over {numbers(cells.count(), 'subject')}"
+        of_one = len(cells) == 1
+        figure.suptitle(f"RMS residuals{' of one subject' if of_one else over}", fontsize=TITLE_PT)
     return figure
 
 

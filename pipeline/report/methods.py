@@ -18,6 +18,7 @@ from pipeline.report.blocks import TEMPLATES
 from pipeline.report.tables import described
 from pipeline.run.load import Results
 from pipeline.run.provenance import engines_of
+from pipeline.statistics.comparison import MIXED_MODEL
 from pipeline.statistics.curves import MIN_SUBJECTS
 from pipeline.statistics.design import Design
 from pipeline.statistics.table_3 import mean_sd
@@ -60,7 +61,14 @@ def methods(
         """Give the values of all notes of a code."""
         return [note.values for trial in trials for note in trial.notes if note.code == code]
 
-    tested = statistics.loc[statistics["p_corrected"].notna(), "test"].unique()
+    computed = statistics[statistics["p_corrected"].notna()]
+
+    def pairs_by(test: str) -> list[tuple[str, str]]:
+        """Give the planned pairs for which a test was computed."""
+        effects = set(computed.loc[computed["test"] == test, "effect"])
+        return [pair for pair in design.pairs if " - ".join(pair) in effects]
+
+    by_t, by_model = pairs_by("paired t"), pairs_by(MIXED_MODEL)
     text = TEMPLATES.get_template("methods.txt").render(
         trials=trials,
         design=design,
@@ -78,8 +86,13 @@ def methods(
         compensated=any("compensated" in trial.variants for trial in trials),
         lags_s=LAGS_S,
         doubts=dict.fromkeys(note.text for trial in trials for note in trial.of_calibration),
-        tested=list(tested),
-        judged=judged_conditions(design),
+        tested=list(computed["test"].unique()),
+        by_t=by_t,
+        by_model=by_model,
+        factors_by_model=set(computed.loc[computed["test"] == MIXED_MODEL, "effect"])
+        - {" - ".join(pair) for pair in by_model},
+        judged={(design.judged(c), design.reference_cell) for c in judged_conditions(design)}
+        & {*by_t, *by_model},
         within_margin=within_margin(design),
         versions=trials[0].versions,
         python=platform.python_version(),

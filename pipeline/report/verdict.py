@@ -68,7 +68,7 @@ def verdict_values(
             rows.append((axis, f"{'' if k < 3 else 'about '}{DIRECTIONS[k]}", cells))
     no_verdict = most < MIN_SUBJECTS
     return {
-        "headline": [*_beside_healthy(residuals), _why_none(residuals, most, design)]
+        "headline": [*_beside_healthy(residuals), _why_none(residuals, design)]
         if no_verdict
         else headlines(found, design),
         "basis": " ".join(filter(None, ("" if stated else _basis(design), _primary(found)))),
@@ -130,9 +130,9 @@ def _beside_healthy(residuals: pd.DataFrame) -> Iterator[str]:
         yield f"{', '.join(above)}: {limit}." if above else f"No residual is {limit}."
 
 
-def _why_none(residuals: pd.DataFrame, subjects: int, design: Design) -> str:
+def _why_none(residuals: pd.DataFrame, design: Design) -> str:
     """Say why there is no verdict."""
-    if subjects == 1:
+    if residuals["subject"].nunique() == 1:
         return "With one subject there are means, but no confidence intervals."
     if design.compensated and not residuals["compensated"].any():
         return NO_COMPENSATION
@@ -145,8 +145,8 @@ def _why_none(residuals: pd.DataFrame, subjects: int, design: Design) -> str:
         )
     present = ", ".join(design.in_order(residuals["condition"]))
     return (
-        f"No comparison is possible: it needs the conditions {', '.join(design.conditions)} in the "
-        f"same subjects; there are {present}. Their means are in the table below."
+        f"No confidence intervals: they need two subjects who have {design.reference} and another "
+        f"condition; there are {present}. Their means are in the table below."
     )
 
 
@@ -157,7 +157,7 @@ def _cell(v: Verdict, reach: float, most: int, design: Design) -> dict[str, Any]
     lines = []
     if v.n:
         lines = [f"{v.ic:.1f} {v.unit}"]
-        if design.compensated:
+        if not isnan(v.no_ic) and design.compensated:
             change = 100 * (v.ic / v.no_ic - 1) if v.no_ic > 0 else nan
             relative = "" if isnan(change) else f" ({number(change, '+z.0f')} %)"
             lines = [f"{number(v.no_ic, '.1f')} → {lines[0]}{relative}"]
@@ -166,7 +166,7 @@ def _cell(v: Verdict, reach: float, most: int, design: Design) -> dict[str, Any]
         lines.append(f"from {design.reference} {difference} {v.unit} ({percent} %)")
     known = v.n and not isnan(v.high)
     if known:
-        relative = ""
+        relative = " (ratio unbounded)"
         if isfinite(v.low_percent) and isfinite(v.high_percent):
             relative = f" ({interval(v.low_percent, v.high_percent, '+z.0f')} %)"
         lines.append(f"CI {interval(v.low, v.high)} {v.unit}{relative}")
@@ -174,6 +174,7 @@ def _cell(v: Verdict, reach: float, most: int, design: Design) -> dict[str, Any]
         lines.append(f"measurement {interval(*v.measurement)} {v.unit}")
     if known:
         lines += [f"n = {v.n}"] * (v.n < most)
+        lines += [f"{v.paired} of {v.n} subjects in both"] * (v.paired < v.n)
         lines += [_needed(v)] * (v.answer == "inconclusive")
     return cell | {"lines": lines, "graph": _graph(v, reach, design) if known else None}
 

@@ -330,28 +330,32 @@ def _mixed(values: pd.DataFrame, design: Design) -> Iterator[Row]:
         return
     n, recordings = values["subject"].nunique(), values[["subject", "recording"]].drop_duplicates()
     used = f"{len(recordings)} recordings of {n} subjects; one variance in all cells"
-    if n > MIN_SUBJECTS:
-        try:
-            tests = list(effects_of_factors(values, design))
-        except ValueError as error:
-            tests = []
-            yield _row(MIXED_MODEL, "", n, f"not computed: {error}")
-        for effect, test in tests:
+    try:
+        if n <= MIN_SUBJECTS:
+            raise ValueError(f"factors need more than {MIN_SUBJECTS} subjects, got {n}")
+        for effect, test in effects_of_factors(values, design):
             of_test = {"statistic_name": "F", "statistic": test.f}
             of_test |= {"df1": test.df1, "df2": test.df2}
             yield _row(MIXED_MODEL, effect, n, used, **of_test, **_uncorrected(test.p))
+    except ValueError as error:
+        yield _row(MIXED_MODEL, "", n, f"not computed: {error}")
     rows = []
     for first, second in design.pairs:
-        effect, compared = f"{first} - {second}", judging_comparison(values, first, second)
-        if compared is None or compared.subjects < MIN_SUBJECTS:
-            yield _too_few(MIXED_MODEL, effect, n, MIN_SUBJECTS, "in each cell")
+        effect = f"{first} - {second}"
+        try:
+            compared = judging_comparison(values, first, second)
+        except ValueError as error:
+            yield _row(MIXED_MODEL, effect, n, f"not computed: {error}")
             continue
         interval = IntervalEstimate(compared.difference, *compared.interval())
         of_t = {"statistic_name": "t", "statistic": compared.t, "df1": compared.df()}
         of_t |= {"p_uncorrected": compared.p, **_size("mean difference", interval)}
         note = f"{compared.recordings} recordings"
-        rows.append(_row(MIXED_MODEL, effect, compared.subjects, note, **of_t))
-    yield from _with_corrections(rows, len(design.pairs))
+        name = "paired t" if compared.model is None else MIXED_MODEL
+        rows.append(_row(name, effect, compared.subjects, note, **of_t))
+    for row in _with_corrections(rows, len(design.pairs)):  # of all pairs together
+        if row["test"] == MIXED_MODEL:  # else it is in the table already
+            yield row
 
 
 def _with_corrections(rows: list[Row], planned: int) -> Iterator[Row]:

@@ -23,16 +23,18 @@ from hbm.spatial import Array
 from pipeline.statistics.design import COMPENSATION, CONFIDENCE, MIN_SUBJECTS, Design
 from pipeline.statistics.rm_glm import effect_coded
 
-MAX_FRACTION: Final = 1 - 1e-8
-"""Of a random effect in the variance of this effect and the error; beyond, there is no error."""
-STARTS: Final = (0.0, 0.3, 0.7, 0.95)
-"""Fractions from which the optimum is sought: the criterion can have several minima."""
+MAX_RATIO: Final = 1e6
+"""Of a random effect's variance to that of the error; beyond, rounding hides the error."""
+STARTS: Final = (0.0, 0.4, 2.3, 20.0, 400.0)
+"""Such ratios from which the optimum is sought: the criterion can have several minima."""
 BEST_STARTS: Final = 3
 """Of all combinations of `STARTS`, from which the search begins."""
-ZERO_FRACTION: Final = 1e-7
-"""A smaller fraction is a variance of zero."""
-MAX_SLOPE: Final = 1e-4
-"""Of the criterion at its minimum, by fraction: estimates have converged to six digits."""
+ZERO_RATIO: Final = 1e-7
+"""A smaller ratio is a variance of zero."""
+MAX_SLOPE: Final = 1e-6
+"""Of the criterion at its minimum, by the logarithm of 1 + ratio."""
+MIN_SPREAD: Final = 1e-12
+"""Of values within their cells, to the largest value: less is rounding."""
 Weights = tuple[float, float]
 """Of the means of two cells in a sum of both."""
 DIFFERENCE: Final = (1.0, -1.0)
@@ -254,10 +256,10 @@ def fit_mixed(values: Array, fixed: Array, effects: Sequence[NDArray[Any]]) -> M
     Notes
     -----
     The criterion of Laird and Ware 1982 (Biometrics 38:963), profiled over the fixed effects and
-    the variance of the error, is minimised over the fraction of each effect in the variance of
-    effect and error, from several starts. The fraction may be zero: there, the criterion has to
-    rise. Correction for few subjects: Kenward and Roger 1997, Biometrics 53:983, with the expected
-    information; the covariance is linear in the variances, so its second derivatives vanish.
+    the variance of the error, is minimised over the ratio of each effect's variance to that of the
+    error, from several starts. The ratio may be zero: there, the criterion has to rise. Correction
+    for few subjects: Kenward and Roger 1997, Biometrics 53:983, with the expected information; the
+    covariance is linear in the variances, so its second derivatives vanish.
 
     Examples
     --------
@@ -269,7 +271,8 @@ def fit_mixed(values: Array, fixed: Array, effects: Sequence[NDArray[Any]]) -> M
     count, columns = fixed.shape
     if np.linalg.matrix_rank(fixed) < columns:
         raise ValueError("a combination of levels has no value")
-    if count <= columns or not np.ptp(values) > 0:
+    rest = values - fixed @ np.linalg.lstsq(fixed, values, rcond=None)[0]
+    if count <= columns or not np.ptp(rest) > MIN_SPREAD * np.abs(values).max():
         raise ValueError("nothing varies within the cells")
     y, x, alike = _by_subject(values, fixed, [*effects, np.arange(count)])  # the last is the error
     # an effect counts if a level of it repeats, and no effect before it has the same levels
@@ -278,11 +281,10 @@ def fit_mixed(values: Array, fixed: Array, effects: Sequence[NDArray[Any]]) -> M
         for k, same in enumerate(alike)
         if same.sum() > count and not any(np.array_equal(same, alike[j]) for j in range(k))
     ]
-    fractions = _likeliest(y, x, alike[counting], count)
-    above_zero = fractions > ZERO_FRACTION
+    ratios = _likeliest(y, x, alike[counting], count)
+    above_zero = ratios > ZERO_RATIO
     kept = [*np.array(counting, int)[above_zero], len(effects)]
-    ratios = np.append(fractions[above_zero] / (1 - fractions[above_zero]), 1.0)
-    model = _corrected(ratios, y, x, alike[kept], count)
+    model = _corrected(np.append(ratios[above_zero], 1.0), y, x, alike[kept], count)
     variances = np.zeros(len(effects) + 1)
     variances[kept] = model.variances
     return replace(model, variances=variances)
@@ -317,11 +319,12 @@ def _inverse(ratios: Array, alike: Array) -> Array:
     return np.asarray(np.linalg.inv(covariance), float)
 
 
-def _criterion(
-    fractions: Array, y: Array, x: Array, alike: Array, count: int
-) -> tuple[float, Array]:
-    """Give -2 log of the restricted likelihood but for a constant, and its slopes, (K,)."""
-    weight = _inverse(fractions / (1 - fractions), alike)
+def _criterion(logs: Array, y: Array, x: Array, alike: Array, count: int) -> tuple[float, Array]:
+    """Give -2 log of the restricted likelihood but for a constant, and its slopes, (K,).
+
+    By the logarithms of 1 + ratio, (K,), by which it is curved alike near zero and far from it.
+    """
+    weight = _inverse(np.expm1(logs), alike)
     weighted_x = weight @ x
     precision = np.einsum("smp,smq->pq", x, weighted_x)
     rest = y - x @ np.linalg.solve(precision, np.einsum("smp,smo->po", weighted_x, y))
@@ -335,35 +338,47 @@ def _criterion(
     of_fixed = np.einsum("smp,ksmq->kpq", weighted_x, alike @ weighted_x)
     slopes = np.sum(weight * alike, axis=(1, 2, 3)) - freedom / squares * of_squares
     slopes -= np.trace(np.linalg.solve(precision, of_fixed), axis1=1, axis2=2)
-    return float(value), slopes / (1 - fractions) ** 2  # by the fractions
+    return float(value), slopes * np.exp(logs)  # by the logarithms
 
 
 def _likeliest(y: Array, x: Array, alike: Array, count: int) -> Array:
-    """Find the fractions at the minimum of the criterion, which may be zero, (K,)."""
+    """Find the ratios at the minimum of the criterion, which may be zero, (K,)."""
 
-    def criterion(fractions: Array) -> tuple[float, Array]:
+    def criterion(logs: Array) -> tuple[float, Array]:
         """Give the criterion and its slopes."""
-        return _criterion(fractions, y, x, alike, count)
+        return _criterion(logs, y, x, alike, count)
 
-    starts = [np.array(fractions) for fractions in product(STARTS, repeat=len(alike))]
-    starts.sort(key=lambda fractions: criterion(fractions)[0])
+    most = np.log1p(10 * MAX_RATIO)
+    starts = [np.log1p(ratios) for ratios in product(STARTS, repeat=len(alike))]
+    starts.sort(key=lambda logs: criterion(logs)[0])
     ends = [
         optimize.minimize(
             criterion,
             start,
             jac=True,
             method="L-BFGS-B",
-            bounds=[(0, MAX_FRACTION)] * len(alike),
+            bounds=[(0, most)] * len(alike),
             options={"ftol": 0.0, "gtol": MAX_SLOPE / 10},
         )
         for start in starts[:BEST_STARTS]
     ]
     best = np.asarray(min(ends, key=lambda end: end.fun).x)
+    # the search ends where rounding hides a fall of the criterion; its slopes are more exact
+    inside = np.flatnonzero(best > ZERO_RATIO)
+
+    def slopes_inside(logs: Array) -> Array:
+        """Give the slopes by the variances that are not zero."""
+        np.put(best, inside, np.clip(logs, 0, most))
+        return criterion(best)[1][inside]
+
+    if len(inside):
+        slopes_inside(optimize.root(slopes_inside, best[inside]).x)
     slopes = criterion(best)[1]
     # inside its bounds the criterion is level; at a variance of zero it may rise
-    if np.any(np.where(best > ZERO_FRACTION, np.abs(slopes), -slopes) > MAX_SLOPE):
-        raise ValueError("the variances have no likeliest values")
-    return best
+    unlevel = np.where(best > ZERO_RATIO, np.abs(slopes), -slopes) > MAX_SLOPE
+    if np.any(unlevel | (best > np.log1p(MAX_RATIO))):
+        raise ValueError("the recordings of subjects hardly vary within the cells")
+    return np.expm1(best)
 
 
 def _corrected(ratios: Array, y: Array, x: Array, alike: Array, count: int) -> MixedModel:
@@ -376,16 +391,18 @@ def _corrected(ratios: Array, y: Array, x: Array, alike: Array, count: int) -> M
     covariance = error * np.asarray(np.linalg.inv(precision), float)
 
     # how the precision of the fixed effects changes with each variance, to first and second order
-    weight = weight / error
-    changed_x = alike @ weight @ x
-    first = np.einsum("smp,ksmq->kpq", weight @ x, changed_x)
+    variances, weight = error * ratios, weight / error
+    weighted_x = weight @ x
+    changed_x = alike @ weighted_x
+    first = np.einsum("smp,ksmq->kpq", weighted_x, changed_x)
     second = np.einsum("jsmp,ksmq->jkpq", changed_x, weight @ changed_x)
     # expected information of the variances: of all values, minus that of the fixed effects
     changed, products = alike @ weight, covariance @ first
     information = np.einsum("jsmn,ksnm->jk", changed, changed) / 2
     information += np.einsum("jpq,kqp->jk", products, products) / 2
     information -= np.trace(covariance @ second, axis1=2, axis2=3)
-    uncertainty = np.linalg.pinv(information)
+    both = np.outer(variances, variances)  # without it, large ones would hide the small ones
+    uncertainty = both * np.linalg.pinv(information * both)
 
     # the fixed effects vary more than by their covariance, as the variances are estimates
     excess = second - first[:, None] @ covariance @ first
@@ -393,14 +410,14 @@ def _corrected(ratios: Array, y: Array, x: Array, alike: Array, count: int) -> M
     return MixedModel(
         coefficients=coefficients,
         covariance=covariance,
-        variances=error * ratios,
+        variances=variances,
         adjusted=covariance + 2 * correction,
         sensitivity=covariance @ first @ covariance,
         uncertainty=uncertainty,
     )
 
 
-def compare_cells(values: pd.DataFrame, first: str, second: str) -> CellComparison | None:
+def compare_cells(values: pd.DataFrame, first: str, second: str) -> CellComparison:
     """Compare two cells by a mixed model of all recordings that there are.
 
     Parameters
@@ -413,9 +430,13 @@ def compare_cells(values: pd.DataFrame, first: str, second: str) -> CellComparis
 
     Returns
     -------
-    CellComparison or None
-        ``first - second``; None where fewer than two subjects are in a cell, or the values do not
-        vary within the cells.
+    CellComparison
+        ``first - second``.
+
+    Raises
+    ------
+    ValueError
+        If fewer than two subjects are in a cell, or the recordings of a cell do not vary.
 
     Notes
     -----
@@ -426,13 +447,10 @@ def compare_cells(values: pd.DataFrame, first: str, second: str) -> CellComparis
     cells = values[values["cell"].isin((first, second)) & np.isfinite(values["value"])]
     people = cells.groupby("cell")["subject"].nunique()
     if len(people) < 2 or people.min() < MIN_SUBJECTS:
-        return None
+        raise ValueError(f"needs at least {MIN_SUBJECTS} subjects in each of both cells")
     effects = _random_effects(cells)
     means = np.column_stack([cells["cell"] == name for name in (first, second)]).astype(float)
-    try:
-        model = fit_mixed(cells["value"].to_numpy(float), means, effects)
-    except ValueError:
-        return None
+    model = fit_mixed(cells["value"].to_numpy(float), means, effects)
     of_subject, of_cell, of_recording, error = model.variances
     both, apart = np.ones((2, 2)), np.eye(2)  # what is in both cells, and what is in one
     counts = cells.groupby(["subject", "cell"]).size()
@@ -448,11 +466,11 @@ def compare_cells(values: pd.DataFrame, first: str, second: str) -> CellComparis
     )
 
 
-def judging_comparison(values: pd.DataFrame, first: str, second: str) -> CellComparison | None:
+def judging_comparison(values: pd.DataFrame, first: str, second: str) -> CellComparison:
     """Compare two cells as their difference is judged.
 
     By pairs where every subject has one recording of each cell, else by a mixed model.
-    Parameters and None are those of `compare_cells`; pairs are given of a single subject too.
+    Parameters and errors are those of `compare_cells`; pairs are given of a single subject too.
     """
     cells = values[values["cell"].isin((first, second)) & np.isfinite(values["value"])]
     if cells.empty or is_incomplete_or_repeated(cells, (first, second)):
@@ -521,10 +539,10 @@ def effects_of_factors(values: pd.DataFrame, design: Design) -> Iterator[tuple[s
     """
     levels = {COMPENSATION: "compensated", design.factor: "condition"}
     factors = {name: levels[name] for name in design.factors}
-    rows = values
+    rows = values[np.isfinite(values["value"])]
     if design.group is not None and "group" in values:
         factors[design.group] = "group"
-        rows = values.dropna(subset="group")
+        rows = rows.dropna(subset="group")
     # effect coding: each term is tested for the mean over the levels of the others
     columns = {name: effect_coded(name, rows[c].to_numpy(str)) for name, c in factors.items()}
     terms = [t for size in range(len(factors) + 1) for t in combinations(factors, size)]

@@ -32,6 +32,8 @@ MAX_SUBJECTS: Final = 1000
 """No gait study has more; beyond, the answer is that it cannot be shown."""
 MAX_NONCENTRALITY: Final = 1e3
 """The power is 1 long before; SciPy's noncentral t distribution becomes NaN beyond."""
+SAME_MEAN: Final = 1e-6
+"""Two means that differ less, relatively, weigh subjects alike."""
 Answer = Literal["within margin", "above", "inconclusive", "no interval", "no data"]
 
 
@@ -48,11 +50,10 @@ class Verdict:
     answer
         "within margin": the residual is shown to exceed the baseline by at most the margin, or to
         be below it; "above": it is shown to be above the baseline, and not within the margin;
-        "inconclusive": neither is shown; "no interval": a single subject; "no data": no subject
-        has both cells.
+        "inconclusive": neither is shown; "no interval": of a single subject, or of recordings
+        that do not vary; "no data": no subject has both cells.
     no_ic
-        Mean RMS without compensation over the subjects who have both cells; NaN where one of them
-        lacks it.
+        Mean RMS without compensation; NaN where the model weighs subjects unequally.
     ic, baseline
         Means with compensation, and of the baseline without, by the model that judges; ``ic`` is
         the residual as measured where there is no compensation.
@@ -63,8 +64,8 @@ class Verdict:
         baseline is not shown to differ from zero.
     sd
         Standard deviation of the differences between subjects.
-    n
-        Subjects in the comparison.
+    n, paired
+        Subjects in the comparison, and those of them who have both cells.
     mixed
         Whether a mixed model of all recordings judges, in place of pairs of single recordings.
     measurement
@@ -95,6 +96,7 @@ class Verdict:
     high_percent: float = nan
     sd: float = nan
     n: int = 0
+    paired: int = 0
     mixed: bool = False
     measurement: tuple[float, float] | None = None
     open_margin: bool = False
@@ -157,12 +159,18 @@ def verdicts(
             both = rms.reindex(columns=cells).dropna(subset=[*pair])
             names = design.judged(condition), design.reference_cell
             used = values if recordings is not None else values[values["subject"].isin(both.index)]
-            compared = None if both.empty else judging_comparison(used, *names)
-            if compared is None:
-                judged.append(Verdict(axis, unit, condition, "no data"))
+            verdict = Verdict(axis, unit, condition, "no data", paired=len(both))
+            if both.empty:
+                judged.append(verdict)
                 continue
-            no_ic = float(both[False, condition].mean(skipna=False))
-            verdict = _verdict(Verdict(axis, unit, condition, "no data", no_ic), compared, design)
+            try:
+                verdict = _verdict(verdict, judging_comparison(used, *names), design)
+                verdict = replace(verdict, no_ic=_without_compensation(used, verdict, design))
+            except ValueError:
+                no_ic = float(both[False, condition].mean(skipna=False))
+                ic, baseline = (float(both[cell].mean()) for cell in pair)
+                verdict = replace(verdict, answer="no interval", n=len(both), no_ic=no_ic)
+                verdict = replace(verdict, ic=ic, baseline=baseline, difference=ic - baseline)
             if measurement is not None:
                 of_pair = (condition, design.compensated), (design.reference, False)
                 covariance = mean_covariance(measurement[axis], both.index, of_pair)
@@ -178,6 +186,16 @@ def verdicts(
                 )
             judged.append(verdict)
     return judged
+
+
+def _without_compensation(values: pd.DataFrame, verdict: Verdict, design: Design) -> float:
+    """Give the mean without compensation that weighs recordings as the mean with it; else NaN."""
+    cells = design.judged(verdict.condition), design.cell(verdict.condition, False)
+    judged, measured = (values[values["cell"] == cell] for cell in cells)
+    with_it, without = (rows.groupby("subject")["value"].mean() for rows in (judged, measured))
+    # a mixed model of unequal numbers of recordings, or of missing cells, weighs subjects unequally
+    alike = len(judged) == len(measured) and np.isclose(with_it.mean(), verdict.ic, rtol=SAME_MEAN)
+    return float(without.mean()) if alike else nan
 
 
 def _verdict(unjudged: Verdict, compared: CellComparison, design: Design) -> Verdict:

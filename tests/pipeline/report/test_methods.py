@@ -117,3 +117,18 @@ def test_all_citations_are_in_the_references(usual):
     for author, year in works:
         assert any(author in entry and f"{{{year}}}" in entry for entry in entries), author
     assert not any("bell1990" in entry for entry in entries)
+
+
+def test_only_analyses_that_were_made_are_described(tmp_path):
+    """Two subjects, of whom one lacks sway and pitch: one pair of five has a test."""
+    lacking = {("sub02", "sway"), ("sub02", "pitch")}
+    results = collect(write_fake_results(tmp_path, subjects=2, cycles=2, without=lacking))
+    tests = statistics(results.residuals, results.subjects, recordings=results.residuals)
+    text = " ".join(methods(results, tests, EXPERIMENT_3, None))
+    assert "1 of the 5 planned pairs was compared (baseline IC against baseline no IC)" in text
+    assert "mixed model" not in text
+    assert "non-inferiority" in text
+    alone = {*lacking, ("sub02", "baseline")}
+    results = collect(write_fake_results(tmp_path / "one", subjects=2, cycles=2, without=alone))
+    tests = statistics(results.residuals, results.subjects, recordings=results.residuals)
+    assert "non-inferiority" not in " ".join(methods(results, tests, EXPERIMENT_3, None))

@@ -12,7 +12,9 @@ from statistics import NormalDist
 KINDS = (
     *("balanced", "unbalanced", "missing cells", "both in one recording"),
     *("groups", "sessions", "singular", "no variance", "few", "single recordings"),
+    *("subjects far apart", "recordings close together"),
 )
+UNBALANCED = ("unbalanced", "groups", "subjects far apart", "recordings close together")
 REPEATS = 20
 """Studies of each kind."""
 COLUMNS = ("study", "kind", "group", "subject", "recording", "condition", "compensated", "value")
@@ -44,6 +46,10 @@ def _rows(kind: str, random: Random) -> Iterator[Row]:
         size[random.choice(("of_subject", "of_cell"))] = 0.0
     if kind == "no variance":
         size = dict.fromkeys(size, 0.0) | {"error": 1.0}
+    if kind == "subjects far apart":
+        size |= {"of_subject": 20.0, "of_recording": 0.0, "error": 0.1}
+    if kind == "recordings close together":
+        size |= {"of_cell": 5.0, "of_recording": 0.0, "error": 0.01}
     for k in range(subjects):
         group = "old" if k % 2 and kind == "groups" else "young"
         of_subject = normal(size["of_subject"])
@@ -53,7 +59,7 @@ def _rows(kind: str, random: Random) -> Iterator[Row]:
             absent = k > 1 and random.random() < 0.25
             if absent and kind in ("missing cells", "few", "single recordings"):
                 continue
-            count = random.randint(1, repeats) if kind in ("unbalanced", "groups") else repeats
+            count = random.randint(1, repeats) if kind in UNBALANCED else repeats
             for repeat in range(count):
                 of_recording = normal(size["of_recording"])
                 for c in compensated:

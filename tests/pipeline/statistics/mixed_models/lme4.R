@@ -52,7 +52,7 @@ for (study in unique(rows$study)) {
   full <- likeliest(as.formula(paste("value ~", fixed, "+", bars(data))), data)
   # Kenward and Roger's test of the model without variances of zero
   variances <- as.data.frame(VarCorr(full))
-  kept <- intersect(random, variances$grp[variances$vcov > 1e-7 * sigma(full)^2])
+  kept <- intersect(random, variances$grp[variances$vcov > 1e-7 * max(variances$vcov)])
   if (length(kept) == 0) next # no random effect is left
   reduced <- likeliest(as.formula(paste("value ~", fixed, "+", paste0("(1|", kept, ")", collapse = " + "))), data)
   columns <- attr(model.matrix(reduced), "assign"); labels <- attr(terms(reduced), "term.labels")
