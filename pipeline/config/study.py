@@ -228,7 +228,7 @@ def _variants(
                 tables[key] = value
             else:
                 tables["settings"][key] = value
-        if name in RESERVED_VARIANTS:
+        if name.casefold() in RESERVED_VARIANTS:
             faults.append(f"{where}: {name!r} is what a variant differs from; choose another name")
         if not stated:
             faults.append(f"{where}: has no setting that differs")
