@@ -198,12 +198,12 @@ def read_study(folder: str | Path, *, recordings: bool = True) -> Study:
     if faults and (folder / SIMULATED).is_file() and not any(folder.glob("*.c3d")):
         raise StudyFaults([f"{folder}: no recordings yet; 'hbm simulate {folder}' writes them"])
     if faults or file is None:
-        raise StudyFaults(faults)
+        raise StudyFaults(faults, folder)
     study = Study(folder, file, subjects, marker_set)
     for name in study.trials:
         check_table(f"{name}: window", study.stated_rule(name), Condition, faults, Around(folder))
     if faults:
-        raise StudyFaults(faults)
+        raise StudyFaults(faults, folder)
     return replace(
         study,
         variants={
