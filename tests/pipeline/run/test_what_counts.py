@@ -8,8 +8,9 @@ import pytest
 
 from hbm.markers import marker_sets
 from pipeline.cli.app import main
-from pipeline.config.schema import PlateContact, Settings, Subject
+from pipeline.config.schema import Condition, PlateContact, Settings, Subject
 from pipeline.config.study import read_study
+from pipeline.io.recording import Event
 from pipeline.run.check import check_study
 from pipeline.run.run import run_study
 from pipeline.run.store import read_trial
@@ -17,6 +18,7 @@ from pipeline.trial.gait.events import zeni_events
 from pipeline.trial.process import process_recording, process_trial
 from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.residuals import residual_table
+from pipeline.trial.window import what_counts
 from tests.pipeline import lab
 
 CONTACT = '[[trials.quiet.contacts]]\nplate = {}\ntime_s = {}\nfoot = "{}"\n'
@@ -142,6 +144,20 @@ def test_what_a_condition_wants_and_a_trial_has_not_is_a_fault(
     faults, outcome = checked_and_run(study(first(walker, 1.5), condition), tmp_path / "out")
     assert any(fault in line for line in faults), faults
     assert fault in outcome.reason
+
+
+def test_where_steps_are_asked_for_what_is_missing_are_steps(walker):
+    flags = np.full(len(walker.markers.time), int(Quality.NOT_CARRIED))
+    strikes = [Event(time, "foot_strike", side) for time, side in ((2.0, "left"), (2.6, "right"))]
+    texts = []
+    for events in (strikes[:1], strikes):
+        notes = []
+        what_counts(walker, events, flags, Condition(window="step"), (0, 0), None, notes, 0.5)
+        texts += [note.text for note in notes]
+    needs, excluded, all_excluded = texts
+    assert "a step needs foot strikes of both sides" in needs
+    assert excluded == "1 step excluded: 1 for plates that do not carry the subject"
+    assert "all steps were excluded, 1 for plates that do not carry the subject" in all_excluded
 
 
 def test_of_a_trial_with_events_of_the_left_foot_its_cycles_count(walker, study, tmp_path):
