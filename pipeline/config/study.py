@@ -97,6 +97,21 @@ class Study:
             for name, trial in person.named_trials.items()
         }
 
+    def to_process(
+        self, subjects: Iterable[str] = (), conditions: Iterable[str] = ()
+    ) -> list[TrialName]:
+        """Give the trials of some subjects and conditions, by default all; StudyFaults if none."""
+        wanted = {self.subject(name).id for name in subjects} or self.subjects
+        of = [*conditions] or self.file.conditions
+        for condition in of:
+            self.condition(condition)
+        names = [name for name, trial in self.trials.items() if trial.exclude is None]
+        names = [name for name in names if name.subject in wanted and name.condition in of]
+        if not names:
+            none = "all trials of these subjects and conditions are excluded, or there are none"
+            raise StudyFaults([f"{self.folder}: nothing to process: {none}"], self.folder)
+        return names
+
     def stated_of(self, trial: Trial) -> Stated:
         """How the recording of a trial is to be read: as all, and what is stated of it alone."""
         every = self.stated

@@ -168,6 +168,7 @@ def check_study(study: Study) -> Findings:
         All faults of all files, not only the first; those of variants too.
     """
     findings = Findings()  # the ways share its lists
+    findings.attempt(str(study.folder), study.to_process)
     ways = [
         Way.of(variant, replace(findings, variant=name))
         for name, variant in {"": study, **study.variants}.items()
