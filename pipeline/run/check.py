@@ -9,7 +9,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
 from hashlib import sha256
-from itertools import combinations
+from itertools import pairwise
 from pathlib import Path
 from typing import Final, TypeVar
 
@@ -25,7 +25,7 @@ from hbm.notes import Note
 from hbm.plausibility.motion import implausible
 from hbm.signals.filtering import low_pass
 from hbm.spelling import did_you_mean, listed
-from pipeline.config.schema import Condition, PlateContact, SubjectFile, Trial, TrialName
+from pipeline.config.schema import Condition, PlateContact, SubjectFile, Trial, WantedWindow
 from pipeline.config.study import Study
 from pipeline.io.c3d.second_reader import compare_readers
 from pipeline.io.read import file_format
@@ -186,7 +186,7 @@ def check_study(study: Study) -> Findings:
                         _TrialCheck(way, person, trial, way.study.rule(name), recording).run(pose)
         if without := [name for name in study.file.conditions if name not in person.trials]:
             findings.remark(subject, f"no trial for {listed(without)}")
-    _check_repeated(study, findings)
+    _remark_repeated(study, findings)
     if absent := labels_in_none(notes for _, notes in findings.read.values()):
         findings.remark("study.toml", Note.of("rename_without_label", labels=absent))
     return findings
@@ -355,31 +355,26 @@ class _TrialCheck:
         self.attempt(lambda: count(self.rule))
 
 
-def _check_repeated(study: Study, findings: Findings) -> None:
-    """Refuse a recording of two subjects, and one that counts twice, whatever its name."""
-    uses: dict[str, list[tuple[str, TrialName | None]]] = {}
+def _remark_repeated(study: Study, findings: Findings) -> None:
+    """Name trials, and poses of other subjects, that are one recording, whatever its name."""
+    groups: dict[str, dict[str, tuple[str, WantedWindow]]] = {}
     for subject, person in study.subjects.items():
-        trials = [(t.file, name) for name, t in person.named_trials.items() if t.exclude is None]
-        for file, trial in [(person.static, None), *trials]:
-            if file in findings.read:
-                uses.setdefault(findings.read[file][0], []).append((subject, trial))
-    for of_content in uses.values():
-        for (subject, trial), (other_subject, other) in combinations(of_content, 2):
-            place, same = str(other or other_subject), f"the same recording as {trial or subject}"
-            if subject != other_subject:
-                findings.fault(place, f"{same}, another subject")
-            elif trial is not None and other is not None:
-                rules = study.rule(trial), study.rule(other)
-                starts, stops = zip(*map(_span, rules), strict=True)
-                if rules[0].perturbed != rules[1].perturbed and max(starts) < min(stops):
-                    findings.remark(place, same)
-                elif max(starts) < min(stops):
-                    findings.fault(place, f"{same}: it counts twice; exclude one, or state windows")
-
-
-def _span(rule: Condition) -> tuple[float, float]:
-    """Give from when to when a condition counts something [s]."""
-    return rule.wanted if isinstance(rule.wanted, tuple) else (rule.skip_s, np.inf)
+        trials = [(n, trial) for n, trial in person.named_trials.items() if trial.exclude is None]
+        uses = [(str(name), trial.file, study.rule(name).wanted) for name, trial in trials]
+        for use, file, wanted in [*uses, (subject, person.static, None)]:
+            if file not in findings.read:
+                continue
+            group = groups.setdefault(findings.read[file][0], {})
+            if use != subject or subject not in [owner for owner, _ in group.values()]:
+                group[use] = subject, wanted
+    for group in groups.values():
+        first, *others = group
+        owners, windows = zip(*group.values(), strict=True)
+        spans = sorted(window for window in windows if isinstance(window, tuple))
+        apart = len(spans) == len(group) and all(a[1] <= b[0] for a, b in pairwise(spans))
+        if others and not (apart and len({*owners}) == 1):
+            same = f"the same recording as {listed(others, len(others))}"
+            findings.remark(first, f"{same}; frames that several use count more than once")
 
 
 def study_recordings(study: Study) -> tuple[Path, ...]:
