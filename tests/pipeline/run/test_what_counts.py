@@ -136,6 +136,8 @@ def test_a_condition_states_what_counts(walker, study, tmp_path, condition, span
     [
         ("cycles = 5", "there are no foot strikes"),
         ("window = [2.0, 3.0]", "the span 2 to 3 s holds no frame"),
+        ('window = "step"', "there are no foot strikes"),
+        ('window = "stance"\n[settings]\nevents = "plates"', "there are no foot strikes"),
     ],
 )
 def test_what_a_condition_wants_and_a_trial_has_not_is_a_fault(
@@ -188,6 +190,27 @@ def test_what_is_not_in_the_recording_is_found_by_the_check(
     faults, outcome = checked_and_run(folder, tmp_path / "out")
     assert len(faults) == 1
     assert outcome.state == "failed"
+
+
+def test_one_contact_has_one_foot_in_a_check_as_in_a_run(walker, study, tmp_path):
+    both = CONTACT.format(1, 1.0, "left") + CONTACT.format(1, 1.001, "right")
+    (fault,), outcome = checked_and_run(study(walker, "", both), tmp_path / "out")
+    assert "that is one contact; give one of them" in fault
+    assert fault == f"trial.c3d: {outcome.reason}"
+
+
+def test_what_only_the_markers_events_suggest_is_a_warning(walker, study):
+    """Plates show events of feet that stay in their place; markers show no swing."""
+    hopping = first(walker, 2.5)
+    plates = []
+    for plate in hopping.plates:
+        in_air = np.abs((plate.time % 1.0) - 0.6) < 0.1
+        plates.append(replace(plate, wrench_in_plate=plate.wrench_in_plate * ~in_air[:, None]))
+    condition = 'window = "stance"\n[settings]\nevents = "plates"'
+    found = check_study(read_study(study(replace(hopping, plates=tuple(plates)), condition)))
+    assert not found.faults
+    suggested = "by the markers' gait events, before a pose is solved: there are no foot strikes"
+    assert suggested in [remark.said for remark in found.remarks]
 
 
 @pytest.mark.parametrize("walks", [True, False])
