@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from importlib import import_module
 from importlib.metadata import version
 from inspect import getdoc
+from pathlib import Path
 from typing import Annotated, Any, Final
 
 import typer
@@ -171,7 +172,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         if "--debug" in given:
             raise
-        return _fail(error)  # the output cannot be written
+        return _fail(error, typed)  # the output cannot be written
     finally:
         OUTPUT.reset()
     return code
@@ -193,10 +194,10 @@ def _run(typed: list[str], *, debug: bool) -> int:
     except Exception as error:
         if isinstance(error, BrokenPipeError) or (debug and not isinstance(error, Stopped)):
             raise
-        return _fail(error)
+        return _fail(error, typed)
 
 
-def _fail(error: Exception) -> int:
+def _fail(error: Exception, typed: Sequence[str]) -> int:
     """Say what ends the command, put it into the object of --json, and give the exit code."""
     if isinstance(error, Stopped):
         lines, code = [str(error)], error.code
@@ -206,8 +207,11 @@ def _fail(error: Exception) -> int:
         code = "usage" if isinstance(error, TyperException) else code
     for line in lines:
         print_error(line if isinstance(error, Stopped) else f"error: {line}")
-    file = getattr(error, "filename", None)
-    OUTPUT.result["error"] = failure(code, "; ".join(lines), file and str(file))
+    named = lines[0].partition(": ")[0]
+    paths = (Path(word) for word in typed if not word.startswith("-"))
+    given = (path for path in paths if named in (str(path), path.name))
+    file = getattr(error, "filename", None) or next(given, None)
+    OUTPUT.result["error"] = failure(code, "; ".join(lines), str(file) if file else None)
     if hasattr(error, "faults"):
         OUTPUT.result["faults"] = lines
     return error.exit_code if isinstance(error, Stopped) else USAGE
@@ -220,8 +224,6 @@ def _with_command(typed: list[str]) -> list[str] | None:
     """
     if typed[0] in COMMANDS or typed[0].startswith("-") or not os.path.lexists(typed[0]):
         return typed
-    from pathlib import Path
-
     from pipeline.cli.recognise import recognise
 
     found = recognise(Path(typed[0]))

@@ -112,7 +112,7 @@ def check(
         f"{counted(len(found.faults), 'fault')}"
     )
     if found.faults and (OUTPUT.quiet or OUTPUT.json):
-        raise StudyFaults([str(fault) for fault in found.faults])
+        raise StudyFaults([str(fault) for fault in found.faults], loaded.folder)
     console.say(counts if found.faults else f"{counts}; next: hbm run {study}")
     return 2 if found.faults else 0
 

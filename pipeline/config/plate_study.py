@@ -217,9 +217,9 @@ def read_plates_study(folder: str | Path) -> PlatesStudy:
     folder = Path(folder)
     folder = folder.parent if folder.suffix == ".toml" else folder
     if not (folder / FILE).is_file():
-        raise StudyFaults([f"{folder}: no {FILE} here"])
+        raise StudyFaults([f"{folder}: no {FILE} here"], folder)
     faults: list[str] = []
     file = check_table(FILE, read_table(folder / FILE), PlatesFile, faults, Around(folder))
     if faults or file is None:
-        raise StudyFaults(faults)
+        raise StudyFaults(faults, folder)
     return PlatesStudy(folder, file)

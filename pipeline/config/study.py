@@ -97,6 +97,21 @@ class Study:
             for name, trial in person.named_trials.items()
         }
 
+    def to_process(
+        self, subjects: Iterable[str] = (), conditions: Iterable[str] = ()
+    ) -> list[TrialName]:
+        """Give the trials of some subjects and conditions, by default all; StudyFaults if none."""
+        wanted = {self.subject(name).id for name in subjects} or self.subjects
+        of = [*conditions] or self.file.conditions
+        for condition in of:
+            self.condition(condition)
+        names = [name for name, trial in self.trials.items() if trial.exclude is None]
+        names = [name for name in names if name.subject in wanted and name.condition in of]
+        if not names:
+            none = "all trials of these subjects and conditions are excluded, or there are none"
+            raise StudyFaults([f"{self.folder}: nothing to process: {none}"], self.folder)
+        return names
+
     def stated_of(self, trial: Trial) -> Stated:
         """How the recording of a trial is to be read: as all, and what is stated of it alone."""
         every = self.stated
@@ -198,12 +213,12 @@ def read_study(folder: str | Path, *, recordings: bool = True) -> Study:
     if faults and (folder / SIMULATED).is_file() and not any(folder.glob("*.c3d")):
         raise StudyFaults([f"{folder}: no recordings yet; 'hbm simulate {folder}' writes them"])
     if faults or file is None:
-        raise StudyFaults(faults)
+        raise StudyFaults(faults, folder)
     study = Study(folder, file, subjects, marker_set)
     for name in study.trials:
         check_table(f"{name}: window", study.stated_rule(name), Condition, faults, Around(folder))
     if faults:
-        raise StudyFaults(faults)
+        raise StudyFaults(faults, folder)
     return replace(
         study,
         variants={
@@ -228,7 +243,7 @@ def _variants(
                 tables[key] = value
             else:
                 tables["settings"][key] = value
-        if name in RESERVED_VARIANTS:
+        if name.casefold() in RESERVED_VARIANTS:
             faults.append(f"{where}: {name!r} is what a variant differs from; choose another name")
         if not stated:
             faults.append(f"{where}: has no setting that differs")

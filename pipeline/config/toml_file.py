@@ -25,10 +25,16 @@ UNITS: Final = {"_kg": "kilograms", "_m": "metres", "_s": "seconds"}
 
 
 class StudyFaults(ValueError):
-    """Everything that is wrong with a study's files; ``faults`` holds one line each."""
+    """Everything that is wrong with a study's files; ``faults`` holds one line each.
 
-    def __init__(self, faults: list[str]) -> None:
+    ``filename`` is the file in the folder that all of them are about, else the folder.
+    """
+
+    def __init__(self, faults: list[str], folder: Path | None = None) -> None:
         self.faults = tuple(map(fault_line, faults))
+        names = {fault.partition(": ")[0] for fault in faults}
+        path = folder / names.pop() if folder and len(names) == 1 else None
+        self.filename = path if path and is_file(path) else folder
         super().__init__("; ".join(self.faults))
 
 
@@ -42,7 +48,7 @@ def read_table(path: Path) -> Table:
         fault = f"not valid TOML: {error}"
     except OSError as error:
         fault = f"cannot be read: {error.strerror}"
-    raise StudyFaults([f"{path.name}: {fault}"])
+    raise StudyFaults([f"{path.name}: {fault}"], path.parent)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
 from hashlib import sha256
-from itertools import combinations
+from itertools import pairwise
 from pathlib import Path
 from typing import Final, TypeVar
 
@@ -25,7 +25,7 @@ from hbm.notes import Note
 from hbm.plausibility.motion import implausible
 from hbm.signals.filtering import low_pass
 from hbm.spelling import did_you_mean, listed
-from pipeline.config.schema import Condition, PlateContact, SubjectFile, Trial, TrialName
+from pipeline.config.schema import Condition, PlateContact, SubjectFile, Trial, WantedWindow
 from pipeline.config.study import Study
 from pipeline.io.c3d.second_reader import compare_readers
 from pipeline.io.read import file_format
@@ -168,6 +168,7 @@ def check_study(study: Study) -> Findings:
         All faults of all files, not only the first; those of variants too.
     """
     findings = Findings()  # the ways share its lists
+    findings.attempt(str(study.folder), study.to_process)
     ways = [
         Way.of(variant, replace(findings, variant=name))
         for name, variant in {"": study, **study.variants}.items()
@@ -185,7 +186,7 @@ def check_study(study: Study) -> Findings:
                         _TrialCheck(way, person, trial, way.study.rule(name), recording).run(pose)
         if without := [name for name in study.file.conditions if name not in person.trials]:
             findings.remark(subject, f"no trial for {listed(without)}")
-    _check_repeated(study, findings)
+    _remark_repeated(study, findings)
     if absent := labels_in_none(notes for _, notes in findings.read.values()):
         findings.remark("study.toml", Note.of("rename_without_label", labels=absent))
     return findings
@@ -244,6 +245,9 @@ class _TrialCheck:
             number: np.linalg.norm(plate.wrench_in_plate[:, :3], axis=1) > threshold_n
             for number, plate in plates.items()
         }
+        starts = (samples[1:] > samples[:-1] for samples in loaded.values())
+        # what a moving plate reads without load may exceed the threshold until it is compensated
+        self.stepped_on = self.laboratory.calibration is not None or any(map(np.any, starts))
         if not plates:
             self.fault(self.recording.why_no_plates)
         elif not any(samples.any() for samples in loaded.values()):
@@ -255,8 +259,10 @@ class _TrialCheck:
             if not loaded[number][np.argmin(np.abs(plates[number].time - time_s))]:
                 raise ValueError(f"contacts: nobody is on plate {number} at {time_s:g} s")
 
-        for contact in self.trial.contacts if plates else ():
+        stated = self.trial.contacts if plates else ()
+        for contact in stated:
             self.attempt(partial(require, contact))
+        self.attempt(lambda: require_contacts(stated, [*plates], self.markers.time))
 
     def body(self, pose: Recording) -> Body | None:
         """Weigh the subject and build the body."""
@@ -338,11 +344,17 @@ class _TrialCheck:
             said, pose = [note], platform
             counted = what_counts(recording, events, quality, rule, settling, pose, said, least)
             later = [event for event in events if event.time >= rule.skip_s]
-            none_strikes = rule.wanted == "cycle" and not unknown and not found_cycles(later, SIDES)
+            shown = found_cycles(later, SIDES) if rule.wanted == "cycle" else counted.found
+            stepped = shown if source == "auto" else self.stepped_on
+            no_step = not (stepped or unknown)
             unperturbed = rule.perturbed and (counted.onsets < rule.skip_s).all()
-            if none_strikes or unperturbed or not guessed:
-                for shortage in (note for note in said if note.code == "no_residuals"):
-                    self.fault(str(shortage.values["reason"]))
+            sure = not guessed or no_step or unperturbed or rule.skip_s > time[-1]
+            for shortage in (note for note in said if note.code == "no_residuals"):
+                reason = str(shortage.values["reason"])
+                if sure:
+                    self.fault(reason)
+                elif not unknown:
+                    self.remark(f"by the markers' gait events, before a pose is solved: {reason}")
 
         pulse = self.rule.pulse_channel
         if self.rule.perturbed:  # all gait cycles first: without any, perturbations do not matter
@@ -354,31 +366,26 @@ class _TrialCheck:
         self.attempt(lambda: count(self.rule))
 
 
-def _check_repeated(study: Study, findings: Findings) -> None:
-    """Refuse a recording of two subjects, and one that counts twice, whatever its name."""
-    uses: dict[str, list[tuple[str, TrialName | None]]] = {}
+def _remark_repeated(study: Study, findings: Findings) -> None:
+    """Name trials, and poses of other subjects, that are one recording, whatever its name."""
+    groups: dict[str, dict[str, tuple[str, WantedWindow]]] = {}
     for subject, person in study.subjects.items():
-        trials = [(t.file, name) for name, t in person.named_trials.items() if t.exclude is None]
-        for file, trial in [(person.static, None), *trials]:
-            if file in findings.read:
-                uses.setdefault(findings.read[file][0], []).append((subject, trial))
-    for of_content in uses.values():
-        for (subject, trial), (other_subject, other) in combinations(of_content, 2):
-            place, same = str(other or other_subject), f"the same recording as {trial or subject}"
-            if subject != other_subject:
-                findings.fault(place, f"{same}, another subject")
-            elif trial is not None and other is not None:
-                rules = study.rule(trial), study.rule(other)
-                starts, stops = zip(*map(_span, rules), strict=True)
-                if rules[0].perturbed != rules[1].perturbed and max(starts) < min(stops):
-                    findings.remark(place, same)
-                elif max(starts) < min(stops):
-                    findings.fault(place, f"{same}: it counts twice; exclude one, or state windows")
-
-
-def _span(rule: Condition) -> tuple[float, float]:
-    """Give from when to when a condition counts something [s]."""
-    return rule.wanted if isinstance(rule.wanted, tuple) else (rule.skip_s, np.inf)
+        trials = [(n, trial) for n, trial in person.named_trials.items() if trial.exclude is None]
+        uses = [(str(name), trial.file, study.rule(name).wanted) for name, trial in trials]
+        for use, file, wanted in [*uses, (subject, person.static, None)]:
+            if file not in findings.read:
+                continue
+            group = groups.setdefault(findings.read[file][0], {})
+            if use != subject or subject not in [owner for owner, _ in group.values()]:
+                group[use] = subject, wanted
+    for group in groups.values():
+        first, *others = group
+        owners, windows = zip(*group.values(), strict=True)
+        spans = sorted(window for window in windows if isinstance(window, tuple))
+        apart = len(spans) == len(group) and all(a[1] <= b[0] for a, b in pairwise(spans))
+        if others and not (apart and len({*owners}) == 1):
+            same = f"the same recording as {listed(others, len(others))}"
+            findings.remark(first, f"{same}; frames that several use count more than once")
 
 
 def study_recordings(study: Study) -> tuple[Path, ...]:

@@ -91,6 +91,9 @@ def process_request(
     except ValueError as error:
         if request.trial.name not in str(error):
             error.add_note(f"while processing {request.trial.name}")
+        paths = (path for _, path in request if isinstance(path, Path))
+        file = next((p for p in paths if str(error).startswith(f"{p.name}: ")), request.trial)
+        vars(error).setdefault("filename", str(file))
         raise
     return ProcessedTrial(recording, laboratory, result)
 

@@ -121,21 +121,7 @@ def plan(
     folder, out = study.folder.resolve(), out.resolve()
     variants = {name: replace(own, folder=folder) for name, own in study.variants.items()}
     absolute = replace(study, folder=folder, variants=variants)
-    wanted = [study.subject(s).id for s in dict.fromkeys(subjects or study.subjects)]
-    for condition in conditions or ():
-        study.condition(condition)
-    trials = [
-        name
-        for name, trial in study.trials.items()
-        if trial.exclude is None
-        and name.subject in wanted
-        and (not conditions or name.condition in conditions)
-    ]
-    if not trials:
-        raise ValueError(
-            f"{study.folder}: nothing to process: all trials of these subjects and conditions are "
-            "excluded, or there are none"
-        )
+    trials = study.to_process(subjects or (), conditions or ())
     with ThreadPoolExecutor(HASHED_AT_ONCE) as pool:
         keys = [*pool.map(lambda name: trial_key(absolute, name), trials)]
 

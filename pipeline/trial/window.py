@@ -25,24 +25,37 @@ from pipeline.trial.gait.events import SIDES
 from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.result import CyclePart
 
+NEEDS: Final[dict[Unit, str]] = {
+    "cycle": "two foot strikes of one side",
+    "step": "foot strikes of both sides",
+    "stance": "a foot strike and the foot off after it",
+}
+
 
 def cycle_shortage(
-    events: Sequence[Event], left_out: Sequence[str], time: Array, solved: Mask, why: str = ""
+    events: Sequence[Event],
+    left_out: Sequence[str],
+    time: Array,
+    solved: Mask,
+    why: str = "",
+    unit: Unit = "cycle",
 ) -> str:
-    """Say why there is no gait cycle.
+    """Say why there is no gait cycle, step or stance.
 
     Parameters
     ----------
     events
         The trial's gait events.
     left_out
-        Why each cycle that the events show was left out.
+        Why each unit that the events show was left out.
     time
         Of the markers, (T,) [s].
     solved
         Whether pose and forces are known, (T,).
     why
         Why there are no events, if that is known.
+    unit
+        What there is none of.
 
     Returns
     -------
@@ -66,17 +79,17 @@ def cycle_shortage(
         return "no frame could be solved; check the markers' labels and the calibration pose"
     if not strikes:
         return "there are no foot strikes" + (f": {why}" if why else "")
-    if max(counts.values()) < 2:
+    if max(counts.values()) < 2 if unit == "cycle" else not left_out:
         named = " and ".join(f"{count} {side}" for side, count in counts.items())
         if beyond:
             named += f", and {len(beyond)} from {min(beyond):.2f} to {max(beyond):.2f} s"
         return (
-            "a gait cycle needs two foot strikes of one side while markers are recorded, from "
+            f"a {NOUNS[unit]} needs {NEEDS[unit]} while markers are recorded, from "
             f"{time[0]:.2f} to {time[-1]:.2f} s; there are {named}"
         )
     if left_out:
         frames = f"; {unsolved} of {len(time)} frames could not be solved" if unsolved else ""
-        return f"all gait cycles were excluded, {counted_reasons(left_out)}{frames}"
+        return f"all {NOUNS[unit]}s were excluded, {counted_reasons(left_out)}{frames}"
     return "none of the gait cycles is one that the condition asks for"
 
 
@@ -153,10 +166,12 @@ def what_counts(
     counted = Counted(usable, cycles, onsets, part, span, unit, found)
     if excluded:
         reasons = counted_reasons(excluded)
-        notes.append(Note.of("cycles_left_out", cycles=len(excluded), reasons=reasons))
+        noun = NOUNS[unit] + "s" * (len(excluded) > 1)
+        notes.append(Note.of("cycles_left_out", count=len(excluded), unit=noun, reasons=reasons))
     why = [str(note.values["reason"]) for note in notes if note.code == "events_unknown"]
     solved = free_of(quality, Quality.POSE_UNKNOWN)
-    shortage = cycle_shortage(events, every, time, solved, "".join(why))
+    asked = unit if wanted == unit else "cycle"
+    shortage = cycle_shortage(events, every, time, solved, "".join(why), asked)
     notes += (*selection, *of_part)
     notes += _nothing_counts(wanted, counted, events, shortage, time, counts, solved)
     return counted

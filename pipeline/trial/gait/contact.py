@@ -279,7 +279,7 @@ def by_foot(wrenches: Array, on: Indices) -> Array:
 
 
 def require_contacts(stated: Iterable[PlateContact], numbers: Sequence[int], time: Array) -> None:
-    """Refuse stated contacts of a plate, or at a time, that is not in the recording.
+    """Refuse stated contacts of a plate, or at a time, that is not there, or of two feet at once.
 
     Parameters
     ----------
@@ -295,6 +295,7 @@ def require_contacts(stated: Iterable[PlateContact], numbers: Sequence[int], tim
     ValueError
         With the first such contact.
     """
+    feet: dict[tuple[int, int], PlateContact] = {}
     for each in stated:
         if each.plate not in numbers:
             raise ValueError(
@@ -306,6 +307,18 @@ def require_contacts(stated: Iterable[PlateContact], numbers: Sequence[int], tim
                 f"contacts: {each.time_s:g} s is not in the recording, which lasts from "
                 f"{time[0]:.2f} to {time[-1]:.2f} s"
             )
+        frame = int(np.argmin(np.abs(time - each.time_s)))
+        _require_one_foot(feet.setdefault((each.plate, frame), each), each)
+
+
+def _require_one_foot(before: PlateContact, each: PlateContact) -> None:
+    """Refuse two feet for one contact."""
+    if before.foot != each.foot:
+        raise ValueError(
+            f"contacts: plate {each.plate} carries the {before.foot} foot at {before.time_s:g} s "
+            f"and the {each.foot} one at {each.time_s:g} s, but that is one contact; give one of "
+            "them"
+        )
 
 
 def forces_of_legs(frames: Mask) -> Mask:
@@ -356,13 +369,7 @@ def _overrule(
                 f"loaded: {_listed(time, loaded) or 'never'}"
             )
         contact = _by_one_foot(pressure, frame, *inside[0])
-        before = said.setdefault(contact.start, each)
-        if before.foot != each.foot:
-            raise ValueError(
-                f"contacts: plate {each.plate} carries the {before.foot} foot at "
-                f"{before.time_s:g} s and the {each.foot} one at {each.time_s:g} s, but that "
-                "is one contact; give one of them"
-            )
+        _require_one_foot(said.setdefault(contact.start, each), each)
         pressure.nearer[contact] = SIDES.index(each.foot)
         pressure.decided[contact] = True
         pressure.uncertain[contact] = False

@@ -71,12 +71,12 @@ def test_quiet_prints_nothing_and_errors_are_still_printed(standing, tmp_path, c
     [
         ("residuals absent.c3d", "input", "absent.c3d"),
         ("explain absent.c3d", "input", "absent.c3d"),
-        ("run absent", "input", None),
-        ("check absent", "input", None),
-        ("plates absent", "input", None),
+        ("run absent", "input", "absent"),
+        ("check absent", "input", "absent"),
+        ("plates absent", "input", "absent"),
         ("calibration fit absent.c3d -o lab.json", "input", "absent.c3d"),
         ("calibration check absent.json absent.c3d", "input", "absent.json"),
-        ("calibration rank absent", "input", None),
+        ("calibration rank absent", "input", "absent"),
         ("residuals", "usage", None),
         ("residuals absent.c3d --cutof-hz 6", "usage", None),
         ("report absent", "usage", None),  # it has no --json
@@ -116,6 +116,23 @@ def test_faults_that_a_check_finds_are_listed_beside_the_error(tmp_path, capsys)
     assert "not a C3D file" in found["error"]["text"]
     assert found["faults"] == [found["error"]["text"]]
     assert (found["trials"], err) == (1, f"hbm: error: {found['faults'][0]}\n")
+
+
+@pytest.mark.parametrize("study", ["[conditions", '[settings]\nfilter = "none"', ""])
+def test_the_file_that_is_at_fault_is_named_by_its_path(study, tmp_path, capsys):
+    (tmp_path / "study.toml").write_text(f"{study}\n[conditions.level]\n", encoding="utf-8")
+    person = 'id = "a"\n[trials.level]\nfile = "a.c3d"\n'
+    (tmp_path / "a.toml").write_text(person, encoding="utf-8")
+    (tmp_path / "a.c3d").write_text("no recording", encoding="utf-8")
+    found = json.loads(printed(capsys, "check", tmp_path, "--json", code=2))
+    assert found["error"]["file"] == str(tmp_path / ("study.toml" if study else "a.c3d"))
+
+
+@pytest.mark.parametrize("words", ["residuals --cutoff-hz 50", "calibration fit -o lab.json"])
+def test_a_recording_that_cannot_be_used_is_the_file_at_fault(words, standing, capsys):
+    error = json.loads(printed(capsys, *words.split(), standing, "--json", code=2))["error"]
+    assert standing.name in error["text"]
+    assert error["file"] == str(standing)
 
 
 def test_quiet_is_silent_but_for_what_fails(tmp_path, capsys):

@@ -314,7 +314,7 @@ def test_a_study_of_the_recordings_in_a_folder_runs_as_it_is_written(folder, tmp
         "S02 walking 01",
         "S02 walking 02",
     ]
-    assert all("the same recording as" in str(fault) for fault in check_study(study).faults)
+    assert check_study(study).faults == []
     results = tmp_path / "results"
     assert main(["run", str(folder), "--subject", "S01", "--out", str(results)]) == 0
     assert (results / "trials" / "S01_walking.parquet").is_file()

@@ -159,6 +159,12 @@ def test_names_that_differ_by_upper_and_lower_case_alone_are_refused(write, more
     assert f"{fault}: files of results cannot" in only_fault_of(write(study, a=PERSON, b=other))
 
 
+@pytest.mark.parametrize("name", ["main", "Main", "MEASURED"])
+def test_a_variant_is_not_called_as_what_it_differs_from(write, name):
+    fault = only_fault_of(write(f"{PLAIN}[variants.{name}]\ncutoff_hz = 8.0\n"))
+    assert f"{name!r} is what a variant differs from" in fault
+
+
 def test_a_file_in_another_encoding_is_refused(write):
     folder = write()
     (folder / "sub01.toml").write_bytes(PERSON.encode("utf-16"))

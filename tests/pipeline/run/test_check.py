@@ -202,15 +202,15 @@ def test_a_trial_with_none_of_the_markers_of_its_pose_is_a_fault(sway):
 
 
 @pytest.mark.parametrize(
-    ("copy", "windows", "faults"),
+    ("copy", "windows", "repeated"),
     [
-        ("sub01_baseline", ("", ""), 1),
-        ("again", ("", ""), 1),
-        ("again", ("window = [6.0, 8.0]", "window = [8.0, 10.0]"), 0),
-        ("again", ("window = [6.0, 8.0]", "window = [7.0, 9.0]"), 1),
+        ("sub01_baseline", ("", ""), True),
+        ("again", ("", ""), True),
+        ("again", ("window = [6.0, 8.0]", "window = [8.0, 10.0]"), False),
+        ("again", ("window = [6.0, 8.0]", "window = [7.0, 9.0]"), True),
     ],
 )
-def test_a_recording_counts_once_whatever_its_name(study, copy, windows, faults):
+def test_a_recording_that_counts_twice_is_named_whatever_its_name(study, copy, windows, repeated):
     """Pitch is the baseline once more: by the same name, or written anew with another header."""
     change_header = {"metadata": lambda recording: Metadata(mass_kg=74.6)}
     shutil.copy(study / "sub01_baseline.c3d", study / "again.c3d")
@@ -218,18 +218,38 @@ def test_a_recording_counts_once_whatever_its_name(study, copy, windows, faults)
     edit(study / "sub01.toml", "sub01_pitch.c3d", f"{copy}.c3d")
     for condition, window in zip(("baseline", "pitch"), windows, strict=True):
         edit(study / "sub01.toml", f"[trials.{condition}]", f"[trials.{condition}]\n{window}")
-    text = "sub01 pitch: the same recording as sub01 baseline: it counts twice"
-    assert [f.startswith(text) for f in findings(study).faults] == [True] * faults
+    found = findings(study)
+    text = "sub01 baseline: the same recording as sub01 pitch; frames that several use count more"
+    assert found.faults == []
+    assert any(line.startswith(text) for line in found.remarks) == repeated
+
+
+def test_many_copies_of_a_recording_are_one_warning(study):
+    for condition in ("sway", "pitch"):
+        edit(study / "sub01.toml", f"sub01_{condition}.c3d", "sub01_baseline.c3d")
+    (line,) = [line for line in findings(study).remarks if "the same recording" in line]
+    assert line.startswith("sub01 baseline: the same recording as sub01 sway, sub01 pitch; frames")
 
 
 @pytest.mark.parametrize("as_static", [True, False])
-def test_a_recording_of_two_subjects_is_a_fault(study, as_static):
+def test_a_recording_of_two_subjects_is_a_warning(study, as_static):
     shutil.copy(study / "sub01_baseline.c3d", study / "sub02.c3d")
     static = 'static = "sub02.c3d"\n' if as_static else ""
     trial = 'exclude = "fell"' if as_static else 'file = "sub02.c3d"'
     (study / "sub02.toml").write_text(f'id = "sub02"\n{static}[trials.pitch]\n{trial}')
-    (fault,) = findings(study).faults
-    assert "the same recording as sub01 baseline, another subject" in fault
+    found, other = findings(study), "sub02" if as_static else "sub02 pitch"
+    assert found.faults == []
+    assert any(
+        line.startswith(f"sub01 baseline: the same recording as {other};") for line in found.remarks
+    )
+
+
+def test_where_all_trials_are_excluded_a_check_ends_as_a_run(sway, tmp_path, capsys):
+    edit(sway / "sub01.toml", 'file = "sub01_sway.c3d"', 'exclude = "fell"')
+    assert main(["run", str(sway), "--out", str(tmp_path / "out")]) == 2
+    reason = capsys.readouterr().err.strip().removeprefix("hbm: error: ")
+    assert main(["check", str(sway)]) == 2
+    assert f"FAULT {reason}\n" in capsys.readouterr().out
 
 
 def test_a_stature_that_the_legs_contradict_is_a_warning_before_a_run_and_in_it(sway):
@@ -317,7 +337,8 @@ def test_excluded_missing_repeated_short_and_uncompensated_trials_are_remarked(s
     assert found.faults == []
     for remark in (
         "sub01 pitch: excluded: fell",
-        "sub01 sway: the same recording as sub01 baseline",
+        "sub01 baseline: the same recording as sub01 sway; frames that several use count more than "
+        "once",
         "sub03: no trial for baseline, sway, pitch",
         "sub01_sway.c3d: too short for 50 gait cycles after 6 s",
         "study.toml: no treadmill.calibration, so nothing will be compensated",

@@ -8,8 +8,9 @@ import pytest
 
 from hbm.markers import marker_sets
 from pipeline.cli.app import main
-from pipeline.config.schema import PlateContact, Settings, Subject
+from pipeline.config.schema import Condition, PlateContact, Settings, Subject
 from pipeline.config.study import read_study
+from pipeline.io.recording import Event
 from pipeline.run.check import check_study
 from pipeline.run.run import run_study
 from pipeline.run.store import read_trial
@@ -17,6 +18,7 @@ from pipeline.trial.gait.events import zeni_events
 from pipeline.trial.process import process_recording, process_trial
 from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.residuals import residual_table
+from pipeline.trial.window import what_counts
 from tests.pipeline import lab
 
 CONTACT = '[[trials.quiet.contacts]]\nplate = {}\ntime_s = {}\nfoot = "{}"\n'
@@ -134,6 +136,8 @@ def test_a_condition_states_what_counts(walker, study, tmp_path, condition, span
     [
         ("cycles = 5", "there are no foot strikes"),
         ("window = [2.0, 3.0]", "the span 2 to 3 s holds no frame"),
+        ('window = "step"', "there are no foot strikes"),
+        ('window = "stance"\n[settings]\nevents = "plates"', "there are no foot strikes"),
     ],
 )
 def test_what_a_condition_wants_and_a_trial_has_not_is_a_fault(
@@ -142,6 +146,20 @@ def test_what_a_condition_wants_and_a_trial_has_not_is_a_fault(
     faults, outcome = checked_and_run(study(first(walker, 1.5), condition), tmp_path / "out")
     assert any(fault in line for line in faults), faults
     assert fault in outcome.reason
+
+
+def test_where_steps_are_asked_for_what_is_missing_are_steps(walker):
+    flags = np.full(len(walker.markers.time), int(Quality.NOT_CARRIED))
+    strikes = [Event(time, "foot_strike", side) for time, side in ((2.0, "left"), (2.6, "right"))]
+    texts = []
+    for events in (strikes[:1], strikes):
+        notes = []
+        what_counts(walker, events, flags, Condition(window="step"), (0, 0), None, notes, 0.5)
+        texts += [note.text for note in notes]
+    needs, excluded, all_excluded = texts
+    assert "a step needs foot strikes of both sides" in needs
+    assert excluded == "1 step excluded: 1 for plates that do not carry the subject"
+    assert "all steps were excluded, 1 for plates that do not carry the subject" in all_excluded
 
 
 def test_of_a_trial_with_events_of_the_left_foot_its_cycles_count(walker, study, tmp_path):
@@ -172,6 +190,27 @@ def test_what_is_not_in_the_recording_is_found_by_the_check(
     faults, outcome = checked_and_run(folder, tmp_path / "out")
     assert len(faults) == 1
     assert outcome.state == "failed"
+
+
+def test_one_contact_has_one_foot_in_a_check_as_in_a_run(walker, study, tmp_path):
+    both = CONTACT.format(1, 1.0, "left") + CONTACT.format(1, 1.001, "right")
+    (fault,), outcome = checked_and_run(study(walker, "", both), tmp_path / "out")
+    assert "that is one contact; give one of them" in fault
+    assert fault == f"trial.c3d: {outcome.reason}"
+
+
+def test_what_only_the_markers_events_suggest_is_a_warning(walker, study):
+    """Plates show events of feet that stay in their place; markers show no swing."""
+    hopping = first(walker, 2.5)
+    plates = []
+    for plate in hopping.plates:
+        in_air = np.abs((plate.time % 1.0) - 0.6) < 0.1
+        plates.append(replace(plate, wrench_in_plate=plate.wrench_in_plate * ~in_air[:, None]))
+    condition = 'window = "stance"\n[settings]\nevents = "plates"'
+    found = check_study(read_study(study(replace(hopping, plates=tuple(plates)), condition)))
+    assert not found.faults
+    suggested = "by the markers' gait events, before a pose is solved: there are no foot strikes"
+    assert suggested in [remark.said for remark in found.remarks]
 
 
 @pytest.mark.parametrize("walks", [True, False])
