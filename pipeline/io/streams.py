@@ -15,7 +15,7 @@ import numpy as np
 from scipy.ndimage import median_filter, minimum_filter1d
 
 from hbm.notes import Note
-from hbm.spatial import Array
+from hbm.spatial import Array, Indices
 from hbm.spelling import listed, printable, short
 from pipeline.io.labels import marker_columns
 from pipeline.io.recording import Plate
@@ -359,6 +359,8 @@ MIN_BURST_S: Final = 0.25
 """Within it, some sample is stamped without delay."""
 MAX_DROPPED_RATIO: Final = 2
 """Frames spanned per sample held: with more dropped, this is not one recording."""
+MAX_STEP_FRAMES: Final = 1.5
+"""From one sample to the next where none is lost; the usual step shows the rate by itself."""
 MAX_GAP_FRAMES: Final = 10**9
 MAX_SCATTER_FRAMES: Final = 50
 
@@ -377,7 +379,7 @@ class Clock:
         Standard deviation of the time stamps about that.
     """
 
-    index: Array
+    index: Indices
     rate_hz: float
     start_s: float
     scatter_s: float
@@ -474,18 +476,34 @@ def find_clock(stamps: Array, nominal_hz: float) -> Clock:
     """
     period = _period(stamps, nominal_hz)
     stamps = _in_order(stamps, period)
-    index = _frames(stamps, max(period / 2, _slope(stamps, _frames(stamps, period))))
+    index = _find_frames(stamps, period, nominal_hz)
     if index[-1] + 1 > MAX_DROPPED_RATIO * len(stamps):
         raise ValueError(f"its times span {index[-1] + 1} frames, but it holds {len(stamps)}")
     slope = _slope(stamps, index)
     if not slope > 0:
         raise ValueError("its time stamps do not advance")
     residual = stamps - index * slope
-    start = float(np.median(residual))
     scatter = float(np.std(residual))
     if scatter > MAX_SCATTER_FRAMES * slope:
         raise ValueError(f"its time stamps scatter by {scatter:.3g} s about a constant rate")
-    return Clock(index, 1 / slope, start, scatter)
+    return Clock(index, 1 / slope, float(np.median(residual)), scatter)
+
+
+def lost_before(stamps: Array, nominal_hz: float) -> Indices:
+    """Give how many samples are lost before each, (N,), as `find_clock` judges.
+
+    Time stamps increase. A rate of less than two thirds of the nominal one is a loss too.
+
+    Examples
+    --------
+    >>> lost_before(np.array([0.0, 0.01, 0.02, 0.05, 0.06]), 100.0).tolist()
+    [0, 0, 0, 2, 2]
+    """
+    if len(stamps) < 2:
+        return np.zeros(len(stamps), np.intp)
+    period = _period(stamps, nominal_hz)
+    period = period if period * nominal_hz < MAX_STEP_FRAMES else 1 / nominal_hz
+    return _find_frames(stamps, period, nominal_hz) - np.arange(len(stamps))
 
 
 def _in_order(stamps: Array, period: float) -> Array:
@@ -498,18 +516,47 @@ def _in_order(stamps: Array, period: float) -> Array:
     return np.where(right, stamps, np.interp(k, k[right], stamps[right]))
 
 
-def _frames(stamps: Array, period: float) -> Array:
-    """Give the frame of each sample, (N,), from the time per frame [s]."""
+def _find_frames(stamps: Array, period: float, nominal_hz: float) -> Indices:
+    """Give the frame of each sample, (N,), from time stamps and about the time per frame [s].
+
+    Where stamps scatter by less than half a frame, each step of their lag counts by itself, at
+    whatever rate; else the lag counts as a whole, at the nominal rate, so that steps that jitter
+    makes cancel. Of both that one is taken that leaves less scatter with fewer steps.
+    """
+    steady = max(period / 2, _slope(stamps, _frames(_lag(stamps, period))))
+    whole = np.rint(_lag(stamps, 1 / (nominal_hz or 1 / steady)))
+    whole = np.minimum.accumulate(whole[::-1])[::-1]  # what stays
+    return min(_frames(_lag(stamps, steady)), _frames(whole), key=lambda k: _cost(stamps, k))
+
+
+def _frames(lag: Array) -> Indices:
+    """Give the frame of each sample, (N,), from its lag [frames]: where it steps up, some drop."""
+    dropped = np.clip(np.rint(np.diff(lag)), 0, MAX_GAP_FRAMES).astype(int)
+    return np.asarray(np.concatenate([[0], np.cumsum(1 + dropped)]), np.intp)
+
+
+def _lag(stamps: Array, period: float) -> Array:
+    """Give by how many frames the samples that are on time lag behind the first, (N,).
+
+    At the end, where few follow, only what exceeds the usual scatter counts.
+    """
     count = len(stamps)
     window = max(2, round(min(MIN_BURST_S / period, count)))
-    lag = stamps - np.arange(count) * period
+    lag = (stamps - stamps[0]) / period - np.arange(count)
     on_time = minimum_filter1d(lag, window, mode="nearest", origin=-(window // 2))
-    steps = np.rint(np.diff(on_time) / period)
-    dropped = np.clip(steps, 0, MAX_GAP_FRAMES).astype(int)
-    return np.asarray(np.arange(count) + np.concatenate([[0], np.cumsum(dropped)]))
+    if (last := count - window) > 0:
+        usual = on_time[last] + np.max(lag[:last] - on_time[:last])
+        on_time[last:] = np.where(on_time[last:] < usual, on_time[last], on_time[last:])
+    return np.asarray(on_time - on_time[0])
 
 
-def _slope(stamps: Array, index: Array) -> float:
+def _cost(stamps: Array, index: Indices) -> float:
+    """Give Bayes' information criterion of a straight line with steps, halved, per sample."""
+    scatter = np.std(stamps / _slope(stamps, index) - index) + 0.01  # less says nothing more
+    return float(np.log(scatter) + np.mean(np.diff(index) > 1) * np.log(len(index)) / 2)
+
+
+def _slope(stamps: Array, index: Indices) -> float:
     """Give the time per frame by a straight line through all time stamps [s]."""
     offset = index - index.mean()
     return float(offset @ (stamps - stamps.mean()) / (offset @ offset))
@@ -523,6 +570,11 @@ def _period(stamps: Array, nominal_hz: float) -> float:
     mean = float(stamps[-1] - stamps[0]) / (count - 1)
     if not mean > 0 or not usual > 0:
         raise ValueError("its time stamps do not advance")
-    single = float(np.median(np.diff(stamps)))  # of samples that do not come in bursts
-    near = (abs(each * nominal_hz - 1) < MAX_RATE_DIFFERENCE for each in (single, usual, mean))
-    return 1 / nominal_hz if any(near) else min(usual, mean)
+    steps, single = np.diff(stamps), 1 / (nominal_hz or 1 / usual)
+    for _ in range(5):  # until it is the mean of the steps about it, from one frame to the next
+        about = steps[np.abs(steps / single - 1) < 0.5]
+        single = float(about.mean()) if len(about) else single
+    clear = min(usual, mean) < MAX_STEP_FRAMES * single and 2 * len(about) > len(steps)
+    shown = [single] if clear else [usual, mean]
+    near = any(abs(each * nominal_hz - 1) < MAX_RATE_DIFFERENCE for each in shown)
+    return 1 / nominal_hz if near else min(shown)

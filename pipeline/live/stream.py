@@ -13,7 +13,7 @@ from pipeline.io.axes import parse_axes
 from pipeline.io.columns import DFLOW_PLATE
 from pipeline.io.recording import Plate
 from pipeline.io.stated import Stated
-from pipeline.io.streams import AXES, Channel, find_plates, marker_layout, si_units
+from pipeline.io.streams import AXES, Channel, find_plates, lost_before, marker_layout, si_units
 
 LAB_AXES: Final = "forward,left,up"
 """Axes of all positions, as descriptions state them."""
@@ -130,8 +130,10 @@ MAX_AHEAD_S: Final = 1.0
 CONFIRMED_S: Final = 0.05
 """Of samples that follow each other on another clock; fewer have wrong time stamps."""
 MIN_CONFIRMED: Final = 3
-MISSING: Final = 1.5
-"""Sampling intervals between two samples of which one at least is missing between them."""
+COUNTED: Final = 700
+"""Samples at least that show together which of them are missing."""
+REMEMBERED_S: Final = 10.0
+"""A sample that comes again within it is known to be the same."""
 SAME_CLOCK_S: Final = 0.05
 """Streams whose clocks were set by amounts that differ by less were set together."""
 
@@ -146,7 +148,9 @@ class StreamClock:
     """One stream's: what is added to its time stamps, its newest time, and samples in doubt.
 
     Counted are samples that ``came``, those ``given`` on, those ``unordered`` that came late or
-    twice, and those ``lost`` between others, so far; ``recent`` are times of half a second.
+    twice, and those ``lost`` before the ``recent`` times, (N,) [s], so far. The stamp of the
+    ``last`` one came ``alike`` times, that before it ``before`` times; ``seen`` are samples of the
+    last seconds.
     """
 
     rate_hz: float
@@ -158,7 +162,11 @@ class StreamClock:
     given: int = 0
     unordered: int = 0
     lost: int = 0
-    recent: Array = field(default_factory=lambda: np.array([-np.inf]))
+    recent: Array = field(default_factory=lambda: np.empty(0))
+    last: tuple[float, int] = (np.nan, 0)
+    alike: int = 1
+    before: int = 1
+    seen: tuple[set[int], set[int]] = field(default_factory=lambda: (set(), set()))
 
     @property
     def unused(self) -> int:
@@ -168,23 +176,41 @@ class StreamClock:
     @property
     def missing(self) -> int:
         """Samples that have not come; those without a sure time are not among them."""
-        return max(self.lost - (self.unused - self.unordered), 0)
+        lost = self.lost + int(lost_before(self.recent, self.rate_hz)[-1:].sum())
+        return max(lost - (self.unused - self.unordered), 0)
+
+    def spread(self, stamp: float, value: Array) -> float:
+        """Give the time stamp of a sample [s]; NaN where stamp and values came before.
+
+        Samples of one stamp, as senders stamp a chunk, are spread about it, as the offline clock
+        places them; where they are more than those of half a second, their clock stands still.
+        """
+        same, (newer, older) = hash((stamp, value.tobytes())), self.seen
+        steady = same == self.last[1] and max(self.alike, self.before) > 1  # within a chunk
+        if (same in newer or same in older) and not steady:
+            self.unordered += 1
+            return np.nan
+        newer.add(same)
+        self.seen = (set(), newer) if len(newer) > REMEMBERED_S * self.rate_hz else self.seen
+        again, self.last = stamp == self.last[0], (stamp, same)
+        self.before, self.alike = (self.before, self.alike + 1) if again else (self.alike, 1)
+        if self.alike > 1 + MAX_BACK_S * self.rate_hz:
+            return np.nan
+        return stamp + (self.alike - (1 + max(self.alike, self.before)) / 2) / (self.rate_hz or 1)
 
     def in_order(self, time: Array) -> Mask:
         """Find samples at times, (N,) [s], that are later than all before them; count the others.
 
-        One that comes late was only thought to be lost.
+        What is missing is judged of so many samples at once that jitter does not count.
         """
-        before = np.maximum.accumulate(np.append(self.recent[-1], time))
-        later: Mask = np.asarray(time > before[:-1])
-        known = np.append(self.recent, time[later])
-        steps = np.diff(known[-later.sum() - 1 :]) * self.rate_hz
-        self.lost += int(np.sum(np.rint(steps[(steps > MISSING) & np.isfinite(steps)]) - 1))
-        self.lost -= len(np.setdiff1d(time[~later], known))
+        newest = np.maximum.accumulate(np.append(self.recent.max(initial=-np.inf), time))
+        later: Mask = np.asarray(time > newest[:-1])
         self.given += int(later.sum())
         self.unordered += int((~later).sum())
-        recent = np.union1d(known, time)
-        self.recent = recent[recent >= recent[-1] - MAX_BACK_S]
+        self.recent, kept = np.unique(np.append(self.recent, time)), int(max(COUNTED, self.rate_hz))
+        if len(self.recent) > 2 * kept:
+            self.lost += int(lost_before(self.recent, self.rate_hz)[-kept])
+            self.recent = self.recent[-kept:]
         return later
 
 
@@ -206,8 +232,8 @@ class Arrivals:
     The first sample after the clock was set follows the last one before it by one sampling
     interval, or, after a pause, it is as late as the newest sample of another stream. Streams of
     one sender are moved alike, so that they stay together. Samples that are no later than one
-    before them have come late or twice; they are left out and counted, as are those that never
-    came.
+    before them have come late or twice; they are left out and counted. Those that never came are
+    counted as `pipeline.io.streams.find_clock` does: what its clock expects less what came.
 
     Examples
     --------
@@ -236,7 +262,8 @@ class Arrivals:
         latest_s = MAX_AHEAD_S + max(clock.newest_s + passed_s, others_s)
         before_s, taken = clock.added_s, list[tuple[float, Array]]()
         clock.came += len(samples.time)
-        for stamp, value in zip(samples.time.tolist(), samples.values, strict=True):
+        for each, value in zip(samples.time.tolist(), samples.values, strict=True):
+            stamp = clock.spread(each, value) if np.isfinite(each) else np.nan
             time = stamp + clock.added_s
             if not np.isfinite(stamp):
                 continue
@@ -259,8 +286,7 @@ class Arrivals:
         times = np.array([time for time, _ in taken])
         later = clock.in_order(times)
         values = np.array([value for _, value in taken]).reshape(-1, samples.values.shape[1])
-        set_s = before_s - clock.added_s
-        return Samples(samples.stream, times[later], known(values[later]), set_s)
+        return Samples(samples.stream, times[later], known(values[later]), before_s - clock.added_s)
 
     def _set(self, clock: StreamClock, others_s: float) -> None:
         """Find what has to be added to the time stamps of a stream whose clock was set."""

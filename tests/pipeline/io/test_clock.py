@@ -26,6 +26,32 @@ def test_every_sample_is_its_frame_whatever_delay_drift_and_loss(seed, nominal, 
     assert clock.rate_hz == pytest.approx(nominal * (1 + drift), rel=1e-4)
 
 
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    rate_hz=st.floats(80, 120),
+    jitter=st.floats(0, 0.2),
+    lost=st.floats(0, 0.2),
+)
+def test_rate_and_losses_are_told_apart_whatever_the_stated_rate(seed, rate_hz, jitter, lost):
+    rng = np.random.default_rng(seed)
+    frames = np.flatnonzero(np.append(True, rng.random(2999) >= lost))
+    stamps = 5000 + (frames + rng.uniform(-jitter, jitter, len(frames))) / rate_hz
+    clock = find_clock(stamps, 100.0)
+    np.testing.assert_array_equal(clock.index, frames)
+    assert clock.rate_hz == pytest.approx(rate_hz, rel=1e-4)
+
+
+@pytest.mark.parametrize("jitter", [0.5, 1.0])
+@pytest.mark.parametrize("lost", [0.0, 0.01, 0.1])
+def test_at_the_stated_rate_losses_are_found_under_jitter_of_frames(jitter, lost):
+    rng = np.random.default_rng(1)
+    frames = np.flatnonzero(np.append(True, rng.random(2999) >= lost))
+    stamps = 5000 + (frames + rng.uniform(-jitter, jitter, len(frames))) / 100
+    clock = find_clock(stamps, 100.0)
+    assert clock.frames == pytest.approx(frames[-1] + 1, abs=2)
+    assert clock.rate_hz == pytest.approx(100, rel=1e-3)
+
+
 def test_samples_that_arrive_in_bursts_are_frames_in_a_row():
     """Sent twenty at a time, all stamped when they are sent."""
     stamps = np.ceil((np.arange(1000) + 1) / 20) * 0.2

@@ -8,6 +8,7 @@ from hypothesis import given as drawn
 from hypothesis import strategies as st
 
 from pipeline.config.schema import Settings, Subject, Treadmill
+from pipeline.io.streams import find_clock
 from pipeline.live.monitor import Monitor
 from pipeline.live.session import Session
 from pipeline.live.stream import Arrivals, Samples, StreamDescription
@@ -176,3 +177,88 @@ def test_samples_that_never_came_are_told_from_those_that_came_late_twice_or_wit
     assert (np.diff(used) > 0).all()
     assert taken.of["Markers"].unused == len(time) - len(used)
     assert taken.of["Markers"].missing == len(lost)
+
+
+def received(time, values, each=10):
+    """What is used of samples that come so many at a time, and the stream's clock."""
+    taken, used = Arrivals(STREAMS), []
+    for k in range(0, len(time), each):
+        chunk = time[k : k + each]
+        arrived_s = np.nanmax(time[: k + each]) - time[0]
+        samples = Samples("Markers", chunk, values[k : k + each])
+        used += [*taken.take(samples, arrived_s).time]
+    assert (np.diff(used) > 0).all()
+    return np.array(used), taken.of["Markers"]
+
+
+CLEAR = st.tuples(st.floats(80, 120), st.floats(0, 0.2))
+"""Any rate near the stated 100 Hz, and stamps that leave no doubt about their frames."""
+BLURRED = st.tuples(st.floats(99.99, 100.01), st.floats(0.2, 0.5))
+"""A stream as stated, whose stamps overlap with those of the next frames."""
+
+
+@drawn(
+    clock=CLEAR | BLURRED,
+    lost=st.sampled_from([0.0, 0.002, 0.01, 0.1]),
+    burst=st.integers(0, 80),
+    late=st.booleans(),
+    twice=st.sampled_from([0.0, 0.1]),
+    each=st.integers(1, 40),
+    seed=st.integers(0),
+)
+def test_what_never_came_is_counted_whatever_rate_jitter_loss_and_chunks(
+    clock, lost, burst, late, twice, each, seed
+):
+    rate_hz, jitter = clock
+    rng = np.random.default_rng(seed)
+    stamps = 1e4 + (np.arange(3000) + rng.uniform(-jitter, jitter, 3000)) / rate_hz
+    came = rng.random(3000) >= lost
+    came[1500 : 1500 + burst] = False
+    came[[0, -1]] = True
+    order, repeats = np.flatnonzero(came), np.flatnonzero(came & (rng.random(3000) < twice))
+    behind = late * np.where(rng.random(len(order)) < 0.05, rng.integers(2, 40, len(order)), 0)
+    sent = np.append(order, repeats)
+    sent = sent[np.argsort(np.append(order + behind, repeats + 40.5), kind="stable")]
+    used, found = received(stamps[sent], rng.normal(size=(3000, 3))[sent], each)
+    newest = np.maximum.accumulate(np.append(-np.inf, stamps[sent]))
+    assert found.unused == np.sum(stamps[sent] <= newest[:-1])
+    assert len(used) + found.unused == len(sent)
+    assert found.missing == pytest.approx(np.sum(~came), abs=0 if jitter <= 0.2 else 2)
+
+
+@pytest.mark.parametrize("by_frames", [0.4, 0.5, 1.0])
+@pytest.mark.parametrize("in_order", [True, False])
+def test_jitter_is_no_loss(by_frames, in_order):
+    rng = np.random.default_rng(3)
+    time = 1e4 + (np.arange(30_000) + rng.uniform(-by_frames, by_frames, 30_000)) / 100
+    time = np.sort(time) if in_order else time
+    _, found = received(time, rng.normal(size=(30_000, 3)))
+    assert found.missing == pytest.approx(0, abs=1)
+
+
+@pytest.mark.parametrize("count", [2, 5, 10, 20])
+@pytest.mark.parametrize("each", [1, 5, 40])
+def test_chunks_with_one_stamp_are_used_whole_where_the_offline_clock_has_them(count, each):
+    stamps = 7 + np.repeat(np.arange(0, 1000, count), count) / 100
+    values = np.random.default_rng(0).normal(size=(1000, 3))
+    values[500:700] = 0  # such as a plate that nobody stands on
+    used, found = received(stamps, values, each)
+    assert (len(used), found.missing, found.unused) == (1000, 0, 0)
+    np.testing.assert_allclose(used[count:], find_clock(stamps, 100.0).time[count:], atol=3e-3)
+
+
+@pytest.mark.parametrize("back", [60, 200, 800])
+@pytest.mark.parametrize("count", [1, 10])
+def test_a_block_that_comes_again_is_used_once(back, count):
+    stamps = 7 + np.repeat(np.arange(0, 3000, count), count) / 100
+    sent = np.r_[:1000, 1000 - back : 3000]
+    used, found = received(stamps[sent], np.random.default_rng(0).normal(size=(3000, 3))[sent])
+    assert (len(used), found.missing, found.unused) == (3000, 0, back)
+
+
+def test_samples_of_a_clock_that_stands_still_are_not_used():
+    stamps = np.r_[:100, np.full(200, 100), 300:400] / 100
+    used, found = received(stamps, np.random.default_rng(0).normal(size=(400, 3)), 1)
+    assert len(used) + found.unused == 400
+    assert found.unused >= 149
+    assert used[-1] == stamps[-1]
