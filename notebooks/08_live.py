@@ -17,7 +17,6 @@
 from dataclasses import replace
 
 import matplotlib.pyplot as plt
-import numpy as np
 
 import hbm_residuals as hr
 
@@ -43,7 +42,7 @@ table = hr.residuals(result, "walking")
 frames, monitor = hr.rehearse(hr.read("walk.c3d"), result.body, settings)
 print(monitor.status())
 used = [frame for frame in frames if frame.quality.counts]
-after = result.measured.tau[np.searchsorted(result.motion.time, [f.time - 1e-6 for f in used])]
+after = result.measured.tau[result.motion.time.searchsorted([f.time - 1e-6 for f in used])]
 largest = max(abs(f.tau["measured"] - tau).max() for f, tau in zip(used, after, strict=True))
 print(f"{len(used)} of {len(frames)} frames used; largest difference {largest:.1e} N or N·m")
 
