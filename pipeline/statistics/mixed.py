@@ -25,7 +25,7 @@ from pipeline.statistics.rm_glm import effect_coded
 
 MAX_RATIO: Final = 1e6
 """Of a random effect's variance to that of the error; beyond, rounding hides the error."""
-STARTS: Final = (0.0, 0.4, 2.3, 20.0, 400.0)
+STARTS: Final = (0.0, 0.5, 5.0, 200.0)
 """Such ratios from which the optimum is sought: the criterion can have several minima."""
 BEST_STARTS: Final = 3
 """Of all combinations of `STARTS`, from which the search begins."""

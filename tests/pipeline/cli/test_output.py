@@ -73,7 +73,7 @@ def started(program, *arguments, changed=None, **options):
 HBM = ("-m", "pipeline.cli")
 
 
-@pytest.mark.parametrize("name", ["歩行_1.c3d", '=1+1, "a".c3d', "ʻŌlelo 01 – é.c3d"])
+@pytest.mark.parametrize("name", ["歩行_1.c3d", '=1+1, "ʻŌlelo" – é.c3d'])
 def test_every_name_in_utf_8_works_without_a_warning(name, trial, tmp_path):
     path = shutil.copy(trial, tmp_path / name)
     done = started(
@@ -85,11 +85,10 @@ def test_every_name_in_utf_8_works_without_a_warning(name, trial, tmp_path):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="names of files are bytes on Linux alone")
 @pytest.mark.parametrize(
-    ("name", "reason"),
-    [(b"caf\xe9.c3d", b"not UTF-8"), (b"a\x01b.c3d", b"a control character"),
-     (b"a\nb.c3d", b"a control character")],
+    ("command", "name", "reason"),
+    [("residuals", b"caf\xe9.c3d", b"not UTF-8"), ("export", b"a\x01b.c3d", b"a control character"),
+     ("init", b"a\nb.c3d", b"a control character"), ("run", b"caf\xe9.c3d", b"not UTF-8")],
 )  # fmt: skip
-@pytest.mark.parametrize("command", ["residuals", "export", "init", "run"])
 def test_other_names_are_refused_before_anything_is_computed(
     command, name, reason, trial, tmp_path
 ):

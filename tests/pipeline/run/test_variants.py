@@ -7,6 +7,7 @@ import pytest
 
 from pipeline.cli.app import main
 from pipeline.config.study import read_study
+from pipeline.report import write as report
 from pipeline.run.run import forecast, plan, run_study
 from pipeline.run.store import read_trial
 from pipeline.trial import process, stages
@@ -118,8 +119,10 @@ def test_equal_arguments_give_one_result_within_a_block_and_changed_ones_another
 
 
 def test_ways_of_processing_compared_with_each_other_are_no_conditions_and_no_mistake(
-    moving_study, tmp_path, capsys
+    moving_study, tmp_path, capsys, monkeypatch
 ):
+    for figures in ("study_figures", "joint_figures"):
+        monkeypatch.setattr(report, figures, lambda *given: iter(()))
     folder = shutil.copytree(moving_study, tmp_path / "study")
     compared = '[comparison]\nfactor = "variant"\ncondition = "baseline"\n'
     file = folder / "study.toml"
