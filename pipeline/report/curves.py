@@ -1,6 +1,6 @@
 """Where curves over the gait cycle differ: residuals and joints of a study."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
@@ -9,7 +9,8 @@ import pandas as pd
 from pipeline.figures.joints import LEG
 from pipeline.report.figures import rms_over_cycles
 from pipeline.statistics.curves import curve_differences
-from pipeline.statistics.design import Design, Weigh
+from pipeline.statistics.design import Design
+from pipeline.statistics.recordings import subject_means
 from pipeline.statistics.verdict import judged_conditions
 from pipeline.trial.joints import CURVES
 from pipeline.trial.residuals import AXES, UNITS
@@ -56,21 +57,6 @@ def differing_curves(
                 if curve != "angle" or first[0] != second[0]:
                     rows += _rows(means[f"{motion.name}_{curve}"], unit, first, second, design)
     return pd.DataFrame(rows, columns=COLUMNS)
-
-
-def subject_means(
-    cycles: pd.DataFrame, columns: Sequence[str], weigh: Weigh, *, of_sides: bool = False
-) -> pd.DataFrame:
-    """Average gait cycles, or by `weigh` the means of recordings; with `of_sides`, of both sides.
-
-    Indexed by condition, compensated, subject and percent.
-    """
-    keys = ["condition", "compensated", "subject", "percent"]
-    levels = ["side"] * of_sides + ["recording"] * (weigh == "recording")
-    means = cycles.groupby([*keys, *levels], sort=False)[[*columns]].mean()
-    for count in reversed(range(len(levels))):
-        means = means.groupby([*keys, *levels[:count]], sort=False).mean()
-    return means
 
 
 def _rows(

@@ -34,6 +34,7 @@ from pipeline.run.load import Results
 from pipeline.statistics.comparison import MIXED_ANOVA, RM_ANOVA
 from pipeline.statistics.curves import CurveDifference, parts_of
 from pipeline.statistics.design import CONFIDENCE, Design, Weigh
+from pipeline.statistics.recordings import subject_means
 from pipeline.statistics.table_3 import format_p
 from pipeline.trial.residuals import AXES, UNITS
 
@@ -137,11 +138,9 @@ def rms_over_cycles(cycles: pd.DataFrame, weigh: Weigh) -> pd.DataFrame:
     pandas.DataFrame
         subject, condition, compensated, axis, percent, value [N, N·m]; NaN where none counts.
     """
-    keys = ["subject", "condition", "compensated", "axis", "percent"]
     squares = cycles.assign(value=cycles["value"] ** 2)
-    for level in [[*keys, "recording"], keys] if weigh == "recording" else [keys]:
-        squares = squares.groupby(level, sort=False)["value"].mean().reset_index()
-    return squares.assign(value=np.sqrt(squares["value"]))
+    means = subject_means(squares, ["value"], weigh, within=["axis"]).reset_index()
+    return means.assign(value=np.sqrt(means["value"]))
 
 
 def gait_cycle_figure(

@@ -12,12 +12,12 @@ from hbm.spatial import Array
 from pipeline.figures.joints import LEG, UPPER_BODY, Curve, joint_figure
 from pipeline.figures.style import condition_style
 from pipeline.report.blocks import Table
-from pipeline.report.curves import subject_means
 from pipeline.report.figures import VARIANTS
 from pipeline.report.tables import numbers
 from pipeline.statistics.curves import parts_of
 from pipeline.statistics.design import MIN_SUBJECTS, Design, Weigh
 from pipeline.statistics.paired import compare_paired
+from pipeline.statistics.recordings import subject_means
 from pipeline.statistics.table_3 import number
 from pipeline.trial.joints import CURVES, JOINT_MOTIONS
 

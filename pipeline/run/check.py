@@ -219,13 +219,13 @@ class _TrialCheck:
         if rule.cycles and duration_s < rule.skip_s + rule.cycles * MIN_CYCLE_S:
             self.remark(f"too short for {rule.cycles} gait cycles after {rule.skip_s:g} s")
         self.attempt(lambda: low_pass(0 * time, time, settings.cutoff_hz, settings.filter))
-        self.check_loads()
+        stepped_on = self.check_loads()
         platform = self.check_ground()
         standing = pose if self.person.static else self.recording
         body = None if standing is None else self.body(standing)
         if body is not None:
             self.check_markers(body)
-            self.check_window(body, platform)
+            self.check_window(body, platform, stepped_on=stepped_on)
 
     def contents(self, duration_s: float) -> str:
         """Say what the file holds."""
@@ -238,16 +238,16 @@ class _TrialCheck:
             contents.append("channels " + " ".join(f"{c} [{unit}]" for c, unit in channels))
         return ", ".join([*contents, f"{len(self.recording.events) or 'no'} gait events"])
 
-    def check_loads(self) -> None:
-        """Refuse plates on which nobody ever stands, and stated contacts that are not there."""
+    def check_loads(self) -> bool:
+        """Refuse plates on which nobody ever stands, and stated contacts that are not there.
+
+        Gives whether somebody may step on a plate.
+        """
         threshold_n, plates = self.settings.contact_threshold_n, {p.number: p for p in self.plates}
         loaded = {
             number: np.linalg.norm(plate.wrench_in_plate[:, :3], axis=1) > threshold_n
             for number, plate in plates.items()
         }
-        starts = (samples[1:] > samples[:-1] for samples in loaded.values())
-        # what a moving plate reads without load may exceed the threshold until it is compensated
-        self.stepped_on = self.laboratory.calibration is not None or any(map(np.any, starts))
         if not plates:
             self.fault(self.recording.why_no_plates)
         elif not any(samples.any() for samples in loaded.values()):
@@ -263,6 +263,9 @@ class _TrialCheck:
         for contact in stated:
             self.attempt(partial(require, contact))
         self.attempt(lambda: require_contacts(stated, [*plates], self.markers.time))
+        starts = (samples[1:] > samples[:-1] for samples in loaded.values())
+        # what a moving plate reads without load may exceed the threshold until it is compensated
+        return self.laboratory.calibration is not None or any(map(np.any, starts))
 
     def body(self, pose: Recording) -> Body | None:
         """Weigh the subject and build the body."""
@@ -326,7 +329,7 @@ class _TrialCheck:
                 self.fault(f"no analog channel {channel!r}{hint}")
         return pose
 
-    def check_window(self, body: Body, platform: PlatformPose | None) -> None:
+    def check_window(self, body: Body, platform: PlatformPose | None, *, stepped_on: bool) -> None:
         """Look for what counts, by the file's events or, in place of better ones, by markers."""
         recording, markers, settings = self.recording, self.markers, self.settings
         time, least = markers.time, settings.min_valid_share
@@ -345,7 +348,7 @@ class _TrialCheck:
             counted = what_counts(recording, events, quality, rule, settling, pose, said, least)
             later = [event for event in events if event.time >= rule.skip_s]
             shown = found_cycles(later, SIDES) if rule.wanted == "cycle" else counted.found
-            stepped = shown if source == "auto" else self.stepped_on
+            stepped = shown if source == "auto" else stepped_on
             no_step = not (stepped or unknown)
             unperturbed = rule.perturbed and (counted.onsets < rule.skip_s).all()
             sure = not guessed or no_step or unperturbed or rule.skip_s > time[-1]

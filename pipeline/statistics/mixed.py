@@ -364,20 +364,26 @@ def _likeliest(y: Array, x: Array, alike: Array, count: int) -> Array:
     ]
     best = np.asarray(min(ends, key=lambda end: end.fun).x)
     # the search ends where rounding hides a fall of the criterion; its slopes are more exact
-    inside = np.flatnonzero(best > ZERO_RATIO)
+    inside = best > ZERO_RATIO
+
+    def with_inside(logs: Array) -> Array:
+        """Give the logarithms, with others of the variances that are not zero."""
+        every = best.copy()
+        every[inside] = np.clip(logs, 0, most)
+        return every
 
     def slopes_inside(logs: Array) -> Array:
-        """Give the slopes by the variances that are not zero."""
-        np.put(best, inside, np.clip(logs, 0, most))
-        return criterion(best)[1][inside]
+        """Give the slopes by them."""
+        return criterion(with_inside(logs))[1][inside]
 
-    if len(inside):
-        slopes_inside(optimize.root(slopes_inside, best[inside]).x)
+    if inside.any():
+        best = with_inside(optimize.root(slopes_inside, best[inside]).x)
+    if np.any(best > np.log1p(MAX_RATIO)):
+        raise ValueError("the recordings of subjects hardly vary within the cells")
     slopes = criterion(best)[1]
     # inside its bounds the criterion is level; at a variance of zero it may rise
-    unlevel = np.where(best > ZERO_RATIO, np.abs(slopes), -slopes) > MAX_SLOPE
-    if np.any(unlevel | (best > np.log1p(MAX_RATIO))):
-        raise ValueError("the recordings of subjects hardly vary within the cells")
+    if np.any(np.where(best > ZERO_RATIO, np.abs(slopes), -slopes) > MAX_SLOPE):
+        raise ValueError("the likeliest variances were not found")
     return np.expm1(best)
 
 

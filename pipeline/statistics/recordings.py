@@ -1,5 +1,6 @@
 """A subject's value of a condition, where there are several recordings of it."""
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -55,6 +56,27 @@ def pool_recordings(residuals: pd.DataFrame, weigh: Weigh = "cycle") -> pd.DataF
         row["n_recordings"] = len(own)
         rows.append({**row, "n_cycles": own["n_cycles"].sum(), "n_frames": own["n_frames"].sum()})
     return pd.DataFrame(rows, columns=POOLED_COLUMNS)
+
+
+def subject_means(
+    cycles: pd.DataFrame,
+    columns: Sequence[str],
+    weigh: Weigh,
+    *,
+    within: Sequence[str] = (),
+    of_sides: bool = False,
+) -> pd.DataFrame:
+    """Average curves over gait cycles, or by `weigh` the means of recordings.
+
+    With `of_sides`, the means of both sides. Indexed by condition, compensated, subject, the
+    columns `within` which they are averaged, and percent.
+    """
+    keys = ["condition", "compensated", "subject", *within, "percent"]
+    levels = ["side"] * of_sides + ["recording"] * (weigh == "recording")
+    means = cycles.groupby([*keys, *levels], sort=False)[[*columns]].mean()
+    for count in reversed(range(len(levels))):
+        means = means.groupby([*keys, *levels[:count]], sort=False).mean()
+    return means
 
 
 def root_mean_square(values: Array, weights: Array) -> Array:

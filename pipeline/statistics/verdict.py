@@ -169,8 +169,15 @@ def verdicts(
             except ValueError:
                 no_ic = float(both[False, condition].mean(skipna=False))
                 ic, baseline = (float(both[cell].mean()) for cell in pair)
-                verdict = replace(verdict, answer="no interval", n=len(both), no_ic=no_ic)
-                verdict = replace(verdict, ic=ic, baseline=baseline, difference=ic - baseline)
+                verdict = replace(
+                    verdict,
+                    answer="no interval",
+                    n=len(both),
+                    no_ic=no_ic,
+                    ic=ic,
+                    baseline=baseline,
+                    difference=ic - baseline,
+                )
             if measurement is not None:
                 of_pair = (condition, design.compensated), (design.reference, False)
                 covariance = mean_covariance(measurement[axis], both.index, of_pair)

@@ -13,10 +13,10 @@ from scipy import stats
 from pipeline.config.comparison import study_design
 from pipeline.config.study import read_study
 from pipeline.report import write
-from pipeline.report.curves import subject_means
 from pipeline.report.joints import compensation_tables, joint_figures, subject_values
 from pipeline.report.write import write_report
 from pipeline.statistics.design import unstated_design
+from pipeline.statistics.recordings import subject_means
 from pipeline.trial.joints import CURVES, JOINT_MOTIONS
 
 DESIGN = unstated_design(["walk"], compensated=True)
