@@ -335,8 +335,13 @@ def mean_force(force: Array) -> Array:
     return np.asarray(np.where(measured, components, 0.0).sum(axis=1) / max(len(force), 1))
 
 
+def split_axes(axes: str) -> tuple[str, ...]:
+    """Give the directions of the three axes, without spaces."""
+    return tuple(word.strip() for word in axes.split(","))
+
+
 def _axes_note(axes: str, evidence: str) -> Note:
-    return Note.of("axes", axes=[word.strip() for word in axes.split(",")], evidence=evidence)
+    return Note.of("axes", axes=split_axes(axes), evidence=evidence)
 
 
 def _not_forward(axes: str, position: Array, sites: Sites) -> list[Note]:

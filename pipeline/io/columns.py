@@ -12,9 +12,9 @@ from hbm.markers import Markers
 from hbm.notes import Note
 from hbm.spatial import Array, frozen, rotate_wrench
 from hbm.spelling import listed, short
-from pipeline.io.axes import mean_force, parse_axes, settle_axes
+from pipeline.io.axes import mean_force, parse_axes, settle_axes, split_axes
 from pipeline.io.labels import marker_columns
-from pipeline.io.recording import Plate, Recording
+from pipeline.io.recording import Fact, Plate, Recording, saying
 from pipeline.io.stated import Stated
 
 MIN_VERTICAL_FORCE_N: Final = 100.0
@@ -50,12 +50,15 @@ class FileMarkers:
         Of positions, as the file writes it.
     notes
         On labels.
+    facts
+        What was joined, left out or made gaps.
     """
 
     names: tuple[str, ...]
     position: Array
     unit: str
     notes: Sequence[Note]
+    facts: Sequence[Fact] = ()
 
 
 def file_markers(
@@ -132,18 +135,18 @@ def plate_of(
     *,
     axes: str = "XYZ",
     units: tuple[str, str, str] = SI_UNITS,
-) -> PlateColumns | Note:
+) -> PlateColumns | Fact:
     """Give a plate from the columns of force, moment and, if given, pressure; or why it lacks."""
     try:
         found = vectors(columns, stems, axes)
     except ValueError as error:
-        return left_out(name, str(error))
+        return Fact("left_out", name, str(error))
     return PlateColumns(number, name, time, *found.transpose(1, 0, 2), units=units)
 
 
 def dflow_plates(
     columns: Mapping[str, Array], time: Array, units: Mapping[str, str] | None = None
-) -> Iterator[PlateColumns | Note]:
+) -> Iterator[PlateColumns | Fact]:
     """Give the plates whose columns are named as D-Flow names them, such as FP1.ForX.
 
     Units are those of the columns by their names; without any, N, N·m and m.
@@ -160,11 +163,6 @@ def dflow_plates(
         yield plate_of(number, f"plate {number}", time, columns, stems, units=of_plate)
 
 
-def left_out(plate: str, reason: str) -> Note:
-    """Say why a plate cannot be used."""
-    return Note.of("plate_left_out", plate=plate, reason=reason)
-
-
 Located = tuple[Array, str]
 """A wrench about the origin of the file's axes, (N, 6) [N, N·m], and where its moments were."""
 
@@ -174,13 +172,14 @@ def recording_of(
     stated: Stated,
     markers: FileMarkers,
     time: Array,
-    plates: Iterable[PlateColumns | Note] = (),
+    plates: Iterable[PlateColumns | Fact] = (),
     *,
     axes: str = "",
     program: str = "",
     on_subject: bool = True,
     locate: Callable[[PlateColumns, Array], Located] | None = None,
     placed: Callable[[Array], list[Plate]] | None = None,
+    facts: Iterable[Fact] = (),
     notes: Iterable[Note] = (),
     **others: Any,
 ) -> Recording:
@@ -203,49 +202,52 @@ def recording_of(
         Finds wrenches about the origin; by default `wrench_about_origin`.
     placed
         Rotation to the lab, (3, 3) -> further plates.
-    notes, others
-        Notes, and further attributes of the recording.
+    facts, notes, others
+        What was done or is in doubt, notes, and further attributes of the recording.
     """
     plates = list(plates)
+    facts = [*markers.facts, *facts, *(plate for plate in plates if isinstance(plate, Fact))]
     found = [plate for plate in plates if isinstance(plate, PlateColumns)]
-    columns = [plate.in_si(stated) for plate in found]
-    settled, axes_notes = settle_axes(
-        stated.axes or axes or None,
-        markers.position,
-        markers.names,
-        marker_set=stated.marker_set,
-        plate_forces=[mean_force(plate.force) for plate in columns if on_subject],
-        by=program if stated.axes is None else "",
-    )
-    to_lab = parse_axes(settled)
-    noted = [*axes_notes, *markers.notes, *notes]
-    noted += [plate for plate in plates if isinstance(plate, Note)]
-    written = [unit for plate in found for unit in plate.units]
-    noted += stated.unit_notes([markers.unit], written)
-    pull = -sum(float(np.nan_to_num(plate.force @ to_lab[2]).mean()) for plate in columns)
-    if pull > 0 and not on_subject:
-        columns = [replace(each, force=-each.force, moment=-each.moment) for each in columns]
-        noted.append(Note.of("forces_reversed"))
-    made = placed(to_lab) if placed else []
-    moments = []
-    for plate in columns:
-        wrench, where = (locate or wrench_about_origin)(plate, to_lab[2])
-        made.append(Plate.at_origin(plate.number, plate.time, rotate_wrench(wrench, to_lab)))
-        moments.append(f"{plate.name} {where}")
-    if moments:
-        noted.append(Note.of("moments_about", plates=moments))
-    numbers = sorted(plate.number for plate in made)
-    if len(set(numbers)) < len(numbers):
-        raise ValueError(f"several plates have the same number: {listed(numbers)}")
-    in_lab = frozen(to_lab @ np.moveaxis(markers.position, 0, -1))
-    return Recording(
-        source=source,
-        markers=Markers(time, markers.names, np.moveaxis(in_lab, -1, 0)),
-        plates=tuple(sorted(made, key=lambda plate: plate.number)),
-        stated=stated,
-        notes=tuple(noted),
-        **others,
-    )
+    with saying(facts):
+        columns = [plate.in_si(stated) for plate in found]
+        settled, axes_notes = settle_axes(
+            stated.axes or axes or None,
+            markers.position,
+            markers.names,
+            marker_set=stated.marker_set,
+            plate_forces=[mean_force(plate.force) for plate in columns if on_subject],
+            by=program if stated.axes is None else "",
+        )
+        to_lab = parse_axes(settled)
+        noted = [*axes_notes, *markers.notes, *notes, *(fact.note for fact in facts)]
+        written = [unit for plate in found for unit in plate.units]
+        noted += stated.unit_notes([markers.unit], written)
+        pull = -sum(float(np.nan_to_num(plate.force @ to_lab[2]).mean()) for plate in columns)
+        if pull > 0 and not on_subject:
+            columns = [replace(each, force=-each.force, moment=-each.moment) for each in columns]
+            noted.append(Note.of("forces_reversed"))
+        made = placed(to_lab) if placed else []
+        moments = []
+        for plate in columns:
+            wrench, where = (locate or wrench_about_origin)(plate, to_lab[2])
+            made.append(Plate.at_origin(plate.number, plate.time, rotate_wrench(wrench, to_lab)))
+            moments.append(f"{plate.name} {where}")
+        if moments:
+            noted.append(Note.of("moments_about", plates=moments))
+        numbers = sorted(plate.number for plate in made)
+        if len(set(numbers)) < len(numbers):
+            raise ValueError(f"several plates have the same number: {listed(numbers)}")
+        in_lab = frozen(to_lab @ np.moveaxis(markers.position, 0, -1))
+        return Recording(
+            source=source,
+            markers=Markers(time, markers.names, np.moveaxis(in_lab, -1, 0)),
+            plates=tuple(sorted(made, key=lambda plate: plate.number)),
+            stated=stated,
+            axes=split_axes(settled),
+            facts=tuple(facts),
+            notes=tuple(noted),
+            **others,
+        )
 
 
 def wrench_about_origin(plate: PlateColumns, up: Array) -> Located:

@@ -49,6 +49,8 @@ def naming(path: Path) -> Iterator[None]:
         text = NO_MEMORY if isinstance(error, MemoryError) else str(error).removeprefix(name)
         fault = FileFault(fault_line(name + text))
         fault.filename = str(path)
+        for line in getattr(error, "__notes__", ()):
+            fault.add_note(line)
         raise fault from error
 
 

@@ -14,7 +14,7 @@ from hbm.spatial import Array
 from hbm.spelling import printable, short
 from pipeline.io.columns import PlateColumns, dflow_plates, file_markers, recording_of, vectors
 from pipeline.io.input_file import open_file
-from pipeline.io.recording import Analog, Recording
+from pipeline.io.recording import Analog, Fact, Recording
 from pipeline.io.stated import Stated
 from pipeline.io.text_table import decoded, read_number
 from pipeline.io.units import MAX_VALUE
@@ -81,7 +81,7 @@ def read_mox(path: Path, stated: Stated) -> Recording:
         number = int(m["number"] or 1)
         name = f"FP{number}.{m['what'].capitalize()}{m['axis'].upper()}"
         of_plates.setdefault(number, {})[name] = channels[k]
-    plates: list[PlateColumns | Note] = []
+    plates: list[PlateColumns | Fact] = []
     for parts in of_plates.values():
         its_rate, columns = _on_one_clock(parts)
         time = np.arange(len(next(iter(columns.values())))) / its_rate

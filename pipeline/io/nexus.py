@@ -11,8 +11,8 @@ import numpy as np
 from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import listed, short
-from pipeline.io.columns import PlateColumns, file_markers, left_out, recording_of
-from pipeline.io.recording import Analog, Recording
+from pipeline.io.columns import PlateColumns, file_markers, recording_of
+from pipeline.io.recording import Analog, Fact, Recording
 from pipeline.io.stated import Stated
 from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows, read_number
 
@@ -171,7 +171,7 @@ def read_nexus(path: Path, stated: Stated) -> Recording:
     outputs = blocks.get("model outputs")
     if outputs is not None and not np.array_equal(outputs.frame, block.frame):
         raise ValueError("Model Outputs and Trajectories are not of the same frames")
-    plates: list[PlateColumns | Note] = []
+    plates: list[PlateColumns | Fact] = []
     analog = None
     if "devices" in blocks:
         plates, analog = _devices(blocks["devices"], block)
@@ -193,7 +193,7 @@ def read_nexus(path: Path, stated: Stated) -> Recording:
     )
 
 
-def _devices(block: Block, trajectories: Block) -> tuple[list[PlateColumns | Note], Analog | None]:
+def _devices(block: Block, trajectories: Block) -> tuple[list[PlateColumns | Fact], Analog | None]:
     """Give plates, or why they are left out, and analog channels."""
     per_frame = round(block.rate_hz / trajectories.rate_hz)
     count = (block.frame - trajectories.frame[0]) * per_frame + block.sub_frame
@@ -230,11 +230,12 @@ def _devices(block: Block, trajectories: Block) -> tuple[list[PlateColumns | Not
     return plates, Analog(time, tuple(names), tuple(units), values)
 
 
-def _plate(number: int, name: str, time: Array, parts: Mapping[str, Group]) -> PlateColumns | Note:
+def _plate(number: int, name: str, time: Array, parts: Mapping[str, Group]) -> PlateColumns | Fact:
     """Give the columns of a plate, or why it is left out."""
     if "moment" not in parts or "cop" not in parts:
         lacks = "CoP" if "moment" in parts else "moments"
-        return left_out(
+        return Fact(
+            "left_out",
             name,
             f"it has forces but no {lacks}; export Force, Moment and CoP: only together they give "
             "the wrench in the lab",

@@ -20,7 +20,7 @@ from pipeline.io.columns import (
     wrench_of_torque,
 )
 from pipeline.io.input_file import naming
-from pipeline.io.recording import Recording
+from pipeline.io.recording import Fact, Recording
 from pipeline.io.stated import Stated
 from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows, read_number
 
@@ -146,7 +146,7 @@ def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recordin
     uneven; force times within a twentieth of a step of even ones become even.
     """
     markers, time, attributes = _trajectories(path, stated)
-    plates: list[PlateColumns | Note] = []
+    plates: list[PlateColumns | Fact] = []
     if forces is not None:
         table = read_sto(forces)
         with naming(forces):
@@ -241,7 +241,7 @@ def _evened(time: Array) -> Array:
     return even if np.abs(time - even).max() <= MAX_ROUNDING * step else time
 
 
-def _forces(table: Table, time: Array) -> Iterator[PlateColumns | Note]:
+def _forces(table: Table, time: Array) -> Iterator[PlateColumns | Fact]:
     """Give each force of a table with its point and torque, or why it is left out."""
     columns = table.columns
     found = [match for name in columns if (match := FORCE_COLUMN.fullmatch(name))]

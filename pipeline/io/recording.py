@@ -1,6 +1,7 @@
 """Types of what a file holds once it has been read."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -14,6 +15,53 @@ from hbm.notes import Note
 from hbm.spatial import Array, read_only, transform_wrench
 from hbm.spelling import listed
 from pipeline.io.stated import Stated
+
+FactKind = Literal["joined", "left_out", "missing", "corrected", "in_doubt"]
+"""What was done on reading, or is in doubt; also the codes of their notes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fact:
+    """What reading a file joined, left out, took as missing or corrected, or what is in doubt.
+
+    Attributes
+    ----------
+    kind
+        What was done; the first three and "corrected" are done, "in_doubt" is only said.
+    of
+        Of what: "plate 2", "marker LPSIS", "case.mot, line 6506".
+    reason
+        What was seen there, and what follows of it.
+
+    Examples
+    --------
+    >>> str(Fact("left_out", "plate 2", "FORCE_PLATFORM:TYPE does not name its type"))
+    'plate 2: not used: FORCE_PLATFORM:TYPE does not name its type'
+    """
+
+    kind: FactKind
+    of: str
+    reason: str
+
+    @property
+    def note(self) -> Note:
+        """The note about it, for people."""
+        return Note.of(self.kind, of=self.of, reason=self.reason)
+
+    def __str__(self) -> str:
+        return self.note.text
+
+
+@contextmanager
+def saying(facts: Iterable[Fact]) -> Iterator[None]:
+    """Add to a later error what was found on reading, of which it may be a consequence."""
+    try:
+        yield
+    except ValueError as error:
+        for fact in dict.fromkeys(facts):
+            error.add_note(f"on reading, {fact}")
+        raise
+
 
 PlateFrame = Literal["recorded", "plate", "lab"]
 """Where the plates of a file with compensated plates are; see `Compensation`."""
@@ -215,8 +263,12 @@ class Recording:
         What was subtracted from its plates before; None where they are as measured.
     stated
         What a person stated about the file when it was read.
+    axes
+        Lab directions of the file's x, y and z, as they were stated or inferred.
+    facts
+        What was joined, left out, made gaps or corrected on reading, or is in doubt.
     notes
-        What was inferred or changed on reading: axes, units, names.
+        All of that in sentences, and what was inferred of units and names.
 
     Examples
     --------
@@ -237,6 +289,8 @@ class Recording:
     model_outputs: Mapping[str, Array] = field(default_factory=dict)
     compensation: Compensation | None = None
     stated: Stated = field(default_factory=Stated)
+    axes: tuple[str, ...] = ()
+    facts: tuple[Fact, ...] = ()
     notes: tuple[Note, ...] = ()
 
     def __post_init__(self) -> None:
@@ -245,19 +299,12 @@ class Recording:
         object.__setattr__(self, "events", tuple(sorted(self.events, key=lambda e: e.time)))
 
     @property
-    def axes(self) -> tuple[str, ...]:
-        """Lab directions of the file's x, y and z, as they were stated or inferred."""
-        axes = next(note.values["axes"] for note in self.notes if note.code == "axes")
-        return axes if isinstance(axes, tuple) else ()
-
-    @property
     def why_no_plates(self) -> str:
         """Why it has no plates, for messages where it has none."""
-        left_out = [note.values for note in self.notes if note.code == "plate_left_out"]
-        if not left_out:
+        unused = [str(fact) for fact in self.facts if fact.kind == "left_out"]
+        if not unused:
             return "the file has no force plates"
-        first = left_out[0]
-        return f"no force plate can be used ({first['plate']}: {first['reason']})"
+        return f"no force plate can be used ({'; '.join(unused)})"
 
 
 def _rate_hz(time: Array) -> float:

@@ -27,12 +27,11 @@ from pipeline.io.columns import (
     FileMarkers,
     PlateColumns,
     dflow_plates,
-    left_out,
     recording_of,
 )
 from pipeline.io.input_file import open_file
 from pipeline.io.labels import require_unique
-from pipeline.io.recording import Analog, Recording
+from pipeline.io.recording import Analog, Fact, Recording
 from pipeline.io.stated import Stated, impossible_samples, without_impossible
 from pipeline.io.streams import (
     Channel,
@@ -269,7 +268,7 @@ class _Signals:
     values: Array
     plates: list[PlateChannels]
 
-    def dflow_plates(self) -> Iterator[PlateColumns | Note]:
+    def dflow_plates(self) -> Iterator[PlateColumns | Fact]:
         """Give the plates that are named as D-Flow names them."""
         described = {plate.number for plate in self.plates}
         named = {
@@ -339,8 +338,7 @@ def read_xdf(path: Path, stated: Stated) -> Recording:
     position = layout.positions(clock.on_frames(stream.values)).reshape(clock.frames, -1, 3)
     far = stated.check_positions(position, layout.names, layout.unit)
     markers = FileMarkers(layout.names, position, layout.unit, [*layout.notes, *far])
-    signals = []
-    notes = []
+    signals, facts, notes = [], list[Fact](), []
     for other in regular:
         own = clocks[other.name]
         notes += _clock_notes(other, own)
@@ -349,7 +347,7 @@ def read_xdf(path: Path, stated: Stated) -> Recording:
             notes += impossible_samples([c.label for c in channels[other.name]], lost)
             time, values = own.time - clock.start_s, own.on_most_frames(other.values)
             plates, absent = find_plates(other.info, channels[other.name])
-            notes += [left_out(f"plate {short(number)}", why) for number, why in absent.items()]
+            facts += [Fact("left_out", f"plate {short(n)}", why) for n, why in absent.items()]
             signals.append(_Signals(other.name, channels[other.name], time, values, plates))
     analog, interpolated = _analog(signals)
     if left := [s.name for s in streams if s not in regular] + texts:
@@ -368,6 +366,7 @@ def read_xdf(path: Path, stated: Stated) -> Recording:
             plate.plate(s.time, s.values, to_lab) for s in signals for plate in s.plates
         ],
         analog=analog,
+        facts=facts,
         notes=[*notes, *interpolated],
     )
 

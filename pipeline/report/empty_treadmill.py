@@ -140,7 +140,7 @@ class EmptyTreadmill:
     @property
     def front_is_known(self) -> bool:
         """Whether the axes were stated; an empty treadmill does not show which end is its front."""
-        return any(note.code == "axes" for note in self.recording.notes)
+        return bool(self.recording.axes)
 
     @property
     def motion(self) -> dict[str, str]:

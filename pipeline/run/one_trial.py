@@ -19,7 +19,7 @@ from pipeline.trial.ground.calibrations import read_laboratory
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.result import TrialResult
-from pipeline.trial.study_files import naming_unused_renames, with_unused_renames
+from pipeline.trial.study_files import saying_what_was_read, with_unused_renames
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ def process_request(
     kernels(announce)
     try:
         laboratory = requested_laboratory(request)
-        with naming_unused_renames(recording):
+        with saying_what_was_read(recording, static, hip_trial):
             result = process_recording(
                 recording,
                 request.part(Subject),

@@ -51,10 +51,10 @@ from pipeline.trial.stages import (
     solve_pose,
 )
 from pipeline.trial.study_files import (
-    naming_unused_renames,
     read_body_files,
     read_study_file,
     read_study_laboratory,
+    saying_what_was_read,
     with_unused_renames,
 )
 from pipeline.trial.subject import (
@@ -319,7 +319,7 @@ def process_trial(
     static = read_study_file(study, person.static) if person.static else None
     hip_trial, segments = read_body_files(study, person)
     walk = with_unused_renames(walk, static, hip_trial)
-    with naming_unused_renames(walk):
+    with saying_what_was_read(walk, static, hip_trial):
         result = process_recording(
             walk,
             person.person,

@@ -5,11 +5,11 @@ from typing import Final
 
 import numpy as np
 
-from hbm.notes import Note
 from hbm.spatial import Array, shift_wrench
 from hbm.spelling import short
 from pipeline.io.c3d.data import Header
 from pipeline.io.c3d.parameters import Parameters
+from pipeline.io.recording import Fact
 from pipeline.io.stated import Quantity, Stated
 
 Channel = tuple[str, str]
@@ -110,7 +110,7 @@ class PlateLayout:
         return shift_wrench(values, self.origin)
 
 
-def plate_layouts(header: Header, stated: Stated) -> tuple[list[PlateLayout], list[Note]]:
+def plate_layouts(header: Header, stated: Stated) -> tuple[list[PlateLayout], list[Fact]]:
     """Read how a file describes its force plates.
 
     Parameters
@@ -124,8 +124,8 @@ def plate_layouts(header: Header, stated: Stated) -> tuple[list[PlateLayout], li
     -------
     plates
         In the file's order, those that it describes.
-    notes
-        ``plate_left_out`` for the others, ``plate_corners``.
+    facts
+        The others, left out, and corners that form no rectangle.
 
     Raises
     ------
@@ -138,7 +138,7 @@ def plate_layouts(header: Header, stated: Stated) -> tuple[list[PlateLayout], li
     if used > MAX_PLATES:
         raise ValueError(f"FORCE_PLATFORM:USED says {used} plates: the file is damaged")
     plates: list[PlateLayout] = []
-    notes: list[Note] = []
+    facts: list[Fact] = []
     for k in range(used):
         try:
             if k >= len(types):
@@ -147,12 +147,13 @@ def plate_layouts(header: Header, stated: Stated) -> tuple[list[PlateLayout], li
             halves = plates[-1].corners[:2] + plates[-1].corners[2:]  # equal in a rectangle
             error_m = np.linalg.norm(halves[0] - halves[1])
             if error_m > MAX_CORNER_ERROR_M:
-                notes.append(Note.of("plate_corners", plate=k + 1, error_m=error_m))
+                doubt = f"one corner is {1000 * error_m:.0f} mm from a rectangle's"
+                facts.append(Fact("in_doubt", f"plate {k + 1}", doubt))
         except Undescribed as error:
-            notes.append(Note.of("plate_left_out", plate=f"plate {k + 1}", reason=str(error)))
+            facts.append(Fact("left_out", f"plate {k + 1}", str(error)))
         except ValueError as error:
             raise ValueError(f"force plate {k + 1}: {error}") from error
-    return plates, notes
+    return plates, facts
 
 
 def _plate_layout(k: int, kind: int, header: Header, stated: Stated) -> PlateLayout:

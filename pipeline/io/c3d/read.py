@@ -15,7 +15,7 @@ from hbm.markers import Markers, recognise_marker_set
 from hbm.notes import Note
 from hbm.spatial import Array, frozen
 from hbm.spelling import short
-from pipeline.io.axes import mean_force, parse_axes, settle_axes
+from pipeline.io.axes import mean_force, parse_axes, settle_axes, split_axes
 from pipeline.io.c3d.data import Header, correction, read_header, read_samples
 from pipeline.io.c3d.force_plates import PlateLayout, plate_layouts
 from pipeline.io.c3d.parameters import Parameters, Value
@@ -29,6 +29,7 @@ from pipeline.io.recording import (
     Plate,
     PlateFrame,
     Recording,
+    saying,
 )
 from pipeline.io.stated import Stated, as_stated, impossible_samples
 
@@ -298,24 +299,25 @@ def read_c3d_file(path: Path, stated: Stated) -> Recording:
     notes = stated.check_positions(position, [*labels.markers], unit)
     notes += impossible_samples([name for name, _ in channels], samples.impossible)
     try:
-        layouts, plate_notes = plate_layouts(header, stated)
+        layouts, facts = plate_layouts(header, stated)
     except ValueError as error:
         raise _with_faults_of_markers(error, tuple(labels.markers), position, stated) from error
     wrenches = [plate.wrench(samples.analog[:, plate.channels]) for plate in layouts]
     taken = {channel for plate in layouts for channel in plate.channels}
 
-    axes, axes_notes = settle_axes(
-        stated.axes,
-        position,
-        tuple(labels.markers),
-        marker_set=stated.marker_set,
-        plate_normals=[plate.rotation[:, 2] for plate in layouts],
-        plate_forces=[
-            plate.rotation @ mean_force(wrench[:, :3])
-            for plate, wrench in zip(layouts, wrenches, strict=True)
-        ],
-        screen_up=parameters.text("POINT", "Y_SCREEN"),
-    )
+    with saying(facts):
+        axes, axes_notes = settle_axes(
+            stated.axes,
+            position,
+            tuple(labels.markers),
+            marker_set=stated.marker_set,
+            plate_normals=[plate.rotation[:, 2] for plate in layouts],
+            plate_forces=[
+                plate.rotation @ mean_force(wrench[:, :3])
+                for plate, wrench in zip(layouts, wrenches, strict=True)
+            ],
+            screen_up=parameters.text("POINT", "Y_SCREEN"),
+        )
     to_lab = parse_axes(axes)
     in_lab = np.moveaxis(frozen(to_lab @ np.moveaxis(position, 0, -1)), -1, 0)
     time = np.arange(len(position)) / samples.rate_hz
@@ -349,6 +351,8 @@ def read_c3d_file(path: Path, stated: Stated) -> Recording:
         model_outputs={name: samples.points[:, k] for name, k in labels.outputs.items()},
         compensation=compensation,
         stated=stated,
+        axes=split_axes(axes),
+        facts=tuple(facts),
         notes=(
             *axes_notes,
             *notes,
@@ -356,7 +360,7 @@ def read_c3d_file(path: Path, stated: Stated) -> Recording:
             *stated.unit_notes([unit], written),
             *labels.notes,
             *event_notes,
-            *plate_notes,
+            *(fact.note for fact in facts),
             *_plate_notes(parameters, layouts, compensation),
         ),
     )

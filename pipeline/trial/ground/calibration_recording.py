@@ -91,7 +91,9 @@ def _read_with_any_axes(path: Path, stated: Stated) -> Recording:
                 continue
             if all(abs(plate.rotation[2, 2]) > MIN_COSINE_LEVEL for plate in recording.plates):
                 notes = tuple(note for note in recording.notes if note.code != "axes")
-                return replace(recording, stated=stated, notes=notes)  # nobody stated these axes
+                return replace(
+                    recording, stated=stated, axes=(), notes=notes
+                )  # nobody stated these axes
         raise first
 
 

@@ -84,5 +84,6 @@ def test_a_plate_that_lacks_channels_is_left_out_and_the_other_kept(trial, tmp_p
     read = read_recording(changed(write(trial, tmp_path / "less.txt"), pair))
     (plate,) = read.plates
     np.testing.assert_array_equal(plate.wrench, whole.plates[0].wrench)
-    (note,) = [note for note in read.notes if note.code == "plate_left_out"]
-    assert note.values["plate"].startswith("plate 2")
+    (fact,) = read.facts
+    assert fact.kind == "left_out"
+    assert fact.of.startswith("plate 2")

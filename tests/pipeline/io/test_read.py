@@ -1,11 +1,14 @@
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hbm.markers import MarkerSet, marker_sets
 from pipeline.io.c3d.write import write_c3d
+from pipeline.io.input_file import describe_error, naming
 from pipeline.io.read import file_format, read_recording
+from pipeline.io.recording import Fact, saying
 from pipeline.io.stated import Stated
 from tests.pipeline.other_formats import excerpt, write_dflow, write_mox, write_nexus, write_opensim
 
@@ -230,3 +233,14 @@ def test_one_flipped_bit_does_not_turn_the_axes_of_a_recording(shared_data, name
     assert damaged.notes[0].values["axes"] == sound.notes[0].values["axes"]
     same = np.isclose(damaged.markers.position, sound.markers.position, equal_nan=True)
     assert np.count_nonzero(~same.all(axis=-1)) == 1
+
+
+def test_what_was_found_on_reading_is_printed_with_a_later_error():
+    plate = Fact("left_out", "plate 2", "FORCE_PLATFORM:TYPE does not name its type")
+    with pytest.raises(ValueError, match="mass missing") as error, saying([plate, plate]):
+        raise ValueError("mass missing")
+    assert error.value.__notes__ == [f"on reading, {plate}"]
+    fault, file = pytest.raises(ValueError, match=r"walk\.c3d: axes"), Path("walk.c3d")
+    with fault as error, naming(file), saying([plate]):
+        raise ValueError("axes unknown")
+    assert describe_error(error.value) == f"walk.c3d: axes unknown; on reading, {plate}"

@@ -154,7 +154,7 @@ def test_a_plate_whose_place_is_not_stated_is_left_out_with_a_warning(trial, tmp
     read = read_recording(xdf.write_xdf(tmp_path / "a.xdf", [cameras, plates, analog]))
     assert [plate.number for plate in read.plates] == [2]
     assert "FP1.FX" in read.analog.names
-    assert "plate_left_out" in codes(read)
+    assert "left_out" in codes(read)
 
 
 def test_kilonewtons_and_newton_millimetres_are_converted(trial, tmp_path):
