@@ -11,7 +11,7 @@ from unicodedata import normalize
 
 from hbm.spelling import packaged_toml, without_accents
 
-READ: Final = packaged_toml("pipeline.io", "recording_names.toml")
+READ: Final = packaged_toml("pipeline.config", "recording_names.toml")
 PATTERNS: Final = {name: re.compile(text, re.VERBOSE) for name, text in READ["pattern"].items()}
 USUAL: Final = {word for words in READ["words"].values() for word in words}
 DIGITS: Final = "0123456789"
