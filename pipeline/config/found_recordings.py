@@ -1,7 +1,7 @@
 """Recordings in a folder without a study: whose they are, and which shows the calibration pose.
 
-Their names say so (`pipeline.config.recording_names`). Of names that can be read in several ways all
-readings are given, and none is taken.
+Their names say so (`pipeline.config.recording_names`). Of names that can be read in several ways
+all readings are given, and none is taken.
 """
 
 import re
@@ -14,11 +14,11 @@ import numpy as np
 
 from hbm.spelling import listed, without_accents
 from pipeline.config.input_model import RESERVED
+from pipeline.config.recording_names import RecordingName, condition, usual
 from pipeline.config.schema import COVARIATES
 from pipeline.config.toml_file import StudyFaults
 from pipeline.io.read import is_recording, read_with_any_axes
 from pipeline.io.recording import Recording
-from pipeline.config.recording_names import RecordingName, condition, usual
 
 INITIALS: Final = re.compile(r"(?:(?:[A-Z]{2,3}|[A-Z]{2,4}\d{2,}) ){3,}")
 """Of three people or more, such as AB and KO03; fewer may be conditions."""

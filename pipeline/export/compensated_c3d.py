@@ -12,7 +12,7 @@ from hbm.notes import Note
 from hbm.spatial import Array
 from pipeline.config.schema import Trial
 from pipeline.config.study import Study
-from pipeline.io.c3d.rewrite import rewrite_plates
+from pipeline.export.rewritten_c3d import rewrite_plates
 from pipeline.io.c3d.second_reader import SecondReading
 from pipeline.io.input_file import describe_error
 from pipeline.io.read import file_format

@@ -162,3 +162,24 @@ def finished(moving_study, tmp_path_factory):
     outcomes = list(run_study(read_study(moving_study), out))
     assert [outcome.state for outcome in outcomes] == ["done"] * 6
     return out
+
+
+@pytest.fixture
+def everything(raw_c3d):
+    """A file with a gap, channels at three samples a frame, events; frames count from 11."""
+    rng = np.random.default_rng(2)
+    points = rng.normal(500, 400, size=(20, 5, 4)) * [1, 1, 1, 0]
+    points[4:7, 2] = (0, 0, 0, -1)
+    return raw_c3d(
+        points,
+        rng.normal(size=(20, 3, 8)),
+        first_frame=11,
+        POINT={"LABELS": list("ABCDE")},
+        ANALOG={"OFFSET": np.arange(8), "SCALE": rng.normal(size=8), "GEN_SCALE": np.array([0.3])},
+        EVENT={
+            "USED": np.array([2]),
+            "CONTEXTS": ["Left", "Right"],
+            "LABELS": ["Foot Strike", "Foot Off"],
+            "TIMES": np.array([[0.0, 0], [0.05, 0.1]]),
+        },
+    )

@@ -1,4 +1,4 @@
-"""A C3D file read a second time, by ezc3d, and what differs; a rewritten file and its original.
+"""A C3D file read a second time, by ezc3d, and what differs.
 
 ezc3d 1.7.2 ends the interpreter on some damaged files and asks for 12.6 GB of memory on others, so
 it runs in a process of its own with limited memory and time.
@@ -8,7 +8,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbm.spelling import short
-from pipeline.io.c3d.data import DATA_STARTS, MAX_COUNT, Header, Samples, read_header, read_samples
-from pipeline.io.c3d.parameters import BLOCK_BYTES
+from pipeline.io.c3d.data import MAX_COUNT, Header, Samples, read_header, read_samples
 from pipeline.io.input_file import naming
 from pipeline.io.units import MAX_VALUE
 
@@ -94,67 +93,12 @@ def compare_readers(path: Path) -> SecondReading:
     try:
         found = _differences(header, samples, _read_by_ezc3d(path))
     except _Refused as error:
-        return SecondReading(_reader(), str(error))
-    return SecondReading(_reader(), "", tuple(found))
+        return SecondReading(reader(), str(error))
+    return SecondReading(reader(), "", tuple(found))
 
 
-def check_rewritten(
-    original: Path,
-    written: Path,
-    *,
-    changed_channels: Collection[int],
-    added_group: str = "",
-    changed_parameters: Collection[str] = (),
-) -> SecondReading:
-    """Check that a rewritten C3D file differs from its original only where it was to.
-
-    Parameters
-    ----------
-    original, written
-        Both files.
-    changed_channels
-        Indices from 0 of the analog channels whose samples may differ.
-    added_group
-        Parameter group that only the written file has.
-    changed_parameters
-        Parameters whose values may differ, such as ``"FORCE_PLATFORM:CORNERS"``.
-
-    Returns
-    -------
-    SecondReading
-        Whether ezc3d agrees, or why it does not read the original.
-
-    Raises
-    ------
-    ValueError
-        Something else differs; the message says what and where.
-    OSError
-        A file cannot be opened.
-
-    Notes
-    -----
-    Header and samples are compared byte by byte, parameters by their values. Then our reader and
-    ezc3d read the rewritten file, and both have to read the same arrays.
-    """
-    try:
-        free = {*changed_parameters, *map(":".join, DATA_STARTS)}
-        _require_same(original, written, changed_channels, added_group, free)
-        found = compare_readers(written)
-        before = found if found == SecondReading(_reader()) else compare_readers(original)
-        if found.refusal and not before.refusal:
-            raise ValueError(f"{found.reader} reads the original only: {found.refusal}")
-        if found.disagreements and not before.disagreements:
-            raise ValueError(f"{found.disagreements[0]}, and not of the original")
-    except ValueError as error:
-        raise ValueError(f"the copy is not {original.name} written again: {error}") from error
-    if before.disagreements:
-        return SecondReading(
-            found.reader, f"it reads the original otherwise: {before.disagreements[0]}"
-        )
-    return found
-
-
-def _reader() -> str:
+def reader() -> str:
+    """Name the second reader, with its version if it is installed."""
     return f"ezc3d {version('ezc3d')}" if installed() else "ezc3d"
 
 
@@ -267,48 +211,6 @@ def _different_samples(
         frame = header.first_frame + at * header.frames // len(first)
         name = names[k] if k < len(names) and names[k] else f"{k + 1}"
         found.append(
-            f"{kind} {name}, frame {frame}: {first[at, k]} here, {second[at, k]} by {_reader()}"
+            f"{kind} {name}, frame {frame}: {first[at, k]} here, {second[at, k]} by {reader()}"
         )
     return found
-
-
-def _require_same(
-    original: Path, written: Path, changed: Collection[int], group: str, free: Collection[str]
-) -> None:
-    """Refuse a copy that differs where it was not to: header, parameters, samples, what follows.
-
-    In the header only the start of the data is free.
-    """
-    header, header_again = map(read_header, (original, written))
-    before, after = header.parameters, header_again.parameters
-    first, second = (np.memmap(path, np.uint8, "r") for path in (original, written))
-    different = {*np.flatnonzero(first[:BLOCK_BYTES] != second[:BLOCK_BYTES]).tolist()}
-    if different - {16, 17}:
-        raise ValueError(f"byte {min(different - {16, 17}) + 1} differs")
-    ours, theirs = (
-        {f"{g}:{name}": values for g in side.groups for name, values in side.groups[g].items()}
-        for side in (before, after)
-    )
-    added = {name for name in theirs if name.startswith(f"{group}:")}
-    for name in sorted({*ours, *theirs} - {*free} - added):
-        alike = name in ours and name in theirs and ours[name].shape == theirs[name].shape
-        if not alike or ours[name].tobytes() != theirs[name].tobytes():
-            raise ValueError(f"parameter {name} differs")
-    moved = header_again.data_block - header.data_block
-    for place in DATA_STARTS:
-        start = before.integer(*place, 0)
-        if after.integer(*place, 0) != (start + moved if start else 0):
-            raise ValueError(f"parameter {':'.join(place)} is not where the data begin")
-    data, data_again = first[header.data_start :], second[header_again.data_start :]
-    if len(data) != len(data_again):
-        raise ValueError(f"its data section has {len(data_again)} bytes, expected {len(data)}")
-    points, channels, size = 4 * header.frame.points, header.frame.channels, header.frame.bytes
-    column = np.arange(size // header.frame.word_bytes)
-    of_changed = np.isin((column - points) % max(channels, 1), [*changed])
-    kept = np.repeat((column < points) | ~of_changed, header.frame.word_bytes)
-    for frame in range(header.frames):
-        part = slice(frame * size, (frame + 1) * size)
-        if (data[part] != data_again[part])[kept].any():
-            raise ValueError(f"other samples differ in frame {header.first_frame + frame}")
-    if not np.array_equal(data[header.frames * size :], data_again[header.frames * size :]):
-        raise ValueError("what follows its samples differs")

@@ -7,7 +7,7 @@ reader and ezc3d have found nothing else changed.
 import filecmp
 import shutil
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -34,7 +34,7 @@ from pipeline.io.c3d.parameters import (
     with_values,
 )
 from pipeline.io.c3d.read import GROUP, compensation_group, read_compensation
-from pipeline.io.c3d.second_reader import SecondReading, check_rewritten
+from pipeline.io.c3d.second_reader import SecondReading, compare_readers, reader
 from pipeline.io.input_file import naming
 from pipeline.io.recording import Compensation
 from pipeline.io.stated import Stated
@@ -268,3 +268,101 @@ def _changed_section(
             by_plate[:3, :4, plate.number - 1] = in_file.T / metre
         section = with_values(section, order, "FORCE_PLATFORM", "CORNERS", values)
     return section
+
+
+def check_rewritten(
+    original: Path,
+    written: Path,
+    *,
+    changed_channels: Collection[int],
+    added_group: str = "",
+    changed_parameters: Collection[str] = (),
+) -> SecondReading:
+    """Check that a rewritten C3D file differs from its original only where it was to.
+
+    Parameters
+    ----------
+    original, written
+        Both files.
+    changed_channels
+        Indices from 0 of the analog channels whose samples may differ.
+    added_group
+        Parameter group that only the written file has.
+    changed_parameters
+        Parameters whose values may differ, such as ``"FORCE_PLATFORM:CORNERS"``.
+
+    Returns
+    -------
+    SecondReading
+        Whether ezc3d agrees, or why it does not read the original.
+
+    Raises
+    ------
+    ValueError
+        Something else differs; the message says what and where.
+    OSError
+        A file cannot be opened.
+
+    Notes
+    -----
+    Header and samples are compared byte by byte, parameters by their values. Then our reader and
+    ezc3d read the rewritten file, and both have to read the same arrays.
+    """
+    try:
+        free = {*changed_parameters, *map(":".join, DATA_STARTS)}
+        _require_same(original, written, changed_channels, added_group, free)
+        found = compare_readers(written)
+        before = found if found == SecondReading(reader()) else compare_readers(original)
+        if found.refusal and not before.refusal:
+            raise ValueError(f"{found.reader} reads the original only: {found.refusal}")
+        if found.disagreements and not before.disagreements:
+            raise ValueError(f"{found.disagreements[0]}, and not of the original")
+    except ValueError as error:
+        raise ValueError(f"the copy is not {original.name} written again: {error}") from error
+    if before.disagreements:
+        return SecondReading(
+            found.reader, f"it reads the original otherwise: {before.disagreements[0]}"
+        )
+    return found
+
+
+def _require_same(
+    original: Path, written: Path, changed: Collection[int], group: str, free: Collection[str]
+) -> None:
+    """Refuse a copy that differs where it was not to: header, parameters, samples, what follows.
+
+    In the header only the start of the data is free.
+    """
+    header, header_again = map(read_header, (original, written))
+    before, after = header.parameters, header_again.parameters
+    first, second = (np.memmap(path, np.uint8, "r") for path in (original, written))
+    different = {*np.flatnonzero(first[:BLOCK_BYTES] != second[:BLOCK_BYTES]).tolist()}
+    if different - {16, 17}:
+        raise ValueError(f"byte {min(different - {16, 17}) + 1} differs")
+    ours, theirs = (
+        {f"{g}:{name}": values for g in side.groups for name, values in side.groups[g].items()}
+        for side in (before, after)
+    )
+    added = {name for name in theirs if name.startswith(f"{group}:")}
+    for name in sorted({*ours, *theirs} - {*free} - added):
+        alike = name in ours and name in theirs and ours[name].shape == theirs[name].shape
+        if not alike or ours[name].tobytes() != theirs[name].tobytes():
+            raise ValueError(f"parameter {name} differs")
+    moved = header_again.data_block - header.data_block
+    for place in DATA_STARTS:
+        start = before.integer(*place, 0)
+        if after.integer(*place, 0) != (start + moved if start else 0):
+            raise ValueError(f"parameter {':'.join(place)} is not where the data begin")
+    data, data_again = first[header.data_start :], second[header_again.data_start :]
+    if len(data) != len(data_again):
+        raise ValueError(f"its data section has {len(data_again)} bytes, expected {len(data)}")
+    points, channels, size = 4 * header.frame.points, header.frame.channels, header.frame.bytes
+    column = np.arange(size // header.frame.word_bytes)
+    of_changed = np.isin((column - points) % max(channels, 1), [*changed])
+    kept = np.repeat((column < points) | ~of_changed, header.frame.word_bytes)
+    for frame in range(header.frames):
+        part = slice(frame * size, (frame + 1) * size)
+        if (data[part] != data_again[part])[kept].any():
+            raise ValueError(f"other samples differ in frame {header.first_frame + frame}")
+    if not np.array_equal(data[header.frames * size :], data_again[header.frames * size :]):
+        raise ValueError("what follows its samples differs")

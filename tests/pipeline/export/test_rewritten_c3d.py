@@ -10,6 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from pipeline.export.rewritten_c3d import _plate_samples, check_rewritten, rewrite_plates
 from pipeline.io.c3d.data import read_header, read_samples
 from pipeline.io.c3d.force_plates import plate_layouts
 from pipeline.io.c3d.parameters import (
@@ -18,7 +19,6 @@ from pipeline.io.c3d.parameters import (
     with_values,
 )
 from pipeline.io.c3d.read import GROUP, read_compensation
-from pipeline.io.c3d.rewrite import _plate_samples, rewrite_plates
 from pipeline.io.c3d.second_reader import SecondReading, installed
 from pipeline.io.recording import Compensation
 from pipeline.io.stated import Stated
@@ -115,7 +115,7 @@ def assert_read_back(original, written, changes):
 def without_second_reader(monkeypatch):
     """Save the seconds that it takes where a test compares the bytes itself."""
     nobody = SecondReading("ezc3d", "not asked")
-    monkeypatch.setattr("pipeline.io.c3d.rewrite.check_rewritten", lambda *_, **__: nobody)
+    monkeypatch.setattr("pipeline.export.rewritten_c3d.check_rewritten", lambda *_, **__: nobody)
 
 
 @pytest.mark.usefixtures("without_second_reader")
@@ -330,3 +330,47 @@ def test_a_channel_that_two_plates_share_is_refused(tmp_path):
     original.write_bytes(content.replace(channels, shared))
     with pytest.raises(ValueError, match="FORCE_PLATFORM:CHANNEL names P1C1 twice"):
         rewritten(original, changes_of(original))
+
+
+def copied(original, change):
+    """Copy a file and change its bytes, given them and where the data begin."""
+    header = read_header(original)
+    content = bytearray(original.read_bytes())
+    change(content, header.data_start, header.frame.bytes)
+    path = original.with_name("written.c3d")
+    path.write_bytes(content)
+    return path
+
+
+def test_what_was_to_change_may_differ(everything):
+    def a_bit(content, start, size):
+        content[start + 3 * size + 4 * (20 + 8 + 6)] ^= 1
+
+    for change in (lambda *_: None, a_bit):
+        found = check_rewritten(everything, copied(everything, change), changed_channels=(6,))
+        assert bool(found.refusal) != installed()
+
+    def later(content, *_):
+        at = content.index(struct.pack("<f", 0.05))
+        content[at : at + 4] = struct.pack("<f", 0.06)
+
+    written = copied(everything, later)
+    check_rewritten(everything, written, changed_channels=(), changed_parameters=["EVENT:TIMES"])
+    with pytest.raises(ValueError, match=r"parameter EVENT:TIMES differs$"):
+        check_rewritten(everything, written, changed_channels=())
+
+
+@given(place=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7))
+@settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_no_bit_of_header_and_samples_may_change(everything, place, bit):
+    """Free are bytes 17 and 18, which say where the data begin."""
+    header = read_header(everything)
+    size = everything.stat().st_size - header.data_start
+    at = int(place * (BLOCK + size))
+    at = at if at < BLOCK else at - BLOCK + header.data_start
+    if at in (16, 17):
+        return
+    written = copied(everything, lambda c, *_: c.__setitem__(at, c[at] ^ (1 << bit)))
+    with pytest.raises(ValueError, match=r"^the copy is not ") as caught:
+        check_rewritten(everything, written, changed_channels=())
+    assert "\n" not in str(caught.value)
