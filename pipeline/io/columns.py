@@ -13,10 +13,12 @@ from hbm.notes import Note
 from hbm.spatial import Array, frozen, rotate_wrench
 from hbm.spelling import listed, short
 from pipeline.io.axes import mean_force, parse_axes, settle_axes, split_axes
-from pipeline.io.labels import marker_columns
+from pipeline.io.labels import AGAIN, join_trajectories, rename_markers, without_prefixes
 from pipeline.io.recording import Fact, Plate, Recording, saying
 from pipeline.io.stated import Stated
 
+MIN_AWAY_M: Final = 0.05
+"""Of a code of missing samples from the marker's median; nearer, the marker itself is there."""
 MIN_VERTICAL_FORCE_N: Final = 100.0
 """Below it the centre of pressure is too noisy to compare with."""
 MIN_LOADED_SAMPLES: Final = 10
@@ -62,21 +64,93 @@ class FileMarkers:
 
 
 def file_markers(
-    labels: Sequence[str], unit: str, positions: Callable[[list[int]], Array], stated: Stated
+    labels: Sequence[str],
+    unit: str,
+    positions: Callable[[list[int]], Array],
+    stated: Stated,
+    remove_unseen: Callable[[Array], None] | None = None,
 ) -> FileMarkers:
-    """Give the markers wanted of a file; those that are no numbers or at the origin are gaps.
+    """Give the markers wanted of a file.
 
     ``positions`` gives those of some labels by their indices, (M,) -> (T, M, 3), in the file's
-    unit. A ValueError where labels or unit are unknown or contradictory, or the unit contradicts
-    the markers' extent.
+    unit, of which ``remove_unseen`` makes some NaN. A ValueError as `settle_markers`.
     """
-    metre = stated.metre(unit)
-    markers, notes = marker_columns(labels, stated)
-    position = positions(list(markers.values()))
-    position *= metre
+    bare, notes = without_prefixes([label.rstrip(AGAIN) for label in labels], stated)
+    return settle_markers(bare, unit, positions([*bare]), stated, notes, remove_unseen)
+
+
+def settle_markers(
+    labels: Mapping[int, str],
+    unit: str,
+    position: Array,
+    stated: Stated,
+    notes: Sequence[Note | Fact],
+    remove_unseen: Callable[[Array], None] | None = None,
+) -> FileMarkers:
+    """Give markers under the labels wanted, one of each label, in m.
+
+    Gaps are positions that are no numbers, at the origin, or codes of missing ones.
+
+    Parameters
+    ----------
+    labels
+        Place in the file, from 0 -> label without prefix, of each column.
+    unit, position
+        Positions, (T, M, 3), in that unit; used up.
+    notes
+        On labels so far.
+    remove_unseen
+        Makes further positions NaN, in place.
+
+    Raises
+    ------
+    ValueError
+        Labels or unit are unknown or contradictory, or the unit contradicts the markers' extent.
+    """
+    facts = [note for note in notes if isinstance(note, Fact)]
+    metre = stated.metre(unit) if labels else 1.0
+    facts += missing_codes([*labels.values()], position, metre)
+    if remove_unseen is not None:
+        remove_unseen(position)
     position[~np.isfinite(position).all(axis=-1) | ~position.any(axis=-1)] = np.nan
-    notes += stated.check_positions(position, [*markers], unit)
-    return FileMarkers(tuple(markers), position, unit, notes)
+    position *= metre
+    columns, joined = join_trajectories(labels, position, stated)
+    facts += joined
+    with saying(facts):
+        markers, rename_notes = rename_markers(columns, stated)
+        if len(markers) < len(labels):
+            position = position[:, [*markers.values()]]
+        far = stated.check_positions(position, [*markers], unit)
+    others = [note for note in notes if isinstance(note, Note)]
+    return FileMarkers(tuple(markers), position, unit, [*far, *others, *rename_notes], facts)
+
+
+def missing_codes(names: Sequence[str], position: Array, metre: float) -> list[Fact]:
+    """Make gaps of positions, (T, M, 3), that are one number in x, y and z, as missing ones are.
+
+    Programs write 9999, −1 or −3.697314e28 three times. A measured position is on the diagonal of
+    the axes by chance: such a number counts where it occurs twice, and not where the marker rests.
+    ``metre`` is one of the unit of positions [m].
+    """
+    equal = (position[..., 0] == position[..., 1]) & (position[..., 1] == position[..., 2])
+    equal &= position[..., 0] != 0
+    numbers, counts = np.unique(position[equal, 0], return_counts=True)
+    facts = []
+    for code in numbers[counts > 1]:
+        samples = {}
+        for column in np.flatnonzero((equal & (position[..., 0] == code)).any(axis=0)).tolist():
+            written = equal[:, column] & (position[:, column, 0] == code)
+            others = position[~written & np.isfinite(position[:, column]).all(axis=-1), column]
+            others = others[others.any(axis=-1)]
+            away = np.abs(np.median(others, axis=0) - code) if len(others) else np.inf
+            if np.max(away) * metre > MIN_AWAY_M:
+                position[written, column] = np.nan
+                samples[names[column]] = np.count_nonzero(written)
+        if samples:
+            of = listed(f"{short(name)} {n}" for name, n in samples.items())
+            reason = f"samples at {code:.7g} in x, y and z, a code of missing ones: {of}"
+            facts.append(Fact("missing", "markers", reason))
+    return facts
 
 
 @dataclass(frozen=True, slots=True)

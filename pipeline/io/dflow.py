@@ -12,7 +12,7 @@ from hbm.spatial import Array
 from hbm.spelling import short
 from pipeline.io.columns import DFLOW_PLATE, dflow_plates, file_markers, recording_of, vectors
 from pipeline.io.input_file import naming
-from pipeline.io.labels import require_unique
+from pipeline.io.labels import require_unique, told_apart
 from pipeline.io.recording import Analog, Recording
 from pipeline.io.stated import Stated
 from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows
@@ -170,12 +170,13 @@ def read_dflow(path: Path, stated: Stated, record: Path | None = None) -> Record
     unseen = 0
 
     def positions(kept: Iterable[int]) -> Array:
-        nonlocal unseen
-        position = vectors(columns, (f"{stems[k]}.Pos" for k in kept))
-        unseen = _remove_unseen(position)
-        return position
+        return vectors(columns, (f"{stems[k]}.Pos" for k in kept))
 
-    markers = file_markers(stems, "m", positions, stated)
+    def remove_unseen(position: Array) -> None:
+        nonlocal unseen
+        unseen = _remove_unseen(position)
+
+    markers = file_markers(stems, "m", positions, stated, remove_unseen)
     if unseen:
         notes.append(Note.of("markers_unseen", samples=unseen))
     plates = list(dflow_plates(columns, time))
@@ -206,7 +207,7 @@ def read_dflow(path: Path, stated: Stated, record: Path | None = None) -> Record
 def _columns(path: Path) -> tuple[dict[str, Array], int, float, list[Note]]:
     """Give columns at all frames, of which dropped ones are NaN, first frame, and rate [Hz]."""
     lines = lines_of(path)
-    names = names_in(next(lines, "").rstrip(), "\t")
+    names = told_apart(names_in(next(lines, "").rstrip(), "\t"), MARKER)
     if not {"TimeStamp", "FrameNumber"} <= {*names}:
         raise ValueError("not a D-Flow mocap file: no column TimeStamp or no column FrameNumber")
     require_unique(names, "several columns have the same name")
