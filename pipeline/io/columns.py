@@ -118,11 +118,12 @@ def settle_markers(
     facts += joined
     with saying(facts):
         markers, rename_notes = rename_markers(columns, stated)
+        facts += [note for note in rename_notes if isinstance(note, Fact)]
         if len(markers) < len(labels):
             position = position[:, [*markers.values()]]
         far = stated.check_positions(position, [*markers], unit)
-    others = [note for note in notes if isinstance(note, Note)]
-    return FileMarkers(tuple(markers), position, unit, [*far, *others, *rename_notes], facts)
+    others = [note for note in (*notes, *rename_notes) if isinstance(note, Note)]
+    return FileMarkers(tuple(markers), position, unit, [*far, *others], facts)
 
 
 def missing_codes(names: Sequence[str], position: Array, metre: float) -> list[Fact]:
@@ -291,9 +292,12 @@ def recording_of(
             marker_set=stated.marker_set,
             plate_forces=[mean_force(plate.force) for plate in columns if on_subject],
             by=program if stated.axes is None else "",
+            file=source.name,
         )
         to_lab = parse_axes(settled)
-        noted = [*axes_notes, *markers.notes, *notes, *(fact.note for fact in facts)]
+        facts += [note for note in axes_notes if isinstance(note, Fact)]
+        noted = [note for note in axes_notes if isinstance(note, Note)]
+        noted += [*markers.notes, *notes, *(fact.note for fact in facts)]
         written = [unit for plate in found for unit in plate.units]
         noted += stated.unit_notes([markers.unit], written)
         pull = -sum(float(np.nan_to_num(plate.force @ to_lab[2]).mean()) for plate in columns)

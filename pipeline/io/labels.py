@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from hbm.markers import marker_sets, recognise_marker_set
+from hbm.markers import marker_sets, recognise_marker_set, renaming
 from hbm.notes import Note
 from hbm.spatial import Array, Mask
 from hbm.spelling import listed, short
@@ -106,8 +106,9 @@ def _known(stated: Stated) -> set[str]:
     return {label.casefold() for label in (*labels, *stated.rename)}
 
 
-def _are_of_a_set(labels: Iterable[str], stated: Stated) -> bool:
-    names = [stated.rename.get(label, label) for label in labels]
+def _are_of_a_set(labels: Sequence[str], stated: Stated) -> bool:
+    rename = _renames(labels, stated)
+    names = [rename.get(label, label) for label in labels]
     if table := stated.marker_set:
         return 2 * len(table.present(names).markers) >= len(table.markers)
     try:
@@ -242,15 +243,21 @@ def numbered(names: Mapping[int, str]) -> dict[str, int]:
     return unique
 
 
-def rename_markers(markers: Mapping[str, int], stated: Stated) -> tuple[dict[str, int], list[Note]]:
+def rename_markers(
+    markers: Mapping[str, int], stated: Stated
+) -> tuple[dict[str, int], list[Note | Fact]]:
     """Give markers, label -> index, the labels wanted; labels that are not renamed stay.
 
-    A ValueError where two labels become the same, or none is of the stated marker set. The note
-    ``labels_not_renamed`` names labels to rename that are not there.
+    Where no marker set is stated and labels are of none, those with the same letters are read as
+    one's, such as L_ASI and Left ASI as LASI; a fact says so. The note ``labels_not_renamed`` names
+    labels to rename that are not there. A ValueError where two labels become the same, or none is
+    of the stated marker set.
     """
-    rename = stated.rename
+    rename = _renames(markers, stated)
     names = [rename.get(name, name) for name in markers]
     require_unique(names, "renaming gives several markers the same label")
+    absent = [short(name) for name in stated.rename if name not in markers and name[-1:] != "*"]
+    notes: list[Note | Fact] = [Note.of("labels_not_renamed", labels=absent)] if absent else []
     table = stated.marker_set
     if table is not None and names and not table.present(names).markers:
         raise ValueError(
@@ -258,9 +265,24 @@ def rename_markers(markers: Mapping[str, int], stated: Stated) -> tuple[dict[str
             f"({listed(list(table.segment)[:3])}, …) is there; labels there: {listed(names[:5])}; "
             "give the right --marker-set, or --rename the labels"
         )
-    absent = [short(name) for name in rename if name not in markers]
-    notes = [Note.of("labels_not_renamed", labels=absent)] if absent else []
+    if table is None and (alike := renaming(names)):
+        names = [alike.get(name, name) for name in names]
+        pairs = listed(f"{short(name)} as {label}" for name, label in alike.items())
+        reason = f"{len(alike)} have the letters of a marker set's: {pairs}"
+        notes.append(Fact("corrected", "labels", reason))
     return dict(zip(names, markers.values(), strict=True)), notes
+
+
+def _renames(names: Iterable[str], stated: Stated) -> dict[str, str]:
+    """Give labels that are there -> wanted, for labels and for beginnings such as L* = R*."""
+    spelt = {name.casefold(): name for name in names}
+    wanted = dict[str, str]()
+    for old, new in stated.rename.items():
+        begins, other = old[:-1].casefold(), new.removesuffix("*").casefold()
+        for folded, name in spelt.items() if old.endswith("*") else ():
+            if folded.startswith(begins) and (there := spelt.get(other + folded[len(begins) :])):
+                wanted[name] = there
+    return wanted | dict(stated.rename)
 
 
 def require_unique(labels: Iterable[str], fault: str) -> None:

@@ -253,7 +253,7 @@ def read_c3d(path: str | Path, stated: Stated | str | None = None) -> Recording:
     """
     path = Path(path)
     with naming(path):
-        return read_c3d_file(path, as_stated(stated))
+        return read_c3d_file(path, as_stated(stated).of_file(path.name))
 
 
 def read_c3d_file(path: Path, stated: Stated) -> Recording:
@@ -286,7 +286,9 @@ def read_c3d_file(path: Path, stated: Stated) -> Recording:
                 for plate, wrench in zip(layouts, wrenches, strict=True)
             ],
             screen_up=parameters.text("POINT", "Y_SCREEN"),
+            file=path.name,
         )
+    facts += [note for note in axes_notes if isinstance(note, Fact)]
     to_lab = parse_axes(axes)
     in_lab = np.moveaxis(frozen(to_lab @ np.moveaxis(position, 0, -1)), -1, 0)
     time = np.arange(len(position)) / samples.rate_hz
@@ -323,7 +325,7 @@ def read_c3d_file(path: Path, stated: Stated) -> Recording:
         axes=split_axes(axes),
         facts=tuple(facts),
         notes=(
-            *axes_notes,
+            *(note for note in axes_notes if isinstance(note, Note)),
             *markers.notes,
             *impossible,
             *([Note.of("c3d_corrected", corrections=corrections)] if corrections else ()),
