@@ -9,6 +9,7 @@ from hbm.markers.marker_set import (
     read_marker_set,
     recognise_marker_set,
     renaming,
+    usual_landmarks,
 )
 from hbm.markers.trajectories import Markers
 
@@ -22,4 +23,5 @@ __all__ = [
     "read_marker_set",
     "recognise_marker_set",
     "renaming",
+    "usual_landmarks",
 ]

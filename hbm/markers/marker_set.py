@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
-from itertools import groupby
+from itertools import groupby, takewhile
 from shlex import quote
 from typing import Any, Final
 
@@ -343,6 +343,8 @@ REMEDY: Final = (
 WORD: Final = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 SIDE_WORDS: Final = {word: word[0] for word in ("l", "lt", "left", "r", "rt", "right")}
 """First or last word of a label -> letter of the side."""
+NOT_SEPARATOR: Final = re.compile(r"[^\W_]*$")
+"""The end of a text after its last separator."""
 LABELS_LISTED: Final = 20
 NEAREST_LISTED: Final = 2
 
@@ -418,7 +420,13 @@ def _mismatch(names: list[str]) -> str:
         sets = [each for each in sets if each.name.removesuffix("_lower") != family]
     lacking = "; ".join(_lacking(each, names) for each in nearest)
     found = f"nearest: {lacking}" if nearest else "none of them is of a shipped set"
-    seen = f"the markers match no shipped set; labels: {listed(names, LABELS_LISTED)}"
+    # what all labels begin with may be a person's name
+    alike = takewhile(lambda pair: pair[0] == pair[1], zip(min(names), max(names), strict=False))
+    shared = NOT_SEPARATOR.sub("", "".join(letter for letter, _ in alike))
+    bare = [f"{'…' if shared else ''}{name[len(shared) :]}" for name in names]
+    seen = f"the markers match no shipped set; labels: {listed(bare, LABELS_LISTED)}"
+    if shared:
+        seen += " (… is what all begin with; --label-prefix removes it)"
     options = [f"--rename {quote(f'{old}={new}')}" for old, new in renaming(names).items()]
     return f"{seen}; {found}; {' '.join(['try', *options]) if options else REMEDY}"
 
@@ -486,6 +494,19 @@ def _meanings() -> Mapping[str, set[tuple[str, str | None]]]:
         for label in marker.labels:
             found.setdefault(label.casefold(), set()).add((marker.segment, marker.landmark))
     return found
+
+
+def usual_landmarks(names: Iterable[str]) -> dict[str, str]:
+    """Give landmark -> label of three letters or more, as a set means one with the same letters."""
+    usual: dict[str, str] = {}
+    for label, meanings in _meanings().items():
+        for landmark in sorted(mark for _, mark in meanings if mark and len(label) > 2):
+            usual.setdefault(_letters(label), landmark)
+    marked: dict[str, str] = {}
+    for name in names:
+        if mark := usual.get(_letters(name)):
+            marked.setdefault(mark, name)
+    return marked
 
 
 def _completed(chosen: MarkerSet, names: list[str]) -> MarkerSet:

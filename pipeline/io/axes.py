@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hbm.markers import MarkerSet, exchange, recognise_marker_set
+from hbm.markers import MarkerSet, exchange, recognise_marker_set, usual_landmarks
 from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import listed, short
@@ -19,18 +19,6 @@ HEEL: Final = "HEE"
 TOES: Final = ("TOE", "MT2", "MT5", "MTS")
 ANKLES: Final = ("LM", "MM")
 """Landmarks without their side."""
-USUAL_LABELS: Final = {
-    "ASIS": ("ASI", "ASIS"),
-    "PSIS": ("PSI", "PSIS"),
-    "SHO": ("SHO", "ACR", "ACROMIUM", "ACROMION"),
-    "HEE": ("HEE", "HEEL", "CAL"),
-    "TOE": ("TOE", "TOETIP", "MT1"),
-    "MT2": ("MT2",),
-    "MT5": ("MT5",),
-    "LM": ("ANK", "LM"),
-    "MM": ("MM",),
-}
-"""Landmark -> how laboratories label its marker, after the letter of the side."""
 MAX_LENGTH_RATIO: Final = 5.0
 """Of a vector between two markers to its median: no joint changes it so much, a damaged number or a
 mislabelled frame does."""
@@ -104,7 +92,7 @@ def find_sites(names: Sequence[str], marker_set: MarkerSet | None = None) -> Sit
             known = recognise_marker_set(names)
     marked = known.present(names).landmark if known is not None else {}
     of_set = {landmark: column[marker] for landmark, marker in marked.items()}
-    sources = (of_set, _by_usual_labels(column))
+    sources = (of_set, {mark: column[name] for mark, name in usual_landmarks(names).items()})
 
     def of(sites: Sequence[str]) -> list[int]:
         found = ([k for name, k in each.items() if name[1:] in sites] for each in sources)
@@ -138,16 +126,6 @@ def typical(vectors: Array) -> Array:
     with np.errstate(over="ignore"):
         length = np.linalg.norm(known, axis=-1)
     return np.asarray(known[length <= MAX_LENGTH_RATIO * np.median(length)].mean(axis=0))
-
-
-def _by_usual_labels(column: Mapping[str, int]) -> dict[str, int]:
-    landmarks = {label: site for site, labels in USUAL_LABELS.items() for label in labels}
-    found: dict[str, int] = {}
-    for name, k in column.items():
-        plain = name.replace(".", "").replace("_", "").upper()
-        if plain[:1] in ("L", "R") and plain[1:] in landmarks:
-            found.setdefault(plain[0] + landmarks[plain[1:]], k)
-    return found
 
 
 def _sides(columns: Mapping[str, int], sites: Sequence[str] | None = None) -> list[Pair]:

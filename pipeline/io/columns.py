@@ -14,7 +14,7 @@ from hbm.spatial import Array, frozen, rotate_wrench
 from hbm.spelling import listed, short
 from pipeline.io.axes import mean_force, parse_axes, settle_axes, split_axes
 from pipeline.io.labels import AGAIN, join_trajectories, rename_markers, without_prefixes
-from pipeline.io.recording import Fact, Plate, Recording, saying
+from pipeline.io.recording import Fact, Plate, Recording, facts_in, notes_of, saying
 from pipeline.io.stated import Stated
 
 MIN_AWAY_M: Final = 0.05
@@ -51,16 +51,13 @@ class FileMarkers:
     unit
         Of positions, as the file writes it.
     notes
-        On labels.
-    facts
-        What was joined, left out or made gaps.
+        On labels, and what was joined or made gaps.
     """
 
     names: tuple[str, ...]
     position: Array
     unit: str
-    notes: Sequence[Note]
-    facts: Sequence[Fact] = ()
+    notes: Sequence[Note | Fact]
 
 
 def file_markers(
@@ -68,15 +65,15 @@ def file_markers(
     unit: str,
     positions: Callable[[list[int]], Array],
     stated: Stated,
-    remove_unseen: Callable[[Array], None] | None = None,
+    held: bool = False,
 ) -> FileMarkers:
     """Give the markers wanted of a file.
 
     ``positions`` gives those of some labels by their indices, (M,) -> (T, M, 3), in the file's
-    unit, of which ``remove_unseen`` makes some NaN. A ValueError as `settle_markers`.
+    unit; ``held`` says that unseen ones stay where they were. A ValueError as `settle_markers`.
     """
     bare, notes = without_prefixes([label.rstrip(AGAIN) for label in labels], stated)
-    return settle_markers(bare, unit, positions([*bare]), stated, notes, remove_unseen)
+    return settle_markers(bare, unit, positions([*bare]), stated, notes, held)
 
 
 def settle_markers(
@@ -84,12 +81,13 @@ def settle_markers(
     unit: str,
     position: Array,
     stated: Stated,
-    notes: Sequence[Note | Fact],
-    remove_unseen: Callable[[Array], None] | None = None,
+    notes: Iterable[Note | Fact],
+    held: bool = False,
 ) -> FileMarkers:
     """Give markers under the labels wanted, one of each label, in m.
 
-    Gaps are positions that are no numbers, at the origin, or codes of missing ones.
+    Gaps are positions that are no numbers, at the origin, codes of missing ones or, where they are
+    ``held``, the same as in the frame before.
 
     Parameters
     ----------
@@ -99,31 +97,29 @@ def settle_markers(
         Positions, (T, M, 3), in that unit; used up.
     notes
         On labels so far.
-    remove_unseen
-        Makes further positions NaN, in place.
 
     Raises
     ------
     ValueError
         Labels or unit are unknown or contradictory, or the unit contradicts the markers' extent.
     """
-    facts = [note for note in notes if isinstance(note, Fact)]
     metre = stated.metre(unit) if labels else 1.0
-    facts += missing_codes([*labels.values()], position, metre)
-    if remove_unseen is not None:
-        remove_unseen(position)
+    said = [*notes, *missing_codes([*labels.values()], position, metre)]
+    if held:  # one by one: a file may be as large as the memory allows
+        same = [(path[1:] == path[:-1]).all(axis=-1) for path in position.swapaxes(0, 1)]
+        position[1:][np.transpose(same)] = np.nan
+        if count := np.count_nonzero(same):
+            said.append(Fact("missing", "markers", f"{count} samples held at their last place"))
     position[~np.isfinite(position).all(axis=-1) | ~position.any(axis=-1)] = np.nan
     position *= metre
     columns, joined = join_trajectories(labels, position, stated)
-    facts += joined
-    with saying(facts):
-        markers, rename_notes = rename_markers(columns, stated)
-        facts += [note for note in rename_notes if isinstance(note, Fact)]
+    said += joined
+    with saying(facts_in(said)):
+        markers, renamed = rename_markers(columns, stated)
         if len(markers) < len(labels):
             position = position[:, [*markers.values()]]
         far = stated.check_positions(position, [*markers], unit)
-    others = [note for note in (*notes, *rename_notes) if isinstance(note, Note)]
-    return FileMarkers(tuple(markers), position, unit, [*far, *others], facts)
+    return FileMarkers(tuple(markers), position, unit, [*far, *said, *renamed])
 
 
 def missing_codes(names: Sequence[str], position: Array, metre: float) -> list[Fact]:
@@ -281,9 +277,9 @@ def recording_of(
         What was done or is in doubt, notes, and further attributes of the recording.
     """
     plates = list(plates)
-    facts = [*markers.facts, *facts, *(plate for plate in plates if isinstance(plate, Fact))]
+    said = [*markers.notes, *notes, *facts, *(p for p in plates if isinstance(p, Fact))]
     found = [plate for plate in plates if isinstance(plate, PlateColumns)]
-    with saying(facts):
+    with saying(facts_in(said)):
         columns = [plate.in_si(stated) for plate in found]
         settled, axes_notes = settle_axes(
             stated.axes or axes or None,
@@ -295,15 +291,13 @@ def recording_of(
             file=source.name,
         )
         to_lab = parse_axes(settled)
-        facts += [note for note in axes_notes if isinstance(note, Fact)]
-        noted = [note for note in axes_notes if isinstance(note, Note)]
-        noted += [*markers.notes, *notes, *(fact.note for fact in facts)]
+        said = [*axes_notes, *said]
         written = [unit for plate in found for unit in plate.units]
-        noted += stated.unit_notes([markers.unit], written)
+        said += stated.unit_notes([markers.unit], written)
         pull = -sum(float(np.nan_to_num(plate.force @ to_lab[2]).mean()) for plate in columns)
         if pull > 0 and not on_subject:
             columns = [replace(each, force=-each.force, moment=-each.moment) for each in columns]
-            noted.append(Note.of("forces_reversed"))
+            said.append(Note.of("forces_reversed"))
         made = placed(to_lab) if placed else []
         moments = []
         for plate in columns:
@@ -311,7 +305,7 @@ def recording_of(
             made.append(Plate.at_origin(plate.number, plate.time, rotate_wrench(wrench, to_lab)))
             moments.append(f"{plate.name} {where}")
         if moments:
-            noted.append(Note.of("moments_about", plates=moments))
+            said.append(Note.of("moments_about", plates=moments))
         numbers = sorted(plate.number for plate in made)
         if len(set(numbers)) < len(numbers):
             raise ValueError(f"several plates have the same number: {listed(numbers)}")
@@ -322,8 +316,8 @@ def recording_of(
             plates=tuple(sorted(made, key=lambda plate: plate.number)),
             stated=stated,
             axes=split_axes(settled),
-            facts=tuple(facts),
-            notes=tuple(noted),
+            facts=facts_in(said),
+            notes=notes_of(said),
             **others,
         )
 

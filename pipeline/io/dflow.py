@@ -1,7 +1,7 @@
 """Text files of Motek D-Flow's mocap module, with or without one of its record module."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
@@ -167,18 +167,13 @@ def read_dflow(path: Path, stated: Stated, record: Path | None = None) -> Record
         raise ValueError("no markers: no column such as LASIS.PosX")
     stamps = columns["TimeStamp"]
     time = np.arange(len(stamps)) / rate_hz
-    unseen = 0
-
-    def positions(kept: Iterable[int]) -> Array:
-        return vectors(columns, (f"{stems[k]}.Pos" for k in kept))
-
-    def remove_unseen(position: Array) -> None:
-        nonlocal unseen
-        unseen = _remove_unseen(position)
-
-    markers = file_markers(stems, "m", positions, stated, remove_unseen)
-    if unseen:
-        notes.append(Note.of("markers_unseen", samples=unseen))
+    markers = file_markers(
+        stems,
+        "m",
+        lambda kept: vectors(columns, (f"{stems[k]}.Pos" for k in kept)),
+        stated,
+        held=True,
+    )
     plates = list(dflow_plates(columns, time))
     used = {f"{stem}.Pos{axis}" for stem in stems for axis in "XYZ"}
     used |= {name for name in columns if DFLOW_PLATE.fullmatch(name)}
@@ -251,15 +246,6 @@ def _rate_hz(index: Array, stamps: Array) -> float:
         )
     nearest = float(CUSTOMARY_RATES_HZ[np.argmin(np.abs(CUSTOMARY_RATES_HZ * slope - 1))])
     return nearest if abs(nearest * slope - 1) < MAX_RATE_DIFFERENCE else 1 / slope
-
-
-def _remove_unseen(position: Array) -> int:
-    """Make markers that are at zero or held in place NaN, (T, M, 3), and count the samples."""
-    unseen = np.asarray(~position.any(axis=-1))
-    for k in range(position.shape[1]):  # one by one: a file may be as large as the memory allows
-        unseen[1:, k] |= (position[1:, k] == position[:-1, k]).all(axis=-1)
-    position[unseen] = np.nan
-    return int(np.count_nonzero(unseen))
 
 
 def _analog(columns: Mapping[str, Array], used: set[str], time: Array) -> Analog | None:

@@ -174,41 +174,43 @@ def join_trajectories(
         in different places at once, and no marker set has the numbered label.
     """
     known, places, facts = _known(stated), [place + 1 for place in labels], list[Fact]()
-    names, dropped = [*labels.values()], set[int]()
+    names, apart = dict(enumerate(labels.values())), list[tuple[int, int, Array]]()
     alike: dict[str, list[int]] = defaultdict(list)
-    for column, name in enumerate(names):
+    for column, name in names.items():
         alike["".join(name.split()).casefold()].append(column)
     for label, (first, *others) in alike.items():
         if not others or UNLABELLED.fullmatch(label):
             continue
         # the spelling of a marker set, if one of them has it
         spellings = [names[column] for column in (first, *others)]
-        names[first] = name = next((n for n in spellings if n.casefold() in known), spellings[0])
+        names[first] = next((n for n in spellings if n.casefold() in known), spellings[0])
         seen = np.isfinite(position[:, first, 0])
         one = [f"{places[first]} ({_when(seen)})"]
         for column in others:
             its = np.isfinite(position[:, column, 0])
             away_m = np.linalg.norm(position[:, column] - position[:, first], axis=-1)[seen & its]
-            if away_m.max(initial=0.0) <= MAX_ROUNDING_M:
-                position[its & ~seen, first] = position[its & ~seen, column]
-                seen |= its
-                one.append(f"{places[column]} ({_when(its)})")
-                dropped.add(column)
-            elif f"{label}_2" not in known:
-                number = sum(names[c] == name for c in {first, *others} - dropped if c <= column)
-                second = f"{name}_{number}" if names[column] == name else names[column]
-                options = (f"{name}=OTHER", f"{second}={name}")
-                reason = (
-                    f"trajectories {places[first]} and {places[column]} have this label and are "
-                    f"{1000 * np.median(away_m):.0f} mm apart in {len(away_m)} frames; the second "
-                    f"is read as {short(second)}; if that is the right one, "
-                    f"{' '.join(f'--rename {quote(option)}' for option in options)}"
-                )
-                facts.append(Fact("in_doubt", f"marker {short(name)}", reason))
+            if away_m.max(initial=0.0) > MAX_ROUNDING_M:
+                apart += [(first, column, away_m)] if f"{label}_2" not in known else []
+                continue
+            position[its & ~seen, first] = position[its & ~seen, column]
+            seen |= its
+            one.append(f"{places[column]} ({_when(its)})")
+            del names[column]
         if len(one) > 1:
             reason = f"trajectories {listed(one)} have this label"
-            facts.append(Fact("joined", f"marker {short(name)}", reason))
-    return numbered({c: name for c, name in enumerate(names) if c not in dropped}), facts
+            facts.append(Fact("joined", f"marker {short(names[first])}", reason))
+    columns = numbered(names)
+    label_of = {column: label for label, column in columns.items()}
+    for first, column, away_m in apart:
+        name, second = label_of[first], label_of[column]
+        reason = (
+            f"trajectories {places[first]} and {places[column]} have this label, "
+            f"{1000 * np.median(away_m):.0f} mm apart in {len(away_m)} frames; the second is read "
+            f"as {short(second)}; if it is right, --rename {quote(f'{name}=OTHER')} "
+            f"--rename {quote(f'{second}={name}')}"
+        )
+        facts.append(Fact("in_doubt", f"marker {short(name)}", reason))
+    return columns, facts
 
 
 def _when(seen: Mask) -> str:
@@ -216,18 +218,17 @@ def _when(seen: Mask) -> str:
     return f"frames {frames[0]}–{frames[-1]}" if len(frames) else "never seen"
 
 
-def told_apart(names: Sequence[str], of_marker: re.Pattern[str]) -> list[str]:
+def told_apart(names: Iterable[str], of_marker: re.Pattern[str]) -> list[str]:
     """Give names of columns that differ; markers that occur again have `AGAIN` after their label.
 
     The first group of the pattern that matches is the label.
     """
-    occurred: Counter[str] = Counter()
-    different = []
+    different: list[str] = []
     for name in names:
-        match = of_marker.fullmatch(name)
-        end = next(match.end(k) for k in range(1, 9) if match[k]) if match else len(name)
-        different.append(name[:end] + AGAIN * (occurred[name] if match else 0) + name[end:])
-        occurred[name] += 1
+        while name in different and (match := of_marker.fullmatch(name)):
+            end = next(match.end(k) for k in range(1, 9) if match[k])
+            name = name[:end] + AGAIN + name[end:]
+        different.append(name)
     return different
 
 

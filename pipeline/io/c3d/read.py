@@ -31,6 +31,8 @@ from pipeline.io.recording import (
     Plate,
     PlateFrame,
     Recording,
+    facts_in,
+    notes_of,
     saying,
 )
 from pipeline.io.stated import Stated, as_stated, impossible_samples
@@ -270,11 +272,11 @@ def read_c3d_file(path: Path, stated: Stated) -> Recording:
         layouts, facts = plate_layouts(header, stated)
     except ValueError as error:
         raise _with_faults_of_markers(error, markers.names, position, stated) from error
-    facts = [*markers.facts, *facts]
+    said = [*markers.notes, *impossible]
     wrenches = [plate.wrench(samples.analog[:, plate.channels]) for plate in layouts]
     taken = {channel for plate in layouts for channel in plate.channels}
 
-    with saying(facts):
+    with saying((*facts_in(said), *facts)):
         axes, axes_notes = settle_axes(
             stated.axes,
             position,
@@ -288,7 +290,6 @@ def read_c3d_file(path: Path, stated: Stated) -> Recording:
             screen_up=parameters.text("POINT", "Y_SCREEN"),
             file=path.name,
         )
-    facts += [note for note in axes_notes if isinstance(note, Fact)]
     to_lab = parse_axes(axes)
     in_lab = np.moveaxis(frozen(to_lab @ np.moveaxis(position, 0, -1)), -1, 0)
     time = np.arange(len(position)) / samples.rate_hz
@@ -311,6 +312,15 @@ def read_c3d_file(path: Path, stated: Stated) -> Recording:
     compensation = read_compensation(parameters)
     corrections = [*header.corrections, *samples.corrections, *wrong_frame]
     written = [channels[k][1] for k in sorted(taken)]
+    said = [
+        *axes_notes,
+        *said,
+        *([Note.of("c3d_corrected", corrections=corrections)] if corrections else ()),
+        *stated.unit_notes([unit], written),
+        *event_notes,
+        *facts,
+        *_plate_notes(parameters, layouts, compensation),
+    ]
     return Recording(
         source=path,
         markers=Markers(time, markers.names, in_lab),
@@ -323,17 +333,8 @@ def read_c3d_file(path: Path, stated: Stated) -> Recording:
         compensation=compensation,
         stated=stated,
         axes=split_axes(axes),
-        facts=tuple(facts),
-        notes=(
-            *(note for note in axes_notes if isinstance(note, Note)),
-            *markers.notes,
-            *impossible,
-            *([Note.of("c3d_corrected", corrections=corrections)] if corrections else ()),
-            *stated.unit_notes([unit], written),
-            *event_notes,
-            *(fact.note for fact in facts),
-            *_plate_notes(parameters, layouts, compensation),
-        ),
+        facts=facts_in(said),
+        notes=notes_of(said),
     )
 
 
