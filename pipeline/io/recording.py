@@ -183,8 +183,9 @@ class Analog:
 
     def channel(self, name: str) -> Array:
         """Give one channel by name, (N,); a KeyError lists the channels that exist."""
-        if name not in self.names:
-            raise KeyError(f"no analog channel {name!r}; present: {listed(self.names)}")
+        if (count := self.names.count(name)) != 1:
+            fault = f"{count} analog channels are called" if count else "no analog channel"
+            raise KeyError(f"{fault} {name!r}; present: {listed(self.names)}")
         return self.values[:, self.names.index(name)]
 
 

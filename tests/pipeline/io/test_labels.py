@@ -14,6 +14,7 @@ from pipeline.io.c3d.write import write_c3d
 from pipeline.io.columns import settle_markers
 from pipeline.io.labels import without_prefixes
 from pipeline.io.read import read_recording
+from pipeline.io.recording import Analog
 from pipeline.io.stated import Stated
 from tests.pipeline import xdf_file
 from tests.pipeline.other_formats import excerpt, write_dflow, write_mox, write_nexus, write_opensim
@@ -320,3 +321,9 @@ def test_exchanged_sides_are_named_with_the_options_that_mend_this_file_alone(
     other = path.rename(tmp_path / "walk.c3d")
     if sites == ("ASIS",):
         assert kinds(read_recording(other, Stated(axes=axes, rename=rename))) == ["in_doubt"]
+
+
+def test_of_two_analog_channels_of_one_label_none_is_taken():
+    signals = Analog(np.arange(3) / 100, ("Acc", "Acc", "Belt"), ("V",) * 3, np.zeros((3, 3)))
+    with pytest.raises(KeyError, match="2 analog channels are called 'Acc'"):
+        signals.channel("Acc")
