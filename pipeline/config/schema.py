@@ -73,7 +73,7 @@ class Settings(InputModel):
     min_valid_share: Annotated[float, Field(gt=0, le=1)] = 0.5
     """Smallest share of used frames in a gait cycle, or in a recording without one."""
     events: EventMethod | None = Field(default=None, examples=["auto"])
-    """Gait events: file, zeni, plates or auto; default: the file's if any, else auto."""
+    """Gait events: file, zeni, plates or auto; default: the file's if the feet agree, else auto."""
     engine: EngineName | None = Field(default=None, examples=["kernels"])
     """Inverse dynamics by pinocchio or kernels; default: pinocchio where installed."""
 

@@ -21,7 +21,7 @@ from hbm.body import Body
 from hbm.coordinates import COORDINATES
 from hbm.engines.engine import choose_engine
 from hbm.ik.problem import Problem, undetermined
-from hbm.notes import Note
+from hbm.notes import Note, warnings_of
 from hbm.plausibility.motion import implausible
 from hbm.signals.filtering import low_pass
 from hbm.spelling import did_you_mean, listed
@@ -32,7 +32,7 @@ from pipeline.io.read import file_format
 from pipeline.io.recording import Recording
 from pipeline.trial.gait.contact import require_contacts
 from pipeline.trial.gait.cycles import found_cycles
-from pipeline.trial.gait.events import SIDES, TIMED_BY_PLATES, gait_events, has_strides
+from pipeline.trial.gait.events import BY_PLATES, SIDES, choose_method, foot_swings, gait_events
 from pipeline.trial.ground.accelerometers import mean_belt_speed
 from pipeline.trial.ground.belts import belt_wrenches
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
@@ -336,16 +336,19 @@ class _TrialCheck:
         settling = settling_s(self.laboratory.filters(settings))
         settled = settled_frames(np.ones(len(time), bool), time, settling)
         quality = flagged({Quality.SETTLING: ~settled})
-        events, note = gait_events(recording.events, markers, body.marker_set, settings.events)
+        swings = foot_swings(markers, body.marker_set)
+        source, doubts = choose_method(recording.events, swings, settings.events)
+        self.remark(*warnings_of(doubts))
+        events, note = gait_events(recording.events, markers, body.marker_set, source)
         unknown = note.code == "events_unknown"
-        source = settings.events or ("file" if has_strides(recording.events) else "auto")
-        guessed = source in TIMED_BY_PLATES  # the run's events need poses; these may err
+        guessed = source in BY_PLATES  # the run's events need poses; these may err
         if unknown and not guessed:
             self.remark(note)
 
         def count(rule: Condition) -> None:
             said, pose = [note], platform
-            counted = what_counts(recording, events, quality, rule, settling, pose, said, least)
+            rest = settling, pose, said, least, swings.feet
+            counted = what_counts(recording, events, quality, rule, *rest)
             later = [event for event in events if event.time >= rule.skip_s]
             shown = found_cycles(later, SIDES) if rule.wanted == "cycle" else counted.found
             stepped = shown if source == "auto" else stepped_on

@@ -10,7 +10,7 @@ from hbm.markers import MarkerSet, recognise_marker_set
 from hbm.notes import Note
 from hbm.plausibility.motion import implausible
 from hbm.segments import SegmentOverride
-from hbm.spatial import GRAVITY_MPS2, Indices
+from hbm.spatial import GRAVITY_MPS2, Array, Indices
 from pipeline.config.schema import (
     Condition,
     PlateContact,
@@ -25,7 +25,7 @@ from pipeline.trial.checks import check_markers, check_motion, check_plates, oth
 from pipeline.trial.gait.carried import places_of
 from pipeline.trial.gait.contact import contact_notes
 from pipeline.trial.gait.detection import detect_events, foot_motion, plate_events
-from pipeline.trial.gait.events import SIDES, check_events, reference_events
+from pipeline.trial.gait.events import SIDES, check_events, choose_method, foot_swings, other_events
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import BoundLaboratory, Laboratory, bind
 from pipeline.trial.ground.platform import uncompensated_motion
@@ -224,7 +224,7 @@ def process_recording(
     notes += differing_masses(mass.known_kg, carried_kg)
 
     # gait: events and the cycles that count
-    events = _events(lab, body, pose, ground, loads, quality, notes, settings)
+    events, feet = _events(lab, body, pose, ground, loads, quality, notes, settings)
     counted = what_counts(
         recording,
         events,
@@ -234,6 +234,7 @@ def process_recording(
         ground.pose,
         notes,
         settings.min_valid_share,
+        feet,
     )
     if static is not None:
         known_kg = {**mass.known_kg, **({ON_PLATES: carried_kg} if carried_kg else {})}
@@ -389,17 +390,20 @@ def _events(
     quality: Indices,
     notes: list[Note],
     settings: Settings,
-) -> tuple[Event, ...]:
-    """Give a trial's gait events by the method of the settings; checks of them are noted."""
-    time, markers = pose.motion.time, pose.markers
+) -> tuple[tuple[Event, ...], Array]:
+    """Give a trial's gait events by the method of the settings; checks of them are noted.
+
+    With where the feet are from the pelvis, (T, 2, 3) [m].
+    """
+    time, of_file = pose.motion.time, lab.recording.events
     of_plates = plate_events(
         loads.shared.contacts, plate_loads(lab), time, body.mass * GRAVITY_MPS2
     )
     motion = foot_motion(body, time, pose.solved.q, ground.pose)
-    events, method, note = detect_events(
-        lab.recording.events, of_plates, motion, markers, body.marker_set, settings.events
-    )
+    swings = foot_swings(lab.recording.markers, body.marker_set)
+    method, doubts = choose_method(of_file, swings, settings.events)
+    events, note = detect_events(of_file, of_plates, motion, pose.markers, body.marker_set, method)
     carried = free_of(quality, NO_SUPPORT)
-    reference = reference_events(of_plates, markers, body.marker_set, carried, method)
-    notes += (note, *check_events(events, reference))
-    return events
+    reference = other_events(of_plates, swings.events, carried, method)
+    notes += (*doubts, note, *check_events(events, reference))
+    return events, swings.feet

@@ -15,6 +15,7 @@ from pipeline.config.schema import NOUNS, Condition, Interval, Unit, WantedWindo
 from pipeline.io.recording import Event, Recording
 from pipeline.trial.gait.cycles import (
     MIN_PLATFORM_SPEED_MPS,
+    NO_SWING,
     cut_cycles,
     found_cycles,
     motion_stops,
@@ -145,6 +146,7 @@ def what_counts(
     pose: PlatformPose | None,
     notes: list[Note],
     min_valid_share: float,
+    feet: Array | None = None,
 ) -> Counted:
     """Find what of a trial counts: gait cycles, a part of each, or a span of the recording.
 
@@ -152,7 +154,7 @@ def what_counts(
     so are the errors; the platform's pose is at the T frames. What is left out is noted.
     """
     time, counts, wanted = recording.markers.time, free_of(quality), rule.wanted
-    unit, usable, left_out = _cut(events, time, quality, wanted, min_valid_share)
+    unit, usable, left_out = _cut(events, time, quality, wanted, min_valid_share, feet)
     onsets = perturbation_onsets(recording, rule, pose) if rule.perturbed else np.empty(0)
     cycles, selection = select_cycles(usable, rule, onsets) if unit == "cycle" else (usable, ())
     part, of_part = perturbed_part(rule, cycles, onsets, time, pose)
@@ -173,7 +175,8 @@ def what_counts(
     asked = unit if wanted == unit else "cycle"
     shortage = cycle_shortage(events, every, time, solved, "".join(why), asked)
     notes += (*selection, *of_part)
-    notes += _nothing_counts(wanted, counted, events, shortage, time, counts, solved)
+    strikes = () if {*every} == {NO_SWING} else events  # who stands makes no gait cycle
+    notes += _nothing_counts(wanted, counted, strikes, shortage, time, counts, solved)
     return counted
 
 
@@ -183,6 +186,7 @@ def _cut(
     quality: Indices,
     wanted: WantedWindow,
     min_valid_share: float,
+    feet: Array | None,
 ) -> tuple[Unit, dict[str, Array], dict[str, tuple[str, ...]]]:
     """Cut a trial into the unit that is wanted; by default gait cycles, else steps, else stances.
 
@@ -191,7 +195,7 @@ def _cut(
     units: tuple[Unit, ...] = ("cycle", "step", "stance")
     if wanted in units:
         units = (wanted,)
-    cut = {unit: cut_cycles(events, time, quality, min_valid_share, unit) for unit in units}
+    cut = {unit: cut_cycles(events, time, quality, min_valid_share, unit, feet) for unit in units}
     unit = next((unit for unit in units if any(map(len, cut[unit][0].values()))), units[0])
     return unit, *cut[unit]
 

@@ -82,7 +82,7 @@ def race(folder: Path) -> dict[str, list[dict[str, float | str]]]:
 
 def ours(sources: Sources) -> dict[str, Sequence[Event]]:
     """Give the events of one trial by our methods."""
-    found = {method: detect_events(**sources, wanted=method)[0] for method in OURS}
+    found = {method: detect_events(**sources, method=method)[0] for method in OURS}
     return {f"hbm, {name}": events for name, events in found.items()} | {
         f"hbm, {MOTION}": foot_motion_events(sources["motion"])
     }

@@ -93,7 +93,7 @@ def test_automatic_gait_events_agree_with_the_plates_and_with_those_of_the_file(
     """Both feet share a plate in half of the steps; no truth is known."""
     sources = event_sources(recording, Laboratory(Treadmill()))
     found = {
-        method: detect_events(**sources, wanted=method)[0] for method in ("file", "plates", "auto")
+        method: detect_events(**sources, method=method)[0] for method in ("file", "plates", "auto")
     }
     for kind in compare_events(found["auto"], found["file"]):
         assert kind.only_in_first == 0

@@ -48,6 +48,8 @@ SIDE_WORDS: Final = {"left": "left", "l": "left", "right": "right", "r": "right"
 LABEL: Final = re.compile(
     rf"(?P<before>{'|'.join(SIDE_WORDS)})?(?P<kind>{'|'.join(KINDS)})(?P<after>{'|'.join(SIDE_WORDS)})?"
 )
+MIN_SWING_S: Final = 0.3
+"""Between two strikes, or two foot offs, of one foot: no swing is shorter, running included."""
 GROUP: Final = "HBM_RESIDUALS"
 OF_SUBJECT: Final = {
     "mass_kg": ("BODYMASS", 1.0, 5.0, 500.0),
@@ -136,12 +138,12 @@ def _outputs(parameters: Parameters, labels: Sequence[str], bare: Mapping[int, s
     }
 
 
-def read_events(header: Header, start_s: float) -> tuple[tuple[Event, ...], list[Note]]:
+def read_events(header: Header, start_s: float) -> tuple[tuple[Event, ...], list[Note], list[Fact]]:
     """Give the foot strikes and foot offs of a file, on the clock of its first frame.
 
     ``start_s`` is the time of that frame on the file's own clock [s]. The note ``events_left_out``
-    where there are others. A ValueError where EVENT:TIMES holds neither minutes and seconds nor
-    seconds of the events.
+    where there are others; a Fact where `merge_events` joins some. A ValueError where EVENT:TIMES
+    holds neither minutes and seconds nor seconds of the events.
     """
     parameters = header.parameters
     times = parameters.numbers("EVENT", "TIMES")
@@ -159,7 +161,33 @@ def read_events(header: Header, start_s: float) -> tuple[tuple[Event, ...], list
         if kind and np.isfinite(time) and (side or stated) and side in ("", stated or side):
             events.append(Event(time - start_s, kind, stated or side))
     others = len(seconds) - len(events)
-    return tuple(events), [Note.of("events_left_out", events=others)] if others else []
+    single, facts = merge_events(events)
+    return single, [Note.of("events_left_out", events=others)] if others else [], facts
+
+
+def merge_events(events: Sequence[Event]) -> tuple[tuple[Event, ...], list[Fact]]:
+    """Take events of one kind and foot that no swing can part as one.
+
+    A foot is on the ground from the first of such strikes to the last of such foot offs.
+
+    Examples
+    --------
+    >>> twice = [Event(1.0, "foot_strike", "left"), Event(1.02, "foot_strike", "left")]
+    >>> events, facts = merge_events(twice)
+    >>> len(events), facts[0].of
+    (1, '1 of 2 gait events')
+    """
+    single = list[Event]()
+    for sign, label in ((1, "foot_strike"), (-1, "foot_off")):
+        last_s = dict.fromkeys(("left", "right"), -np.inf)
+        of_kind = [event for event in events if event.label == label]
+        for event in sorted(of_kind, key=lambda event: sign * event.time):
+            if sign * event.time - last_s[event.side] >= MIN_SWING_S:
+                last_s[event.side] = sign * event.time
+                single.append(event)
+    reason = f"less than {MIN_SWING_S:g} s from another one of the same kind and foot"
+    joined = Fact("joined", f"{len(events) - len(single)} of {len(events)} gait events", reason)
+    return tuple(single), [joined] * (len(single) < len(events))
 
 
 def _seconds(times: Array, labelled: int) -> Array:
@@ -303,7 +331,7 @@ def read_c3d_file(path: Path, stated: Stated) -> Recording:
     names, units = (tuple(channels[k][part] for k in rest) for part in (0, 1))
     others = frozen(samples.analog.T.take(rest, axis=0)).T
     first_frame, wrong_frame = _first_frame(header)
-    events, event_notes = read_events(header, (first_frame - 1) / samples.rate_hz)
+    events, event_notes, joined = read_events(header, (first_frame - 1) / samples.rate_hz)
     if events and wrong_frame:
         raise ValueError(
             f"{wrong_frame[0]}: one of them is wrong, and with it the times of all events; correct "
@@ -319,6 +347,7 @@ def read_c3d_file(path: Path, stated: Stated) -> Recording:
         *stated.unit_notes([unit], written),
         *event_notes,
         *facts,
+        *joined,
         *_plate_notes(parameters, layouts, compensation),
     ]
     return Recording(

@@ -14,7 +14,7 @@ from hbm.signals.samples import stretches
 from hbm.spatial import Array, Indices, Mask
 from pipeline.config.schema import Condition, Unit
 from pipeline.io.recording import Event, Recording
-from pipeline.trial.gait.events import SIDES, event_times
+from pipeline.trial.gait.events import MIN_SWING_M, SIDES, event_times
 from pipeline.trial.ground.accelerometers import read_channel
 from pipeline.trial.quality import NO_SUPPORT, Quality, free_of
 
@@ -183,6 +183,7 @@ MAX_DURATION: Final = 1.5
 """Of a gait cycle, in medians of the trial: a missed or surplus foot strike makes 2 or 0.5."""
 FAR_DURATION: Final = "a duration far from the median"
 NOT_ALTERNATING: Final = "events that do not alternate"
+NO_SWING: Final = "feet that do not leave the ground"
 
 
 def gait_cycles(events: Iterable[Event], side: str) -> tuple[Array, tuple[str, ...]]:
@@ -270,6 +271,7 @@ def cut_cycles(
     quality: Indices,
     min_valid_share: float,
     unit: Unit = "cycle",
+    feet: Array | None = None,
 ) -> tuple[dict[str, Array], dict[str, tuple[str, ...]]]:
     """Cut gait cycles, steps or stances of both sides; leave out those of which too little counts.
 
@@ -285,6 +287,8 @@ def cut_cycles(
         Of a cycle's frames that count: with less the cycle is left out.
     unit
         What the trial is cut into.
+    feet
+        Where the feet are from the pelvis, of `feet_from_pelvis`: without a swing there is none.
 
     Returns
     -------
@@ -302,12 +306,30 @@ def cut_cycles(
         for start, stop in spans:
             inside = slice(*np.searchsorted(time, (start, stop)))
             reason = shortage(quality[inside], min_valid_share)
+            if feet is not None and is_standing(feet[inside]):
+                reason = NO_SWING
             if start < time[0] or stop > time[-1]:
                 reason = "an end beyond the recorded markers"
             accepted.append(not reason)
             left_out[side] += (reason,) if reason else ()
         cycles[side] = spans[np.array(accepted, bool)]
     return cycles, left_out
+
+
+def is_standing(feet: Array) -> bool:
+    """Tell by where the feet are from the pelvis, (N, 2, 3) [m], that none of them swings.
+
+    Where a foot is unknown it may have swung.
+
+    Examples
+    --------
+    >>> sway = np.zeros((100, 2, 3)) + 0.01 * np.sin(np.arange(100))[:, None, None]
+    >>> is_standing(sway)
+    True
+    """
+    return len(feet) > 0 and bool(
+        (np.linalg.norm(np.ptp(feet, axis=0), axis=1) < MIN_SWING_M).all()
+    )
 
 
 def shortage(quality: Indices, min_valid_share: float) -> str:

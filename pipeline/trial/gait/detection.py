@@ -24,7 +24,6 @@ from pipeline.trial.gait.events import (
     SIDES,
     event_times,
     gait_events,
-    has_strides,
     in_order,
     match_times,
     turns,
@@ -352,8 +351,8 @@ def detect_events(
     motion: FootMotion,
     markers: Markers,
     marker_set: MarkerSet,
-    wanted: EventMethod | None,
-) -> tuple[tuple[Event, ...], EventMethod, Note]:
+    method: EventMethod,
+) -> tuple[tuple[Event, ...], Note]:
     """Give a trial's gait events.
 
     Parameters
@@ -364,43 +363,38 @@ def detect_events(
         How pelvis and feet moved on the platform.
     markers, marker_set
         Trajectories in lab axes, and the landmarks that they mark.
-    wanted
+    method
         "file": as recorded; "zeni": by markers, `zeni_events`; "plates": where plates carry one
-        foot alone; "auto": `combined_events`. None is the file's where some foot strikes twice in
-        them, else "auto".
+        foot alone; "auto": `combined_events`.
 
     Returns
     -------
     events
         In order of time.
-    method
-        Which one gave them.
     note
         The method and how many foot strikes it found, or why there are no events.
     """
-    method = wanted or ("file" if has_strides(of_file) else "auto")
     if method in ("file", "zeni"):
-        events, note = gait_events(of_file, markers, marker_set, method)
-        return events, method, note
+        return gait_events(of_file, markers, marker_set, method)
     events, corrections, code = of_plates, dict[str, float](), "events_of_plates"
     if method == "auto":
         try:
             by_motion = foot_motion_events(motion)
         except ValueError as error:  # the markers' rate is too low for the filter
-            return (), method, Note.of("events_unknown", reason=str(error))
+            return (), Note.of("events_unknown", reason=str(error))
         events, corrections = combined_events(by_motion, events)
         code = "events_calibrated" if corrections else "events_uncalibrated"
         if not events:
             known = np.isfinite(motion.ankles.sum(axis=1) + motion.pelvis)
             longest_s = max((np.ptp(motion.time[a:b]) for a, b in stretches(known)), default=0.0)
-            return (), method, Note.of("events_unknown", reason=NO_SWING.format(longest_s))
+            return (), Note.of("events_unknown", reason=NO_SWING.format(longest_s))
     counts = {side: event_times(events, "foot_strike", side).size for side in SIDES}
     if not corrections:
-        return events, method, Note.of(code, **counts)
+        return events, Note.of(code, **counts)
     timed = len({*events} & {*of_plates})
     offset_ms = {kind: 1000 * seconds for kind, seconds in corrections.items()}
     note = Note.of(code, **counts, timed=timed, events=len(events), offset_ms=offset_ms)
-    return events, method, note
+    return events, note
 
 
 def combined_events(

@@ -1,7 +1,6 @@
 """Gait events from the file or from markers, and how far two sources of events agree."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from itertools import product
 from typing import Final, NamedTuple
@@ -11,7 +10,7 @@ from scipy.signal import find_peaks
 
 from hbm.markers import Markers, MarkerSet
 from hbm.notes import Note
-from hbm.signals.filtering import butterworth
+from hbm.signals.filtering import butterworth, low_pass
 from hbm.signals.samples import stretches
 from hbm.spatial import Array, Indices, Mask
 from pipeline.config.schema import EventMethod
@@ -20,7 +19,7 @@ from pipeline.io.recording import Event
 SIDES: Final = ("left", "right")
 LABELS: Final = ("foot_strike", "foot_off")
 
-TIMED_BY_PLATES: Final[tuple[EventMethod, ...]] = ("plates", "auto")
+BY_PLATES: Final[tuple[EventMethod, ...]] = ("plates", "auto")
 """Methods whose events need no comparison with the plates: it would be one with themselves."""
 EVENT_CUTOFF_HZ: Final = 6.0
 """Gait is below it, marker noise above; as for the motion."""
@@ -34,27 +33,26 @@ NONE_IN_FILE: Final = 'the file has none, and others are not looked for with eve
 SACRUM: Final = (("SACR",), ("LPSIS", "RPSIS"))
 HEEL: Final = "HEE"
 TOE: Final = ("MT2", "TOE", "MT5", "MTS")
-"""Landmarks that show the sacrum, the heel and the front of a foot, the first that has a marker."""
+FACING: Final = "ASIS", "PSIS"
+"""Landmarks that show the sacrum, the heel and the front of a foot, the first that has a marker;
+and, left and right, where the pelvis faces."""
 
 
 def gait_events(
-    of_file: tuple[Event, ...],
-    markers: Markers,
-    marker_set: MarkerSet,
-    wanted: EventMethod | None = None,
+    of_file: tuple[Event, ...], markers: Markers, marker_set: MarkerSet, method: EventMethod
 ) -> tuple[tuple[Event, ...], Note]:
     """Give the gait events that a recording shows before its motion is solved.
 
-    They are the file's own where it has them, else Zeni's, which stand in for "plates" and "auto".
+    They are the file's own or Zeni's, which stand in for "plates" and "auto".
 
     Parameters
     ----------
     of_file
-        The file's events; by default they are used when some foot strikes at least twice in them.
+        The file's events.
     markers, marker_set
         Trajectories, and the landmarks that they mark.
-    wanted
-        Where events are to come from, as in the settings.
+    method
+        Where events come from, of `choose_method`.
 
     Returns
     -------
@@ -63,9 +61,9 @@ def gait_events(
     note
         Which events these are and how many, or why there are none.
     """
-    if wanted == "file" and not of_file:
+    if method == "file" and not of_file:
         return (), Note.of("events_unknown", reason=NONE_IN_FILE)
-    if wanted == "file" or (wanted is None and has_strides(of_file)):
+    if method == "file":
         events, code = of_file, "events_of_file"
     else:
         try:
@@ -76,9 +74,154 @@ def gait_events(
     return events, Note.of(code, left=left, right=right)
 
 
+def choose_method(
+    of_file: tuple[Event, ...], swings: "Swings", wanted: EventMethod | None
+) -> tuple[EventMethod, tuple[Note, ...]]:
+    """Choose where a trial's gait events come from: not from a file that the feet contradict.
+
+    Parameters
+    ----------
+    of_file
+        Events of the recording.
+    swings
+        Of `foot_swings`.
+    wanted
+        As in the settings; None is the file's where some foot strikes twice in them and the feet do
+        not contradict them, else "auto".
+
+    Returns
+    -------
+    method
+        Where events are to come from.
+    notes
+        ``events_compared`` or ``events_contradicted`` where it would be the file.
+    """
+    method = wanted or ("file" if has_strides(of_file) else "auto")
+    if method != "file" or not (of_file and len(swings.seen)):
+        return method, ()
+    counts = counterparts(of_file, swings)
+    _, _, compared, alone, detected, missing = counts.values()
+    many = alone > MAX_ALONE_SHARE * compared or missing > MAX_ALONE_SHARE * detected
+    if not many or alone + missing < MIN_EVENTS:
+        return method, (Note.of("events_compared", **counts),)
+    used = 'the file\'s are used, as events = "file" asks' if wanted else "detected ones are used"
+    return wanted or "auto", (Note.of("events_contradicted", **counts, used=used),)
+
+
 def has_strides(events: Sequence[Event]) -> bool:
     """Tell whether some foot strikes at least twice in events."""
     return any(event_times(events, "foot_strike", side).size >= 2 for side in SIDES)
+
+
+class Swings(NamedTuple):
+    """How the feet swing against the pelvis.
+
+    Attributes
+    ----------
+    time
+        (T,) [s].
+    feet
+        How far each foot is ahead of the pelvis, to its left and above it, (T, 2, 3) [m].
+    events
+        Foot offs and foot strikes, to some 0.1 s.
+    seen
+        Spans in which swings can be seen, (S, 2) [s].
+    """
+
+    time: Array
+    feet: Array
+    events: tuple[Event, ...]
+    seen: Array
+
+
+def foot_swings(markers: Markers, marker_set: MarkerSet) -> Swings:
+    """Find every swing of the feet, from where a foot is farthest behind to farthest ahead.
+
+    Feet and pelvis are the mean of their visible markers. Ahead is where the pelvis faces, so that
+    turns and ways back are seen too; without markers of both its sides, X. Feet are higher in a
+    swing than in a stance: that shows who walks backwards. A recording that is too short to be
+    filtered shows no swing.
+    """
+    time, shown = markers.time, marker_set.present(markers.names)
+
+    def middle(labels: Iterable[str]) -> Array:
+        places = markers.position[:, [markers.names.index(label) for label in labels]]
+        return np.asarray(np.nansum(places, axis=1) / np.isfinite(places).sum(axis=1))
+
+    def of(*segments: str) -> Array:
+        return middle(label for label, segment in shown.segment.items() if segment in segments)
+
+    names = [name for name in FACING if {"L" + name, "R" + name} <= shown.landmark.keys()]
+    with np.errstate(invalid="ignore"):  # 0 / 0 where no marker is visible
+        feet = np.stack([of(f"{side}_foot", f"{side}_toes") for side in SIDES], axis=1)
+        apart = feet - of("pelvis")[:, None]
+        left, right = (middle(shown.landmark[side + name] for name in names) for side in "LR")
+        # in the horizontal plane, as complex numbers: turned so that the pelvis faces along X
+        way = (left - right)[:, 0] + 1j * (left - right)[:, 1] if names else np.full(len(time), 1j)
+        level = (apart[..., 0] + 1j * apart[..., 1]) * (1j * way.conj() / np.abs(way))[:, None]
+    feet = np.stack([level.real, level.imag, apart[..., 2]], axis=2)
+    try:
+        ahead, _, up = np.moveaxis(low_pass(feet, time, EVENT_CUTOFF_HZ, "zero_phase"), 2, 0)
+    except ValueError:
+        return Swings(time, feet, (), np.empty((0, 2)))
+    ahead = ahead * np.sign(np.nansum(up * np.gradient(ahead, time, axis=0)))
+    events = [
+        Event(float(at), label, side)
+        for side, place in zip(SIDES, ahead.T, strict=True)
+        for label, sign in zip(LABELS, (1, -1), strict=True)
+        for at in time[turns(time, sign * place, MIN_SWING_M)]
+    ]
+    seen = time[stretches(np.isfinite(ahead).all(axis=1)) - (0, 1)]
+    return Swings(time, feet, in_order(events), seen)
+
+
+def counterparts(of_file: Sequence[Event], swings: Swings) -> dict[str, int]:
+    """Match a file's events with the swings of the feet, both ways.
+
+    Returns
+    -------
+    dict[str, int]
+        events, outside: all of the file, and those before or after the recording; compared, alone:
+        of the file where swings are seen, and those of them without counterpart; detected, missing:
+        of the feet where the file marks events, and those that it lacks.
+
+    Notes
+    -----
+    Events that are all early or late by up to half a stride, or all of the other side, have
+    counterparts where `check_events` names this fault. A file marks what it likes: kinds of events
+    that it has not, and pauses of `PAUSE_STRIDES` without any, lack nothing; but where many of its
+    events are outside the recording, it is compared with the whole recording.
+    """
+    recorded, by_feet = (swings.time[0], swings.time[-1]), swings.events
+    strikes = [np.diff(event_times(by_feet, "foot_strike", side)) for side in SIDES]
+    stride_s = float(np.median(np.concatenate(strikes))) if has_strides(by_feet) else 1.0
+    inside = _within(in_order(of_file), [recorded])
+    outside = len(of_file) - len(inside)
+    # the offset and the sides that all events have in common
+    notes = check_events(inside, {"the feet": by_feet})
+    if any(note.code == "events_of_other_side" for note in notes):
+        by_feet = _of_other_side(by_feet)
+    offset_s = [each.mean_ms / 1000 for each in _comparable(inside, by_feet)] or [0.0]
+    inside = [replace(event, time=event.time - float(np.mean(offset_s))) for event in inside]
+    tolerance_s = MAX_DIFFERENCE_S * max(1.0, stride_s)
+    compared = _within(inside, swings.seen + np.array([0.5, -0.5]) * stride_s)
+    alone = sum(kind.only_in_first for kind in compare_events(compared, by_feet, tolerance_s))
+    # spans that the file marks, from pause to pause; events elsewhere may be those missing here
+    times = np.array([event.time for event in inside])
+    pauses = 1 + np.flatnonzero(np.diff(times) > PAUSE_STRIDES * stride_s)
+    marked = [(part[0], part[-1]) for part in np.split(times, pauses) if len(part)]
+    if outside and outside + alone > MAX_ALONE_SHARE * (outside + len(compared)):
+        marked = [recorded]
+    kinds = {(event.label, event.side) for event in of_file}
+    detected = [e for e in _within(by_feet, marked) if (e.label, e.side) in kinds]
+    missing = sum(kind.only_in_second for kind in compare_events(inside, detected, tolerance_s))
+    counts = len(of_file), outside, len(compared), alone, len(detected), missing
+    return dict(zip(COUNTS, counts, strict=True))
+
+
+def _within(events: Iterable[Event], spans: Array | Sequence[tuple[float, float]]) -> list[Event]:
+    """Give the events that are in one of some spans [s]."""
+    return [event for event in events if any(a <= event.time <= b for a, b in spans)]
 
 
 def zeni_events(markers: Markers, marker_set: MarkerSet) -> tuple[Event, ...]:
@@ -141,12 +284,12 @@ def _turning_points(time: Array, distance: Array) -> Array:
     return np.asarray(time[frame] - filtered.velocity[frame] / filtered.acceleration[frame])
 
 
-def turns(time: Array, distance: Array) -> Indices:
+def turns(time: Array, distance: Array, least_m: float = MIN_EXCURSION_M) -> Indices:
     """Find the frames in which a filtered distance (T,) is largest; none in a gap."""
     apart = max(1, round(MIN_STRIDE_S / np.median(np.diff(time))))
     frames = [np.zeros(0, int)]
     for start, stop in stretches(np.isfinite(distance)):
-        peaks, _ = find_peaks(distance[start:stop], distance=apart, prominence=MIN_EXCURSION_M)
+        peaks, _ = find_peaks(distance[start:stop], distance=apart, prominence=least_m)
         frames.append(start + peaks)
     return np.concatenate(frames)
 
@@ -158,10 +301,10 @@ def in_order(events: Iterable[Event]) -> tuple[Event, ...]:
 
 def _forward(markers: Markers, marker_set: MarkerSet, choices: Sequence[Sequence[str]]) -> Array:
     """Give the forward coordinate (T,) of the middle of the first landmarks that have markers."""
+    shown = marker_set.present(markers.names).landmark
     for landmarks in choices:
-        names = [marker_set.landmark.get(landmark) for landmark in landmarks]
-        columns = [markers.names.index(name) for name in names if name in markers.names]
-        if len(columns) == len(landmarks):
+        if shown.keys() >= {*landmarks}:
+            columns = [markers.names.index(shown[landmark]) for landmark in landmarks]
             return np.asarray(markers.position[:, columns, 0].mean(axis=1))
     wanted = " or ".join(" with ".join(landmarks) for landmarks in choices)
     raise ValueError(
@@ -244,8 +387,17 @@ def match_times(first: Array, second: Array, tolerance_s: float) -> tuple[Array,
     return own[same], other[same]
 
 
+MIN_SWING_M: Final = 0.05
+"""Of a foot against the pelvis: shorter than the shortest steps, more than standing sways."""
+MAX_ALONE_SHARE: Final = 0.25
+"""Of events without counterpart, for two sources to be of one walk."""
+PAUSE_STRIDES: Final = 1.2
+"""Without any event: there a file marks nothing on purpose."""
+COUNTS: Final = "events", "outside", "compared", "alone", "detected", "missing"
+"""What `counterparts` counts."""
 MIN_EVENTS: Final = 3
-"""Of a kind, for their mean to mean something; and half of those of the source that has fewer."""
+"""Of a kind, for their mean to mean something, and half of those of the source that has fewer; and
+of any kind without counterpart, for these not to be chance."""
 MAX_APART_S: Final = 0.5
 """Of two events that may be the same: half of a stride."""
 MAX_AGREEMENT_MS: Final = 100.0
@@ -279,28 +431,21 @@ def check_events(
         average, always by about the same time.
     """
     events = tuple(events)
-    for source, reference in references.items():
-        notes = _compare(events, tuple(reference), source)
-        if notes is not None:
-            return notes
-    return ()
+    notes = (_compare(events, tuple(reference), name) for name, reference in references.items())
+    return next((each for each in notes if each is not None), ())
 
 
-def reference_events(
-    of_plates: tuple[Event, ...],
-    markers: Markers,
-    marker_set: MarkerSet,
-    carried: Mask,
-    method: EventMethod,
+def other_events(
+    of_plates: tuple[Event, ...], of_feet: tuple[Event, ...], carried: Mask, method: EventMethod
 ) -> dict[str, tuple[Event, ...]]:
-    """Give a trial's gait events by its plates and its markers, as far as both can be found.
+    """Give a trial's gait events by its plates and its feet, as far as both can be found.
 
     Parameters
     ----------
     of_plates
         Events where plates carry one foot alone.
-    markers, marker_set
-        Trajectories, and the landmarks that they mark.
+    of_feet
+        Events by the swings of the feet.
     carried
         Frames in which the plates carry the subject, (T,): plates that miss many steps show other
         events than the feet.
@@ -313,11 +458,10 @@ def reference_events(
         Where they come from -> events.
     """
     found = {}
-    if method not in TIMED_BY_PLATES and np.mean(carried) >= MIN_CARRIED_SHARE:
+    if method not in BY_PLATES and np.mean(carried) >= MIN_CARRIED_SHARE:
         found["the plates"] = of_plates
     if method != "zeni":
-        with suppress(ValueError):  # without these markers, or too short for the filter
-            found["heel, toe and sacrum markers"] = zeni_events(markers, marker_set)
+        found["the feet"] = of_feet
     return found
 
 
@@ -325,8 +469,7 @@ def _compare(
     events: tuple[Event, ...], reference: tuple[Event, ...], source: str
 ) -> tuple[Note, ...] | None:
     """Compare with one reference; None where too few of its events are the same."""
-    other_side = [replace(e, side=OTHER_SIDE[e.side]) for e in reference]
-    own, crossed = _comparable(events, reference), _comparable(events, other_side)
+    own, crossed = (_comparable(events, e) for e in (reference, _of_other_side(reference)))
     if not (own or crossed):
         return None
     far = [each for each in own if abs(each.mean_ms) > MAX_OFFSET_MS]
@@ -337,6 +480,11 @@ def _compare(
         return ()
     offset_ms = {each.kind: each.mean_ms for each in far}
     return (Note.of("events_offset", source=source, offset_ms=offset_ms),)
+
+
+def _of_other_side(events: Iterable[Event]) -> tuple[Event, ...]:
+    """Give events with their sides exchanged."""
+    return tuple(replace(event, side=OTHER_SIDE[event.side]) for event in events)
 
 
 def _comparable(events: Iterable[Event], reference: Iterable[Event]) -> list[EventAgreement]:

@@ -162,6 +162,23 @@ def test_where_steps_are_asked_for_what_is_missing_are_steps(walker):
     assert "all steps were excluded, 1 for plates that do not carry the subject" in all_excluded
 
 
+@pytest.mark.parametrize("method", ["", '[settings]\nevents = "file"\n'])
+def test_of_events_that_contradict_the_feet_the_check_says_what_the_run_does(
+    walker, study, tmp_path, method
+):
+    """Events of a crop that begins elsewhere, and doubled besides."""
+    events = zeni_events(walker.markers, marker_sets()["hbm2"])
+    twice = [replace(e, time=e.time + 7.3 + s) for e in events for s in (0.0, 0.04)]
+    folder = study(replace(walker, events=tuple(twice)))
+    (folder / "study.toml").write_text((folder / "study.toml").read_text() + method)
+    _, outcome = checked_and_run(folder, tmp_path / "out")
+    notes = {note.code: note for note in read_trial(outcome.job.target, frames=False).notes}
+    remarks = [str(remark) for remark in check_study(read_study(folder)).remarks]
+    assert any(notes["events_contradicted"].text in remark for remark in remarks)
+    assert f"{len(events)} of {len(twice)} gait events" in notes["joined"].text
+    assert ("events_of_file" in notes) == bool(method)
+
+
 def test_of_a_trial_with_events_of_the_left_foot_its_cycles_count(walker, study, tmp_path):
     events = zeni_events(walker.markers, marker_sets()["hbm2"])
     left = tuple(event for event in events if event.side == "left")

@@ -68,9 +68,28 @@ def test_missing_samples_and_unsolved_frames_are_counted_apart(walker):
     assert found == {"samples": 10, "unsolved": 20, "frames": 1200}
 
 
-def test_events_beyond_the_markers_are_why_there_is_no_gait_cycle(walker):
+def half_without_minutes(events):
+    """Of a recording that begins 54 s after its clock."""
+    return tuple(replace(e, time=(e.time + 54) % 60 - 54) for e in events)
+
+
+@pytest.mark.parametrize("wrong", [lambda e: shifted(e, 60.0), half_without_minutes])
+def test_events_that_contradict_the_feet_are_replaced_and_a_warning_says_so(walker, wrong):
+    sound = zeni_events(walker.markers, marker_sets()["hbm2"])
+    detected = process_recording(replace(walker, events=()), PERSON, Settings())
+    result = process_recording(replace(walker, events=wrong(sound)), PERSON, Settings())
+    assert {n.code for n in result.notes if n.level == "warning"} == {"events_contradicted"}
+    assert result.events == detected.events
+    codes = {note.code for note in result.notes}
+    assert "events_calibrated" in codes
+    assert "events_of_file" not in codes
+
+
+def test_who_insists_on_events_beyond_the_markers_reads_why_there_is_no_gait_cycle(walker):
     late = replace(walker, events=shifted(zeni_events(walker.markers, marker_sets()["hbm2"]), 60.0))
-    result = process_recording(late, PERSON, Settings())
+    result = process_recording(late, PERSON, Settings(events="file"))
     assert result.span is not None
     (note,) = [note for note in result.notes if note.code == "gait_cycles_left_out"]
     assert "from 0.00 to 11.99 s; there are 0 left and 0 right, and" in note.text
+    (note,) = [note for note in result.notes if note.code == "events_contradicted"]
+    assert "the file's are used" in note.text

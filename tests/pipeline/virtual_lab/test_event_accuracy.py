@@ -29,7 +29,7 @@ def trial(request):
 
 def test_automatic_events_are_within_the_goal_even_of_plates_that_are_not_compensated(trial):
     condition, sources, true = trial
-    events, _, note = detect_events(**sources, wanted=None)
+    events, note = detect_events(**sources, method="auto")
     assert note.code == "events_calibrated"
     most_mean_ms, most_sd_ms = EVENT_LIMITS_MS[condition]
     for row in tabulate([(condition, {"auto": events}, true)]):
@@ -42,7 +42,7 @@ def test_automatic_events_are_within_the_goal_even_of_plates_that_are_not_compen
 def test_standing_and_the_start_of_the_belts_invent_no_event(trial):
     _, sources, true = trial
     for wanted in ("plates", "auto"):
-        for event in detect_events(**sources, wanted=wanted)[0]:
+        for event in detect_events(**sources, method=wanted)[0]:
             same = [e.time for e in true if (e.label, e.side) == (event.label, event.side)]
             assert np.abs(np.array(same) - event.time).min() < 0.15
 
@@ -50,7 +50,7 @@ def test_standing_and_the_start_of_the_belts_invent_no_event(trial):
 def test_a_single_plate_under_both_feet_still_gives_all_events(trial):
     """No plate carries one foot alone; the motion of the feet is not calibrated."""
     _, sources, true = trial
-    events, _, note = detect_events(**sources | {"of_plates": ()}, wanted=None)
+    events, note = detect_events(**sources | {"of_plates": ()}, method="auto")
     assert note.code == "events_uncalibrated"
     for label in LABELS:
         for side in SIDES:

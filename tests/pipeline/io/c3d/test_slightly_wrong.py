@@ -1,11 +1,14 @@
 """Files that are a little wrong: what is unambiguous is read with a note, the rest refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from pipeline.io.c3d.read import read_c3d
+from pipeline.io.c3d.read import merge_events, read_c3d
+from pipeline.io.recording import Event
 from pipeline.io.stated import Stated
 
 AXES = "forward,left,up"
@@ -156,9 +159,8 @@ def test_times_of_events_are_read_in_every_shape(raw_c3d, stated, shape, by):
     else:
         group |= {"LABELS": [f"{s} {label}" for s, label in zip(sides, labels, strict=True)]}
     recording = read_c3d(made(raw_c3d, EVENT=group), AXES)
-    expected = sorted(
-        (round(60 * m + float(np.float32(s)), 3), kind, side) for m, s, kind, side in stated
-    )
+    single, _ = merge_events([Event(60 * m + s, kind, side) for m, s, kind, side in stated])
+    expected = sorted((round(e.time, 3), e.label, e.side) for e in single)
     assert sorted(events_of(recording)) == expected
 
 
@@ -183,3 +185,35 @@ def test_kind_and_side_of_an_event_are_known_or_it_is_left_out(raw_c3d, label, c
     recording = read_c3d(made(raw_c3d, EVENT=group), AXES)
     assert [(e.label, e.side) for e in recording.events] == ([event] if event else [])
     assert ("events_left_out" in codes(recording)) == (event is None)
+
+
+@given(
+    starts=st.lists(st.floats(0.7, 2.0), min_size=1, max_size=8),
+    later=st.lists(st.floats(0.0, 0.29), min_size=8, max_size=8),
+)
+def test_events_that_are_there_twice_are_one_from_first_strike_to_last_foot_off(starts, later):
+    """No swing is shorter than 0.3 s; sides and kinds do not touch each other."""
+    once = [
+        Event(float(at), kind, side)
+        for at in np.cumsum(starts)
+        for kind in KINDS
+        for side in ("left", "right")
+    ]
+    again = [replace(e, time=e.time + s) for e, s in zip(once, 4 * later, strict=False)]
+    events, facts = merge_events(once + again)
+    kept = [e if e.label == "foot_strike" else late for e, late in zip(once, again, strict=True)]
+    assert sorted(events, key=str) == sorted(kept, key=str)
+    assert [fact.kind for fact in facts] == ["joined"]
+    assert merge_events(events) == (events, [])
+
+
+def test_doubled_events_of_a_file_are_read_once_and_said(raw_c3d):
+    group = {
+        "TIMES": np.array([[0.0, 0.0], [0.1, 0.13]]),
+        "LABELS": ["Foot Strike"] * 2,
+        "CONTEXTS": ["Left"] * 2,
+    }
+    recording = read_c3d(made(raw_c3d, EVENT=group), AXES)
+    assert [(e.label, e.side) for e in recording.events] == [("foot_strike", "left")]
+    assert "1 of 2 gait events" in [fact.of for fact in recording.facts]
+    assert "joined" in codes(recording)
