@@ -4,9 +4,12 @@ from hbm.markers.marker_set import (
     LANDMARKS,
     MarkerSet,
     SetMarker,
+    exchange,
     marker_sets,
     read_marker_set,
     recognise_marker_set,
+    renaming,
+    usual_landmarks,
 )
 from hbm.markers.trajectories import Markers
 
@@ -15,7 +18,10 @@ __all__ = [
     "MarkerSet",
     "Markers",
     "SetMarker",
+    "exchange",
     "marker_sets",
     "read_marker_set",
     "recognise_marker_set",
+    "renaming",
+    "usual_landmarks",
 ]

@@ -3,12 +3,14 @@
 They are tables, shipped with the package or a user's own, and are recognised by their labels.
 """
 
+import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
-from itertools import groupby
+from itertools import groupby, takewhile
+from shlex import quote
 from typing import Any, Final
 
 from hbm.coordinates import LIMBS, MOVING, SIDES
@@ -338,6 +340,11 @@ REMEDY: Final = (
     "rename them (--rename OLD=NEW), or write a table of them (--marker-set set.toml, "
     "docs/marker_sets.md)"
 )
+WORD: Final = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
+SIDE_WORDS: Final = {word: word[0] for word in ("l", "lt", "left", "r", "rt", "right")}
+"""First or last word of a label -> letter of the side."""
+NOT_SEPARATOR: Final = re.compile(r"[^\W_]*$")
+"""The end of a text after its last separator."""
 LABELS_LISTED: Final = 20
 NEAREST_LISTED: Final = 2
 
@@ -361,8 +368,8 @@ def recognise_marker_set(names: Iterable[str]) -> MarkerSet:
         The set of whose pelvis and legs most markers are present, of equals that of which most are
         present at all, of equals the one with fewer markers. Half of its markers of pelvis and legs
         must be, those that are optional not counted. A trunk, head or arms of which less is present
-        are completed by the markers of other sets, if all sets with such a label agree on it; the
-        result is then named after both sets.
+        are completed by the markers of other sets, and pelvis and legs by landmarks that are not
+        marked, if all sets with such a label agree on it; the result is then named after both sets.
 
     Raises
     ------
@@ -413,8 +420,15 @@ def _mismatch(names: list[str]) -> str:
         sets = [each for each in sets if each.name.removesuffix("_lower") != family]
     lacking = "; ".join(_lacking(each, names) for each in nearest)
     found = f"nearest: {lacking}" if nearest else "none of them is of a shipped set"
-    seen = f"the markers match no shipped set; labels: {listed(names, LABELS_LISTED)}"
-    return f"{seen}; {found}; {_renaming(names) or REMEDY}"
+    # what all labels begin with may be a person's name
+    alike = takewhile(lambda pair: pair[0] == pair[1], zip(min(names), max(names), strict=False))
+    shared = NOT_SEPARATOR.sub("", "".join(letter for letter, _ in alike))
+    bare = [f"{'…' if shared else ''}{name[len(shared) :]}" for name in names]
+    seen = f"the markers match no shipped set; labels: {listed(bare, LABELS_LISTED)}"
+    if shared:
+        seen += " (… is what all begin with; --label-prefix removes it)"
+    options = [f"--rename {quote(f'{old}={new}')}" for old, new in renaming(names).items()]
+    return f"{seen}; {found}; {' '.join(['try', *options]) if options else REMEDY}"
 
 
 def _lacking(chosen: MarkerSet, names: list[str]) -> str:
@@ -425,22 +439,46 @@ def _lacking(chosen: MarkerSet, names: list[str]) -> str:
     return f"{found} of pelvis and legs (missing {listed(absent)})"
 
 
-def _renaming(names: list[str]) -> str:
-    """Give the options that rename labels, if letters and digits alone make them a set's."""
-    spelt = {_letters(name): name for name in names}
+def renaming(names: Iterable[str]) -> dict[str, str]:
+    """Give labels to rename, old -> new, if their letters and sides alone make them a set's.
+
+    Empty where they are of a set as they stand, or of none by their letters either.
+    """
+    names = list(names)
+    spelt = {_letters(name): name for name in names} | {name: name for name in names}
     every = (label for s in marker_sets().values() for m in s.markers for label in m.labels)
-    alike = {label: spelt[_letters(label)] for label in every if _letters(label) in spelt}
-    sets = [s for s in marker_sets().values() if not _short_of(_lower_body(s), alike)]
-    if not sets:
-        return ""
-    labels = _nearest(sets, list(alike)).present(alike).segment
-    others = [label for label in labels if alike[label] != label]
-    options = " ".join(f"--rename {alike[label]}={label}" for label in others)
-    return f"try {options}" if others else ""
+    found = {label: spelt.get(label, spelt.get(_letters(label))) for label in every}
+    alike = {label: name for label, name in found.items() if name is not None}
+    sets = marker_sets().values()
+    shown = [s for s in sets if not _short_of(_lower_body(s), alike)]
+    if not shown or not all(_short_of(_lower_body(s), names) for s in sets):
+        return {}
+    labels = _completed(_nearest(shown, list(alike)), list(alike)).present(alike).segment
+    return {alike[label]: label for label in labels if alike[label] != label}
+
+
+def exchange(pairs: Iterable[tuple[str, ...]], file: str, every: bool = False) -> str:
+    """Give the options that exchange the labels of (left, right) pairs, or all, in one file.
+
+    Examples
+    --------
+    >>> exchange([("LASI", "RASI")], "static.c3d")
+    '--rename static.c3d:LASI=RASI --rename static.c3d:RASI=LASI'
+    """
+    pairs = [("L*", "R*")] if every else list(pairs)
+    of_file = f"{file}:" if file else ""
+    both = (names for a, b in pairs for names in ((a, b), (b, a)))
+    return " ".join(f"--rename {quote(f'{of_file}{old}={new}')}" for old, new in both)
 
 
 def _letters(label: str) -> str:
-    return "".join(filter(str.isalnum, label)).casefold()
+    """Give letters and digits in lower case, with the side first: "Heel_R", "Right Heel": rheel."""
+    words = [word.casefold() for word in WORD.findall(label)] or [label]
+    for word in (words[0], words[-1]) if len(words) > 1 else ():
+        if word in SIDE_WORDS:
+            words.remove(word)
+            return SIDE_WORDS[word] + "".join(words)
+    return "".join(words)
 
 
 def _absent(markers: Iterable[SetMarker], names: Iterable[str]) -> list[SetMarker]:
@@ -458,6 +496,19 @@ def _meanings() -> Mapping[str, set[tuple[str, str | None]]]:
     return found
 
 
+def usual_landmarks(names: Iterable[str]) -> dict[str, str]:
+    """Give landmark -> label of three letters or more, as a set means one with the same letters."""
+    usual: dict[str, str] = {}
+    for label, meanings in _meanings().items():
+        for landmark in sorted(mark for _, mark in meanings if mark and len(label) > 2):
+            usual.setdefault(_letters(label), landmark)
+    marked: dict[str, str] = {}
+    for name in names:
+        if mark := usual.get(_letters(name)):
+            marked.setdefault(mark, name)
+    return marked
+
+
 def _completed(chosen: MarkerSet, names: list[str]) -> MarkerSet:
     """Add other sets' markers of trunk, head and arms where the chosen set's are not there."""
     own: dict[str, list[SetMarker]] = {part: [] for part in UPPER_PARTS.values()}
@@ -466,20 +517,22 @@ def _completed(chosen: MarkerSet, names: list[str]) -> MarkerSet:
             own[UPPER_PARTS[marker.segment]].append(marker)
     parts = [part for part, markers in own.items() if _short_of(markers, names)]
     known = {label.casefold() for marker in chosen.markers for label in marker.labels}
-    marked = chosen.present(names).landmark
+    marked = set(chosen.present(names).landmark)
     added: list[SetMarker] = []
     for name in names:
         meant = _meanings().get(name.casefold(), set())
         if name.casefold() not in known and len(meant) == 1:
             ((segment, landmark),) = meant
-            if UPPER_PARTS.get(segment) in parts:
-                landmark = None if landmark in marked else landmark
+            landmark = None if landmark in marked else landmark
+            part = UPPER_PARTS.get(segment, "legs")
+            if part in parts or (part == "legs" and landmark):
+                marked.add(landmark or "")
                 added.append(SetMarker((name,), segment, landmark, optional=True))
     if not added:
         return chosen
     labels = [marker.labels[0] for marker in added]
     other = _nearest((s for s in marker_sets().values() if s.name != chosen.name), labels)
-    shown = dict.fromkeys(UPPER_PARTS[marker.segment] for marker in added)
+    shown = dict.fromkeys(UPPER_PARTS.get(marker.segment, "legs") for marker in added)
     return replace(
         chosen,
         name=f"{chosen.name}+{other.name}",

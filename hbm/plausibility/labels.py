@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from hbm.coordinates import MOVING, PARENT
-from hbm.markers import Markers
+from hbm.markers import Markers, MarkerSet, exchange
 from hbm.model import Body
 from hbm.notes import Note
 from hbm.signals.samples import stretches
@@ -161,13 +161,13 @@ MIN_FORWARD_M: Final = 0.05
 unknown then."""
 
 
-def sides_exchanged(body: Body, markers: Markers, recording: str) -> tuple[Note, ...]:
+def sides_exchanged(marker_set: MarkerSet, markers: Markers, recording: str) -> tuple[Note, ...]:
     """Find left and right markers that carry each other's labels throughout a recording.
 
     Parameters
     ----------
-    body
-        The subject.
+    marker_set
+        The set that the labels are of.
     markers
         The trial, or the calibration pose.
     recording
@@ -176,7 +176,7 @@ def sides_exchanged(body: Body, markers: Markers, recording: str) -> tuple[Note,
     Returns
     -------
     tuple of Note
-        One ``sides_exchanged``, which names the pairs.
+        One ``sides_exchanged``, which names the pairs and the options that exchange them.
 
     Notes
     -----
@@ -190,29 +190,32 @@ def sides_exchanged(body: Body, markers: Markers, recording: str) -> tuple[Note,
 
     Examples
     --------
-    With ``body`` from `build_body` and a trial in which knee markers are exchanged:
+    A trial in which knee markers are exchanged:
 
     >>> import hbm
     >>> knees = {"LLEK": "RLEK", "RLEK": "LLEK"}
     >>> names = tuple(knees.get(name, name) for name in static.names)
     >>> trial = hbm.Markers(static.time, names, static.position)
-    >>> for note in sides_exchanged(body, trial, "walk.c3d"):
+    >>> for note in sides_exchanged(hbm.marker_sets()["hbm2"], trial, "walk.c3d"):
     ...     print(note.values["pairs"])
     LLEK/RLEK
     """
-    exchanged = []
-    landmark, segment = body.marker_set.landmark, body.marker_set.segment
+    chosen = marker_set.present(markers.names)
+    landmark, segment = chosen.landmark, chosen.segment
     to_the_left = _to_the_left(markers, landmark)
+    leftward_m = {}
     for name, left in landmark.items():
         right = landmark.get(f"R{name[1:]}", "")
-        paired = name.startswith("L") and {left, right} <= set(markers.names)
-        if paired and not segment[left].endswith(CROSSING_SEGMENTS):
+        if name.startswith("L") and right and not segment[left].endswith(CROSSING_SEGMENTS):
             between = _of(markers, left) - _of(markers, right)
-            if _median(np.sum(between * to_the_left, axis=-1)) < -MIN_SEPARATION_M:
-                exchanged.append(f"{left}/{right}")
-    if not exchanged:
+            leftward_m[left, right] = _median(np.sum(between * to_the_left, axis=-1))
+    pairs = [pair for pair, distance_m in leftward_m.items() if distance_m < -MIN_SEPARATION_M]
+    if not pairs:
         return ()
-    return (Note.of("sides_exchanged", recording=recording, pairs=listed(exchanged)),)
+    every = not any(distance_m > MIN_SEPARATION_M for distance_m in leftward_m.values())
+    rename = exchange(pairs, recording, every)
+    names = listed(map("/".join, pairs))
+    return (Note.of("sides_exchanged", recording=recording, pairs=names, rename=rename),)
 
 
 def _of(markers: Markers, name: str) -> Array:

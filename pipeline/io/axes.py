@@ -8,28 +8,17 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hbm.markers import MarkerSet, recognise_marker_set
+from hbm.markers import MarkerSet, exchange, recognise_marker_set, usual_landmarks
 from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import listed, short
+from pipeline.io.recording import Fact
 
 PELVIS_AND_SHOULDERS: Final = ("ASIS", "PSIS", "SHO")
 HEEL: Final = "HEE"
 TOES: Final = ("TOE", "MT2", "MT5", "MTS")
 ANKLES: Final = ("LM", "MM")
 """Landmarks without their side."""
-USUAL_LABELS: Final = {
-    "ASIS": ("ASI", "ASIS"),
-    "PSIS": ("PSI", "PSIS"),
-    "SHO": ("SHO", "ACR", "ACROMIUM", "ACROMION"),
-    "HEE": ("HEE", "HEEL", "CAL"),
-    "TOE": ("TOE", "TOETIP", "MT1"),
-    "MT2": ("MT2",),
-    "MT5": ("MT5",),
-    "LM": ("ANK", "LM"),
-    "MM": ("MM",),
-}
-"""Landmark -> how laboratories label its marker, after the letter of the side."""
 MAX_LENGTH_RATIO: Final = 5.0
 """Of a vector between two markers to its median: no joint changes it so much, a damaged number or a
 mislabelled frame does."""
@@ -75,15 +64,19 @@ class Sites:
         are any.
     on_trunk
         Whether those are of pelvis and shoulders.
-    feet
-        (heel, toe) markers of one foot.
+    every
+        (right, left) markers of the whole body.
+    feet, pelvis
+        (heel, toe) markers of one foot, and (back, front) markers of the pelvis.
     """
 
     high: list[int]
     low: list[int]
     across: Mapping[str, Pair]
     on_trunk: bool
+    every: list[Pair]
     feet: list[Pair]
+    pelvis: list[Pair]
 
 
 def find_sites(names: Sequence[str], marker_set: MarkerSet | None = None) -> Sites:
@@ -99,20 +92,23 @@ def find_sites(names: Sequence[str], marker_set: MarkerSet | None = None) -> Sit
             known = recognise_marker_set(names)
     marked = known.present(names).landmark if known is not None else {}
     of_set = {landmark: column[marker] for landmark, marker in marked.items()}
-    sources = (of_set, _by_usual_labels(column))
+    sources = (of_set, {mark: column[name] for mark, name in usual_landmarks(names).items()})
 
     def of(sites: Sequence[str]) -> list[int]:
         found = ([k for name, k in each.items() if name[1:] in sites] for each in sources)
         return next(filter(None, found), [])
 
     trunk = next(filter(None, (_sides(each, PELVIS_AND_SHOULDERS) for each in sources)), [])
-    across = trunk or _sides(of_set) or _sides(column)
+    every = _sides(of_set) or _sides(column)
+    across = trunk or every
     return Sites(
         high=of(PELVIS_AND_SHOULDERS),
         low=of((HEEL, *TOES, *ANKLES)),
         across={f"{names[left]}/{names[right]}": (right, left) for right, left in across},
         on_trunk=bool(trunk),
-        feet=next(filter(None, map(_feet, sources)), []),
+        every=every,
+        feet=next(filter(None, (_ahead(each, HEEL, TOES) for each in sources)), []),
+        pelvis=next(filter(None, (_ahead(each, "PSIS", ("ASIS",)) for each in sources)), []),
     )
 
 
@@ -132,16 +128,6 @@ def typical(vectors: Array) -> Array:
     return np.asarray(known[length <= MAX_LENGTH_RATIO * np.median(length)].mean(axis=0))
 
 
-def _by_usual_labels(column: Mapping[str, int]) -> dict[str, int]:
-    landmarks = {label: site for site, labels in USUAL_LABELS.items() for label in labels}
-    found: dict[str, int] = {}
-    for name, k in column.items():
-        plain = name.replace(".", "").replace("_", "").upper()
-        if plain[:1] in ("L", "R") and plain[1:] in landmarks:
-            found.setdefault(plain[0] + landmarks[plain[1:]], k)
-    return found
-
-
 def _sides(columns: Mapping[str, int], sites: Sequence[str] | None = None) -> list[Pair]:
     """Give (right, left) columns of the landmarks or labels that differ by their side only."""
     opposite = {"L": "R", "l": "r"}
@@ -154,13 +140,13 @@ def _sides(columns: Mapping[str, int], sites: Sequence[str] | None = None) -> li
     ]
 
 
-def _feet(columns: Mapping[str, int]) -> list[Pair]:
-    """Give (heel, toe) columns of one foot."""
+def _ahead(columns: Mapping[str, int], behind: str, sites: Iterable[str]) -> list[Pair]:
+    """Give columns of a landmark and of each that is ahead of it on the same side."""
     return [
-        (columns[side + HEEL], columns[side + toe])
+        (columns[side + behind], columns[side + site])
         for side in "LR"
-        for toe in TOES
-        if {side + HEEL, side + toe} <= {*columns}
+        for site in sites
+        if {side + behind, side + site} <= {*columns}
     ]
 
 
@@ -217,7 +203,8 @@ def settle_axes(
     plate_forces: ArrayLike = (),
     screen_up: str = "",
     by: str = "",
-) -> tuple[str, list[Note]]:
+    file: str = "",
+) -> tuple[str, list[Note | Fact]]:
     """Infer the axes of a recording, or check those that a person or a program states.
 
     Parameters
@@ -239,15 +226,17 @@ def settle_axes(
         The file's own Y_SCREEN hint, such as "+Z"; empty where it gives none.
     by
         The program whose files have the stated axes; empty where a person states them.
+    file
+        Name of the recording, for options that exchange its labels.
 
     Returns
     -------
     axes
         The directions.
     notes
-        ``axes`` with the evidence; ``sides_contradict`` where some marker pairs lie the other way
-        round; ``subject_faces_sideways`` where the subject does not face forward by the stated
-        axes.
+        ``axes`` with the evidence; the fact that some marker pairs lie the other way round, or that
+        all do by the direction of the toes; ``subject_faces_sideways`` where the subject does not
+        face forward by the stated axes.
 
     Raises
     ------
@@ -282,13 +271,13 @@ def settle_axes(
                     "the axes are wrong, or the plate stores the force that acts on itself"
                 )
         stated = _axes_note(axes, f"as {by} defines them" if by else "as given")
-        return axes, [stated, *_not_forward(axes, position, sites)]
+        return axes, [stated, *_not_forward(axes, position, sites, file)]
     if not np.isfinite(position).any():
         raise AxesUnknownError(
             "no marker is ever visible: export the file again with its trajectories"
         )
     try:
-        return _inferred(position, sites, evidence, plate_normals, screen_up)
+        return _inferred(position, sites, evidence, plate_normals, screen_up, file)
     except AxesUnknownError as error:
         if marker_set is None and not sites.on_trunk:
             try:
@@ -306,16 +295,19 @@ def _inferred(
     evidence: Mapping[str, Array],
     plate_normals: ArrayLike,
     screen_up: str,
-) -> tuple[str, list[Note]]:
+    file: str,
+) -> tuple[str, list[Note | Fact]]:
     """Infer axes; an `AxesUnknownError` says what is missing or contradicts itself."""
     up, up_evidence = _infer_up(evidence, plate_normals, screen_up)
-    left, pairs, doubts = _infer_left(position, sites, up)
+    left, pairs, doubts = _infer_left(position, sites, up, file)
     forward = np.cross(left, up)
+    by_pairs = f"forward is {_axis_name(forward)} by the marker pairs {', '.join(pairs)}"
+    if mirrored := _mirrored(position, sites, forward, file):
+        raise ValueError(f"{by_pairs}, {mirrored}")
     toes = typical(between(position, sites.feet).reshape(-1, 3))
-    if np.isfinite(toes).all() and toes @ forward < 0:
+    if toes @ forward < 0:
         raise AxesUnknownError(
-            f"forward is {_axis_name(forward)} by the marker pairs {', '.join(pairs)}, but the "
-            "toes point the other way"
+            f"{by_pairs}, but the toes point the other way: labels of heels and toes are exchanged"
         )
     axes = ",".join(_direction_name(column) for column in np.array([forward, left, up]).T)
     toes_agree = " and the direction of the toes" if np.isfinite(toes).all() else ""
@@ -325,6 +317,21 @@ def _inferred(
         f"left and up{toes_agree}",
     )
     return axes, [note, *doubts]
+
+
+def _mirrored(position: Array, sites: Sites, forward: Array, file: str) -> str:
+    """Say how toes and pelvis contradict forward, which is left × up; empty if they do not."""
+    toes, pelvis = (
+        float(typical(between(position, pairs).reshape(-1, 3)) @ forward)
+        for pairs in (sites.feet, sites.pelvis)
+    )
+    if not toes < 0 or pelvis > 0:
+        return ""
+    return (
+        "but the toes point the other way: all left and right labels are exchanged "
+        f"({exchange([], file, True)}), or the coordinates are mirrored (export the recording with "
+        "right-handed axes)"
+    )
 
 
 def mean_force(force: Array) -> Array:
@@ -344,13 +351,15 @@ def _axes_note(axes: str, evidence: str) -> Note:
     return Note.of("axes", axes=split_axes(axes), evidence=evidence)
 
 
-def _not_forward(axes: str, position: Array, sites: Sites) -> list[Note]:
+def _not_forward(axes: str, position: Array, sites: Sites, file: str) -> list[Note | Fact]:
     """Warn where the subject faces one way by the stated axes, and that is not forward."""
     rotation = parse_axes(axes)
     try:
-        left, pairs, doubts = _infer_left(position, sites, rotation[2])
+        left, pairs, doubts = _infer_left(position, sites, rotation[2], file)
     except ValueError:
         return []
+    if mirrored := _mirrored(position, sites, np.cross(left, rotation[2]), file):
+        return [Fact("in_doubt", f"marker pairs {', '.join(pairs)}", f"they agree, {mirrored}")]
     facing = _direction_name(rotation @ np.cross(left, rotation[2]))
     if facing != "forward":
         return [Note.of("subject_faces_sideways", direction=facing, marker_pairs=pairs), *doubts]
@@ -382,7 +391,9 @@ def _infer_up(
     return up, [*signed, *lines]
 
 
-def _infer_left(position: Array, sites: Sites, up: Array) -> tuple[Array, list[str], list[Note]]:
+def _infer_left(
+    position: Array, sites: Sites, up: Array, file: str
+) -> tuple[Array, list[str], list[Note | Fact]]:
     """Give the file's axis that points to the subject's left, (3,), what shows it, and doubts."""
     across = between(position, sites.across.values())
     across = across - (across @ up)[..., None] * up
@@ -398,20 +409,32 @@ def _infer_left(position: Array, sites: Sites, up: Array) -> tuple[Array, list[s
         )
     by_pair, across = by_pair[seen], across[:, seen]
     source = f"the marker pairs {', '.join(named[:PAIRS_NAMED])}"
-    left = _nearest_axis(by_pair.mean(axis=0), source)
+    # opposite pairs show the same line; which way is left, most pairs of the whole body say
+    same_way = by_pair * np.where(by_pair @ by_pair[0] < 0, -1, 1)[:, None]
+    left = _nearest_axis(same_way.mean(axis=0), source)
+    if (by_pair @ left < 0).any() and (by_pair @ left > 0).any():
+        every = between(position, sites.every).swapaxes(0, 1)
+        votes = sum(float(np.nan_to_num(np.sign(typical(pair) @ left))) for pair in every)
+        if votes == 0:
+            raise AxesUnknownError(
+                f"of {source}, as many lie one way round as the other: labels are exchanged"
+            )
+        left = left * np.sign(votes)
+    elif by_pair[0] @ left < 0:
+        left = -left
     cosines = by_pair @ left / np.maximum(np.linalg.norm(by_pair, axis=1), np.finfo(float).tiny)
     against = [
         name for name, cosine in zip(named, cosines, strict=True) if cosine < MAX_COSINE_OPPOSITE
     ]
-    if 2 * len(against) >= len(named):
-        raise AxesUnknownError(
-            f"of {source}, {', '.join(against[:PAIRS_NAMED])} lie the other way round"
-        )
     agree = across[:, cosines > 0]
     facing = agree[np.isfinite(agree).all(axis=-1)] @ left
     if sites.on_trunk and np.mean(facing > 0) < MIN_SHARE_FACING_ONE_WAY:
         raise AxesUnknownError("the subject turns around")
-    doubts = [Note.of("sides_contradict", marker_pairs=against)] if against else []
+    reason = "left and right contradict most others: exchange them in the capture software, or "
+    doubts: list[Note | Fact] = [
+        Fact("in_doubt", f"marker pair {pair}", reason + exchange([tuple(pair.split("/"))], file))
+        for pair in against
+    ]
     agreeing = [name for name, cosine in zip(named, cosines, strict=True) if cosine > 0]
     return left, agreeing[:PAIRS_NAMED], doubts
 

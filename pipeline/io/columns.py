@@ -13,10 +13,12 @@ from hbm.notes import Note
 from hbm.spatial import Array, frozen, rotate_wrench
 from hbm.spelling import listed, short
 from pipeline.io.axes import mean_force, parse_axes, settle_axes, split_axes
-from pipeline.io.labels import marker_columns
-from pipeline.io.recording import Fact, Plate, Recording, saying
+from pipeline.io.labels import AGAIN, join_trajectories, rename_markers, without_prefixes
+from pipeline.io.recording import Fact, Plate, Recording, facts_in, notes_of, saying
 from pipeline.io.stated import Stated
 
+MIN_AWAY_M: Final = 0.05
+"""Of a code of missing samples from the marker's median; nearer, the marker itself is there."""
 MIN_VERTICAL_FORCE_N: Final = 100.0
 """Below it the centre of pressure is too noisy to compare with."""
 MIN_LOADED_SAMPLES: Final = 10
@@ -49,34 +51,103 @@ class FileMarkers:
     unit
         Of positions, as the file writes it.
     notes
-        On labels.
-    facts
-        What was joined, left out or made gaps.
+        On labels, and what was joined or made gaps.
     """
 
     names: tuple[str, ...]
     position: Array
     unit: str
-    notes: Sequence[Note]
-    facts: Sequence[Fact] = ()
+    notes: Sequence[Note | Fact]
 
 
 def file_markers(
-    labels: Sequence[str], unit: str, positions: Callable[[list[int]], Array], stated: Stated
+    labels: Sequence[str],
+    unit: str,
+    positions: Callable[[list[int]], Array],
+    stated: Stated,
+    held: bool = False,
 ) -> FileMarkers:
-    """Give the markers wanted of a file; those that are no numbers or at the origin are gaps.
+    """Give the markers wanted of a file.
 
     ``positions`` gives those of some labels by their indices, (M,) -> (T, M, 3), in the file's
-    unit. A ValueError where labels or unit are unknown or contradictory, or the unit contradicts
-    the markers' extent.
+    unit; ``held`` says that unseen ones stay where they were. A ValueError as `settle_markers`.
     """
-    metre = stated.metre(unit)
-    markers, notes = marker_columns(labels, stated)
-    position = positions(list(markers.values()))
-    position *= metre
+    bare, notes = without_prefixes([label.rstrip(AGAIN) for label in labels], stated)
+    return settle_markers(bare, unit, positions([*bare]), stated, notes, held)
+
+
+def settle_markers(
+    labels: Mapping[int, str],
+    unit: str,
+    position: Array,
+    stated: Stated,
+    notes: Iterable[Note | Fact],
+    held: bool = False,
+) -> FileMarkers:
+    """Give markers under the labels wanted, one of each label, in m.
+
+    Gaps are positions that are no numbers, at the origin, codes of missing ones or, where they are
+    ``held``, the same as in the frame before.
+
+    Parameters
+    ----------
+    labels
+        Place in the file, from 0 -> label without prefix, of each column.
+    unit, position
+        Positions, (T, M, 3), in that unit; used up.
+    notes
+        On labels so far.
+
+    Raises
+    ------
+    ValueError
+        Labels or unit are unknown or contradictory, or the unit contradicts the markers' extent.
+    """
+    metre = stated.metre(unit) if labels else 1.0
+    said = [*notes, *missing_codes([*labels.values()], position, metre)]
+    if held:  # one by one: a file may be as large as the memory allows
+        same = [(path[1:] == path[:-1]).all(axis=-1) for path in position.swapaxes(0, 1)]
+        position[1:][np.transpose(same)] = np.nan
+        if count := np.count_nonzero(same):
+            said.append(Fact("missing", "markers", f"{count} samples held at their last place"))
     position[~np.isfinite(position).all(axis=-1) | ~position.any(axis=-1)] = np.nan
-    notes += stated.check_positions(position, [*markers], unit)
-    return FileMarkers(tuple(markers), position, unit, notes)
+    position *= metre
+    columns, joined = join_trajectories(labels, position, stated)
+    said += joined
+    with saying(facts_in(said)):
+        markers, renamed = rename_markers(columns, stated)
+        if len(markers) < len(labels):
+            position = position[:, [*markers.values()]]
+        far = stated.check_positions(position, [*markers], unit)
+    return FileMarkers(tuple(markers), position, unit, [*far, *said, *renamed])
+
+
+def missing_codes(names: Sequence[str], position: Array, metre: float) -> list[Fact]:
+    """Make gaps of positions, (T, M, 3), that are one number in x, y and z, as missing ones are.
+
+    Programs write 9999, −1 or −3.697314e28 three times. A measured position is on the diagonal of
+    the axes by chance: such a number counts where it occurs twice, and not where the marker rests.
+    ``metre`` is one of the unit of positions [m].
+    """
+    equal = (position[..., 0] == position[..., 1]) & (position[..., 1] == position[..., 2])
+    equal &= position[..., 0] != 0
+    numbers, counts = np.unique(position[equal, 0], return_counts=True)
+    facts = []
+    for code in numbers[counts > 1]:
+        samples = {}
+        for column in np.flatnonzero((equal & (position[..., 0] == code)).any(axis=0)).tolist():
+            written = equal[:, column] & (position[:, column, 0] == code)
+            others = position[~written & np.isfinite(position[:, column]).all(axis=-1), column]
+            others = others[others.any(axis=-1)]
+            away = np.abs(np.median(others, axis=0) - code) if len(others) else np.inf
+            if np.max(away) * metre > MIN_AWAY_M:
+                position[written, column] = np.nan
+                samples[names[column]] = np.count_nonzero(written)
+        if samples:
+            of = listed(f"{short(name)} {n}" for name, n in samples.items())
+            reason = f"samples at {code:.7g} in x, y and z, a code of missing ones: {of}"
+            facts.append(Fact("missing", "markers", reason))
+    return facts
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,9 +277,9 @@ def recording_of(
         What was done or is in doubt, notes, and further attributes of the recording.
     """
     plates = list(plates)
-    facts = [*markers.facts, *facts, *(plate for plate in plates if isinstance(plate, Fact))]
+    said = [*markers.notes, *notes, *facts, *(p for p in plates if isinstance(p, Fact))]
     found = [plate for plate in plates if isinstance(plate, PlateColumns)]
-    with saying(facts):
+    with saying(facts_in(said)):
         columns = [plate.in_si(stated) for plate in found]
         settled, axes_notes = settle_axes(
             stated.axes or axes or None,
@@ -217,15 +288,16 @@ def recording_of(
             marker_set=stated.marker_set,
             plate_forces=[mean_force(plate.force) for plate in columns if on_subject],
             by=program if stated.axes is None else "",
+            file=source.name,
         )
         to_lab = parse_axes(settled)
-        noted = [*axes_notes, *markers.notes, *notes, *(fact.note for fact in facts)]
+        said = [*axes_notes, *said]
         written = [unit for plate in found for unit in plate.units]
-        noted += stated.unit_notes([markers.unit], written)
+        said += stated.unit_notes([markers.unit], written)
         pull = -sum(float(np.nan_to_num(plate.force @ to_lab[2]).mean()) for plate in columns)
         if pull > 0 and not on_subject:
             columns = [replace(each, force=-each.force, moment=-each.moment) for each in columns]
-            noted.append(Note.of("forces_reversed"))
+            said.append(Note.of("forces_reversed"))
         made = placed(to_lab) if placed else []
         moments = []
         for plate in columns:
@@ -233,7 +305,7 @@ def recording_of(
             made.append(Plate.at_origin(plate.number, plate.time, rotate_wrench(wrench, to_lab)))
             moments.append(f"{plate.name} {where}")
         if moments:
-            noted.append(Note.of("moments_about", plates=moments))
+            said.append(Note.of("moments_about", plates=moments))
         numbers = sorted(plate.number for plate in made)
         if len(set(numbers)) < len(numbers):
             raise ValueError(f"several plates have the same number: {listed(numbers)}")
@@ -244,8 +316,8 @@ def recording_of(
             plates=tuple(sorted(made, key=lambda plate: plate.number)),
             stated=stated,
             axes=split_axes(settled),
-            facts=tuple(facts),
-            notes=tuple(noted),
+            facts=facts_in(said),
+            notes=notes_of(said),
             **others,
         )
 

@@ -1,7 +1,7 @@
 """Text files of Motek D-Flow's mocap module, with or without one of its record module."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
@@ -12,7 +12,7 @@ from hbm.spatial import Array
 from hbm.spelling import short
 from pipeline.io.columns import DFLOW_PLATE, dflow_plates, file_markers, recording_of, vectors
 from pipeline.io.input_file import naming
-from pipeline.io.labels import require_unique
+from pipeline.io.labels import require_unique, told_apart
 from pipeline.io.recording import Analog, Recording
 from pipeline.io.stated import Stated
 from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows
@@ -167,17 +167,13 @@ def read_dflow(path: Path, stated: Stated, record: Path | None = None) -> Record
         raise ValueError("no markers: no column such as LASIS.PosX")
     stamps = columns["TimeStamp"]
     time = np.arange(len(stamps)) / rate_hz
-    unseen = 0
-
-    def positions(kept: Iterable[int]) -> Array:
-        nonlocal unseen
-        position = vectors(columns, (f"{stems[k]}.Pos" for k in kept))
-        unseen = _remove_unseen(position)
-        return position
-
-    markers = file_markers(stems, "m", positions, stated)
-    if unseen:
-        notes.append(Note.of("markers_unseen", samples=unseen))
+    markers = file_markers(
+        stems,
+        "m",
+        lambda kept: vectors(columns, (f"{stems[k]}.Pos" for k in kept)),
+        stated,
+        held=True,
+    )
     plates = list(dflow_plates(columns, time))
     used = {f"{stem}.Pos{axis}" for stem in stems for axis in "XYZ"}
     used |= {name for name in columns if DFLOW_PLATE.fullmatch(name)}
@@ -206,7 +202,7 @@ def read_dflow(path: Path, stated: Stated, record: Path | None = None) -> Record
 def _columns(path: Path) -> tuple[dict[str, Array], int, float, list[Note]]:
     """Give columns at all frames, of which dropped ones are NaN, first frame, and rate [Hz]."""
     lines = lines_of(path)
-    names = names_in(next(lines, "").rstrip(), "\t")
+    names = told_apart(names_in(next(lines, "").rstrip(), "\t"), MARKER)
     if not {"TimeStamp", "FrameNumber"} <= {*names}:
         raise ValueError("not a D-Flow mocap file: no column TimeStamp or no column FrameNumber")
     require_unique(names, "several columns have the same name")
@@ -250,15 +246,6 @@ def _rate_hz(index: Array, stamps: Array) -> float:
         )
     nearest = float(CUSTOMARY_RATES_HZ[np.argmin(np.abs(CUSTOMARY_RATES_HZ * slope - 1))])
     return nearest if abs(nearest * slope - 1) < MAX_RATE_DIFFERENCE else 1 / slope
-
-
-def _remove_unseen(position: Array) -> int:
-    """Make markers that are at zero or held in place NaN, (T, M, 3), and count the samples."""
-    unseen = np.asarray(~position.any(axis=-1))
-    for k in range(position.shape[1]):  # one by one: a file may be as large as the memory allows
-        unseen[1:, k] |= (position[1:, k] == position[:-1, k]).all(axis=-1)
-    position[unseen] = np.nan
-    return int(np.count_nonzero(unseen))
 
 
 def _analog(columns: Mapping[str, Array], used: set[str], time: Array) -> Analog | None:

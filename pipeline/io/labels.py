@@ -1,25 +1,44 @@
-"""Marker labels of any format: subject prefixes, renaming, whether a marker set fits."""
+"""Marker labels of any format: subject prefixes, labels that occur twice, renaming."""
 
+import re
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
+from shlex import quote
+from typing import Final
 
+import numpy as np
+
+from hbm.markers import marker_sets, recognise_marker_set, renaming
 from hbm.notes import Note
+from hbm.spatial import Array, Mask
 from hbm.spelling import listed, short
+from pipeline.io.recording import Fact
 from pipeline.io.stated import Stated
+
+SEPARATORS: Final = " _-.:"
+"""Between a subject's prefix and a label."""
+FEWEST_OF_A_SUBJECT: Final = 8
+"""Labels that begin alike, for their beginning to be the prefix of a subject."""
+AGAIN: Final = "\N{WORD JOINER}"
+"""Added to a name in a file that occurred before, where names have to differ."""
+UNLABELLED: Final = re.compile(r"\*.*|(u|un\w*)[ _*.-]*\d*", re.IGNORECASE)
+"""Labels of trajectories that nobody labelled, such as "*12", "U 3" or "Unlabelled_7"."""
+MAX_ROUNDING_M: Final = 1e-3
+"""Between two copies of one trajectory, which programs round differently."""
 
 
 def without_prefixes(
-    labels: Sequence[str], prefix: str | None
-) -> tuple[dict[int, str], list[Note]]:
-    """Remove the prefixes of subjects, as in "S01:LASIS".
+    labels: Sequence[str], stated: Stated
+) -> tuple[dict[int, str], list[Note | Fact]]:
+    """Remove the prefixes of subjects, as in "S01:LASIS" or "S01_LASIS".
 
     Parameters
     ----------
     labels
         As the file has them.
-    prefix
-        That of the subject wanted, where several subjects carry the same labels, or its number
-        among the prefixes in the order of the file, from 1.
+    stated
+        With the prefix of the subject wanted, where several subjects carry the same labels, or its
+        number among the prefixes in the order of the file, from 1.
 
     Returns
     -------
@@ -27,7 +46,8 @@ def without_prefixes(
         Index of a column or point -> its label, of the subject wanted and of all others that nobody
         else carries, such as a platform's.
     notes
-        ``points_of_other_subjects`` where some are left out.
+        ``points_of_other_subjects`` where some are left out, and the fact that a beginning without
+        a colon was removed.
 
     Raises
     ------
@@ -37,20 +57,30 @@ def without_prefixes(
 
     Notes
     -----
-    Prefixes are often people's names, so that notes and messages count them and never show them.
+    What stands before a colon is a prefix. Without one, it is what stands before labels of a marker
+    set, where the labels are of none as they stand. Prefixes are often people's names, so that
+    notes and messages count them and never show them.
     """
+    prefix = stated.label_prefix
     owners = [label.rpartition(":")[0] for label in labels]
     bare = {k: label.rpartition(":")[2] for k, label in enumerate(labels)}
+    notes: list[Note | Fact] = []
+    for stem in _stems([*bare.values()], stated, owners):
+        of_stem = [k for k, label in bare.items() if label.startswith(stem)]
+        for k in of_stem:
+            owners[k], bare[k] = stem, bare[k][len(stem) :].lstrip(SEPARATORS)
+        if prefix is None:
+            reason = f"{len(of_stem)} of {len(labels)} begin alike; that beginning is removed"
+            notes.append(Fact("corrected", "labels", reason))
     prefixes = list(dict.fromkeys(filter(None, owners)))
-    notes = []
     if prefix is not None:
         prefix = _chosen(prefix, prefixes)
-        own = {label for k, label in bare.items() if owners[k] == prefix}
-        others = {owners[k] for k, label in bare.items() if label in own} - {prefix}
+        of_subject = {label for k, label in bare.items() if owners[k] == prefix}
+        others = {owners[k] for k, label in bare.items() if label in of_subject} - {prefix}
         kept = {
             k: label
             for k, label in bare.items()
-            if owners[k] not in others or (not owners[k] and label not in own)
+            if owners[k] not in others or (not owners[k] and label not in of_subject)
         }
         if left_out := len(bare) - len(kept):
             notes.append(Note.of("points_of_other_subjects", points=left_out))
@@ -69,39 +99,166 @@ def without_prefixes(
     return bare, notes
 
 
+def _known(stated: Stated) -> set[str]:
+    """Give the labels that mean something, in lower case: those of marker sets and to rename."""
+    sets = [*marker_sets().values(), *filter(None, [stated.marker_set])]
+    labels = (label for chosen in sets for marker in chosen.markers for label in marker.labels)
+    return {label.casefold() for label in (*labels, *stated.rename)}
+
+
+def _are_of_a_set(labels: Sequence[str], stated: Stated) -> bool:
+    rename = _renames(labels, stated)
+    names = [rename.get(label, label) for label in labels]
+    if table := stated.marker_set:
+        return 2 * len(table.present(names).markers) >= len(table.markers)
+    try:
+        return bool(recognise_marker_set(names))
+    except ValueError:
+        return False
+
+
+def _stems(labels: Sequence[str], stated: Stated, owners: Sequence[str]) -> list[str]:
+    """Give the beginnings without which labels are of a marker set; or the one that is stated."""
+    prefix = stated.label_prefix
+    if prefix is None and _are_of_a_set(labels, stated):
+        return []
+    known = _known(stated)
+    # what stands before the longest end of each label that means something
+    before = (
+        next((label[:k] for k in range(1, len(label)) if label[k:].casefold() in known), "")
+        for label in labels
+    )
+    often = [stem for stem, n in Counter(before).items() if stem and n >= FEWEST_OF_A_SUBJECT]
+    of_stem = {s: [label[len(s) :] for label in labels if label.startswith(s)] for s in often}
+    stems = [stem for stem, rest in of_stem.items() if _are_of_a_set(rest, stated)]
+    if stems or prefix is None or prefix.rstrip(SEPARATORS) in owners:
+        return stems
+    return [prefix] if any(label.startswith(prefix) for label in labels) else []
+
+
 def _chosen(prefix: str, prefixes: Sequence[str]) -> str:
     """Give the prefix that is stated by itself or by its number."""
     numbered = {str(k): each for k, each in enumerate(prefixes, start=1)}
-    if prefix not in prefixes and prefix not in numbered:
-        there = f"it has {len(prefixes)}, numbered from 1" if prefixes else "its labels have none"
+    numbered |= {each.rstrip(SEPARATORS): each for each in prefixes}
+    if (chosen := numbered.get(prefix.rstrip(SEPARATORS))) is None:
+        there = f"it has {len(prefixes)}, numbered from 1" if prefixes else "no label has a colon"
         raise ValueError(
             f"no label begins with the given prefix; {there}: correct --label-prefix, or "
             "label_prefix in study.toml, or leave it out"
         )
-    return prefix if prefix in prefixes else numbered[prefix]
+    return chosen
 
 
-def marker_columns(labels: Sequence[str], stated: Stated) -> tuple[dict[str, int], list[Note]]:
-    """Give the markers of a text file under the labels wanted.
+def join_trajectories(
+    labels: Mapping[int, str], position: Array, stated: Stated
+) -> tuple[dict[str, int], list[Fact]]:
+    """Make one trajectory of those that have one label, in place.
 
-    A ValueError as `without_prefixes` and `rename_markers`, or where several markers have the same
-    label.
+    Parameters
+    ----------
+    labels
+        Place in the file, from 0 -> label, of each column of the positions; labels that differ in
+        upper and lower case or spaces are one.
+    position
+        (T, M, 3) [m]; gaps are NaN.
+    stated
+        With the labels that mean something.
+
+    Returns
+    -------
+    columns
+        Label -> column, of each trajectory that remains. Where one label has several, these are
+        numbered from the second on, as LPSIS_2.
+    facts
+        "joined": they are never seen at once, or agree to 1 mm where they are. "in_doubt": they are
+        in different places at once, and no marker set has the numbered label.
     """
-    bare, notes = without_prefixes(labels, stated.label_prefix)
-    require_unique(bare.values(), "several markers have the same label")
-    markers, rename_notes = rename_markers({label: k for k, label in bare.items()}, stated)
-    return markers, [*notes, *rename_notes]
+    known, places, facts = _known(stated), [place + 1 for place in labels], list[Fact]()
+    names, apart = dict(enumerate(labels.values())), list[tuple[int, int, Array]]()
+    alike: dict[str, list[int]] = defaultdict(list)
+    for column, name in names.items():
+        alike["".join(name.split()).casefold()].append(column)
+    for label, (first, *others) in alike.items():
+        if not others or UNLABELLED.fullmatch(label):
+            continue
+        # the spelling of a marker set, if one of them has it
+        spellings = [names[column] for column in (first, *others)]
+        names[first] = next((n for n in spellings if n.casefold() in known), spellings[0])
+        seen = np.isfinite(position[:, first, 0])
+        one = [f"{places[first]} ({_when(seen)})"]
+        for column in others:
+            its = np.isfinite(position[:, column, 0])
+            away_m = np.linalg.norm(position[:, column] - position[:, first], axis=-1)[seen & its]
+            if away_m.max(initial=0.0) > MAX_ROUNDING_M:
+                apart += [(first, column, away_m)] if f"{label}_2" not in known else []
+                continue
+            position[its & ~seen, first] = position[its & ~seen, column]
+            seen |= its
+            one.append(f"{places[column]} ({_when(its)})")
+            del names[column]
+        if len(one) > 1:
+            reason = f"trajectories {listed(one)} have this label"
+            facts.append(Fact("joined", f"marker {short(names[first])}", reason))
+    columns = numbered(names)
+    label_of = {column: label for label, column in columns.items()}
+    for first, column, away_m in apart:
+        name, second = label_of[first], label_of[column]
+        reason = (
+            f"trajectories {places[first]} and {places[column]} have this label, "
+            f"{1000 * np.median(away_m):.0f} mm apart in {len(away_m)} frames; the second is read "
+            f"as {short(second)}; if it is right, --rename {quote(f'{name}=OTHER')} "
+            f"--rename {quote(f'{second}={name}')}"
+        )
+        facts.append(Fact("in_doubt", f"marker {short(name)}", reason))
+    return columns, facts
 
 
-def rename_markers(markers: Mapping[str, int], stated: Stated) -> tuple[dict[str, int], list[Note]]:
+def _when(seen: Mask) -> str:
+    frames = np.flatnonzero(seen) + 1
+    return f"frames {frames[0]}–{frames[-1]}" if len(frames) else "never seen"
+
+
+def told_apart(names: Iterable[str], of_marker: re.Pattern[str]) -> list[str]:
+    """Give names of columns that differ; markers that occur again have `AGAIN` after their label.
+
+    The first group of the pattern that matches is the label.
+    """
+    different: list[str] = []
+    for name in names:
+        while name in different and (match := of_marker.fullmatch(name)):
+            end = next(match.end(k) for k in range(1, 9) if match[k])
+            name = name[:end] + AGAIN + name[end:]
+        different.append(name)
+    return different
+
+
+def numbered(names: Mapping[int, str]) -> dict[str, int]:
+    """Give every column a name of its own; names that occur again are numbered."""
+    unique: dict[str, int] = {}
+    for k, name in names.items():
+        free, number = name, 2
+        while free in unique:
+            free = f"{name}_{number}"
+            number += 1
+        unique[free] = k
+    return unique
+
+
+def rename_markers(
+    markers: Mapping[str, int], stated: Stated
+) -> tuple[dict[str, int], list[Note | Fact]]:
     """Give markers, label -> index, the labels wanted; labels that are not renamed stay.
 
-    A ValueError where two labels become the same, or none is of the stated marker set. The note
-    ``labels_not_renamed`` names labels to rename that are not there.
+    Where no marker set is stated and labels are of none, those with the same letters are read as
+    one's, such as L_ASI and Left ASI as LASI; a fact says so. The note ``labels_not_renamed`` names
+    labels to rename that are not there. A ValueError where two labels become the same, or none is
+    of the stated marker set.
     """
-    rename = stated.rename
+    rename = _renames(markers, stated)
     names = [rename.get(name, name) for name in markers]
     require_unique(names, "renaming gives several markers the same label")
+    absent = [short(name) for name in stated.rename if name not in markers and name[-1:] != "*"]
+    notes: list[Note | Fact] = [Note.of("labels_not_renamed", labels=absent)] if absent else []
     table = stated.marker_set
     if table is not None and names and not table.present(names).markers:
         raise ValueError(
@@ -109,9 +266,24 @@ def rename_markers(markers: Mapping[str, int], stated: Stated) -> tuple[dict[str
             f"({listed(list(table.segment)[:3])}, …) is there; labels there: {listed(names[:5])}; "
             "give the right --marker-set, or --rename the labels"
         )
-    absent = [short(name) for name in rename if name not in markers]
-    notes = [Note.of("labels_not_renamed", labels=absent)] if absent else []
+    if table is None and (alike := renaming(names)):
+        names = [alike.get(name, name) for name in names]
+        pairs = listed(f"{short(name)} as {label}" for name, label in alike.items())
+        reason = f"{len(alike)} have the letters of a marker set's: {pairs}"
+        notes.append(Fact("corrected", "labels", reason))
     return dict(zip(names, markers.values(), strict=True)), notes
+
+
+def _renames(names: Iterable[str], stated: Stated) -> dict[str, str]:
+    """Give labels that are there -> wanted, for labels and for beginnings such as L* = R*."""
+    spelt = {name.casefold(): name for name in names}
+    wanted = dict[str, str]()
+    for old, new in stated.rename.items():
+        begins, other = old[:-1].casefold(), new.removesuffix("*").casefold()
+        for folded, name in spelt.items() if old.endswith("*") else ():
+            if folded.startswith(begins) and (there := spelt.get(other + folded[len(begins) :])):
+                wanted[name] = there
+    return wanted | dict(stated.rename)
 
 
 def require_unique(labels: Iterable[str], fault: str) -> None:

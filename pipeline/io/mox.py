@@ -14,6 +14,7 @@ from hbm.spatial import Array
 from hbm.spelling import printable, short
 from pipeline.io.columns import PlateColumns, dflow_plates, file_markers, recording_of, vectors
 from pipeline.io.input_file import open_file
+from pipeline.io.labels import told_apart
 from pipeline.io.recording import Analog, Fact, Recording
 from pipeline.io.stated import Stated
 from pipeline.io.text_table import decoded, read_number
@@ -108,8 +109,9 @@ def _channels(content: bytes) -> dict[str, Channel]:
         raise ValueError(f"not a .mox file: its root is {short(root.tag)!r}, expected {ROOT!r}")
     count = printable(root.findtext("viewer_header/nr_of_samples", "").strip())
     channels: dict[str, Channel] = {}
-    for element in root.iterfind("viewer_data/viewer_channel"):
-        name = printable(element.findtext("channel_label", "").strip())
+    elements = root.findall("viewer_data/viewer_channel")
+    labels = [printable(e.findtext("channel_label", "").strip()) for e in elements]
+    for element, name in zip(elements, told_apart(labels, MARKER), strict=True):
         if name in channels:
             raise ValueError(f"several channels have the label {short(name)!r}")
         words = element.findtext("raw_channel_data/channel_data", "").split()

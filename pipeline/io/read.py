@@ -89,13 +89,13 @@ def read_recording(
         beside = [*_beside("file of forces", forces, "TRC", kind)]
         beside += _beside("record file", record, "D-Flow", kind)
         try:
-            return with_mended_plates(READERS[kind](path, stated, *beside))
+            return with_mended_plates(READERS[kind](path, stated.of_file(path.name), *beside))
         except AxesUnknownError:
             if static is None or file_format(static) != kind:
                 raise
         with naming(static):
-            axes = READERS[kind](static, stated).axes
-        there = replace(stated, axes=",".join(axes))
+            axes = READERS[kind](static, stated.of_file(static.name)).axes
+        there = replace(stated.of_file(path.name), axes=",".join(axes))
         recording = with_mended_plates(READERS[kind](path, there, *beside))
     evidence = f"as in the static recording {static.name}; this recording does not show them itself"
     others = (note for note in recording.notes if note.code != "axes")

@@ -63,6 +63,16 @@ def saying(facts: Iterable[Fact]) -> Iterator[None]:
         raise
 
 
+def facts_in(said: Iterable[Note | Fact]) -> tuple[Fact, ...]:
+    """Give the facts among what was said on reading."""
+    return tuple(each for each in said if isinstance(each, Fact))
+
+
+def notes_of(said: Iterable[Note | Fact]) -> tuple[Note, ...]:
+    """Give all that was said on reading as notes for people."""
+    return tuple(each.note if isinstance(each, Fact) else each for each in said)
+
+
 PlateFrame = Literal["recorded", "plate", "lab"]
 """Where the plates of a file with compensated plates are; see `Compensation`."""
 
@@ -173,8 +183,9 @@ class Analog:
 
     def channel(self, name: str) -> Array:
         """Give one channel by name, (N,); a KeyError lists the channels that exist."""
-        if name not in self.names:
-            raise KeyError(f"no analog channel {name!r}; present: {listed(self.names)}")
+        if (count := self.names.count(name)) != 1:
+            fault = f"{count} analog channels are called" if count else "no analog channel"
+            raise KeyError(f"{fault} {name!r}; present: {listed(self.names)}")
         return self.values[:, self.names.index(name)]
 
 

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Final, Literal, SupportsInt
 
@@ -92,7 +92,8 @@ class Stated:
         Lab directions of the files' x, y and z axis, such as "left,back,up".
     rename
         Label in the files, without subject prefix -> label wanted. A label that a file does not
-        have is a note.
+        have is a note. "static.c3d:LASI" is a label of that file alone, and "L*" -> "R*" all
+        labels that begin with L where there is one that begins with R instead.
     mend_plates
         What is done to single plates, such as "2: turn 90" (`pipeline.io.mended_plates`).
     label_prefix
@@ -130,6 +131,13 @@ class Stated:
             length_in_m(self.units)
         if self.plate_units is not None:
             parse_plate_units(self.plate_units)
+
+    def of_file(self, name: str) -> "Stated":
+        """Give the same for one file: with the labels to rename of that file and of all."""
+        split = {key: key.rpartition(":") for key in self.rename}
+        of_all = {key: new for key, new in self.rename.items() if not split[key][1]}
+        alone = {split[k][2]: new for k, new in self.rename.items() if split[k][0] == name}
+        return replace(self, rename=of_all | alone)
 
     def metre(self, unit: str) -> float:
         """Give one of the stated unit of markers, else of the file's, in metres.

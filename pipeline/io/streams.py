@@ -14,10 +14,9 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from scipy.ndimage import median_filter, minimum_filter1d
 
-from hbm.notes import Note
 from hbm.spatial import Array, Indices
 from hbm.spelling import listed, printable, short
-from pipeline.io.labels import marker_columns
+from pipeline.io.labels import AGAIN, rename_markers, require_unique, without_prefixes
 from pipeline.io.recording import Plate
 from pipeline.io.stated import Stated
 from pipeline.io.units import force_in_n, moment_in_nm
@@ -68,17 +67,13 @@ class MarkerLayout:
         Of the M markers.
     columns
         Columns of x, y and z of each marker, (3 M,).
-    metre, unit
-        One of the channels' unit [m], and that unit as the sender writes it.
-    notes
-        On labels.
+    metre
+        One of the channels' unit [m].
     """
 
     names: tuple[str, ...]
     columns: tuple[int, ...]
     metre: float
-    unit: str
-    notes: Sequence[Note]
 
     def positions(self, values: Array) -> Array:
         """Give marker positions, (N, 3 M) [m], from samples of all channels, (N, K).
@@ -152,29 +147,33 @@ def has_markers(content_type: str, channels: Sequence[Channel]) -> bool:
     return by_label or any(POSITION.fullmatch(c.type) for c in channels)
 
 
-def marker_layout(channels: Sequence[Channel], stated: Stated) -> MarkerLayout:
+def marker_channels(channels: Sequence[Channel]) -> tuple[list[str], Indices, str]:
     """Find the coordinates of markers among the channels of a stream.
 
     Parameters
     ----------
     channels
         Of the stream.
-    stated
-        What a person states about it: units, labels to rename, the prefix of the subject.
 
     Returns
     -------
-    MarkerLayout
-        Markers in the order of the channels. Channels of type PositionX, PositionY and PositionZ
-        belong to the marker that they name, or that their label names; where no type is stated,
-        labels such as LASIS_X and LASIS.PosX count. Positions of rigid bodies do not count where
-        markers are named.
+    labels
+        Of the M markers in the order of the channels, with `AGAIN` where one occurs again.
+    columns
+        Of x, y and z of each, (M, 3).
+    unit
+        As the sender writes it.
 
     Raises
     ------
     ValueError
-        There are no such channels, a coordinate is absent or doubled, units are unknown or differ,
-        or the labels fault as `pipeline.io.labels.marker_columns` says.
+        There are no such channels, a coordinate is absent, or units differ.
+
+    Notes
+    -----
+    Channels of type PositionX, PositionY and PositionZ belong to the marker that they name, or that
+    their label names; where no type is stated, labels such as LASIS_X and LASIS.PosX count.
+    Positions of rigid bodies do not count where markers are named.
     """
     found = _coordinates(channels)
     if not found:
@@ -185,15 +184,26 @@ def marker_layout(channels: Sequence[Channel], stated: Stated) -> MarkerLayout:
     stems = list(dict.fromkeys(stem for stem, _ in found))
     if absent := [(stem, axis) for stem in stems for axis in AXES if (stem, axis) not in found]:
         stem, axis = absent[0]
-        raise ValueError(f"marker {short(stem)!r} has no channel for {axis}")
+        several = "several channels, but one" if stem.endswith(AGAIN) else "no channel"
+        raise ValueError(f"marker {short(stem.rstrip(AGAIN))!r} has {several} for {axis}")
     units = dict.fromkeys(channels[k].unit for k in found.values())
     if len(units) > 1:
         raise ValueError(f"the markers' channels have several units: {listed(units)}")
     (unit,) = units
-    metre = stated.metre(unit)
-    markers, notes = marker_columns(stems, stated)
-    columns = tuple(found[stems[k], axis] for k in markers.values() for axis in AXES)
-    return MarkerLayout(tuple(markers), columns, metre, unit, notes)
+    return stems, np.array([[found[stem, axis] for axis in AXES] for stem in stems]), unit
+
+
+def marker_layout(channels: Sequence[Channel], stated: Stated) -> MarkerLayout:
+    """Give the markers wanted of a stream whose samples are still to come.
+
+    A ValueError as `marker_channels`, `Stated.metre` and those of `pipeline.io.labels`.
+    """
+    labels, columns, unit = marker_channels(channels)
+    bare, _ = without_prefixes([label.rstrip(AGAIN) for label in labels], stated)
+    require_unique(bare.values(), "several markers have the same label")
+    markers, _ = rename_markers({label: k for k, label in bare.items()}, stated)
+    wanted = columns[[*markers.values()]]
+    return MarkerLayout(tuple(markers), tuple(wanted.ravel().tolist()), stated.metre(unit))
 
 
 def si_units(channels: Sequence[Channel]) -> tuple[tuple[str, ...], Array]:
@@ -230,8 +240,8 @@ def _coordinates(channels: Sequence[Channel]) -> dict[tuple[str, str], int]:
             continue
         stem = channel.marker or (label[1] if label else channel.label)
         key = stem, axis[axis.re.groups].upper()
-        if key in found:
-            raise ValueError(f"marker {short(stem)!r} has several channels for {key[1]}")
+        while key in found:
+            key = key[0] + AGAIN, key[1]
         found[key] = k
     return found
 

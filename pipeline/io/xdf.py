@@ -24,9 +24,9 @@ from hbm.spatial import Array
 from hbm.spelling import listed, printable, short
 from pipeline.io.columns import (
     DFLOW_PLATE,
-    FileMarkers,
     PlateColumns,
     dflow_plates,
+    file_markers,
     recording_of,
 )
 from pipeline.io.input_file import open_file
@@ -40,7 +40,7 @@ from pipeline.io.streams import (
     find_clock,
     find_plates,
     has_markers,
-    marker_layout,
+    marker_channels,
     parse_channels,
     parse_xml,
     si_units,
@@ -332,12 +332,13 @@ def read_xdf(path: Path, stated: Stated) -> Recording:
         s for s in streams if s.rate_hz > 0 or s.name == stated.marker_stream or s in with_markers
     ]
     stream = _of_markers(regular, with_markers, stated.marker_stream, list(channels))
-    layout = marker_layout(channels[stream.name], stated)
     clocks: dict[str, Clock] = {s.name: _of(s, find_clock, s.stamps, s.rate_hz) for s in regular}
     clock = clocks[stream.name]
-    position = layout.positions(clock.on_frames(stream.values)).reshape(clock.frames, -1, 3)
-    far = stated.check_positions(position, layout.names, layout.unit)
-    markers = FileMarkers(layout.names, position, layout.unit, [*layout.notes, *far])
+    labels, columns, unit = _of(stream, marker_channels, channels[stream.name])
+    values = clock.on_frames(stream.values)
+    markers = file_markers(
+        labels, unit, lambda kept: values[:, columns[kept]].astype(float), stated
+    )
     signals, facts, notes = [], list[Fact](), []
     for other in regular:
         own = clocks[other.name]

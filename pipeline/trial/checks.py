@@ -73,9 +73,9 @@ def check_markers(body: Body, trial: Recording, pose: Recording) -> tuple[Note, 
         ``sides_exchanged``, ``labels_exchanged``, ``marker_distances_changed``,
         ``markers_frozen`` and ``markers_constant``, where there are any.
     """
-    notes = list(sides_exchanged(body, trial.markers, trial.source.name))
+    notes = list(sides_exchanged(body.marker_set, trial.markers, trial.source.name))
     if pose is not trial:
-        notes += sides_exchanged(body, pose.markers, pose.source.name)
+        notes += sides_exchanged(body.marker_set, pose.markers, pose.source.name)
     return (
         *notes,
         *labels_exchanged(trial.markers, body.markers),

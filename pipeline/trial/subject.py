@@ -1,6 +1,7 @@
 """A subject's mass, stature and body, from what is stated, recorded and weighed."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Final, NamedTuple
 
@@ -11,8 +12,9 @@ from hbm.body import MAX_STATURE_M, MIN_STATURE_M, Body, ImplausibleLegs, build_
 from hbm.calibration_pose.anatomy import HipRule, LimbMeasures
 from hbm.calibration_pose.functional import functional_hips
 from hbm.coordinates import SIDES
-from hbm.markers import MarkerSet, marker_sets
+from hbm.markers import MarkerSet, marker_sets, recognise_marker_set
 from hbm.notes import Note
+from hbm.plausibility.labels import sides_exchanged
 from hbm.segments import SegmentOverride
 from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask
 from pipeline.config.schema import Settings, Subject
@@ -364,6 +366,8 @@ def subject_body(
             ankle_width_m=ankle or recorded.ankle_width_m,
         )
 
+    named = marker_sets().get(settings.marker_set or "")
+
     def built(hip: HipRule | dict[str, Array]) -> Body:
         try:
             return once(build_body)(
@@ -381,6 +385,12 @@ def subject_body(
         except ImplausibleLegs as error:
             remedy = pose.stated.correct_units
             raise ValueError(f"{pose.source.name}: {error}; {remedy}") from error
+        except ValueError as error:
+            with suppress(ValueError):  # of labels of no set
+                chosen = marker_set or named or recognise_marker_set(pose.markers.names)
+                for note in sides_exchanged(chosen, pose.markers, pose.source.name):
+                    error.add_note(f"{note.text}; exchange them: {note.values['rename']}")
+            raise
 
     if settings.hip != "functional":
         if hip_trial is not None:
@@ -388,7 +398,6 @@ def subject_body(
         return built(settings.hip)
     if hip_trial is None:
         raise ValueError("functional hips need a recording in which the thighs swing (hip_trial)")
-    named = marker_sets().get(settings.marker_set or "")
     body = built(functional_hips(hip_trial.markers, marker_set or named))
     note = _beside_regression(body, built("harrington"), hip_trial.source.name)
     return replace(body, notes=(*body.notes, note))

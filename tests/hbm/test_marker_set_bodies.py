@@ -177,3 +177,51 @@ def test_measures_of_one_side_change_that_side_alone():
     assert np.linalg.norm(beside) == pytest.approx(0.07 + 0.009)
     for s in ("right_shank", "right_foot"):
         np.testing.assert_allclose(other.offsets[s], body.offsets[s], atol=1e-12)
+
+
+OPENCAP_LABORATORY = {
+    label.replace("_lelbow", "_elbow_lat")
+    .replace("_melbow", "_elbow_med")
+    .replace("_lwrist", "_wrist_radius")
+    .replace("_mwrist", "_wrist_ulna")
+    .removesuffix("_study"): point
+    for label, point in SETS["opencap"].items()
+}
+ADDBIOMECHANICS = {"S2": "SACR", "R.Clavicle": "JN", "L.Clavicle": "XIPH"} | {
+    f"{side}.{label}": side + point
+    for side in "LR"
+    for label, point in (
+        {"ASIS": "ASIS", "PSIS": "PSIS", "TH1": "LTHI", "TH2": "THAP", "TH3": "THAD"}
+        | {"Knee": "LEK", "SH1": "LSHA", "SH2": "TIAP", "SH3": "TIAD", "Ankle": "LM"}
+        | {"Heel": "HEE", "MT5": "MT5", "Toe": "TOE", "Shoulder": "SHO", "Biceps": "DELT"}
+        | {"Elbow": "LEE", "Forearm": "FRM", "Wrist": "LW"}
+    ).items()
+}
+METATARSALS = {n: p for n, p in SETS["rajagopal"].items() if n[1:] not in ("TOE", "MT5")} | {
+    f"{s}{mark}": f"{s}{mark}" for s in "LR" for mark in ("MT1", "MT2")
+}
+CONDYLES = {
+    {"KNE": f"{n[0]}LFC", "KNE_2": f"{n[0]}MFC"}.get(n[1:], n): point
+    for n, point in SETS["helen_hayes"].items()
+}
+CUT_LABELS = {name[:4]: name for name in SETS["hbm2"]}
+
+
+@pytest.mark.parametrize(
+    ("labels", "base", "hidden"),
+    [
+        (OPENCAP_LABORATORY, "opencap", 0.08),
+        (ADDBIOMECHANICS, "rajagopal", 0.10),
+        (METATARSALS, "rajagopal", 0.10),
+        (CONDYLES, "helen_hayes", 0.17),
+        (CUT_LABELS, "hbm2", 0.07),
+    ],
+    ids=["opencap_laboratory", "addbiomechanics", "metatarsals", "condyles", "four_letters"],
+)
+def test_labels_that_mix_sets_or_are_cut_short_show_what_they_mark(labels, base, hidden):
+    static = wearing(labels)
+    body = built(static)
+    assert body.marker_set.name.split("+")[0] == base
+    assert solve_ik(body, static).marker_error.max() < 2e-3
+    shares = [note.values["share"] for note in body.notes if note.code == "mass_not_shown"]
+    assert sum(shares) < hidden + 0.005

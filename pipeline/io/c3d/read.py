@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Final, get_args
@@ -19,8 +19,9 @@ from pipeline.io.axes import mean_force, parse_axes, settle_axes, split_axes
 from pipeline.io.c3d.data import Header, correction, read_header, read_samples
 from pipeline.io.c3d.force_plates import PlateLayout, plate_layouts
 from pipeline.io.c3d.parameters import Parameters, Value
+from pipeline.io.columns import settle_markers
 from pipeline.io.input_file import naming
-from pipeline.io.labels import rename_markers, without_prefixes
+from pipeline.io.labels import numbered, without_prefixes
 from pipeline.io.recording import (
     Analog,
     Compensation,
@@ -30,6 +31,8 @@ from pipeline.io.recording import (
     Plate,
     PlateFrame,
     Recording,
+    facts_in,
+    notes_of,
     saying,
 )
 from pipeline.io.stated import Stated, as_stated, impossible_samples
@@ -81,44 +84,26 @@ FEWEST_OF_A_PERSON: Final = 12
 """Markers; fewer are of plates alone."""
 
 
-@dataclass(frozen=True, slots=True)
-class PointLabels:
-    """The points of a file by what they are.
-
-    Attributes
-    ----------
-    markers, outputs
-        Name -> index of the point, for markers and for the outputs of other programs.
-    notes
-        What was renamed, removed or set aside.
-    """
-
-    markers: dict[str, int]
-    outputs: dict[str, int]
-    notes: list[Note]
-
-
-def sort_labels(header: Header, stated: Stated) -> PointLabels:
+def sort_labels(
+    header: Header, stated: Stated
+) -> tuple[dict[int, str], dict[str, int], list[Note | Fact]]:
     """Separate markers from outputs of other programs, and remove subject prefixes.
 
     Parameters
     ----------
-    parameters
-        Parameters of the file.
-    n_points
-        Number of points per frame.
+    header
+        Of the file.
     stated
         What a person states about labels.
 
     Returns
     -------
-    PointLabels
-        Markers under unique names, outputs, and notes.
-
-    Raises
-    ------
-    ValueError
-        As `pipeline.io.labels.without_prefixes` and `rename_markers`.
+    markers
+        Index of the point -> label.
+    outputs
+        Name -> index of the point.
+    notes
+        As `pipeline.io.labels.without_prefixes` gives them, with its errors.
 
     Notes
     -----
@@ -129,12 +114,10 @@ def sort_labels(header: Header, stated: Stated) -> PointLabels:
     labels = parameters.texts("POINT", "LABELS")[:n_points]
     labels += [""] * (n_points - len(labels))
     labels = [label or f"unlabelled_{k + 1}" for k, label in enumerate(labels)]
-    bare, notes = without_prefixes(labels, stated.label_prefix)
+    bare, notes = without_prefixes(labels, stated)
     computed = _outputs(parameters, labels, bare)
-    outputs = _unique({k: name for k, name in bare.items() if k in computed})
-    markers = _unique({k: name for k, name in bare.items() if k not in computed})
-    renamed, rename_notes = rename_markers(markers, stated)
-    return PointLabels(renamed, outputs, [*notes, *rename_notes])
+    outputs = numbered({k: name for k, name in bare.items() if k in computed})
+    return {k: name for k, name in bare.items() if k not in computed}, outputs, notes
 
 
 def _outputs(parameters: Parameters, labels: Sequence[str], bare: Mapping[int, str]) -> set[int]:
@@ -153,18 +136,6 @@ def _outputs(parameters: Parameters, labels: Sequence[str], bare: Mapping[int, s
         or OUTPUT_NAME.search(name)
         or (name[-1:] in SEGMENT_FRAME_SUFFIXES and name[:-1] in stems)
     }
-
-
-def _unique(names: Mapping[int, str]) -> dict[str, int]:
-    """Give every point a label of its own; labels that occur again are numbered."""
-    unique: dict[str, int] = {}
-    for k, name in names.items():
-        free, number = name, 2
-        while free in unique:
-            free = f"{name}_{number}"
-            number += 1
-        unique[free] = k
-    return unique
 
 
 def read_events(header: Header, start_s: float) -> tuple[tuple[Event, ...], list[Note], list[Fact]]:
@@ -312,7 +283,7 @@ def read_c3d(path: str | Path, stated: Stated | str | None = None) -> Recording:
     """
     path = Path(path)
     with naming(path):
-        return read_c3d_file(path, as_stated(stated))
+        return read_c3d_file(path, as_stated(stated).of_file(path.name))
 
 
 def read_c3d_file(path: Path, stated: Stated) -> Recording:
@@ -320,25 +291,24 @@ def read_c3d_file(path: Path, stated: Stated) -> Recording:
     header = read_header(path)
     parameters, channels = header.parameters, header.channels
     samples = read_samples(header)
-    labels = sort_labels(header, stated)
+    labels, outputs, label_notes = sort_labels(header, stated)
     unit = parameters.text("POINT", "UNITS")
-    position = samples.points[:, list(labels.markers.values())]
-    if labels.markers:
-        position *= stated.metre(unit)
-    notes = stated.check_positions(position, [*labels.markers], unit)
-    notes += impossible_samples([name for name, _ in channels], samples.impossible)
+    markers = settle_markers(labels, unit, samples.points[:, [*labels]], stated, label_notes)
+    position = markers.position
+    impossible = impossible_samples([name for name, _ in channels], samples.impossible)
     try:
         layouts, facts = plate_layouts(header, stated)
     except ValueError as error:
-        raise _with_faults_of_markers(error, tuple(labels.markers), position, stated) from error
+        raise _with_faults_of_markers(error, markers.names, position, stated) from error
+    said = [*markers.notes, *impossible]
     wrenches = [plate.wrench(samples.analog[:, plate.channels]) for plate in layouts]
     taken = {channel for plate in layouts for channel in plate.channels}
 
-    with saying(facts):
+    with saying((*facts_in(said), *facts)):
         axes, axes_notes = settle_axes(
             stated.axes,
             position,
-            tuple(labels.markers),
+            markers.names,
             marker_set=stated.marker_set,
             plate_normals=[plate.rotation[:, 2] for plate in layouts],
             plate_forces=[
@@ -346,6 +316,7 @@ def read_c3d_file(path: Path, stated: Stated) -> Recording:
                 for plate, wrench in zip(layouts, wrenches, strict=True)
             ],
             screen_up=parameters.text("POINT", "Y_SCREEN"),
+            file=path.name,
         )
     to_lab = parse_axes(axes)
     in_lab = np.moveaxis(frozen(to_lab @ np.moveaxis(position, 0, -1)), -1, 0)
@@ -369,29 +340,30 @@ def read_c3d_file(path: Path, stated: Stated) -> Recording:
     compensation = read_compensation(parameters)
     corrections = [*header.corrections, *samples.corrections, *wrong_frame]
     written = [channels[k][1] for k in sorted(taken)]
+    said = [
+        *axes_notes,
+        *said,
+        *([Note.of("c3d_corrected", corrections=corrections)] if corrections else ()),
+        *stated.unit_notes([unit], written),
+        *event_notes,
+        *facts,
+        *joined,
+        *_plate_notes(parameters, layouts, compensation),
+    ]
     return Recording(
         source=path,
-        markers=Markers(time, tuple(labels.markers), in_lab),
+        markers=Markers(time, markers.names, in_lab),
         plates=tuple(plates),
         analog=Analog(analog_time, names, units, others) if rest else None,
         events=events,
         first_frame=first_frame,
         metadata=_metadata(parameters),
-        model_outputs={name: samples.points[:, k] for name, k in labels.outputs.items()},
+        model_outputs={name: samples.points[:, k] for name, k in outputs.items()},
         compensation=compensation,
         stated=stated,
         axes=split_axes(axes),
-        facts=(*facts, *joined),
-        notes=(
-            *axes_notes,
-            *notes,
-            *([Note.of("c3d_corrected", corrections=corrections)] if corrections else ()),
-            *stated.unit_notes([unit], written),
-            *labels.notes,
-            *event_notes,
-            *(fact.note for fact in (*facts, *joined)),
-            *_plate_notes(parameters, layouts, compensation),
-        ),
+        facts=facts_in(said),
+        notes=notes_of(said),
     )
 
 

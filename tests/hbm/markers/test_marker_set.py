@@ -154,6 +154,12 @@ def test_a_refusal_lists_twenty_labels_and_no_set_of_which_no_label_is_there():
         recognise_marker_set([f"P{i}" for i in range(30)])
 
 
+def test_a_beginning_that_unknown_labels_share_is_not_shown():
+    with pytest.raises(ValueError, match=r"labels: …P0, .* --label-prefix removes it") as refused:
+        recognise_marker_set([f"Anna_P{i}" for i in range(30)])
+    assert "Anna" not in str(refused.value)
+
+
 @pytest.mark.parametrize("name", SETS)
 def test_upper_and_lower_case_are_the_same(name):
     lower = [label.lower() for label in labels_of(name)]
