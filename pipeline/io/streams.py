@@ -5,19 +5,20 @@ Layer shares. Samples have a constant rate, but their time stamps scatter, and s
 """
 
 import re
+from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from scipy.ndimage import median_filter, minimum_filter1d
+from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 
-from hbm.spatial import Array, Indices
+from hbm.spatial import Array, Indices, Mask
 from hbm.spelling import listed, printable, short
 from pipeline.io.labels import AGAIN, rename_markers, require_unique, without_prefixes
-from pipeline.io.recording import Plate
+from pipeline.io.recording import Fact, FactKind, Plate
 from pipeline.io.stated import Stated
 from pipeline.io.units import force_in_n, moment_in_nm
 
@@ -362,6 +363,16 @@ NEIGHBOURS: Final = 5
 """Of so many stamps, the median shows which one is out of order."""
 OUT_OF_ORDER_FRAMES: Final = 1.5
 """One stamp that is out of order moves the median by one frame."""
+MIN_CONFIRMED: Final = 3
+"""So many samples that follow each other are on another clock; fewer have wrong time stamps."""
+MAX_BACK_S: Final = 0.5
+"""Samples that are farther back than this are not out of order, their clock was set."""
+SAME_TIME_FRAMES: Final = 0.1
+"""Samples that are less apart are at the same time, where time stamps are in order."""
+MOST_AGAIN: Final = 5
+"""Samples in a row with the same values; of more, the signal stays as it is."""
+CLEAR_FRAMES: Final = 0.2
+"""Time stamps whose steps scatter by less about whole frames show which sample came late."""
 USUAL_HZ: Final = 100.0
 MAX_RATE_DIFFERENCE: Final = 0.02
 """Relative; beyond it the nominal rate is not that of the samples."""
@@ -387,12 +398,18 @@ class Clock:
         Frame k is at ``start_s + k / rate_hz``.
     scatter_s
         Standard deviation of the time stamps about that.
+    samples
+        Which of the samples these are, in the order of their frames, (N,).
+    facts
+        What became of the others, and whether the rate is in doubt.
     """
 
     index: Indices
     rate_hz: float
     start_s: float
     scatter_s: float
+    samples: Indices
+    facts: Sequence[Fact]
 
     @property
     def frames(self) -> int:
@@ -405,18 +422,17 @@ class Clock:
         return self.start_s + np.arange(self.frames) / self.rate_hz
 
     def on_frames(self, values: Array) -> Array:
-        """Give samples, (N, K), at every frame, (frames, K); NaN where one was dropped."""
-        if self.frames == len(values):
-            return values
+        """Give samples as they came, at every frame, (frames, K); NaN where one was dropped."""
         held = np.full((self.frames, values.shape[1]), np.nan)
-        held[self.index] = values
+        held[self.index] = values[self.samples]
         return held
 
     def on_most_frames(self, values: Array) -> Array:
         """Give signals at every frame too, but over short losses interpolated."""
-        index, values = over_short_losses(self.index / self.rate_hz, values, self.rate_hz)
-        frames = np.rint(index * self.rate_hz).astype(int)
-        return replace(self, index=frames).on_frames(values)
+        time, values = self.index / self.rate_hz, values[self.samples]
+        time, values = over_short_losses(time, values, self.rate_hz)
+        frames = np.rint(time * self.rate_hz).astype(int)
+        return replace(self, index=frames, samples=np.arange(len(frames))).on_frames(values)
 
 
 MAX_LOSS_S: Final = 0.0417
@@ -448,20 +464,26 @@ def over_short_losses(time: Array, values: Array, rate_hz: float) -> tuple[Array
     return every[:, 0], every[:, 1:]
 
 
-def find_clock(stamps: Array, nominal_hz: float) -> Clock:
-    """Find the constant rate of samples, and which are missing, from their time stamps.
+def find_clock(
+    stamps: Array, nominal_hz: float, values: Array | None = None, of: str = "the stream"
+) -> Clock:
+    r"""Find the constant rate of samples, and which are missing, from their time stamps.
 
     Parameters
     ----------
     stamps
-        (N,) [s], N ≥ 2.
+        As they came, (N,) [s], N ≥ 2.
     nominal_hz
         The rate that the sender states; 0 where it states none.
+    values
+        The samples, (N, K), by which repeated ones are recognised.
+    of
+        What facts are about.
 
     Returns
     -------
     Clock
-        The rate is that of a straight line through all stamps.
+        The rate is that of a straight line through the stamps of the samples that count.
 
     Raises
     ------
@@ -470,20 +492,27 @@ def find_clock(stamps: Array, nominal_hz: float) -> Clock:
 
     Notes
     -----
-    A stamp may be late, but not early: of the stamps of a quarter of a second some are on time.
-    Where even these come later by a whole number of frames, and stay so, frames were dropped.
-    Single stamps that are out of order by more than two frames do not count.
+    Before a rate is fitted, samples that came late are put in order, and repeated ones and those on
+    another clock are left out. A stamp may be late, but not early: of the stamps of a quarter of a
+    second some are on time. Where even these come later by a whole number of frames, and stay so,
+    frames were dropped. One or two stamps amid others that agree do not count.
 
     Examples
     --------
-    Ten seconds at 100 Hz, of which the frames 300 to 304 are missing:
+    Ten seconds at 100 Hz, of which the frames 300 to 304 are missing, and one is sent twice:
 
     >>> import numpy as np
-    >>> frames = np.delete(np.arange(1000), slice(300, 305))
+    >>> frames = np.insert(np.delete(np.arange(1000), slice(300, 305)), 500, 504)
     >>> clock = find_clock(7.0 + frames / 100, 100.0)
-    >>> clock.frames, round(clock.rate_hz, 6), bool(np.all(clock.index == frames))
+    >>> clock.frames, round(clock.rate_hz, 6), bool(np.all(clock.index == np.unique(frames)))
     (1000, 100.0, True)
+    >>> print(*clock.facts, sep="\n")
+    the stream: joined: 1 of 996 samples came again
+    the stream: missing: 5 of 1000 samples
     """
+    stamps = np.asarray(stamps, float)
+    different = np.arange(len(stamps), dtype=float)[:, None]
+    samples, stamps, reasons = _settle(stamps, different if values is None else values, nominal_hz)
     period = _period(stamps, nominal_hz)
     stamps = _in_order(stamps, period)
     index = _find_frames(stamps, period, nominal_hz)
@@ -496,7 +525,181 @@ def find_clock(stamps: Array, nominal_hz: float) -> Clock:
     scatter = float(np.std(residual))
     if scatter > MAX_SCATTER_FRAMES * slope:
         raise ValueError(f"its time stamps scatter by {scatter:.3g} s about a constant rate")
-    return Clock(index, 1 / slope, float(np.median(residual)), scatter)
+    if nominal_hz and abs(1 / slope / nominal_hz - 1) > MAX_RATE_DIFFERENCE:
+        doubt = f"its time stamps show {1 / slope:.4g} Hz, its description {nominal_hz:.4g} Hz"
+        reasons.append(("in_doubt", f"{doubt}; check its sender"))
+    if lost := int(index[-1]) + 1 - len(index):
+        reasons.append(("missing", f"{lost} of {index[-1] + 1} samples"))
+    facts = tuple(Fact(kind, of, reason) for kind, reason in reasons)
+    return Clock(index, 1 / slope, float(np.median(residual)), scatter, samples, facts)
+
+
+@dataclass(slots=True, eq=False)
+class Remembered:
+    """Samples that came, so that one that comes again is recognised."""
+
+    newer: set[int] = field(default_factory=set)
+    older: set[int] = field(default_factory=set)
+
+    def again(self, stamp: float, value: Array, most: float = np.inf) -> bool:
+        """Whether stamp and values came before, among so many samples at least; remember them."""
+        sample = hash((stamp, value.tobytes()))
+        if sample in self.newer or sample in self.older:
+            return True
+        self.newer.add(sample)
+        if len(self.newer) > most:
+            self.newer, self.older = set(), self.newer
+        return False
+
+
+def _settle(
+    stamps: Array, values: Array, nominal_hz: float
+) -> tuple[Indices, Array, list[tuple[FactKind, str]]]:
+    """Give which samples count, in order, (M,), their time stamps [s], and what became of others.
+
+    Stamps that jitter by a frame do not show the order; there, samples came late that are farther
+    back than most.
+    """
+    count, steps = len(stamps), np.diff(stamps)
+    if not (steps > 0).any():
+        raise ValueError("its time stamps do not advance")
+    rate_hz = nominal_hz or 1 / float(np.median(steps[steps > 0]))
+    steps *= rate_hz
+    if ((steps > 0.5) & (steps < count)).all():
+        return np.arange(count), stamps, []
+    remembered, width = Remembered(), max(1, round(MIN_BURST_S * rate_hz))
+    again = np.array(list(map(remembered.again, stamps.tolist(), values)))
+    newest = maximum_filter1d(stamps, width, mode="nearest", origin=(width - 1) // 2)
+    first, behind, in_order = np.flatnonzero(~again), newest - stamps, True
+    usual_s = 12 * float(np.median(behind[behind > 0])) if behind.any() else 0.0
+    for jitter_s in (SAME_TIME_FRAMES / rate_hz, min(usual_s, MIN_BURST_S)):
+        times = np.where(behind <= jitter_s, newest, stamps)
+        wrong, strange, by_place, sure = _sort_out(times, first, nominal_hz)
+        in_order = in_order and sure
+        if sure:
+            break
+    if 2 * len(strange) >= len(first):
+        raise ValueError(
+            f"time stamps of {len(strange)} of its {count} samples contradict the others, so that "
+            "it has no clock; correct its sender and record again"
+        )
+    stamps = stamps.copy()
+    stamps[wrong] = times[wrong] = by_place[wrong]
+    every = np.setdiff1d(np.arange(count), strange)
+    every = every[np.argsort(times[every], kind="stable")]
+    repeated = _repeated(times[every], values[every], again[every], nominal_hz, in_order)
+    kept = every[~repeated]
+    late = kept[:-1] > np.minimum.accumulate(kept[:0:-1])[::-1]  # a later one came before
+    counted: list[tuple[FactKind, int, str]] = [
+        ("joined", int(np.count_nonzero(repeated)), "samples came again"),
+        ("corrected", int(np.count_nonzero(late)), "samples came late, put in order"),
+        ("corrected", len(wrong), "time stamps were out of order"),
+    ]
+    reasons = [(kind, f"{number} of {count} {what}") for kind, number, what in counted if number]
+    if len(strange):
+        blocks = np.split(strange, 1 + np.flatnonzero(np.diff(strange) > 1))
+        seconds = by_place - by_place[kept[0]]
+        places = listed((f"{seconds[b[0]]:.2f} to {seconds[b[-1]]:.2f} s" for b in blocks), 3)
+        off = f"with time stamps {np.median((stamps - by_place)[strange]):+.6g} s off"
+        reasons.append(("left_out", f"{len(strange)} of {count} samples, {places}, {off}"))
+    return kept, stamps[kept], reasons
+
+
+def _sort_out(
+    times: Array, first: Indices, nominal_hz: float
+) -> tuple[Indices, Indices, Array, bool]:
+    """Give which of the first samples have wrong stamps, and which are on another clock.
+
+    Most samples advance; late ones fill a gap of these by their time, one or two with wrong stamps
+    by their place, others none. Also the times by place, (N,) [s], and whether
+    times show the order.
+    """
+    advancing = first[_longest_advance(times[first])]
+    if len(advancing) < 2:
+        raise ValueError("its time stamps do not advance")
+    period = _period(times[advancing], nominal_hz)
+    longest_s = len(times) * period  # of a pause
+    pieces = np.split(advancing, 1 + np.flatnonzero(np.diff(times[advancing]) > longest_s))
+    if len(pieces) > 1 and 2 * len(longest := max(pieces, key=len)) > len(first):
+        begin_s, end_s = times[longest[[0, -1]]] + [-longest_s, longest_s]
+        near = first[(times[first] > begin_s) & (times[first] < end_s)]
+        advancing = near[_longest_advance(times[near])]
+    others, time, k = np.setdiff1d(first, advancing), times[advancing], np.arange(len(times))
+    beyond = np.minimum(k - advancing[0], 0) + np.maximum(k - advancing[-1], 0)
+    by_place, steps = np.interp(k, advancing, time) + beyond * period, np.diff(time) / period
+    # by time: in a gap, near an end, or where there is one already, which is judged later
+    at = np.searchsorted(time, times[others], "right")
+    gap = np.concatenate([[np.inf], steps, [np.inf]])[at]
+    end = np.clip(times[others], time[0], time[-1])
+    off_s = np.abs(times[others] - end)  # before all others, or after them
+    near = (off_s == 0) | (off_s + np.abs(by_place[others] - end) < MAX_BACK_S)
+    fits = near & (gap > MAX_STEP_FRAMES + np.median(np.abs(steps - 1)))
+    ends = np.stack([time[np.maximum(at - 1, 0)], time[np.minimum(at, len(time) - 1)]])
+    meets = np.abs(ends - times[others]).min(axis=0) < SAME_TIME_FRAMES * period
+    apart = (np.diff(others) > 1) | (np.abs(np.diff(times[others])) > MAX_BACK_S)
+    block = np.cumsum(np.append(False, apart)[: len(others)])
+    few = (np.bincount(block) < MIN_CONFIRMED)[block]  # more in a row fit as a whole
+    fits &= few | (np.bincount(block, fits) > np.bincount(block) / 2)[block]
+    # by place: one or two where so many are missing
+    place = np.searchsorted(advancing, others)
+    together = np.bincount(place, minlength=1)[place]
+    gap = np.concatenate([[0], steps, [0]])[place]
+    is_wrong = ~fits & (together < MIN_CONFIRMED) & (gap > together + 0.5)
+    fits |= meets & few & ~is_wrong
+    late, wrong, strange = others[fits], others[is_wrong], others[~fits & ~is_wrong]
+    # where time stamps show the order, steps are whole frames, and few samples are off by a little
+    settled, steps = len(late) + len(wrong), np.diff(np.sort(times[np.append(advancing, late)]))
+    clear = np.median(np.abs(steps / period - np.rint(steps / period))) < CLEAR_FRAMES
+    unsure = np.count_nonzero(np.abs(times[strange] - by_place[strange]) < MAX_BACK_S)
+    sure = unsure <= settled and (clear or not settled)
+    return wrong, strange, by_place, bool(sure)
+
+
+def _longest_advance(times: Array) -> Indices:
+    """Give the places of the longest series of times that never go back, (M,), of (N,) [s]."""
+    if (np.diff(times) >= 0).all():
+        return np.arange(len(times))
+    # of the series of each length that ends first; the place before each in its series
+    ends, at, before = list[float](), list[int](), list[int]()
+    for k, time in enumerate(times.tolist()):
+        length = bisect_right(ends, time)
+        ends[length : length + 1], at[length : length + 1] = [time], [k]
+        before.append(at[length - 1] if length else -1)
+    series = at[-1:]
+    while (k := before[series[-1]]) >= 0:
+        series.append(k)
+    return np.array(series[::-1])
+
+
+def _repeated(times: Array, values: Array, again: Mask, nominal_hz: float, in_order: bool) -> Mask:
+    """Find samples, (N,), that came before: without them no frame is missing in their place."""
+    if not times[-1] > times[0]:
+        raise ValueError("its time stamps do not advance")
+    steps = np.diff(times, prepend=-np.inf)
+    steps *= nominal_hz or 1 / np.median(steps[1:][steps[1:] > 0])
+    same = (values[1:] == values[:-1]) | (np.isnan(values[1:]) & np.isnan(values[:-1]))
+    alike = np.append(False, same.all(axis=1))
+    run = np.cumsum(~alike)
+    stays = np.bincount(run)[run] > MOST_AGAIN  # such as a plate that nobody stands on
+    alike = again | (alike & ~stays & (steps < 0.5))
+    candidate = alike | (steps < SAME_TIME_FRAMES) & (in_order and nominal_hz > 0)
+    others = np.flatnonzero(~candidate)
+    # a chunk with one stamp fills the frames that are missing without it, those alike last
+    missing = np.diff(lost_before(times[others], nominal_hz))
+    missing = np.append(missing, missing.max(initial=0))
+    last = np.cumsum(~candidate) - 1
+    by_doubt, number = np.lexsort((candidate & alike, last)), np.empty(len(times), int)
+    number[by_doubt] = np.arange(len(times)) - others[last[by_doubt]]
+    fills = candidate & (number <= missing[last])
+    in_chunks = 2 * fills.sum() > candidate.sum()
+    repeated = candidate & ~(in_chunks & (fills | stays | ~alike))
+    if np.count_nonzero(~repeated) < 2:
+        return np.zeros(len(times), bool)
+    with_them, without = (
+        _cost(t, _find_frames(t, _period(t, nominal_hz), nominal_hz))
+        for t in (times, times[~repeated])
+    )
+    return np.asarray(repeated & (without < with_them))
 
 
 def lost_before(stamps: Array, nominal_hz: float) -> Indices:

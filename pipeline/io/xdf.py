@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
-from xml.etree.ElementTree import Element
+from xml.etree.ElementTree import Element, tostring
 
 import numpy as np
 import pyxdf
@@ -86,6 +86,8 @@ class Stream:
         Time stamps on the recorder's clock, (N,) [s].
     values
         (N, K).
+    described
+        What its K channels are.
     """
 
     name: str
@@ -98,6 +100,7 @@ class Stream:
     footer: int | None = None
     stamps: Array = field(default_factory=lambda: np.empty(0))
     values: Array = field(default_factory=lambda: np.empty((0, 0)))
+    described: tuple[Channel, ...] = ()
 
 
 def read_streams(content: bytes) -> tuple[list[Stream], list[str], bool]:
@@ -324,32 +327,37 @@ def read_xdf(path: Path, stated: Stated) -> Recording:
     """
     with open_file(path) as file:
         streams, texts, whole = read_streams(file.read())
-    streams = [s for s in streams if len(s.stamps) > 1]
-    require_unique([s.name for s in streams], "several streams have the same name")
-    channels = {s.name: _of(s, parse_channels, s.info, s.values.shape[1]) for s in streams}
-    with_markers = [s for s in streams if has_markers(s.content_type, channels[s.name])]
+    streams, facts = _join_restarted([s for s in streams if len(s.stamps) > 1])
+    for s in streams:
+        facts += _join_columns(s)
+    with_markers = [s for s in streams if has_markers(s.content_type, s.described)]
     regular = [
         s for s in streams if s.rate_hz > 0 or s.name == stated.marker_stream or s in with_markers
     ]
-    stream = _of_markers(regular, with_markers, stated.marker_stream, list(channels))
-    clocks: dict[str, Clock] = {s.name: _of(s, find_clock, s.stamps, s.rate_hz) for s in regular}
+    stream = _of_markers(regular, with_markers, stated.marker_stream, [s.name for s in streams])
+    clocks: dict[str, Clock] = {
+        s.name: _of(s, find_clock, s.stamps, s.rate_hz, s.values, f"stream {short(s.name)}")
+        for s in regular
+    }
     clock = clocks[stream.name]
-    labels, columns, unit = _of(stream, marker_channels, channels[stream.name])
+    labels, columns, unit = _of(stream, marker_channels, stream.described)
     values = clock.on_frames(stream.values)
     markers = file_markers(
         labels, unit, lambda kept: values[:, columns[kept]].astype(float), stated
     )
-    signals, facts, notes = [], list[Fact](), []
+    signals, notes = [], []
     for other in regular:
-        own = clocks[other.name]
-        notes += _clock_notes(other, own)
+        steady = clocks[other.name]
+        rate = {"rate_hz": steady.rate_hz, "scatter_s": steady.scatter_s}
+        notes.append(Note.of("sample_clock", of=f"stream {short(other.name)}", **rate))
+        facts += steady.facts
         if other is not stream:
             lost = without_impossible(other.values.T)
-            notes += impossible_samples([c.label for c in channels[other.name]], lost)
-            time, values = own.time - clock.start_s, own.on_most_frames(other.values)
-            plates, absent = find_plates(other.info, channels[other.name])
+            notes += impossible_samples([c.label for c in other.described], lost)
+            time, values = steady.time - clock.start_s, steady.on_most_frames(other.values)
+            plates, absent = find_plates(other.info, other.described)
             facts += [Fact("left_out", f"plate {short(n)}", why) for n, why in absent.items()]
-            signals.append(_Signals(other.name, channels[other.name], time, values, plates))
+            signals.append(_Signals(other.name, other.described, time, values, plates))
     analog, interpolated = _analog(signals)
     if left := [s.name for s in streams if s not in regular] + texts:
         notes.append(Note.of("parts_left_out", parts=left))
@@ -370,6 +378,60 @@ def read_xdf(path: Path, stated: Stated) -> Recording:
         facts=facts,
         notes=[*notes, *interpolated],
     )
+
+
+def _join_restarted(streams: Sequence[Stream]) -> tuple[list[Stream], list[Fact]]:
+    """Join streams of one name and description that follow each other: their sender was restarted.
+
+    A ValueError names those that differ or overlap. Also find what their channels are.
+    """
+    joined, facts = dict[str, Stream](), []
+    begin_s = min((s.stamps.min() for s in streams), default=0.0)
+    for stream in sorted(streams, key=lambda s: float(s.stamps.min())):
+        stream.described = _of(stream, parse_channels, stream.info, stream.values.shape[1])
+        before = joined.setdefault(stream.name, stream)
+        if before is stream:
+            continue
+        spans = " and ".join(
+            f"{s.stamps.min() - begin_s:.2f} to {s.stamps.max() - begin_s:.2f} s"
+            for s in (before, stream)
+        )
+        differ = _description(before) != _description(stream)
+        if differ or stream.stamps.min() <= before.stamps.max():
+            raise ValueError(
+                f"2 streams called {short(stream.name)!r} ({spans}) "
+                f"{'are described differently' if differ else 'overlap in time'}; rename one in "
+                "its sender, or record only one"
+            )
+        before.stamps = np.append(before.stamps, stream.stamps)
+        before.values = np.vstack([before.values, stream.values])
+        of = f"stream {short(stream.name)}"
+        facts.append(Fact("joined", of, f"its sender was restarted: {spans}"))
+    return [s for s in streams if joined[s.name] is s], facts
+
+
+def _description(stream: Stream) -> tuple[object, ...]:
+    """Give what has to be the same where streams are joined."""
+    parts = map(stream.info.find, ("desc/axes", "desc/plates"))
+    places = [tostring(part) for part in parts if part is not None]
+    return stream.content_type, stream.rate_hz, stream.described, places
+
+
+def _join_columns(stream: Stream) -> Iterator[Fact]:
+    """Join channels of one description that are the same, or never there at the same time."""
+    values, kept, first_of = stream.values, list[int](), dict[Channel, int]()
+    for k, channel in enumerate(stream.described):
+        first = first_of.setdefault(channel, k)
+        there = [np.isfinite(values[:, c]) & (values[:, c] != 0) for c in (first, k)]
+        alike = np.array_equal(values[:, first], values[:, k], equal_nan=True)
+        if first == k or not channel.label or (np.any(there[0] & there[1]) and not alike):
+            kept.append(k)
+            continue
+        values[:, first] = np.where(there[0], values[:, first], values[:, k])
+        of = f"stream {short(stream.name)}, channels {first + 1} and {k + 1}"
+        why = "are the same" if alike else "are never there at the same time"
+        yield Fact("joined", of, f"both are {short(channel.label)}, and {why}")
+    stream.values, stream.described = values[:, kept], tuple(stream.described[k] for k in kept)
 
 
 def _of(stream: Stream, find: Callable[..., Any], *given: Any) -> Any:
@@ -404,14 +466,6 @@ def _of_markers(
             f"{short(several[0])!r} in study.toml"
         )
     return found[0]
-
-
-def _clock_notes(stream: Stream, clock: Clock) -> list[Note]:
-    of = f"stream {short(stream.name)}"
-    notes = [Note.of("sample_clock", of=of, rate_hz=clock.rate_hz, scatter_s=clock.scatter_s)]
-    if dropped := clock.frames - len(stream.stamps):
-        notes.append(Note.of("samples_dropped", of=of, dropped=dropped, samples=clock.frames))
-    return notes
 
 
 def _analog(signals: Sequence[_Signals]) -> tuple[Analog | None, list[Note]]:

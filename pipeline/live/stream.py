@@ -13,7 +13,17 @@ from pipeline.io.axes import parse_axes
 from pipeline.io.columns import DFLOW_PLATE
 from pipeline.io.recording import Plate
 from pipeline.io.stated import Stated
-from pipeline.io.streams import AXES, Channel, find_plates, lost_before, marker_layout, si_units
+from pipeline.io.streams import (
+    AXES,
+    MAX_BACK_S,
+    MIN_CONFIRMED,
+    Channel,
+    Remembered,
+    find_plates,
+    lost_before,
+    marker_layout,
+    si_units,
+)
 
 LAB_AXES: Final = "forward,left,up"
 """Axes of all positions, as descriptions state them."""
@@ -123,13 +133,10 @@ class Source(Protocol):
 
 LARGEST: Final = 1e9
 """No signal is as large in any unit: such a number is damaged."""
-MAX_BACK_S: Final = 0.5
-"""Samples that are farther back than this are not out of order, their clock was set."""
 MAX_AHEAD_S: Final = 1.0
 """The same for samples ahead of the time that has passed and of all other streams."""
 CONFIRMED_S: Final = 0.05
 """Of samples that follow each other on another clock; fewer have wrong time stamps."""
-MIN_CONFIRMED: Final = 3
 COUNTED: Final = 700
 """Samples at least that show together which of them are missing."""
 REMEMBERED_S: Final = 10.0
@@ -163,10 +170,10 @@ class StreamClock:
     unordered: int = 0
     lost: int = 0
     recent: Array = field(default_factory=lambda: np.empty(0))
-    last: tuple[float, int] = (np.nan, 0)
+    last: tuple[float, bytes] = (np.nan, b"")
     alike: int = 1
     before: int = 1
-    seen: tuple[set[int], set[int]] = field(default_factory=lambda: (set(), set()))
+    seen: Remembered = field(default_factory=Remembered)
 
     @property
     def unused(self) -> int:
@@ -185,14 +192,12 @@ class StreamClock:
         Samples of one stamp, as senders stamp a chunk, are spread about it, as the offline clock
         places them; where they are more than those of half a second, their clock stands still.
         """
-        same, (newer, older) = hash((stamp, value.tobytes())), self.seen
-        steady = same == self.last[1] and max(self.alike, self.before) > 1  # within a chunk
-        if (same in newer or same in older) and not steady:
+        sample, most = (stamp, value.tobytes()), REMEMBERED_S * self.rate_hz
+        steady = sample == self.last and max(self.alike, self.before) > 1  # within a chunk
+        if self.seen.again(stamp, value, most) and not steady:
             self.unordered += 1
             return np.nan
-        newer.add(same)
-        self.seen = (set(), newer) if len(newer) > REMEMBERED_S * self.rate_hz else self.seen
-        again, self.last = stamp == self.last[0], (stamp, same)
+        again, self.last = stamp == self.last[0], sample
         self.before, self.alike = (self.before, self.alike + 1) if again else (self.alike, 1)
         if self.alike > 1 + MAX_BACK_S * self.rate_hz:
             return np.nan

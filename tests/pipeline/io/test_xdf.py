@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hbm.notes import Note
 from pipeline.io.read import file_format, read_recording
-from pipeline.io.recording import Analog
+from pipeline.io.recording import Analog, Fact
 from pipeline.io.stated import Stated
 from tests.pipeline import xdf_file as xdf
 from tests.pipeline.other_formats import excerpt, in_file
@@ -94,7 +93,7 @@ def test_lost_frames_are_gaps_and_counted_and_short_losses_of_signals_are_interp
     share = np.arange(1, 10)[:, None] / 10
     between = (1 - share) * true[1499] + share * true[1509]
     np.testing.assert_allclose(wrench[short], between, atol=1e-9)
-    assert Note.of("samples_dropped", of="stream Cameras", dropped=4, samples=200) in read.notes
+    assert Fact("missing", "stream Cameras", "4 of 200 samples") in read.facts
 
 
 def test_a_marker_at_the_origin_and_one_that_is_nan_were_not_seen(trial, tmp_path):
@@ -213,3 +212,81 @@ def test_plates_named_as_in_dflow_that_are_described_too_are_read_once(trial, tm
     read = read_recording(xdf.write_xdf(tmp_path / "a.xdf", [cameras, plates, analog]))
     for ours, true in zip(read.plates, trial.plates, strict=True):
         np.testing.assert_allclose(ours.wrench, true.wrench, atol=1e-9)
+
+
+def part(of, order, **others):
+    """A stream of these samples of another one, in this order."""
+    return of | {"stamps": of["stamps"][order], "values": of["values"][order]} | others
+
+
+def test_samples_sent_twice_swapped_and_late_are_the_trial(trial, tmp_path):
+    rng = np.random.default_rng(2)
+    streams = []
+    for of in xdf.recorded(trial):
+        count = len(of["stamps"])
+        order = np.repeat(np.arange(count), 1 + (rng.random(count) < 0.1))
+        behind = 1.5 * (rng.random(len(order)) < 0.05) + 9.5 * (rng.random(len(order)) < 0.02)
+        order = order[np.argsort(np.arange(len(order)) + behind, kind="stable")]
+        again = slice(len(order) // 3, len(order) // 2)
+        streams.append(part(of, np.r_[order[: again.stop], order[again.start :]]))
+    read = read_recording(xdf.write_xdf(tmp_path / "a.xdf", streams))
+    np.testing.assert_array_equal(read.markers.position, trial.markers.position)
+    np.testing.assert_allclose(read.plates[0].wrench, trial.plates[0].wrench, atol=1e-12)
+    np.testing.assert_array_equal(read.analog.values, trial.analog.values)
+    assert [(fact.kind, fact.of) for fact in read.facts] == [
+        (kind, f"stream {of['name']}") for of in streams for kind in ("joined", "corrected")
+    ]
+
+
+@pytest.mark.parametrize("name", ["Cameras", "Plates"])
+def test_streams_of_a_sender_that_was_restarted_are_one_with_a_gap(trial, tmp_path, name):
+    streams = xdf.recorded(trial)
+    restarted = next(of for of in streams if of["name"] == name)
+    count = len(restarted["stamps"])
+    gap = np.arange(count // 2, count // 2 + count // 10)
+    halves = [part(restarted, np.arange(gap[-1] + 1, count)), part(restarted, np.arange(gap[0]))]
+    others = [of for of in streams if of is not restarted]
+    read = read_recording(xdf.write_xdf(tmp_path / "a.xdf", [*halves, *others]))
+    joined = next(fact for fact in read.facts if fact.kind == "joined")
+    assert str(joined).startswith(f"stream {name}: joined: its sender was restarted: 0.00 to ")
+    if name == "Cameras":
+        values, true = (r.markers.position.reshape(200, -1) for r in (read, trial))
+    else:
+        values, true = (r.plates[0].wrench for r in (read, trial))
+    empty = np.isnan(values).all(axis=1)
+    np.testing.assert_array_equal(np.flatnonzero(empty), gap)
+    np.testing.assert_allclose(values[~empty], true[~empty], atol=1e-9)
+
+
+def test_streams_of_one_name_that_overlap_or_differ_are_refused_with_both_named(trial, tmp_path):
+    cameras, plates, _ = xdf.recorded(trial)
+    path, count = tmp_path / "a.xdf", len(plates["stamps"])
+    halves = [part(plates, np.arange(count - 9)), part(plates, np.arange(count - 10, count))]
+    match = r"2 streams called 'Plates' \(0.00 to .* s and 1.99 to .* s\) {}; rename one"
+    refused(xdf.write_xdf(path, [cameras, *halves]), match=match.format("overlap in time"))
+    halves[1] = part(plates, np.arange(count - 9, count), rate=500)
+    refused(xdf.write_xdf(path, [cameras, *halves]), match=match.format("are described diff.*"))
+
+
+def with_channel(of, channels, column, values):
+    """A stream with another channel like that of a column, at its end."""
+    both = np.column_stack([of["values"], values])
+    return of | {"values": both, "desc": xdf.described([*channels, channels[column]], AXES)}
+
+
+AXES = xdf.tags(axes="forward,left,up")
+
+
+def test_channels_of_one_description_are_one_or_refused(trial, tmp_path):
+    cameras, path = xdf.recorded(trial)[0], tmp_path / "a.xdf"
+    channels = xdf.marker_channels(trial.markers.names)
+    column = cameras["values"][:, 4].copy()
+    same = with_channel(cameras, channels, 4, column)
+    later = with_channel(cameras, channels, 4, np.where(np.arange(200) < 90, np.nan, column))
+    later["values"][90:, 4] = np.nan
+    for of in (same, later):
+        read = read_recording(xdf.write_xdf(path, [of]))
+        np.testing.assert_array_equal(read.markers.position, trial.markers.position)
+        assert [fact.kind for fact in read.facts] == ["joined"]
+    other = with_channel(cameras, channels, 4, column + 0.1)
+    refused(xdf.write_xdf(path, [other]), match=r"channels 5 and \d+ contradict each other; rename")

@@ -262,3 +262,31 @@ def test_samples_of_a_clock_that_stands_still_are_not_used():
     assert len(used) + found.unused == 400
     assert found.unused >= 149
     assert used[-1] == stamps[-1]
+
+
+@drawn(
+    twice=st.sampled_from([0.002, 0.1]),
+    apart_s=st.sampled_from([0.0, 2e-5]),
+    late=st.booleans(),
+    each=st.integers(1, 40),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_what_live_uses_of_repeated_samples_is_read_at_the_same_times(
+    twice, apart_s, late, each, seed
+):
+    """A recording of a session has no other clock than the session had."""
+    rng = np.random.default_rng(seed)
+    order = np.repeat(np.arange(1500), 1 + (rng.random(1500) < twice))
+    apart = apart_s * np.append(False, np.diff(order) == 0)
+    behind = late * 5.5 * (rng.random(len(order)) < 0.02)
+    at = np.argsort(np.arange(len(order)) + behind, kind="stable")
+    values, taken, used = rng.normal(size=(1500, 3)), Arrivals(STREAMS), []
+    for k in range(0, len(at), each):
+        chunk = at[k : k + each]
+        samples = Samples("Markers", 7 + order[chunk] / 100 + apart[chunk], values[order[chunk]])
+        used.append(taken.take(samples, order[chunk].max() / 100))
+    time, held = (np.concatenate([getattr(s, part) for s in used]) for part in ("time", "values"))
+    clock = find_clock(time, 100.0, held)
+    assert clock.rate_hz == pytest.approx(100, rel=1e-5)
+    np.testing.assert_allclose(clock.time[clock.index], time[clock.samples], atol=1e-3)
+    assert not [fact for fact in clock.facts if fact.kind in ("left_out", "in_doubt")]

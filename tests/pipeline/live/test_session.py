@@ -103,6 +103,35 @@ def test_a_recorded_session_processed_afterwards_gives_the_residuals_of_the_tria
     np.testing.assert_allclose(ours, true, rtol=1e-6)
 
 
+@pytest.mark.parametrize("apart_s", [0.0, 2e-5])
+def test_a_session_of_repeated_samples_processed_afterwards_gives_the_residuals_of_the_trial(
+    walker, result, tmp_path, apart_s
+):
+    class Repeating(RecordedSource):
+        """One sample in ten comes twice, the copy with a time stamp of its own or the same."""
+
+        def receive(self, timeout_s):
+            return [self._repeated(samples) for samples in super().receive(timeout_s)]
+
+        def _repeated(self, samples):
+            order = np.repeat(
+                np.arange(len(samples.time)), 1 + (rng.random(len(samples.time)) < 0.1)
+            )
+            copies = np.append(False, np.diff(order) == 0)
+            time = samples.time[order] + apart_s * copies
+            return replace(samples, time=time, values=samples.values[order])
+
+    rng = np.random.default_rng(0)
+    source, computed = Repeating(walker), chain(walker, result)
+    described = described_streams(source.streams, computed.live, walker.plates)
+    with closing(Recorder(tmp_path / "live", described, result_columns())) as recorder:
+        ended(Session(source, computed, recorder), source)
+    read = read_recording(tmp_path / "live" / STREAMS)
+    again = process_recording(read, Subject(sex="female"), REALTIME)
+    ours, true = (residual_table(each, "level")["rms"] for each in (again, result))
+    np.testing.assert_allclose(ours, true, rtol=1e-3)
+
+
 def test_results_on_disk_are_those_of_the_frames(followed):
     _, _, frames, folder = followed
     table = pd.read_parquet(folder / RESULTS_FOLDER)
