@@ -10,12 +10,12 @@ import numpy as np
 
 from hbm.markers import Markers
 from hbm.notes import Note
-from hbm.spatial import Array, frozen, rotate_wrench
+from hbm.spatial import Array, frozen, rotate_wrench, transform_wrench
 from hbm.spelling import listed, short
 from pipeline.io.axes import mean_force, parse_axes, settle_axes, split_axes
 from pipeline.io.labels import marker_columns
 from pipeline.io.recording import Fact, Plate, Recording, saying
-from pipeline.io.stated import Stated
+from pipeline.io.stated import MAX_POSITION_M, Stated
 
 MIN_VERTICAL_FORCE_N: Final = 100.0
 """Below it the centre of pressure is too noisy to compare with."""
@@ -75,8 +75,16 @@ def file_markers(
     position = positions(list(markers.values()))
     position *= metre
     position[~np.isfinite(position).all(axis=-1) | ~position.any(axis=-1)] = np.nan
+    # no marker is as far away along all three axes alike: a program's sign for a gap
+    signs = (np.ptp(position, axis=-1) == 0) & (np.abs(position[..., 0]) > MAX_POSITION_M)
+    facts = [
+        Fact("missing", f"marker {short(name)}", f"{count} samples at {position[k, m, 0]:g} m")
+        for m, (name, count) in enumerate(zip(markers, signs.sum(axis=0), strict=True))
+        if (k := int(np.argmax(signs[:, m]))) or signs[0, m]
+    ]
+    position[signs] = np.nan
     notes += stated.check_positions(position, [*markers], unit)
-    return FileMarkers(tuple(markers), position, unit, notes)
+    return FileMarkers(tuple(markers), position, unit, notes, facts)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +103,8 @@ class PlateColumns:
         Centre of pressure from the file's origin; None if absent.
     units
         Of force, moment and pressure.
+    place
+        Where it lies, in the file's axes; None where the file does not say.
     """
 
     number: int
@@ -104,6 +114,7 @@ class PlateColumns:
     moment: Array
     pressure: Array | None = None
     units: tuple[str, str, str] = field(kw_only=True, default=SI_UNITS)
+    place: Plate | None = field(kw_only=True, default=None)
 
     def in_si(self, stated: Stated) -> "PlateColumns":
         """Give the same in SI units."""
@@ -223,6 +234,13 @@ def recording_of(
         written = [unit for plate in found for unit in plate.units]
         noted += stated.unit_notes([markers.unit], written)
         pull = -sum(float(np.nan_to_num(plate.force @ to_lab[2]).mean()) for plate in columns)
+        # gravity acts along up, whoever stores its reaction or the load on the plates
+        total = to_lab @ sum((mean_force(plate.force) for plate in columns), np.zeros(3))
+        if not on_subject and np.linalg.norm(total) > max(MIN_VERTICAL_FORCE_N, 2 * abs(total[2])):
+            raise ValueError(
+                "the plates' mean force is level in the axes of the markers: forces and markers "
+                "have different axes; export both in the same ones"
+            )
         if pull > 0 and not on_subject:
             columns = [replace(each, force=-each.force, moment=-each.moment) for each in columns]
             noted.append(Note.of("forces_reversed"))
@@ -230,7 +248,7 @@ def recording_of(
         moments = []
         for plate in columns:
             wrench, where = (locate or wrench_about_origin)(plate, to_lab[2])
-            made.append(Plate.at_origin(plate.number, plate.time, rotate_wrench(wrench, to_lab)))
+            made.append(_placed(plate, rotate_wrench(wrench, to_lab), to_lab))
             moments.append(f"{plate.name} {where}")
         if moments:
             noted.append(Note.of("moments_about", plates=moments))
@@ -248,6 +266,17 @@ def recording_of(
             notes=tuple(noted),
             **others,
         )
+
+
+def _placed(plate: PlateColumns, wrench: Array, to_lab: Array) -> Plate:
+    """Give a plate by its wrench in the lab about its origin, (N, 6), at its place if known."""
+    if plate.place is None:
+        return Plate.at_origin(plate.number, plate.time, wrench)
+    rotation, center = to_lab @ plate.place.rotation, to_lab @ plate.place.center
+    in_plate = transform_wrench(wrench, rotation.T, -rotation.T @ center)
+    return Plate(
+        plate.number, plate.time, in_plate, rotation, center, plate.place.corners @ to_lab.T
+    )
 
 
 def wrench_about_origin(plate: PlateColumns, up: Array) -> Located:

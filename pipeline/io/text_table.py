@@ -1,7 +1,7 @@
 """Text files of numbers, from programs of all kinds: every fault is named with its place."""
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from io import SEEK_END, StringIO, TextIOWrapper
 from itertools import islice
 from pathlib import Path
@@ -14,9 +14,15 @@ from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import printable, short
 from pipeline.io.input_file import open_file
+from pipeline.io.recording import Fact
 from pipeline.io.units import MAX_VALUE
 
 DECIMAL_COMMA: Final = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
+COMMA_IN_NUMBER: Final = re.compile(r"(?<=\d),(?=\d)")
+NUMBER: Final = re.compile(r"[-+]?(\d+(\.\d*|,\d+)?|\.\d+)([eE][-+]?\d+)?|[-+]?nan", re.IGNORECASE)
+SEPARATORS: Final = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "spaces"}
+BETWEEN_LABELS: Final = (r"\t", r"\t|  +", r"\s")
+"""The first that gives as many labels as there are columns."""
 UTF16_MARKS: Final = {b"\xff\xfe": "utf-16-le", b"\xfe\xff": "utf-16-be"}
 FIELD_END: Final = re.compile(r"[\t,;]| +")
 BATCH_LINES: Final = 500
@@ -27,8 +33,20 @@ LINES_COMPARED: Final = 20
 GAPS: Final = [
     "",
     *(f"{sign}{nan}" for sign in ("", "-") for nan in ("nan", "NaN", "NAN", "Nan", "nan(ind)")),
+    *("NULL", "null", "NA", "N/A", "#N/A"),
 ]
 """How programs write a number that is missing; "nan(ind)" is that of C on Windows."""
+MIN_RATE_HZ, MAX_RATE_HZ = 1.0, 100_000.0
+MAX_TIME_ERROR: Final = 0.1
+"""In steps: files round their times, but not by more than this beyond half of their last digit."""
+MAX_ROUNDING: Final = 1.2
+"""Of half of the last digit: how far rounded times may be from those of a fitted rate."""
+ROUNDED: Final = 1e-6
+"""Of a digit: closer to a whole one, a number has no further digits."""
+MIN_SHARE_USUAL: Final = 0.95
+"""Of steps like most of them: rounding alone makes more that are not."""
+MAX_FILLED_RATIO: Final = 2
+"""Rows spanned per row held: with more missing, this is not one recording."""
 EMPTY: Final = "the file is empty"
 BINARY: Final = "the file holds binary data, expected text"
 
@@ -63,6 +81,59 @@ def decoded(content: bytes) -> str:
     if b"\0" in content:
         raise ValueError(BINARY)
     return content.decode("utf-8-sig", errors="replace")
+
+
+def table_lines(path: Path, separators: str = "\t") -> tuple[list[str], list[Fact]]:
+    """Give the lines of a table with tabs between its fields, and what was written otherwise.
+
+    The longest of the last rows shows what separates fields: tabs, semicolons, commas or spaces;
+    others than the ``separators`` of the format are a fact. Commas in numbers are decimal ones
+    where they separate no fields and no number has a point. Quotes are removed.
+    """
+    lines, facts = [line.replace('"', "") for line in lines_of(path)], list[Fact]()
+    rows = list(islice(filter(str.strip, reversed(lines)), LINES_COMPARED))
+    longest = max(rows, key=len)
+    words = longest.split()
+    separator = next((s for s in SEPARATORS if s in longest), " ")
+    # more numbers between spaces than fields between tabs
+    if all(map(NUMBER.fullmatch, words)) and len(words) > len(longest.strip().split("\t")):
+        separator = " "
+    fields = [field.strip() for row in rows for field in row.split(separator)]
+    if separator != "\t":
+        lines = ["\t".join(line.split(separator.strip() or None)) for line in lines]
+    if separator not in separators:
+        what = f"its columns are separated by {SEPARATORS[separator]}, expected tabs"
+        facts.append(Fact("corrected", path.name, what))
+    commas = separator != "," and any(map(DECIMAL_COMMA.fullmatch, fields))
+    if commas and not any("." in field for field in fields):
+        lines = [COMMA_IN_NUMBER.sub(".", line) for line in lines]
+        facts.append(Fact("corrected", path.name, "its decimal commas are read as points"))
+    return lines, facts
+
+
+def labels_in(line: str, count: int) -> list[str]:
+    """Give the labels in a line of a header, ``count`` of them where it can be read so.
+
+    They are between tabs, else between tabs or several spaces, else between any spaces.
+    """
+    ways = [[label for label in re.split(way, line) if label.strip()] for way in BETWEEN_LABELS]
+    labels = next((labels for labels in ways if len(labels) == count), ways[0])
+    return [printable(label.strip()) for label in labels]
+
+
+def with_last_gaps(line: str, count: int) -> str:
+    """Add the tabs that some programs leave out where a row's last markers are missing."""
+    missing = count - line.count("\t") - 1
+    return line + "\t" * missing if missing > 0 and missing % 3 == 0 else line
+
+
+def count_facts(path: Path, counts: Mapping[str, tuple[str, int]]) -> list[Fact]:
+    """Say which counts of a header, key -> (as written, in the file), are not those of the file."""
+    return [
+        Fact("corrected", path.name, f"its header says {key} {short(written)}, but it holds {held}")
+        for key, (written, held) in counts.items()
+        if written.strip() not in ("", str(held))
+    ]
 
 
 def names_in(line: str, separator: str | None = None) -> list[str]:
@@ -118,6 +189,111 @@ def parse_rows(rows: Iterable[tuple[int, str]], separator: str, names: Sequence[
     while batch := list(islice(rows, BATCH_LINES)):
         parts.append(_parse_batch(batch, separator, names))
     return np.concatenate(parts)
+
+
+def regular_rows(
+    file: str, numbers: Sequence[int], values: Array, column: int, rate_hz: float | None = None
+) -> tuple[Array, Array, list[Fact]]:
+    """Bring rows to regular times.
+
+    Parameters
+    ----------
+    file, numbers
+        Name of the file and number of each row's line in it, for messages.
+    values
+        Rows of numbers, (N, columns).
+    column
+        That of their times [s].
+    rate_hz
+        As a header states it; used where the times agree but for their rounding.
+
+    Returns
+    -------
+    time
+        Regular times, (T,) [s].
+    values
+        Rows at these times, (T, columns); NaN where the file lacks them.
+    facts
+        Another rate than the stated one, a repeated row left out, rows that are missing.
+
+    Raises
+    ------
+    ValueError
+        A row has no time or one that occurs twice, or the times are those of no rate.
+    """
+    time, facts = values[:, column], list[Fact]()
+    if len(time) < 2:
+        raise ValueError(f"it holds {len(time)} rows of numbers, expected at least 2")
+    if not np.isfinite(time).all():
+        raise ValueError(f"line {numbers[int(np.isfinite(time).argmin())]}: it has no time")
+    even = _even(time, rate_hz)
+    if even is None:  # rows written twice: the same again, or the last one
+        kept = np.append(True, np.diff(time) != 0)
+        for k in np.flatnonzero(~kept).tolist():
+            where, what = f"line {numbers[k]}", f"time {time[k]:.9g} occurs twice"
+            if k < len(time) - 1 and not np.array_equal(values[k], values[k - 1], equal_nan=True):
+                raise ValueError(f"{where}: {what}; delete one of the rows, or export it again")
+            facts.append(Fact("left_out", f"{file}, {where}", what))
+        numbers = [number for number, keep in zip(numbers, kept, strict=True) if keep]
+        values, time = values[kept], time[kept]
+        even = _even(time, rate_hz) if len(time) > 1 else None
+    if even is not None:
+        regular, rate = even
+        if rate_hz is not None and rate != rate_hz:
+            what = f"its header says {rate_hz:g} Hz, but its times are those of {rate:.6g} Hz"
+            facts.append(Fact("corrected", file, what))
+        return regular, values, facts
+    step = 1 / rate_hz if rate_hz else float(np.median(np.diff(time)))
+    index = np.rint((time - time[0]) / step) if step > 0 else np.zeros(len(time))
+    wrong = np.abs(time - time[0] - index * step) > MAX_TIME_ERROR * step
+    wrong[1:] |= (np.diff(index) < 1) | (np.diff(index) > MAX_FILLED_RATIO * len(time))
+    if wrong.any() or index[-1] >= MAX_FILLED_RATIO * len(time):
+        k = int(np.argmax(wrong))
+        raise ValueError(
+            f"line {numbers[k]}: time {time[k]:.9g} s, expected {time[max(k - 1, 0)] + step:.9g} s "
+            f"in steps of {step:.6g} s; correct its times or rate, or export it again"
+        )
+    rows = index.astype(int)
+    filled = np.full((rows[-1] + 1, values.shape[1]), np.nan)
+    filled[rows] = values
+    first = int(np.argmax(np.diff(rows) > 1))
+    what = f"{len(filled) - len(rows)} rows are not there, the first after line {numbers[first]}"
+    return time[0] + np.arange(len(filled)) * step, filled, [*facts, Fact("missing", file, what)]
+
+
+def _even(time: Array, stated_hz: float | None) -> tuple[Array, float] | None:
+    """Give regular times and their rate [Hz] where the written ones are those but for rounding."""
+    count = np.arange(len(time))
+    if not time[-1] > time[0]:
+        return None
+    steps = np.diff(time)
+    usual = np.abs(steps - np.median(steps)) < np.median(steps) / 2
+    slope_hz = 1 / float(np.polyfit(count, time, 1)[0])
+    ends_hz = (len(time) - 1) / float(time[-1] - time[0])
+    # by its ends a clock is as exact as its digits; of rounded times only all show the rate
+    measured = [round(slope_hz), slope_hz] if _rounding(time, slope_hz) else [ends_hz]
+    if MIN_SHARE_USUAL < usual.mean() < 1:  # single rows are missing or repeated
+        measured = []
+    for rate_hz in filter(None, (stated_hz, *measured)):
+        if not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:
+            continue
+        rounding = _rounding(time, rate_hz)
+        after = count / rate_hz
+        even = (float(np.mean(time - after)) if rounding else time[0]) + after
+        if np.abs(time - even).max() < MAX_TIME_ERROR / rate_hz + MAX_ROUNDING * rounding:
+            return even, rate_hz
+    return None
+
+
+def _rounding(time: Array, rate_hz: float) -> float:
+    """Give half of the last digit of rounded times [s]; 0 where the steps have no more digits."""
+    for unit in (0.01, 0.001, 1e-4, 1e-5):
+        if np.abs(time / unit - np.round(time / unit)).max() < ROUNDED:
+            step = 1 / rate_hz / unit
+            whole = abs(step - round(step)) < ROUNDED
+            fine = unit < 0.001 and unit / 2 * rate_hz < MAX_TIME_ERROR
+            return 0.0 if whole or fine else unit / 2
+    return 0.0
 
 
 def _parse_batch(rows: Sequence[tuple[int, str]], separator: str, names: Sequence[str]) -> Array:
