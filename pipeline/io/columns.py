@@ -273,6 +273,8 @@ def _placed(plate: PlateColumns, wrench: Array, to_lab: Array) -> Plate:
     if plate.place is None:
         return Plate.at_origin(plate.number, plate.time, wrench)
     rotation, center = to_lab @ plate.place.rotation, to_lab @ plate.place.center
+    if rotation[2, 2] > 0:
+        raise ValueError(f"{plate.name}: its corners are not in the order of its axes: z is up")
     in_plate = transform_wrench(wrench, rotation.T, -rotation.T @ center)
     return Plate(
         plate.number, plate.time, in_plate, rotation, center, plate.place.corners @ to_lab.T
@@ -298,12 +300,16 @@ def wrench_about_origin(plate: PlateColumns, up: Array) -> Located:
     -----
     A foot pushes but does not pull, so moment − (pressure − point) × force is vertical. Files do
     not state the point. It is the simplest one that explains the loaded samples as well as the
-    best one does: the origin, a point on the floor, a point anywhere. The misfit is given as the
+    best one does: the origin, the centre of the surface where that is known, a point on the floor,
+    a point anywhere. The misfit is given as the
     displacement of the centre of pressure that would explain it, median over the samples. Moments
-    are taken as about the origin, unchecked, without centres of pressure and without load.
+    are taken as about the centre of the surface, or the origin where it is unknown, unchecked,
+    without centres of pressure and without load.
     """
     name, force, moment, pressure = plate.name, plate.force, plate.moment, plate.pressure
-    wrench = np.hstack([force, moment])
+    center = np.zeros(3) if plate.place is None else plate.place.center
+    unchecked = UNCHECKED if plate.place is None else "about the centre of its surface, unchecked"
+    wrench = np.hstack([force, moment + np.cross(center, force)])
     loaded = np.abs(force @ up) > MIN_VERTICAL_FORCE_N
     if loaded.any() and not (moment[loaded] @ up).any():
         raise ValueError(
@@ -311,19 +317,18 @@ def wrench_about_origin(plate: PlateColumns, up: Array) -> Located:
             "exported; export all three moments"
         )
     if pressure is None:
-        return wrench, UNCHECKED
+        return wrench, unchecked
     loaded &= np.isfinite(np.hstack([pressure, wrench])).all(axis=1) & pressure.any(axis=1)
     if np.count_nonzero(loaded) < MIN_LOADED_SAMPLES:
-        return wrench, UNCHECKED
-    point, misfit = _simplest(force[loaded], moment[loaded], pressure[loaded], up)
+        return wrench, unchecked
+    point, misfit = _simplest(force[loaded], moment[loaded], pressure[loaded], up, center)
     if misfit > MAX_MISFIT_M:
         raise ValueError(
             f"{name}: moments and centres of pressure disagree by {1000 * misfit:.0f} mm about "
             f"any point, expected less than {1000 * MAX_MISFIT_M:.0f} mm: the units, axes or "
             "signs of its columns are not those of one plate"
         )
-    wrench[:, 3:] += np.cross(point, force)
-    return wrench, _about(point, misfit)
+    return np.hstack([force, moment + np.cross(point, force)]), _about(point, misfit)
 
 
 def _about(point: Array, misfit: float) -> str:
@@ -366,7 +371,9 @@ def wrench_of_torque(plate: PlateColumns, up: Array) -> Located:
     return np.hstack([force, torque + np.cross(about, force)]), _about(about, misfit)
 
 
-def _simplest(force: Array, moment: Array, pressure: Array, up: Array) -> tuple[Array, float]:
+def _simplest(
+    force: Array, moment: Array, pressure: Array, up: Array, *known: Array
+) -> tuple[Array, float]:
     """Give the simplest point about which the moments may be, (3,), and its misfit [m]."""
     axes = np.eye(3)
     level = axes[np.abs(axes @ up) < 0.5]
@@ -376,7 +383,7 @@ def _simplest(force: Array, moment: Array, pressure: Array, up: Array) -> tuple[
         rest = (tilt + np.cross(point, force)) @ level.T
         return float(np.median(np.linalg.norm(rest, axis=1) / np.abs(force @ up)))
 
-    candidates = [np.zeros(3)]
+    candidates = [np.zeros(3), *known]
     for directions in (level, axes):
         columns = [(np.cross(axis, force) @ level.T).ravel() for axis in directions]
         solved = np.linalg.lstsq(np.stack(columns, 1), -(tilt @ level.T).ravel())[0]

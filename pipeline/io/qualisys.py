@@ -1,26 +1,18 @@
 """Text exports of Qualisys Track Manager (.tsv): trajectories, and force plates beside them."""
 
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from hbm.notes import Note
 from hbm.spatial import Array
-from hbm.spelling import listed, short
+from hbm.spelling import listed, printable, short
 from pipeline.io.c3d.force_plates import plate_axes
 from pipeline.io.c3d.read import kind_and_side
-from pipeline.io.columns import (
-    Located,
-    PlateColumns,
-    file_markers,
-    plate_of,
-    recording_of,
-    wrench_about_origin,
-)
+from pipeline.io.columns import PlateColumns, file_markers, plate_of, recording_of
 from pipeline.io.input_file import naming
 from pipeline.io.recording import Event, Fact, Plate, Recording
 from pipeline.io.stated import Stated
@@ -39,89 +31,66 @@ from pipeline.io.text_table import (
 PLATE_FILE: Final = re.compile(r"(?P<trial>.*)_f(?:_(?P<number>\d+))?", re.IGNORECASE)
 """Stem of a file of forces: of the only plate, or of one with its number."""
 KEY: Final = re.compile(r"[A-Z]+(_[A-Z]+)+|FREQUENCY|DESCRIPTION|EVENT")
+TITLES: Final = "titles"
+"""Key for the names of the columns."""
 PARTS: Final = ("Force_", "Moment_", "COP_")
 UNITS: Final = ("N", "Nm", "mm")
 CORNERS: Final = ("POSX_POSY", "NEGX_POSY", "NEGX_NEGY", "POSX_NEGY")
 """In the order of the C3D format."""
 MAX_CORNER_ERROR_M: Final = 0.02
 """Corners that are measured miss a rectangle by millimetres, those in no order by decimetres."""
+Header = Mapping[str, Sequence[str]]
+"""Key -> what follows it; of the events with their lines' numbers."""
+Rows = list[tuple[int, str]]
+"""Numbers and lines."""
 
 
-@dataclass(frozen=True, slots=True)
-class Export:
-    """A file as the program writes it.
-
-    Attributes
-    ----------
-    header
-        Key -> what follows it in its line.
-    events
-        Name, frame and time of each, as written.
-    titles
-        Names of the columns; empty where the file has none.
-    rows
-        Number and text of each line of numbers.
-    facts, notes
-        What was written otherwise than expected, and how the file ends.
-    """
-
-    header: dict[str, list[str]]
-    events: list[list[str]]
-    titles: list[str]
-    rows: list[tuple[int, str]]
-    facts: list[Fact]
-    notes: list[Note]
-
-    def text(self, key: str) -> str:
-        """Give the first text of a line of the header; empty where it is absent."""
-        return (self.header.get(key) or [""])[0]
-
-    def table(self, path: Path, columns: list[str], counted: str) -> tuple[Array, Array, bool]:
-        """Give times [s] and rows, and whether the times are those of a column."""
-        filled = ((k, with_last_gaps(line, len(columns))) for k, line in self.rows)
-        values = parse_rows(filled, "\t", columns)
-        self.facts.extend(count_facts(path, {counted: (self.text(counted), len(values))}))
-        rate_hz = read_number(self.text("FREQUENCY"), "FREQUENCY in the header")
-        timed = [k for k, name in enumerate(columns[:2]) if name.lower() == "time"]
-        if not timed:
-            return np.arange(len(values)) / rate_hz, values, False
-        numbers = [k for k, _ in self.rows]
-        time, values, facts = regular_rows(path.name, numbers, values, timed[0], rate_hz)
-        self.facts.extend(facts)
-        return time, values, True
-
-
-def _export(path: Path) -> Export:
+def _export(path: Path) -> tuple[Header, Rows, list[Fact]]:
+    """Give header and rows of numbers, and what was written otherwise than expected."""
     lines, facts = table_lines(path)
     rows = [(k, line) for k, line in enumerate(lines, start=1) if line.strip()]
     firsts = (line.split("\t")[0].strip() for _, line in rows)
     numbers = (k for k, first in enumerate(firsts) if first in GAPS or NUMBER.fullmatch(first))
     start = next(numbers, len(rows))
-    export = Export({}, [], [], rows[start:], facts, ending_notes(path))
-    for _, line in rows[:start]:
+    if len(rows) < start + 2:
+        raise ValueError(f"it holds {len(rows) - start} rows of numbers, expected at least 2")
+    header = {}
+    for k, line in rows[:start]:
         key, texts = line.split()[0], [text.strip() for text in line.split("\t")]
-        if key == "EVENT":
-            export.events.append(texts[1:])
-        elif KEY.fullmatch(key):
-            export.header[key] = texts[1:]
-        else:
-            export.titles[:] = texts
-    if len(export.rows) < 2:
-        raise ValueError(f"it holds {len(export.rows)} rows of numbers, expected at least 2")
-    return export
+        named = KEY.fullmatch(key)
+        header[f"EVENT {k}" if key == "EVENT" else key if named else TITLES] = texts[bool(named) :]
+    return header, rows[start:], facts
+
+
+def _text(header: Header, key: str) -> str:
+    return (header.get(key) or [""])[0]
+
+
+def _numbers(
+    path: Path, header: Header, rows: Rows, columns: Sequence[str], counted: str
+) -> tuple[Array, Array, list[Fact]]:
+    """Give times [s], of the column TIME or else from 0, and all columns."""
+    filled = ((k, with_last_gaps(line, len(columns))) for k, line in rows)
+    values = parse_rows(filled, "\t", columns)
+    facts = count_facts(path, {counted: (_text(header, counted), len(values))})
+    rate_hz = read_number(_text(header, "FREQUENCY"), "FREQUENCY in the header")
+    timed = [k for k, name in enumerate(columns[:2]) if name.upper() == "TIME"]
+    if not timed:
+        return np.arange(len(values)) / rate_hz, values, facts
+    time, values, more = regular_rows(path.name, [k for k, _ in rows], values, timed[0], rate_hz)
+    return time, values, [*facts, *more]
 
 
 def plate_files(path: Path) -> list[Path]:
     """Give the files of forces of an export, from that of its trajectories or of one plate."""
     match = PLATE_FILE.fullmatch(path.stem)
-    trial = match["trial"] if match else path.stem
-    beside = [
+    export = (match["trial"] if match else path.stem, path.suffix)
+    found = [
         file
-        for file in path.parent.iterdir()
-        if (of := PLATE_FILE.fullmatch(file.stem))
-        and (of["trial"], file.suffix.lower()) == (trial, path.suffix.lower())
+        for file in path.parent.glob(f"*{path.suffix}")
+        if (of := PLATE_FILE.fullmatch(file.stem)) and (of["trial"], file.suffix) == export
     ]
-    return sorted(beside, key=lambda file: (len(file.stem), file.stem))
+    return sorted(found, key=lambda file: (len(file.stem), file.stem))
 
 
 def read_qualisys(path: Path, stated: Stated, forces: Path | None = None) -> Recording:
@@ -154,57 +123,44 @@ def read_qualisys(path: Path, stated: Stated, forces: Path | None = None) -> Rec
     -----
     Header and rows are those of
     https://docs.qualisys.com/qtm/content/processing_measurement/motion_data_tsv.htm. Forces are the
-    actual ones on the plate, in N, N·m and mm, in its own axes with z down or in those of the lab
-    (https://docs.qualisys.com/qtm/content/qtm_windows/force_data_information.htm); ``DESCRIPTION``
-    says which. Where they pull nevertheless, they are taken as they are: `recording_of` changes the
-    sign of forces that act on the plate. Moments in the plate's axes are about the centre of its
-    surface, as in the program's real-time data; the point of others is not documented, so that
-    `wrench_about_origin` finds it from the centres of pressure.
+    actual ones on the plate, in N, N·m and mm, in the plate's own axes with z down or in the lab's
+    (https://docs.qualisys.com/qtm/content/qtm_windows/force_data_information.htm); DESCRIPTION says
+    which. `recording_of` changes their sign where they pull. The point of the moments is not
+    documented: `wrench_about_origin` finds it from the centres of pressure, and takes the centre of
+    the plate's surface, as of the program's real-time data, where these fit or are absent.
     """
-    export = _export(path)
-    if export.text("DATA_INCLUDED") not in ("3D", ""):
+    header, rows, facts = _export(path)
+    if (included := _text(header, "DATA_INCLUDED")) not in ("3D", ""):
+        raise ValueError(f"it holds {short(included)} data, expected 3D; export it again")
+    names = [printable(name) for name in header["MARKER_NAMES"] if name]
+    width = max(len(line.rstrip().split("\t")) for _, line in rows)
+    clock = [title for title in header.get(TITLES, ())[:2] if title.upper() in ("FRAME", "TIME")]
+    if TITLES not in header:
+        single = "Time" if "." in rows[0][1].split("\t")[0] else "Frame"
+        clock = [[], [single], ["Frame", "Time"]][width % 3]
+    if width > len(clock) + 3 * len(names):
         raise ValueError(
-            f"it holds {short(export.text('DATA_INCLUDED'))} data, expected 3D; export it again"
+            f"MARKER_NAMES has {len(names)}, but line {rows[0][0]} holds {width} columns"
         )
-    names = [name for name in export.header["MARKER_NAMES"] if name]
-    width = max(len(line.rstrip().split("\t")) for _, line in export.rows)
-    others = [title for title in export.titles[:2] if title.lower() in ("frame", "time")]
-    if not export.titles:  # a single column before the markers counts frames or has the time
-        first = [float(line.split("\t")[0] or "nan") for _, line in export.rows[:2]]
-        single = ["Frame" if first[1] - first[0] == 1 else "Time"]
-        others = [[], single, ["Frame", "Time"]][width % 3]
-    if width > len(others) + 3 * len(names):
-        raise ValueError(
-            f"MARKER_NAMES are {len(names)}, but line {export.rows[0][0]} has {width} columns"
-        )
-    columns = [*others, *(f"{name} {axis}" for name in names for axis in "XYZ")]
-    export.facts.extend(
-        count_facts(path, {"NO_OF_MARKERS": (export.text("NO_OF_MARKERS"), len(names))})
-    )
-    time, values, timed = export.table(path, columns, "NO_OF_FRAMES")
-    position = values[:, len(others) :].reshape(len(values), len(names), 3)
+    columns = [*clock, *(f"{name} {axis}" for name in names for axis in "XYZ")]
+    facts += count_facts(path, {"NO_OF_MARKERS": (_text(header, "NO_OF_MARKERS"), len(names))})
+    time, values, more = _numbers(path, header, rows, columns, "NO_OF_FRAMES")
+    position = values[:, len(clock) :].reshape(len(values), len(names), 3)
     markers = file_markers(names, "mm", lambda kept: position[:, kept], stated)
-    first_frame = int(values[0, others.index("Frame")]) if "Frame" in others else 1
-    start_s = time[0] if timed else (first_frame - 1) / read_number(export.text("FREQUENCY"), "")
-    plates, local = list[PlateColumns | Fact](), set[int]()
-    for file in (files := plate_files(forces or path) or ([forces] if forces else [])):
+    first_frame = int(values[0, 0]) if "Frame" in clock else 1
+    frame_s, timed = time[1] - time[0], "Time" in clock
+    events = _events(header, time[0] if timed else (first_frame - 1) * frame_s)
+    facts += [*more, *(event for event in events if isinstance(event, Fact))]
+    plates, notes = list[PlateColumns | Fact](), ending_notes(path)
+    files = plate_files(forces or path) or ([] if forces is None else [forces])
+    for file in files:
         with naming(file):
-            plate = _plate(file, export, time[0] if timed else None, local)
+            plate, more = _plate(file, time[0] if timed else None)
+            notes += ending_notes(file)
         plates.append(plate)
+        facts += more
     if files:
-        beside = f"with the plates of {listed(file.name for file in files)}"
-        export.facts.append(Fact("joined", path.name, beside))
-
-    def located(plate: PlateColumns, up: Array) -> Located:
-        if plate.place is not None and plate.number in local:
-            if plate.place.rotation[:, 2] @ up > 0:
-                raise ValueError(
-                    f"{plate.name}: its corners are in another order than the plate's axes: z is up"
-                )
-            about = plate.moment + np.cross(plate.place.center, plate.force)
-            plate = replace(plate, moment=about)
-        return wrench_about_origin(plate, up)
-
+        facts.append(Fact("joined", path.name, f"with {listed(file.name for file in files)}"))
     return recording_of(
         path,
         stated,
@@ -212,69 +168,65 @@ def read_qualisys(path: Path, stated: Stated, forces: Path | None = None) -> Rec
         time - time[0],
         plates,
         on_subject=False,
-        locate=located,
-        facts=export.facts,
-        notes=export.notes,
+        facts=facts,
+        notes=notes,
         first_frame=first_frame,
-        events=tuple(_events(export, start_s)),
+        events=tuple(event for event in events if isinstance(event, Event)),
     )
 
 
-def _events(export: Export, start_s: float) -> Iterator[Event]:
-    """Give the foot strikes and foot offs; others are a fact."""
-    for name, *_, written in export.events:
-        kind, side = kind_and_side(name)
+def _events(header: Header, start_s: float) -> list[Event | Fact]:
+    """Give the foot strikes and foot offs, and why others are left out."""
+    events: list[Event | Fact] = []
+    for name, *_, written in (texts for key, texts in header.items() if key.startswith("EVENT ")):
+        of, (kind, side) = f"event {short(name)}", kind_and_side(name)
         if kind and side:
-            yield Event(read_number(written, f"event {short(name)}") - start_s, kind, side)
+            events.append(Event(read_number(written, of) - float(start_s), kind, side))
         else:
-            what = "it is no foot strike or foot off of either side"
-            export.facts.append(Fact("left_out", f"event {short(name)}", what))
+            events.append(Fact("left_out", of, "it is no foot strike or foot off of a side"))
+    return events
 
 
-def _plate(
-    path: Path, of_markers: Export, start_s: float | None, local: set[int]
-) -> PlateColumns | Fact:
-    """Give the plate of a file in the axes of the markers, or why it is left out.
+def _plate(path: Path, start_s: float | None) -> tuple[PlateColumns | Fact, list[Fact]]:
+    """Give the plate of a file in the axes of the markers, or why it is left out, and facts.
 
-    The number of one whose columns are in its own axes is added to ``local``. Its clock begins with
-    the markers' unless both files have times.
+    Its clock begins with the markers', at ``start_s`` where both files have times.
     """
-    export = _export(path)
+    header, rows, facts = _export(path)
     of_name = PLATE_FILE.fullmatch(path.stem)
     number = int(of_name["number"] or 1) if of_name else 1
-    name = f"plate {number} ({short(export.text('FORCE_PLATE_NAME') or path.name)})"
-    titles = [f"{part}{axis}" for part in PARTS for axis in "XYZ"]
-    if len(export.rows[0][1].rstrip().split("\t")) > len(titles):
-        titles = ["SAMPLE", "TIME", *titles]
-    time, values, timed = export.table(path, export.titles or titles, "NO_OF_SAMPLES")
-    of_markers.facts.extend(export.facts)
-    of_markers.notes.extend(export.notes)
-    columns = dict(zip(export.titles or titles, values.T, strict=True))
-    clock = time - (start_s if timed and start_s is not None else time[0])
-    plate = plate_of(number, name, clock, columns, PARTS, units=UNITS)
-    place, axes = _place(export, number), export.text("DESCRIPTION").lower()
-    if isinstance(plate, Fact):
-        return plate
-    if "local" not in axes:
-        known = any(word in axes for word in ("lab", "world", "global"))
-        what = "its DESCRIPTION does not say whether its axes are the plate's or the lab's"
-        return replace(plate, place=place) if known else Fact("left_out", name, what)
-    if place is None:
-        what = "its columns are in its own axes, and its corners are no rectangle"
-        return Fact("left_out", name, what)
-    local.add(number)
-    turned = (part @ place.rotation.T for part in (plate.force, plate.moment, plate.pressure))
-    force, moment, pressure = turned
-    return replace(
-        plate, force=force, moment=moment, pressure=pressure + 1000 * place.center, place=place
-    )
+    name = f"plate {number} ({short(_text(header, 'FORCE_PLATE_NAME') or path.name)})"
+    columns = [f"{part}{axis}" for part in PARTS for axis in "XYZ"]
+    if len(rows[0][1].split("\t")) > len(columns) + 1:
+        columns = ["SAMPLE", "TIME", *columns]
+    columns = [*header.get(TITLES, columns)]
+    time, values, more = _numbers(path, header, rows, columns, "NO_OF_SAMPLES")
+    clock = time - (time[0] if start_s is None or "TIME" not in columns else start_s)
+    by_name = dict(zip(columns, values.T, strict=True))
+    plate = plate_of(number, name, clock, by_name, PARTS, units=UNITS)
+    place, axes = _place(header, number), _text(header, "DESCRIPTION").lower()
+    local = "local" in axes
+    why = "its DESCRIPTION does not say whether its axes are the plate's or the lab's"
+    if local and place is None:
+        why = "it is in the plate's axes, and states no rectangle of corners"
+    elif local or any(word in axes for word in ("lab", "world", "global")):
+        why = ""
+    if why or isinstance(plate, Fact):
+        return (Fact("left_out", name, why) if why else plate), [*facts, *more]
+    if local and place is not None and plate.pressure is not None:
+        force, moment, pressure = (
+            part @ place.rotation.T for part in (plate.force, plate.moment, plate.pressure)
+        )
+        pressure += 1000 * place.center  # in mm, as the file
+        plate = replace(plate, force=force, moment=moment, pressure=pressure)
+    return replace(plate, place=place), [*facts, *more]
 
 
-def _place(export: Export, number: int) -> Plate | None:
+def _place(header: Header, number: int) -> Plate | None:
     """Give where a plate lies [m]; None where its file states no rectangle."""
     keys = (f"FORCE_PLATE_CORNER_{corner}_{axis}" for corner in CORNERS for axis in "XYZ")
     try:
-        corners = np.array([export.text(key) for key in keys], float).reshape(4, 3) / 1000
+        corners = np.array([_text(header, key) for key in keys], float).reshape(4, 3) / 1000
         rotation = plate_axes(corners)
     except ValueError:
         return None

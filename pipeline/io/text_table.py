@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from hbm.notes import Note
-from hbm.spatial import Array
+from hbm.spatial import Array, Indices
 from hbm.spelling import printable, short
 from pipeline.io.input_file import open_file
 from pipeline.io.recording import Fact
@@ -226,62 +226,61 @@ def regular_rows(
         raise ValueError(f"it holds {len(time)} rows of numbers, expected at least 2")
     if not np.isfinite(time).all():
         raise ValueError(f"line {numbers[int(np.isfinite(time).argmin())]}: it has no time")
-    even = _even(time, rate_hz)
-    if even is None:  # rows written twice: the same again, or the last one
+    grid = _grid(time, rate_hz)
+    if grid is None:  # rows written twice: the same again, or the last one
         kept = np.append(True, np.diff(time) != 0)
         for k in np.flatnonzero(~kept).tolist():
             where, what = f"line {numbers[k]}", f"time {time[k]:.9g} occurs twice"
             if k < len(time) - 1 and not np.array_equal(values[k], values[k - 1], equal_nan=True):
                 raise ValueError(f"{where}: {what}; delete one of the rows, or export it again")
             facts.append(Fact("left_out", f"{file}, {where}", what))
-        numbers = [number for number, keep in zip(numbers, kept, strict=True) if keep]
+        numbers = [numbers[k] for k in np.flatnonzero(kept).tolist()]
         values, time = values[kept], time[kept]
-        even = _even(time, rate_hz) if len(time) > 1 else None
-    if even is not None:
-        regular, rate = even
-        if rate_hz is not None and rate != rate_hz:
-            what = f"its header says {rate_hz:g} Hz, but its times are those of {rate:.6g} Hz"
-            facts.append(Fact("corrected", file, what))
-        return regular, values, facts
-    step = 1 / rate_hz if rate_hz else float(np.median(np.diff(time)))
-    index = np.rint((time - time[0]) / step) if step > 0 else np.zeros(len(time))
-    wrong = np.abs(time - time[0] - index * step) > MAX_TIME_ERROR * step
-    wrong[1:] |= (np.diff(index) < 1) | (np.diff(index) > MAX_FILLED_RATIO * len(time))
-    if wrong.any() or index[-1] >= MAX_FILLED_RATIO * len(time):
-        k = int(np.argmax(wrong))
+        grid = _grid(time, rate_hz)
+    if grid is None:
+        step = 1 / rate_hz if rate_hz else float(np.median(np.diff(time)))
+        k = 1 + int(np.argmax(np.abs(np.diff(time) - step) > MAX_TIME_ERROR * step))
         raise ValueError(
-            f"line {numbers[k]}: time {time[k]:.9g} s, expected {time[max(k - 1, 0)] + step:.9g} s "
-            f"in steps of {step:.6g} s; correct its times or rate, or export it again"
+            f"line {numbers[k]}: time {time[k]:.9g} s, expected {time[k - 1] + step:.9g} s in "
+            f"steps of {step:.6g} s; correct its times or rate, or export it again"
         )
-    rows = index.astype(int)
-    filled = np.full((rows[-1] + 1, values.shape[1]), np.nan)
-    filled[rows] = values
-    first = int(np.argmax(np.diff(rows) > 1))
-    what = f"{len(filled) - len(rows)} rows are not there, the first after line {numbers[first]}"
-    return time[0] + np.arange(len(filled)) * step, filled, [*facts, Fact("missing", file, what)]
+    start_s, rate, index = grid
+    if rate_hz is not None and rate != rate_hz:
+        what = f"its header says {rate_hz:g} Hz, but its times are those of {rate:.6g} Hz"
+        facts.append(Fact("corrected", file, what))
+    if rounding := _rounding(time, rate):
+        what = f"its times, rounded to {2 * rounding:g} s, are taken as those of {rate:.6g} Hz"
+        facts.append(Fact("corrected", file, what))
+    filled = np.full((index[-1] + 1, values.shape[1]), np.nan)
+    filled[index] = values
+    if missing := len(filled) - len(values):
+        after = numbers[int(np.argmax(np.diff(index) > 1))]
+        what = f"{missing} rows are not there, the first after line {after}"
+        facts.append(Fact("missing", file, what))
+    return start_s + np.arange(len(filled)) / rate, filled, facts
 
 
-def _even(time: Array, stated_hz: float | None) -> tuple[Array, float] | None:
-    """Give regular times and their rate [Hz] where the written ones are those but for rounding."""
-    count = np.arange(len(time))
+def _grid(time: Array, stated_hz: float | None) -> tuple[float, float, Indices] | None:
+    """Give start [s], rate [Hz] and numbers of rows whose times are regular but for rounding."""
+    steps, count = np.diff(time), np.arange(len(time))
     if not time[-1] > time[0]:
         return None
-    steps = np.diff(time)
-    usual = np.abs(steps - np.median(steps)) < np.median(steps) / 2
+    usual_s = float(np.median(steps))
     slope_hz = 1 / float(np.polyfit(count, time, 1)[0])
-    ends_hz = (len(time) - 1) / float(time[-1] - time[0])
-    # by its ends a clock is as exact as its digits; of rounded times only all show the rate
-    measured = [round(slope_hz), slope_hz] if _rounding(time, slope_hz) else [ends_hz]
-    if MIN_SHARE_USUAL < usual.mean() < 1:  # single rows are missing or repeated
-        measured = []
-    for rate_hz in filter(None, (stated_hz, *measured)):
-        if not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:
-            continue
+    rates = [stated_hz, 1 / usual_s if usual_s > 0 else None]
+    # unless single rows are missing or repeated, the ends show the rate, of rounded times all do
+    if not MIN_SHARE_USUAL < np.mean(np.abs(steps - usual_s) < usual_s / 2) < 1:
+        rounded = _rounding(time, slope_hz) > 0
+        rates[1:1] = [round(slope_hz), slope_hz] if rounded else [(len(time) - 1) / np.ptp(time)]
+    for rate_hz in (rate for rate in rates if rate and MIN_RATE_HZ <= rate <= MAX_RATE_HZ):
         rounding = _rounding(time, rate_hz)
-        after = count / rate_hz
-        even = (float(np.mean(time - after)) if rounding else time[0]) + after
-        if np.abs(time - even).max() < MAX_TIME_ERROR / rate_hz + MAX_ROUNDING * rounding:
-            return even, rate_hz
+        with_gaps = [] if rounding else [np.rint((time - time[0]) * rate_hz).astype(int)]
+        for index in (count, *with_gaps):
+            start_s = float(np.mean(time - index / rate_hz) if rounding else time[0])
+            error_s = np.abs(time - start_s - index / rate_hz).max()
+            increases = (np.diff(index) > 0).all() and index[-1] < MAX_FILLED_RATIO * len(time)
+            if increases and error_s < MAX_TIME_ERROR / rate_hz + MAX_ROUNDING * rounding:
+                return start_s, rate_hz, index
     return None
 
 

@@ -240,7 +240,9 @@ def write_qualisys_plate(plate, path, *, start_s=0.0, local=True, timed=True):
     of = "local (force plate)" if local else "world (lab)"
     header |= {"DESCRIPTION": f"Force data in {of} coordinates"}
     header |= {"FORCE_PLATE_NAME": f"Force-plate {plate.number}"}
-    for corner, place in zip(("POSX_POSY", "NEGX_POSY", "NEGX_NEGY", "POSX_NEGY"), corners, strict=True):
+    for corner, place in zip(
+        ("POSX_POSY", "NEGX_POSY", "NEGX_NEGY", "POSX_NEGY"), corners, strict=True
+    ):
         for axis, value in zip(FRAME, place, strict=True):
             header[f"FORCE_PLATE_CORNER_{corner}_{axis}"] = f"{1000 * value:.6f}"
     names = [f"{part}_{axis}" for part in ("Force", "Moment", "COP") for axis in FRAME]

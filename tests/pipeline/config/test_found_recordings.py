@@ -63,8 +63,8 @@ def folder(tmp_path):
 
 def test_recordings_are_grouped_by_subject_and_the_stillest_is_the_pose(folder):
     (first, second), unused = found_subjects(folder)
-    assert first == ("S01", "S01_0.c3d", {"walking": ["S01_4.c3d"]})
-    assert second == ("S02", "", {"walking": ["S02_5.c3d", "S02_6.c3d"]})
+    assert first == ("S01", "S01_0.c3d", {"walking": ["S01_4.c3d"]}, {})
+    assert second == ("S02", "", {"walking": ["S02_5.c3d", "S02_6.c3d"]}, {})
     assert list(unused) == ["broken.c3d"]
 
 
