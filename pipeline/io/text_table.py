@@ -267,20 +267,22 @@ def _grid(time: Array, stated_hz: float | None) -> tuple[float, float, Indices] 
         return None
     usual_s = float(np.median(steps))
     slope_hz = 1 / float(np.polyfit(count, time, 1)[0])
-    rates = [stated_hz, 1 / usual_s if usual_s > 0 else None]
-    # unless single rows are missing or repeated, the ends show the rate, of rounded times all do
-    if not MIN_SHARE_USUAL < np.mean(np.abs(steps - usual_s) < usual_s / 2) < 1:
-        rounded = _rounding(time, slope_hz) > 0
-        rates[1:1] = [round(slope_hz), slope_hz] if rounded else [(len(time) - 1) / np.ptp(time)]
-    for rate_hz in (rate for rate in rates if rate and MIN_RATE_HZ <= rate <= MAX_RATE_HZ):
-        rounding = _rounding(time, rate_hz)
-        with_gaps = [] if rounding else [np.rint((time - time[0]) * rate_hz).astype(int)]
-        for index in (count, *with_gaps):
-            start_s = float(np.mean(time - index / rate_hz) if rounding else time[0])
-            error_s = np.abs(time - start_s - index / rate_hz).max()
-            increases = (np.diff(index) > 0).all() and index[-1] < MAX_FILLED_RATIO * len(time)
-            if increases and error_s < MAX_TIME_ERROR / rate_hz + MAX_ROUNDING * rounding:
-                return start_s, rate_hz, index
+    ends_hz = (len(time) - 1) / float(time[-1] - time[0])
+    # a step that is lost or doubled turns the line through all times or through their ends
+    lost = MIN_SHARE_USUAL < np.mean(np.abs(steps - usual_s) < usual_s / 2) < 1
+    plain = [stated_hz, None if lost else ends_hz, 1 / usual_s if usual_s > 0 else None]
+    rounded = [stated_hz, *([] if lost else [round(slope_hz), slope_hz])]
+    for share, rates in ((0.0, plain), (MAX_ROUNDING, rounded)):
+        for rate_hz in (rate for rate in rates if rate and MIN_RATE_HZ <= rate <= MAX_RATE_HZ):
+            rounding = _rounding(time, rate_hz)
+            for index in (count, np.rint((time - time[0]) * rate_hz).astype(int))[
+                : 1 + (not share)
+            ]:
+                start_s = float(np.mean(time - index / rate_hz) if rounding else time[0])
+                error_s = np.abs(time - start_s - index / rate_hz).max()
+                increases = (np.diff(index) > 0).all() and index[-1] < MAX_FILLED_RATIO * len(time)
+                if increases and error_s < MAX_TIME_ERROR / rate_hz + share * rounding:
+                    return start_s, rate_hz, index
     return None
 
 
@@ -290,7 +292,7 @@ def _rounding(time: Array, rate_hz: float) -> float:
         if np.abs(time / unit - np.round(time / unit)).max() < ROUNDED:
             step = 1 / rate_hz / unit
             whole = abs(step - round(step)) < ROUNDED
-            fine = unit < 0.001 and unit / 2 * rate_hz < MAX_TIME_ERROR
+            fine = unit < 0.001 and unit * rate_hz < MAX_TIME_ERROR
             return 0.0 if whole or fine else unit / 2
     return 0.0
 
