@@ -265,24 +265,28 @@ def _grid(time: Array, stated_hz: float | None) -> tuple[float, float, Indices] 
     steps, count = np.diff(time), np.arange(len(time))
     if not time[-1] > time[0]:
         return None
-    usual_s = float(np.median(steps))
-    slope_hz = 1 / float(np.polyfit(count, time, 1)[0])
-    ends_hz = (len(time) - 1) / float(time[-1] - time[0])
-    # a step that is lost or doubled turns the line through all times or through their ends
+    usual_s, slope_s = float(np.median(steps)), float(np.polyfit(count, time, 1)[0])
+    # single steps that are lost or doubled would turn a line through all times or their ends
     lost = MIN_SHARE_USUAL < np.mean(np.abs(steps - usual_s) < usual_s / 2) < 1
-    plain = [stated_hz, None if lost else ends_hz, 1 / usual_s if usual_s > 0 else None]
-    rounded = [stated_hz, *([] if lost else [round(slope_hz), slope_hz])]
-    for share, rates in ((0.0, plain), (MAX_ROUNDING, rounded)):
-        for rate_hz in (rate for rate in rates if rate and MIN_RATE_HZ <= rate <= MAX_RATE_HZ):
+    ends_hz = (len(time) - 1) / float(time[-1] - time[0])
+    # equal steps need no rounding to be explained; else the stated rate is tried with it first
+    measured = [(0.0, ends_hz)] if np.ptp(steps) < MAX_TIME_ERROR * usual_s else []
+    tries = [
+        (0.0, stated_hz),
+        *measured,
+        (MAX_ROUNDING, stated_hz),
+        (0.0, 1 / usual_s if lost else ends_hz),
+    ]
+    tries += [] if lost else [(MAX_ROUNDING, round(1 / slope_s)), (MAX_ROUNDING, 1 / slope_s)]
+    for share, rate_hz in tries:
+        if rate_hz and MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:
+            index = np.rint((time - time[0]) * rate_hz).astype(int) if lost and not share else count
             rounding = _rounding(time, rate_hz)
-            for index in (count, np.rint((time - time[0]) * rate_hz).astype(int))[
-                : 1 + (not share)
-            ]:
-                start_s = float(np.mean(time - index / rate_hz) if rounding else time[0])
-                error_s = np.abs(time - start_s - index / rate_hz).max()
-                increases = (np.diff(index) > 0).all() and index[-1] < MAX_FILLED_RATIO * len(time)
-                if increases and error_s < MAX_TIME_ERROR / rate_hz + share * rounding:
-                    return start_s, rate_hz, index
+            start_s = float(np.mean(time - index / rate_hz) if rounding else time[0])
+            error_s = np.abs(time - start_s - index / rate_hz).max()
+            increases = (np.diff(index) > 0).all() and index[-1] < MAX_FILLED_RATIO * len(time)
+            if increases and error_s < MAX_TIME_ERROR / rate_hz + share * rounding:
+                return start_s, rate_hz, index
     return None
 
 

@@ -72,6 +72,8 @@ RATES_HZ = st.one_of(
 def test_times_that_are_rounded_are_the_regular_ones_of_their_rate(rate_hz, digits, first, rows):
     true = (first + np.arange(rows)) / rate_hz
     values = np.column_stack([np.round(true, digits), np.arange(rows)])
+    steps = np.diff(values[:, 0])
+    assume(np.ptp(steps) > 1e-9 or abs(steps[0] * rate_hz - 1) < 1e-6)  # else they show another
     time, kept, facts = regular_rows("t", range(rows), values, 0, rate_hz)
     np.testing.assert_allclose(time, true, atol=0.5 * 10.0**-digits + 1e-9)
     np.testing.assert_allclose(np.diff(time), 1 / rate_hz, rtol=1e-6)
