@@ -31,6 +31,7 @@ from pipeline.io.text_table import (
     labels_in,
     parse_rows,
     read_number,
+    read_rate,
     regular_rows,
     table_lines,
     with_last_gaps,
@@ -55,11 +56,10 @@ TORQUE_COLUMNS: Final = (
 word in the place of "force", and what stands before the axis."""
 FORCE_SUFFIXES: Final = (".mot", ".sto", ".forces")
 NAMES_OF_FORCES: Final = re.compile(rb"force\w*_[vf]x|\bf1_|\bf1x|\[force data\]", re.IGNORECASE)
-OF_CONTENT: Final = {"", "markers", "marker", "trc", "grf", "grfs", "forces", "force", "mot"}
+WORD: Final = re.compile(r"[^\W_]+")
+OF_CONTENT: Final = {"markers", "marker", "trc", "grf", "grfs", "forces", "force", "mot"}
 """Words in names that say what a file holds, not which trial it is of."""
 HEAD_BYTES: Final = 8192
-CORTEX: Final = "[force data]"
-"""First line of a .forces file."""
 CORTEX_UNITS: Final = ("N", "Nmm", "mm")
 MAX_REACH_M: Final = 20.0
 """From the origin to a centre of pressure, as of the markers of a walkway."""
@@ -127,18 +127,19 @@ def read_sto(path: str | Path) -> Table:
         return _table(path)
 
 
+def is_cortex(line: str) -> bool:
+    """Whether a file whose first line this is is a .forces file."""
+    return line.split()[:2] == ["[Force", "Data]"]
+
+
 def _table(path: Path) -> Table:
     lines, facts = table_lines(path, "\t ")
-    firsts = [line.split("\t")[0].strip().lower() for line in lines]
-    cortex = firsts[0] == CORTEX
-    if cortex and "#sample" in firsts:
-        start = firsts.index("#sample")
-    elif "endheader" in firsts:
-        start = firsts.index("endheader") + 1
-    elif firsts[0].split()[:1] == ["time"]:
-        start = 0
-    else:
+    firsts = [line.split()[0].lower() if line.strip() else "" for line in lines]
+    cortex = is_cortex(lines[0]) and "#sample" in firsts
+    if not cortex and "endheader" not in firsts and firsts[0] != "time":
         raise ValueError("not a MOT or STO file: it has no line 'endheader'")
+    ends = firsts.index("endheader") + 1 if "endheader" in firsts and not cortex else 0
+    start = firsts.index("#sample") if cortex else ends
     pairs = (line.partition("=") for line in lines[:start])
     header = {key.strip().lower(): value.strip() for key, _, value in pairs}
     body = [(k, line) for k, line in enumerate(lines[start:], start + 1) if line.strip()]
@@ -147,8 +148,8 @@ def _table(path: Path) -> Table:
     if names[:1] != ["#Sample"] and [name.lower() for name in names[:1]] != ["time"]:
         raise ValueError(f"its first column is {listed(names[:1])}, expected 'time'")
     values = parse_rows(body[1:], "\t", names)
-    held = {"nrows": len(values), "ncolumns": len(names), "numberofsamples": len(values)}
-    facts += count_facts(path, {k: (header[k], n) for k, n in held.items() if k in header})
+    held = {"nRows": len(values), "nColumns": len(names), "NumberOfSamples": len(values)}
+    facts += count_facts(path, {k: (header.get(k.lower(), ""), n) for k, n in held.items()})
     columns: dict[str, Array] = {}
     for k, name in enumerate(names):
         same = name in columns and np.array_equal(columns[name], values[:, k], equal_nan=True)
@@ -163,7 +164,7 @@ def _table(path: Path) -> Table:
         columns.setdefault(name, values[:, k])
     time = columns.pop(names[0])
     if cortex:
-        time = (time - 1) / read_number(header.get("samplerate", ""), "SampleRate in the header")
+        time = (time - 1) / read_rate(header.get("samplerate", ""), "SampleRate")
     numbers, units = [k for k, _ in body[1:]], CORTEX_UNITS if cortex else SI_UNITS
     return Table(time, columns, numbers, units, ending_notes(path), facts)
 
@@ -240,15 +241,10 @@ def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recordin
 
 def forces_beside(path: Path) -> Path | None:
     """Give the file beside a TRC file that holds forces of its trial by its name, if it is one."""
-    found, files = (
-        [],
-        [file for file in path.parent.glob("*") if file.suffix.lower() in FORCE_SUFFIXES],
-    )
-    for file in files:
-        of_forces, of_markers = (
-            {*re.split(r"[\W_]+", named.stem.lower())} - OF_CONTENT for named in (file, path)
-        )
-        if of_forces <= of_markers or of_markers <= of_forces:
+    found = []
+    for file in path.parent.glob("*"):
+        words, others = ({*WORD.findall(f.stem.lower())} - OF_CONTENT for f in (file, path))
+        if file.suffix.lower() in FORCE_SUFFIXES and (words <= others or others <= words):
             with suppress(OSError), open_file(file) as content:
                 if NAMES_OF_FORCES.search(content.read(HEAD_BYTES)):
                     found.append(file)

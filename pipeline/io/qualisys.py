@@ -23,6 +23,7 @@ from pipeline.io.text_table import (
     ending_notes,
     parse_rows,
     read_number,
+    read_rate,
     regular_rows,
     table_lines,
     with_last_gaps,
@@ -73,10 +74,12 @@ def _numbers(
     filled = ((k, with_last_gaps(line, len(columns))) for k, line in rows)
     values = parse_rows(filled, "\t", columns)
     facts = count_facts(path, {counted: (_text(header, counted), len(values))})
-    rate_hz = read_number(_text(header, "FREQUENCY"), "FREQUENCY in the header")
+    frequency = _text(header, "FREQUENCY")
     timed = [k for k, name in enumerate(columns[:2]) if name.upper() == "TIME"]
     if not timed:
-        return np.arange(len(values)) / rate_hz, values, facts
+        return np.arange(len(values)) / read_rate(frequency, "FREQUENCY"), values, facts
+    # with an external clock only the times show the rate
+    rate_hz = None if frequency == "EXT" else read_rate(frequency, "FREQUENCY")
     time, values, more = regular_rows(path.name, [k for k, _ in rows], values, timed[0], rate_hz)
     return time, values, [*facts, *more]
 

@@ -15,7 +15,7 @@ from pipeline.io.input_file import RENAME, UNUSABLE, naming, open_file
 from pipeline.io.mended_plates import with_mended_plates
 from pipeline.io.mox import ROOT, read_mox
 from pipeline.io.nexus import is_nexus, read_nexus
-from pipeline.io.opensim import CORTEX, read_trc
+from pipeline.io.opensim import is_cortex, read_trc
 from pipeline.io.qualisys import read_qualisys
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated, as_stated
@@ -178,7 +178,7 @@ def _format(head: bytes) -> str:
         return "Qualisys"
     if "FORCE_PLATE_NAME" in firsts:
         raise ValueError("forces of Qualisys, which have no markers; give the trajectories' file")
-    if lines[0].strip().lower() == CORTEX:
+    if is_cortex(lines[0]):
         raise ValueError("a .forces file of Cortex, which has no markers; give it with a TRC file")
     if ROOT in text[:MOX_ROOT_CHARACTERS]:
         return "MOX"

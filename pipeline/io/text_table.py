@@ -14,7 +14,7 @@ from hbm.notes import Note
 from hbm.spatial import Array, Indices
 from hbm.spelling import printable, short
 from pipeline.io.input_file import open_file
-from pipeline.io.recording import Fact
+from pipeline.io.recording import Fact, FactKind
 from pipeline.io.units import MAX_VALUE
 
 DECIMAL_COMMA: Final = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
@@ -129,11 +129,24 @@ def with_last_gaps(line: str, count: int) -> str:
 
 def count_facts(path: Path, counts: Mapping[str, tuple[str, int]]) -> list[Fact]:
     """Say which counts of a header, key -> (as written, in the file), are not those of the file."""
-    return [
-        Fact("corrected", path.name, f"its header says {key} {short(written)}, but it holds {held}")
-        for key, (written, held) in counts.items()
-        if written.strip() not in ("", str(held))
-    ]
+    facts = []
+    for key, (written, held) in counts.items():
+        if written.strip() not in ("", str(held)):
+            # a file that holds less may have been cut short
+            kind: FactKind = "in_doubt" if read_number(written, key) > held else "corrected"
+            what = f"its header says {key} {short(written)}, but it holds {held}"
+            facts.append(Fact(kind, path.name, what))
+    return facts
+
+
+def read_rate(text: str, key: str) -> float:
+    """Read a rate in a header [Hz]; a ValueError where it is none."""
+    rate_hz = read_number(text, f"{key} in the header")
+    if not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:
+        raise ValueError(
+            f"its header says {key} {short(text)!r}, expected {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g} Hz"
+        )
+    return rate_hz
 
 
 def names_in(line: str, separator: str | None = None) -> list[str]:
@@ -237,6 +250,8 @@ def regular_rows(
         numbers = [numbers[k] for k in np.flatnonzero(kept).tolist()]
         values, time = values[kept], time[kept]
         grid = _grid(time, rate_hz)
+    if len(time) < 2:
+        raise ValueError("all its rows have the same time")
     if grid is None:
         step = 1 / rate_hz if rate_hz else float(np.median(np.diff(time)))
         k = 1 + int(np.argmax(np.abs(np.diff(time) - step) > MAX_TIME_ERROR * step))

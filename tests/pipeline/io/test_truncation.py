@@ -19,7 +19,7 @@ from tests.pipeline.other_formats import (
 FEET_AND_PELVIS = ("LASIS", "RASIS", "LPSIS", "RPSIS", "LHEE", "RHEE", "LMT2", "RMT2")
 COUNTED = ("TRC", "MOT", "forces", "MOX", "Nexus", "Qualisys")
 """Formats that state how many rows they have, or hold two blocks of the same frames."""
-NOTED = {"cut_short", "corrected"}
+NOTED = {"cut_short", "in_doubt"}
 RECORD = """Time\tBelt.Speed\tPitch
 199.99\t1.25\t0.5
 # EVENT A - COUNT 1
