@@ -216,6 +216,8 @@ def recording_of(
     facts, notes, others
         What was done or is in doubt, notes, and further attributes of the recording.
     """
+    if len(time) < 2:
+        raise ValueError("it holds a single frame, expected at least 2")
     plates = list(plates)
     facts = [*markers.facts, *facts, *(plate for plate in plates if isinstance(plate, Fact))]
     found = [plate for plate in plates if isinstance(plate, PlateColumns)]
