@@ -52,11 +52,14 @@ class FoundSubject(NamedTuple):
         File of the calibration pose; empty where every recording is a trial.
     trials
         Condition -> files of the others.
+    forces
+        File of a trial -> the one beside it with its forces.
     """
 
     name: str
     static: str
     trials: dict[str, list[str]]
+    forces: dict[str, str]
 
 
 class _Found(NamedTuple):
@@ -66,6 +69,7 @@ class _Found(NamedTuple):
     name: RecordingName
     pose: bool
     moved_m: float
+    forces: str
 
 
 Reading = dict[str, tuple[str, str]]
@@ -119,7 +123,8 @@ def found_subjects(
         for one in recordings:
             if not one.pose and one.file != static:
                 trials.setdefault(conditions[reading[one.file][1]], []).append(one.file)
-        subjects.append(FoundSubject(names[people[key]], static, trials))
+        forces = {one.file: one.forces for one in recordings if one.forces}
+        subjects.append(FoundSubject(names[people[key]], static, trials, forces))
     return subjects, unused
 
 
@@ -142,9 +147,13 @@ def _people_in(folder: Path) -> tuple[list[_Found], dict[str, str]]:
             name, moved_m = RecordingName.of(file), _moved_m(recording)
             if name.kind == "functional":
                 raise ValueError("it is no trial; for functional hips, state it as hip_trial")
-            if not (recording.plates or name.kind or moved_m <= MAX_STILL_M):
-                raise ValueError("it has no force plates")
-            recorded.append(_Found(file, name, bool(name.kind) or not recording.plates, moved_m))
+            beside = recording.forces_beside
+            forces = beside.relative_to(folder).as_posix() if beside else ""
+            on_plates = bool(recording.plates or forces)
+            if not (on_plates or name.kind or moved_m <= MAX_STILL_M):
+                raise ValueError(recording.why_no_plates)
+            pose = bool(name.kind) or not on_plates
+            recorded.append(_Found(file, name, pose, moved_m, forces))
         except (ValueError, OSError) as error:
             if path.suffix.lower() == ".c3d" or is_recording(path):
                 unused[file] = str(error)

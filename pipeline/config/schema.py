@@ -526,7 +526,7 @@ class Trial(InputModel):
     file: RecordingName | None = None
     """The recording."""
     forces: RecordingName | None = Field(default=None, examples=["sub01_baseline.mot"])
-    """Ground reaction forces (.mot) of a .trc file."""
+    """Ground reaction forces (.mot, .forces) of a .trc file."""
     record: RecordingName | None = Field(default=None, examples=["sub01_record.txt"])
     """Record module's file of D-Flow's mocap text."""
     session: Name | None = Field(default=None, examples=["day2"])

@@ -57,7 +57,14 @@ def write_template(folder: Path, found: Sequence[FoundSubject] = ()) -> tuple[Pa
 
 def _given(subject: FoundSubject) -> dict[str, Any]:
     """Give what the file of a subject found states."""
-    trials = {c: {"files": f} if f[1:] else {"file": f[0]} for c, f in subject.trials.items()}
+    trials = dict[str, Any]()
+    for condition, files in subject.trials.items():
+        if subject.forces.keys() & {*files}:
+            forces = [{"forces": subject.forces[f]} if f in subject.forces else {} for f in files]
+            tables = [{"file": f, **more} for f, more in zip(files, forces, strict=True)]
+            trials[condition] = tables if tables[1:] else tables[0]
+        else:
+            trials[condition] = {"files": files} if files[1:] else {"file": files[0]}
     static = {"static": subject.static} if subject.static else {}
     return {"id": subject.name, "sex": "unspecified", **static, "trials": trials}
 
@@ -95,12 +102,14 @@ def _tables(kind: type[BaseModel], place: str, field: FieldInfo, given: Any) -> 
     """Lay out the table of a model, of each name of a mapping, or of a list's item."""
     kind_of_table = str(field.annotation)
     if kind_of_table.startswith("dict"):
-        lines = []
-        for number, (name, stated) in enumerate(given.items()):
-            keys = _lines(kind, f"{place}.{name}", stated)
-            if number:  # the keys that are not stated are shown once
-                keys = [f"{key} = {in_toml(value)}" for key, value in stated.items()]
-            lines += ["", f"[{place}.{name}]", *keys]
+        lines = list[str]()
+        for name, stated in given.items():
+            header = f"[[{place}.{name}]]" if isinstance(stated, list) else f"[{place}.{name}]"
+            for one in stated if isinstance(stated, list) else [stated]:
+                keys = [f"{key} = {in_toml(value)}" for key, value in (one or {}).items()]
+                if not lines:  # the keys that are not stated are shown once
+                    keys = _lines(kind, f"{place}.{name}", one)
+                lines += ["", header, *keys]
         return lines
     header = f"[[{place}]]" if "tuple" in kind_of_table else f"[{place}]"
     about = (kind.__doc__ or "").partition("\n\n    Examples")[0].replace("\n    ", "\n")

@@ -10,7 +10,7 @@ import numpy as np
 
 from hbm.markers import Markers
 from hbm.notes import Note
-from hbm.spatial import Array, frozen, rotate_wrench
+from hbm.spatial import Array, frozen, rotate_wrench, transform_wrench
 from hbm.spelling import listed, short
 from pipeline.io.axes import mean_force, parse_axes, settle_axes, split_axes
 from pipeline.io.labels import AGAIN, join_trajectories, rename_markers, without_prefixes
@@ -166,6 +166,8 @@ class PlateColumns:
         Centre of pressure from the file's origin; None if absent.
     units
         Of force, moment and pressure.
+    place
+        Where it lies, in the file's axes; None where the file does not say.
     """
 
     number: int
@@ -175,6 +177,7 @@ class PlateColumns:
     moment: Array
     pressure: Array | None = None
     units: tuple[str, str, str] = field(kw_only=True, default=SI_UNITS)
+    place: Plate | None = field(kw_only=True, default=None)
 
     def in_si(self, stated: Stated) -> "PlateColumns":
         """Give the same in SI units."""
@@ -276,6 +279,8 @@ def recording_of(
     facts, notes, others
         What was done or is in doubt, notes, and further attributes of the recording.
     """
+    if len(time) < 2:
+        raise ValueError("it holds a single frame, expected at least 2")
     plates = list(plates)
     said = [*markers.notes, *notes, *facts, *(p for p in plates if isinstance(p, Fact))]
     found = [plate for plate in plates if isinstance(plate, PlateColumns)]
@@ -295,6 +300,13 @@ def recording_of(
         written = [unit for plate in found for unit in plate.units]
         said += stated.unit_notes([markers.unit], written)
         pull = -sum(float(np.nan_to_num(plate.force @ to_lab[2]).mean()) for plate in columns)
+        # gravity acts along up, whoever stores its reaction or the load on the plates
+        total = to_lab @ sum((mean_force(plate.force) for plate in columns), np.zeros(3))
+        if not on_subject and np.linalg.norm(total) > max(MIN_VERTICAL_FORCE_N, 2 * abs(total[2])):
+            raise ValueError(
+                "the plates' mean force is level in the axes of the markers: forces and markers "
+                "have different axes; export both in the same ones"
+            )
         if pull > 0 and not on_subject:
             columns = [replace(each, force=-each.force, moment=-each.moment) for each in columns]
             said.append(Note.of("forces_reversed"))
@@ -302,7 +314,7 @@ def recording_of(
         moments = []
         for plate in columns:
             wrench, where = (locate or wrench_about_origin)(plate, to_lab[2])
-            made.append(Plate.at_origin(plate.number, plate.time, rotate_wrench(wrench, to_lab)))
+            made.append(_placed(plate, rotate_wrench(wrench, to_lab), to_lab))
             moments.append(f"{plate.name} {where}")
         if moments:
             said.append(Note.of("moments_about", plates=moments))
@@ -320,6 +332,19 @@ def recording_of(
             notes=notes_of(said),
             **others,
         )
+
+
+def _placed(plate: PlateColumns, wrench: Array, to_lab: Array) -> Plate:
+    """Give a plate by its wrench in the lab about its origin, (N, 6), at its place if known."""
+    if plate.place is None:
+        return Plate.at_origin(plate.number, plate.time, wrench)
+    rotation, center = to_lab @ plate.place.rotation, to_lab @ plate.place.center
+    if rotation[2, 2] > 0:
+        raise ValueError(f"{plate.name}: its corners are not in the order of its axes: z is up")
+    in_plate = transform_wrench(wrench, rotation.T, -rotation.T @ center)
+    return Plate(
+        plate.number, plate.time, in_plate, rotation, center, plate.place.corners @ to_lab.T
+    )
 
 
 def wrench_about_origin(plate: PlateColumns, up: Array) -> Located:
@@ -341,12 +366,16 @@ def wrench_about_origin(plate: PlateColumns, up: Array) -> Located:
     -----
     A foot pushes but does not pull, so moment − (pressure − point) × force is vertical. Files do
     not state the point. It is the simplest one that explains the loaded samples as well as the
-    best one does: the origin, a point on the floor, a point anywhere. The misfit is given as the
+    best one does: the origin, the centre of the surface where that is known, a point on the floor,
+    a point anywhere. The misfit is given as the
     displacement of the centre of pressure that would explain it, median over the samples. Moments
-    are taken as about the origin, unchecked, without centres of pressure and without load.
+    are taken as about the centre of the surface, or the origin where it is unknown, unchecked,
+    without centres of pressure and without load.
     """
     name, force, moment, pressure = plate.name, plate.force, plate.moment, plate.pressure
-    wrench = np.hstack([force, moment])
+    center = np.zeros(3) if plate.place is None else plate.place.center
+    unchecked = UNCHECKED if plate.place is None else "about the centre of its surface, unchecked"
+    wrench = np.hstack([force, moment + np.cross(center, force)])
     loaded = np.abs(force @ up) > MIN_VERTICAL_FORCE_N
     if loaded.any() and not (moment[loaded] @ up).any():
         raise ValueError(
@@ -354,19 +383,18 @@ def wrench_about_origin(plate: PlateColumns, up: Array) -> Located:
             "exported; export all three moments"
         )
     if pressure is None:
-        return wrench, UNCHECKED
+        return wrench, unchecked
     loaded &= np.isfinite(np.hstack([pressure, wrench])).all(axis=1) & pressure.any(axis=1)
     if np.count_nonzero(loaded) < MIN_LOADED_SAMPLES:
-        return wrench, UNCHECKED
-    point, misfit = _simplest(force[loaded], moment[loaded], pressure[loaded], up)
+        return wrench, unchecked
+    point, misfit = _simplest(force[loaded], moment[loaded], pressure[loaded], up, center)
     if misfit > MAX_MISFIT_M:
         raise ValueError(
             f"{name}: moments and centres of pressure disagree by {1000 * misfit:.0f} mm about "
             f"any point, expected less than {1000 * MAX_MISFIT_M:.0f} mm: the units, axes or "
             "signs of its columns are not those of one plate"
         )
-    wrench[:, 3:] += np.cross(point, force)
-    return wrench, _about(point, misfit)
+    return np.hstack([force, moment + np.cross(point, force)]), _about(point, misfit)
 
 
 def _about(point: Array, misfit: float) -> str:
@@ -409,7 +437,9 @@ def wrench_of_torque(plate: PlateColumns, up: Array) -> Located:
     return np.hstack([force, torque + np.cross(about, force)]), _about(about, misfit)
 
 
-def _simplest(force: Array, moment: Array, pressure: Array, up: Array) -> tuple[Array, float]:
+def _simplest(
+    force: Array, moment: Array, pressure: Array, up: Array, *known: Array
+) -> tuple[Array, float]:
     """Give the simplest point about which the moments may be, (3,), and its misfit [m]."""
     axes = np.eye(3)
     level = axes[np.abs(axes @ up) < 0.5]
@@ -419,7 +449,7 @@ def _simplest(force: Array, moment: Array, pressure: Array, up: Array) -> tuple[
         rest = (tilt + np.cross(point, force)) @ level.T
         return float(np.median(np.linalg.norm(rest, axis=1) / np.abs(force @ up)))
 
-    candidates = [np.zeros(3)]
+    candidates = [np.zeros(3), *known]
     for directions in (level, axes):
         columns = [(np.cross(axis, force) @ level.T).ravel() for axis in directions]
         solved = np.linalg.lstsq(np.stack(columns, 1), -(tilt @ level.T).ravel())[0]

@@ -14,10 +14,9 @@ from hbm.spelling import listed, short
 from pipeline.io.columns import PlateColumns, file_markers, recording_of
 from pipeline.io.recording import Analog, Fact, Recording
 from pipeline.io.stated import Stated
-from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows, read_number
+from pipeline.io.text_table import ending_notes, names_in, parse_rows, read_number, table_lines
 
 TITLES: Final = ("devices", "trajectories", "model outputs")
-SEPARATORS: Final = ("\t", ";", ",")
 HEADER_LINES: Final = 5
 """Title, rate, groups, components, units."""
 MAX_RATE_HZ: Final = 1e6
@@ -54,11 +53,12 @@ def is_nexus(lines: Sequence[str]) -> bool:
     return len(filled) > 2 and "".join(filled[2:]).lower().replace(" ", "").find("subframe") >= 0
 
 
-def _blocks(path: Path) -> tuple[dict[str, Block], list[Note]]:
+def _blocks(path: Path) -> tuple[dict[str, Block], list[Note], list[Fact]]:
     """Cut an export into devices, trajectories and model outputs, by their titles."""
     blocks: dict[str, Block] = {}
     skipped = []
-    rows = enumerate(lines_of(path), start=1)
+    lines, facts = table_lines(path, ",;\t")
+    rows = enumerate(lines, start=1)
     for filled, part in groupby(rows, key=lambda row: bool(_bare(row[1]))):
         block = list(part)
         title = _bare(block[0][1])
@@ -73,7 +73,7 @@ def _blocks(path: Path) -> tuple[dict[str, Block], list[Note]]:
                 raise ValueError(f"{title}: {error}") from error
         else:
             skipped.append(short(title))
-    return blocks, [Note.of("parts_left_out", parts=skipped)] if skipped else []
+    return blocks, [Note.of("parts_left_out", parts=skipped)] if skipped else [], facts
 
 
 def _block(rows: Rows) -> Block:
@@ -83,8 +83,7 @@ def _block(rows: Rows) -> Block:
             f"the block at line {first_line} ends after {len(rows)} lines: the file is truncated"
         )
     _, rate, names, components, units = (line for _, line in rows[:HEADER_LINES])
-    separator = next((s for s in SEPARATORS if s in components), ",")
-    labels = names_in(components.rstrip(f" {separator}"), separator)
+    labels = names_in(components.rstrip(), "\t")
     if [label.lower() for label in labels[:2]] != ["frame", "sub frame"] or len(labels) < 3:
         raise ValueError(
             f"line {first_line + 3} is {short(components)!r}, expected Frame, Sub Frame, components"
@@ -92,16 +91,16 @@ def _block(rows: Rows) -> Block:
     rate_hz = read_number(_bare(rate), f"line {first_line + 1}, rate in Hz")
     if not 0 < rate_hz < MAX_RATE_HZ:
         raise ValueError(f"its rate is {rate_hz:g} Hz")
-    values = parse_rows(rows[HEADER_LINES:], separator, labels)
+    values = parse_rows(rows[HEADER_LINES:], "\t", labels)
     frame, sub_frame = values[:, 0], values[:, 1]
     if not (np.isfinite(values[:, :2]).all() and (values[:, :2] % 1 == 0).all()):
         raise ValueError("a row has no frame or sub frame number")
     if (sub_frame == 0).all() and (np.diff(frame) != 1).any():
         raise ValueError("frame numbers do not increase by one")
-    titles = [name.strip('"') for name in names_in(names, separator)]
+    titles = names_in(names, "\t")
     if beyond := list(filter(None, titles[len(labels) :])):
         raise ValueError(f"{short(beyond[0])!r} is the name of a column that is not there")
-    of_column = [*names_in(units, separator), *[""] * len(labels)]
+    of_column = [*names_in(units, "\t"), *[""] * len(labels)]
     starts = [k for k, name in enumerate(titles) if name and k >= 2]
     groups = [
         Group(titles[a], tuple(labels[a:b]), tuple(of_column[a:b]), values[:, a:b])
@@ -147,7 +146,7 @@ def read_nexus(path: Path, stated: Stated) -> Recording:
     change sign. Its moments are about the plate's centre, which the file does not state:
     `wrench_about_origin` finds it from the centres of pressure.
     """
-    blocks, notes = _blocks(path)
+    blocks, notes, facts = _blocks(path)
     if "trajectories" not in blocks:
         raise ValueError(f"no Trajectories block; blocks: {listed(blocks)}")
     block = blocks["trajectories"]
@@ -182,6 +181,7 @@ def read_nexus(path: Path, stated: Stated) -> Recording:
         (block.frame - block.frame[0]) / block.rate_hz,
         plates,
         on_subject=False,
+        facts=facts,
         notes=[*notes, *ending_notes(path)],
         analog=analog,
         first_frame=int(block.frame[0]),

@@ -1,8 +1,10 @@
-"""OpenSim's files: TRC, MOT and STO."""
+"""OpenSim's files: TRC with MOT, STO or Cortex's .forces."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,6 +14,7 @@ from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import listed, short
 from pipeline.io.columns import (
+    SI_UNITS,
     FileMarkers,
     PlateColumns,
     file_markers,
@@ -19,22 +22,29 @@ from pipeline.io.columns import (
     recording_of,
     wrench_of_torque,
 )
-from pipeline.io.input_file import naming
+from pipeline.io.input_file import naming, open_file
 from pipeline.io.recording import Fact, Recording
 from pipeline.io.stated import Stated
-from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows, read_number
+from pipeline.io.text_table import (
+    count_facts,
+    ending_notes,
+    labels_in,
+    parse_rows,
+    read_number,
+    read_rate,
+    regular_rows,
+    table_lines,
+    with_last_gaps,
+)
 
-MIN_RATE_HZ, MAX_RATE_HZ = 1.0, 100_000.0
-"""Of cameras."""
-MAX_TIME_ERROR: Final = 0.1
-"""In frames: files round their times, but not by more than this beyond half of their last digit."""
-ROUNDED: Final = 1e-6
-"""Of a digit: closer to a whole one, a number has no further digits."""
 Trajectories = tuple[FileMarkers, Array, dict[str, Any]]
 """Markers, times on the file's clock, (T,) [s], and further attributes of the recording."""
-MAX_ROUNDING: Final = 0.05
-"""In steps: times printed with few digits differ from even ones by less."""
 FORCE_COLUMN: Final = re.compile(r"(?P<stem>.*force.*)_(?P<letter>[vf])[xyz]")
+OTHER_COLUMNS: Final = (
+    re.compile(r"(?P<of>[fpm])(?P<number>\d+)_?(?P<what>[vpm]?)(?P<axis>[xyz123])"),
+    re.compile(r"(?P<what>[FM]?)(?P<axis>[XYZ])(?P<number>\d+)(?P<of>)"),
+)
+"""Of OpenSim's C3DFileAdapter, such as f1_x, p1_2 or f1_vx, and of Cortex, such as FX1, X1, MZ1."""
 TORQUE_COLUMNS: Final = (
     ("torque", "_"),
     ("moment", "_"),
@@ -44,6 +54,15 @@ TORQUE_COLUMNS: Final = (
 )
 """How programs call the torques of ``ground_force_vx``: ``ground_torque_x``, `` ground_force_mx``:
 word in the place of "force", and what stands before the axis."""
+FORCE_SUFFIXES: Final = (".mot", ".sto", ".forces")
+NAMES_OF_FORCES: Final = re.compile(rb"force\w*_[vf]x|\bf1_|\bf1x|\[force data\]", re.IGNORECASE)
+WORD: Final = re.compile(r"[^\W_]+")
+OF_CONTENT: Final = {"markers", "marker", "trc", "grf", "grfs", "forces", "force", "mot"}
+"""Words in names that say what a file holds, not which trial it is of."""
+HEAD_BYTES: Final = 8192
+CORTEX_UNITS: Final = ("N", "Nmm", "mm")
+MAX_REACH_M: Final = 20.0
+"""From the origin to a centre of pressure, as of the markers of a walkway."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,18 +74,27 @@ class Table:
     time
         Times, (N,) [s].
     columns
-        Name -> values, (N,); of columns with the same name the first. Without ``time``.
+        Name -> values, (N,), without the times.
+    lines
+        Number of each row's line in the file.
+    units
+        Of forces, moments and points of application.
     notes
         On how the file ends.
+    facts
+        What was corrected or left out.
     """
 
     time: Array
     columns: Mapping[str, Array]
+    lines: Sequence[int]
+    units: tuple[str, str, str]
     notes: Sequence[Note]
+    facts: Sequence[Fact]
 
 
 def read_sto(path: str | Path) -> Table:
-    """Read a MOT or STO file of any version.
+    """Read a MOT or STO file of any version, or a .forces file of Cortex.
 
     Parameters
     ----------
@@ -81,33 +109,64 @@ def read_sto(path: str | Path) -> Table:
     Raises
     ------
     ValueError
-        The file has no header or time column, is truncated, or holds something that is no number.
+        The file has no header or time column, is truncated, holds something that is no number, or
+        two different columns of one name.
     OSError
         The file cannot be opened.
+
+    Notes
+    -----
+    Cortex states its format nowhere in public; this is what a program that reads it says
+    (io_cortexmac.py of https://github.com/BMClab/BMC): lines ``[Force Data]``,
+    ``NumberOfForcePlates=``, ``SampleRate=``, ``NumberOfSamples=``, then a row of names, ``#Sample
+    FX1 FY1 FZ1 X1 Y1 Z1 MZ1 FX2`` and so on: force [N], centre of pressure [mm] and free moment
+    [N·mm] of each plate.
     """
     path = Path(path)
     with naming(path):
         return _table(path)
 
 
+def is_cortex(line: str) -> bool:
+    """Whether a file whose first line this is is a .forces file."""
+    return line.split()[:2] == ["[Force", "Data]"]
+
+
 def _table(path: Path) -> Table:
-    lines = list(lines_of(path))
-    ends = [k for k, line in enumerate(lines) if line.strip().lower() == "endheader"]
-    if not ends:
+    lines, facts = table_lines(path, "\t ")
+    firsts = [line.split()[0].lower() if line.strip() else "" for line in lines]
+    cortex = is_cortex(lines[0]) and "#sample" in firsts
+    if not cortex and "endheader" not in firsts and firsts[0] != "time":
         raise ValueError("not a MOT or STO file: it has no line 'endheader'")
-    pairs = (line.partition("=") for line in lines[: ends[0]] if "=" in line)
-    header = {key.strip().lower(): value.strip().lower() for key, _, value in pairs}
-    body = [(k, line) for k, line in enumerate(lines, start=1) if k > ends[0] + 1 and line.strip()]
-    names = names_in(body[0][1]) if body else []
-    if not names or names[0].lower() != "time":
+    ends = firsts.index("endheader") + 1 if "endheader" in firsts and not cortex else 0
+    start = firsts.index("#sample") if cortex else ends
+    pairs = (line.partition("=") for line in lines[:start])
+    header = {key.strip().lower(): value.strip() for key, _, value in pairs}
+    body = [(k, line) for k, line in enumerate(lines[start:], start + 1) if line.strip()]
+    width = max((len(line.strip().split("\t")) for _, line in body[1:]), default=0)
+    names = labels_in(body[0][1], width) if body else []
+    if names[:1] != ["#Sample"] and [name.lower() for name in names[:1]] != ["time"]:
         raise ValueError(f"its first column is {listed(names[:1])}, expected 'time'")
-    values = parse_rows(((k, "\t".join(line.split())) for k, line in body[1:]), "\t", names)
-    for key, count in (("nrows", values.shape[0]), ("ncolumns", values.shape[1])):
-        if key in header and header[key] != str(count):
-            raise ValueError(f"its header says {key}={short(header[key])} but it holds {count}")
-    columns = dict(reversed([*zip(names[1:], values.T[1:], strict=True)]))  # the first of each
-    ordered = {name: columns[name] for name in names[1:]}
-    return Table(values[:, 0], ordered, ending_notes(path))
+    values = parse_rows(body[1:], "\t", names)
+    held = {"nRows": len(values), "nColumns": len(names), "NumberOfSamples": len(values)}
+    facts += count_facts(path, {k: (header.get(k.lower(), ""), n) for k, n in held.items()})
+    columns: dict[str, Array] = {}
+    for k, name in enumerate(names):
+        same = name in columns and np.array_equal(columns[name], values[:, k], equal_nan=True)
+        if same:
+            of = f"{path.name}, column {k + 1}"
+            facts.append(Fact("left_out", of, f"it is the same as column {names.index(name) + 1}"))
+        elif name in columns:
+            raise ValueError(
+                f"columns {names.index(name) + 1} and {k + 1} are both named {short(name)}; name "
+                "the columns of each plate differently, such as 1_ground_force_vx"
+            )
+        columns.setdefault(name, values[:, k])
+    time = columns.pop(names[0])
+    if cortex:
+        time = (time - 1) / read_rate(header.get("samplerate", ""), "SampleRate")
+    numbers, units = [k for k, _ in body[1:]], CORTEX_UNITS if cortex else SI_UNITS
+    return Table(time, columns, numbers, units, ending_notes(path), facts)
 
 
 def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recording:
@@ -146,15 +205,50 @@ def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recordin
     uneven; force times within a twentieth of a step of even ones become even.
     """
     markers, time, attributes = _trajectories(path, stated)
-    plates: list[PlateColumns | Fact] = []
+    plates, of_sto = list[PlateColumns | Fact](), True
     if forces is not None:
-        table = read_sto(forces)
         with naming(forces):
-            plates = list(_forces(table, _evened(table.time) - time[0]))
+            table = read_sto(forces)
+            held = np.column_stack([table.time, *table.columns.values()])
+            clock, held, facts = regular_rows(forces.name, table.lines, held, 0)
+            of_sto = table.units == SI_UNITS
+            same_span = abs(np.ptp(clock) - np.ptp(time)) < 2 * (time[1] - time[0])
+            if not of_sto and same_span:
+                clock = clock + time[0]
+            spans = [f"{t[0]:.2f}–{t[-1]:.2f} s" for t in (clock, time)]
+            if clock[-1] < time[0] or clock[0] > time[-1]:
+                raise ValueError(
+                    f"its times {spans[0]} do not overlap the {spans[1]} of {path.name}; are they "
+                    "of the same trial, and is the clock the same?"
+                )
+            columns = dict(zip(table.columns, held.T[1:], strict=True))
+            plates = list(_forces(columns, clock - time[0], table.units, stated))
         attributes["notes"] += table.notes
+        attributes["facts"] += [*table.facts, *facts]
+    else:
+        attributes["forces_beside"] = forces_beside(path)
     return recording_of(
-        path, stated, markers, time - time[0], plates, locate=wrench_of_torque, **attributes
+        path,
+        stated,
+        markers,
+        time - time[0],
+        plates,
+        on_subject=of_sto,
+        locate=wrench_of_torque,
+        **attributes,
     )
+
+
+def forces_beside(path: Path) -> Path | None:
+    """Give the file beside a TRC file that holds forces of its trial by its name, if it is one."""
+    found = []
+    for file in path.parent.glob("*"):
+        words, others = ({*WORD.findall(f.stem.lower())} - OF_CONTENT for f in (file, path))
+        if file.suffix.lower() in FORCE_SUFFIXES and (words <= others or others <= words):
+            with suppress(OSError), open_file(file) as content:
+                if NAMES_OF_FORCES.search(content.read(HEAD_BYTES)):
+                    found.append(file)
+    return found[0] if len(found) == 1 else None
 
 
 def _trajectories(path: Path, stated: Stated) -> Trajectories:
@@ -162,88 +256,62 @@ def _trajectories(path: Path, stated: Stated) -> Trajectories:
 
     Times are regular from the first one at the file's rate, since files round them.
     """
-    lines, notes = list(lines_of(path)), ending_notes(path)
-    if len(lines) < 6 or not lines[0].startswith("PathFileType"):
-        raise ValueError("not a TRC file: it does not begin with 'PathFileType'")
-    header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
-    if missing := {"DataRate", "NumFrames", "NumMarkers", "Units"} - set(header):
-        raise ValueError(f"its header does not say {listed(sorted(missing))}")
-    names = tuple(filter(None, names_in(lines[3], "\t")[2:]))
+    lines, facts = table_lines(path)
+    notes = ending_notes(path)
+    firsts = [line.split()[0].lower() if line.strip() else "" for line in lines]
+    start = next((k for k, first in enumerate(firsts) if first in ("frame#", "frame")), 0)
+    if not firsts[0].startswith("pathfiletype") or start < 3:
+        raise ValueError("not a TRC file: it does not begin with 'PathFileType', keys and 'Frame#'")
+    keys, written = (line.split("\t" if "\t" in line.strip() else None) for line in lines[1:3])
+    header = {key.strip(): text.strip() for key, text in zip(keys, written, strict=False)}
+    if missing := [key for key in ("DataRate", "Units") if not header.get(key)]:
+        raise ValueError(f"its header does not say {listed(missing)}")
+    # the line of X1, Y1, … has no numbers
+    body = [(k, line) for k, line in enumerate(lines[start + 1 :], start + 2) if line.strip()]
+    rows = body[any(letter in body[0][1].upper() for letter in "XYZ") :] if body else []
+    width = max((len(line.rstrip().split("\t")) for _, line in rows), default=0)
+    names = labels_in(lines[start], 2 + width // 3)[2:]  # of "Frame#", "Time" and three each
     columns = ["Frame#", "Time", *(f"{name} {axis}" for name in names for axis in "XYZ")]
-    rows = [(k, line) for k, line in enumerate(lines[5:], start=6) if line.strip()]
-    rate_hz, frames, count = (
-        read_number(header[key], f"{key} in the header")
-        for key in ("DataRate", "NumFrames", "NumMarkers")
-    )
-    if count != len(names):
-        raise ValueError(f"its header says NumMarkers {count:g}, but it holds {len(names)}")
     if not rows or not names:
-        raise ValueError("it holds no frames")
-    if frames != len(rows):
-        if notes and rows[-1][1].count("\t") + 1 < len(columns):  # it ends within a line
-            raise ValueError(
-                f"its header says NumFrames {frames:g}, but it is cut off in {len(rows)}"
-            )
-        notes.append(Note.of("frame_count_differs", header=f"{frames:g}", found=len(rows)))
-    filled = ((k, _with_last_gaps(line, len(columns))) for k, line in rows)
-    values = parse_rows(filled, "\t", columns)
-    if not np.isfinite(values[:, :2]).all():
-        raise ValueError("a frame has no number or no time")
-    position = values[:, 2:].reshape(len(rows), len(names), 3)
-    time, time_notes = _regular(values[:, 1], rate_hz)
+        raise ValueError("it holds no frames" if names else "it names no markers")
+    if width > len(columns):
+        raise ValueError(
+            f"line {start + 1} names {len(names)} markers, but line {rows[0][0]} has columns for "
+            f"{(width - 2) / 3:.3g}"
+        )
+    held = {"NumMarkers": len(names), "NumFrames": len(rows)}
+    facts += count_facts(path, {k: (header.get(k, ""), n) for k, n in held.items()})
+    # a last row that is cut off within a line lacks more than gaps
+    filled = ((k, with_last_gaps(line, len(columns))) for k, line in rows[: -1 if notes else None])
+    values = parse_rows(chain(filled, rows[-1:] if notes else []), "\t", columns)
+    rate_hz = read_number(header["DataRate"], "DataRate in the header")
+    numbers = [k for k, _ in rows]
+    time, values, time_facts = regular_rows(path.name, numbers, values, 1, rate_hz)
+    position = values[:, 2:].reshape(len(values), len(names), 3)
     markers = file_markers(names, header["Units"], lambda kept: position[:, kept], stated)
-    attributes = {"first_frame": int(values[0, 0]), "notes": [*notes, *time_notes]}
+    attributes = {"notes": notes, "facts": [*facts, *time_facts]}
+    if np.isfinite(values[0, 0]):
+        attributes["first_frame"] = int(values[0, 0])
     return markers, time, attributes
 
 
-def _regular(stated: Array, rate_hz: float) -> tuple[Array, list[Note]]:
-    """Give regular times [s] at a rate, as the stated ones are but for their rounding."""
-    if not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:
-        raise ValueError(
-            f"its header says {rate_hz:g} Hz, expected {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g} Hz"
-        )
-    after = np.arange(len(stated)) / rate_hz
-    rounding = _rounding(stated, rate_hz)
-    time: Array = (float(np.mean(stated - after)) if rounding else stated[0]) + after
-    wrong = np.flatnonzero(~(np.abs(stated - time) < MAX_TIME_ERROR / rate_hz + 2 * rounding))
-    if len(wrong):
-        k = wrong[0]
-        raise ValueError(
-            f"its times are not the regular times of its rate of {rate_hz:g} Hz: frame {k + 1} of "
-            f"{len(time)} is at {stated[k]:.6g} s, expected {time[k]:.6g} s; correct DataRate, or "
-            "export the file again"
-        )
-    if not rounding:
-        return time, []
-    scatter_s = np.ptp(stated - time)
-    return time, [Note.of("sample_clock", of="frames", rate_hz=rate_hz, scatter_s=scatter_s)]
+def _usual_name(name: str) -> str:
+    """Give the usual name of a column of Cortex or of OpenSim's C3DFileAdapter."""
+    for match in filter(None, (pattern.fullmatch(name) for pattern in OTHER_COLUMNS)):
+        what = {"f": "v", "": "p"}.get(letter := (match["what"] or match["of"]).lower(), letter)
+        axis = "xyz"["xyz123".index(match["axis"].lower()) % 3]
+        return f"ground_force_{match['number']}_{what}{axis}"
+    return name
 
 
-def _rounding(stated: Array, rate_hz: float) -> float:
-    """Give half of the last digit of rounded times [s]; 0 where the steps have no more digits."""
-    for unit in (0.01, 0.001):
-        if np.abs(stated / unit - np.round(stated / unit)).max() < ROUNDED:
-            step = 1 / rate_hz / unit
-            return 0.0 if abs(step - round(step)) < ROUNDED else unit / 2
-    return 0.0
-
-
-def _with_last_gaps(line: str, count: int) -> str:
-    """Add the tabs that some programs leave out where a frame's last markers are missing."""
-    missing = count - line.count("\t") - 1
-    return line + "\t" * missing if missing > 0 and missing % 3 == 0 else line
-
-
-def _evened(time: Array) -> Array:
-    """Give even times where the printed ones are those but for their rounding."""
-    even = np.linspace(time[0], time[-1], len(time))
-    step = even[1] - even[0] if len(time) > 1 else 0.0
-    return even if np.abs(time - even).max() <= MAX_ROUNDING * step else time
-
-
-def _forces(table: Table, time: Array) -> Iterator[PlateColumns | Fact]:
+def _forces(
+    columns: Mapping[str, Array], time: Array, units: tuple[str, str, str], stated: Stated
+) -> Iterator[PlateColumns | Fact]:
     """Give each force of a table with its point and torque, or why it is left out."""
-    columns = table.columns
+    columns = {_usual_name(name): values for name, values in columns.items()}
+    if units != SI_UNITS:  # a free moment is vertical
+        for name in [name for name in columns if name.endswith("_mz")]:
+            columns |= {f"{name[:-1]}{axis}": np.zeros(len(time)) for axis in "xy"}
     found = [match for name in columns if (match := FORCE_COLUMN.fullmatch(name))]
     stems = dict.fromkeys((match["stem"], match["letter"]) for match in found)
     if not stems:
@@ -260,7 +328,15 @@ def _forces(table: Table, time: Array) -> Iterator[PlateColumns | Fact]:
                 f"{short(there[1])}x; remove those that are not free torques"
             )
         quantities = [f"{stem}_{letter}", (there or [*torques])[0], f"{stem}_p"]
-        plate = plate_of(k, f"plate {k} ({name})", time, columns, quantities, axes="xyz")
+        name = f"plate {k} ({name})"
+        plate = plate_of(k, name, time, columns, quantities, axes="xyz", units=units)
         if isinstance(plate, PlateColumns) and plate.pressure is not None:
             plate.pressure[~plate.force.any(axis=1)] = 0  # it has no meaning there
+            far = (np.abs(plate.pressure) > MAX_REACH_M).any(axis=1)
+            unstated = units == SI_UNITS and stated.plate_units is None
+            if unstated and 2 * np.count_nonzero(far) > np.count_nonzero(plate.force.any(axis=1)):
+                raise ValueError(
+                    f"{name}: its points of application are more than {MAX_REACH_M:g} m from the "
+                    "origin if they are in m; give the units, for example --plate-units N,Nmm,mm"
+                )
         yield plate

@@ -15,7 +15,8 @@ from pipeline.io.input_file import RENAME, UNUSABLE, naming, open_file
 from pipeline.io.mended_plates import with_mended_plates
 from pipeline.io.mox import ROOT, read_mox
 from pipeline.io.nexus import is_nexus, read_nexus
-from pipeline.io.opensim import read_trc
+from pipeline.io.opensim import is_cortex, read_trc
+from pipeline.io.qualisys import read_qualisys
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated, as_stated
 from pipeline.io.text_table import EMPTY, decoded
@@ -28,11 +29,14 @@ READERS: Final[dict[str, Callable[..., Recording]]] = {
     "D-Flow": read_dflow,
     "MOX": read_mox,
     "Nexus": read_nexus,
+    "Qualisys": read_qualisys,
     "XDF": read_xdf,
 }
 """What reads each format, given path, what is stated, and a file of forces or record beside it."""
 HEAD_BYTES: Final = 65536
 """Read to recognise a format: the longest first line of D-Flow is shorter."""
+FIRST_LINES: Final = 100
+"""Within them are the keys of a Qualisys file, of which each event has one."""
 MOX_ROOT_CHARACTERS: Final = 4096
 """The root of a .mox file is within them."""
 
@@ -50,12 +54,14 @@ def read_recording(
     Parameters
     ----------
     path
-        C3D, TRC, D-Flow mocap, Motek .mox, Vicon Nexus ASCII or XDF file, under whatever name.
+        C3D, TRC, D-Flow mocap, Motek .mox, Vicon Nexus ASCII, Qualisys TSV or XDF file, under
+        whatever name.
     stated
         What is stated about it: axes, units, labels. A text states the axes alone, such as
         ``"left,back,up"``; by default they are inferred, or as the format defines them.
     forces
-        MOT file with the ground reaction forces of a TRC file.
+        MOT or .forces file with the ground reaction forces of a TRC file, or one of the files of
+        forces of a Qualisys export, if they do not lie beside it.
     record
         File of D-Flow's record module that goes with a D-Flow mocap file.
     static
@@ -86,7 +92,7 @@ def read_recording(
     path, stated = Path(path), as_stated(stated)
     kind = file_format(path)
     with naming(path):
-        beside = [*_beside("file of forces", forces, "TRC", kind)]
+        beside = [*_beside("file of forces", forces, "TRC or Qualisys", kind)]
         beside += _beside("record file", record, "D-Flow", kind)
         try:
             return with_mended_plates(READERS[kind](path, stated.of_file(path.name), *beside))
@@ -104,7 +110,7 @@ def read_recording(
 
 def _beside(what: str, file: str | Path | None, goes_with: str, kind: str) -> list[Path]:
     """Give a file that goes with a recording, if there is one; refuse it beside another format."""
-    if file is not None and kind != goes_with:
+    if file is not None and kind not in goes_with:
         raise ValueError(f"a {what} goes with a {goes_with} file, this is {kind}")
     return [Path(file)] if file is not None else []
 
@@ -120,7 +126,7 @@ def file_format(path: Path) -> str:
     Returns
     -------
     str
-        C3D, TRC, D-Flow, MOX, Nexus or XDF.
+        C3D, TRC, D-Flow, MOX, Nexus, Qualisys or XDF.
 
     Raises
     ------
@@ -153,7 +159,7 @@ def read_with_any_axes(path: Path) -> Recording:
 
 
 def _format(head: bytes) -> str:
-    if head[1:2] == bytes([KEY]) and not head[:1].isalpha():
+    if head[1:2] == bytes([KEY]) and not head[:1].isalpha() and not head.startswith(b'"Path'):
         return "C3D"
     if head.startswith(MAGIC):
         return "XDF"
@@ -165,8 +171,15 @@ def _format(head: bytes) -> str:
         text = ""
     lines = text.splitlines() or [""]
     first = [name.strip() for name in lines[0].split("\t")]
-    if lines[0].startswith("PathFileType"):
+    if lines[0].strip('"').startswith("PathFileType"):
         return "TRC"
+    firsts = {line.split("\t")[0].strip('"') for line in lines[:FIRST_LINES]}
+    if "MARKER_NAMES" in firsts:
+        return "Qualisys"
+    if "FORCE_PLATE_NAME" in firsts:
+        raise ValueError("forces of Qualisys, which have no markers; give the trajectories' file")
+    if is_cortex(lines[0]):
+        raise ValueError("a .forces file of Cortex, which has no markers; give it with a TRC file")
     if ROOT in text[:MOX_ROOT_CHARACTERS]:
         return "MOX"
     if "FrameNumber" in first:
@@ -180,6 +193,6 @@ def _format(head: bytes) -> str:
             "a D-Flow record file, which has no markers; give it with a D-Flow mocap file"
         )
     raise ValueError(
-        "not a C3D file, nor TRC, D-Flow mocap text, Motek .mox, Vicon Nexus ASCII export or XDF, "
-        "which are the formats that are read"
+        "not a C3D file, nor TRC, D-Flow mocap text, Motek .mox, Vicon Nexus ASCII export, "
+        "Qualisys TSV or XDF, which are the formats that are read"
     )

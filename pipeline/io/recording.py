@@ -276,6 +276,8 @@ class Recording:
         What a person stated about the file when it was read.
     axes
         Lab directions of the file's x, y and z, as they were stated or inferred.
+    forces_beside
+        Of a format without plates: the file beside it that seems to hold them, if there is one.
     facts
         What was joined, left out, made gaps or corrected on reading, or is in doubt.
     notes
@@ -301,6 +303,7 @@ class Recording:
     compensation: Compensation | None = None
     stated: Stated = field(default_factory=Stated)
     axes: tuple[str, ...] = ()
+    forces_beside: Path | None = None
     facts: tuple[Fact, ...] = ()
     notes: tuple[Note, ...] = ()
 
@@ -314,7 +317,9 @@ class Recording:
         """Why it has no plates, for messages where it has none."""
         unused = [str(fact) for fact in self.facts if fact.kind == "left_out"]
         if not unused:
-            return "the file has no force plates"
+            file = self.forces_beside
+            beside = f"; {file.name} beside it seems to: --forces {file.name}" if file else ""
+            return f"the file has no force plates{beside}"
         return f"no force plate can be used ({'; '.join(unused)})"
 
 

@@ -16,6 +16,7 @@ from hbm.notes import Note
 from pipeline.config.schema import TrialName
 from pipeline.config.study import Study
 from pipeline.io.input_file import describe_error, last_written, read_text
+from pipeline.io.qualisys import plate_files
 from pipeline.io.write import write_text
 from pipeline.run.program import computation_digest
 from pipeline.run.store import FORMAT_VERSION, read_trial, write_trial
@@ -197,6 +198,8 @@ def trial_key(study: Study, name: TrialName) -> str:
     }
     program = computation_digest(), engine_identity(study.file.settings.engine), FORMAT_VERSION
     contents = [file_digest(study.path(name)) if name else None for name in names]
+    unnamed = [plate_files(study.path(name)) for name in names if name]
+    contents += [file_digest(file) for files in unnamed for file in files]
     parts = {"files": contents, "stated": stated, "program": program}
     return " ".join(f"{name}:{_digest(part)}" for name, part in parts.items())
 

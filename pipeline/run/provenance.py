@@ -4,6 +4,7 @@ import platform
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
+from pathlib import Path
 from typing import Final, Literal, TypeVar
 
 from pydantic import TypeAdapter
@@ -11,6 +12,7 @@ from pydantic import TypeAdapter
 from hbm.engines.engine import EngineUsed
 from pipeline.config.schema import Comparison, Condition, Plates, Settings, Treadmill, TrialName
 from pipeline.config.study import Study
+from pipeline.io.qualisys import plate_files
 from pipeline.run.job import file_digest, trial_key
 from pipeline.run.load import Results
 from pipeline.run.program import git_commit, program_digest
@@ -247,4 +249,6 @@ def input_digests(study: Study) -> dict[str, str]:
     names |= {*study.file.treadmill.files}
     if study.file.plates.calibration:
         names.add(study.file.plates.calibration)
+    beside = [(name, file.name) for name in names for file in plate_files(study.path(name))]
+    names |= {Path(name).with_name(file).as_posix() for name, file in beside}
     return {name: file_digest(study.path(name)) for name in sorted(names)}

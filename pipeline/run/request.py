@@ -44,11 +44,11 @@ class TrialRequest(Settings, Subject, RecordingRequest):
     """
 
     trial: Path
-    """The trial: C3D, TRC, D-Flow, .mox, Nexus ASCII or XDF, recognised by content."""
+    """The trial: C3D, TRC, D-Flow, .mox, Nexus ASCII, Qualisys TSV or XDF, by its content."""
     static: Path | None = None
     """Calibration pose; default: the trial itself."""
     forces: Path | None = None
-    """Ground reaction forces (.mot) of a .trc trial."""
+    """Ground reaction forces (.mot, .forces) of a .trc trial; plates of a Qualisys export."""
     record: Path | None = None
     """D-Flow record file of a D-Flow mocap file."""
     hip_trial: Path | None = None

@@ -174,3 +174,82 @@ def write_opensim(recording, trc, mot):
     rows = ("\t".join(f"{x:.9g}" for x in row) for row in zip(*columns, strict=True))
     mot.write_text("\n".join([*header, "\t".join(names), *rows]) + "\n", encoding="utf-8")
     return mot
+
+
+def write_forces(recording, path, *, sign=1, first=1):
+    """Write Cortex's .forces: force, centre of pressure and free moment, in lab axes."""
+    _, plates = in_file(recording, "forward,left,up")
+    columns, names = [], ["#Sample"]
+    for k, (force, moment, pressure) in enumerate(plates, start=1):
+        free = (moment - np.cross(pressure, force))[:, 2:]
+        names += [f"{part}{k}" for part in ("FX", "FY", "FZ", "X", "Y", "Z", "MZ")]
+        columns += [sign * force, 1000 * pressure, 1000 * sign * free]
+    values = np.hstack(columns)
+    rate = recording.plates[0].rate_hz
+    lines = ["[Force Data]", f"NumberOfForcePlates={len(plates)}", f"SampleRate={rate:.6f}"]
+    lines += [f"NumberOfSamples={len(values)}", "\t".join(names)]
+    lines += ["\t".join([str(first + k), *(f"{x:.6f}" for x in v)]) for k, v in enumerate(values)]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def write_qualisys(recording, path, *, frames=True, titles=True, missing="", local=True, events=()):
+    """Write Qualisys' TSV, x forward, y left, z up, and the files of forces beside it."""
+    position, _ = in_file(recording, "forward,left,up")
+    rate, first = recording.markers.rate_hz, recording.first_frame
+    names = recording.markers.names
+    header = {"NO_OF_FRAMES": len(position), "NO_OF_CAMERAS": 12, "NO_OF_MARKERS": len(names)}
+    header |= {"FREQUENCY": f"{rate:g}", "NO_OF_ANALOG": 0, "ANALOG_FREQUENCY": 0}
+    header |= {"DESCRIPTION": "--", "TIME_STAMP": "2024-05-01, 10:00:00.000\t1234.5"}
+    lines = [f"{key}\t{value}" for key, value in {**header, "DATA_INCLUDED": "3D"}.items()]
+    lines += ["\t".join(map(str, ("EVENT", *event))) for event in events]
+    lines += ["\t".join(["MARKER_NAMES", *names])]
+    lines += ["\t".join(["TRAJECTORY_TYPES", *["Measured"] * len(names)])]
+    if titles:
+        axes = [f"{name} {axis}" for name in names for axis in FRAME]
+        lines.append("\t".join([*(["Frame", "Time"] if frames else []), *axes]))
+    for k, row in enumerate(1000 * position.reshape(len(position), -1)):
+        clock = [str(first + k), f"{(first - 1 + k) / rate:.5f}"] if frames else []
+        lines.append("\t".join([*clock, *(missing if np.isnan(x) else f"{x:.6f}" for x in row)]))
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    for plate in recording.plates:
+        file = path.with_stem(f"{path.stem}_f_{plate.number}")
+        write_qualisys_plate(plate, file, start_s=(first - 1) / rate, local=local, timed=frames)
+    return path
+
+
+def write_qualisys_plate(plate, path, *, start_s=0.0, local=True, timed=True):
+    """Write one plate of a Qualisys export: the action on it, in its own axes or the lab's."""
+    corners, rotation, center = plate.corners, plate.rotation, plate.center
+    if np.isnan(corners).any():  # 2 m by 1 m, its z down
+        rotation, center = np.diag([1.0, -1.0, -1.0]), np.array([0.1, -0.2, 0.0])
+        offsets = np.array([[1, 0.5, 0], [-1, 0.5, 0], [-1, -0.5, 0], [1, -0.5, 0]])
+        corners = center + offsets @ rotation.T
+    about_center = shift_wrench(-plate.wrench, center)
+    force, moment = about_center[:, :3], about_center[:, 3:]
+    loaded = np.abs(force[:, 2]) > 20
+    pressure = np.zeros_like(force)
+    pressure[loaded, 0] = -moment[loaded, 1] / force[loaded, 2]
+    pressure[loaded, 1] = moment[loaded, 0] / force[loaded, 2]
+    if local:
+        force, moment, pressure = (part @ rotation for part in (force, moment, pressure))
+    else:
+        pressure[loaded] += center
+    header = {"NO_OF_SAMPLES": len(force), "FREQUENCY": f"{plate.rate_hz:.6g}", "TIME_STAMP": ""}
+    header |= {"FIRST_SAMPLE": 1, "DATA_INCLUDED": "Force", "FORCE_PLATE_TYPE": "Kistler"}
+    of = "local (force plate)" if local else "world (lab)"
+    header |= {"DESCRIPTION": f"Force data in {of} coordinates"}
+    header |= {"FORCE_PLATE_NAME": f"Force-plate {plate.number}"}
+    for corner, place in zip(
+        ("POSX_POSY", "NEGX_POSY", "NEGX_NEGY", "POSX_NEGY"), corners, strict=True
+    ):
+        for axis, value in zip(FRAME, place, strict=True):
+            header[f"FORCE_PLATE_CORNER_{corner}_{axis}"] = f"{1000 * value:.6f}"
+    names = [f"{part}_{axis}" for part in ("Force", "Moment", "COP") for axis in FRAME]
+    lines = [f"{key}\t{value}" for key, value in header.items()]
+    lines.append("\t".join([*(["SAMPLE", "TIME"] if timed else []), *names]))
+    for k, row in enumerate(np.hstack([force, moment, 1000 * pressure])):
+        clock = [str(k + 1), f"{start_s + k / plate.rate_hz:.5f}"] if timed else []
+        lines.append("\t".join([*clock, *(f"{x:.6f}" for x in row)]))
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path

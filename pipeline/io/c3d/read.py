@@ -156,7 +156,7 @@ def read_events(header: Header, start_s: float) -> tuple[tuple[Event, ...], list
     events = []
     texts = zip_longest(labels, contexts, [""] * len(seconds), fillvalue="")
     for time, (label, context, _) in zip(seconds.tolist(), texts, strict=False):
-        kind, side = _kind_and_side(label)
+        kind, side = kind_and_side(label)
         stated = SIDE_WORDS.get(context.lower(), "")
         if kind and np.isfinite(time) and (side or stated) and side in ("", stated or side):
             events.append(Event(time - start_s, kind, stated or side))
@@ -206,7 +206,7 @@ def _seconds(times: Array, labelled: int) -> Array:
     )
 
 
-def _kind_and_side(label: str) -> tuple[str, str]:
+def kind_and_side(label: str) -> tuple[str, str]:
     """Give kind and side that a label states, such as "Left Foot Strike" or "RHS"; "" if not."""
     found = LABEL.fullmatch("".join(re.findall("[a-z]", label.lower())))
     if found is None:

@@ -12,11 +12,13 @@ from hypothesis import strategies as st
 from pipeline.cli.app import main
 from pipeline.config.found_recordings import found_subjects
 from pipeline.config.study import read_study
+from pipeline.config.templates import write_template
 from pipeline.io.c3d.write import write_c3d
 from pipeline.run.check import check_study
 from pipeline.trial.study_files import read_study_file
 from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
 from tests.pipeline.cli.test_app import plate
+from tests.pipeline.other_formats import excerpt, write_opensim
 from tests.synthetic import synthetic_t_pose
 
 POSE = re.compile(r"(?i)cal|static|stand|pose")
@@ -63,8 +65,8 @@ def folder(tmp_path):
 
 def test_recordings_are_grouped_by_subject_and_the_stillest_is_the_pose(folder):
     (first, second), unused = found_subjects(folder)
-    assert first == ("S01", "S01_0.c3d", {"walking": ["S01_4.c3d"]})
-    assert second == ("S02", "", {"walking": ["S02_5.c3d", "S02_6.c3d"]})
+    assert first == ("S01", "S01_0.c3d", {"walking": ["S01_4.c3d"]}, {})
+    assert second == ("S02", "", {"walking": ["S02_5.c3d", "S02_6.c3d"]}, {})
     assert list(unused) == ["broken.c3d"]
 
 
@@ -358,3 +360,16 @@ def test_labels_of_one_recording_are_corrected_in_its_trial(tmp_path):
     assert walk.markers.names.index("LLEK") == right
     assert walk.markers.names.index("RLEK") == left
     assert not static.stated.rename
+
+
+def test_forces_beside_a_trc_file_are_those_of_its_trial(walker, tmp_path):
+    plain = excerpt(walker, 400, 800)
+    for name in ("S01_walk_01", "S01_walk_02"):
+        write_opensim(plain, tmp_path / f"{name}.trc", tmp_path / f"{name}_grf.mot")
+    (subject,), unused = found_subjects(tmp_path)
+    assert unused == {}
+    write_template(tmp_path, [subject])
+    trials = read_study(tmp_path).trials.values()
+    assert [(t.file, t.forces) for t in trials] == [
+        (f"S01_walk_{k}.trc", f"S01_walk_{k}_grf.mot") for k in ("01", "02")
+    ]

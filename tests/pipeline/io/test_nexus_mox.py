@@ -87,3 +87,11 @@ def test_a_plate_that_lacks_channels_is_left_out_and_the_other_kept(trial, tmp_p
     (fact,) = read.facts
     assert fact.kind == "left_out"
     assert fact.of.startswith("plate 2")
+
+
+def test_a_single_frame_is_refused(walker, tmp_path):
+    path = write_nexus(excerpt(walker, 500, 502), tmp_path / "t.csv")
+    lines = path.read_text(encoding="utf-8").split("\n")
+    path.write_text("\n".join(line for line in lines if line[:2] != "2,"), encoding="utf-8")
+    with pytest.raises(ValueError, match=r"^t\.csv: it holds a single frame, expected at least 2"):
+        read_recording(path)

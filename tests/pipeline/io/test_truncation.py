@@ -6,12 +6,20 @@ import numpy as np
 import pytest
 
 from pipeline.io.read import read_recording
-from tests.pipeline.other_formats import excerpt, write_dflow, write_mox, write_nexus, write_opensim
+from tests.pipeline.other_formats import (
+    excerpt,
+    write_dflow,
+    write_forces,
+    write_mox,
+    write_nexus,
+    write_opensim,
+    write_qualisys,
+)
 
 FEET_AND_PELVIS = ("LASIS", "RASIS", "LPSIS", "RPSIS", "LHEE", "RHEE", "LMT2", "RMT2")
-COUNTED = ("TRC", "MOT", "MOX", "Nexus")
+COUNTED = ("TRC", "MOT", "forces", "MOX", "Nexus", "Qualisys")
 """Formats that state how many rows they have, or hold two blocks of the same frames."""
-NOTED = {"cut_short", "frame_count_differs"}
+NOTED = {"cut_short", "in_doubt"}
 RECORD = """Time\tBelt.Speed\tPitch
 199.99\t1.25\t0.5
 # EVENT A - COUNT 1
@@ -42,10 +50,17 @@ def files(trial, tmp_path_factory):
     write_dflow(trial, mocap)
     write_mox(trial, folder / "a.mox")
     write_nexus(trial, folder / "a.csv")
+    write_forces(trial, folder / "a.forces")
+    write_qualisys(trial, folder / "a.tsv")
     (folder / "record.txt").write_text(RECORD, encoding="utf-8")
     return {
         "TRC": (trc, lambda path: read_recording(path, forces=mot)),
         "MOT": (mot, lambda path: read_recording(trc, forces=path)),
+        "forces": (folder / "a.forces", lambda path: read_recording(trc, forces=path)),
+        "Qualisys": (
+            folder / "a.tsv",
+            lambda path: read_recording(path, forces=folder / "a_f_1.tsv"),
+        ),
         "D-Flow": (mocap, read_recording),
         "record": (folder / "record.txt", lambda path: read_recording(mocap, record=path)),
         "MOX": (folder / "a.mox", read_recording),
@@ -78,7 +93,7 @@ def read_or_none(read, path):
         return None
 
 
-@pytest.mark.parametrize("name", ["TRC", "MOT", "D-Flow", "record", "MOX", "Nexus"])
+@pytest.mark.parametrize("name", [*COUNTED, "D-Flow", "record"])
 def test_no_cut_changes_a_number_without_a_refusal_or_a_warning(files, tmp_path, name):
     """Only where nothing states the number of rows may a cut at a line end go unnoticed."""
     path, read = files[name]
