@@ -15,7 +15,7 @@ from hbm.spelling import listed, short
 from pipeline.io.axes import mean_force, parse_axes, settle_axes, split_axes
 from pipeline.io.labels import marker_columns
 from pipeline.io.recording import Fact, Plate, Recording, saying
-from pipeline.io.stated import Stated
+from pipeline.io.stated import CONVERT, Stated
 
 MIN_VERTICAL_FORCE_N: Final = 100.0
 """Below it the centre of pressure is too noisy to compare with."""
@@ -230,17 +230,20 @@ def recording_of(
         moments = []
         for plate in columns:
             wrench, where = (locate or wrench_about_origin)(plate, to_lab[2])
-            made.append(Plate.at_origin(plate.number, plate.time, rotate_wrench(wrench, to_lab)))
+            read_as = map(stated.used_unit, CONVERT, plate.units)
+            units = ",".join([*read_as][: 3 if where == FREE else 2])
+            in_lab = rotate_wrench(wrench, to_lab)
+            made.append(Plate.at_origin(plate.number, plate.time, in_lab, units))
             moments.append(f"{plate.name} {where}")
         if moments:
             noted.append(Note.of("moments_about", plates=moments))
         numbers = sorted(plate.number for plate in made)
         if len(set(numbers)) < len(numbers):
             raise ValueError(f"several plates have the same number: {listed(numbers)}")
-        in_lab = frozen(to_lab @ np.moveaxis(markers.position, 0, -1))
+        position = frozen(to_lab @ np.moveaxis(markers.position, 0, -1))
         return Recording(
             source=source,
-            markers=Markers(time, markers.names, np.moveaxis(in_lab, -1, 0)),
+            markers=Markers(time, markers.names, np.moveaxis(position, -1, 0)),
             plates=tuple(sorted(made, key=lambda plate: plate.number)),
             stated=stated,
             axes=split_axes(settled),

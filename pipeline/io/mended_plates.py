@@ -7,7 +7,7 @@ import numpy as np
 from scipy.ndimage import percentile_filter
 
 from hbm.notes import Note
-from hbm.spatial import WRENCH_COMPONENTS, Array, Indices
+from hbm.spatial import WRENCH_COMPONENTS, Array, Indices, shift_wrench
 from pipeline.io.recording import Plate, Recording
 from pipeline.io.stated import parse_mending
 
@@ -91,7 +91,7 @@ def with_mended_plates(recording: Recording) -> Recording:
     """Mend the plates of a recording as is stated of it; a note says what was done.
 
     Channels are those of the plate's own axes about the centre of its surface, the action on the
-    subject. One that does not wrap in this recording stays as it is. Exchanged plates keep their
+    subject; the gain of a moment is about the transducer, where the file has it. One that does not wrap in this recording stays as it is. Exchanged plates keep their
     places and exchange what they measured. A recording without plates stays as it is.
 
     Raises
@@ -127,10 +127,12 @@ def with_mended_plates(recording: Recording) -> Recording:
             plates[number] = replace(plate, center=plate.center + way, corners=plate.corners + way)
         elif deed in ("gain", "zero"):
             component, value = what.split()
-            wrench = np.array(plate.wrench_in_plate)
+            # a moment has its gain where the file has it, about the transducer
+            about = plate.transducer * (component[0] == "M")
+            wrench = shift_wrench(plate.wrench_in_plate, about)
             channel = wrench[:, WRENCH_COMPONENTS.index(component)]
             channel[:] = channel * float(value) if deed == "gain" else channel - float(value)
-            plates[number] = _measuring(plate, plate.time, wrench)
+            plates[number] = _measuring(plate, plate.time, shift_wrench(wrench, -about))
         else:
             change = turning(int(what)) if deed == "turn" else reversing(what)
             plates[number] = _measuring(plate, plate.time, plate.wrench_in_plate @ change.T)

@@ -1,7 +1,7 @@
 """What a person states about files; it is used instead of what a file says or leaves out."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Final, Literal, SupportsInt
@@ -23,7 +23,11 @@ from pipeline.io.units import (
 
 Quantity = Literal["force", "moment", "pressure"]
 """What a channel of a plate holds."""
-CONVERT: Final = {"force": force_in_n, "moment": moment_in_nm, "pressure": length_in_m}
+CONVERT: Final[dict[Quantity, Callable[[str], float]]] = {
+    "force": force_in_n,
+    "moment": moment_in_nm,
+    "pressure": length_in_m,
+}
 STATE_UNITS: Final = 'give it: --units mm, or units = "mm" in study.toml'
 STATE_PLATE_UNITS: Final = 'give them: --plate-units N,Nmm, or plate_units = "N,Nmm" in study.toml'
 RAW_SIGNALS: Final = dict.fromkeys(("v", "mv", "uv", "volt", "volts"), "volts") | dict.fromkeys(
@@ -141,16 +145,20 @@ class Stated:
         except ValueError as error:
             raise ValueError(f"{error}; {STATE_UNITS}") from error
 
+    def used_unit(self, quantity: Quantity, unit: str) -> str:
+        """Give the stated unit of a plate's quantity, else that of the file."""
+        if self.plate_units is None:
+            return unit
+        force, moment, *pressure = parse_plate_units(self.plate_units)
+        length = unit if is_length(unit) else length_of_moment(moment)
+        return {"force": force, "moment": moment, "pressure": [*pressure, length][0]}[quantity]
+
     def plate_unit(self, quantity: Quantity, unit: str) -> float:
         """Give one of the stated unit of a plate's quantity, else of the file's, in SI units.
 
         A ValueError where none is stated and the file's is unknown; it says how to state it.
         """
-        if self.plate_units is not None:
-            force, moment, *pressure = parse_plate_units(self.plate_units)
-            written = unit if is_length(unit) else length_of_moment(moment)
-            length = pressure[0] if pressure else written
-            unit = {"force": force, "moment": moment, "pressure": length}[quantity]
+        unit = self.used_unit(quantity, unit)
         if raw := RAW_SIGNALS.get(unit.strip().lower()):
             raise ValueError(f"it holds {raw} ({short(unit)}), not a {quantity}; {ASK_FOR_GAINS}")
         try:

@@ -317,7 +317,7 @@ def _recording_of(header: Header, stated: Stated, facts: list[Fact]) -> Recordin
     notes = stated.check_positions(position, [*labels.markers], unit)
     notes += impossible_samples([name for name, _ in channels], samples.impossible)
     try:
-        layouts, of_plates = plate_layouts(header, stated)
+        layouts, of_plates = plate_layouts(header, stated, position)
     except ValueError as error:
         raise _with_faults_of_markers(error, tuple(labels.markers), position, stated) from error
     wrenches = [plate.wrench(samples.analog[:, plate.channels]) for plate in layouts]
@@ -344,7 +344,9 @@ def _recording_of(header: Header, stated: Stated, facts: list[Fact]) -> Recordin
     for plate, wrench in zip(layouts, wrenches, strict=True):
         corners, rotation = plate.corners @ to_lab.T, to_lab @ plate.rotation
         center = corners.mean(axis=0)
-        plates.append(Plate(plate.number, analog_time, frozen(wrench), rotation, center, corners))
+        place = rotation, center, corners, plate.units
+        lever = -plate.origin if plate.kind in (2, 4) else np.zeros(3)
+        plates.append(Plate(plate.number, analog_time, frozen(wrench), *place, lever))
     rest = [k for k in range(len(channels)) if k not in taken]
     names, units = (tuple(channels[k][part] for k in rest) for part in (0, 1))
     others = frozen(samples.analog.T.take(rest, axis=0)).T
