@@ -15,7 +15,7 @@ from hbm.spelling import listed, short
 from pipeline.io.axes import mean_force, parse_axes, settle_axes, split_axes
 from pipeline.io.labels import marker_columns
 from pipeline.io.recording import Fact, Plate, Recording, saying
-from pipeline.io.stated import CONVERT, Stated
+from pipeline.io.stated import CONVERT, Stated, parse_mending
 
 MIN_VERTICAL_FORCE_N: Final = 100.0
 """Below it the centre of pressure is too noisy to compare with."""
@@ -208,6 +208,7 @@ def recording_of(
     plates = list(plates)
     facts = [*markers.facts, *facts, *(plate for plate in plates if isinstance(plate, Fact))]
     found = [plate for plate in plates if isinstance(plate, PlateColumns)]
+    mended = {parse_mending(text)[0] for text in stated.mend_plates}  # once axes are known
     with saying(facts):
         columns = [plate.in_si(stated) for plate in found]
         settled, axes_notes = settle_axes(
@@ -215,7 +216,11 @@ def recording_of(
             markers.position,
             markers.names,
             marker_set=stated.marker_set,
-            plate_forces=[mean_force(plate.force) for plate in columns if on_subject],
+            plate_forces=[
+                mean_force(plate.force) * (plate.number not in mended)
+                for plate in columns
+                if on_subject
+            ],
             by=program if stated.axes is None else "",
         )
         to_lab = parse_axes(settled)

@@ -73,6 +73,19 @@ def parse_mending(text: str) -> tuple[int, str, str]:
     return int(number), deed, what
 
 
+def correction(*mendings: str) -> str:
+    """Give what to set in a study for mendings, and the options for one trial.
+
+    Examples
+    --------
+    >>> correction("2: turn 90")
+    'mend_plates = ["2: turn 90"] (--mend-plates "2: turn 90")'
+    """
+    quoted = [f'"{mending}"' for mending in mendings]
+    options = " ".join(f"--mend-plates {each}" for each in quoted)
+    return f"mend_plates = [{', '.join(quoted)}] ({options})"
+
+
 def parse_plate_units(text: str) -> tuple[str, ...]:
     """Parse units of force and moment, "N,Nmm", or "N,Nmm,mm" with that of centres of pressure.
 

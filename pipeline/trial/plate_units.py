@@ -9,9 +9,8 @@ import numpy as np
 from hbm.body import Body
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array, shift_wrench
 from pipeline.io.axes import find_sites
-from pipeline.io.mended_plates import correction
 from pipeline.io.recording import Plate, Recording
-from pipeline.io.stated import CONVERT, Quantity, parse_plate_units
+from pipeline.io.stated import CONVERT, Quantity, correction, parse_plate_units
 
 HALF: Final = 0.5
 """Of the largest load of a plate: samples that are judged."""
@@ -157,8 +156,6 @@ def _remedy(factors: Sequence[Factor]) -> str:
         powers = np.array([*[force] * 3, *moments])
         named = zip(WRENCH_COMPONENTS, powers.tolist(), strict=True)
         gains += [f"{plate.number}: gain {name} {10.0**power:g}" for name, power in named if power]
-        if force and plate.transducer.any():  # their gain would change the moments too
-            return f"{channels} the file again"
     if len(gains) > MAX_GAINS:
         return f"{channels} the file again"
     return f"{channels} the file again, or set {correction(*gains)}"

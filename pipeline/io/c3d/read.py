@@ -29,6 +29,7 @@ from pipeline.io.c3d.force_plates import PlateLayout, plate_layouts
 from pipeline.io.c3d.parameters import Parameters, Value
 from pipeline.io.input_file import naming
 from pipeline.io.labels import rename_markers, without_prefixes
+from pipeline.io.mended_plates import mended_plates
 from pipeline.io.recording import (
     Analog,
     Compensation,
@@ -320,7 +321,15 @@ def _recording_of(header: Header, stated: Stated, facts: list[Fact]) -> Recordin
         layouts, of_plates = plate_layouts(header, stated, position)
     except ValueError as error:
         raise _with_faults_of_markers(error, tuple(labels.markers), position, stated) from error
-    wrenches = [plate.wrench(samples.analog[:, plate.channels]) for plate in layouts]
+    analog_time = np.arange(len(samples.analog)) / samples.analog_rate_hz
+    plates = []
+    for plate in layouts:
+        wrench = frozen(plate.wrench(samples.analog[:, plate.channels]))
+        place = plate.rotation, plate.corners.mean(axis=0), plate.corners, plate.units
+        lever = -plate.origin if plate.kind in (2, 4) else np.zeros(3)
+        plates.append(Plate(plate.number, analog_time, wrench, *place, lever))
+    # mended, plates show the axes; the recording keeps them as they are until it is mended
+    witnesses = mended_plates(plates, stated.mend_plates) if plates else ()
     taken = {channel for plate in layouts for channel in plate.channels}
 
     facts += of_plates
@@ -329,24 +338,24 @@ def _recording_of(header: Header, stated: Stated, facts: list[Fact]) -> Recordin
         position,
         tuple(labels.markers),
         marker_set=stated.marker_set,
-        plate_normals=[plate.rotation[:, 2] for plate in layouts],
+        plate_normals=[plate.rotation[:, 2] for plate in witnesses],
         plate_forces=[
-            plate.rotation @ mean_force(wrench[:, :3])
-            for plate, wrench in zip(layouts, wrenches, strict=True)
+            plate.rotation @ mean_force(plate.wrench_in_plate[:, :3]) for plate in witnesses
         ],
         screen_up=parameters.text("POINT", "Y_SCREEN"),
     )
     to_lab = parse_axes(axes)
     in_lab = np.moveaxis(frozen(to_lab @ np.moveaxis(position, 0, -1)), -1, 0)
     time = np.arange(len(position)) / samples.rate_hz
-    analog_time = np.arange(len(samples.analog)) / samples.analog_rate_hz
-    plates = []
-    for plate, wrench in zip(layouts, wrenches, strict=True):
-        corners, rotation = plate.corners @ to_lab.T, to_lab @ plate.rotation
-        center = corners.mean(axis=0)
-        place = rotation, center, corners, plate.units
-        lever = -plate.origin if plate.kind in (2, 4) else np.zeros(3)
-        plates.append(Plate(plate.number, analog_time, frozen(wrench), *place, lever))
+    plates = [
+        replace(
+            plate,
+            rotation=to_lab @ plate.rotation,
+            center=to_lab @ plate.center,
+            corners=plate.corners @ to_lab.T,
+        )
+        for plate in plates
+    ]
     rest = [k for k in range(len(channels)) if k not in taken]
     names, units = (tuple(channels[k][part] for k in rest) for part in (0, 1))
     others = frozen(samples.analog.T.take(rest, axis=0)).T
