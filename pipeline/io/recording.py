@@ -59,7 +59,8 @@ def saying(facts: Iterable[Fact]) -> Iterator[None]:
         yield
     except ValueError as error:
         for fact in dict.fromkeys(facts):
-            error.add_note(f"on reading, {fact}")
+            if str(fact) not in str(error):
+                error.add_note(f"on reading, {fact}")
         raise
 
 

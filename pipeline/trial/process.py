@@ -374,7 +374,8 @@ def _body_mass(
     if not recording.plates:
         faults.append(
             f"{recording.source.name}: {recording.why_no_plates}; residuals need the ground "
-            "reaction wrench (FORCE_PLATFORM group, or a second file with forces)"
+            "reaction wrench: export it with its plates, or give the MOT file of a TRC file "
+            "(--forces, forces of the trial)"
         )
     try:
         mass = body_mass(subject, standing, recording)

@@ -1,6 +1,7 @@
 """Force plates of a C3D file, TYPE 1 to 4: how they are described, their channels as wrenches."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
@@ -173,6 +174,12 @@ def plate_layouts(
             facts.append(Fact("left_out", f"plate {k + 1}", str(error)))
         except ValueError as error:
             raise ValueError(f"force plate {k + 1}: {error}") from error
+    for k in range(used, min(len(types), MAX_PLATES)):
+        with suppress(ValueError):
+            plate, _ = _plate_layout(k, int(types[k]), header, stated, position)
+            if not {*plate.channels} & {c for other in plates for c in other.channels}:
+                reason = f"FORCE_PLATFORM:USED says {used}, though the file describes it"
+                facts.append(Fact("left_out", f"plate {k + 1}", reason))
     return plates, facts
 
 
