@@ -194,9 +194,9 @@ def _plate_layout(
         )
     metre = stated.metre(parameters.text("POINT", "UNITS"))
     corners = _of_plate(parameters, "CORNERS", k, (3, 4)).T
-    rotation = plate_axes(corners)
     unit, facts = _unit_of_corners(k, corners, metre, position)
     corners = corners * unit
+    rotation = plate_axes(corners)
     numbers = _of_plate(parameters, "CHANNEL", k, (len(QUANTITIES[kind]),)).astype(int) - 1
     channels = tuple(numbers.tolist())
     if not all(0 <= channel < len(labelled) for channel in channels):

@@ -347,10 +347,14 @@ def _recording_of(header: Header, stated: Stated, facts: list[Fact]) -> Recordin
     to_lab = parse_axes(axes)
     in_lab = np.moveaxis(frozen(to_lab @ np.moveaxis(position, 0, -1)), -1, 0)
     time = np.arange(len(position)) / samples.rate_hz
-    for k, plate in enumerate(plates):
-        corners = plate.corners @ to_lab.T
-        place = {"center": corners.mean(axis=0), "corners": corners}
-        plates[k] = replace(plate, rotation=to_lab @ plate.rotation, **place)
+    for k, witness in enumerate(plates):
+        corners = witness.corners @ to_lab.T
+        plates[k] = replace(
+            witness,
+            rotation=to_lab @ witness.rotation,
+            center=corners.mean(axis=0),
+            corners=corners,
+        )
     rest = [k for k in range(len(channels)) if k not in taken]
     names, units = (tuple(channels[k][part] for k in rest) for part in (0, 1))
     others = frozen(samples.analog.T.take(rest, axis=0)).T

@@ -213,7 +213,7 @@ def settle_sides(sites, exchanged):
 
 def test_plates_that_pull_the_subject_down_are_refused(subject):
     with pytest.raises(
-        ValueError, match="or the plate stores the force.*then give .*1: reverse all"
+        ValueError, match=r"or the plate stores the force.*then give .*1: reverse all"
     ):
         settle_axes(
             "forward,left,up", subject.position, subject.names, plate_forces=[[0, 0, -400.0]]
