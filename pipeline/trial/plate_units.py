@@ -33,6 +33,8 @@ MIN_OFF_M: Final = 0.1
 MAX_OFF_M: Final = 0.2
 """RMS distance of the pressure from the feet, 0.05 to 0.13 m on healthy plates: less needs no other
 unit, with more a unit does not bring it under the feet."""
+FAR_M: Final = 1.0
+"""RMS distance of the pressure from the feet that no wrong place of a plate explains."""
 MAX_LEFT: Final = 0.7
 """Of that distance with the right power of ten."""
 SAME: Final = 1.2
@@ -130,13 +132,15 @@ def _with_unsure(factors: Sequence[Factor], feet: Array, time: Array) -> list[Fa
 
     These bring the pressure nearer to the feet, if not by so much that the plate alone shows it.
     """
-    sure = {factor.moments for factor in factors if factor.moments[0] > 0}
+    sure = {factor.moments for factor in factors if any(factor.moments)}
     common = sure.pop() if len(sure) == 1 else (0, 0, 0)
     given = []
     for factor in factors:
         rows = _pressure_and_feet(factor.plate, feet, time)
         unsure = not (factor.force or any(factor.moments)) and len(rows[2])
-        nearer = unsure and _off(*rows, common) < _off(*rows, (0, 0, 0))
+        # smaller moments bring any pressure nearer: only one that is far away needs them
+        far_m = FAR_M if min(common) < 0 else 0.0
+        nearer = unsure and max(far_m, _off(*rows, common)) < _off(*rows, (0, 0, 0))
         given.append(factor._replace(moments=common) if nearer else factor)
     return given
 
