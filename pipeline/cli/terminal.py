@@ -24,7 +24,15 @@ if TYPE_CHECKING:
 MIN_COLUMNS: Final = 40
 """A narrower terminal, or one that says it has no columns, breaks the lines itself."""
 ALWAYS: Final = frozenset(
-    {"Axes", "Body mass", "Delay of plates", "Feet on plates", "Gait cycles", "Landmarks"}
+    {
+        "Axes",
+        "Body mass",
+        "Corrected",
+        "Delay of plates",
+        "Feet on plates",
+        "Gait cycles",
+        "Landmarks",
+    }
     | {"Plate calibration", "Platform pose", "Treadmill calibration"}
 )
 """Items of provenance that change numbers; --verbose prints the others too."""

@@ -13,6 +13,7 @@ from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import listed, short
 from pipeline.io.recording import Fact
+from pipeline.io.stated import correction
 
 PELVIS_AND_SHOULDERS: Final = ("ASIS", "PSIS", "SHO")
 HEEL: Final = "HEE"
@@ -247,16 +248,18 @@ def settle_axes(
 
     Notes
     -----
-    Up is where loaded plates push the subject, and from the feet to pelvis and shoulders; left is
-    from right-side to left-side markers; forward is left × up, checked against heel to toe. Stated
-    axes are refused where up contradicts them; a subject may face any way in a lab, so that facing
-    another way than forward is a warning only.
+    Up is where most of these have it: loaded plates push the subject, pelvis and shoulders are
+    above feet and, less certain, surfaces of plates and Y_SCREEN. Left is from right-side to
+    left-side markers; forward is left × up, checked against heel to toe. Stated axes are refused
+    where up contradicts them; a subject may face any way in a lab, so that facing another way than
+    forward is a warning only.
     """
     position = np.asarray(position, float)
     sites = find_sites(names, marker_set)
+    forces = np.reshape(np.asarray(plate_forces, float), (-1, 3))
     evidence = {
         f"the load on plate {k}": force
-        for k, force in enumerate(np.reshape(np.asarray(plate_forces, float), (-1, 3)), start=1)
+        for k, force in enumerate(forces, start=1)
         if np.linalg.norm(force) > MIN_MEAN_LOAD_N
     }
     above = typical(_middle(position[:, sites.high]) - _middle(position[:, sites.low]))
@@ -264,12 +267,17 @@ def settle_axes(
         evidence[ABOVE] = above
     if axes is not None:
         up = parse_axes(axes)[2]
-        for source, vector in evidence.items():
-            if ABOVE in evidence and vector @ up < 0:
-                raise ValueError(
-                    f"{_axis_name(up)} is up by the given axes, but down by {source}: "
-                    "the axes are wrong, or the plate stores the force that acts on itself"
-                )
+        down = [source for source, vector in evidence.items() if vector @ up < 0]
+        with suppress(AxesUnknownError):  # most of all that shows up count, if they are no tie
+            if _infer_up(evidence, plate_normals, screen_up)[0] @ up > 0:
+                down = []
+        if ABOVE in evidence and down:
+            pulling = [f"{k}: reverse all" for k, n in enumerate(forces, 1) if n @ up < 0]
+            raise ValueError(
+                f"{_axis_name(up)} is up by the axes {axes}, but down by {down[0]}: the axes are "
+                "wrong, or the plate stores the force that acts on itself"
+                + (f"; then give {correction(*pulling)}" if pulling else "")
+            )
         stated = _axes_note(axes, f"as {by} defines them" if by else "as given")
         return axes, [stated, *_not_forward(axes, position, sites, file)]
     if not np.isfinite(position).any():
@@ -376,19 +384,41 @@ def _infer_up(
         )
     signed = {source: _nearest_axis(vector, source) for source, vector in evidence.items()}
     normals = np.reshape(np.asarray(plate_normals, float), (-1, 3))
-    surfaces = {f"the surface of plate {k}": normal for k, normal in enumerate(normals, start=1)}
+    surfaces = {f"the surface of plate {k}": -normal for k, normal in enumerate(normals, start=1)}
     lines = {source: _nearest_axis(normal, source) for source, normal in surfaces.items()}
+    of_plates = [axis for source, axis in signed.items() if source != ABOVE]
+    # plates are alike, so that they count once: by their loads, and by their surfaces
+    votes = [(_most(of_plates), 1.0), (signed.get(ABOVE), 1.0), (_most([*lines.values()]), 0.5)]
     if screen_up[-1:].upper() in {"X", "Y", "Z"}:
-        lines["Y_SCREEN"] = np.eye(3)["XYZ".index(screen_up[-1].upper())]
-    first, up = next(iter(signed.items()))
-    contradicting = [source for source, axis in signed.items() if axis @ up < 0.5]
-    contradicting += [source for source, axis in lines.items() if abs(axis @ up) < 0.5]
-    if contradicting:
+        screen = np.eye(3)["XYZ".index(screen_up[-1].upper())]
+        lines["Y_SCREEN"] = -screen if screen_up[:1] == "-" else screen
+        votes.append((lines["Y_SCREEN"], 0.5))
+    cast = [(axis, weight) for axis, weight in votes if axis is not None]
+    # up needs most votes for its line, whichever way these point, and more for it than against it
+    scores = {
+        tuple(d): sum(weight * (axis @ d) for axis, weight in cast)
+        for d in np.concatenate([np.eye(3), -np.eye(3)])
+        if 2 * sum(abs(axis @ d) > 0.5 for axis, _ in cast) > len(cast)
+    }
+    up = np.array(max(scores, key=lambda d: scores[d], default=(0.0, 0.0, 0.0)))
+    if scores.get(tuple(up), 0.0) <= 0:
+        first, up = next(iter(signed.items()))
+        contradicting = [source for source, axis in signed.items() if axis @ up < 0.5]
+        contradicting += [source for source, axis in lines.items() if abs(axis @ up) < 0.5]
         raise AxesUnknownError(
             f"{_axis_name(up)} is up by {first}, "
             f"but not by {' and '.join(contradicting[:PAIRS_NAMED])}"
         )
-    return up, [*signed, *lines]
+    agreeing = [source for source, axis in signed.items() if axis @ up > 0.5]
+    return up, agreeing + [source for source, axis in lines.items() if abs(axis @ up) > 0.5]
+
+
+def _most(axes: Sequence[Array]) -> Array | None:
+    """Give the axis on which more than half agree."""
+    for axis in axes:
+        if 2 * sum(axis @ other > 0.5 for other in axes) > len(axes):
+            return axis
+    return None
 
 
 def _infer_left(

@@ -15,7 +15,7 @@ from hbm.spelling import listed, short
 from pipeline.io.axes import mean_force, parse_axes, settle_axes, split_axes
 from pipeline.io.labels import AGAIN, join_trajectories, rename_markers, without_prefixes
 from pipeline.io.recording import Fact, Plate, Recording, facts_in, notes_of, saying
-from pipeline.io.stated import Stated
+from pipeline.io.stated import CONVERT, Stated, parse_mending
 
 MIN_AWAY_M: Final = 0.05
 """Of a code of missing samples from the marker's median; nearer, the marker itself is there."""
@@ -284,6 +284,7 @@ def recording_of(
     plates = list(plates)
     said = [*markers.notes, *notes, *facts, *(p for p in plates if isinstance(p, Fact))]
     found = [plate for plate in plates if isinstance(plate, PlateColumns)]
+    mended = {parse_mending(text)[0] for text in stated.mend_plates}  # once axes are known
     with saying(facts_in(said)):
         columns = [plate.in_si(stated) for plate in found]
         settled, axes_notes = settle_axes(
@@ -291,7 +292,11 @@ def recording_of(
             markers.position,
             markers.names,
             marker_set=stated.marker_set,
-            plate_forces=[mean_force(plate.force) for plate in columns if on_subject],
+            plate_forces=[
+                mean_force(plate.force) * (plate.number not in mended)
+                for plate in columns
+                if on_subject
+            ],
             by=program if stated.axes is None else "",
             file=source.name,
         )
@@ -314,17 +319,19 @@ def recording_of(
         moments = []
         for plate in columns:
             wrench, where = (locate or wrench_about_origin)(plate, to_lab[2])
-            made.append(_placed(plate, rotate_wrench(wrench, to_lab), to_lab))
+            read_as = map(stated.used_unit, CONVERT, plate.units)
+            units = ",".join([*read_as][: 3 if where == FREE else 2])
+            made.append(_placed(plate, rotate_wrench(wrench, to_lab), to_lab, units))
             moments.append(f"{plate.name} {where}")
         if moments:
             said.append(Note.of("moments_about", plates=moments))
         numbers = sorted(plate.number for plate in made)
         if len(set(numbers)) < len(numbers):
             raise ValueError(f"several plates have the same number: {listed(numbers)}")
-        in_lab = frozen(to_lab @ np.moveaxis(markers.position, 0, -1))
+        position = frozen(to_lab @ np.moveaxis(markers.position, 0, -1))
         return Recording(
             source=source,
-            markers=Markers(time, markers.names, np.moveaxis(in_lab, -1, 0)),
+            markers=Markers(time, markers.names, np.moveaxis(position, -1, 0)),
             plates=tuple(sorted(made, key=lambda plate: plate.number)),
             stated=stated,
             axes=split_axes(settled),
@@ -334,17 +341,16 @@ def recording_of(
         )
 
 
-def _placed(plate: PlateColumns, wrench: Array, to_lab: Array) -> Plate:
+def _placed(plate: PlateColumns, wrench: Array, to_lab: Array, units: str) -> Plate:
     """Give a plate by its wrench in the lab about its origin, (N, 6), at its place if known."""
     if plate.place is None:
-        return Plate.at_origin(plate.number, plate.time, wrench)
+        return Plate.at_origin(plate.number, plate.time, wrench, units)
     rotation, center = to_lab @ plate.place.rotation, to_lab @ plate.place.center
     if rotation[2, 2] > 0:
         raise ValueError(f"{plate.name}: its corners are not in the order of its axes: z is up")
     in_plate = transform_wrench(wrench, rotation.T, -rotation.T @ center)
-    return Plate(
-        plate.number, plate.time, in_plate, rotation, center, plate.place.corners @ to_lab.T
-    )
+    corners = plate.place.corners @ to_lab.T
+    return Plate(plate.number, plate.time, in_plate, rotation, center, corners, units)
 
 
 def wrench_about_origin(plate: PlateColumns, up: Array) -> Located:

@@ -1,5 +1,6 @@
 """Plates mended as a person states it: channels reversed, turned, scaled; plates moved."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
@@ -7,9 +8,10 @@ import numpy as np
 from scipy.ndimage import percentile_filter
 
 from hbm.notes import Note
-from hbm.spatial import WRENCH_COMPONENTS, Array, Indices
-from pipeline.io.recording import Plate, Recording
-from pipeline.io.stated import parse_mending
+from hbm.spatial import WRENCH_COMPONENTS, Array, Indices, shift_wrench
+from pipeline.io.axes import MIN_MEAN_LOAD_N, find_sites, mean_force
+from pipeline.io.recording import Fact, Plate, Recording
+from pipeline.io.stated import correction, parse_mending
 
 NEAR_SAMPLES: Final = 8
 """Samples on both sides of a jump that show how fast the load changes without it."""
@@ -74,25 +76,13 @@ def _wraps(channel: Array, jumps: Array, least: float) -> bool:
     return not len(find_jumps(undone, least).at)
 
 
-def correction(*mendings: str) -> str:
-    """Give what to set in a study for mendings, and the options for one trial.
-
-    Examples
-    --------
-    >>> correction("2: turn 90")
-    'mend_plates = ["2: turn 90"] (--mend-plates "2: turn 90")'
-    """
-    quoted = [f'"{mending}"' for mending in mendings]
-    options = " ".join(f"--mend-plates {each}" for each in quoted)
-    return f"mend_plates = [{', '.join(quoted)}] ({options})"
-
-
 def with_mended_plates(recording: Recording) -> Recording:
     """Mend the plates of a recording as is stated of it; a note says what was done.
 
-    Channels are those of the plate's own axes about the centre of its surface, the action on the
-    subject. One that does not wrap in this recording stays as it is. Exchanged plates keep their
-    places and exchange what they measured. A recording without plates stays as it is.
+    Channels are those of the plate's own axes, the action on the subject; they are reversed, turned
+    and amplified about its transducer, the rest is about the centre of its surface. One that does
+    not wrap in this recording stays as it is. Exchanged plates keep their places and exchange what
+    they measured. A recording without plates stays as it is.
 
     Raises
     ------
@@ -102,7 +92,14 @@ def with_mended_plates(recording: Recording) -> Recording:
     stated = recording.stated.mend_plates
     if not stated or not recording.plates:
         return recording
-    plates = {plate.number: plate for plate in recording.plates}
+    note = Note.of("plates_mended", done=[" ".join(text.split()) for text in stated])
+    plates = mended_plates(recording.plates, stated)
+    return replace(recording, plates=plates, notes=(*recording.notes, note))
+
+
+def mended_plates(given: Sequence[Plate], stated: Sequence[str]) -> tuple[Plate, ...]:
+    """Mend plates in their own axes; errors are those of `with_mended_plates`."""
+    plates = {plate.number: plate for plate in given}
     for text in stated:
         number, deed, what = parse_mending(text)
         for wanted in (number, int(what) if deed == "exchange" else number):
@@ -125,17 +122,45 @@ def with_mended_plates(recording: Recording) -> Recording:
             axis, metres = what.split()
             way = float(metres) * plate.rotation[:, "xyz".index(axis)]
             plates[number] = replace(plate, center=plate.center + way, corners=plate.corners + way)
-        elif deed in ("gain", "zero"):
+        elif deed == "zero":
             component, value = what.split()
             wrench = np.array(plate.wrench_in_plate)
-            channel = wrench[:, WRENCH_COMPONENTS.index(component)]
-            channel[:] = channel * float(value) if deed == "gain" else channel - float(value)
+            wrench[:, WRENCH_COMPONENTS.index(component)] -= float(value)
             plates[number] = _measuring(plate, plate.time, wrench)
         else:
-            change = turning(int(what)) if deed == "turn" else reversing(what)
-            plates[number] = _measuring(plate, plate.time, plate.wrench_in_plate @ change.T)
-    note = Note.of("plates_mended", done=[" ".join(text.split()) for text in stated])
-    return replace(recording, plates=tuple(plates.values()), notes=(*recording.notes, note))
+            change = CHANGES[deed](what)
+            wrench = of_channels(plate, change, plate.wrench_in_plate)
+            plates[number] = _measuring(plate, plate.time, wrench)
+    return tuple(plates.values())
+
+
+def reversed_plates(recording: Recording) -> list[Fact]:
+    """Say which plates pull the subject down, and how to mend them: as brings them under feet."""
+    markers, facts = recording.markers, list[Fact]()
+    feet = markers.position[:, find_sites(markers.names, recording.stated.marker_set).low]
+    for plate in recording.plates:
+        pull_n = -float(plate.rotation[2] @ mean_force(plate.wrench_in_plate[:, :3]))
+        if pull_n < MIN_MEAN_LOAD_N:
+            continue
+        deeds = [f"{plate.number}: reverse {what}" for what in ("all", "Fz")]
+        mended = [mended_plates([plate], [deed])[0] for deed in deeds]
+        away_m = [_away_from(feet, each, markers.time) for each in mended]
+        remedy = correction(deeds[int(np.argmin(away_m))])
+        doubt = f"it pulls the subject down by {pull_n:.0f} N on average: set {remedy}"
+        facts.append(Fact("in_doubt", f"plate {plate.number}", doubt))
+    return facts
+
+
+def _away_from(feet: Array, plate: Plate, time: Array) -> float:
+    """Give how far the pressure of a loaded plate is from the nearest marker of feet [m]."""
+    wrench = np.stack([np.interp(time, plate.time, c) for c in plate.wrench_in_plate.T], axis=1)
+    loaded = np.abs(wrench[:, 2]) > MIN_MEAN_LOAD_N
+    force, mx, my = wrench[loaded, 2], wrench[loaded, 3], wrench[loaded, 4]
+    pressure = np.stack([-my / force, mx / force, 0 * force], axis=1)
+    apart = feet[loaded] - (plate.center + pressure @ plate.rotation.T)[:, None]
+    away = np.linalg.norm(apart[..., :2], axis=-1)
+    away = away[np.isfinite(away).any(axis=1)]
+    return float(np.median(np.nanmin(away, axis=1))) if away.size else np.inf
 
 
 def _measuring(plate: Plate, time: Array, wrench: Array) -> Plate:
@@ -150,9 +175,17 @@ def _unwrapped(channel: Array) -> Array:
     return np.asarray(np.unwrap(channel, period=float(np.median(np.abs(jumps.size)))))
 
 
-def turning(degrees: int) -> Array:
+def of_channels(plate: Plate, change: Array, wrench: Array) -> Array:
+    """Give a plate's wrench, (N, 6), as if its channels were changed by a matrix, (6, 6).
+
+    Channels hold moments about the transducer.
+    """
+    return shift_wrench(shift_wrench(wrench, plate.transducer) @ change.T, -plate.transducer)
+
+
+def turning(degrees: str | int) -> Array:
     """Give what turns a wrench about the plate's third axis, (6, 6)."""
-    angle = np.radians(degrees)
+    angle = np.radians(int(degrees))
     cos, sin = round(np.cos(angle)), round(np.sin(angle))
     about_z = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
     return np.kron(np.eye(2), about_z)
@@ -161,3 +194,12 @@ def turning(degrees: int) -> Array:
 def reversing(what: str) -> Array:
     """Give what reverses one component of a wrench, or all, (6, 6)."""
     return np.diag([-1.0 if what in (name, "all") else 1.0 for name in WRENCH_COMPONENTS])
+
+
+def _amplifying(what: str) -> Array:
+    component, factor = what.split()
+    return np.diag([float(factor) if component == name else 1.0 for name in WRENCH_COMPONENTS])
+
+
+CHANGES: Final = {"turn": turning, "reverse": reversing, "gain": _amplifying}
+"""Deed -> what it does to the channels of a plate."""

@@ -12,7 +12,7 @@ from pipeline.io.c3d.data import KEY
 from pipeline.io.c3d.read import read_c3d_file
 from pipeline.io.dflow import read_dflow
 from pipeline.io.input_file import RENAME, UNUSABLE, naming, open_file
-from pipeline.io.mended_plates import with_mended_plates
+from pipeline.io.mended_plates import reversed_plates, with_mended_plates
 from pipeline.io.mox import ROOT, read_mox
 from pipeline.io.nexus import is_nexus, read_nexus
 from pipeline.io.opensim import is_cortex, read_trc
@@ -95,17 +95,25 @@ def read_recording(
         beside = [*_beside("file of forces", forces, "TRC or Qualisys", kind)]
         beside += _beside("record file", record, "D-Flow", kind)
         try:
-            return with_mended_plates(READERS[kind](path, stated.of_file(path.name), *beside))
+            return _with_plates(READERS[kind](path, stated.of_file(path.name), *beside))
         except AxesUnknownError:
             if static is None or file_format(static) != kind:
                 raise
         with naming(static):
             axes = READERS[kind](static, stated.of_file(static.name)).axes
         there = replace(stated.of_file(path.name), axes=",".join(axes))
-        recording = with_mended_plates(READERS[kind](path, there, *beside))
+        recording = _with_plates(READERS[kind](path, there, *beside))
     evidence = f"as in the static recording {static.name}; this recording does not show them itself"
     others = (note for note in recording.notes if note.code != "axes")
     return replace(recording, notes=(Note.of("axes", axes=axes, evidence=evidence), *others))
+
+
+def _with_plates(recording: Recording) -> Recording:
+    """Mend plates as is stated, and say which of them stay reversed."""
+    mended = with_mended_plates(recording)
+    facts = reversed_plates(mended)
+    notes = (*mended.notes, *(fact.note for fact in facts))
+    return replace(mended, facts=(*mended.facts, *facts), notes=notes)
 
 
 def _beside(what: str, file: str | Path | None, goes_with: str, kind: str) -> list[Path]:

@@ -59,7 +59,8 @@ def saying(facts: Iterable[Fact]) -> Iterator[None]:
         yield
     except ValueError as error:
         for fact in dict.fromkeys(facts):
-            error.add_note(f"on reading, {fact}")
+            if str(fact) not in str(error):
+                error.add_note(f"on reading, {fact}")
         raise
 
 
@@ -97,6 +98,11 @@ class Plate:
         Centre of the plate's surface with the platform in neutral, (3,) [m].
     corners
         Corners of the surface with the platform in neutral, (4, 3) [m].
+    units
+        Of forces, moments and, where these come from centres of pressure, of the latter, as they
+        were read: "N,Nmm" or "N,Nm,mm"; empty where they are not known.
+    transducer
+        Where the file's moments are about, from the centre of the surface, plate axes, (3,) [m].
     """
 
     number: int
@@ -105,10 +111,12 @@ class Plate:
     rotation: Array
     center: Array
     corners: Array
+    units: str = ""
+    transducer: Array = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
         samples = len(self.time)
-        shapes = {"time": (samples,), "wrench_in_plate": (samples, 6)}
+        shapes = {"time": (samples,), "wrench_in_plate": (samples, 6), "transducer": (3,)}
         shapes |= {"rotation": (3, 3), "center": (3,), "corners": (4, 3)}
         for name, shape in shapes.items():
             value = read_only(getattr(self, name))
@@ -124,9 +132,9 @@ class Plate:
         return _rate_hz(self.time)
 
     @classmethod
-    def at_origin(cls, number: int, time: Array, wrench: Array) -> "Plate":
+    def at_origin(cls, number: int, time: Array, wrench: Array, units: str = "") -> "Plate":
         """Make a plate of which only the wrench in the lab about its origin is known, (N, 6)."""
-        return cls(number, time, wrench, np.eye(3), np.zeros(3), np.full((4, 3), np.nan))
+        return cls(number, time, wrench, np.eye(3), np.zeros(3), np.full((4, 3), np.nan), units)
 
     @property
     def place(self) -> "Plate":

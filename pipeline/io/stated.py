@@ -1,7 +1,7 @@
 """What a person states about files; it is used instead of what a file says or leaves out."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Final, Literal, SupportsInt
@@ -23,7 +23,11 @@ from pipeline.io.units import (
 
 Quantity = Literal["force", "moment", "pressure"]
 """What a channel of a plate holds."""
-CONVERT: Final = {"force": force_in_n, "moment": moment_in_nm, "pressure": length_in_m}
+CONVERT: Final[dict[Quantity, Callable[[str], float]]] = {
+    "force": force_in_n,
+    "moment": moment_in_nm,
+    "pressure": length_in_m,
+}
 STATE_UNITS: Final = 'give it: --units mm, or units = "mm" in study.toml'
 STATE_PLATE_UNITS: Final = 'give them: --plate-units N,Nmm, or plate_units = "N,Nmm" in study.toml'
 RAW_SIGNALS: Final = dict.fromkeys(("v", "mv", "uv", "volt", "volts"), "volts") | dict.fromkeys(
@@ -67,6 +71,19 @@ def parse_mending(text: str) -> tuple[int, str, str]:
         raise ValueError(f"give a correction of a plate such as {EXAMPLES}; got {short(text)!r}")
     number, deed, what = (part for part in match.groups() if part is not None)
     return int(number), deed, what
+
+
+def correction(*mendings: str) -> str:
+    """Give what to set in a study for mendings, and the options for one trial.
+
+    Examples
+    --------
+    >>> correction("2: turn 90")
+    'mend_plates = ["2: turn 90"] (--mend-plates "2: turn 90")'
+    """
+    quoted = [f'"{mending}"' for mending in mendings]
+    options = " ".join(f"--mend-plates {each}" for each in quoted)
+    return f"mend_plates = [{', '.join(quoted)}] ({options})"
 
 
 def parse_plate_units(text: str) -> tuple[str, ...]:
@@ -149,16 +166,20 @@ class Stated:
         except ValueError as error:
             raise ValueError(f"{error}; {STATE_UNITS}") from error
 
+    def used_unit(self, quantity: Quantity, unit: str) -> str:
+        """Give the stated unit of a plate's quantity, else that of the file."""
+        if self.plate_units is None:
+            return unit
+        force, moment, *pressure = parse_plate_units(self.plate_units)
+        length = unit if is_length(unit) else length_of_moment(moment)
+        return {"force": force, "moment": moment, "pressure": [*pressure, length][0]}[quantity]
+
     def plate_unit(self, quantity: Quantity, unit: str) -> float:
         """Give one of the stated unit of a plate's quantity, else of the file's, in SI units.
 
         A ValueError where none is stated and the file's is unknown; it says how to state it.
         """
-        if self.plate_units is not None:
-            force, moment, *pressure = parse_plate_units(self.plate_units)
-            written = unit if is_length(unit) else length_of_moment(moment)
-            length = pressure[0] if pressure else written
-            unit = {"force": force, "moment": moment, "pressure": length}[quantity]
+        unit = self.used_unit(quantity, unit)
         if raw := RAW_SIGNALS.get(unit.strip().lower()):
             raise ValueError(f"it holds {raw} ({short(unit)}), not a {quantity}; {ASK_FOR_GAINS}")
         try:

@@ -29,8 +29,8 @@ from hbm.spatial import (
     shift_wrench,
 )
 from hbm.spelling import written
-from pipeline.io.mended_plates import correction
 from pipeline.io.recording import Recording
+from pipeline.io.stated import correction
 from pipeline.trial.subject import (
     MAX_STILL_EXTENT_M,
     TENTH_S,

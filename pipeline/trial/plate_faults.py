@@ -29,8 +29,9 @@ from hbm.spatial import (
     rotate_wrench,
     shift_wrench,
 )
-from pipeline.io.mended_plates import correction, find_jumps, reversing, turning
+from pipeline.io.mended_plates import find_jumps, of_channels, reversing, turning
 from pipeline.io.recording import Plate
+from pipeline.io.stated import correction
 from pipeline.trial.checks import rest_level
 from pipeline.trial.subject import differing_masses
 
@@ -268,7 +269,9 @@ def find_states(
     ]
 
     def cost(source: int, place: int, state: Array, *, moved: bool = False) -> float:
-        wrench = _in_plate(witnesses.filtered[source], plates[source]) @ state.T
+        wrench = of_channels(
+            plates[source], state, _in_plate(witnesses.filtered[source], plates[source])
+        )
         stood = own[source]
         return misfit(wrench, plates[place], witnesses, frames[source], stood, moved=moved)
 

@@ -39,6 +39,7 @@ from pipeline.trial.plate_faults import (
     weight_of_steps,
     without_explained,
 )
+from pipeline.trial.plate_units import require_possible, require_units
 from pipeline.trial.quality import NO_SUPPORT, carried_notes, free_of, settling_s
 from pipeline.trial.result import TrialResult
 from pipeline.trial.stages import (
@@ -142,6 +143,10 @@ def process_recording(
     standing = with_corrected_plates(static, laboratory.plates) if static else recording
     notes += recording.notes
 
+    # units: what no body does is no geometry
+    for each in (recording, standing)[: 2 - (standing is recording)]:
+        require_units(each, subject.mass_kg)
+
     # body: segments and joints from the calibration pose, scaled by mass and stature
     try:
         mass = _body_mass(recording, standing, subject, settings, marker_set)
@@ -199,6 +204,8 @@ def process_recording(
     uncertainty = ground.uncertainty(motion.q[:, :3])
     notes += () if uncertainty is None else uncertainty_notes(uncertainty[counts])
     notes += carried_notes(quality, motion.time, loads.need, loads.measured)
+
+    require_possible(loads.dynamics[ground.best].residual[counts], body)
 
     # plates: their delay; each by itself, against its raw samples, the motion and the feet
     witnesses = Witnesses.of(
@@ -368,7 +375,8 @@ def _body_mass(
     if not recording.plates:
         faults.append(
             f"{recording.source.name}: {recording.why_no_plates}; residuals need the ground "
-            "reaction wrench (FORCE_PLATFORM group, or a second file with forces)"
+            "reaction wrench: export it with its plates, or give the MOT file of a TRC file "
+            "(--forces, forces of the trial)"
         )
     try:
         mass = body_mass(subject, standing, recording)

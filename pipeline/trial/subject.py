@@ -297,6 +297,8 @@ def _nothing_known(name: str, recordings: tuple[Recording, ...]) -> str:
     """Say that the body mass is not known, and what to do."""
     plates = next((r.plates for r in recordings if r.plates), ())
     why = "nobody stands still on the plates for a second to be weighed, and no file has it"
+    if len(recordings[0].markers.time) == 1:
+        why = "it is one frame, a second of quiet standing is needed to weigh, and no file has it"
     if not plates:
         why = f"no plates to weigh on: {recordings[0].why_no_plates}"
     mean_kg = sum(np.nanmean(plate.wrench[:, 2]) for plate in plates) / GRAVITY_MPS2

@@ -5,6 +5,7 @@ arrays that are returned, for a trial of any length.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Final
 
@@ -21,11 +22,17 @@ from pipeline.io.c3d.parameters import (
     parse_parameters,
 )
 from pipeline.io.input_file import open_file
+from pipeline.io.recording import Fact
 from pipeline.io.stated import without_impossible
 
 MAX_COUNT: Final = 65535
 """Of a 16-bit number: frame counts stop there or start over."""
 NEXT: Final = "copy it from its source again, or export it again"
+HEADER: Final = "the header"
+TRIAL: Final = "TRIAL:ACTUAL_END_FIELD"
+FRAMES_BY: Final = "frames by {}"
+"""What is wrong where a place states another number of frames."""
+RATES: Final = "samples per channel by the rates"
 DATA_STARTS: Final = (("POINT", "DATA_START"), ("ROTATION", "DATA_START"))
 """Parameters that, like the header, say in which block of the file data begin."""
 KEY: Final = 0x50
@@ -66,14 +73,14 @@ class FrameSize:
         return (4 * self.points + self.analog) * self.word_bytes
 
 
-def correction(place: str, stated: object, used: object) -> str:
+def correction(place: str, stated: object, used: object) -> Fact:
     """Say what the file states somewhere, and what is used instead."""
-    return f"{place}: {stated}, used: {used}"
+    return Fact("corrected", place, f"{stated} there, {used} used")
 
 
 def settle_counts(
     path: Path, start: int, header: FrameSize, limits: tuple[int, int], parameters: Parameters
-) -> tuple[FrameSize, int, list[str]]:
+) -> tuple[FrameSize, int, list[Fact]]:
     """Settle what a frame and a file hold, between what it states and its size.
 
     Parameters
@@ -95,65 +102,88 @@ def settle_counts(
     Raises
     ------
     ValueError
-        The file is shorter than any of its counts says, or they contradict each other and its size
-        does not prove one of them.
+        The file is shorter than its counts say, or they contradict each other and its size does not
+        prove one of them.
 
     Notes
     -----
+    Of all that the counts may mean together, the file holds what fits its size and contradicts the
+    fewest of them. Counts that are larger may not outnumber those that agree with the size: then
+    the file is truncated.
+
     Header and POINT:FRAMES have 16 bits: they stop at 65535 or start over. TRIAL:ACTUAL_*_FIELD
     and POINT:LONG_FRAMES hold the true number where a program wrote them; otherwise the size of the
     data section decides between the numbers that 16 bits may stand for. A file may be longer than
     its frames, if all its counts agree.
     """
-    if not header.bytes:
-        raise ValueError("the file holds neither points nor analog channels")
     rates = [parameters.number(group, "RATE", 0.0) for group in ("ANALOG", "POINT")]
-    per_channel = rates[0] / rates[1] if min(rates) > 0 else header.per_channel
-    per_channel = int(per_channel) if per_channel % 1 == 0 else header.per_channel
-    points = parameters.integer("POINT", "USED", header.points)
-    channels = parameters.integer("ANALOG", "USED", header.channels)
-    stated = header
-    if (points, channels) != (header.points, header.channels):
-        analog = channels * per_channel
-        stated = FrameSize(points, analog, per_channel, header.word_bytes)
+    ratio = rates[0] / rates[1] if min(rates) > 0 else np.nan
+    stated = {
+        "points in the header": header.points,
+        "POINT:USED": parameters.integer("POINT", "USED", header.points),
+        "analog samples in the header": header.analog,
+        "samples per channel in the header": header.per_channel,
+        "ANALOG:USED": parameters.integer("ANALOG", "USED", header.channels),
+        RATES: int(ratio) if ratio % 1 == 0 else header.per_channel,
+    }
     counts = _frame_counts(limits, parameters)
-    fitting = [
-        (frame, frames)
-        for frame in dict.fromkeys((stated, header))
-        if (frames := _fitting_frames(path, start, frame, counts)) is not None
-    ]
-    corrections = []
-    if len({frame.bytes for frame, _ in fitting}) == 1:
-        frame, frames = fitting[0]
-    elif stated == header:
-        held = max(path.stat().st_size - start, 0) // header.bytes
-        frame, frames = header, _frames_of_longer(held, counts)
-        corrections.append(correction("frames by the file's size", held, frames))
-    else:
+    sizes = _frame_sizes(header.word_bytes, *stated.values())
+    if not sizes:
+        raise ValueError(
+            f"{header.analog} analog samples per frame are not a multiple of {header.per_channel} "
+            "samples per channel"
+            if header.bytes
+            else "the file holds neither points nor analog channels"
+        )
+    settled = list[tuple[tuple[int, bool, int], FrameSize, int, list[Fact]]]()
+    for frame in sizes:
+        true = frame.points, frame.points, frame.analog, frame.per_channel, frame.channels
+        compared = zip(stated.items(), (*true, frame.per_channel), strict=True)
+        wrong = [
+            correction(place, says, is_true)
+            for (place, says), is_true in compared
+            if says != is_true and (frame.channels or "per channel" not in place)
+        ]
+        for frames in _fitting_frames(path, start, frame, counts):
+            apart = [count for count in counts if not count.allows(frames)]
+            facts = [*wrong]
+            facts += [correction(FRAMES_BY.format(c.place), c.frames, frames) for c in apart]
+            padded = frames != _written_frames(path, start, frame)
+            settled.append(((len(facts), padded, -frames), frame, frames, facts))
+    settled.sort(key=lambda each: each[0])
+    if settled and not any(b[0][:2] == a[0][:2] and b[1] != a[1] for a, b in pairwise(settled[:2])):
+        _, frame, frames, facts = settled[0]
+        # frame_rate_hz says which rate is wrong
+        return frame, frames, [fact for fact in facts if fact.of != RATES]
+    if len({frame.bytes for frame in sizes}) > 1:
         raise ValueError(
             f"the header says it has {header.points} points and {header.channels} analog channels, "
-            f"POINT:USED and ANALOG:USED say {points} and {channels}, and the file's size fits "
-            f"{'both' if fitting else 'neither'}: it is truncated or damaged; {NEXT}"
+            f"POINT:USED and ANALOG:USED say {stated['POINT:USED']} and {stated['ANALOG:USED']}, "
+            f"and the file's size fits {'several' if settled else 'none'} of them: it is "
+            f"truncated or damaged; {NEXT}"
         )
-    if frame.channels * frame.per_channel != frame.analog:
-        raise ValueError(
-            f"{frame.analog} analog samples per frame are not a multiple of {frame.per_channel} "
-            "samples per channel"
-        )
-    compared = (
-        ("points in the header", header.points, frame.points),
-        ("POINT:USED", points, frame.points),
-        ("analog samples in the header", header.analog, frame.analog),
-        ("samples per channel in the header", header.per_channel, frame.per_channel),
-        ("ANALOG:USED", channels, frame.channels),
-    )
-    corrections += [correction(*each) for each in compared if each[1] != each[2]]
-    corrections += [
-        correction(f"frames by {count.place}", count.frames, frames)
-        for count in counts
-        if not count.allows(frames)
+    held = _bytes_of_data(path, start) // sizes[0].bytes
+    frames = _frames_of_longer(held, counts)
+    return sizes[0], frames, [correction("frames by the file's size", held, frames)]
+
+
+def _frame_sizes(
+    word_bytes: int,
+    points: int,
+    points_used: int,
+    analog: int,
+    per_channel: int,
+    channels: int,
+    by_rates: int,
+) -> list[FrameSize]:
+    """Give all that a frame may hold by what a file states, as its header says first."""
+    every = [
+        FrameSize(p, samples, per if samples else per_channel, word_bytes)
+        for p, per in product((points, points_used), (per_channel, by_rates))
+        for samples in (analog, channels * per)
     ]
-    return frame, frames, corrections
+    whole = (size for size in every if size.channels * size.per_channel == size.analog)
+    return [size for size in dict.fromkeys(whole) if size.bytes]
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,11 +195,14 @@ class _FrameCount:
     short: bool = False
     stopped: bool = False
 
+    def confirms(self, frames: int) -> bool:
+        """Whether it says that there are so many frames, or as many in 16 bits."""
+        apart = frames - self.frames
+        return not apart or (self.short and not self.stopped and apart % (MAX_COUNT + 1) == 0)
+
     def allows(self, frames: int) -> bool:
         """Whether it may stand for so many frames."""
-        apart = frames - self.frames
-        started_over = self.short and apart % (MAX_COUNT + 1) == 0
-        return apart == 0 or started_over or (self.stopped and apart > 0)
+        return self.confirms(frames) or (self.stopped and frames > self.frames)
 
 
 def _frame_counts(limits: tuple[int, int], parameters: Parameters) -> list[_FrameCount]:
@@ -178,39 +211,50 @@ def _frame_counts(limits: tuple[int, int], parameters: Parameters) -> list[_Fram
     in_header = (last - first + 1) % (MAX_COUNT + 1) or MAX_COUNT + 1
     frames = parameters.integer("POINT", "FRAMES", 0)
     counts = [
-        _FrameCount("the header", in_header, short=True, stopped=last == MAX_COUNT),
+        _FrameCount(HEADER, in_header, short=True, stopped=last == MAX_COUNT),
         _FrameCount("POINT:FRAMES", frames, short=True, stopped=frames == MAX_COUNT),
         _FrameCount("POINT:LONG_FRAMES", parameters.integer("POINT", "LONG_FRAMES", 0)),
     ]
     start, end = (
         parameters.integers("TRIAL", f"ACTUAL_{limit}_FIELD").ravel() for limit in ("START", "END")
     )
+    counts = [count for count in counts if count.frames > 0]
     if start.size == 2 and end.size == 2:
         frames = int((end - start) @ [1, MAX_COUNT + 1]) + 1
-        counts.append(_FrameCount("TRIAL:ACTUAL_END_FIELD", frames))
-    return [count for count in counts if count.frames > 0]
+        counts.append(_FrameCount(TRIAL, frames))
+    return counts
+
+
+def _bytes_of_data(path: Path, start: int) -> int:
+    return max(path.stat().st_size - start, 0)
 
 
 def _fitting_frames(
     path: Path, start: int, frame: FrameSize, counts: list[_FrameCount]
-) -> int | None:
-    """Give the number of frames that a file states and its size holds; None if they differ."""
-    size = path.stat().st_size - start
-    held = size // frame.bytes if frame.bytes else 0
-    if held <= 0 or any(count.frames > held for count in counts):
-        return None
-    if held > MAX_COUNT and all(count.short for count in counts):
-        written = _written_frames(path, start, frame, held)
+) -> set[int]:
+    """Give the numbers of frames by a file's counts that fill its size but for part of a block."""
+    size = _bytes_of_data(path, start)
+    held = size // frame.bytes
+    stated = {count.frames for count in counts if count.frames > 0}
+    fitting = {frames for frames in stated if 0 <= size - frames * frame.bytes <= BLOCK_BYTES}
+    if held > MAX_COUNT:  # more than 16 bits count
+        written = _written_frames(path, start, frame)
         whole = not size % frame.bytes or not (start + size) % BLOCK_BYTES
-        stopped = whole and any(count.stopped for count in counts)
-        ends = {(count.frames - n) % (MAX_COUNT + 1) for count in counts for n in (written, held)}
-        return written if stopped or 0 in ends else None
-    lengths = {count.frames: size - count.frames * frame.bytes for count in counts}
-    return max((n for n, rest in lengths.items() if 0 <= rest <= BLOCK_BYTES), default=None)
+        if whole and all(count.short for count in counts) and any(c.stopped for c in counts):
+            fitting.add(written)
+        fitting |= {n for n in (written, held) if any(c.short and c.confirms(n) for c in counts)}
+    # if most counts are larger, the file is truncated
+    return {
+        frames
+        for frames in fitting
+        if sum(not count.allows(frames) and count.frames > frames for count in counts)
+        <= sum(count.confirms(frames) for count in counts)
+    }
 
 
-def _written_frames(path: Path, start: int, frame: FrameSize, held: int) -> int:
+def _written_frames(path: Path, start: int, frame: FrameSize) -> int:
     """Give the number of frames up to the last one that is not all zero, or fills a block."""
+    held = _bytes_of_data(path, start) // frame.bytes
     checked = min(BLOCK_BYTES // frame.bytes + 1, held)
     with path.open("rb") as file:
         file.seek(start + (held - checked) * frame.bytes)
@@ -269,7 +313,7 @@ class Header:
     scale: float
     rate_hz: float
     events: tuple[tuple[str, float], ...]
-    corrections: list[str]
+    corrections: list[Fact]
 
     @property
     def channels(self) -> list[tuple[str, str]]:
@@ -379,7 +423,7 @@ class Samples:
     analog: NDArray[np.float64]
     rate_hz: float
     analog_rate_hz: float
-    corrections: list[str]
+    corrections: list[Fact]
     impossible: NDArray[np.int_]
 
 
@@ -475,37 +519,36 @@ def _is_missing(points: NDArray[np.number]) -> NDArray[np.bool_]:
     return ~known
 
 
-def frame_rate_hz(header: Header) -> tuple[float, list[str]]:
+def frame_rate_hz(header: Header) -> tuple[float, list[Fact]]:
     """Give the frame rate, which stands in up to three places, and which of them are wrong.
 
-    It is that of POINT:RATE, else of the header, else of ANALOG:RATE by the samples per frame [Hz].
-    A ValueError where none of them states a rate that a camera has, or they contradict each other
-    by more than rounding.
+    It is that of POINT:RATE, else of the header, else of ANALOG:RATE by the samples per frame [Hz];
+    where one of them contradicts two that agree, it is theirs. A ValueError where none of them
+    states a rate that a camera has, or they contradict each other by more than rounding.
     """
     parameters = header.parameters
-    places = {
-        "POINT:RATE": parameters.number("POINT", "RATE", header.rate_hz),
-        "the header": header.rate_hz,
-    }
+    places = {"the header": header.rate_hz}
+    if parameters.has("POINT", "RATE"):
+        places = {"POINT:RATE": parameters.number("POINT", "RATE", np.nan), **places}
     if header.frame.channels and parameters.has("ANALOG", "RATE"):
         analog_rate = parameters.number("ANALOG", "RATE", np.nan)
         places["ANALOG:RATE and the samples per frame"] = analog_rate / header.frame.per_channel
     shown = {k: f"{hz:g} Hz" if np.isfinite(hz) else "no number" for k, hz in places.items()}
     every = ", ".join(f"{text} by {place}" for place, text in shown.items())
-    rates = {place: hz for place, hz in places.items() if MIN_RATE_HZ <= hz <= MAX_RATE_HZ}
+    rates = [hz for hz in places.values() if MIN_RATE_HZ <= hz <= MAX_RATE_HZ]
     if not rates:
         raise ValueError(
             f"no frame rate between {MIN_RATE_HZ:g} and {MAX_RATE_HZ:g} Hz is given ({every}); "
             "export the file again"
         )
-    rate = next(iter(rates.values()))
-    apart = {place: abs(hz / rate - 1) for place, hz in rates.items()}
-    if max(apart.values()) > MAX_RATE_DIFFERENCE:
+    agreeing = [sum(abs(hz / other - 1) <= MAX_RATE_DIFFERENCE for hz in rates) for other in rates]
+    if 2 * max(agreeing) <= len(rates) and len(rates) > 1:
         raise ValueError(
             f"the frame rate is {every}: one of them is wrong, and with it all times; export the "
             "file again"
         )
-    wrong = [place for place in places if apart.get(place, np.inf) > MIN_RATE_DIFFERENCE]
+    rate = rates[agreeing.index(max(agreeing))]
+    wrong = [k for k, hz in places.items() if not abs(hz / rate - 1) <= MIN_RATE_DIFFERENCE]
     return rate, [correction(f"rate by {k}", shown[k], f"{rate:g} Hz") for k in wrong]
 
 
@@ -514,7 +557,7 @@ def is_unsigned(header: Header) -> bool:
     return header.parameters.text("ANALOG", "FORMAT").upper() == "UNSIGNED"
 
 
-def analog_scaling(header: Header) -> tuple[NDArray[np.float64], NDArray[np.float64], list[str]]:
+def analog_scaling(header: Header) -> tuple[NDArray[np.float64], NDArray[np.float64], list[Fact]]:
     """Give offset and scale of each channel: value = (sample − offset) · scale, (channels,) each.
 
     An absent ANALOG:OFFSET is taken as 0, an absent ANALOG:SCALE as 1 where samples are real and

@@ -1,5 +1,7 @@
 """Force plates of a C3D file, TYPE 1 to 4: how they are described, their channels as wrenches."""
 
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
@@ -10,9 +12,8 @@ from hbm.spelling import short
 from pipeline.io.c3d.data import Header
 from pipeline.io.c3d.parameters import Parameters
 from pipeline.io.recording import Fact
-from pipeline.io.stated import Quantity, Stated
-
-Channel = tuple[str, str]
+from pipeline.io.stated import CONVERT, Quantity, Stated
+from pipeline.io.units import LENGTHS
 
 QUANTITIES: Final[dict[int, tuple[Quantity, ...]]] = {
     1: ("force",) * 3 + ("pressure",) * 2 + ("moment",),
@@ -25,6 +26,17 @@ MAX_PLATES: Final = 255
 """As many as a dimension of a parameter has entries."""
 MAX_CORNER_ERROR_M: Final = 0.005
 """By which the corners may miss a rectangle: what measuring them by a marker misses."""
+USUAL_EDGES_M: Final = 0.1, 4.0
+POSSIBLE_EDGES_M: Final = 0.02, 10.0
+LIKELY_EDGES_M: Final = 0.2, 4.0
+"""Edges of a plate: those that raise no question, of anything that measures forces, and of plates
+for a person; treadmills are up to 3 m long."""
+MIN_ORIGIN_M: Final = 0.005
+MAX_ORIGIN_M: Final = 1.0
+"""From the transducer to the centre of the surface."""
+NEAR_PLATE_M: Final = 0.15
+MIN_FRAMES: Final = 10
+"""In which a marker is that near to the surface of a plate on which somebody stands."""
 VOLTS: Final = {"v", "mv", "uv", "volt", "volts", ""}
 MAX_CONDITION: Final = 1e9
 """Of channels -> wrench; units of force and moment differ by 1e3, a singular matrix by 1e16."""
@@ -57,6 +69,8 @@ class PlateLayout:
         Corners of the surface in the file's axes, (4, 3) [m].
     rotation
         Orientation of the plate in the file's axes (columns: the plate's axes), (3, 3).
+    units
+        Of forces, moments and pressures, as they are read.
     """
 
     number: int
@@ -67,6 +81,7 @@ class PlateLayout:
     origin: Array
     corners: Array
     rotation: Array
+    units: str = ""
 
     def wrench(self, channels: Array) -> Array:
         """Turn samples of the plate's channels into wrenches.
@@ -110,7 +125,9 @@ class PlateLayout:
         return shift_wrench(values, self.origin)
 
 
-def plate_layouts(header: Header, stated: Stated) -> tuple[list[PlateLayout], list[Fact]]:
+def plate_layouts(
+    header: Header, stated: Stated, position: Array | None = None
+) -> tuple[list[PlateLayout], list[Fact]]:
     """Read how a file describes its force plates.
 
     Parameters
@@ -119,13 +136,15 @@ def plate_layouts(header: Header, stated: Stated) -> tuple[list[PlateLayout], li
         What the file says of itself.
     stated
         Units that a person states.
+    position
+        Of markers in the file's axes, (T, M, 3) [m]; they show corners in another unit.
 
     Returns
     -------
     plates
         In the file's order, those that it describes.
     facts
-        The others, left out, and corners that form no rectangle.
+        The others, left out, and corners that form no rectangle or are in another unit.
 
     Raises
     ------
@@ -143,7 +162,9 @@ def plate_layouts(header: Header, stated: Stated) -> tuple[list[PlateLayout], li
         try:
             if k >= len(types):
                 raise Undescribed("FORCE_PLATFORM:TYPE does not name its type")
-            plates.append(_plate_layout(k, int(types[k]), header, stated))
+            plate, of_corners = _plate_layout(k, int(types[k]), header, stated, position)
+            plates.append(plate)
+            facts += of_corners
             halves = plates[-1].corners[:2] + plates[-1].corners[2:]  # equal in a rectangle
             error_m = np.linalg.norm(halves[0] - halves[1])
             if error_m > MAX_CORNER_ERROR_M:
@@ -153,10 +174,18 @@ def plate_layouts(header: Header, stated: Stated) -> tuple[list[PlateLayout], li
             facts.append(Fact("left_out", f"plate {k + 1}", str(error)))
         except ValueError as error:
             raise ValueError(f"force plate {k + 1}: {error}") from error
+    for k in range(used, min(len(types), MAX_PLATES)):
+        with suppress(ValueError):
+            plate, _ = _plate_layout(k, int(types[k]), header, stated, position)
+            if not {*plate.channels} & {c for other in plates for c in other.channels}:
+                reason = f"FORCE_PLATFORM:USED says {used}, though the file describes it"
+                facts.append(Fact("left_out", f"plate {k + 1}", reason))
     return plates, facts
 
 
-def _plate_layout(k: int, kind: int, header: Header, stated: Stated) -> PlateLayout:
+def _plate_layout(
+    k: int, kind: int, header: Header, stated: Stated, position: Array | None
+) -> tuple[PlateLayout, list[Fact]]:
     parameters, labelled = header.parameters, header.channels
     if kind not in QUANTITIES:
         raise Undescribed(
@@ -164,17 +193,64 @@ def _plate_layout(k: int, kind: int, header: Header, stated: Stated) -> PlateLay
             "TYPE 2 plates"
         )
     metre = stated.metre(parameters.text("POINT", "UNITS"))
-    corners = _of_plate(parameters, "CORNERS", k, (3, 4)).T * metre
+    corners = _of_plate(parameters, "CORNERS", k, (3, 4)).T
+    unit, facts = _unit_of_corners(k, corners, metre, position)
+    corners = corners * unit
+    rotation = plate_axes(corners)
     numbers = _of_plate(parameters, "CHANNEL", k, (len(QUANTITIES[kind]),)).astype(int) - 1
     channels = tuple(numbers.tolist())
     if not all(0 <= channel < len(labelled) for channel in channels):
         raise Undescribed(f"it uses channels outside the file's {len(labelled)} analog channels")
     matrix = _of_plate(parameters, "CAL_MATRIX", k, (6, 6)) if kind == 4 else None
-    scale = _scale(kind, [labelled[channel] for channel in channels], parameters, stated)
-    origin = np.zeros(3) if kind == 1 else _of_plate(parameters, "ORIGIN", k, (3,)) * metre
+    units = _units(kind, [labelled[channel][1] for channel in channels], parameters, stated)
+    scale = _scale(kind, [labelled[channel][0] for channel in channels], units, stated)
+    origin = np.zeros(3) if kind == 1 else _of_plate(parameters, "ORIGIN", k, (3,))
+    # in the unit of the corners where the transducer is not near a plate in that of the markers
+    nearer = MIN_ORIGIN_M <= np.linalg.norm(origin) * metre <= MAX_ORIGIN_M
+    origin = origin * (metre if nearer else unit)
     origin = -origin if origin[2] > 0 else origin
-    rotation = plate_axes(corners)
-    return PlateLayout(k + 1, kind, channels, scale, matrix, origin, corners, rotation)
+    of = dict(zip(QUANTITIES[kind], units, strict=True))
+    read_as = ",".join(stated.used_unit(name, of[name]) for name in CONVERT if name in of)
+    place = origin, corners, rotation
+    return PlateLayout(k + 1, kind, channels, scale, matrix, *place, read_as), facts
+
+
+def _unit_of_corners(
+    k: int, corners: Array, metre: float, position: Array | None
+) -> tuple[float, list[Fact]]:
+    """Give the unit of a plate's corners, (4, 3), in metres: that of the markers, if it can be.
+
+    A plate of an odd size is in the one unit in which it has a usual size, if markers are above it
+    then, or if its size is impossible otherwise.
+    """
+    edges = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+    smallest, largest = float(edges.min()), float(edges.max())
+
+    def between(unit: float, limits: tuple[float, float]) -> bool:
+        return smallest * unit >= limits[0] and largest * unit <= limits[1]
+
+    if between(metre, USUAL_EDGES_M):
+        return metre, []
+    possible = between(metre, POSSIBLE_EDGES_M)
+    size = f"{1000 * edges[0] * metre:.3g} × {1000 * edges[1] * metre:.3g} mm"
+    right = [(name, unit) for name, unit in LENGTHS.items() if between(unit, LIKELY_EDGES_M)]
+    if len(right) == 1:
+        ((name, unit),) = right
+        if not possible or _under_markers(corners * unit, position):
+            reason = f"{size} in the markers' unit, {name} used"
+            return unit, [Fact("corrected", f"corners of plate {k + 1}", reason)]
+    doubt = Fact("in_doubt", f"plate {k + 1}", f"it is {size} large: check FORCE_PLATFORM:CORNERS")
+    return metre, [] if possible else [doubt]
+
+
+def _under_markers(corners: Array, position: Array | None) -> bool:
+    """Whether markers come close to the surface of a plate, in the file's axes, (4, 3) [m]."""
+    if position is None:
+        return False
+    axes, centre = plate_axes(corners), corners.mean(axis=0)
+    half = np.abs((corners - centre) @ axes)[:, :2].max(axis=0)
+    place = np.abs((position - centre) @ axes)
+    return bool((place < [*half, NEAR_PLATE_M]).all(axis=-1).any(axis=1).sum() >= MIN_FRAMES)
 
 
 def _of_plate(parameters: Parameters, name: str, k: int, shape: tuple[int, ...]) -> Array:
@@ -202,16 +278,19 @@ def plate_axes(corners: Array) -> Array:
     return np.asarray((axes / np.linalg.norm(axes, axis=1, keepdims=True)).T)
 
 
-def _scale(kind: int, sources: list[Channel], parameters: Parameters, stated: Stated) -> Array:
-    """Give one of each channel in SI units; of TYPE 4, of each component.
+def _units(kind: int, units: list[str], parameters: Parameters, stated: Stated) -> Sequence[str]:
+    """Give the units of channels, (c,); of TYPE 4, of components.
 
     Where the channels of TYPE 4 state volts, its force is in the plates' unit.
     """
-    names, units = zip(*sources, strict=True)
-    if kind == 4 and {unit.strip().lower() for unit in units} <= VOLTS:
-        force = parameters.text("FORCE_PLATFORM", "UNITS") or "N"
-        moment = f"{force}{stated.units or parameters.text('POINT', 'UNITS')}"
-        units = (force,) * 3 + (moment,) * 3
+    if kind != 4 or not {unit.strip().lower() for unit in units} <= VOLTS:
+        return units
+    force = parameters.text("FORCE_PLATFORM", "UNITS") or "N"
+    return (force,) * 3 + (f"{force}{stated.units or parameters.text('POINT', 'UNITS')}",) * 3
+
+
+def _scale(kind: int, names: list[str], units: Sequence[str], stated: Stated) -> Array:
+    """Give one of each channel in SI units; of TYPE 4, of each component."""
     scales = []
     for quantity, name, unit in zip(QUANTITIES[kind], names, units, strict=True):
         try:

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Final, get_args
@@ -16,12 +16,21 @@ from hbm.notes import Note
 from hbm.spatial import Array, frozen
 from hbm.spelling import short
 from pipeline.io.axes import mean_force, parse_axes, settle_axes, split_axes
-from pipeline.io.c3d.data import Header, correction, read_header, read_samples
+from pipeline.io.c3d.data import (
+    FRAMES_BY,
+    HEADER,
+    TRIAL,
+    Header,
+    correction,
+    read_header,
+    read_samples,
+)
 from pipeline.io.c3d.force_plates import PlateLayout, plate_layouts
 from pipeline.io.c3d.parameters import Parameters, Value
 from pipeline.io.columns import settle_markers
 from pipeline.io.input_file import naming
 from pipeline.io.labels import numbered, without_prefixes
+from pipeline.io.mended_plates import mended_plates
 from pipeline.io.recording import (
     Analog,
     Compensation,
@@ -289,61 +298,75 @@ def read_c3d(path: str | Path, stated: Stated | str | None = None) -> Recording:
 def read_c3d_file(path: Path, stated: Stated) -> Recording:
     """Read a C3D file as `read_c3d` does; errors do not name it."""
     header = read_header(path)
+    facts = [*header.corrections]
+    with saying(facts):  # those that follow too
+        return _recording_of(header, stated, facts)
+
+
+def _recording_of(header: Header, stated: Stated, facts: list[Fact]) -> Recording:
+    """Make a recording of a file whose counts are settled; facts are added as they are found."""
     parameters, channels = header.parameters, header.channels
     samples = read_samples(header)
+    first_frame, wrong_frame = _first_frame(header)
+    facts += [*samples.corrections, *wrong_frame]
     labels, outputs, label_notes = sort_labels(header, stated)
     unit = parameters.text("POINT", "UNITS")
     markers = settle_markers(labels, unit, samples.points[:, [*labels]], stated, label_notes)
     position = markers.position
     impossible = impossible_samples([name for name, _ in channels], samples.impossible)
     try:
-        layouts, facts = plate_layouts(header, stated)
+        layouts, of_plates = plate_layouts(header, stated, position)
     except ValueError as error:
         raise _with_faults_of_markers(error, markers.names, position, stated) from error
-    said = [*markers.notes, *impossible]
-    wrenches = [plate.wrench(samples.analog[:, plate.channels]) for plate in layouts]
+    facts += [*facts_in([*markers.notes, *impossible]), *of_plates]
+    analog_time = np.arange(len(samples.analog)) / samples.analog_rate_hz
+    plates = []
+    for plate in layouts:
+        wrench = frozen(plate.wrench(samples.analog[:, plate.channels]))
+        place = plate.rotation, plate.corners.mean(axis=0), plate.corners, plate.units
+        lever = -plate.origin if plate.kind in (2, 4) else np.zeros(3)
+        plates.append(Plate(plate.number, analog_time, wrench, *place, lever))
+    # mended, plates show the axes; the recording keeps them as they are until it is mended
+    witnesses = mended_plates(plates, stated.mend_plates) if plates else ()
     taken = {channel for plate in layouts for channel in plate.channels}
 
-    with saying((*facts_in(said), *facts)):
-        axes, axes_notes = settle_axes(
-            stated.axes,
-            position,
-            markers.names,
-            marker_set=stated.marker_set,
-            plate_normals=[plate.rotation[:, 2] for plate in layouts],
-            plate_forces=[
-                plate.rotation @ mean_force(wrench[:, :3])
-                for plate, wrench in zip(layouts, wrenches, strict=True)
-            ],
-            screen_up=parameters.text("POINT", "Y_SCREEN"),
-            file=path.name,
-        )
+    axes, axes_notes = settle_axes(
+        stated.axes,
+        position,
+        markers.names,
+        marker_set=stated.marker_set,
+        plate_normals=[plate.rotation[:, 2] for plate in witnesses],
+        plate_forces=[
+            plate.rotation @ mean_force(plate.wrench_in_plate[:, :3]) for plate in witnesses
+        ],
+        screen_up=parameters.text("POINT", "Y_SCREEN"),
+        file=header.path.name,
+    )
     to_lab = parse_axes(axes)
     in_lab = np.moveaxis(frozen(to_lab @ np.moveaxis(position, 0, -1)), -1, 0)
     time = np.arange(len(position)) / samples.rate_hz
-    analog_time = np.arange(len(samples.analog)) / samples.analog_rate_hz
-    plates = []
-    for plate, wrench in zip(layouts, wrenches, strict=True):
-        corners, rotation = plate.corners @ to_lab.T, to_lab @ plate.rotation
-        center = corners.mean(axis=0)
-        plates.append(Plate(plate.number, analog_time, frozen(wrench), rotation, center, corners))
+    for k, witness in enumerate(plates):
+        corners = witness.corners @ to_lab.T
+        plates[k] = replace(
+            witness,
+            rotation=to_lab @ witness.rotation,
+            center=corners.mean(axis=0),
+            corners=corners,
+        )
     rest = [k for k in range(len(channels)) if k not in taken]
     names, units = (tuple(channels[k][part] for k in rest) for part in (0, 1))
     others = frozen(samples.analog.T.take(rest, axis=0)).T
-    first_frame, wrong_frame = _first_frame(header)
     events, event_notes, joined = read_events(header, (first_frame - 1) / samples.rate_hz)
-    if events and wrong_frame:
+    if events and any(fact.kind == "in_doubt" for fact in wrong_frame):
         raise ValueError(
             f"{wrong_frame[0]}: one of them is wrong, and with it the times of all events; correct "
             "or delete the events in the capture software and export the file again"
         )
     compensation = read_compensation(parameters)
-    corrections = [*header.corrections, *samples.corrections, *wrong_frame]
     written = [channels[k][1] for k in sorted(taken)]
     said = [
         *axes_notes,
-        *said,
-        *([Note.of("c3d_corrected", corrections=corrections)] if corrections else ()),
+        *(note for note in (*markers.notes, *impossible) if isinstance(note, Note)),
         *stated.unit_notes([unit], written),
         *event_notes,
         *facts,
@@ -351,7 +374,7 @@ def read_c3d_file(path: Path, stated: Stated) -> Recording:
         *_plate_notes(parameters, layouts, compensation),
     ]
     return Recording(
-        source=path,
+        source=header.path,
         markers=Markers(time, markers.names, in_lab),
         plates=tuple(plates),
         analog=Analog(analog_time, names, units, others) if rest else None,
@@ -382,14 +405,22 @@ def _with_faults_of_markers(
     return plates
 
 
-def _first_frame(header: Header) -> tuple[int, list[str]]:
-    """Give the number of the first frame, of which the header has 16 bits, and what differs."""
+def _first_frame(header: Header) -> tuple[int, list[Fact]]:
+    """Give the number of the first frame, of which the header has 16 bits, and what differs.
+
+    Where the number of frames by one of the two places is wrong, the first one of the other counts.
+    """
     start = header.parameters.integers("TRIAL", "ACTUAL_START_FIELD").ravel()
     in_header = header.first_frame
     full = int(start @ [1, 65536]) if start.size == 2 else in_header
     if in_header in (0, full, full % 65536, min(full, 65535)):
         return full, []
-    return in_header, [correction("first frame by TRIAL:ACTUAL_START_FIELD", full, in_header)]
+    wrong = {fact.of for fact in header.corrections}
+    by_header, by_trial = (FRAMES_BY.format(place) in wrong for place in (HEADER, TRIAL))
+    if by_header and not by_trial:
+        return full, [correction("first frame by the header", in_header, full)]
+    fact = correction("first frame by TRIAL:ACTUAL_START_FIELD", full, in_header)
+    return in_header, [fact if by_trial and not by_header else replace(fact, kind="in_doubt")]
 
 
 def _metadata(parameters: Parameters) -> Metadata:

@@ -51,13 +51,42 @@ def test_a_loaded_plate_shows_up_where_no_marker_is_known():
     ("evidence", "complaint"),
     [
         ({"plate_forces": [[0, 0, -400.0]]}, "-z is up by the load on plate 1, but not by"),
-        ({"plate_normals": [[0, 0, -1.0], [0, 1.0, 0]]}, "but not by the surface of plate 2;"),
+        ({"plate_normals": [[0, 1.0, 0]]}, "but not by the surface of plate 1;"),
         ({"screen_up": "+Y"}, "but not by Y_SCREEN;"),
     ],
 )
 def test_contradicting_evidence_of_up_needs_stated_axes(subject, evidence, complaint):
     with pytest.raises(ValueError, match=rf"{complaint}.*give the axes"):
         settle_axes(None, subject.position, subject.names, **evidence)
+
+
+@given(
+    axes=st.sampled_from(ALL_AXES),
+    signs=st.lists(st.sampled_from([-1.0, 1.0]), min_size=1, max_size=4),
+    screen=st.booleans(),
+)
+def test_up_is_where_most_witnesses_have_it_whatever_sign_plates_store(axes, signs, screen):
+    """Pelvis above feet, and surfaces or the screen; plates that are alike count once."""
+    names = ("LASIS", "RASIS", "LHEE", "RHEE", "LTOE", "RTOE")
+    places = [
+        [0.1, 0.1, 1],
+        [0.1, -0.1, 1],
+        [0, 0.1, 0],
+        [0, -0.1, 0],
+        [0.2, 0.1, 0],
+        [0.2, -0.1, 0],
+    ]
+    position = in_file_axes(np.tile(places, (5, 1, 1)), axes)
+    loads = in_file_axes([[20 * sign, 5, 400 * sign] for sign in signs], axes)
+    letter = int(np.argmax(np.abs(in_file_axes([0, 0, 1.0], axes))))
+    sign = "+" if in_file_axes([0, 0, 1.0], axes)[letter] > 0 else "-"
+    down = in_file_axes([[0, 0, -1.0]] * len(signs), axes)
+    shown = {"screen_up": f"{sign}{'XYZ'[letter]}"} if screen else {"plate_normals": down}
+    found, (note, *_) = settle_axes(None, position, names, plate_forces=loads, **shown)
+    assert found == axes
+    pulling = [f"load on plate {k}" for k, each in enumerate(signs, 1) if each < 0]
+    assert not any(name in note.text for name in pulling)
+    assert settle_axes(axes, position, names, plate_forces=loads, **shown)[0] == axes
 
 
 def test_toes_that_point_backwards_are_exchanged_labels_or_mirrored_coordinates(subject):
@@ -188,7 +217,9 @@ def settle_sides(sites, exchanged):
 
 
 def test_plates_that_pull_the_subject_down_are_refused(subject):
-    with pytest.raises(ValueError, match="or the plate stores the force that acts on itself"):
+    with pytest.raises(
+        ValueError, match=r"or the plate stores the force.*then give .*1: reverse all"
+    ):
         settle_axes(
             "forward,left,up", subject.position, subject.names, plate_forces=[[0, 0, -400.0]]
         )

@@ -13,15 +13,28 @@ RNG = np.random.default_rng(7)
 POSITION = RNG.normal(500, 400, (FRAMES, POINTS, 4)) * [1, 1, 1, 0]
 SAMPLES = RNG.normal(size=(FRAMES, PER_FRAME, CHANNELS))
 LABELS = {"LABELS": list("ABCDE")}
+TRIAL = {"ACTUAL_START_FIELD": np.array([1, 0]), "ACTUAL_END_FIELD": np.array([FRAMES, 0])}
 WRONG = {
-    "points in the header": {"header": {"points": 4}},
-    "analog samples in the header": {"header": {"analog": 50}},
-    "samples per channel in the header": {"header": {"per_frame": 5}},
-    "POINT:USED": {"POINT": {"USED": np.array([4])}},
-    "ANALOG:USED": {"ANALOG": {"USED": np.array([4])}},
-    "the last frame": {"header": {"last": 90}},
-    "POINT:FRAMES": {"POINT": {"FRAMES": np.array([90])}},
-    "POINT:LONG_FRAMES": {"POINT": {"LONG_FRAMES": np.array([90.0])}},
+    "points in the header": lambda n: {"header": {"points": n}},
+    "analog samples in the header": lambda n: {"header": {"analog": n}},
+    "samples per channel in the header": lambda n: {"header": {"per_frame": n}},
+    "POINT:USED": lambda n: {"POINT": {"USED": np.array([n])}},
+    "ANALOG:USED": lambda n: {"ANALOG": {"USED": np.array([n])}},
+    "rate by POINT:RATE": lambda n: {"POINT": {"RATE": np.array([float(n)])}},
+    "rate by the header": lambda n: {"header": {"rate": float(n)}},
+    "rate by ANALOG:RATE and the samples per frame": lambda n: {
+        "ANALOG": {"RATE": np.array([float(n)])}
+    },
+    "frames by the header": lambda n: {"header": {"last": n}},
+    "frames by the header and its first frame": lambda n: {"header": {"first": n}},
+    "frames by POINT:FRAMES": lambda n: {"POINT": {"FRAMES": np.array([n])}},
+    "frames by POINT:LONG_FRAMES": lambda n: {"POINT": {"LONG_FRAMES": np.array([float(n)])}},
+    "frames by TRIAL:ACTUAL_START_FIELD": lambda n: {
+        "TRIAL": TRIAL | {"ACTUAL_START_FIELD": np.array([n, 0])}
+    },
+    "frames by TRIAL:ACTUAL_END_FIELD": lambda n: {
+        "TRIAL": TRIAL | {"ACTUAL_END_FIELD": np.array([n, 0])}
+    },
 }
 """What is wrong -> how to make it so."""
 
@@ -32,21 +45,67 @@ def made(raw_c3d, change):
 
 
 def corrections(recording):
-    notes = [note for note in recording.notes if note.code == "c3d_corrected"]
-    return [said for note in notes for said in note.values["corrections"]]
+    return [fact for fact in recording.facts if fact.kind == "corrected"]
 
 
-@pytest.mark.parametrize("change", WRONG.values(), ids=WRONG)
-def test_a_count_that_is_too_small_is_corrected_by_the_files_size(raw_c3d, change):
-    recording = read_c3d(made(raw_c3d, change), AXES)
+RIGHT = {
+    "points in the header": POINTS,
+    "POINT:USED": POINTS,
+    "analog samples in the header": CHANNELS * PER_FRAME,
+    "samples per channel in the header": PER_FRAME,
+    "ANALOG:USED": CHANNELS,
+    "rate by POINT:RATE": 100,
+    "rate by the header": 100,
+    "rate by ANALOG:RATE and the samples per frame": 1000,
+    "frames by the header and its first frame": 1,
+    "frames by TRIAL:ACTUAL_START_FIELD": 1,
+}
+"""Others are the number of frames."""
+
+
+@pytest.mark.parametrize("place", WRONG)
+@given(
+    wrong=st.integers(1, 5000) | st.integers(-3, 3).map(lambda n: -n),
+    counted=st.booleans(),
+    padding=st.sampled_from([0, 512]),
+)
+@settings(max_examples=12, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_any_single_count_that_is_wrong_is_corrected(raw_c3d, place, wrong, counted, padding):
+    """Also by one, and where only two places state a number of frames, since the size proves it."""
+    right = RIGHT.get(place, FRAMES)
+    wrong = right + wrong if wrong <= 0 else wrong
+    assume(wrong != right and wrong > 0)
+    change = {"TRIAL": TRIAL} if counted else {}
+    path = made(raw_c3d, change | WRONG[place](wrong))
+    content = path.read_bytes()
+    path.write_bytes(content + bytes(-len(content) % padding if padding else 0))
+    recording = read_c3d(path, AXES)
     np.testing.assert_allclose(recording.markers.position, POSITION[..., :3] / 1000, rtol=1e-5)
     np.testing.assert_allclose(recording.analog.values, SAMPLES.reshape(-1, CHANNELS), rtol=1e-5)
-    assert len(corrections(recording)) == 1
+    assert (recording.markers.rate_hz, recording.analog.rate_hz) == (
+        pytest.approx(100),
+        pytest.approx(1000),
+    )
+    said = place.removesuffix(" and its first frame").replace("START", "END")
+    assert said in {fact.of for fact in corrections(recording)}
+
+
+@given(kept=st.floats(0, 0.999), counted=st.booleans(), whole=st.booleans())
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_file_cut_anywhere_is_refused(raw_c3d, kept, counted, whole):
+    path = made(raw_c3d, {"TRIAL": TRIAL} if counted else {})
+    content = path.read_bytes()
+    frame = 4 * (4 * POINTS + CHANNELS * PER_FRAME)
+    data = len(content) - FRAMES * frame
+    left = data + int(kept * FRAMES) * frame if whole else int(kept * len(content))
+    path.write_bytes(content[:left])
+    with pytest.raises(ValueError, match=r"truncated|damaged|broken|not a C3D|is empty"):
+        read_c3d(path, AXES)
 
 
 def test_contradictory_counts_of_points_that_no_size_proves_are_refused(raw_c3d):
     path = made(raw_c3d, {"POINT": {"USED": np.array([7])}, "header": {"points": 6}})
-    with pytest.raises(ValueError, match=r"6 points .* say 7 and 6, and the file's size fits neit"):
+    with pytest.raises(ValueError, match=r"6 points .* say 7 and 6, and the file's size fits none"):
         read_c3d(path, AXES)
 
 
@@ -66,10 +125,10 @@ def test_a_contradictory_first_frame_is_a_note_and_with_events_a_refusal(raw_c3d
     }
     recording = read_c3d(made(raw_c3d, {"TRIAL": trial}), AXES)
     assert recording.first_frame == 1
-    assert corrections(recording)
+    assert [fact.of for fact in recording.facts if fact.kind == "in_doubt"]
     event = {"TIMES": np.array([[0.0], [0.5]]), "LABELS": ["Foot Off"], "CONTEXTS": ["Left"]}
     path = made(raw_c3d, {"TRIAL": trial, "EVENT": event})
-    with pytest.raises(ValueError, match=r"first frame by TRIAL:.* 45, used: 1: "):
+    with pytest.raises(ValueError, match=r"first frame by TRIAL:.* 45 there, 1 used: "):
         read_c3d(path, AXES)
 
 
@@ -90,14 +149,18 @@ def stated_frames(place, frames):
 
 
 @given(
-    place=st.sampled_from(["header", "POINT:FRAMES", "POINT:LONG_FRAMES", "TRIAL"]),
+    place=st.sampled_from(["POINT:LONG_FRAMES", "TRIAL"]),
     more=st.integers(1, 100_000),
 )
 @settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_a_file_shorter_than_any_of_its_counts_is_refused(raw_c3d, place, more):
-    path = made(raw_c3d, stated_frames(place, FRAMES + more))
+def test_a_file_shorter_than_most_of_its_counts_is_refused(raw_c3d, place, more):
+    """One count agrees with its size, as after a cut at the frames that it happens to state."""
+    low = (FRAMES + more) % 65536
+    assume(low > FRAMES)
+    change = stated_frames(place, FRAMES + more)
+    change["POINT"] = {"FRAMES": np.array([low])} | change.get("POINT", {})
     with pytest.raises(ValueError, match=r"but its size holds 120: it is truncated or damaged"):
-        read_c3d(path, AXES)
+        read_c3d(made(raw_c3d, change), AXES)
 
 
 @given(lost=st.integers(1, 60_000), counted_by=st.sampled_from(["TRIAL", "POINT:LONG_FRAMES"]))

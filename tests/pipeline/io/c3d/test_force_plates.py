@@ -1,5 +1,7 @@
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from hbm.notes import Note
 from pipeline.io.c3d.read import read_c3d
@@ -150,6 +152,60 @@ def test_a_corner_beside_the_rectangle_of_the_other_three_is_a_warning(plate_fil
     (note,) = notes(30.0)
     assert "one corner is 30 mm" in note.text
     assert note.level == "warning"
+
+
+@given(
+    width=st.floats(400, 800),
+    length=st.floats(450, 1800),
+    written=st.sampled_from(["m", "cm", "mm"]),
+    unit=st.sampled_from(["m", "cm", "mm"]),
+    depth=st.floats(10, 200),
+)
+@settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_corners_in_another_unit_make_the_same_plate(raw_c3d, width, length, written, unit, depth):
+    """What the markers' unit makes of them is no plate under the markers on it; a Fact says so."""
+    corners = np.array([[width, 0, 0], [0, 0, 0], [0, length, 0], [width, length, 0]])
+    mm = {"m": 1e-3, "cm": 0.1, "mm": 1.0}
+    point = np.append(np.array([width / 2, length / 2, 40]) * mm[unit], 0)
+    path = raw_c3d(
+        np.tile(point, (20, 1, 1)),
+        np.ones((20, 4, 6)),
+        POINT={"LABELS": ["MARKER"], "UNITS": unit},
+        ANALOG={"UNITS": FORCE_UNITS},
+        FORCE_PLATFORM={
+            "USED": np.array([1]),
+            "TYPE": np.array([2]),
+            "CORNERS": (corners * mm[written]).T[..., None],
+            "ORIGIN": (np.array([[0.0, 0, -depth]]) * mm[unit]).T,
+            "CHANNEL": np.arange(1, 7)[:, None],
+        },
+    )
+    recording = read_c3d(path, AXES)
+    np.testing.assert_allclose(recording.plates[0].corners, corners / 1000, rtol=1e-5)
+    np.testing.assert_allclose(recording.plates[0].transducer, [0, 0, depth / 1000], rtol=1e-4)
+    corrected = [fact.of for fact in recording.facts if fact.kind == "corrected"]
+    assert corrected == ["corners of plate 1"] * (written != unit)
+
+
+@pytest.mark.parametrize("edge_mm", [60.0, 120.0])
+def test_a_small_sensor_beside_the_walkway_keeps_its_size(plate_file, edge_mm):
+    corners = edge_mm * np.array([[1.0, 0, 9], [0, 0, 9], [0, 1, 9], [1, 1, 9]])
+    recording = read_c3d(plate_file(2, origin=[0, 0, -8], corners=corners), AXES)
+    np.testing.assert_allclose(recording.plates[0].corners, corners / 1000, rtol=1e-5)
+    assert recording.facts == ()
+
+
+@pytest.mark.parametrize("used", [0, 1])
+def test_a_plate_that_is_described_but_not_counted_is_named(plate_file, used):
+    path = plate_file(
+        2,
+        origin=[[0, 0, -20], [0, 0, -20]],
+        corners=[CORNERS, CORNERS + np.array([0, 600, 0])],
+        USED=np.array([used]),
+    )
+    recording = read_c3d(path, AXES)
+    left_out = [fact.of for fact in recording.facts if fact.kind == "left_out"]
+    assert left_out == ["plate 1", "plate 2"][used:]
 
 
 def test_an_empty_plate_stays_finite_and_missing_samples_stay_missing(plate_file):

@@ -1,0 +1,297 @@
+"""Units of plates by the subject on them: powers of ten are of units, not of geometry."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from hbm.body import Body
+from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array, shift_wrench
+from pipeline.io.axes import find_sites
+from pipeline.io.recording import Plate, Recording
+from pipeline.io.stated import CONVERT, Quantity, correction, parse_plate_units
+
+HALF: Final = 0.5
+"""Of the largest load of a plate: samples that are judged."""
+MIN_SAMPLES: Final = 10
+MIN_LOAD_KG: Final = 10.0
+MAX_LOAD_KG: Final = 300.0
+"""Of a person, where the body mass is not known."""
+MAX_DRIFT_KG: Final = 2.0
+MIN_SMOOTH: Final = 30.0
+"""Range of a load by its median change between samples: noise has 4 to 8, a step 50 and more."""
+MAX_FOOT_M: Final = 0.12
+"""Above the lowest markers, a marker is of a foot that stands."""
+BESIDE_M: Final = 0.05
+"""By which a foot on a plate may reach over its edge."""
+NEAR_POWER: Final = 0.3, 0.15
+"""Of ten, of lengths and of loads: distances of pressure and feet from the centre of a healthy
+plate have ratios of 0.54 to 1.48, -0.27 to 0.17."""
+MAX_POWER: Final = 3
+MIN_OFF_M: Final = 0.1
+MAX_OFF_M: Final = 0.2
+"""RMS distance of the pressure from the feet, 0.05 to 0.13 m on healthy plates: less needs no other
+unit, with more a unit does not bring it under the feet."""
+FAR_M: Final = 1.0
+"""RMS distance of the pressure from the feet that no wrong place of a plate explains."""
+MAX_LEFT: Final = 0.7
+"""Of that distance with the right power of ten."""
+SAME: Final = 1.2
+"""Ratio of distances up to which all moments have the same power."""
+MAX_GAINS: Final = 6
+"""More would hide what is wrong."""
+NEVER_MOVES_M: Final = 1e-3
+"""RMS distance of the pressure from the centre of a plate: nobody stands so well."""
+MIN_FOOT_M: Final = 0.02
+"""RMS distance of the feet from there, with which it is compared."""
+POWERS: Final = (
+    *((k, k, k) for k in range(-MAX_POWER, MAX_POWER + 1)),
+    *((k, 0, 0) for k in (-3, -2, 2, 3)),
+    *((0, k, 0) for k in (-3, -2, 2, 3)),
+)
+"""Of the moments about x, y and z."""
+SYMBOLS: Final[dict[Quantity, Sequence[str]]] = {
+    "force": ("N", "kN"),
+    "moment": ("Nmm", "Ncm", "Nm", "kNm"),
+    "pressure": ("mm", "cm", "m"),
+}
+
+
+MAX_RESIDUAL: Final = 3.0, 1.5
+"""RMS force by body weight and RMS moment by body weight × stature that no body lacks: of all our
+recordings at most 0.2 and 0.05, of a pitching platform without compensation 0.5 and 0.3."""
+
+
+class Factor(NamedTuple):
+    """By which powers of ten forces and each moment of a plate are too small; 0 if right."""
+
+    plate: Plate
+    force: int
+    moments: tuple[int, int, int]
+
+
+def require_units(recording: Recording, mass_kg: float | None = None) -> None:
+    """Refuse plates in wrong units, and say which are right.
+
+    Parameters
+    ----------
+    recording
+        The trial, or another recording of the subject.
+    mass_kg
+        Body mass as stated; by default that of the file.
+
+    Raises
+    ------
+    ValueError
+        The vertical force is that of no body, or the pressure is 10, 100 or 1000 times nearer to
+        the centre of the plate than the feet on it, or farther. It names units or gains with which
+        it is under the feet.
+    """
+    mass_kg, markers = mass_kg or recording.metadata.mass_kg, recording.markers
+    feet = markers.position[:, find_sites(markers.names, recording.stated.marker_set).low]
+    factors = [_factor(plate, feet, markers.time, mass_kg) for plate in recording.plates]
+    factors = _with_unsure(factors, feet, markers.time)
+    of_plates = dict[tuple[str, int], list[int]]()
+    for plate, force, moments in factors:
+        alike = len({*moments}) == 1
+        named = zip(("Mx", "My", "Mz"), moments, strict=True)
+        for what in (("forces", force), *([("moments", moments[0])] if alike else named)):
+            of_plates.setdefault(what, []).append(plate.number)
+    wrong = [
+        f"{quantity} of {_plates(numbers, len(factors))} {10 ** abs(power)} times too "
+        f"{'small' if power > 0 else 'large'}"
+        for (quantity, power), numbers in of_plates.items()
+        if power
+    ]
+    if wrong:
+        raise ValueError(
+            f"{recording.source.name}: {' and '.join(wrong)}, by the subject on them; "
+            f"{_remedy(factors)}"
+        )
+
+
+def require_possible(residual: Array, body: Body) -> None:
+    """Refuse a residual, (T, 6) [N, N·m], as no body has; a ValueError says how large it is."""
+    if not len(residual):
+        return
+    weight_n = body.mass * GRAVITY_MPS2
+    rms = np.sqrt(np.mean(np.square(residual), axis=0)).reshape(2, 3)
+    force_n, moment_nm = np.linalg.norm(rms, axis=1).tolist()
+    most_n, most_nm = np.multiply(MAX_RESIDUAL, [weight_n, weight_n * body.height_m]).tolist()
+    if force_n > most_n or moment_nm > most_nm:
+        raise ValueError(
+            f"the residual is {force_n:,.0f} N and {moment_nm:,.0f} N·m RMS, more than any body "
+            f"has (expected below {most_n:,.0f} N and {most_nm:,.0f} N·m): the units or the places "
+            "of plates are wrong; compare them with the capture software, or give --plate-units"
+        )
+
+
+def _with_unsure(factors: Sequence[Factor], feet: Array, time: Array) -> list[Factor]:
+    """Give plates that are right or not by themselves the moments that others surely have.
+
+    These bring the pressure nearer to the feet, if not by so much that the plate alone shows it.
+    """
+    sure = {factor.moments for factor in factors if any(factor.moments)}
+    common = sure.pop() if len(sure) == 1 else (0, 0, 0)
+    given = []
+    for factor in factors:
+        rows = _pressure_and_feet(factor.plate, feet, time)
+        unsure = not (factor.force or any(factor.moments)) and len(rows[2])
+        # smaller moments bring any pressure nearer: only one that is far away needs them
+        far_m = FAR_M if min(common) < 0 else 0.0
+        nearer = unsure and max(far_m, _off(*rows, common)) < _off(*rows, (0, 0, 0))
+        given.append(factor._replace(moments=common) if nearer else factor)
+    return given
+
+
+def _plates(numbers: Sequence[int], every: int) -> str:
+    both = len(numbers) == every == 2
+    return "both plates" if both else f"plate {', '.join(map(str, numbers))}"
+
+
+def _remedy(factors: Sequence[Factor]) -> str:
+    """Give the units that are right for all plates, else gains of single plates."""
+    right = {_units(factor) for factor in factors}
+    if len(right) == 1 and (units := right.pop()):
+        return f'give --plate-units {units}, or plate_units = "{units}" in study.toml'
+    gains, channels = list[str](), "correct the units of channels (ANALOG:UNITS) and export"
+    for plate, force, moments in factors:
+        powers = np.array([*[force] * 3, *moments])
+        named = zip(WRENCH_COMPONENTS, powers.tolist(), strict=True)
+        gains += [f"{plate.number}: gain {name} {10.0**power:g}" for name, power in named if power]
+    if len(gains) > MAX_GAINS:
+        return f"{channels} the file again"
+    return f"{channels} the file again, or set {correction(*gains)}"
+
+
+def _units(factor: Factor) -> str:
+    """Give the units in which a plate is right; empty where they are not known."""
+    power, uniform = factor.moments[0], len({*factor.moments}) == 1
+    if not (factor.plate.units and uniform):
+        return ""
+    units, right = parse_plate_units(factor.plate.units), list[str]()
+    # moments of forces at centres of pressure are in the unit of these
+    powers = (factor.force, power) if len(units) == 2 else (factor.force, 0, power)
+    for (quantity, convert), unit, ten in zip(CONVERT.items(), units, powers, strict=False):
+        wanted = convert(unit) * 10.0**ten
+        right += [u for u in (unit, *SYMBOLS[quantity]) if np.isclose(convert(u), wanted)][:1]
+    return ",".join(right) if len(right) == len(units) else ""
+
+
+def _factor(plate: Plate, feet: Array, time: Array, mass_kg: float | None) -> Factor:
+    """Find the powers of ten of a plate: of its load, then of where its pressure is."""
+    vertical = np.abs(plate.wrench_in_plate[:, 2])
+    vertical = vertical[np.isfinite(vertical)]
+    if not vertical.any():
+        return Factor(plate, 0, (0, 0, 0))
+    highest = np.percentile(vertical, 98)
+    load_kg = float(np.median(vertical[vertical >= HALF * highest])) / GRAVITY_MPS2
+    change = np.abs(np.diff(vertical))
+    smooth = change.any() and highest > MIN_SMOOTH * np.median(change[change > 0])
+    for power in _load_powers(load_kg, mass_kg):
+        # moments of forces at centres of pressure grow with the forces
+        scales = 10.0 ** np.repeat([power, power * (plate.units.count(",") == 2)], 3)
+        scaled = replace(
+            plate,
+            wrench_in_plate=_about_centre(plate, _as_stored(plate) * scales),
+        )
+        rows = _pressure_and_feet(scaled, feet, time)
+        moments = _moment_powers(*rows)
+        under_foot = len(rows[2]) and _off(*rows, moments) < MAX_OFF_M
+        if power < 0 or (smooth and under_foot):
+            return Factor(plate, power, moments)
+    return Factor(plate, 0, _moment_powers(*_pressure_and_feet(plate, feet, time)))
+
+
+def _load_powers(load_kg: float, mass_kg: float | None) -> Sequence[int]:
+    """Give the powers of ten with which a load is that of a body, if it is not."""
+    if not load_kg:
+        return ()
+    if mass_kg is not None:
+        exponent = float(np.log10(mass_kg / load_kg))
+        power = round(exponent)
+        near = abs(exponent - power) <= NEAR_POWER[power in (-1, 1)]
+        return (power,) if near and power and power != 1 and abs(power) <= MAX_POWER else ()
+    powers = (3, 2) if load_kg < MAX_DRIFT_KG else (-3, -2, -1) if load_kg > MAX_LOAD_KG else ()
+    return [p for p in powers if MIN_LOAD_KG <= load_kg * 10.0**p <= MAX_LOAD_KG]
+
+
+def _as_stored(plate: Plate) -> Array:
+    """Give a plate's wrench about its transducer, (N, 6)."""
+    return shift_wrench(plate.wrench_in_plate, plate.transducer)
+
+
+def _about_centre(plate: Plate, stored: Array) -> Array:
+    return shift_wrench(stored, -plate.transducer)
+
+
+def _pressure_and_feet(plate: Plate, feet: Array, time: Array) -> tuple[Array, Array, Array]:
+    """Give where pressure and feet are on a plate that carries somebody, plate axes, (K, 2) [m].
+
+    The pressure by the stored moments, what the transducer's place adds, and the feet.
+    """
+    wrench = np.stack([np.interp(time, plate.time, c) for c in plate.wrench_in_plate.T], axis=1)
+    vertical = np.abs(wrench[:, 2])
+    known = np.isfinite(wrench).all(axis=1)
+    seen = np.isfinite(feet).all(axis=-1)
+    if not (known.any() and seen.any()):
+        return (np.empty((0, 2)),) * 3
+    loaded = known & (vertical >= HALF * np.percentile(vertical[known], 98))
+    loaded &= vertical > MIN_LOAD_KG * GRAVITY_MPS2
+    place = (feet - plate.center) @ plate.rotation
+    standing = seen & (feet[..., 2] < np.percentile(feet[seen][:, 2], 5) + MAX_FOOT_M)
+    if np.isfinite(plate.corners).all():
+        half = np.abs((plate.corners - plate.center) @ plate.rotation)[:, :2].max(axis=0)
+        standing &= (np.abs(place[..., :2]) < half + BESIDE_M).all(axis=-1)
+    loaded &= standing.any(axis=1)
+    counted = standing[loaded, :, None]
+    foot = np.where(counted, place[loaded, :, :2], 0).sum(axis=1) / counted.sum(axis=1)
+    stored = shift_wrench(wrench[loaded], plate.transducer)
+    by_stored, in_all = (
+        each[:, [4, 3]] * [-1, 1] / each[:, 2:3] for each in (stored, wrench[loaded])
+    )
+    return by_stored, in_all - by_stored, foot
+
+
+def _moment_powers(stored: Array, lever: Array, foot: Array) -> tuple[int, int, int]:
+    """Give the powers of ten of the moments about x, y and z, of one alone of 100 and more.
+
+    ``stored`` is where the pressure is by the stored moments, ``lever`` what the transducer's place
+    adds, (K, 2) [m].
+    """
+    if len(foot) < MIN_SAMPLES or not stored.any(axis=0).all():
+        return 0, 0, 0
+    from_transducer = foot - lever
+    if _rms(stored) < NEVER_MOVES_M and _rms(foot) > MIN_FOOT_M:
+        exponent = np.log10(_rms(from_transducer) / _rms(stored))
+        power = round(exponent) if abs(exponent - round(exponent)) < NEAR_POWER[0] else 0
+        return power, power, power
+    off = {powers: _off(stored, lever, foot, powers) for powers in POWERS}
+    powers = min(POWERS, key=lambda each: off[each])
+    of_one = powers[0] if powers[0] else powers[1]
+    common = of_one, of_one, of_one
+    sizes = [(_rms(from_transducer[:, [k]]) + MIN_FOOT_M) / _rms(stored[:, [k]]) for k in (0, 1)]
+    alike = np.abs(np.log10(sizes) - of_one).max() < 1
+    if alike and off[common] < SAME * off[powers]:
+        powers = common
+    wrong = [k for k in (0, 1) if powers[1 - k]]  # the moment about x moves the pressure along y
+    if not wrong or off[powers] > MAX_LEFT * off[0, 0, 0]:
+        return 0, 0, 0
+    if of_one > 0:
+        return powers if off[0, 0, 0] > MIN_OFF_M else (0, 0, 0)
+    at_foot, at_pressure = from_transducer[:, wrong], stored[:, wrong]
+    # a wrong zero or place moves the pressure away, but it is no faster there
+    exponent = np.log10(_rms(at_foot) / _rms(at_pressure))
+    moves, foot_moves = (_rms(each - each.mean(axis=0)) for each in (at_pressure, at_foot))
+    too_fast = moves > 10.0 ** (-of_one - 0.5) * foot_moves
+    return powers if too_fast and abs(exponent - of_one) < NEAR_POWER[0] else (0, 0, 0)
+
+
+def _off(stored: Array, lever: Array, foot: Array, powers: tuple[int, int, int]) -> float:
+    """Give how far pressures are from feet if moments are larger by powers of ten, RMS [m]."""
+    return _rms(10.0 ** np.array([powers[1], powers[0]]) * stored + lever - foot)
+
+
+def _rms(vectors: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(vectors).sum(axis=1))))

@@ -1,0 +1,108 @@
+"""Plates in wrong units are refused with the units that are right; healthy ones are not accused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hbm.markers import Markers
+from hbm.spatial import GRAVITY_MPS2, shift_wrench
+from pipeline.io.mended_plates import with_mended_plates
+from pipeline.io.recording import Plate, Recording
+from pipeline.io.stated import Stated
+from pipeline.trial.plate_units import require_units
+
+TIME = np.arange(300) / 100
+SIZE = np.array([[0.5, 0.9, 0], [-0.5, 0.9, 0], [-0.5, -0.9, 0], [0.5, -0.9, 0]]) / 2
+
+
+def steps(mass_kg, lever, power=0, force_power=0, units="N,Nmm", plates=2):
+    """Somebody who steps on plates in turn, whose channels are too small by powers of ten."""
+    feet, made = np.full((len(TIME), 4, 3), np.nan), []
+    for k in range(plates):
+        center = np.array([0.0, 0.55 * k - 0.25, 0.0])
+        on = np.sin(np.pi * (TIME - 1.4 * k) / 1.2)
+        on = np.where((1.4 * k < TIME) & (1.4 * k + 1.2 > TIME), on, 0.0)
+        heel = center + np.array([0.28, 0.06, 0.0]) - np.outer(TIME - 1.4 * k, [0.4, 0, 0])
+        loaded = on > 0
+        feet[loaded, 2 * k % 4] = heel[loaded] + np.array([0, 0, 0.04])
+        feet[loaded, 2 * k % 4 + 1] = heel[loaded] + np.array([0.2, 0, 0.05])
+        pressure = heel + np.outer(np.clip((TIME - 1.4 * k) / 1.2, 0, 1), [0.2, 0, 0]) - center
+        force = np.outer(on, mass_kg * GRAVITY_MPS2 * np.array([0.05, 0.02, 1.1]))
+        wrench = np.hstack([force, np.cross(pressure, force)])
+        stored = shift_wrench(wrench, lever)
+        rng = np.random.default_rng(k)
+        stored += rng.normal(size=stored.shape) * 1e-3 * np.abs(stored).max(axis=0)
+        stored *= 10.0 ** -np.repeat([force_power, power], 3)
+        wrench = shift_wrench(stored, -np.asarray(lever))
+        made.append(
+            Plate(k + 1, TIME, wrench, np.eye(3), center, SIZE + center, units, np.asarray(lever))
+        )
+    markers = Markers(TIME, ("LHEE", "LTOE", "RHEE", "RTOE"), feet)
+    return Recording("steps.c3d", markers, tuple(made))
+
+
+LEVERS = st.tuples(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1), st.floats(-0.2, 0.0)).map(np.array)
+
+
+@given(mass_kg=st.floats(20, 150), lever=LEVERS, known=st.booleans())
+def test_plates_in_right_units_are_not_accused(mass_kg, lever, known):
+    require_units(steps(mass_kg, lever), mass_kg if known else None)
+
+
+@given(
+    mass_kg=st.floats(20, 150),
+    lever=LEVERS,
+    units=st.sampled_from([("Nmm", "Nm", 3), ("Nm", "Nmm", -3), ("Nm", "Ncm", -2)]),
+)
+def test_moments_in_another_unit_are_refused_with_the_right_one(mass_kg, lever, units):
+    said, right, power = units
+    wrong = steps(mass_kg, lever, power, units=f"N,{said}")
+    with pytest.raises(
+        ValueError, match=rf"moments of both plates .*give --plate-units N,{right},"
+    ):
+        require_units(wrong)
+
+
+@given(mass_kg=st.floats(30, 120), lever=LEVERS, known=st.booleans())
+def test_forces_in_kilonewtons_are_refused_whoever_says_the_mass(mass_kg, lever, known):
+    wrong = steps(mass_kg, lever, force_power=3)
+    with pytest.raises(ValueError, match=r"forces of both plates .*give --plate-units kN,Nmm,"):
+        require_units(wrong, mass_kg if known else None)
+    wrong = steps(mass_kg, lever, force_power=-3, units="kN,Nmm")
+    with pytest.raises(ValueError, match=r"1000 times too large.*give --plate-units N,Nmm,"):
+        require_units(wrong, mass_kg if known else None)
+
+
+@given(mass_kg=st.floats(20, 150), lever=LEVERS, power=st.sampled_from([-3, 3]))
+def test_one_plate_in_another_unit_is_refused_with_gains_that_mend_it(mass_kg, lever, power):
+    sound, wrong = steps(mass_kg, lever), steps(mass_kg, lever, power)
+    plates = (sound.plates[0], wrong.plates[1])
+    with pytest.raises(ValueError, match=r"moments of plate 2 1000 times .*\"2: gain Mx") as error:
+        require_units(replace(sound, plates=plates))
+    gains = [f"2: gain {name} {10.0**power:g}" for name in ("Mx", "My", "Mz")]
+    assert all(gain in str(error.value) for gain in gains)
+    mended = with_mended_plates(
+        replace(sound, plates=plates, stated=Stated(mend_plates=tuple(gains)))
+    )
+    require_units(mended)
+    np.testing.assert_allclose(
+        mended.plates[1].wrench_in_plate, sound.plates[1].wrench_in_plate, atol=0.01 * mass_kg
+    )
+
+
+@given(mass_kg=st.floats(20, 150), lever=LEVERS)
+def test_centres_of_pressure_in_another_unit_are_refused_with_the_third_unit(mass_kg, lever):
+    wrong = steps(mass_kg, np.zeros(3), 3, units="N,Nmm,mm")
+    with pytest.raises(ValueError, match=r"give --plate-units N,Nmm,m,"):
+        require_units(wrong)
+
+
+def test_an_empty_or_drifting_plate_is_not_judged():
+    sound = steps(70.0, np.zeros(3))
+    noise = np.random.default_rng(5).normal(size=(len(TIME), 6))
+    for wrench in (0 * noise, 0.1 * noise, noise + 5.0):
+        empty = replace(sound.plates[1], wrench_in_plate=wrench)
+        require_units(replace(sound, plates=(sound.plates[0], empty)), 70.0)
