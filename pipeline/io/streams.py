@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from hbm.spatial import Array, Indices, Mask
 from hbm.spelling import listed, printable, short
@@ -359,20 +359,12 @@ def _place(described: Element) -> tuple[Array, Array, Array]:
     return corners, rotation, center
 
 
-NEIGHBOURS: Final = 5
-"""Of so many stamps, the median shows which one is out of order."""
-OUT_OF_ORDER_FRAMES: Final = 1.5
-"""One stamp that is out of order moves the median by one frame."""
 MIN_CONFIRMED: Final = 3
 """So many samples that follow each other are on another clock; fewer have wrong time stamps."""
 MAX_BACK_S: Final = 0.5
 """Samples that are farther back than this are not out of order, their clock was set."""
-SAME_TIME_FRAMES: Final = 0.1
-"""Samples that are less apart are at the same time, where time stamps are in order."""
-MOST_AGAIN: Final = 5
-"""Samples in a row with the same values; of more, the signal stays as it is."""
-CLEAR_FRAMES: Final = 0.2
-"""Time stamps whose steps scatter by less about whole frames show which sample came late."""
+CLEAR_FRAMES: Final = 0.15
+"""Time stamps whose steps are off whole frames by less show which sample came late or again."""
 USUAL_HZ: Final = 100.0
 MAX_RATE_DIFFERENCE: Final = 0.02
 """Relative; beyond it the nominal rate is not that of the samples."""
@@ -514,7 +506,6 @@ def find_clock(
     different = np.arange(len(stamps), dtype=float)[:, None]
     samples, stamps, reasons = _settle(stamps, different if values is None else values, nominal_hz)
     period = _period(stamps, nominal_hz)
-    stamps = _in_order(stamps, period)
     index = _find_frames(stamps, period, nominal_hz)
     if index[-1] + 1 > MAX_DROPPED_RATIO * len(stamps):
         raise ValueError(f"its times span {index[-1] + 1} frames, but it holds {len(stamps)}")
@@ -557,102 +548,89 @@ def _settle(
 ) -> tuple[Indices, Array, list[tuple[FactKind, str]]]:
     """Give which samples count, in order, (M,), their time stamps [s], and what became of others.
 
-    Stamps that jitter by a frame do not show the order; there, samples came late that are farther
-    back than most.
+    Most samples advance; late ones fill a gap of these, others are on another clock.
     """
     count, steps = len(stamps), np.diff(stamps)
     if not (steps > 0).any():
         raise ValueError("its time stamps do not advance")
-    rate_hz = nominal_hz or 1 / float(np.median(steps[steps > 0]))
-    steps *= rate_hz
-    if ((steps > 0.5) & (steps < count)).all():
+    period = 1 / (nominal_hz or 1 / float(np.median(steps[steps > 0])))
+    if ((steps > period / 2) & (steps < count * period)).all():
         return np.arange(count), stamps, []
-    remembered, width = Remembered(), max(1, round(MIN_BURST_S * rate_hz))
-    again = np.array(list(map(remembered.again, stamps.tolist(), values)))
-    newest = maximum_filter1d(stamps, width, mode="nearest", origin=(width - 1) // 2)
-    first, behind, in_order = np.flatnonzero(~again), newest - stamps, True
-    usual_s = 12 * float(np.median(behind[behind > 0])) if behind.any() else 0.0
-    for jitter_s in (SAME_TIME_FRAMES / rate_hz, min(usual_s, MIN_BURST_S)):
-        times = np.where(behind <= jitter_s, newest, stamps)
-        wrong, strange, by_place, sure = _sort_out(times, first, nominal_hz)
-        in_order = in_order and sure
-        if sure:
-            break
-    if 2 * len(strange) >= len(first):
+    repeated = _repeated(stamps, values, period)
+    there = np.flatnonzero(~repeated)
+    times = _in_order(stamps[there], period)
+    advancing = _longest_advance(times)
+    period = _period(times[advancing], nominal_hz)
+    # a step over more frames than there are samples is to another clock
+    longest_s = count * period
+    pieces = np.split(advancing, 1 + np.flatnonzero(np.diff(times[advancing]) > longest_s))
+    if 2 * len(longest := max(pieces, key=len)) > len(there):
+        advancing = longest
+    time, k = times[advancing], np.arange(len(there))
+    beyond = np.minimum(k - advancing[0], 0) + np.maximum(k - advancing[-1], 0)
+    off_s = times - np.interp(k, advancing, time) - beyond * period
+    gap_s = np.concatenate([[np.inf], np.diff(time), [np.inf]])[
+        np.searchsorted(time, times, "right")
+    ]
+    strange = (np.abs(off_s) > MAX_BACK_S) | (gap_s < MAX_STEP_FRAMES * period)
+    strange[advancing] = False
+    if 2 * np.count_nonzero(strange) >= len(there):
         raise ValueError(
-            f"time stamps of {len(strange)} of its {count} samples contradict the others, so that "
-            "it has no clock; correct its sender and record again"
+            f"time stamps of {np.count_nonzero(strange)} of its {count} samples contradict the "
+            "others, so that it has no clock; correct its sender and record again"
         )
-    stamps = stamps.copy()
-    stamps[wrong] = times[wrong] = by_place[wrong]
-    every = np.setdiff1d(np.arange(count), strange)
-    every = every[np.argsort(times[every], kind="stable")]
-    repeated = _repeated(times[every], values[every], again[every], nominal_hz, in_order)
-    kept = every[~repeated]
+    kept = np.flatnonzero(~strange)
+    kept = kept[np.argsort(times[kept], kind="stable")]
     late = kept[:-1] > np.minimum.accumulate(kept[:0:-1])[::-1]  # a later one came before
     counted: list[tuple[FactKind, int, str]] = [
-        ("joined", int(np.count_nonzero(repeated)), "samples came again"),
-        ("corrected", int(np.count_nonzero(late)), "samples came late, put in order"),
-        ("corrected", len(wrong), "time stamps were out of order"),
+        ("joined", np.count_nonzero(repeated), "samples came again"),
+        ("corrected", np.count_nonzero(late), "samples came late, put in order"),
     ]
     reasons = [(kind, f"{number} of {count} {what}") for kind, number, what in counted if number]
-    if len(strange):
-        blocks = np.split(strange, 1 + np.flatnonzero(np.diff(strange) > 1))
-        seconds = by_place - by_place[kept[0]]
+    if strange.any():
+        seconds = times - off_s - times[kept[0]]
+        left_out = np.flatnonzero(strange)
+        blocks = np.split(left_out, 1 + np.flatnonzero(np.diff(left_out) > 1))
         places = listed((f"{seconds[b[0]]:.2f} to {seconds[b[-1]]:.2f} s" for b in blocks), 3)
-        off = f"with time stamps {np.median((stamps - by_place)[strange]):+.6g} s off"
-        reasons.append(("left_out", f"{len(strange)} of {count} samples, {places}, {off}"))
-    return kept, stamps[kept], reasons
+        off = f"with time stamps {np.median(off_s[strange]):+.6g} s off"
+        reasons.append(("left_out", f"{len(left_out)} of {count} samples, {places}, {off}"))
+    return there[kept], times[kept], reasons
 
 
-def _sort_out(
-    times: Array, first: Indices, nominal_hz: float
-) -> tuple[Indices, Indices, Array, bool]:
-    """Give which of the first samples have wrong stamps, and which are on another clock.
+def _repeated(stamps: Array, values: Array, period: float) -> Mask:
+    """Find samples, (N,), that came before; equal ones of a chunk with one stamp did not."""
+    again = np.array(list(map(Remembered().again, stamps.tolist(), values)))
+    begins = np.append(True, np.diff(stamps) != 0)
+    repeated = again & again[begins][np.cumsum(begins) - 1]
+    order = np.flatnonzero(~repeated)
+    order = order[np.argsort(stamps[order], kind="stable")]
+    stamps, values, again = stamps[order], values[order], again[order]
+    same = (values[1:] == values[:-1]) | (np.isnan(values[1:]) & np.isnan(values[:-1]))
+    alike = np.append(False, same.all(axis=1))
+    frames = np.diff(stamps, prepend=stamps[0]) / period
+    clear = np.median(np.abs(frames - np.rint(frames))) < CLEAR_FRAMES
+    candidate = again | (clear & alike & (frames < 0.5))
+    # those of a chunk fill the frames that are missing without them
+    others = stamps[~candidate]
+    gap = np.diff(others, append=others[-1])[np.cumsum(~candidate)[candidate] - 1]
+    if 2 * np.count_nonzero(gap > MAX_STEP_FRAMES * period) <= len(gap):
+        repeated[order[candidate]] = True
+    return repeated
 
-    Most samples advance; late ones fill a gap of these by their time, one or two with wrong stamps
-    by their place, others none. Also the times by place, (N,) [s], and whether
-    times show the order.
+
+def _in_order(stamps: Array, period: float) -> Array:
+    """Give times of samples, (N,) [s]: stamps, or that of the newest where they only jitter.
+
+    Stamps that are whole frames behind show the order; else only those farther back than most.
     """
-    advancing = first[_longest_advance(times[first])]
-    if len(advancing) < 2:
-        raise ValueError("its time stamps do not advance")
-    period = _period(times[advancing], nominal_hz)
-    longest_s = len(times) * period  # of a pause
-    pieces = np.split(advancing, 1 + np.flatnonzero(np.diff(times[advancing]) > longest_s))
-    if len(pieces) > 1 and 2 * len(longest := max(pieces, key=len)) > len(first):
-        begin_s, end_s = times[longest[[0, -1]]] + [-longest_s, longest_s]
-        near = first[(times[first] > begin_s) & (times[first] < end_s)]
-        advancing = near[_longest_advance(times[near])]
-    others, time, k = np.setdiff1d(first, advancing), times[advancing], np.arange(len(times))
-    beyond = np.minimum(k - advancing[0], 0) + np.maximum(k - advancing[-1], 0)
-    by_place, steps = np.interp(k, advancing, time) + beyond * period, np.diff(time) / period
-    # by time: in a gap, near an end, or where there is one already, which is judged later
-    at = np.searchsorted(time, times[others], "right")
-    gap = np.concatenate([[np.inf], steps, [np.inf]])[at]
-    end = np.clip(times[others], time[0], time[-1])
-    off_s = np.abs(times[others] - end)  # before all others, or after them
-    near = (off_s == 0) | (off_s + np.abs(by_place[others] - end) < MAX_BACK_S)
-    fits = near & (gap > MAX_STEP_FRAMES + np.median(np.abs(steps - 1)))
-    ends = np.stack([time[np.maximum(at - 1, 0)], time[np.minimum(at, len(time) - 1)]])
-    meets = np.abs(ends - times[others]).min(axis=0) < SAME_TIME_FRAMES * period
-    apart = (np.diff(others) > 1) | (np.abs(np.diff(times[others])) > MAX_BACK_S)
-    block = np.cumsum(np.append(False, apart)[: len(others)])
-    few = (np.bincount(block) < MIN_CONFIRMED)[block]  # more in a row fit as a whole
-    fits &= few | (np.bincount(block, fits) > np.bincount(block) / 2)[block]
-    # by place: one or two where so many are missing
-    place = np.searchsorted(advancing, others)
-    together = np.bincount(place, minlength=1)[place]
-    gap = np.concatenate([[0], steps, [0]])[place]
-    is_wrong = ~fits & (together < MIN_CONFIRMED) & (gap > together + 0.5)
-    fits |= meets & few & ~is_wrong
-    late, wrong, strange = others[fits], others[is_wrong], others[~fits & ~is_wrong]
-    # where time stamps show the order, steps are whole frames, and few samples are off by a little
-    settled, steps = len(late) + len(wrong), np.diff(np.sort(times[np.append(advancing, late)]))
-    clear = np.median(np.abs(steps / period - np.rint(steps / period))) < CLEAR_FRAMES
-    unsure = np.count_nonzero(np.abs(times[strange] - by_place[strange]) < MAX_BACK_S)
-    sure = unsure <= settled and (clear or not settled)
-    return wrong, strange, by_place, bool(sure)
+    width = max(1, round(MIN_BURST_S / period))
+    newest = maximum_filter1d(stamps, width, mode="nearest", origin=(width - 1) // 2)
+    behind = newest - stamps
+    frames = behind[(behind > period / 2) & (behind < MAX_BACK_S)] / period
+    jitter_s = period / 2
+    if len(frames) and np.median(np.abs(frames - np.rint(frames))) > CLEAR_FRAMES:
+        jitter_s = min(12 * float(np.median(behind[behind > 0])), MIN_BURST_S)
+    return np.where(behind <= jitter_s, newest, stamps)
 
 
 def _longest_advance(times: Array) -> Indices:
@@ -668,38 +646,9 @@ def _longest_advance(times: Array) -> Indices:
     series = at[-1:]
     while (k := before[series[-1]]) >= 0:
         series.append(k)
-    return np.array(series[::-1])
-
-
-def _repeated(times: Array, values: Array, again: Mask, nominal_hz: float, in_order: bool) -> Mask:
-    """Find samples, (N,), that came before: without them no frame is missing in their place."""
-    if not times[-1] > times[0]:
+    if len(series) < 2:
         raise ValueError("its time stamps do not advance")
-    steps = np.diff(times, prepend=-np.inf)
-    steps *= nominal_hz or 1 / np.median(steps[1:][steps[1:] > 0])
-    same = (values[1:] == values[:-1]) | (np.isnan(values[1:]) & np.isnan(values[:-1]))
-    alike = np.append(False, same.all(axis=1))
-    run = np.cumsum(~alike)
-    stays = np.bincount(run)[run] > MOST_AGAIN  # such as a plate that nobody stands on
-    alike = again | (alike & ~stays & (steps < 0.5))
-    candidate = alike | (steps < SAME_TIME_FRAMES) & (in_order and nominal_hz > 0)
-    others = np.flatnonzero(~candidate)
-    # a chunk with one stamp fills the frames that are missing without it, those alike last
-    missing = np.diff(lost_before(times[others], nominal_hz))
-    missing = np.append(missing, missing.max(initial=0))
-    last = np.cumsum(~candidate) - 1
-    by_doubt, number = np.lexsort((candidate & alike, last)), np.empty(len(times), int)
-    number[by_doubt] = np.arange(len(times)) - others[last[by_doubt]]
-    fills = candidate & (number <= missing[last])
-    in_chunks = 2 * fills.sum() > candidate.sum()
-    repeated = candidate & ~(in_chunks & (fills | stays | ~alike))
-    if np.count_nonzero(~repeated) < 2:
-        return np.zeros(len(times), bool)
-    with_them, without = (
-        _cost(t, _find_frames(t, _period(t, nominal_hz), nominal_hz))
-        for t in (times, times[~repeated])
-    )
-    return np.asarray(repeated & (without < with_them))
+    return np.array(series[::-1])
 
 
 def lost_before(stamps: Array, nominal_hz: float) -> Indices:
@@ -717,16 +666,6 @@ def lost_before(stamps: Array, nominal_hz: float) -> Indices:
     period = _period(stamps, nominal_hz)
     period = period if period * nominal_hz < MAX_STEP_FRAMES else 1 / nominal_hz
     return _find_frames(stamps, period, nominal_hz) - np.arange(len(stamps))
-
-
-def _in_order(stamps: Array, period: float) -> Array:
-    """Give stamps with those between their neighbours that are out of order, (N,) [s]."""
-    usual = median_filter(stamps, NEIGHBOURS, mode="nearest")
-    right = np.abs(stamps - usual) < OUT_OF_ORDER_FRAMES * period
-    if right.all() or np.count_nonzero(right) < 2:
-        return stamps
-    k = np.arange(len(stamps))
-    return np.where(right, stamps, np.interp(k, k[right], stamps[right]))
 
 
 def _find_frames(stamps: Array, period: float, nominal_hz: float) -> Indices:

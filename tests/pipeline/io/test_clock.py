@@ -67,11 +67,13 @@ def test_a_rate_that_is_not_stated_is_found(burst):
 
 
 @pytest.mark.parametrize("by_s", [-8.0, -0.05, 0.3, 8.0])
-def test_a_single_stamp_out_of_order_moves_no_frame(by_s):
+def test_a_sample_whose_stamp_is_out_of_order_is_a_gap_whose_place_is_said(by_s):
     stamps = 5000 + np.arange(1000) / 100
     stamps[500] += by_s
     clock = find_clock(stamps, 100.0)
-    np.testing.assert_array_equal(clock.index, np.arange(1000))
+    np.testing.assert_array_equal(clock.index, np.delete(np.arange(1000), 500))
+    off = f"1 of 1000 samples, 5.00 to 5.00 s, with time stamps {by_s:+g} s off"
+    assert off in [fact.reason for fact in clock.facts]
     assert clock.rate_hz == pytest.approx(100, rel=1e-9)
 
 
