@@ -553,10 +553,12 @@ def _settle(
     count, steps = len(stamps), np.diff(stamps)
     if not (steps > 0).any():
         raise ValueError("its time stamps do not advance")
-    period = 1 / (nominal_hz or 1 / float(np.median(steps[steps > 0])))
-    if ((steps > period / 2) & (steps < count * period)).all():
+    steps *= nominal_hz or 1 / np.median(steps[steps > 0])
+    if ((steps > 0.5) & (steps < count)).all():
         return np.arange(count), stamps, []
-    repeated = _repeated(stamps, values, period)
+    again = np.array(list(map(Remembered().again, stamps.tolist(), values)))
+    period = 1 / nominal_hz if nominal_hz else _period(np.sort(stamps[~again]), 0.0)
+    repeated = _repeated(stamps, values, again, period)
     there = np.flatnonzero(~repeated)
     times = _in_order(stamps[there], period)
     advancing = _longest_advance(times)
@@ -597,9 +599,8 @@ def _settle(
     return there[kept], times[kept], reasons
 
 
-def _repeated(stamps: Array, values: Array, period: float) -> Mask:
+def _repeated(stamps: Array, values: Array, again: Mask, period: float) -> Mask:
     """Find samples, (N,), that came before; equal ones of a chunk with one stamp did not."""
-    again = np.array(list(map(Remembered().again, stamps.tolist(), values)))
     begins = np.append(True, np.diff(stamps) != 0)
     repeated = again & again[begins][np.cumsum(begins) - 1]
     order = np.flatnonzero(~repeated)
@@ -621,16 +622,16 @@ def _repeated(stamps: Array, values: Array, period: float) -> Mask:
 def _in_order(stamps: Array, period: float) -> Array:
     """Give times of samples, (N,) [s]: stamps, or that of the newest where they only jitter.
 
-    Stamps that are whole frames behind show the order; else only those farther back than most.
+    Stamps that are whole frames behind show the order, else only those that are behind by more.
     """
     width = max(1, round(MIN_BURST_S / period))
     newest = maximum_filter1d(stamps, width, mode="nearest", origin=(width - 1) // 2)
-    behind = newest - stamps
-    frames = behind[(behind > period / 2) & (behind < MAX_BACK_S)] / period
-    jitter_s = period / 2
-    if len(frames) and np.median(np.abs(frames - np.rint(frames))) > CLEAR_FRAMES:
-        jitter_s = min(12 * float(np.median(behind[behind > 0])), MIN_BURST_S)
-    return np.where(behind <= jitter_s, newest, stamps)
+    behind = (newest - stamps) / period
+    late = behind[(behind > 0.5) & (behind < width)]
+    jitter = 0.5
+    if len(late) and np.median(np.abs(late - np.rint(late))) > CLEAR_FRAMES:
+        jitter = np.clip(3 * np.quantile(behind, 0.8), 2, width)
+    return np.where(behind <= jitter, newest, stamps)
 
 
 def _longest_advance(times: Array) -> Indices:
