@@ -727,7 +727,7 @@ def _period(stamps: Array, nominal_hz: float) -> float:
     for _ in range(5):  # until it is the mean of the steps about it, from one frame to the next
         about = steps[np.abs(steps / single - 1) < 0.5]
         single = float(about.mean()) if len(about) else single
-    clear = min(usual, mean) < MAX_STEP_FRAMES * single and 2 * len(about) > len(steps)
-    shown = [single] if clear else [usual, mean]
-    near = any(abs(each * nominal_hz - 1) < MAX_RATE_DIFFERENCE for each in shown)
-    return 1 / nominal_hz if near else min(shown)
+    if min(usual, mean) < MAX_STEP_FRAMES * single and 2 * len(about) > len(steps):
+        return single
+    near = any(abs(each * nominal_hz - 1) < MAX_RATE_DIFFERENCE for each in (usual, mean))
+    return 1 / nominal_hz if near else min(usual, mean)
