@@ -6,7 +6,7 @@ Layer shares. Samples have a constant rate, but their time stamps scatter, and s
 
 import re
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 from xml.etree import ElementTree
@@ -56,36 +56,6 @@ class Channel:
     type: str = ""
     marker: str = ""
     plate: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class MarkerLayout:
-    """Where the coordinates of markers are among the channels of a stream.
-
-    Attributes
-    ----------
-    names
-        Of the M markers.
-    columns
-        Columns of x, y and z of each marker, (3 M,).
-    metre
-        One of the channels' unit [m].
-    """
-
-    names: tuple[str, ...]
-    columns: tuple[int, ...]
-    metre: float
-
-    def positions(self, values: Array) -> Array:
-        """Give marker positions, (N, 3 M) [m], from samples of all channels, (N, K).
-
-        A marker at exactly the origin was not seen, as most programs write it; it becomes NaN.
-        """
-        position = np.take(values, self.columns, axis=1).astype(float, copy=False)
-        position *= self.metre
-        of_marker = position.reshape(len(position), -1, 3)
-        of_marker[~of_marker.any(axis=-1)] = np.nan
-        return position
 
 
 def parse_xml(text: str) -> Element:
@@ -176,35 +146,57 @@ def marker_channels(channels: Sequence[Channel]) -> tuple[list[str], Indices, st
     their label names; where no type is stated, labels such as LASIS_X and LASIS.PosX count.
     Positions of rigid bodies do not count where markers are named.
     """
-    found = _coordinates(channels)
-    if not found:
+    typed = any(POSITION.fullmatch(channel.type) for channel in channels)
+    named = any(channel.marker for channel in channels)
+    column_of: dict[tuple[str, str], int] = {}
+    for k, channel in enumerate(channels):
+        label = COORDINATE.fullmatch(channel.label)
+        axis_of = POSITION.fullmatch(channel.type) if typed else label
+        if axis_of is None or (typed and named and not channel.marker):
+            continue
+        stem = channel.marker or (label[1] if label else channel.label)
+        axis = axis_of[axis_of.re.groups].upper()
+        while (stem, axis) in column_of:
+            stem += AGAIN
+        column_of[stem, axis] = k
+    if not column_of:
         raise ValueError(
             "no markers: no channel of type PositionX and no label such as LASIS_X; labels there: "
             f"{listed([channel.label for channel in channels][:5])}"
         )
-    stems = list(dict.fromkeys(stem for stem, _ in found))
-    if absent := [(stem, axis) for stem in stems for axis in AXES if (stem, axis) not in found]:
-        stem, axis = absent[0]
-        several = "several channels, but one" if stem.endswith(AGAIN) else "no channel"
-        raise ValueError(f"marker {short(stem.rstrip(AGAIN))!r} has {several} for {axis}")
-    units = dict.fromkeys(channels[k].unit for k in found.values())
+    stems = list(dict.fromkeys(stem for stem, _ in column_of))
+    for stem, axis in ((stem, axis) for stem in stems for axis in AXES):
+        if (stem, axis) not in column_of:
+            several = "several channels, but one" if stem.endswith(AGAIN) else "no channel"
+            raise ValueError(f"marker {short(stem.rstrip(AGAIN))!r} has {several} for {axis}")
+    units = dict.fromkeys(channels[k].unit for k in column_of.values())
     if len(units) > 1:
         raise ValueError(f"the markers' channels have several units: {listed(units)}")
-    (unit,) = units
-    return stems, np.array([[found[stem, axis] for axis in AXES] for stem in stems]), unit
+    columns = np.array([[column_of[stem, axis] for axis in AXES] for stem in stems])
+    return stems, columns, next(iter(units))
 
 
-def marker_layout(channels: Sequence[Channel], stated: Stated) -> MarkerLayout:
+def marker_layout(
+    channels: Sequence[Channel], stated: Stated
+) -> tuple[tuple[str, ...], Callable[[Array], Array]]:
     """Give the markers wanted of a stream whose samples are still to come.
 
-    A ValueError as `marker_channels`, `Stated.metre` and those of `pipeline.io.labels`.
+    Also give what turns samples of all channels, (N, K), to positions, (N, M, 3) [m]. A marker at
+    exactly the origin was not seen, as most programs write it; it becomes NaN. A ValueError as
+    `marker_channels`, `Stated.metre` and those of `pipeline.io.labels`.
     """
     labels, columns, unit = marker_channels(channels)
     bare, _ = without_prefixes([label.rstrip(AGAIN) for label in labels], stated)
     require_unique(bare.values(), "several markers have the same label")
     markers, _ = rename_markers({label: k for k, label in bare.items()}, stated)
-    wanted = columns[[*markers.values()]]
-    return MarkerLayout(tuple(markers), tuple(wanted.ravel().tolist()), stated.metre(unit))
+    wanted, metre = columns[[*markers.values()]], stated.metre(unit)
+
+    def positions(values: Array) -> Array:
+        position = np.take(values, wanted, axis=1) * metre
+        position[~position.any(axis=-1)] = np.nan
+        return position
+
+    return tuple(markers), positions
 
 
 def si_units(channels: Sequence[Channel]) -> tuple[tuple[str, ...], Array]:
@@ -227,24 +219,6 @@ def _si_unit(unit: str) -> tuple[str, float]:
         except ValueError:
             continue
     return unit, 1.0
-
-
-def _coordinates(channels: Sequence[Channel]) -> dict[tuple[str, str], int]:
-    """Give marker and axis -> column."""
-    typed = any(POSITION.fullmatch(channel.type) for channel in channels)
-    named = any(channel.marker for channel in channels)
-    found: dict[tuple[str, str], int] = {}
-    for k, channel in enumerate(channels):
-        label = COORDINATE.fullmatch(channel.label)
-        axis = POSITION.fullmatch(channel.type) if typed else label
-        if axis is None or (typed and named and not channel.marker):
-            continue
-        stem = channel.marker or (label[1] if label else channel.label)
-        key = stem, axis[axis.re.groups].upper()
-        while key in found:
-            key = key[0] + AGAIN, key[1]
-        found[key] = k
-    return found
 
 
 COMPONENTS: Final = ("ForceX", "ForceY", "ForceZ", "MomentX", "MomentY", "MomentZ")
@@ -310,52 +284,50 @@ def find_plates(
     left_out
         Number of each of the others, as it is written -> why.
     """
-    found: dict[str, dict[str, int]] = {}
-    of_plates = [(c.plate, c.type) for c in channels]
-    for k, (number, kind) in enumerate(of_plates):
-        if number and kind in COMPONENTS:
-            found.setdefault(number, {})[kind] = k
-    elements = info.findall("desc/plates/plate")
-    numbers = [(element.findtext("number") or "").strip() for element in elements]
-    places = dict(zip(numbers, elements, strict=True))
+    columns_of: dict[str, list[int]] = {}
+    for k, channel in enumerate(channels):
+        if channel.plate and channel.type in COMPONENTS:
+            columns_of.setdefault(channel.plate, []).append(k)
     plates, left_out = [], {}
-    for number, columns in found.items():
+    for number, columns in columns_of.items():
+        columns.sort(key=lambda k: COMPONENTS.index(channels[k].type))
+        elements = info.findall("desc/plates/plate")
+        elements = [e for e in elements if (e.findtext("number") or "").strip() == number]
         try:
-            place = _place(places[number]) if number in places else None
-            if place is None:
-                raise ValueError("the stream has no place of its plate (desc/plates/plate)")
-            if absent := [name for name in COMPONENTS if name not in columns]:
-                raise ValueError(f"it has no channel for {listed(absent)}")
-            if numbers.count(number) > 1 or any(of_plates.count((number, c)) > 1 for c in columns):
-                raise ValueError("several plates have its number")
             if not number.isdecimal():
                 raise ValueError("its number is no number")
-            of_plate = [columns[component] for component in COMPONENTS]
-            units, factors = si_units([channels[k] for k in of_plate])
+            if len(elements) != 1:
+                raise ValueError(f"the stream has {len(elements)} places of it, expected 1")
+            for component in COMPONENTS:
+                of_it = [str(k + 1) for k in columns if channels[k].type == component]
+                if len(of_it) != 1:
+                    there = listed(of_it) or "none"
+                    raise ValueError(f"its channels of type {component}: {there}, expected one")
+            units, factors = si_units([channels[k] for k in columns])
             if units != ("N",) * 3 + ("N·m",) * 3:
                 raise ValueError(f"its units are {listed(units)}, expected N and N·m")
+            place = _place(elements[0])
         except ValueError as error:
             left_out[number] = str(error)
             continue
-        plates.append(PlateChannels(int(number), tuple(of_plate), factors, *place))
+        plates.append(PlateChannels(int(number), tuple(columns), factors, *place))
     return plates, left_out
 
 
 def _place(described: Element) -> tuple[Array, Array, Array]:
     """Give corners, rotation and centre of a plate."""
-    found = []
+    numbers = []
     for part, shape in PLACE.items():
         words = (described.findtext(part) or "").split()
         try:
-            numbers = np.array(words, float).reshape(shape)
+            numbers.append(np.array(words, float).reshape(shape))
         except ValueError:
             raise ValueError(f"its {part} are not {np.prod(shape)} numbers") from None
-        if part != "corners" and not np.isfinite(numbers).all():
-            raise ValueError(f"its {part} has numbers that are not finite")
-        if part == "rotation" and not np.allclose(numbers @ numbers.T, np.eye(3), atol=1e-6):
-            raise ValueError("its rotation is no rotation")
-        found.append(numbers)
-    corners, rotation, center = found
+    corners, rotation, center = numbers
+    if not (np.isfinite(rotation).all() and np.isfinite(center).all()):
+        raise ValueError("its rotation or center has numbers that are not finite")
+    if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6):
+        raise ValueError("its rotation is no rotation")
     return corners, rotation, center
 
 
@@ -585,8 +557,8 @@ def _settle(
     kept = kept[np.argsort(times[kept], kind="stable")]
     late = kept[:-1] > np.minimum.accumulate(kept[:0:-1])[::-1]  # a later one came before
     counted: list[tuple[FactKind, int, str]] = [
-        ("joined", np.count_nonzero(repeated), "samples came again"),
-        ("corrected", np.count_nonzero(late), "samples came late, put in order"),
+        ("joined", int(repeated.sum()), "samples came again"),
+        ("corrected", int(late.sum()), "samples came late, put in order"),
     ]
     reasons = [(kind, f"{number} of {count} {what}") for kind, number, what in counted if number]
     if strange.any():
@@ -616,7 +588,7 @@ def _repeated(stamps: Array, values: Array, again: Mask, period: float) -> Mask:
     gap = np.diff(others, append=others[-1])[np.cumsum(~candidate)[candidate] - 1]
     if 2 * np.count_nonzero(gap > MAX_STEP_FRAMES * period) <= len(gap):
         repeated[order[candidate]] = True
-    return repeated
+    return np.asarray(repeated)
 
 
 def _in_order(stamps: Array, period: float) -> Array:
@@ -631,7 +603,7 @@ def _in_order(stamps: Array, period: float) -> Array:
     jitter = 0.5
     if len(late) and np.median(np.abs(late - np.rint(late))) > CLEAR_FRAMES:
         jitter = np.clip(3 * np.quantile(behind, 0.8), 2, width)
-    return np.where(behind <= jitter, newest, stamps)
+    return np.asarray(np.where(behind <= jitter, newest, stamps))
 
 
 def _longest_advance(times: Array) -> Indices:

@@ -332,7 +332,7 @@ def describe_markers(
     `pipeline.io.streams.marker_layout`.
     """
     _require_rate(name, rate_hz)
-    layout = marker_layout(channels, stated)
+    names, positions = marker_layout(channels, stated)
     known = stated.axes or axes
     if not known:
         raise ValueError(
@@ -343,11 +343,11 @@ def describe_markers(
 
     def convert(values: Array) -> Array:
         with np.errstate(invalid="ignore"):  # infinite ones
-            found = layout.positions(values).reshape(-1, 3) @ to_lab.T
+            found = positions(values) @ to_lab.T
         return np.asarray(found).reshape(len(values), -1)
 
-    units = ("m",) * len(layout.names)
-    return StreamDescription(name, "markers", layout.names, units, rate_hz), convert
+    units = ("m",) * len(names)
+    return StreamDescription(name, "markers", names, units, rate_hz), convert
 
 
 def describe_signals(
