@@ -255,14 +255,9 @@ class PlateChannels:
 
         ``to_lab`` turns the axes in which its place is stated to the lab's, (3, 3).
         """
-        return Plate(
-            self.number,
-            time,
-            values[:, list(self.columns)] * self.factors,
-            to_lab @ self.rotation,
-            to_lab @ self.center,
-            self.corners @ to_lab.T,
-        )
+        wrench = values[:, list(self.columns)] * self.factors
+        place = to_lab @ self.rotation, to_lab @ self.center, self.corners @ to_lab.T
+        return Plate(self.number, time, wrench, *place)
 
 
 def find_plates(
@@ -482,8 +477,6 @@ def find_clock(
     if index[-1] + 1 > MAX_DROPPED_RATIO * len(stamps):
         raise ValueError(f"its times span {index[-1] + 1} frames, but it holds {len(stamps)}")
     slope = _slope(stamps, index)
-    if not slope > 0:
-        raise ValueError("its time stamps do not advance")
     residual = stamps - index * slope
     scatter = float(np.std(residual))
     if scatter > MAX_SCATTER_FRAMES * slope:
@@ -536,16 +529,14 @@ def _settle(
     advancing = _longest_advance(times)
     period = _period(times[advancing], nominal_hz)
     # a step over more frames than there are samples is to another clock
-    longest_s = count * period
-    pieces = np.split(advancing, 1 + np.flatnonzero(np.diff(times[advancing]) > longest_s))
+    far = np.diff(times[advancing]) > count * period
+    pieces = np.split(advancing, 1 + np.flatnonzero(far))
     if 2 * len(longest := max(pieces, key=len)) > len(there):
         advancing = longest
     time, k = times[advancing], np.arange(len(there))
     beyond = np.minimum(k - advancing[0], 0) + np.maximum(k - advancing[-1], 0)
     off_s = times - np.interp(k, advancing, time) - beyond * period
-    gap_s = np.concatenate([[np.inf], np.diff(time), [np.inf]])[
-        np.searchsorted(time, times, "right")
-    ]
+    gap_s = np.diff(time, prepend=-np.inf, append=np.inf)[np.searchsorted(time, times, "right")]
     strange = (np.abs(off_s) > MAX_BACK_S) | (gap_s < MAX_STEP_FRAMES * period)
     strange[advancing] = False
     if 2 * np.count_nonzero(strange) >= len(there):
@@ -608,8 +599,6 @@ def _in_order(stamps: Array, period: float) -> Array:
 
 def _longest_advance(times: Array) -> Indices:
     """Give the places of the longest series of times that never go back, (M,), of (N,) [s]."""
-    if (np.diff(times) >= 0).all():
-        return np.arange(len(times))
     # of the series of each length that ends first; the place before each in its series
     ends, at, before = list[float](), list[int](), list[int]()
     for k, time in enumerate(times.tolist()):

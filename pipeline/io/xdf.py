@@ -122,15 +122,25 @@ def read_streams(content: bytes) -> tuple[list[Stream], list[str], bool]:
     """
     streams, end = _walk(content)
     numbers = {k: stream for k, stream in streams.items() if stream.format in SAMPLE_BYTES}
-    for k, (stamps, values) in _load(content[:end], [*numbers]).items():
-        numbers[k].stamps, numbers[k].values = stamps, values
-    for stream in numbers.values():
-        held = len(stream.stamps)
+    if not numbers:
+        raise ValueError("it holds no streams of numbers")
+    try:
+        with np.errstate(all="ignore"):
+            loaded, _ = pyxdf.load_xdf(
+                io.BytesIO(content[:end]), [*numbers], dejitter_timestamps=False
+            )
+    except Exception as error:  # whatever it meets in a damaged file
+        reason = f"{type(error).__name__}: {error}"
+        raise ValueError(f"damaged: pyxdf cannot read it ({short(reason, 80)})") from error
+    for part in loaded:
+        stream = numbers[int(part["info"]["stream_id"])]
+        stream.stamps = np.asarray(part["time_stamps"], float)
+        stream.values = np.asarray(part["time_series"], float)
+        held, damaged = len(stream.stamps), f"damaged: stream {short(stream.name)!r} has"
         if held < (expected := stream.samples if stream.footer is None else stream.footer):
-            name = short(stream.name)
-            raise ValueError(f"damaged: stream {name!r} holds {held} samples, expected {expected}")
+            raise ValueError(f"{damaged} {held} samples, expected {expected}")
         if not (np.abs(stream.stamps) < MAX_TIME_S).all():
-            raise ValueError(f"damaged: stream {short(stream.name)!r} has impossible times")
+            raise ValueError(f"{damaged} impossible times")
     whole = end == len(content) and all(s.footer is not None for s in streams.values())
     texts = [stream.name for k, stream in streams.items() if k not in numbers]
     return [*numbers.values()], texts, whole
@@ -156,8 +166,6 @@ def _walk(content: bytes) -> tuple[dict[int, Stream], int]:
         at = start + length
     if BOUNDARY in content[at:]:
         raise ValueError(f"damaged: the chunk at byte {at} does not end where the next one begins")
-    if not streams:
-        raise ValueError("it holds no streams")
     return streams, at
 
 
@@ -174,10 +182,9 @@ def _header(body: bytes) -> Stream:
     channels = int(info.findtext("channel_count", ""))
     rate = float(info.findtext("nominal_srate", ""))
     kind = info.findtext("channel_format", "").strip()
-    if not (0 < channels <= MAX_CHANNELS and 0 <= rate <= MAX_RATE_HZ):
-        raise ValueError(f"a stream of {channels} channels at {rate:g} Hz")
-    if kind not in (*SAMPLE_BYTES, "string"):
-        raise ValueError(f"a stream's samples have the format {kind!r}")
+    possible = 0 < channels <= MAX_CHANNELS and 0 <= rate <= MAX_RATE_HZ
+    if not possible or kind not in (*SAMPLE_BYTES, "string"):
+        raise ValueError(f"a stream of {channels} channels of {kind!r} at {rate:g} Hz")
     name, content_type = (printable(info.findtext(tag, "").strip()) for tag in ("name", "type"))
     return Stream(name, content_type, info, rate, channels, kind)
 
@@ -197,27 +204,6 @@ def _count(stream: Stream, tag: int, body: bytes) -> None:
         stream.footer = int(text) if text.isdecimal() else None
     elif tag != CLOCK_OFFSET or len(body) != 2 * STAMP_BYTES:
         raise ValueError(f"{len(body)} bytes of kind {tag}")
-
-
-def _load(content: bytes, wanted: list[int]) -> dict[int, tuple[Array, Array]]:
-    """Give time stamps, on one clock, and values of each stream."""
-    if not wanted:
-        return {}
-    try:
-        with np.errstate(all="ignore"):
-            streams, _ = pyxdf.load_xdf(
-                io.BytesIO(content), wanted, synchronize_clocks=True, dejitter_timestamps=False
-            )
-    except Exception as error:  # whatever it meets in a damaged file
-        reason = f"{type(error).__name__}: {error}"
-        raise ValueError(f"damaged: pyxdf cannot read it ({short(reason, 80)})") from error
-    return {
-        int(stream["info"]["stream_id"]): (
-            np.asarray(stream["time_stamps"], float),
-            np.asarray(stream["time_series"], float),
-        )
-        for stream in streams
-    }
 
 
 SAME_CLOCK_S: Final = 1e-4
