@@ -319,19 +319,22 @@ def _place(described: Element) -> tuple[Array, Array, Array]:
         except ValueError:
             raise ValueError(f"its {part} are not {np.prod(shape)} numbers") from None
     corners, rotation, center = numbers
-    if not (np.isfinite(rotation).all() and np.isfinite(center).all()):
-        raise ValueError("its rotation or center has numbers that are not finite")
-    if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6):
-        raise ValueError("its rotation is no rotation")
+    finite = np.isfinite([*rotation.flat, *center]).all()
+    if not finite or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6):
+        raise ValueError("its rotation is no rotation, or its center is not finite")
     return corners, rotation, center
 
 
-MIN_CONFIRMED: Final = 3
-"""So many samples that follow each other are on another clock; fewer have wrong time stamps."""
 MAX_BACK_S: Final = 0.5
 """Samples that are farther back than this are not out of order, their clock was set."""
+SAME_TIME_FRAMES: Final = 0.1
+"""Samples that are less apart are at the same time."""
+MAX_SAME: Final = 0.1
+"""Of samples at the same time; where more are, they were sent in chunks."""
 CLEAR_FRAMES: Final = 0.15
 """Time stamps whose steps are off whole frames by less show which sample came late or again."""
+MIN_STEP_S: Final = 1e-9
+"""Time stamps that differ by less do not advance."""
 USUAL_HZ: Final = 100.0
 MAX_RATE_DIFFERENCE: Final = 0.02
 """Relative; beyond it the nominal rate is not that of the samples."""
@@ -454,7 +457,7 @@ def find_clock(
     Before a rate is fitted, samples that came late are put in order, and repeated ones and those on
     another clock are left out. A stamp may be late, but not early: of the stamps of a quarter of a
     second some are on time. Where even these come later by a whole number of frames, and stay so,
-    frames were dropped. One or two stamps amid others that agree do not count.
+    frames were dropped. A sample whose stamp contradicts its place, and fills no gap, is left out.
 
     Examples
     --------
@@ -462,7 +465,7 @@ def find_clock(
 
     >>> import numpy as np
     >>> frames = np.insert(np.delete(np.arange(1000), slice(300, 305)), 500, 504)
-    >>> clock = find_clock(7.0 + frames / 100, 100.0)
+    >>> clock = find_clock(7.0 + frames / 100, 100.0, frames[:, None])
     >>> clock.frames, round(clock.rate_hz, 6), bool(np.all(clock.index == np.unique(frames)))
     (1000, 100.0, True)
     >>> print(*clock.facts, sep="\n")
@@ -516,9 +519,9 @@ def _settle(
     Most samples advance; late ones fill a gap of these, others are on another clock.
     """
     count, steps = len(stamps), np.diff(stamps)
-    if not (steps > 0).any():
+    if not (steps > MIN_STEP_S).any():
         raise ValueError("its time stamps do not advance")
-    steps *= nominal_hz or 1 / np.median(steps[steps > 0])
+    steps *= nominal_hz or 1 / float(np.median(steps[steps > MIN_STEP_S]))
     if ((steps > 0.5) & (steps < count)).all():
         return np.arange(count), stamps, []
     again = np.array(list(map(Remembered().again, stamps.tolist(), values)))
@@ -539,6 +542,10 @@ def _settle(
     gap_s = np.diff(time, prepend=-np.inf, append=np.inf)[np.searchsorted(time, times, "right")]
     strange = (np.abs(off_s) > MAX_BACK_S) | (gap_s < MAX_STEP_FRAMES * period)
     strange[advancing] = False
+    frames = np.diff(time) / period
+    same = frames < SAME_TIME_FRAMES
+    if np.median(np.abs(frames - np.rint(frames))) < CLEAR_FRAMES and np.mean(same) < MAX_SAME:
+        strange[advancing[1:][same]] = True
     if 2 * np.count_nonzero(strange) >= len(there):
         raise ValueError(
             f"time stamps of {np.count_nonzero(strange)} of its {count} samples contradict the "
@@ -677,12 +684,12 @@ def _slope(stamps: Array, index: Indices) -> float:
 
 
 def _period(stamps: Array, nominal_hz: float) -> float:
-    """Give the time per frame [s]: the nominal one where stamps agree with it."""
+    """Give the time per frame [s]: of clear steps, else the nominal one where stamps agree."""
     count = len(stamps)
     step = max(1, min(round(MIN_BURST_S * (nominal_hz or USUAL_HZ)), count // 4))
     usual = float(np.median(stamps[step:] - stamps[:-step])) / step
     mean = float(stamps[-1] - stamps[0]) / (count - 1)
-    if not mean > 0 or not usual > 0:
+    if min(mean, usual) < MIN_STEP_S:
         raise ValueError("its time stamps do not advance")
     steps, single = np.diff(stamps), 1 / (nominal_hz or 1 / usual)
     for _ in range(5):  # until it is the mean of the steps about it, from one frame to the next

@@ -374,9 +374,10 @@ def _of_markers(
         fault = "no stream holds markers, of content type MoCap or with channels of type PositionX"
     if len(found) != 1:
         names = [repr(short(s.name)) for s in found or streams]
+        first = next(iter(names), "'NAME'")
         raise ValueError(
             f"{fault}; streams there: {listed(names)}; choose one, for example --marker-stream "
-            f"{names[0]}, or marker_stream = {names[0]} in study.toml"
+            f"{first}, or marker_stream = {first} in study.toml"
         )
     return found[0]
 

@@ -16,7 +16,6 @@ from pipeline.io.stated import Stated
 from pipeline.io.streams import (
     AXES,
     MAX_BACK_S,
-    MIN_CONFIRMED,
     Channel,
     Remembered,
     find_plates,
@@ -136,7 +135,8 @@ LARGEST: Final = 1e9
 MAX_AHEAD_S: Final = 1.0
 """The same for samples ahead of the time that has passed and of all other streams."""
 CONFIRMED_S: Final = 0.05
-"""Of samples that follow each other on another clock; fewer have wrong time stamps."""
+MIN_CONFIRMED: Final = 3
+"""Samples that follow each other on another clock; fewer have wrong time stamps."""
 COUNTED: Final = 700
 """Samples at least that show together which of them are missing."""
 REMEMBERED_S: Final = 10.0

@@ -77,6 +77,14 @@ def test_a_sample_whose_stamp_is_out_of_order_is_a_gap_whose_place_is_said(by_s)
     assert clock.rate_hz == pytest.approx(100, rel=1e-9)
 
 
+def test_another_sample_at_the_same_time_moves_no_frame():
+    """As of a sender that corrects a sample."""
+    frames = np.insert(np.arange(1000), 500, 499)
+    clock = find_clock(5000 + frames / 100, 100.0)
+    np.testing.assert_array_equal(clock.index, frames[clock.samples])
+    assert [fact.kind for fact in clock.facts] == ["left_out"]
+
+
 def test_a_rate_that_is_not_the_nominal_one_is_found():
     clock = find_clock(np.arange(500) / 128, 100.0)
     np.testing.assert_array_equal(clock.index, np.arange(500))

@@ -185,7 +185,7 @@ def test_faults_of_streams_are_one_line(trial, tmp_path):
     second = cameras | {"name": "B", "values": cameras["values"] + 0.001}
     refused(
         xdf.write_xdf(path, [cameras, second]),
-        match="2 streams hold markers; streams there: 'Cameras', 'B'; choose one, for example --marker-stream 'Cameras'",
+        match="2 streams hold markers; .*: 'Cameras', 'B'; choose one, .*--marker-stream 'Cameras'",
     )
     chosen = read_recording(path, Stated(marker_stream="B")).markers.position
     np.testing.assert_allclose(chosen, trial.markers.position + 0.001, atol=1e-9)
