@@ -41,6 +41,14 @@ def test_rate_and_losses_are_told_apart_whatever_the_stated_rate(seed, rate_hz, 
     assert clock.rate_hz == pytest.approx(rate_hz, rel=1e-4)
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_a_rate_that_is_just_near_the_stated_one_hides_no_loss(seed):
+    rng = np.random.default_rng(seed)
+    frames = np.flatnonzero(np.append(True, rng.random(2999) >= 0.01))
+    stamps = 5000 + (frames + rng.uniform(-0.19, 0.19, len(frames))) / 101.9
+    np.testing.assert_array_equal(find_clock(stamps, 100.0).index, frames)
+
+
 @pytest.mark.parametrize("jitter", [0.5, 1.0])
 @pytest.mark.parametrize("lost", [0.0, 0.01, 0.1])
 def test_at_the_stated_rate_losses_are_found_under_jitter_of_frames(jitter, lost):
