@@ -113,10 +113,6 @@ class Parameters:
     def __init__(self, groups: Mapping[str, Mapping[str, Values]]) -> None:
         self.groups = groups
 
-    def has(self, group: str, name: str) -> bool:
-        """Whether a parameter exists and is not empty."""
-        return self.groups.get(group, {}).get(name, np.empty(0)).size > 0
-
     def numbers(self, group: str, name: str) -> NDArray[np.float64]:
         """Give a numeric parameter with its dimensions, joined with NAME2, … along the last."""
         parts = [part for part in self._parts(group, name) if part.dtype.kind in "if"]

@@ -17,11 +17,7 @@ from hbm.spatial import Array, frozen
 from hbm.spelling import short
 from pipeline.io.axes import mean_force, parse_axes, settle_axes, split_axes
 from pipeline.io.c3d.data import (
-    FRAMES_BY,
-    HEADER,
-    TRIAL,
     Header,
-    correction,
     read_header,
     read_samples,
 )
@@ -415,12 +411,11 @@ def _first_frame(header: Header) -> tuple[int, list[Fact]]:
     full = int(start @ [1, 65536]) if start.size == 2 else in_header
     if in_header in (0, full, full % 65536, min(full, 65535)):
         return full, []
-    wrong = {fact.of for fact in header.corrections}
-    by_header, by_trial = (FRAMES_BY.format(place) in wrong for place in (HEADER, TRIAL))
-    if by_header and not by_trial:
-        return full, [correction("first frame by the header", in_header, full)]
-    fact = correction("first frame by TRIAL:ACTUAL_START_FIELD", full, in_header)
-    return in_header, [fact if by_trial and not by_header else replace(fact, kind="in_doubt")]
+    wrong = " ".join(fact.of for fact in header.corrections)
+    by_header, by_trial = ("frames by the header" in wrong, "frames by TRIAL" in wrong)
+    used = full if by_header and not by_trial else in_header
+    places = f"{in_header} by the header, {full} by TRIAL:ACTUAL_START_FIELD, {used} used"
+    return used, [Fact("in_doubt" if by_header == by_trial else "corrected", "first frame", places)]
 
 
 def _metadata(parameters: Parameters) -> Metadata:
