@@ -166,12 +166,12 @@ def parse_parameters(section: bytes, byte_order: str) -> Parameters:
     names = {-record.identity: record.name for record in records if record.identity < 0}
     groups: dict[str, dict[str, Values]] = {name: {} for name in names.values()}
     for record in records:
-        if record.identity in names:
+        if record.identity > 0:
             try:
                 values = _parse_values(section, record, byte_order)
             except (struct.error, IndexError, ValueError) as error:
                 raise ValueError(_broken(record.start, str(error))) from error
-            groups[names[record.identity]].setdefault(record.name, values)
+            groups.get(names.get(record.identity, ""), {}).setdefault(record.name, values)
     return Parameters(groups)
 
 
