@@ -286,8 +286,6 @@ def recording_of(
     facts, notes, others
         What was done or is in doubt, notes, and further attributes of the recording.
     """
-    if len(time) < 2:
-        raise ValueError("it holds a single frame, expected at least 2")
     plates = list(plates)
     said = [*markers.notes, *notes, *facts, *(p for p in plates if isinstance(p, Fact))]
     found = [plate for plate in plates if isinstance(plate, PlateColumns)]

@@ -367,6 +367,8 @@ def _body_mass(
 ) -> BodyMass:
     """Give the body mass, or say all at once that the trial lacks: labels, plates, mass."""
     faults, mass = list[str](), None
+    if len(recording.markers.time) < 2:
+        faults.append(f"{recording.source.name}: it is one frame; residuals need a motion")
     if marker_set is None and settings.marker_set is None:
         try:
             recognise_marker_set(standing.markers.names)
