@@ -346,10 +346,9 @@ def _infer_up(
     normals = np.reshape(np.asarray(plate_normals, float), (-1, 3))
     surfaces = {f"the surface of plate {k}": -normal for k, normal in enumerate(normals, start=1)}
     lines = {source: _nearest_axis(normal, source) for source, normal in surfaces.items()}
-    of_plates = [axis for source, axis in signed.items() if source != ABOVE]
-    of_surfaces = _most([*lines.values()])
     # plates are alike, so that they count once: by their loads, and by their surfaces
     of_plates = _most([axis for source, axis in signed.items() if source != ABOVE])
+    of_surfaces = _most([*lines.values()])
     if screen_up[-1:].upper() in {"X", "Y", "Z"}:
         screen = np.eye(3)["XYZ".index(screen_up[-1].upper())]
         lines["Y_SCREEN"] = -screen if screen_up[:1] == "-" else screen
@@ -387,8 +386,8 @@ def _infer_left(
     seen = np.isfinite(by_pair).all(axis=-1)
     names = [short(name) for name, known in zip(sites.across, seen, strict=True) if known]
     if not names:
-        pairs = listed([*map(short, sites.across)] or ["such as LASIS and RASIS"])
-        raise AxesUnknownError(f"none of the marker pairs {pairs} is seen")
+        absent = listed(sites.across or ["such as LASIS and RASIS"])
+        raise AxesUnknownError(f"none of the marker pairs {absent} is seen")
     by_pair, across = by_pair[seen], across[:, seen]
     source = f"the marker pairs {', '.join(names[:PAIRS_NAMED])}"
     # opposite pairs show the same line; which way is left, most pairs of the whole body say
