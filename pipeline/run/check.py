@@ -28,6 +28,7 @@ from hbm.spelling import did_you_mean, listed
 from pipeline.config.schema import Condition, PlateContact, SubjectFile, Trial, WantedWindow
 from pipeline.config.study import Study
 from pipeline.io.c3d.second_reader import compare_readers
+from pipeline.io.input_file import describe_error
 from pipeline.io.read import file_format
 from pipeline.io.recording import Recording
 from pipeline.trial.gait.contact import require_contacts
@@ -113,7 +114,7 @@ class Findings:
         try:
             return action()
         except (ValueError, OSError) as error:
-            self.fault(place, str(error))
+            self.fault(place, describe_error(error))
             return None
 
 
