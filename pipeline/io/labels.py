@@ -2,7 +2,8 @@
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
+from itertools import chain, count
 from shlex import quote
 from typing import Final
 
@@ -61,7 +62,6 @@ def without_prefixes(
     set, where the labels are of none as they stand. Prefixes are often people's names, so that
     notes and messages count them and never show them.
     """
-    prefix = stated.label_prefix
     owners = [label.rpartition(":")[0] for label in labels]
     bare = {k: label.rpartition(":")[2] for k, label in enumerate(labels)}
     notes: list[Note | Fact] = []
@@ -69,12 +69,19 @@ def without_prefixes(
         of_stem = [k for k, label in bare.items() if label.startswith(stem)]
         for k in of_stem:
             owners[k], bare[k] = stem, bare[k][len(stem) :].lstrip(SEPARATORS)
-        if prefix is None:
+        if stated.label_prefix is None:
             reason = f"{len(of_stem)} of {len(labels)} begin alike; that beginning is removed"
             notes.append(Fact("corrected", "labels", reason))
     prefixes = list(dict.fromkeys(filter(None, owners)))
-    if prefix is not None:
-        prefix = _chosen(prefix, prefixes)
+    if stated.label_prefix is not None:
+        chosen = {str(k): each for k, each in enumerate(prefixes, start=1)}
+        chosen |= {each.rstrip(SEPARATORS): each for each in prefixes}
+        prefix = chosen.get(stated.label_prefix.rstrip(SEPARATORS))
+        if prefix is None:
+            raise ValueError(
+                f"no label begins with the given prefix; it has {len(prefixes)}, numbered from 1: "
+                "correct --label-prefix, or label_prefix in study.toml, or leave it out"
+            )
         of_subject = {label for k, label in bare.items() if owners[k] == prefix}
         others = {owners[k] for k, label in bare.items() if label in of_subject} - {prefix}
         kept = {
@@ -136,19 +143,6 @@ def _stems(labels: Sequence[str], stated: Stated, owners: Sequence[str]) -> list
     return [prefix] if any(label.startswith(prefix) for label in labels) else []
 
 
-def _chosen(prefix: str, prefixes: Sequence[str]) -> str:
-    """Give the prefix that is stated by itself or by its number."""
-    numbered = {str(k): each for k, each in enumerate(prefixes, start=1)}
-    numbered |= {each.rstrip(SEPARATORS): each for each in prefixes}
-    if (chosen := numbered.get(prefix.rstrip(SEPARATORS))) is None:
-        there = f"it has {len(prefixes)}, numbered from 1" if prefixes else "no label has a colon"
-        raise ValueError(
-            f"no label begins with the given prefix; {there}: correct --label-prefix, or "
-            "label_prefix in study.toml, or leave it out"
-        )
-    return chosen
-
-
 def join_trajectories(
     labels: Mapping[int, str], position: Array, stated: Stated
 ) -> tuple[dict[str, int], list[Fact]]:
@@ -174,7 +168,7 @@ def join_trajectories(
         in different places at once, and no marker set has the numbered label.
     """
     known, places, facts = _known(stated), [place + 1 for place in labels], list[Fact]()
-    names, apart = dict(enumerate(labels.values())), list[tuple[int, int, Array]]()
+    names = dict(enumerate(labels.values()))
     alike: dict[str, list[int]] = defaultdict(list)
     for column, name in names.items():
         alike["".join(name.split()).casefold()].append(column)
@@ -190,7 +184,16 @@ def join_trajectories(
             its = np.isfinite(position[:, column, 0])
             away_m = np.linalg.norm(position[:, column] - position[:, first], axis=-1)[seen & its]
             if away_m.max(initial=0.0) > MAX_ROUNDING_M:
-                apart += [(first, column, away_m)] if f"{label}_2" not in known else []
+                name, second = names[first], free_name(names[first], {*names.values()})
+                names[column] = second
+                if f"{label}_2" not in known:
+                    reason = (
+                        f"trajectories {places[first]} and {places[column]} have this label, "
+                        f"{1000 * np.median(away_m):.0f} mm apart in {len(away_m)} frames; the "
+                        f"second is read as {short(second)}; if it is right, --rename "
+                        f"{quote(f'{name}=OTHER')} --rename {quote(f'{second}={name}')}"
+                    )
+                    facts.append(Fact("in_doubt", f"marker {short(name)}", reason))
                 continue
             position[its & ~seen, first] = position[its & ~seen, column]
             seen |= its
@@ -199,18 +202,7 @@ def join_trajectories(
         if len(one) > 1:
             reason = f"trajectories {listed(one)} have this label"
             facts.append(Fact("joined", f"marker {short(names[first])}", reason))
-    columns = numbered(names)
-    label_of = {column: label for label, column in columns.items()}
-    for first, column, away_m in apart:
-        name, second = label_of[first], label_of[column]
-        reason = (
-            f"trajectories {places[first]} and {places[column]} have this label, "
-            f"{1000 * np.median(away_m):.0f} mm apart in {len(away_m)} frames; the second is read "
-            f"as {short(second)}; if it is right, --rename {quote(f'{name}=OTHER')} "
-            f"--rename {quote(f'{second}={name}')}"
-        )
-        facts.append(Fact("in_doubt", f"marker {short(name)}", reason))
-    return columns, facts
+    return numbered(names), facts
 
 
 def _when(seen: Mask) -> str:
@@ -236,12 +228,14 @@ def numbered(names: Mapping[int, str]) -> dict[str, int]:
     """Give every column a name of its own; names that occur again are numbered."""
     unique: dict[str, int] = {}
     for k, name in names.items():
-        free, number = name, 2
-        while free in unique:
-            free = f"{name}_{number}"
-            number += 1
-        unique[free] = k
+        unique[free_name(name, unique)] = k
     return unique
+
+
+def free_name(name: str, taken: Container[str]) -> str:
+    """Give a name that is not taken: the name itself, else numbered from 2."""
+    every = chain([name], (f"{name}_{number}" for number in count(2)))
+    return next(free for free in every if free not in taken)
 
 
 def rename_markers(
