@@ -85,31 +85,25 @@ class Sites:
 def find_sites(names: Sequence[str], marker_set: MarkerSet | None = None) -> Sites:
     """Find the markers that show how a subject stands, by the landmarks of their set.
 
-    The set is by default the shipped one that the labels belong to; what neither shows is judged by
-    usual labels.
+    The set is by default the shipped one that the labels belong to; usual labels show the landmarks
+    that it lacks.
     """
     column, no_set = {name: k for k, name in enumerate(names)}, ""
     try:
-        marked = (marker_set or recognise_marker_set(names)).present(names).landmark
+        of_set = (marker_set or recognise_marker_set(names)).present(names).landmark
     except ValueError as error:
-        marked, no_set = {}, str(error)
-    of_set = {landmark: column[marker] for landmark, marker in marked.items()}
-    sources = (of_set, {mark: column[name] for mark, name in usual_landmarks(names).items()})
-
-    def of(sites: Sequence[str]) -> list[int]:
-        columns = ([k for name, k in source.items() if name[1:] in sites] for source in sources)
-        return next(filter(None, columns), [])
-
-    trunk = next(filter(None, (_sides(each, PELVIS_AND_SHOULDERS) for each in sources)), [])
-    every = _sides(of_set) or _sides(column)
-    across = trunk or every
+        of_set, no_set = {}, str(error)
+    marked = {**of_set, **usual_landmarks(names)} | of_set  # the set's come first, and count
+    columns = {landmark: column[name] for landmark, name in marked.items()}
+    trunk, every = _sides(columns, PELVIS_AND_SHOULDERS), _sides(columns) or _sides(column)
+    heels_and_toes = ((f"{side}{HEEL}", f"{side}{toe}") for side in "LR" for toe in TOES)
     return Sites(
-        high=of(PELVIS_AND_SHOULDERS),
-        low=of((HEEL, *TOES, *ANKLES)),
-        across={f"{names[left]}/{names[right]}": (right, left) for right, left in across},
+        high=[k for mark, k in columns.items() if mark[1:] in PELVIS_AND_SHOULDERS],
+        low=[k for mark, k in columns.items() if mark[1:] in (HEEL, *TOES, *ANKLES)],
+        across={f"{names[left]}/{names[right]}": (right, left) for right, left in trunk or every},
         on_trunk=bool(trunk),
         every=every,
-        feet=next(filter(None, map(_heels_and_toes, sources)), []),
+        feet=[(columns[a], columns[b]) for a, b in heels_and_toes if {a, b} <= {*columns}],
         no_set=no_set,
     )
 
@@ -140,12 +134,6 @@ def _sides(columns: Mapping[str, int], sites: Sequence[str] | None = None) -> li
         and (other := opposite[name[0]] + name[1:]) in columns
         and (sites is None or name[1:] in sites)
     ]
-
-
-def _heels_and_toes(columns: Mapping[str, int]) -> list[Pair]:
-    """Give columns of each heel and of each landmark of toes on the same side."""
-    pairs = ((f"{side}{HEEL}", f"{side}{site}") for side in "LR" for site in TOES)
-    return [(columns[heel], columns[toe]) for heel, toe in pairs if {heel, toe} <= {*columns}]
 
 
 def _middle(points: Array) -> Array:
