@@ -14,13 +14,7 @@ from hbm.notes import Note
 from hbm.spatial import Array, frozen, rotate_wrench, transform_wrench
 from hbm.spelling import listed, short
 from pipeline.io.axes import mean_force, parse_axes, settle_axes, split_axes
-from pipeline.io.labels import (
-    AGAIN,
-    join_trajectories,
-    rename_markers,
-    require_unique,
-    without_prefixes,
-)
+from pipeline.io.labels import join_trajectories, rename_markers, require_unique, without_prefixes
 from pipeline.io.recording import Fact, Plate, Recording, facts_in, notes_of, saying
 from pipeline.io.stated import CONVERT, Stated, impossible_samples, parse_mending
 
@@ -83,7 +77,7 @@ def file_markers(
     ``positions`` gives those of some labels by their indices, (M,) -> (T, M, 3), in the file's
     unit; ``held`` says that unseen ones stay where they were. A ValueError as `settle_markers`.
     """
-    bare, notes = without_prefixes([label.rstrip(AGAIN) for label in labels], stated)
+    bare, notes = without_prefixes(labels, stated)
     return settle_markers(bare, unit, positions([*bare]), stated, notes, held)
 
 
@@ -167,11 +161,10 @@ def without_impossible_positions(
 def _require_extent(position: Array, unit: str, remedy: str) -> None:
     """Refuse positions, (T, M, 3) [m], whose extent in the median frame is that of no person."""
     several = np.isfinite(position).all(axis=-1).sum(axis=1) > 1
-    if not several.any():
-        return
     highest, lowest = (each.reduce(position, axis=1)[several] for each in (np.fmax, np.fmin))
     with np.errstate(over="ignore"):
-        span = float(np.median(np.linalg.norm(highest - lowest, axis=1)))
+        spans = np.linalg.norm(highest - lowest, axis=1)
+    span = float(np.median(spans)) if several.any() else 1.0
     if not MIN_SPAN_M < span < MAX_SPAN_M:
         raise ValueError(
             f"the markers spread over {span:.3g} m if their unit is {short(unit)!r}, expected "
@@ -205,7 +198,7 @@ class PlateColumns:
     force: Array
     moment: Array
     pressure: Array | None = None
-    units: tuple[str, str, str] = field(kw_only=True, default=SI_UNITS)
+    units: tuple[str, ...] = field(kw_only=True, default=SI_UNITS)
     place: Plate | None = field(kw_only=True, default=None)
 
     def in_si(self, stated: Stated) -> "PlateColumns":
@@ -235,7 +228,7 @@ def plate_of(
     stems: Sequence[str],
     *,
     axes: str = "XYZ",
-    units: tuple[str, str, str] = SI_UNITS,
+    units: tuple[str, ...] = SI_UNITS,
 ) -> PlateColumns | Fact:
     """Give a plate from the columns of force, moment and, if given, pressure; or why it lacks."""
     try:
@@ -255,11 +248,9 @@ def dflow_plates(
     found = (DFLOW_PLATE.fullmatch(name) for name in columns)
     for number in dict.fromkeys(int(match[1]) for match in found if match):
         stems = [f"FP{number}.{part}" for part in ("For", "Mom", "Cop")]
-        force, moment, pressure = (
-            units.get(f"{stem}X", unit) for stem, unit in zip(stems, SI_UNITS, strict=True)
-        )
+        given = zip((f"{stem}X" for stem in stems), SI_UNITS, strict=True)
+        of_plate = tuple(units.get(name, unit) for name, unit in given)
         stems = stems[: 3 if f"{stems[2]}X" in columns else 2]
-        of_plate = (force, moment, pressure)
         yield plate_of(number, f"plate {number}", time, columns, stems, units=of_plate)
 
 

@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Collection, Container, Iterable, Mapping, Sequence
 from itertools import chain, count
 from shlex import quote
 from typing import Final
@@ -63,7 +63,7 @@ def without_prefixes(
     notes and messages count them and never show them.
     """
     owners = [label.rpartition(":")[0] for label in labels]
-    bare = {k: label.rpartition(":")[2] for k, label in enumerate(labels)}
+    bare = {k: label.rpartition(":")[2].rstrip(AGAIN) for k, label in enumerate(labels)}
     notes: list[Note | Fact] = []
     for stem in _stems([*bare.values()], stated, owners):
         of_stem = [k for k, label in bare.items() if label.startswith(stem)]
@@ -92,11 +92,9 @@ def without_prefixes(
         if left_out := len(bare) - len(kept):
             notes.append(Note.of("points_of_other_subjects", points=left_out))
         bare = kept
-    carriers: dict[str, set[str]] = defaultdict(set)
-    for k, label in bare.items():
-        carriers[label].add(owners[k])
-    alike = {owner for several in carriers.values() if len(several) > 1 for owner in several}
-    if alike:
+    carried = {(label, owners[k]) for k, label in bare.items()}
+    carriers = Counter(label for label, _ in carried)
+    if alike := {owner for label, owner in carried if carriers[label] > 1}:
         numbers = [str(k) for k, each in enumerate(prefixes, start=1) if each in alike]
         raise ValueError(
             f"{len(alike)} subjects carry the same labels: choose one by the prefix of its labels "
@@ -114,8 +112,7 @@ def _known(stated: Stated) -> set[str]:
 
 
 def _are_of_a_set(labels: Sequence[str], stated: Stated) -> bool:
-    rename = _renames(labels, stated)
-    names = [rename.get(label, label) for label in labels]
+    names = _renamed(labels, stated)
     if table := stated.marker_set:
         return 2 * len(table.present(names).markers) >= len(table.markers)
     try:
@@ -248,8 +245,7 @@ def rename_markers(
     labels to rename that are not there. A ValueError where two labels become the same, or none is
     of the stated marker set.
     """
-    rename = _renames(markers, stated)
-    names = [rename.get(name, name) for name in markers]
+    names = _renamed(markers, stated)
     require_unique(names, "renaming gives several markers the same label")
     absent = [short(name) for name in stated.rename if name not in markers and name[-1:] != "*"]
     notes: list[Note | Fact] = [Note.of("labels_not_renamed", labels=absent)] if absent else []
@@ -268,16 +264,16 @@ def rename_markers(
     return dict(zip(names, markers.values(), strict=True)), notes
 
 
-def _renames(names: Iterable[str], stated: Stated) -> dict[str, str]:
-    """Give labels that are there -> wanted, for labels and for beginnings such as L* = R*."""
-    spelt = {name.casefold(): name for name in names}
-    wanted = dict[str, str]()
+def _renamed(names: Collection[str], stated: Stated) -> list[str]:
+    """Give labels as they are wanted, by labels and by beginnings such as L* = R*."""
+    spelt, wanted = {name.casefold(): name for name in names}, dict[str, str]()
     for old, new in stated.rename.items():
         begins, other = old[:-1].casefold(), new.removesuffix("*").casefold()
         for folded, name in spelt.items() if old.endswith("*") else ():
             if folded.startswith(begins) and (there := spelt.get(other + folded[len(begins) :])):
                 wanted[name] = there
-    return wanted | dict(stated.rename)
+    wanted |= stated.rename
+    return [wanted.get(name, name) for name in names]
 
 
 def require_unique(labels: Iterable[str], fault: str) -> None:
