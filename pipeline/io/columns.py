@@ -161,10 +161,11 @@ def without_impossible_positions(
 def _require_extent(position: Array, unit: str, remedy: str) -> None:
     """Refuse positions, (T, M, 3) [m], whose extent in the median frame is that of no person."""
     several = np.isfinite(position).all(axis=-1).sum(axis=1) > 1
+    if not several.any():
+        return
     highest, lowest = (each.reduce(position, axis=1)[several] for each in (np.fmax, np.fmin))
     with np.errstate(over="ignore"):
-        spans = np.linalg.norm(highest - lowest, axis=1)
-    span = float(np.median(spans)) if several.any() else 1.0
+        span = float(np.median(np.linalg.norm(highest - lowest, axis=1)))
     if not MIN_SPAN_M < span < MAX_SPAN_M:
         raise ValueError(
             f"the markers spread over {span:.3g} m if their unit is {short(unit)!r}, expected "
