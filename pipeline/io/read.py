@@ -180,16 +180,16 @@ def _format(head: bytes) -> str:
     }
     if any(kinds.values()):
         return next(kind for kind, shown in kinds.items() if shown)
+    endings = {line.strip().lower() for line in lines}
     without_markers = {
-        ("a file of forces of Qualisys", "the file of trajectories"): "FORCE_PLATE_NAME" in firsts,
-        ("a .forces file of Cortex", "a TRC file"): is_cortex(lines[0]),
-        ("a MOT or STO table", "a TRC file"): "endheader"
-        in {line.strip().lower() for line in lines},
-        ("a D-Flow record file", "a D-Flow mocap file"): first[0] == "Time",
+        ("forces of Qualisys", "the trajectories' file"): "FORCE_PLATE_NAME" in firsts,
+        ("a .forces file of Cortex", "it with a TRC file"): is_cortex(lines[0]),
+        ("a MOT or STO table", "it with a TRC file"): "endheader" in endings,
+        ("a D-Flow record file", "it with a D-Flow mocap file"): first[0] == "Time",
     }
-    for (what, goes_with), shown in without_markers.items():
+    for (what, remedy), shown in without_markers.items():
         if shown:
-            raise ValueError(f"{what}, which has no markers; give it with {goes_with}")
+            raise ValueError(f"{what}, which has no markers; give {remedy}")
     raise ValueError(
         "not a C3D file, nor TRC, D-Flow mocap text, Motek .mox, Vicon Nexus ASCII export, "
         "Qualisys TSV or XDF, which are the formats that are read"

@@ -29,10 +29,9 @@ BESIDE_M: Final = 0.05
 NEAR_POWER: Final = 0.3
 """Of ten: distances of pressure and feet from the centre of a healthy plate have ratios of 0.54 to
 1.48, -0.27 to 0.17."""
-ONE_POWER: Final = (-3, -2, 2, 3)
 POWERS: Final = (
     *((k, k) for k in range(-3, 4)),
-    *(pair for k in ONE_POWER for pair in ((k, 0), (0, k))),
+    *(pair for k in (-3, -2, 2, 3) for pair in ((k, 0), (0, k))),
 )
 """Of ten, by which the moments may be too small that show where along x and y the pressure is."""
 SAME: Final = 1.2

@@ -93,6 +93,20 @@ def test_one_plate_in_another_unit_is_refused_with_gains_that_mend_it(mass_kg, l
     )
 
 
+@given(mass_kg=st.floats(20, 150), of_one=st.sampled_from([(3, 1e3), (4, 1e-3)]))
+def test_one_moment_in_another_unit_is_refused_without_a_gain_for_it(mass_kg, of_one):
+    component, factor = of_one
+    recording = steps(mass_kg, np.zeros(3))
+    wrench = recording.plates[0].wrench_in_plate.copy()
+    wrench[:, component] *= factor
+    plates = (replace(recording.plates[0], wrench_in_plate=wrench), recording.plates[1])
+    with pytest.raises(
+        ValueError, match=r"plate 1: moments in different units, .*channels"
+    ) as error:
+        require_units(replace(recording, plates=plates))
+    assert "mend_plates" not in str(error.value)
+
+
 @given(mass_kg=st.floats(20, 150), lever=LEVERS)
 def test_centres_of_pressure_in_another_unit_are_refused_with_the_third_unit(mass_kg, lever):
     wrong = steps(mass_kg, np.zeros(3), 3, units="N,Nmm,mm")
