@@ -13,6 +13,7 @@ from pipeline.io.mended_plates import with_mended_plates
 from pipeline.io.recording import Plate, Recording
 from pipeline.io.stated import Stated
 from pipeline.trial.plate_units import require_units, reversed_plates
+from pipeline.trial.study_files import saying_what_was_read
 
 TIME = np.arange(300) / 100
 SIZE = np.array([[0.5, 0.9, 0], [-0.5, 0.9, 0], [-0.5, -0.9, 0], [0.5, -0.9, 0]]) / 2
@@ -130,3 +131,6 @@ def test_a_plate_that_pulls_the_subject_down_is_a_doubt_with_the_mending_that_he
     (doubt,) = reversed_plates(pulling)
     assert (doubt.kind, doubt.of) == ("in_doubt", "plate 2")
     assert f'set mend_plates = ["{mending}"]' in doubt.reason
+    with pytest.raises(ValueError, match="mass missing") as error, saying_what_was_read(pulling):
+        raise ValueError("mass missing")
+    assert error.value.__notes__ == [f"on reading, {doubt}"]
