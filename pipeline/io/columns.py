@@ -271,6 +271,9 @@ def recording_of(
     on_subject: bool = True,
     locate: Callable[[PlateColumns, Array], Located] | None = None,
     placed: Callable[[Array], list[Plate]] | None = None,
+    witnesses: Sequence[Plate] = (),
+    units: Sequence[str] = (),
+    screen_up: str = "",
     facts: Iterable[Fact] = (),
     notes: Iterable[Note] = (),
     **others: Any,
@@ -294,6 +297,10 @@ def recording_of(
         Finds wrenches about the origin; by default `wrench_about_origin`.
     placed
         Rotation to the lab, (3, 3) -> further plates.
+    witnesses, units
+        Those plates in the file's axes, which they show, and their units as the file writes them.
+    screen_up
+        Which axis the file says is up on a screen.
     facts, notes, others
         What was done or is in doubt, notes, and further attributes of the recording.
     """
@@ -305,22 +312,22 @@ def recording_of(
     mended = {parse_mending(text)[0] for text in stated.mend_plates}  # once axes are known
     with saying(facts_in(said)):
         columns = [plate.in_si(stated) for plate in found]
+        forces = [mean_force(p.force) * (p.number not in mended) for p in columns if on_subject]
+        forces += [p.rotation @ mean_force(p.wrench_in_plate[:, :3]) for p in witnesses]
         settled, axes_notes = settle_axes(
             stated.axes or axes or None,
             markers.position,
             markers.names,
             marker_set=stated.marker_set,
-            plate_forces=[
-                mean_force(plate.force) * (plate.number not in mended)
-                for plate in columns
-                if on_subject
-            ],
+            plate_normals=[plate.rotation[:, 2] for plate in witnesses],
+            plate_forces=forces,
+            screen_up=screen_up,
             by=program if stated.axes is None else "",
             file=source.name,
         )
         to_lab = parse_axes(settled)
         said = [*axes_notes, *said]
-        written = [unit for plate in found for unit in plate.units]
+        written = [*units, *(unit for plate in found for unit in plate.units)]
         said += stated.unit_notes([markers.unit], written)
         # gravity acts along up, whoever stores its reaction or the load on the plates
         total = to_lab @ sum((mean_force(plate.force) for plate in columns), np.zeros(3))
@@ -337,8 +344,8 @@ def recording_of(
         for plate in columns:
             wrench, where = (locate or wrench_about_origin)(plate, to_lab[2])
             read_as = map(stated.used_unit, CONVERT, plate.units)
-            units = ",".join([*read_as][: 3 if where == FREE else 2])
-            made.append(_placed(plate, rotate_wrench(wrench, to_lab), to_lab, units))
+            of_plate = ",".join([*read_as][: 3 if where == FREE else 2])
+            made.append(_placed(plate, rotate_wrench(wrench, to_lab), to_lab, of_plate))
             moments.append(f"{plate.name} {where}")
         if moments:
             said.append(Note.of("moments_about", plates=moments))
