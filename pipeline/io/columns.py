@@ -15,7 +15,7 @@ from hbm.spatial import Array, frozen, rotate_wrench, transform_wrench
 from hbm.spelling import listed, short
 from pipeline.io.axes import mean_force, parse_axes, settle_axes, split_axes
 from pipeline.io.labels import join_trajectories, rename_markers, require_unique, without_prefixes
-from pipeline.io.recording import Fact, Plate, Recording, facts_in, notes_of, saying
+from pipeline.io.recording import Fact, Plate, Recording, saying
 from pipeline.io.stated import CONVERT, Stated, impossible_samples, parse_mending
 
 MIN_SPAN_M: Final = 0.05
@@ -119,7 +119,7 @@ def settle_markers(
     position *= metre
     columns, joined = join_trajectories(labels, position, stated)
     said += joined
-    with saying(facts_in(said)):
+    with saying(said):
         markers, renamed = rename_markers(columns, stated)
         if len(markers) < len(labels):
             position = position[:, [*markers.values()]]
@@ -275,7 +275,7 @@ def recording_of(
     units: Sequence[str] = (),
     screen_up: str = "",
     facts: Iterable[Fact] = (),
-    notes: Iterable[Note] = (),
+    notes: Iterable[Note | Fact] = (),
     **others: Any,
 ) -> Recording:
     """Make a recording from the columns of a file: SI units, lab axes, plates about the origin.
@@ -310,7 +310,7 @@ def recording_of(
     said = [*markers.notes, *notes, *facts, *(p for p in plates if isinstance(p, Fact))]
     found = [plate for plate in plates if isinstance(plate, PlateColumns)]
     mended = {parse_mending(text)[0] for text in stated.mend_plates}  # once axes are known
-    with saying(facts_in(said)):
+    with saying(said):
         columns = [plate.in_si(stated) for plate in found]
         forces = [mean_force(p.force) * (p.number not in mended) for p in columns if on_subject]
         forces += [p.rotation @ mean_force(p.wrench_in_plate[:, :3]) for p in witnesses]
@@ -358,8 +358,8 @@ def recording_of(
             plates=tuple(sorted(made, key=lambda plate: plate.number)),
             stated=stated,
             axes=split_axes(settled),
-            facts=facts_in(said),
-            notes=notes_of(said),
+            facts=tuple(each for each in said if isinstance(each, Fact)),
+            notes=tuple(each.note if isinstance(each, Fact) else each for each in said),
             **others,
         )
 
