@@ -41,7 +41,7 @@ from pipeline.trial.ground.laboratory import Laboratory, bind
 from pipeline.trial.ground.platform import platform_pose
 from pipeline.trial.ground.uncertainty import uncertainty_limits
 from pipeline.trial.once import computing_once
-from pipeline.trial.plate_units import require_units
+from pipeline.trial.plate_units import require_units, reversed_plates
 from pipeline.trial.quality import Quality, flagged, settled_frames, settling_s
 from pipeline.trial.study_files import (
     labels_in_none,
@@ -261,6 +261,7 @@ class _TrialCheck:
             if not loaded[number][np.argmin(np.abs(plates[number].time - time_s))]:
                 raise ValueError(f"contacts: nobody is on plate {number} at {time_s:g} s")
 
+        self.remark(*(fact.note for fact in reversed_plates(self.recording)))
         self.attempt(lambda: require_units(self.recording, self.person.person.mass_kg))
         stated = self.trial.contacts if plates else ()
         for contact in stated:

@@ -36,7 +36,6 @@ from pipeline.io.recording import (
     Plate,
     PlateFrame,
     Recording,
-    facts_in,
     saying,
 )
 from pipeline.io.stated import Stated, as_stated, impossible_samples
@@ -294,7 +293,7 @@ def read_c3d_file(path: Path, stated: Stated) -> Recording:
     header = read_header(path)
     parameters, channels = header.parameters, header.channels
     said: list[Note | Fact] = [*header.corrections]
-    with saying(fact for fact in said if isinstance(fact, Fact)):  # those that follow too
+    with saying(said):  # those that follow too
         samples = read_samples(header)
         first_frame, wrong_frame = _first_frame(header)
         said += [*samples.corrections, *wrong_frame]
@@ -347,8 +346,7 @@ def read_c3d_file(path: Path, stated: Stated) -> Recording:
         witnesses=witnesses,
         units=[channels[k][1] for k in sorted(taken)],
         screen_up=parameters.text("POINT", "Y_SCREEN"),
-        facts=facts_in(said),
-        notes=[note for note in said if isinstance(note, Note)],
+        notes=said,
         analog=Analog(analog_time, names, units, others) if rest else None,
         events=events,
         first_frame=first_frame,
