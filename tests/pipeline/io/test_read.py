@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from hbm.markers import MarkerSet, marker_sets
-from pipeline.io.c3d.write import write_c3d
 from pipeline.io.input_file import describe_error, naming
 from pipeline.io.read import file_format, read_recording
 from pipeline.io.recording import Fact, saying
 from pipeline.io.stated import Stated
+from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from tests.pipeline.other_formats import (
     excerpt,
     write_dflow,

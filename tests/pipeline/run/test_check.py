@@ -13,13 +13,13 @@ from pipeline.cli.app import main
 from pipeline.config.study import read_study
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.c3d.second_reader import SecondReading, installed
-from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Fact, Metadata, saying
 from pipeline.run import check
 from pipeline.run.check import check_study
 from pipeline.run.run import run_study
 from pipeline.trial.process import process_trial
 from pipeline.trial.study_files import read_study_laboratory
+from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from tests.hbm.motions import without
 from tests.pipeline import lab
 from tests.pipeline.lab import edit

@@ -9,9 +9,9 @@ from hbm.markers import Markers
 from pipeline.export.tables import write_trc
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.c3d.second_reader import compare_readers
-from pipeline.io.c3d.write import write_c3d
 from pipeline.io.read import read_recording
 from pipeline.io.recording import Analog
+from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from tests.synthetic import synthetic_t_pose
 
 ezc3d = pytest.importorskip("ezc3d", reason="ezc3d has no wheel for this system")
