@@ -254,7 +254,7 @@ def recording_of(
     locate: Callable[[PlateColumns, Array], Located] | None = None,
     placed: Callable[[Array], list[Plate]] | None = None,
     facts: Iterable[Fact] = (),
-    notes: Iterable[Note] = (),
+    notes: Iterable[Note | Fact] = (),
     **others: Any,
 ) -> Recording:
     """Make a recording from the columns of a file: SI units, lab axes, plates about the origin.

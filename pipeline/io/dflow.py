@@ -9,13 +9,21 @@ import numpy as np
 
 from hbm.notes import Note
 from hbm.spatial import Array
-from hbm.spelling import short
+from hbm.spelling import printable, short
 from pipeline.io.columns import DFLOW_PLATE, dflow_plates, file_markers, recording_of, vectors
 from pipeline.io.input_file import naming
 from pipeline.io.labels import require_unique, told_apart
-from pipeline.io.recording import Analog, Recording
+from pipeline.io.recording import Analog, Fact, Recording
 from pipeline.io.stated import Stated
-from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows
+from pipeline.io.text_table import (
+    MAX_FILLED_RATIO,
+    MAX_RATE_HZ,
+    MIN_RATE_HZ,
+    Rows,
+    distinct_columns,
+    parse_rows,
+    table_rows,
+)
 
 MIN_COVERED: Final = 0.9
 """Share of the frames' time: both modules are started and stopped by hand, some frames apart."""
@@ -26,11 +34,6 @@ CUSTOMARY_RATES_HZ: Final = np.array(
 )
 MAX_RATE_DIFFERENCE: Final = 0.02
 """Relative: the slope of time stamps that lag is a customary rate to 2 %."""
-MIN_FRAME_S: Final = 1e-4
-MAX_FRAME_S: Final = 1.0
-"""Time per frame of a camera system; beyond it the stamps are not in seconds."""
-MAX_DROPPED_RATIO: Final = 2
-"""Frames spanned per frame held: with more dropped, this is not one recording."""
 SEGMENTS: Final = {
     *("pelvis", "thorax", "spine", "pelvislegs", "toes", "head"),
     *(f"{side}{name}" for side in "lr" for name in ("femur", "tibia", "foot", "toes")),
@@ -44,26 +47,26 @@ Signals = tuple[Array, list[str], Array]
 """Times on D-Flow's clock, (N,) [s], names, and values as the file has them, (N, K)."""
 
 
-def read_record(path: Path) -> tuple[Signals, list[Note]]:
+def read_record(path: Path) -> tuple[Signals, list[Note | Fact]]:
     """Read a file of D-Flow's record module without its events, and note how it ends.
 
     A ValueError where it is damaged.
     """
     with naming(path):
-        lines = lines_of(path)
-        names = names_in(next(lines, "").rstrip(), "\t")
+        names, rows, said = _table(path)
         if names[0] != "Time":
             raise ValueError(f"not a D-Flow record file: its first column is {short(names[0])!r}")
-        rows = enumerate(lines, start=2)
-        values = parse_rows(
-            ((k, line) for k, line in rows if line.strip() and not line.lstrip().startswith("#")),
-            "\t",
-            names,
-        )
+        values = parse_rows([row for row in rows if row[1].lstrip()[:1] != "#"], names)
         time = values[:, 0]
         if len(time) < 2 or not (np.diff(time) >= 0).all():
             raise ValueError(f"its {len(time)} rows are not two or more with increasing times")
-        return (time, names[1:], values[:, 1:]), ending_notes(path)
+        return (time, names[1:], values[:, 1:]), said
+
+
+def _table(path: Path) -> tuple[list[str], Rows, list[Note | Fact]]:
+    """Give the names in the first line, all further lines, and what was written otherwise."""
+    ((_, header), *rows), said = table_rows(path)
+    return [printable(name.strip()) for name in header.rstrip().split("\t")], rows, said
 
 
 def on_clock(
@@ -111,12 +114,12 @@ def on_clock(
             f"its times {of_record[0]:.2f}–{of_record[-1]:.2f} s do not overlap the "
             f"markers' {start:.2f}–{start + rate * time[-1]:.2f} s; is it of the same trial?"
         )
-    known = analog or Analog(time, (), (), np.empty((len(time), 0)))
-    names = [*known.names, *names]
+    analog = analog or Analog(time, (), (), np.empty((len(time), 0)))
+    names = [*analog.names, *names]
     require_unique(names, "signals named like the mocap file's")
     at_frames = [np.interp(time, clock, signal, np.nan, np.nan) for signal in values.T]
-    units = known.units + ("",) * len(at_frames)
-    both = Analog(time, tuple(names), units, np.column_stack([known.values, *at_frames]))
+    units = analog.units + ("",) * len(at_frames)
+    both = Analog(time, tuple(names), units, np.column_stack([analog.values, *at_frames]))
     covered = np.clip(clock[[0, -1]], time[0], time[-1])
     if np.ptp(covered) >= MIN_COVERED * np.ptp(time):
         return both, []
@@ -160,9 +163,9 @@ def read_dflow(path: Path, stated: Stated, record: Path | None = None) -> Record
     and moments as about the common origin of plates and cameras; `wrench_about_origin` checks this
     against the centres of pressure and takes another point where they demand it.
     """
-    columns, first_frame, rate_hz, notes = _columns(path)
-    found = dict.fromkeys(m[1] for name in columns if (m := MARKER.fullmatch(name)))
-    stems = [stem for stem in found if stem.lower() not in SEGMENTS]
+    columns, first_frame, rate_hz, said = _columns(path)
+    matches = filter(None, map(MARKER.fullmatch, columns))
+    stems = [s for s in dict.fromkeys(m[1] for m in matches) if s.lower() not in SEGMENTS]
     if not stems:
         raise ValueError("no markers: no column such as LASIS.PosX")
     stamps = columns["TimeStamp"]
@@ -179,10 +182,10 @@ def read_dflow(path: Path, stated: Stated, record: Path | None = None) -> Record
     used |= {name for name in columns if DFLOW_PLATE.fullmatch(name)}
     analog = _analog(columns, used, time)
     if record:
-        signals, more = read_record(record)
+        signals, of_record = read_record(record)
         with naming(record):
-            analog, clock_notes = on_clock(signals, record.name, stamps, time, analog)
-        notes += [*more, *clock_notes]
+            analog, notes = on_clock(signals, record.name, stamps, time, analog)
+        said += [*of_record, *notes]
     del stamps
     columns.clear()  # as large as all that is read from it
     return recording_of(
@@ -193,54 +196,46 @@ def read_dflow(path: Path, stated: Stated, record: Path | None = None) -> Record
         plates,
         axes=AXES,
         program="D-Flow",
-        notes=notes,
+        notes=said,
         analog=analog,
         first_frame=first_frame,
     )
 
 
-def _columns(path: Path) -> tuple[dict[str, Array], int, float, list[Note]]:
+def _columns(path: Path) -> tuple[dict[str, Array], int, float, list[Note | Fact]]:
     """Give columns at all frames, of which dropped ones are NaN, first frame, and rate [Hz]."""
-    lines = lines_of(path)
-    names = told_apart(names_in(next(lines, "").rstrip(), "\t"), MARKER)
+    names, rows, said = _table(path)
     if not {"TimeStamp", "FrameNumber"} <= {*names}:
         raise ValueError("not a D-Flow mocap file: no column TimeStamp or no column FrameNumber")
-    require_unique(names, "several columns have the same name")
-    rows = ((k, line) for k, line in enumerate(lines, start=2) if line.strip())
-    values = parse_rows(rows, "\t", names)
-    if empty := np.count_nonzero(np.isnan(values).any(axis=1)):
-        raise ValueError(f"{empty} rows have empty fields; D-Flow writes a number in every field")
-    frames = values[:, names.index("FrameNumber")]
+    values = parse_rows(rows, names)
+    frames, stamps = (values[:, names.index(name)] for name in ("FrameNumber", "TimeStamp"))
     steps = np.diff(frames, prepend=frames[:1] - 1)
     if (frames % 1).any() or (steps < 0).any():
         raise ValueError("FrameNumber does not increase; is this one recording?")
     new = steps > 0
     index = (frames[new] - frames[:1]).astype(int)
     total = index[-1] + 1 if len(index) else 0
-    if len(index) < 2 or total > MAX_DROPPED_RATIO * len(index):
+    if len(index) < 2 or total > MAX_FILLED_RATIO * len(index):
         raise ValueError(
             f"FrameNumber spans {total} frames, but the file holds {len(index)} of them, expected "
             "at least 2 and half of all"
         )
-    stamps = values[new, names.index("TimeStamp")]
-    first_frame = int(frames[0])
-    if total > len(index) or not new.all():
-        held, values = values[new], np.full((total, values.shape[1]), np.nan)
-        values[index] = held
-    rate_hz = _rate_hz(index, stamps)
-    scatter_s = np.ptp(stamps - index / rate_hz)
-    notes = ending_notes(path)
-    notes.append(Note.of("sample_clock", of="frames", rate_hz=rate_hz, scatter_s=scatter_s))
+    rate_hz = _rate_hz(index, stamps[new])
+    scatter_s = np.ptp(stamps[new] - index / rate_hz)
+    said.append(Note.of("sample_clock", of="frames", rate_hz=rate_hz, scatter_s=scatter_s))
     if dropped := total - len(index):
-        notes.append(Note.of("samples_dropped", of="frames", dropped=dropped, samples=total))
-    return dict(zip(names, values.T, strict=True)), first_frame, rate_hz, notes
+        said.append(Note.of("samples_dropped", of="frames", dropped=dropped, samples=total))
+    filled = np.full((total, len(names)), np.nan)
+    filled[index] = values[new]
+    columns, repeated = distinct_columns(path.name, told_apart(names, MARKER), filled.T)
+    return columns, int(frames[0]), rate_hz, [*said, *repeated]
 
 
 def _rate_hz(index: Array, stamps: Array) -> float:
     """Give the cameras' rate: the slope of the time stamps, or the customary rate next to it."""
     offset = index - index.mean()
     slope = float(offset @ stamps / (offset @ offset))
-    if not MIN_FRAME_S < slope < MAX_FRAME_S:
+    if not 1 / MAX_RATE_HZ < slope < 1 / MIN_RATE_HZ:
         raise ValueError(
             f"its time stamps advance {slope:.3g} s per frame, expected seconds of a camera system"
         )

@@ -14,15 +14,13 @@ from hbm.spatial import Array
 from hbm.spelling import printable, short
 from pipeline.io.columns import PlateColumns, dflow_plates, file_markers, recording_of, vectors
 from pipeline.io.input_file import open_file
-from pipeline.io.labels import told_apart
+from pipeline.io.labels import require_unique, told_apart
 from pipeline.io.recording import Analog, Fact, Recording
 from pipeline.io.stated import Stated
-from pipeline.io.text_table import decoded, read_number
+from pipeline.io.text_table import count_facts, decoded, read_number, read_rate
 from pipeline.io.units import MAX_VALUE
 
 ROOT: Final = "moxie_viewer_datafile"
-MAX_RATE_HZ: Final = 1e6
-"""Beyond it nothing was measured: the file is damaged."""
 MARKER: Final = re.compile(
     r"(?:(?:Marker|Position)[ -]+(?P<a>\S+) |(?P<b>\S+)\.Pos)(?P<axis>[XYZ])"
 )
@@ -68,13 +66,14 @@ def read_mox(path: Path, stated: Stated) -> Recording:
     of the recording states that this is unconfirmed.
     """
     with open_file(path) as file:
-        channels = _channels(file.read())
+        channels, count = _channels(file.read())
     marked, on_plates = ({k: m for k in channels if (m := p.fullmatch(k))} for p in (MARKER, PLATE))
     stems = list(dict.fromkeys(m["a"] or m["b"] for m in marked.values()))
     if not stems:
         raise ValueError("no markers: no channel such as LASIS.PosX")
     parts = {f"{m['a'] or m['b']} {m['axis']}": channels[k] for k, m in marked.items()}
-    rate, columns = _on_one_clock(parts)
+    time, columns = _on_one_clock(parts)
+    said: list[Note | Fact] = [*count_facts(path, {"nr_of_samples": (count, len(time))})]
     position = vectors(columns, (f"{stem} " for stem in stems))
     markers = file_markers(stems, "m", lambda kept: position[:, kept], stated)
     of_plates: dict[int, dict[str, Channel]] = {}
@@ -84,20 +83,19 @@ def read_mox(path: Path, stated: Stated) -> Recording:
         of_plates.setdefault(number, {})[name] = channels[k]
     plates: list[PlateColumns | Fact] = []
     for parts in of_plates.values():
-        its_rate, columns = _on_one_clock(parts)
-        time = np.arange(len(next(iter(columns.values())))) / its_rate
-        plates += dflow_plates(columns, time)
+        plate_time, columns = _on_one_clock(parts)
+        plates += dflow_plates(columns, plate_time)
     rest = {k: channel for k, channel in channels.items() if k not in {*marked, *on_plates}}
-    analog, notes = _analog(rest, (rate, len(position)))
+    analog, left_out = _analog(rest)
+    if left_out:
+        said.append(Note.of("parts_left_out", parts=left_out))
     if plates:
-        notes.append(Note.of("force_sign_unconfirmed"))
-    return recording_of(
-        path, stated, markers, np.arange(len(position)) / rate, plates, notes=notes, analog=analog
-    )
+        said.append(Note.of("force_sign_unconfirmed"))
+    return recording_of(path, stated, markers, time, plates, notes=said, analog=analog)
 
 
-def _channels(content: bytes) -> dict[str, Channel]:
-    """Give the channels by their names."""
+def _channels(content: bytes) -> tuple[dict[str, Channel], str]:
+    """Give the channels by their names, and the number of samples in the header."""
     decoded(content)
     try:
         root = ElementTree.fromstring(content)
@@ -107,56 +105,41 @@ def _channels(content: bytes) -> dict[str, Channel]:
         element.tag = element.tag.rpartition("}")[2]
     if root.tag != ROOT:
         raise ValueError(f"not a .mox file: its root is {short(root.tag)!r}, expected {ROOT!r}")
-    count = printable(root.findtext("viewer_header/nr_of_samples", "").strip())
-    channels: dict[str, Channel] = {}
     elements = root.findall("viewer_data/viewer_channel")
     labels = [printable(e.findtext("channel_label", "").strip()) for e in elements]
-    for element, name in zip(elements, told_apart(labels, MARKER), strict=True):
-        if name in channels:
-            raise ValueError(f"several channels have the label {short(name)!r}")
-        words = element.findtext("raw_channel_data/channel_data", "").split()
-        text = element.findtext("raw_channel_data/sampling_frequency", "")
-        rate = read_number(text, f"sampling_frequency of channel {short(name)!r}")
-        try:
-            samples = np.array(words, float)
-        except ValueError:
-            samples = np.array([read_number(word, f"channel {short(name)!r}") for word in words])
-        if not 0 < rate < MAX_RATE_HZ or not (np.abs(samples) < MAX_VALUE).all():
-            raise ValueError(
-                f"channel {short(name)!r} holds a rate or value that cannot be measured"
-            )
-        channels[name] = rate, samples
-    if not channels:
-        raise ValueError("it holds no channels (viewer_data/viewer_channel)")
-    if count and all(str(len(samples)) != count for _, samples in channels.values()):
-        raise ValueError(f"its header says nr_of_samples {count}, but no channel holds as many")
-    return channels
+    labels = told_apart(labels, MARKER)
+    require_unique(labels, "several channels have the same label")
+    channels: dict[str, Channel] = {}
+    for element, name in zip(elements, labels, strict=True):
+        text = element.findtext("raw_channel_data/channel_data", "")
+        rate = element.findtext("raw_channel_data/sampling_frequency", "")
+        where = f"channel {short(name)!r}"
+        samples = np.array([read_number(word, where) for word in text.split()])
+        if not (np.abs(samples) < MAX_VALUE).all():
+            raise ValueError(f"{where} holds a value that cannot have been measured")
+        channels[name] = read_rate(rate, f"sampling_frequency of {where}"), samples
+    return channels, root.findtext("viewer_header/nr_of_samples", "")
 
 
-def _on_one_clock(parts: Mapping[str, Channel]) -> tuple[float, dict[str, Array]]:
-    """Give rate [Hz] and samples of channels that belong together."""
-    if len(clocks := {(rate, len(samples)) for rate, samples in parts.values()}) > 1:
+def _on_one_clock(parts: Mapping[str, Channel]) -> tuple[Array, dict[str, Array]]:
+    """Give times, (N,) [s], and samples of channels that belong together."""
+    clocks = {(rate, len(samples)) for rate, samples in parts.values()}
+    if len(clocks) > 1:
         raise ValueError(
             f"{short(next(iter(parts)))!r} and the like differ in rate or number of samples; the "
             "file is truncated or mixed"
         )
     ((rate, count),) = clocks
-    if count < 2:
-        raise ValueError(f"{short(next(iter(parts)))!r} holds {count} samples, expected at least 2")
-    return rate, {name: samples for name, (_, samples) in parts.items()}
+    return np.arange(count) / rate, {name: samples for name, (_, samples) in parts.items()}
 
 
-def _analog(
-    channels: Mapping[str, Channel], of_markers: tuple[float, int]
-) -> tuple[Analog | None, list[Note]]:
-    """Give the channels of the commonest rate and length, and note which are left out."""
+def _analog(channels: Mapping[str, Channel]) -> tuple[Analog | None, list[str]]:
+    """Give the channels of the commonest rate and length, and the names of the others."""
     clocks = {name: (rate, len(samples)) for name, (rate, samples) in channels.items()}
     if not clocks:
         return None, []
-    counts = Counter(clocks.values())
-    rate, count = clock = max(sorted(counts), key=lambda c: (counts[c], c == of_markers))
-    kept = tuple(name for name in channels if clocks[name] == clock)
-    left = [name for name in channels if clocks[name] != clock]
+    ((rate, count),) = most = [clock for clock, _ in Counter(clocks.values()).most_common(1)]
+    kept = tuple(name for name in clocks if clocks[name] in most)
     values = np.column_stack([channels[name][1] for name in kept])
-    notes = [Note.of("parts_left_out", parts=left)] if left else []
-    return Analog(np.arange(count) / rate, kept, ("",) * len(kept), values), notes
+    analog = Analog(np.arange(count) / rate, kept, ("",) * len(kept), values)
+    return analog, [name for name in clocks if name not in kept]

@@ -4,9 +4,9 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import chain
+from itertools import product
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -27,31 +27,25 @@ from pipeline.io.recording import Fact, Recording
 from pipeline.io.stated import Stated
 from pipeline.io.text_table import (
     count_facts,
-    ending_notes,
+    distinct_columns,
     labels_in,
+    marker_columns,
     parse_rows,
     read_number,
     read_rate,
     regular_rows,
-    table_lines,
-    with_last_gaps,
+    table_rows,
 )
 
-Trajectories = tuple[FileMarkers, Array, dict[str, Any]]
-"""Markers, times on the file's clock, (T,) [s], and further attributes of the recording."""
+Trajectories = tuple[FileMarkers, Array, list[Note | Fact], int]
+"""Markers, times on the file's clock, (T,) [s], what was said, and number of the first frame."""
 FORCE_COLUMN: Final = re.compile(r"(?P<stem>.*force.*)_(?P<letter>[vf])[xyz]")
 OTHER_COLUMNS: Final = (
     re.compile(r"(?P<of>[fpm])(?P<number>\d+)_?(?P<what>[vpm]?)(?P<axis>[xyz123])"),
     re.compile(r"(?P<what>[FM]?)(?P<axis>[XYZ])(?P<number>\d+)(?P<of>)"),
 )
 """Of OpenSim's C3DFileAdapter, such as f1_x, p1_2 or f1_vx, and of Cortex, such as FX1, X1, MZ1."""
-TORQUE_COLUMNS: Final = (
-    ("torque", "_"),
-    ("moment", "_"),
-    ("torque", "_m"),
-    ("moment", "_m"),
-    ("force", "_m"),
-)
+TORQUE_COLUMNS: Final = tuple(product(("torque", "moment", "force"), ("_", "_m")))
 """How programs call the torques of ``ground_force_vx``: ``ground_torque_x``, `` ground_force_mx``:
 word in the place of "force", and what stands before the axis."""
 FORCE_SUFFIXES: Final = (".mot", ".sto", ".forces")
@@ -79,18 +73,15 @@ class Table:
         Number of each row's line in the file.
     units
         Of forces, moments and points of application.
-    notes
-        On how the file ends.
-    facts
-        What was corrected or left out.
+    said
+        How the file ends, and what was corrected or left out.
     """
 
     time: Array
     columns: Mapping[str, Array]
     lines: Sequence[int]
     units: tuple[str, str, str]
-    notes: Sequence[Note]
-    facts: Sequence[Fact]
+    said: Sequence[Note | Fact]
 
 
 def read_sto(path: str | Path) -> Table:
@@ -133,40 +124,29 @@ def is_cortex(line: str) -> bool:
 
 
 def _table(path: Path) -> Table:
-    lines, facts = table_lines(path, "\t ")
-    firsts = [line.split()[0].lower() if line.strip() else "" for line in lines]
-    cortex = is_cortex(lines[0]) and "#sample" in firsts
-    if not cortex and "endheader" not in firsts and firsts[0] != "time":
+    lines, said = table_rows(path, "\t ")
+    firsts = [line.split()[0].lower() for _, line in lines]
+    cortex = is_cortex(lines[0][1])
+    last_of_header = "#sample" if cortex else "endheader"
+    if last_of_header not in firsts and firsts[0] != "time":
         raise ValueError("not a MOT or STO file: it has no line 'endheader'")
-    ends = firsts.index("endheader") + 1 if "endheader" in firsts and not cortex else 0
-    start = firsts.index("#sample") if cortex else ends
-    pairs = (line.partition("=") for line in lines[:start])
+    start = firsts.index(last_of_header) + 1 if last_of_header in firsts else 0
+    pairs = (line.partition("=") for _, line in lines[:start])
     header = {key.strip().lower(): value.strip() for key, _, value in pairs}
-    body = [(k, line) for k, line in enumerate(lines[start:], start + 1) if line.strip()]
-    width = max((len(line.strip().split("\t")) for _, line in body[1:]), default=0)
-    names = labels_in(body[0][1], width) if body else []
-    if names[:1] != ["#Sample"] and [name.lower() for name in names[:1]] != ["time"]:
+    names_line, *rows = lines[start - cortex :] or [(0, "")]
+    width = max((len(line.strip().split("\t")) for _, line in rows), default=0)
+    names = labels_in(names_line[1], width)
+    if [name.lower() for name in names[:1]] not in (["time"], ["#sample"]):
         raise ValueError(f"its first column is {listed(names[:1])}, expected 'time'")
-    values = parse_rows(body[1:], "\t", names)
+    values = parse_rows(rows, names)
     held = {"nRows": len(values), "nColumns": len(names), "NumberOfSamples": len(values)}
-    facts += count_facts(path, {k: (header.get(k.lower(), ""), n) for k, n in held.items()})
-    columns: dict[str, Array] = {}
-    for k, name in enumerate(names):
-        same = name in columns and np.array_equal(columns[name], values[:, k], equal_nan=True)
-        if same:
-            of = f"{path.name}, column {k + 1}"
-            facts.append(Fact("left_out", of, f"it is the same as column {names.index(name) + 1}"))
-        elif name in columns:
-            raise ValueError(
-                f"columns {names.index(name) + 1} and {k + 1} are both named {short(name)}; name "
-                "the columns of each plate differently, such as 1_ground_force_vx"
-            )
-        columns.setdefault(name, values[:, k])
+    said += count_facts(path, {k: (header.get(k.lower(), ""), n) for k, n in held.items()})
+    columns, repeated = distinct_columns(path.name, names, values.T)
     time = columns.pop(names[0])
     if cortex:
         time = (time - 1) / read_rate(header.get("samplerate", ""), "SampleRate")
-    numbers, units = [k for k, _ in body[1:]], CORTEX_UNITS if cortex else SI_UNITS
-    return Table(time, columns, numbers, units, ending_notes(path), facts)
+    units = CORTEX_UNITS if cortex else SI_UNITS
+    return Table(time, columns, [k for k, _ in rows], units, [*said, *repeated])
 
 
 def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recording:
@@ -204,7 +184,7 @@ def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recordin
     no meaning and is not used. MOT files often print times with so few digits that the steps look
     uneven; force times within a twentieth of a step of even ones become even.
     """
-    markers, time, attributes = _trajectories(path, stated)
+    markers, time, said, first_frame = _trajectories(path, stated)
     plates, of_sto = list[PlateColumns | Fact](), True
     if forces is not None:
         with naming(forces):
@@ -215,18 +195,15 @@ def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recordin
             same_span = abs(np.ptp(clock) - np.ptp(time)) < 2 * (time[1] - time[0])
             if not of_sto and same_span:
                 clock = clock + time[0]
-            spans = [f"{t[0]:.2f}–{t[-1]:.2f} s" for t in (clock, time)]
             if clock[-1] < time[0] or clock[0] > time[-1]:
+                spans = [f"{t[0]:.2f}–{t[-1]:.2f} s" for t in (clock, time)]
                 raise ValueError(
                     f"its times {spans[0]} do not overlap the {spans[1]} of {path.name}; are they "
                     "of the same trial, and is the clock the same?"
                 )
             columns = dict(zip(table.columns, held.T[1:], strict=True))
             plates = list(_forces(columns, clock - time[0], table.units, stated))
-        attributes["notes"] += table.notes
-        attributes["facts"] += [*table.facts, *facts]
-    else:
-        attributes["forces_beside"] = forces_beside(path)
+            said += [*table.said, *facts]
     return recording_of(
         path,
         stated,
@@ -235,7 +212,9 @@ def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recordin
         plates,
         on_subject=of_sto,
         locate=wrench_of_torque,
-        **attributes,
+        notes=said,
+        first_frame=first_frame,
+        forces_beside=forces_beside(path) if forces is None else None,
     )
 
 
@@ -256,43 +235,31 @@ def _trajectories(path: Path, stated: Stated) -> Trajectories:
 
     Times are regular from the first one at the file's rate, since files round them.
     """
-    lines, facts = table_lines(path)
-    notes = ending_notes(path)
-    firsts = [line.split()[0].lower() if line.strip() else "" for line in lines]
+    lines, said = table_rows(path)
+    firsts = [line.split()[0].lower() for _, line in lines]
     start = next((k for k, first in enumerate(firsts) if first in ("frame#", "frame")), 0)
     if not firsts[0].startswith("pathfiletype") or start < 3:
         raise ValueError("not a TRC file: it does not begin with 'PathFileType', keys and 'Frame#'")
-    keys, written = (line.split("\t" if "\t" in line.strip() else None) for line in lines[1:3])
+    keys, written = (line.split("\t" if "\t" in line.strip() else None) for _, line in lines[1:3])
     header = {key.strip(): text.strip() for key, text in zip(keys, written, strict=False)}
     if missing := [key for key in ("DataRate", "Units") if not header.get(key)]:
         raise ValueError(f"its header does not say {listed(missing)}")
     # the line of X1, Y1, … has no numbers
-    body = [(k, line) for k, line in enumerate(lines[start + 1 :], start + 2) if line.strip()]
-    rows = body[any(letter in body[0][1].upper() for letter in "XYZ") :] if body else []
+    body = lines[start + 1 :] or [(0, "X")]
+    rows = body[any(letter in body[0][1].upper() for letter in "XYZ") :]
     width = max((len(line.rstrip().split("\t")) for _, line in rows), default=0)
-    names = labels_in(lines[start], 2 + width // 3)[2:]  # of "Frame#", "Time" and three each
-    columns = ["Frame#", "Time", *(f"{name} {axis}" for name in names for axis in "XYZ")]
+    names = labels_in(lines[start][1], 2 + width // 3)[2:]  # of "Frame#", "Time" and three each
     if not rows or not names:
-        raise ValueError("it holds no frames" if names else "it names no markers")
-    if width > len(columns):
-        raise ValueError(
-            f"line {start + 1} names {len(names)} markers, but line {rows[0][0]} has columns for "
-            f"{(width - 2) / 3:.3g}"
-        )
+        raise ValueError("it holds no frames or names no markers")
+    values = marker_columns(rows, ("Frame#", "Time"), names)
     held = {"NumMarkers": len(names), "NumFrames": len(rows)}
-    facts += count_facts(path, {k: (header.get(k, ""), n) for k, n in held.items()})
-    # a last row that is cut off within a line lacks more than gaps
-    filled = ((k, with_last_gaps(line, len(columns))) for k, line in rows[: -1 if notes else None])
-    values = parse_rows(chain(filled, rows[-1:] if notes else []), "\t", columns)
+    said += count_facts(path, {k: (header.get(k, ""), n) for k, n in held.items()})
     rate_hz = read_number(header["DataRate"], "DataRate in the header")
-    numbers = [k for k, _ in rows]
-    time, values, time_facts = regular_rows(path.name, numbers, values, 1, rate_hz)
+    time, values, facts = regular_rows(path.name, [k for k, _ in rows], values, 1, rate_hz)
     position = values[:, 2:].reshape(len(values), len(names), 3)
     markers = file_markers(names, header["Units"], lambda kept: position[:, kept], stated)
-    attributes = {"notes": notes, "facts": [*facts, *time_facts]}
-    if np.isfinite(values[0, 0]):
-        attributes["first_frame"] = int(values[0, 0])
-    return markers, time, attributes
+    first_frame = int(values[0, 0]) if np.isfinite(values[0, 0]) else 1
+    return markers, time, [*said, *facts], first_frame
 
 
 def _usual_name(name: str) -> str:
@@ -310,24 +277,22 @@ def _forces(
     """Give each force of a table with its point and torque, or why it is left out."""
     columns = {_usual_name(name): values for name, values in columns.items()}
     if units != SI_UNITS:  # a free moment is vertical
-        for name in [name for name in columns if name.endswith("_mz")]:
-            columns |= {f"{name[:-1]}{axis}": np.zeros(len(time)) for axis in "xy"}
-    found = [match for name in columns if (match := FORCE_COLUMN.fullmatch(name))]
-    stems = dict.fromkeys((match["stem"], match["letter"]) for match in found)
+        stems_of_free = [name.removesuffix("z") for name in columns if name.endswith("_mz")]
+        columns |= {f"{stem}{axis}": np.zeros(len(time)) for stem in stems_of_free for axis in "xy"}
+    matches = filter(None, map(FORCE_COLUMN.fullmatch, columns))
+    stems = dict.fromkeys((match["stem"], match["letter"]) for match in matches)
     if not stems:
         raise ValueError(f"no forces such as ground_force_vx; columns: {listed(columns)}")
     for k, (stem, letter) in enumerate(stems, start=1):
         name = short(stem)
-        torques = dict.fromkeys(
-            stem.replace("force", word) + before for word, before in TORQUE_COLUMNS
-        )
+        torques = [stem.replace("force", word) + before for word, before in TORQUE_COLUMNS]
         there = [torque for torque in torques if f"{torque}x" in columns]
         if len(there) > 1:
             raise ValueError(
-                f"the torques of {name} are there twice, as {short(there[0])}x and "
-                f"{short(there[1])}x; remove those that are not free torques"
+                f"the torques of {name} are there twice, {listed(f'{t}x' for t in there)}; "
+                "remove those that are not free torques"
             )
-        quantities = [f"{stem}_{letter}", (there or [*torques])[0], f"{stem}_p"]
+        quantities = [f"{stem}_{letter}", (there or torques)[0], f"{stem}_p"]
         name = f"plate {k} ({name})"
         plate = plate_of(k, name, time, columns, quantities, axes="xyz", units=units)
         if isinstance(plate, PlateColumns) and plate.pressure is not None:

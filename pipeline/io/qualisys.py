@@ -1,32 +1,33 @@
 """Text exports of Qualisys Track Manager (.tsv): trajectories, and force plates beside them."""
 
 import re
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
+from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import listed, printable, short
 from pipeline.io.c3d.force_plates import plate_axes
 from pipeline.io.c3d.read import kind_and_side
-from pipeline.io.columns import PlateColumns, file_markers, plate_of, recording_of
+from pipeline.io.columns import PlateColumns, file_markers, recording_of, vectors
 from pipeline.io.input_file import naming
 from pipeline.io.recording import Event, Fact, Plate, Recording
 from pipeline.io.stated import Stated
 from pipeline.io.text_table import (
     GAPS,
     NUMBER,
+    Rows,
     count_facts,
-    ending_notes,
+    marker_columns,
     parse_rows,
     read_number,
     read_rate,
     regular_rows,
-    table_lines,
-    with_last_gaps,
+    table_rows,
 )
 
 PLATE_FILE: Final = re.compile(r"(?P<trial>.*)_f(?:_(?P<number>\d+))?", re.IGNORECASE)
@@ -41,46 +42,38 @@ CORNERS: Final = ("POSX_POSY", "NEGX_POSY", "NEGX_NEGY", "POSX_NEGY")
 MAX_CORNER_ERROR_M: Final = 0.02
 """Corners that are measured miss a rectangle by millimetres, those in no order by decimetres."""
 Header = Mapping[str, Sequence[str]]
-"""Key -> what follows it; of the events with their lines' numbers."""
-Rows = list[tuple[int, str]]
-"""Numbers and lines."""
+"""Key -> what follows it, an empty text if it is absent; of events with their lines' numbers."""
 
 
-def _export(path: Path) -> tuple[Header, Rows, list[Fact]]:
+def _export(path: Path) -> tuple[Header, Rows, list[Note | Fact]]:
     """Give header and rows of numbers, and what was written otherwise than expected."""
-    lines, facts = table_lines(path)
-    rows = [(k, line) for k, line in enumerate(lines, start=1) if line.strip()]
+    rows, said = table_rows(path)
     firsts = (line.split("\t")[0].strip() for _, line in rows)
     numbers = (k for k, first in enumerate(firsts) if first in GAPS or NUMBER.fullmatch(first))
     start = next(numbers, len(rows))
     if len(rows) < start + 2:
         raise ValueError(f"it holds {len(rows) - start} rows of numbers, expected at least 2")
-    header = {}
+    header = defaultdict[str, list[str]](lambda: [""])
     for k, line in rows[:start]:
         key, texts = line.split()[0], [text.strip() for text in line.split("\t")]
-        named = KEY.fullmatch(key)
-        header[f"EVENT {k}" if key == "EVENT" else key if named else TITLES] = texts[bool(named) :]
-    return header, rows[start:], facts
+        if KEY.fullmatch(key):
+            header[f"EVENT {k}" if key == "EVENT" else key] = texts[1:] or [""]
+        else:
+            header[TITLES] = texts
+    return header, rows[start:], said
 
 
-def _text(header: Header, key: str) -> str:
-    return (header.get(key) or [""])[0]
-
-
-def _numbers(
-    path: Path, header: Header, rows: Rows, columns: Sequence[str], counted: str
+def _timed(
+    path: Path, header: Header, rows: Rows, values: Array, timed: int | None, counted: str
 ) -> tuple[Array, Array, list[Fact]]:
-    """Give times [s], of the column TIME or else from 0, and all columns."""
-    filled = ((k, with_last_gaps(line, len(columns))) for k, line in rows)
-    values = parse_rows(filled, "\t", columns)
-    facts = count_facts(path, {counted: (_text(header, counted), len(values))})
-    frequency = _text(header, "FREQUENCY")
-    timed = [k for k, name in enumerate(columns[:2]) if name.upper() == "TIME"]
-    if not timed:
+    """Give times [s], of the column ``timed`` or else from 0, and all columns at these times."""
+    facts = count_facts(path, {counted: (header[counted][0], len(values))})
+    frequency = header["FREQUENCY"][0]
+    if timed is None:
         return np.arange(len(values)) / read_rate(frequency, "FREQUENCY"), values, facts
     # with an external clock only the times show the rate
     rate_hz = None if frequency == "EXT" else read_rate(frequency, "FREQUENCY")
-    time, values, more = regular_rows(path.name, [k for k, _ in rows], values, timed[0], rate_hz)
+    time, values, more = regular_rows(path.name, [k for k, _ in rows], values, timed, rate_hz)
     return time, values, [*facts, *more]
 
 
@@ -132,38 +125,33 @@ def read_qualisys(path: Path, stated: Stated, forces: Path | None = None) -> Rec
     documented: `wrench_about_origin` finds it from the centres of pressure, and takes the centre of
     the plate's surface, as of the program's real-time data, where these fit or are absent.
     """
-    header, rows, facts = _export(path)
-    if (included := _text(header, "DATA_INCLUDED")) not in ("3D", ""):
+    header, rows, said = _export(path)
+    if (included := header["DATA_INCLUDED"][0]) not in ("3D", ""):
         raise ValueError(f"it holds {short(included)} data, expected 3D; export it again")
     names = [printable(name) for name in header["MARKER_NAMES"] if name]
+    # a frame's number, its time, or both, and three columns of each marker
+    single = "Time" if "." in rows[0][1].split("\t")[0] else "Frame"
     width = max(len(line.rstrip().split("\t")) for _, line in rows)
-    clock = [title for title in header.get(TITLES, ())[:2] if title.upper() in ("FRAME", "TIME")]
-    if TITLES not in header:
-        single = "Time" if "." in rows[0][1].split("\t")[0] else "Frame"
-        clock = [[], [single], ["Frame", "Time"]][width % 3]
-    if width > len(clock) + 3 * len(names):
-        raise ValueError(
-            f"MARKER_NAMES has {len(names)}, but line {rows[0][0]} holds {width} columns"
-        )
-    columns = [*clock, *(f"{name} {axis}" for name in names for axis in "XYZ")]
-    facts += count_facts(path, {"NO_OF_MARKERS": (_text(header, "NO_OF_MARKERS"), len(names))})
-    time, values, more = _numbers(path, header, rows, columns, "NO_OF_FRAMES")
+    clock = [[], [single], ["Frame", "Time"]][width % 3]
+    timed = clock.index("Time") if "Time" in clock else None
+    said += count_facts(path, {"NO_OF_MARKERS": (header["NO_OF_MARKERS"][0], len(names))})
+    values = marker_columns(rows, clock, names)
+    time, values, facts = _timed(path, header, rows, values, timed, "NO_OF_FRAMES")
     position = values[:, len(clock) :].reshape(len(values), len(names), 3)
     markers = file_markers(names, "mm", lambda kept: position[:, kept], stated)
     first_frame = int(values[0, 0]) if "Frame" in clock else 1
-    frame_s, timed = time[1] - time[0], "Time" in clock
-    events = _events(header, time[0] if timed else (first_frame - 1) * frame_s)
-    facts += [*more, *(event for event in events if isinstance(event, Fact))]
-    plates, notes = list[PlateColumns | Fact](), ending_notes(path)
+    start_s = float((first_frame - 1) * (time[1] - time[0]) if timed is None else time[0])
+    events = _events(header, start_s)
+    said += [*facts, *(event for event in events if isinstance(event, Fact))]
+    plates = list[PlateColumns | Fact]()
     files = plate_files(forces or path) or ([] if forces is None else [forces])
     for file in files:
         with naming(file):
-            plate, more = _plate(file, time[0] if timed else None)
-            notes += ending_notes(file)
+            plate, of_plate = _plate(file, None if timed is None else start_s)
         plates.append(plate)
-        facts += more
+        said += of_plate
     if files:
-        facts.append(Fact("joined", path.name, f"with {listed(file.name for file in files)}"))
+        said.append(Fact("joined", path.name, f"with {listed(file.name for file in files)}"))
     return recording_of(
         path,
         stated,
@@ -171,8 +159,7 @@ def read_qualisys(path: Path, stated: Stated, forces: Path | None = None) -> Rec
         time - time[0],
         plates,
         on_subject=False,
-        facts=facts,
-        notes=notes,
+        notes=said,
         first_frame=first_frame,
         events=tuple(event for event in events if isinstance(event, Event)),
     )
@@ -184,52 +171,50 @@ def _events(header: Header, start_s: float) -> list[Event | Fact]:
     for name, *_, written in (texts for key, texts in header.items() if key.startswith("EVENT ")):
         of, (kind, side) = f"event {short(name)}", kind_and_side(name)
         if kind and side:
-            events.append(Event(read_number(written, of) - float(start_s), kind, side))
+            events.append(Event(read_number(written, of) - start_s, kind, side))
         else:
             events.append(Fact("left_out", of, "it is no foot strike or foot off of a side"))
     return events
 
 
-def _plate(path: Path, start_s: float | None) -> tuple[PlateColumns | Fact, list[Fact]]:
+def _plate(path: Path, start_s: float | None) -> tuple[PlateColumns | Fact, list[Note | Fact]]:
     """Give the plate of a file in the axes of the markers, or why it is left out, and facts.
 
     Its clock begins with the markers', at ``start_s`` where both files have times.
     """
-    header, rows, facts = _export(path)
+    header, rows, said = _export(path)
     of_name = PLATE_FILE.fullmatch(path.stem)
     number = int(of_name["number"] or 1) if of_name else 1
-    name = f"plate {number} ({short(_text(header, 'FORCE_PLATE_NAME') or path.name)})"
-    columns = [f"{part}{axis}" for part in PARTS for axis in "XYZ"]
-    if len(rows[0][1].split("\t")) > len(columns) + 1:
-        columns = ["SAMPLE", "TIME", *columns]
-    columns = [*header.get(TITLES, columns)]
-    time, values, more = _numbers(path, header, rows, columns, "NO_OF_SAMPLES")
-    clock = time - (time[0] if start_s is None or "TIME" not in columns else start_s)
-    by_name = dict(zip(columns, values.T, strict=True))
-    plate = plate_of(number, name, clock, by_name, PARTS, units=UNITS)
-    place, axes = _place(header, number), _text(header, "DESCRIPTION").lower()
-    local = "local" in axes
-    why = "its DESCRIPTION does not say whether its axes are the plate's or the lab's"
-    if local and place is None:
-        why = "it is in the plate's axes, and states no rectangle of corners"
-    elif local or any(word in axes for word in ("lab", "world", "global")):
-        why = ""
-    if why or isinstance(plate, Fact):
-        return (Fact("left_out", name, why) if why else plate), [*facts, *more]
-    if local and place is not None and plate.pressure is not None:
-        force, moment, pressure = (
-            part @ place.rotation.T for part in (plate.force, plate.moment, plate.pressure)
-        )
-        pressure += 1000 * place.center  # in mm, as the file
-        plate = replace(plate, force=force, moment=moment, pressure=pressure)
-    return replace(plate, place=place), [*facts, *more]
+    name = f"plate {number} ({short(header['FORCE_PLATE_NAME'][0] or path.name)})"
+    columns = header[TITLES]
+    timed = columns.index("TIME") if "TIME" in columns else None
+    values = parse_rows(rows, columns)
+    time, values, facts = _timed(path, header, rows, values, timed, "NO_OF_SAMPLES")
+    said += facts
+    clock = time - (time[0] if start_s is None or timed is None else start_s)
+    place, axes = _place(header, number), header["DESCRIPTION"][0].lower()
+    try:
+        parts = vectors(dict(zip(columns, values.T, strict=True)), PARTS)
+        if not any(word in axes for word in ("local", "lab", "world", "global")):
+            raise ValueError(
+                "its DESCRIPTION does not say whether its axes are the plate's or the lab's"
+            )
+        if "local" in axes and place is None:
+            raise ValueError("it is in the plate's axes, and states no rectangle of corners")
+    except ValueError as error:
+        return Fact("left_out", name, str(error)), said
+    if "local" in axes and place is not None:
+        parts = parts @ place.rotation.T
+        parts[:, 2] += 1000 * place.center  # in mm, as the file
+    vectors_of_plate = parts.transpose(1, 0, 2)
+    return PlateColumns(number, name, clock, *vectors_of_plate, units=UNITS, place=place), said
 
 
 def _place(header: Header, number: int) -> Plate | None:
     """Give where a plate lies [m]; None where its file states no rectangle."""
     keys = (f"FORCE_PLATE_CORNER_{corner}_{axis}" for corner in CORNERS for axis in "XYZ")
     try:
-        corners = np.array([_text(header, key) for key in keys], float).reshape(4, 3) / 1000
+        corners = np.array([header[key][0] for key in keys], float).reshape(4, 3) / 1000
         rotation = plate_axes(corners)
     except ValueError:
         return None
