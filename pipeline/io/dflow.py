@@ -9,21 +9,13 @@ import numpy as np
 
 from hbm.notes import Note
 from hbm.spatial import Array
-from hbm.spelling import printable, short
+from hbm.spelling import short
 from pipeline.io.columns import DFLOW_PLATE, dflow_plates, file_markers, recording_of, vectors
 from pipeline.io.input_file import naming
 from pipeline.io.labels import require_unique, told_apart
 from pipeline.io.recording import Analog, Fact, Recording
 from pipeline.io.stated import Stated
-from pipeline.io.text_table import (
-    MAX_FILLED_RATIO,
-    MAX_RATE_HZ,
-    MIN_RATE_HZ,
-    Rows,
-    distinct_columns,
-    parse_rows,
-    table_rows,
-)
+from pipeline.io.text_table import MAX_FILLED_RATIO, MAX_RATE_HZ, MIN_RATE_HZ, labels_in, read_table
 
 MIN_COVERED: Final = 0.9
 """Share of the frames' time: both modules are started and stopped by hand, some frames apart."""
@@ -53,20 +45,17 @@ def read_record(path: Path) -> tuple[Signals, list[Note | Fact]]:
     A ValueError where it is damaged.
     """
     with naming(path):
-        names, rows, said = _table(path)
+        table = read_table(path)
+        (_, header), *rows = table.rows
+        table.rows = [row for row in rows if row[1].lstrip()[:1] != "#"]
+        names = labels_in(header, table.width)
         if names[0] != "Time":
             raise ValueError(f"not a D-Flow record file: its first column is {short(names[0])!r}")
-        values = parse_rows([row for row in rows if row[1].lstrip()[:1] != "#"], names)
+        values = table.numbers(names)
         time = values[:, 0]
         if len(time) < 2 or not (np.diff(time) >= 0).all():
             raise ValueError(f"its {len(time)} rows are not two or more with increasing times")
-        return (time, names[1:], values[:, 1:]), said
-
-
-def _table(path: Path) -> tuple[list[str], Rows, list[Note | Fact]]:
-    """Give the names in the first line, all further lines, and what was written otherwise."""
-    ((_, header), *rows), said = table_rows(path)
-    return [printable(name.strip()) for name in header.rstrip().split("\t")], rows, said
+        return (time, names[1:], values[:, 1:]), table.said
 
 
 def on_clock(
@@ -204,10 +193,12 @@ def read_dflow(path: Path, stated: Stated, record: Path | None = None) -> Record
 
 def _columns(path: Path) -> tuple[dict[str, Array], int, float, list[Note | Fact]]:
     """Give columns at all frames, of which dropped ones are NaN, first frame, and rate [Hz]."""
-    names, rows, said = _table(path)
+    table = read_table(path)
+    (_, header), *table.rows = table.rows
+    names = labels_in(header, table.width)
     if not {"TimeStamp", "FrameNumber"} <= {*names}:
         raise ValueError("not a D-Flow mocap file: no column TimeStamp or no column FrameNumber")
-    values = parse_rows(rows, names)
+    values = table.numbers(names)
     frames, stamps = (values[:, names.index(name)] for name in ("FrameNumber", "TimeStamp"))
     steps = np.diff(frames, prepend=frames[:1] - 1)
     if (frames % 1).any() or (steps < 0).any():
@@ -222,13 +213,13 @@ def _columns(path: Path) -> tuple[dict[str, Array], int, float, list[Note | Fact
         )
     rate_hz = _rate_hz(index, stamps[new])
     scatter_s = np.ptp(stamps[new] - index / rate_hz)
-    said.append(Note.of("sample_clock", of="frames", rate_hz=rate_hz, scatter_s=scatter_s))
+    table.said.append(Note.of("sample_clock", of="frames", rate_hz=rate_hz, scatter_s=scatter_s))
     if dropped := total - len(index):
-        said.append(Note.of("samples_dropped", of="frames", dropped=dropped, samples=total))
+        table.said.append(Note.of("samples_dropped", of="frames", dropped=dropped, samples=total))
     filled = np.full((total, len(names)), np.nan)
     filled[index] = values[new]
-    columns, repeated = distinct_columns(path.name, told_apart(names, MARKER), filled.T)
-    return columns, int(frames[0]), rate_hz, [*said, *repeated]
+    columns = table.distinct(told_apart(names, MARKER), filled)
+    return columns, int(frames[0]), rate_hz, table.said
 
 
 def _rate_hz(index: Array, stamps: Array) -> float:

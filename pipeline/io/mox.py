@@ -17,8 +17,7 @@ from pipeline.io.input_file import open_file
 from pipeline.io.labels import require_unique, told_apart
 from pipeline.io.recording import Analog, Fact, Recording
 from pipeline.io.stated import Stated
-from pipeline.io.text_table import count_facts, decoded, read_number, read_rate
-from pipeline.io.units import MAX_VALUE
+from pipeline.io.text_table import TextTable, decoded, read_number, read_rate
 
 ROOT: Final = "moxie_viewer_datafile"
 MARKER: Final = re.compile(
@@ -66,14 +65,15 @@ def read_mox(path: Path, stated: Stated) -> Recording:
     of the recording states that this is unconfirmed.
     """
     with open_file(path) as file:
-        channels, count = _channels(file.read())
+        channels, header = _channels(file.read())
     marked, on_plates = ({k: m for k in channels if (m := p.fullmatch(k))} for p in (MARKER, PLATE))
     stems = list(dict.fromkeys(m["a"] or m["b"] for m in marked.values()))
     if not stems:
         raise ValueError("no markers: no channel such as LASIS.PosX")
     parts = {f"{m['a'] or m['b']} {m['axis']}": channels[k] for k, m in marked.items()}
     time, columns = _on_one_clock(parts)
-    said: list[Note | Fact] = [*count_facts(path, {"nr_of_samples": (count, len(time))})]
+    table = TextTable(path, [], [])
+    table.check_counts(header, {"nr_of_samples": len(time)})
     position = vectors(columns, (f"{stem} " for stem in stems))
     markers = file_markers(stems, "m", lambda kept: position[:, kept], stated)
     of_plates: dict[int, dict[str, Channel]] = {}
@@ -88,14 +88,14 @@ def read_mox(path: Path, stated: Stated) -> Recording:
     rest = {k: channel for k, channel in channels.items() if k not in {*marked, *on_plates}}
     analog, left_out = _analog(rest)
     if left_out:
-        said.append(Note.of("parts_left_out", parts=left_out))
+        table.said.append(Note.of("parts_left_out", parts=left_out))
     if plates:
-        said.append(Note.of("force_sign_unconfirmed"))
-    return recording_of(path, stated, markers, time, plates, notes=said, analog=analog)
+        table.said.append(Note.of("force_sign_unconfirmed"))
+    return recording_of(path, stated, markers, time, plates, notes=table.said, analog=analog)
 
 
-def _channels(content: bytes) -> tuple[dict[str, Channel], str]:
-    """Give the channels by their names, and the number of samples in the header."""
+def _channels(content: bytes) -> tuple[dict[str, Channel], dict[str, str]]:
+    """Give the channels by their names, and the header."""
     decoded(content)
     try:
         root = ElementTree.fromstring(content)
@@ -115,10 +115,8 @@ def _channels(content: bytes) -> tuple[dict[str, Channel], str]:
         rate = element.findtext("raw_channel_data/sampling_frequency", "")
         where = f"channel {short(name)!r}"
         samples = np.array([read_number(word, where) for word in text.split()])
-        if not (np.abs(samples) < MAX_VALUE).all():
-            raise ValueError(f"{where} holds a value that cannot have been measured")
         channels[name] = read_rate(rate, f"sampling_frequency of {where}"), samples
-    return channels, root.findtext("viewer_header/nr_of_samples", "")
+    return channels, {e.tag: e.text or "" for e in root.findall("viewer_header/*")}
 
 
 def _on_one_clock(parts: Mapping[str, Channel]) -> tuple[Array, dict[str, Array]]:

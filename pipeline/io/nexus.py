@@ -1,7 +1,7 @@
 """ASCII exports of Vicon Nexus: blocks of numbers under groups of columns."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
 from typing import Final
@@ -14,7 +14,7 @@ from hbm.spelling import listed, printable, short
 from pipeline.io.columns import PlateColumns, file_markers, plate_of, recording_of
 from pipeline.io.recording import Analog, Fact, Recording
 from pipeline.io.stated import Stated
-from pipeline.io.text_table import Rows, parse_rows, read_rate, table_rows
+from pipeline.io.text_table import TextTable, read_rate, read_table
 
 TITLES: Final = ("devices", "trajectories", "model outputs")
 HEADER_LINES: Final = 5
@@ -53,24 +53,24 @@ def _blocks(path: Path) -> tuple[dict[str, Block], list[Note | Fact]]:
     """Cut an export into devices, trajectories and model outputs, by their titles."""
     blocks: dict[str, Block] = {}
     skipped = []
-    rows, said = table_rows(path, ",;\t")
+    table = read_table(path, ",;\t")
     # an empty line, which is not among the rows, ends a block
-    for _, part in groupby(enumerate(rows), key=lambda place: place[1][0] - place[0]):
+    for _, part in groupby(enumerate(table.rows), key=lambda place: place[1][0] - place[0]):
         block = [row for _, row in part]
         title = block[0][1].strip()
         if title.lower() in blocks:
             raise ValueError(f"line {block[0][0]}: a second block {short(title)}")
         if title.lower() in TITLES:
-            blocks[title.lower()] = _block(block)
+            blocks[title.lower()] = _block(replace(table, rows=block))
         else:
             skipped.append(short(title))
     if skipped:
-        said.append(Note.of("parts_left_out", parts=skipped))
-    return blocks, said
+        table.said.append(Note.of("parts_left_out", parts=skipped))
+    return blocks, table.said
 
 
-def _block(rows: Rows) -> Block:
-    first_line = rows[0][0]
+def _block(table: TextTable) -> Block:
+    rows, first_line = table.rows, table.rows[0][0]
     if len(rows) <= HEADER_LINES:
         raise ValueError(
             f"the block at line {first_line} ends after {len(rows)} lines: the file is truncated"
@@ -83,7 +83,7 @@ def _block(rows: Rows) -> Block:
             f"line {first_line + 3} is {short(header[1])!r}, expected Frame, Sub Frame, and "
             "components of each name above them"
         )
-    values = parse_rows(rows[HEADER_LINES:], labels)
+    values = replace(table, rows=rows[HEADER_LINES:]).numbers(labels)
     units += [""] * len(labels)
     starts = [k for k, name in enumerate(names) if name and k >= 2]
     groups = [

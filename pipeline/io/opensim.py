@@ -22,20 +22,10 @@ from pipeline.io.columns import (
     recording_of,
     wrench_of_torque,
 )
-from pipeline.io.input_file import naming, open_file
+from pipeline.io.input_file import naming
 from pipeline.io.recording import Fact, Recording
 from pipeline.io.stated import Stated
-from pipeline.io.text_table import (
-    count_facts,
-    distinct_columns,
-    labels_in,
-    marker_columns,
-    parse_rows,
-    read_number,
-    read_rate,
-    regular_rows,
-    table_rows,
-)
+from pipeline.io.text_table import labels_in, read_number, read_rate, read_table, regular_rows
 
 Trajectories = tuple[FileMarkers, Array, list[Note | Fact], int]
 """Markers, times on the file's clock, (T,) [s], what was said, and number of the first frame."""
@@ -49,11 +39,9 @@ TORQUE_COLUMNS: Final = tuple(product(("torque", "moment", "force"), ("_", "_m")
 """How programs call the torques of ``ground_force_vx``: ``ground_torque_x``, `` ground_force_mx``:
 word in the place of "force", and what stands before the axis."""
 FORCE_SUFFIXES: Final = (".mot", ".sto", ".forces")
-NAMES_OF_FORCES: Final = re.compile(rb"force\w*_[vf]x|\bf1_|\bf1x|\[force data\]", re.IGNORECASE)
 WORD: Final = re.compile(r"[^\W_]+")
 OF_CONTENT: Final = {"markers", "marker", "trc", "grf", "grfs", "forces", "force", "mot"}
 """Words in names that say what a file holds, not which trial it is of."""
-HEAD_BYTES: Final = 8192
 CORTEX_UNITS: Final = ("N", "Nmm", "mm")
 MAX_REACH_M: Final = 20.0
 """From the origin to a centre of pressure, as of the markers of a walkway."""
@@ -115,38 +103,34 @@ def read_sto(path: str | Path) -> Table:
     """
     path = Path(path)
     with naming(path):
-        return _table(path)
+        table = read_table(path, "\t ")
+        lines = table.rows
+        firsts = [line.split()[0].lower() for _, line in lines]
+        cortex = is_cortex(lines[0][1])
+        last_of_header = "#sample" if cortex else "endheader"
+        if last_of_header not in firsts and firsts[0] != "time":
+            raise ValueError("not a MOT or STO file: it has no line 'endheader'")
+        start = firsts.index(last_of_header) + 1 if last_of_header in firsts else 0
+        pairs = (line.partition("=") for _, line in lines[:start])
+        header = {key.strip(): value.strip() for key, _, value in pairs}
+        (_, names_line), *table.rows = lines[start - cortex :] or [(0, "")]
+        names = labels_in(names_line, table.width)
+        if [name.lower() for name in names[:1]] not in (["time"], ["#sample"]):
+            raise ValueError(f"its first column is {listed(names[:1])}, expected 'time'")
+        columns = table.distinct(names, table.numbers(names))
+        count = len(table.rows)
+        counts = {"nRows": count, "nColumns": len(names), "NumberOfSamples": count}
+        table.check_counts(header, counts)
+        time, numbers = columns.pop(names[0]), [k for k, _ in table.rows]
+        if not cortex:
+            return Table(time, columns, numbers, SI_UNITS, table.said)
+        time = (time - 1) / read_rate(header.get("SampleRate", ""), "SampleRate")
+        return Table(time, columns, numbers, CORTEX_UNITS, table.said)
 
 
 def is_cortex(line: str) -> bool:
     """Whether a file whose first line this is is a .forces file."""
     return line.split()[:2] == ["[Force", "Data]"]
-
-
-def _table(path: Path) -> Table:
-    lines, said = table_rows(path, "\t ")
-    firsts = [line.split()[0].lower() for _, line in lines]
-    cortex = is_cortex(lines[0][1])
-    last_of_header = "#sample" if cortex else "endheader"
-    if last_of_header not in firsts and firsts[0] != "time":
-        raise ValueError("not a MOT or STO file: it has no line 'endheader'")
-    start = firsts.index(last_of_header) + 1 if last_of_header in firsts else 0
-    pairs = (line.partition("=") for _, line in lines[:start])
-    header = {key.strip().lower(): value.strip() for key, _, value in pairs}
-    names_line, *rows = lines[start - cortex :] or [(0, "")]
-    width = max((len(line.strip().split("\t")) for _, line in rows), default=0)
-    names = labels_in(names_line[1], width)
-    if [name.lower() for name in names[:1]] not in (["time"], ["#sample"]):
-        raise ValueError(f"its first column is {listed(names[:1])}, expected 'time'")
-    values = parse_rows(rows, names)
-    held = {"nRows": len(values), "nColumns": len(names), "NumberOfSamples": len(values)}
-    said += count_facts(path, {k: (header.get(k.lower(), ""), n) for k, n in held.items()})
-    columns, repeated = distinct_columns(path.name, names, values.T)
-    time = columns.pop(names[0])
-    if cortex:
-        time = (time - 1) / read_rate(header.get("samplerate", ""), "SampleRate")
-    units = CORTEX_UNITS if cortex else SI_UNITS
-    return Table(time, columns, [k for k, _ in rows], units, [*said, *repeated])
 
 
 def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recording:
@@ -220,14 +204,14 @@ def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recordin
 
 def forces_beside(path: Path) -> Path | None:
     """Give the file beside a TRC file that holds forces of its trial by its name, if it is one."""
-    found = []
+    of_forces = []
     for file in path.parent.glob("*"):
         words, others = ({*WORD.findall(f.stem.lower())} - OF_CONTENT for f in (file, path))
         if file.suffix.lower() in FORCE_SUFFIXES and (words <= others or others <= words):
-            with suppress(OSError), open_file(file) as content:
-                if NAMES_OF_FORCES.search(content.read(HEAD_BYTES)):
-                    found.append(file)
-    return found[0] if len(found) == 1 else None
+            with suppress(OSError, ValueError):
+                if any(map(FORCE_COLUMN.fullmatch, map(_usual_name, read_sto(file).columns))):
+                    of_forces.append(file)
+    return of_forces[0] if len(of_forces) == 1 else None
 
 
 def _trajectories(path: Path, stated: Stated) -> Trajectories:
@@ -235,7 +219,8 @@ def _trajectories(path: Path, stated: Stated) -> Trajectories:
 
     Times are regular from the first one at the file's rate, since files round them.
     """
-    lines, said = table_rows(path)
+    table = read_table(path)
+    lines = table.rows
     firsts = [line.split()[0].lower() for _, line in lines]
     start = next((k for k, first in enumerate(firsts) if first in ("frame#", "frame")), 0)
     if not firsts[0].startswith("pathfiletype") or start < 3:
@@ -246,20 +231,16 @@ def _trajectories(path: Path, stated: Stated) -> Trajectories:
         raise ValueError(f"its header does not say {listed(missing)}")
     # the line of X1, Y1, … has no numbers
     body = lines[start + 1 :] or [(0, "X")]
-    rows = body[any(letter in body[0][1].upper() for letter in "XYZ") :]
-    width = max((len(line.rstrip().split("\t")) for _, line in rows), default=0)
-    names = labels_in(lines[start][1], 2 + width // 3)[2:]  # of "Frame#", "Time" and three each
-    if not rows or not names:
+    table.rows = body[any(letter in body[0][1].upper() for letter in "XYZ") :]
+    # labels of "Frame#", "Time" and three columns each
+    names = labels_in(lines[start][1], 2 + table.width // 3)[2:]
+    if not table.rows or not names:
         raise ValueError("it holds no frames or names no markers")
-    values = marker_columns(rows, ("Frame#", "Time"), names)
-    held = {"NumMarkers": len(names), "NumFrames": len(rows)}
-    said += count_facts(path, {k: (header.get(k, ""), n) for k, n in held.items()})
+    table.check_counts(header, {"NumMarkers": len(names), "NumFrames": len(table.rows)})
     rate_hz = read_number(header["DataRate"], "DataRate in the header")
-    time, values, facts = regular_rows(path.name, [k for k, _ in rows], values, 1, rate_hz)
-    position = values[:, 2:].reshape(len(values), len(names), 3)
+    first, time, position = table.markers(("Frame", "Time"), names, rate_hz)
     markers = file_markers(names, header["Units"], lambda kept: position[:, kept], stated)
-    first_frame = int(values[0, 0]) if np.isfinite(values[0, 0]) else 1
-    return markers, time, [*said, *facts], first_frame
+    return markers, time, table.said, first
 
 
 def _usual_name(name: str) -> str:

@@ -2,14 +2,13 @@
 
 import re
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from hbm.notes import Note
-from hbm.spatial import Array
 from hbm.spelling import listed, printable, short
 from pipeline.io.c3d.force_plates import plate_axes
 from pipeline.io.c3d.read import kind_and_side
@@ -17,18 +16,7 @@ from pipeline.io.columns import PlateColumns, file_markers, recording_of, vector
 from pipeline.io.input_file import naming
 from pipeline.io.recording import Event, Fact, Plate, Recording
 from pipeline.io.stated import Stated
-from pipeline.io.text_table import (
-    GAPS,
-    NUMBER,
-    Rows,
-    count_facts,
-    marker_columns,
-    parse_rows,
-    read_number,
-    read_rate,
-    regular_rows,
-    table_rows,
-)
+from pipeline.io.text_table import GAPS, NUMBER, TextTable, read_number, read_rate, read_table
 
 PLATE_FILE: Final = re.compile(r"(?P<trial>.*)_f(?:_(?P<number>\d+))?", re.IGNORECASE)
 """Stem of a file of forces: of the only plate, or of one with its number."""
@@ -41,40 +29,33 @@ CORNERS: Final = ("POSX_POSY", "NEGX_POSY", "NEGX_NEGY", "POSX_NEGY")
 """In the order of the C3D format."""
 MAX_CORNER_ERROR_M: Final = 0.02
 """Corners that are measured miss a rectangle by millimetres, those in no order by decimetres."""
-Header = Mapping[str, Sequence[str]]
-"""Key -> what follows it, an empty text if it is absent; of events with their lines' numbers."""
+Header = Mapping[str, str]
+"""Key -> what follows it, empty if it is absent; of events with their lines' numbers."""
 
 
-def _export(path: Path) -> tuple[Header, Rows, list[Note | Fact]]:
-    """Give header and rows of numbers, and what was written otherwise than expected."""
-    rows, said = table_rows(path)
-    firsts = (line.split("\t")[0].strip() for _, line in rows)
+def _export(path: Path) -> tuple[Header, TextTable]:
+    """Give the header, and the table of numbers below it."""
+    table = read_table(path)
+    firsts = (line.split("\t")[0].strip() for _, line in table.rows)
     numbers = (k for k, first in enumerate(firsts) if first in GAPS or NUMBER.fullmatch(first))
-    start = next(numbers, len(rows))
-    if len(rows) < start + 2:
-        raise ValueError(f"it holds {len(rows) - start} rows of numbers, expected at least 2")
-    header = defaultdict[str, list[str]](lambda: [""])
-    for k, line in rows[:start]:
-        key, texts = line.split()[0], [text.strip() for text in line.split("\t")]
-        if KEY.fullmatch(key):
-            header[f"EVENT {k}" if key == "EVENT" else key] = texts[1:] or [""]
+    start = next(numbers, len(table.rows))
+    header = defaultdict[str, str](str)
+    for k, line in table.rows[:start]:
+        key, _, text = line.partition("\t")
+        if KEY.fullmatch(key.strip()):
+            header[f"EVENT {k}" if key == "EVENT" else key.strip()] = text.strip()
         else:
-            header[TITLES] = texts
-    return header, rows[start:], said
+            header[TITLES] = line
+    table.rows = table.rows[start:]
+    if len(table.rows) < 2:
+        raise ValueError(f"it holds {len(table.rows)} rows of numbers, expected at least 2")
+    return header, table
 
 
-def _timed(
-    path: Path, header: Header, rows: Rows, values: Array, timed: int | None, counted: str
-) -> tuple[Array, Array, list[Fact]]:
-    """Give times [s], of the column ``timed`` or else from 0, and all columns at these times."""
-    facts = count_facts(path, {counted: (header[counted][0], len(values))})
-    frequency = header["FREQUENCY"][0]
-    if timed is None:
-        return np.arange(len(values)) / read_rate(frequency, "FREQUENCY"), values, facts
-    # with an external clock only the times show the rate
-    rate_hz = None if frequency == "EXT" else read_rate(frequency, "FREQUENCY")
-    time, values, more = regular_rows(path.name, [k for k, _ in rows], values, timed, rate_hz)
-    return time, values, [*facts, *more]
+def _rate_hz(header: Header, timed: bool) -> float:
+    """Give the rate in a header; 0 with an external clock, whose rate only the times show."""
+    external = timed and header["FREQUENCY"] == "EXT"
+    return 0.0 if external else read_rate(header["FREQUENCY"], "FREQUENCY")
 
 
 def plate_files(path: Path) -> list[Path]:
@@ -125,29 +106,24 @@ def read_qualisys(path: Path, stated: Stated, forces: Path | None = None) -> Rec
     documented: `wrench_about_origin` finds it from the centres of pressure, and takes the centre of
     the plate's surface, as of the program's real-time data, where these fit or are absent.
     """
-    header, rows, said = _export(path)
-    if (included := header["DATA_INCLUDED"][0]) not in ("3D", ""):
+    header, table = _export(path)
+    if (included := header["DATA_INCLUDED"]) not in ("3D", ""):
         raise ValueError(f"it holds {short(included)} data, expected 3D; export it again")
-    names = [printable(name) for name in header["MARKER_NAMES"] if name]
+    names = [printable(n.strip()) for n in header["MARKER_NAMES"].split("\t") if n.strip()]
     # a frame's number, its time, or both, and three columns of each marker
-    single = "Time" if "." in rows[0][1].split("\t")[0] else "Frame"
-    width = max(len(line.rstrip().split("\t")) for _, line in rows)
-    clock = [[], [single], ["Frame", "Time"]][width % 3]
-    timed = clock.index("Time") if "Time" in clock else None
-    said += count_facts(path, {"NO_OF_MARKERS": (header["NO_OF_MARKERS"][0], len(names))})
-    values = marker_columns(rows, clock, names)
-    time, values, facts = _timed(path, header, rows, values, timed, "NO_OF_FRAMES")
-    position = values[:, len(clock) :].reshape(len(values), len(names), 3)
+    single = "Time" if "." in table.rows[0][1].split("\t")[0] else "Frame"
+    clock = [[], [single], ["Frame", "Time"]][table.width % 3]
+    counts = {"NO_OF_MARKERS": len(names), "NO_OF_FRAMES": len(table.rows)}
+    table.check_counts(header, counts)
+    first, time, position = table.markers(clock, names, _rate_hz(header, "Time" in clock))
     markers = file_markers(names, "mm", lambda kept: position[:, kept], stated)
-    first_frame = int(values[0, 0]) if "Frame" in clock else 1
-    start_s = float((first_frame - 1) * (time[1] - time[0]) if timed is None else time[0])
-    events = _events(header, start_s)
-    said += [*facts, *(event for event in events if isinstance(event, Fact))]
+    events = _events(header, time[0])
+    said = [*table.said, *(event for event in events if isinstance(event, Fact))]
     plates = list[PlateColumns | Fact]()
     files = plate_files(forces or path) or ([] if forces is None else [forces])
     for file in files:
         with naming(file):
-            plate, of_plate = _plate(file, None if timed is None else start_s)
+            plate, of_plate = _plate(file, time[0] if "Time" in clock else None)
         plates.append(plate)
         said += of_plate
     if files:
@@ -160,7 +136,7 @@ def read_qualisys(path: Path, stated: Stated, forces: Path | None = None) -> Rec
         plates,
         on_subject=False,
         notes=said,
-        first_frame=first_frame,
+        first_frame=first,
         events=tuple(event for event in events if isinstance(event, Event)),
     )
 
@@ -168,7 +144,8 @@ def read_qualisys(path: Path, stated: Stated, forces: Path | None = None) -> Rec
 def _events(header: Header, start_s: float) -> list[Event | Fact]:
     """Give the foot strikes and foot offs, and why others are left out."""
     events: list[Event | Fact] = []
-    for name, *_, written in (texts for key, texts in header.items() if key.startswith("EVENT ")):
+    for text in (text for key, text in header.items() if key.startswith("EVENT ")):
+        name, *_, written = text.split("\t")
         of, (kind, side) = f"event {short(name)}", kind_and_side(name)
         if kind and side:
             events.append(Event(read_number(written, of) - start_s, kind, side))
@@ -182,17 +159,17 @@ def _plate(path: Path, start_s: float | None) -> tuple[PlateColumns | Fact, list
 
     Its clock begins with the markers', at ``start_s`` where both files have times.
     """
-    header, rows, said = _export(path)
+    header, table = _export(path)
     of_name = PLATE_FILE.fullmatch(path.stem)
     number = int(of_name["number"] or 1) if of_name else 1
-    name = f"plate {number} ({short(header['FORCE_PLATE_NAME'][0] or path.name)})"
-    columns = header[TITLES]
+    name = f"plate {number} ({short(header['FORCE_PLATE_NAME'] or path.name)})"
+    columns = [title.strip() for title in header[TITLES].split("\t")]
     timed = columns.index("TIME") if "TIME" in columns else None
-    values = parse_rows(rows, columns)
-    time, values, facts = _timed(path, header, rows, values, timed, "NO_OF_SAMPLES")
-    said += facts
+    table.check_counts(header, {"NO_OF_SAMPLES": len(table.rows)})
+    rate_hz = _rate_hz(header, timed is not None)
+    time, values = table.regular(table.numbers(columns), timed, rate_hz)
     clock = time - (time[0] if start_s is None or timed is None else start_s)
-    place, axes = _place(header, number), header["DESCRIPTION"][0].lower()
+    place, axes = _place(header, number), header["DESCRIPTION"].lower()
     try:
         parts = vectors(dict(zip(columns, values.T, strict=True)), PARTS)
         if not any(word in axes for word in ("local", "lab", "world", "global")):
@@ -202,19 +179,21 @@ def _plate(path: Path, start_s: float | None) -> tuple[PlateColumns | Fact, list
         if "local" in axes and place is None:
             raise ValueError("it is in the plate's axes, and states no rectangle of corners")
     except ValueError as error:
-        return Fact("left_out", name, str(error)), said
+        return Fact("left_out", name, str(error)), table.said
     if "local" in axes and place is not None:
         parts = parts @ place.rotation.T
         parts[:, 2] += 1000 * place.center  # in mm, as the file
     vectors_of_plate = parts.transpose(1, 0, 2)
-    return PlateColumns(number, name, clock, *vectors_of_plate, units=UNITS, place=place), said
+    return PlateColumns(
+        number, name, clock, *vectors_of_plate, units=UNITS, place=place
+    ), table.said
 
 
 def _place(header: Header, number: int) -> Plate | None:
     """Give where a plate lies [m]; None where its file states no rectangle."""
     keys = (f"FORCE_PLATE_CORNER_{corner}_{axis}" for corner in CORNERS for axis in "XYZ")
     try:
-        corners = np.array([header[key][0] for key in keys], float).reshape(4, 3) / 1000
+        corners = np.array([header[key] for key in keys], float).reshape(4, 3) / 1000
         rotation = plate_axes(corners)
     except ValueError:
         return None

@@ -1,7 +1,8 @@
 """Text files of numbers, from programs of all kinds: every fault is named with its place."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from io import StringIO
 from itertools import islice
 from pathlib import Path
@@ -18,7 +19,7 @@ from pipeline.io.recording import Fact, FactKind
 from pipeline.io.units import MAX_VALUE
 
 Rows = list[tuple[int, str]]
-"""Lines that are not empty, with their numbers in the file."""
+"""Numbers and lines."""
 DECIMAL_COMMA: Final = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
 COMMA_IN_NUMBER: Final = re.compile(r"(?<=\d),(?=\d)")
 NUMBER: Final = re.compile(r"[-+]?(\d+(\.\d*|,\d+)?|\.\d+)([eE][-+]?\d+)?|[-+]?nan", re.IGNORECASE)
@@ -63,8 +64,8 @@ def decoded(content: bytes) -> str:
     return content.decode("utf-8-sig", errors="replace")
 
 
-def table_rows(path: Path, separators: str = "\t") -> tuple[Rows, list[Note | Fact]]:
-    """Give the lines of a table with tabs between their fields, and what was written otherwise.
+def read_table(path: Path, separators: str = "\t") -> "TextTable":
+    """Read the lines of a table, with tabs between their fields.
 
     The longest of the last rows shows what separates fields: most of them are numbers. Others than
     the ``separators`` of the format are a fact. Commas in numbers are decimal ones where they
@@ -94,7 +95,8 @@ def table_rows(path: Path, separators: str = "\t") -> tuple[Rows, list[Note | Fa
     )
     if lines[-1].strip() and (not shape[1] or {*above} != {shape}):
         said.append(Note.of("cut_short", file=path.name, sign="it ends within a line"))
-    return [(k, line) for k, line in enumerate(lines, start=1) if line.strip()], said
+    rows = [(k, line) for k, line in enumerate(lines, start=1) if line.strip()]
+    return TextTable(path, rows, said)
 
 
 def labels_in(line: str, count: int) -> list[str]:
@@ -102,18 +104,6 @@ def labels_in(line: str, count: int) -> list[str]:
     ways = [list(filter(str.strip, line.split(way))) for way in ("\t", None)]
     labels = next((labels for labels in ways if len(labels) == count), ways[0])
     return [printable(label.strip()) for label in labels]
-
-
-def count_facts(path: Path, counts: Mapping[str, tuple[str, int]]) -> list[Fact]:
-    """Say which counts of a header, key -> (as written, in the file), are not those of the file."""
-    facts = []
-    for key, (written, held) in counts.items():
-        if written.strip() not in ("", str(held)):
-            # a file that holds less may have been cut short
-            kind: FactKind = "in_doubt" if read_number(written, key) > held else "corrected"
-            what = f"its header says {key} {short(written)}, but it holds {held}"
-            facts.append(Fact(kind, path.name, what))
-    return facts
 
 
 def read_rate(text: str, key: str) -> float:
@@ -126,63 +116,101 @@ def read_rate(text: str, key: str) -> float:
     return rate_hz
 
 
-def marker_columns(rows: Rows, clock: Sequence[str], names: Sequence[str]) -> Array:
-    """Read rows of a clock's columns and three of each marker, (rows, columns).
+@dataclass(slots=True)
+class TextTable:
+    """A table in a text file.
 
-    Some programs end a row after its last marker that is seen.
-    """
-    columns = [*clock, *(f"{name} {axis}" for name in names for axis in "XYZ")]
-    width = max(len(line.rstrip().split("\t")) for _, line in rows)
-    if width > len(columns):
-        raise ValueError(
-            f"its header names {len(names)} markers, but line {rows[0][0]} has columns for "
-            f"{(width - len(clock)) / 3:.3g}"
-        )
-    missing = [len(columns) - line.count("\t") - 1 for _, line in rows]
-    gaps = ["\t" * count * (count % 3 == 0) for count in missing]
-    return parse_rows([(k, line + gap) for (k, line), gap in zip(rows, gaps, strict=True)], columns)
-
-
-def distinct_columns(
-    file: str, names: Sequence[str], columns: Iterable[Array]
-) -> tuple[dict[str, Array], list[Fact]]:
-    """Give columns by their names; the same one again is left out, another one refused."""
-    by_name: dict[str, Array] = {}
-    facts = []
-    for k, (name, column) in enumerate(zip(names, columns, strict=True), start=1):
-        first = names.index(name) + 1
-        if not np.array_equal(by_name.setdefault(name, column), column, equal_nan=True):
-            raise ValueError(
-                f"columns {first} and {k} are both named {short(name)}, but differ; rename one"
-            )
-        if first < k:
-            what = f"it is the same as column {first}"
-            facts.append(Fact("left_out", f"{file}, column {k}", what))
-    return by_name, facts
-
-
-def parse_rows(rows: Rows, names: Sequence[str]) -> Array:
-    """Read rows of numbers, (rows, columns); an empty field is NaN.
-
-    Parameters
+    Attributes
     ----------
+    path
+        The file.
     rows
-        With tabs between fields; tabs after the last column are allowed.
-    names
-        The columns, for counting and for messages.
-
-    Raises
-    ------
-    ValueError
-        A row has too few or too many fields, or a field is no number, or too large for one.
+        Its lines that are not empty, with their numbers in the file and tabs between fields; from
+        `labels_in` on those of numbers.
+    said
+        How the file ends, and what was corrected, left out or is in doubt.
     """
-    batches = (rows[k : k + BATCH_ROWS] for k in range(0, len(rows), BATCH_ROWS))
-    parts = [_parse_batch(batch, names) for batch in batches]
-    return np.concatenate([np.empty((0, len(names))), *parts])
+
+    path: Path
+    rows: Rows
+    said: list[Note | Fact]
+
+    @property
+    def width(self) -> int:
+        """Number of columns up to the last one that is filled in any row."""
+        return max((line.rstrip().count("\t") + 1 for _, line in self.rows), default=0)
+
+    def check_counts(self, header: Mapping[str, str], counts: Mapping[str, int]) -> None:
+        """Say which counts of a header are not those of the file."""
+        for key, held in counts.items():
+            if (written := header.get(key, "").strip()) not in ("", str(held)):
+                # a file that holds less may have been cut short
+                kind: FactKind = "in_doubt" if read_number(written, key) > held else "corrected"
+                what = f"its header says {key} {short(written)}, but it holds {held}"
+                self.said.append(Fact(kind, self.path.name, what))
+
+    def numbers(self, names: Sequence[str]) -> Array:
+        """Read rows of numbers, (rows, columns) by their names; an empty field is NaN.
+
+        A ValueError where a row has too few or too many fields, tabs at its end excepted, or a
+        field is no number, or too large for one.
+        """
+        batches = (self.rows[k : k + BATCH_ROWS] for k in range(0, len(self.rows), BATCH_ROWS))
+        parts = [_parse_batch(batch, names) for batch in batches]
+        return np.concatenate([np.empty((0, len(names))), *parts])
+
+    def distinct(self, names: Sequence[str], values: Array) -> dict[str, Array]:
+        """Give columns by their names; the same one again is left out, another one refused."""
+        by_name: dict[str, Array] = {}
+        for k, (name, column) in enumerate(zip(names, values.T, strict=True), start=1):
+            first = names.index(name) + 1
+            if not np.array_equal(by_name.setdefault(name, column), column, equal_nan=True):
+                raise ValueError(
+                    f"columns {first} and {k} are both named {short(name)}, but differ; rename one"
+                )
+            if first < k:
+                of, what = f"{self.path.name}, column {k}", f"it is the same as column {first}"
+                self.said.append(Fact("left_out", of, what))
+        return by_name
+
+    def regular(
+        self, values: Array, column: int | None, rate_hz: float = 0.0
+    ) -> tuple[Array, Array]:
+        """Give times [s] and values as `regular_rows`; without a column of times, from 0."""
+        if column is None:
+            return np.arange(len(values)) / rate_hz, values
+        lines = [k for k, _ in self.rows]
+        time, values, facts = regular_rows(self.path.name, lines, values, column, rate_hz)
+        self.said += facts
+        return time, values
+
+    def markers(
+        self, clock: Sequence[str], names: Sequence[str], rate_hz: float
+    ) -> tuple[int, Array, Array]:
+        """Read rows of a frame's number, a time, or both, and three columns of each marker.
+
+        Some programs end a row after its last marker that is seen. Given are the number of the
+        first frame, times [s], and positions, (T, M, 3).
+        """
+        columns = [*clock, *(f"{name} {axis}" for name in names for axis in "XYZ")]
+        if self.width > len(columns):
+            raise ValueError(
+                f"its header names {len(names)} markers, but line {self.rows[0][0]} has columns "
+                f"for {(self.width - len(clock)) / 3:.3g}"
+            )
+        missing = [len(columns) - line.count("\t") - 1 for _, line in self.rows]
+        gaps = ["\t" * count * (count % 3 == 0) for count in missing]
+        self.rows = [(k, line + gap) for (k, line), gap in zip(self.rows, gaps, strict=True)]
+        timed = clock.index("Time") if "Time" in clock else None
+        time, values = self.regular(self.numbers(columns), timed, rate_hz)
+        first = int(values[0, 0]) if "Frame" in clock and np.isfinite(values[0, 0]) else 1
+        if timed is None:
+            time += (first - 1) / rate_hz
+        return first, time, values[:, len(clock) :].reshape(len(values), len(names), 3)
 
 
 def regular_rows(
-    file: str, numbers: Sequence[int], values: Array, column: int, rate_hz: float | None = None
+    file: str, numbers: Sequence[int], values: Array, column: int, rate_hz: float = 0.0
 ) -> tuple[Array, Array, list[Fact]]:
     """Bring rows to regular times.
 
@@ -195,7 +223,7 @@ def regular_rows(
     column
         That of their times [s].
     rate_hz
-        As a header states it; used where the times agree but for their rounding.
+        As a header states it, used where the times agree but for their rounding; else 0.
 
     Returns
     -------
@@ -234,7 +262,7 @@ def regular_rows(
             f"steps of {step:.6g} s; correct its times or rate, or export it again"
         )
     start_s, rate, index, rounding = grid
-    if rate_hz is not None and rate != rate_hz:
+    if rate_hz and rate != rate_hz:
         what = f"its header says {rate_hz:g} Hz, but its times are those of {rate:.6g} Hz"
         facts.append(Fact("corrected", file, what))
     if rounding:
@@ -249,7 +277,7 @@ def regular_rows(
     return start_s + np.arange(len(filled)) / rate, filled, facts
 
 
-def _grid(time: Array, stated_hz: float | None) -> tuple[float, float, Indices, float] | None:
+def _grid(time: Array, stated_hz: float) -> tuple[float, float, Indices, float] | None:
     """Give start [s], rate [Hz], numbers of rows and rounding [s] of times that are regular."""
     count, steps = np.arange(len(time)), np.diff(time)
     # without steps over rows that are missing
@@ -269,7 +297,7 @@ def _grid(time: Array, stated_hz: float | None) -> tuple[float, float, Indices, 
         (1 / slope_s, True),
     )
     for rate_hz, complete in tries:
-        if not rate_hz or not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:
+        if not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:
             continue
         index = count if complete else np.rint((time - time[0]) * rate_hz).astype(int)
         in_digits = 1 / rate_hz / digit
@@ -304,25 +332,22 @@ def _parse_batch(rows: Rows, names: Sequence[str]) -> Array:
             na_values=GAPS,
             skipinitialspace=True,
         ).to_numpy(float)
-    except ValueError as error:
+    except ValueError:
+        values = None
+    if values is None or (np.abs(values) > MAX_VALUE).any():
         for number, line in rows:
             for name, field in zip(names, line.split("\t"), strict=False):
                 read_number(field, f"line {number}, column {short(name)!r}")
-        raise ValueError("a row holds something that is no number") from error
-    strange = np.argwhere(np.abs(values) > MAX_VALUE)
-    if len(strange):
-        row, column = strange[0]
-        raise ValueError(
-            f"line {rows[row][0]}, column {short(names[column])!r}: {values[row, column]:g} cannot "
-            "have been measured"
-        )
+        raise ValueError(f"a row from line {rows[0][0]} on holds something that is no number")
     return np.ascontiguousarray(values)  # row by row: whoever takes columns copies only those
 
 
 def read_number(text: str, where: str) -> float:
     """Read one number, NaN where it is missing; a ValueError names the place and the text."""
-    text = text.strip()
     try:
-        return float("nan" if text in GAPS else text)
+        number = float("nan" if text.strip() in GAPS else text)
     except ValueError:
-        raise ValueError(f"{where}: {short(text)!r}, expected a number such as 1.5") from None
+        number = np.inf
+    if abs(number) > MAX_VALUE:
+        raise ValueError(f"{where}: {short(text.strip())!r}, expected a number such as 1.5")
+    return number
