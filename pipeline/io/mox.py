@@ -76,18 +76,25 @@ def read_mox(path: Path, stated: Stated) -> Recording:
     table.check_counts(header, {"nr_of_samples": len(time)})
     position = vectors(columns, (f"{stem} " for stem in stems))
     markers = file_markers(stems, "m", lambda kept: position[:, kept], stated)
-    of_plates: dict[int, dict[str, Channel]] = {}
-    for k, m in on_plates.items():
-        number = int(m["number"] or 1)
-        name = f"FP{number}.{m['what'].capitalize()}{m['axis'].upper()}"
-        of_plates.setdefault(number, {})[name] = channels[k]
+    of_plates = {
+        f"FP{int(m['number'] or 1)}.{m['what'].capitalize()}{m['axis'].upper()}": channels[k]
+        for k, m in on_plates.items()
+    }
     plates: list[PlateColumns | Fact] = []
-    for parts in of_plates.values():
-        plate_time, columns = _on_one_clock(parts)
+    if of_plates:
+        plate_time, columns = _on_one_clock(of_plates)
         plates += dflow_plates(columns, plate_time)
     rest = {k: channel for k, channel in channels.items() if k not in {*marked, *on_plates}}
-    analog, left_out = _analog(rest)
-    if left_out:
+    # those of the commonest rate and length
+    clocks = {name: (rate, len(samples)) for name, (rate, samples) in rest.items()}
+    commonest = [clock for clock, _ in Counter(clocks.values()).most_common(1)]
+    kept = {name: rest[name] for name in rest if clocks[name] in commonest}
+    analog = None
+    if kept:
+        times, columns = _on_one_clock(kept)
+        values = np.column_stack([*columns.values()])
+        analog = Analog(times, tuple(columns), ("",) * len(columns), values)
+    if left_out := [name for name in rest if name not in kept]:
         table.said.append(Note.of("parts_left_out", parts=left_out))
     if plates:
         table.said.append(Note.of("force_sign_unconfirmed"))
@@ -129,15 +136,3 @@ def _on_one_clock(parts: Mapping[str, Channel]) -> tuple[Array, dict[str, Array]
         )
     ((rate, count),) = clocks
     return np.arange(count) / rate, {name: samples for name, (_, samples) in parts.items()}
-
-
-def _analog(channels: Mapping[str, Channel]) -> tuple[Analog | None, list[str]]:
-    """Give the channels of the commonest rate and length, and the names of the others."""
-    clocks = {name: (rate, len(samples)) for name, (rate, samples) in channels.items()}
-    if not clocks:
-        return None, []
-    ((rate, count),) = most = [clock for clock, _ in Counter(clocks.values()).most_common(1)]
-    kept = tuple(name for name in clocks if clocks[name] in most)
-    values = np.column_stack([channels[name][1] for name in kept])
-    analog = Analog(np.arange(count) / rate, kept, ("",) * len(kept), values)
-    return analog, [name for name in clocks if name not in kept]

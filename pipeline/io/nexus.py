@@ -19,8 +19,6 @@ from pipeline.io.text_table import TextTable, read_rate, read_table
 TITLES: Final = ("devices", "trajectories", "model outputs")
 HEADER_LINES: Final = 5
 """Title, rate, groups, components, units."""
-MAX_STEP_ERROR: Final = 1e-3
-"""In samples: rates are rounded."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,29 +50,22 @@ def is_nexus(lines: Sequence[str]) -> bool:
 def _blocks(path: Path) -> tuple[dict[str, Block], list[Note | Fact]]:
     """Cut an export into devices, trajectories and model outputs, by their titles."""
     blocks: dict[str, Block] = {}
-    skipped = []
     table = read_table(path, ",;\t")
     # an empty line, which is not among the rows, ends a block
     for _, part in groupby(enumerate(table.rows), key=lambda place: place[1][0] - place[0]):
         block = [row for _, row in part]
         title = block[0][1].strip()
-        if title.lower() in blocks:
-            raise ValueError(f"line {block[0][0]}: a second block {short(title)}")
-        if title.lower() in TITLES:
+        if title.lower() in TITLES and title.lower() not in blocks:
             blocks[title.lower()] = _block(replace(table, rows=block))
         else:
-            skipped.append(short(title))
-    if skipped:
-        table.said.append(Note.of("parts_left_out", parts=skipped))
+            table.said.append(Note.of("parts_left_out", parts=[short(title)]))
     return blocks, table.said
 
 
 def _block(table: TextTable) -> Block:
     rows, first_line = table.rows, table.rows[0][0]
     if len(rows) <= HEADER_LINES:
-        raise ValueError(
-            f"the block at line {first_line} ends after {len(rows)} lines: the file is truncated"
-        )
+        raise ValueError(f"line {first_line}: its block ends after {len(rows)} lines, truncated")
     _, rate, *header = (line.rstrip() for _, line in rows[:HEADER_LINES])
     names, labels, units = ([printable(f.strip()) for f in line.split("\t")] for line in header)
     clock = [label.lower() for label in labels[:2]]
@@ -97,7 +88,8 @@ def _time(title: str, block: Block, trajectories: Block) -> Array:
     """Give the times of a block's rows from the first frame of the trajectories, (N,) [s]."""
     time: Array = (block.frame - trajectories.frame[0]) / trajectories.rate_hz
     time = time + block.sub_frame / block.rate_hz
-    if not (np.abs(np.diff(time) * block.rate_hz - 1) < MAX_STEP_ERROR).all():
+    # in samples, as rates are rounded
+    if not (np.abs(np.diff(time) * block.rate_hz - 1) < 1e-3).all():
         raise ValueError(
             f"{title}: numbers of frames and sub frames do not increase by one at "
             f"{block.rate_hz:g} Hz, with frames at {trajectories.rate_hz:g} Hz"
@@ -142,16 +134,12 @@ def read_nexus(path: Path, stated: Stated) -> Recording:
     if "trajectories" not in blocks:
         raise ValueError(f"no Trajectories block; blocks: {listed(blocks)}")
     block = blocks["trajectories"]
-    groups = [
-        group
-        for group in block.groups
-        if group.components[:3] == ("X", "Y", "Z") and not group.name.startswith("*")
-    ]
+    labelled = (group for group in block.groups if not group.name.startswith("*"))
+    groups = [group for group in labelled if group.components[:3] == ("X", "Y", "Z")]
     units = list(dict.fromkeys(group.units[0] for group in groups))
     if len(units) != 1:
         raise ValueError(
-            f"the Trajectories block names {len(groups)} markers with X, Y and Z in units "
-            f"{listed(units)}, expected markers in one unit"
+            f"Trajectories: {len(groups)} markers with X, Y, Z in units {listed(units)}, not one"
         )
     markers = file_markers(
         [group.name for group in groups],
@@ -181,12 +169,6 @@ def read_nexus(path: Path, stated: Stated) -> Recording:
     )
 
 
-def _key(group: Group) -> str:
-    """Give, in lower case, what a device measures, and the name of the device."""
-    device, _, quantity = group.name.rpartition(" - ")
-    return f"{quantity.lower()} of {device}"
-
-
 def _devices(block: Block, trajectories: Block) -> tuple[list[PlateColumns | Fact], Analog | None]:
     """Give plates, or why they are left out, and analog channels."""
     time = _time("Devices", block, trajectories)
@@ -195,23 +177,23 @@ def _devices(block: Block, trajectories: Block) -> tuple[list[PlateColumns | Fac
             f"Trajectories end with frame {last:.0f}, Devices with {block.frame[-1]:.0f}: the file "
             "is truncated; copy it from its source again, or export it again"
         )
-    by_name = {_key(group): group for group in block.groups}
+    by_name = {group.name: group for group in block.groups}
     columns = {
         f"{name} {axis}": column
         for name, group in by_name.items()
         for axis, column in zip("XYZ", group.values.T, strict=False)
     }
-    forces = [n for n, g in by_name.items() if n.startswith("force of ") and len(g.components) >= 3]
+    forces = [n for n, g in by_name.items() if n.endswith(" - Force") and len(g.components) >= 3]
     plates, used = list[PlateColumns | Fact](), set[str]()
     for number, name in enumerate(forces, start=1):
-        device = name.removeprefix("force of ")
-        stems = [f"{part} of {device}" for part in ("force", "moment", "cop")]
+        device = name.removesuffix(" - Force")
+        stems = [f"{device} - {part}" for part in ("Force", "Moment", "CoP")]
         used.update(stems)
         force, moment, pressure = (by_name[s].units[0] if s in by_name else "" for s in stems)
         plate = f"plate {number} ({short(device)})"
         vectors, units = [f"{stem} " for stem in stems], (force, moment, pressure)
         plates.append(plate_of(number, plate, time, columns, vectors, units=units))
-    rest = [group for group in block.groups if _key(group) not in used]
+    rest = [group for group in block.groups if group.name not in used]
     if not rest:
         return plates, None
     labels = [f"{group.name} {part}".strip() for group in rest for part in group.components]

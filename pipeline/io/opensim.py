@@ -1,7 +1,7 @@
 """OpenSim's files: TRC with MOT, STO or Cortex's .forces."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import product
@@ -10,12 +10,10 @@ from typing import Final
 
 import numpy as np
 
-from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import listed, short
 from pipeline.io.columns import (
     SI_UNITS,
-    FileMarkers,
     PlateColumns,
     file_markers,
     plate_of,
@@ -25,10 +23,8 @@ from pipeline.io.columns import (
 from pipeline.io.input_file import naming
 from pipeline.io.recording import Fact, Recording
 from pipeline.io.stated import Stated
-from pipeline.io.text_table import labels_in, read_number, read_rate, read_table, regular_rows
+from pipeline.io.text_table import TextTable, labels_in, read_number, read_rate, read_table
 
-Trajectories = tuple[FileMarkers, Array, list[Note | Fact], int]
-"""Markers, times on the file's clock, (T,) [s], what was said, and number of the first frame."""
 FORCE_COLUMN: Final = re.compile(r"(?P<stem>.*force.*)_(?P<letter>[vf])[xyz]")
 OTHER_COLUMNS: Final = (
     re.compile(r"(?P<of>[fpm])(?P<number>\d+)_?(?P<what>[vpm]?)(?P<axis>[xyz123])"),
@@ -38,11 +34,8 @@ OTHER_COLUMNS: Final = (
 TORQUE_COLUMNS: Final = tuple(product(("torque", "moment", "force"), ("_", "_m")))
 """How programs call the torques of ``ground_force_vx``: ``ground_torque_x``, `` ground_force_mx``:
 word in the place of "force", and what stands before the axis."""
-FORCE_SUFFIXES: Final = (".mot", ".sto", ".forces")
-WORD: Final = re.compile(r"[^\W_]+")
 OF_CONTENT: Final = {"markers", "marker", "trc", "grf", "grfs", "forces", "force", "mot"}
 """Words in names that say what a file holds, not which trial it is of."""
-CORTEX_UNITS: Final = ("N", "Nmm", "mm")
 MAX_REACH_M: Final = 20.0
 """From the origin to a centre of pressure, as of the markers of a walkway."""
 
@@ -57,19 +50,16 @@ class Table:
         Times, (N,) [s].
     columns
         Name -> values, (N,), without the times.
-    lines
-        Number of each row's line in the file.
     units
         Of forces, moments and points of application.
-    said
-        How the file ends, and what was corrected or left out.
+    text
+        The rows as they are written.
     """
 
     time: Array
     columns: Mapping[str, Array]
-    lines: Sequence[int]
     units: tuple[str, str, str]
-    said: Sequence[Note | Fact]
+    text: TextTable
 
 
 def read_sto(path: str | Path) -> Table:
@@ -118,14 +108,13 @@ def read_sto(path: str | Path) -> Table:
         if [name.lower() for name in names[:1]] not in (["time"], ["#sample"]):
             raise ValueError(f"its first column is {listed(names[:1])}, expected 'time'")
         columns = table.distinct(names, table.numbers(names))
-        count = len(table.rows)
-        counts = {"nRows": count, "nColumns": len(names), "NumberOfSamples": count}
-        table.check_counts(header, counts)
-        time, numbers = columns.pop(names[0]), [k for k, _ in table.rows]
+        counts = dict.fromkeys(("nRows", "NumberOfSamples"), len(table.rows))
+        table.check_counts(header, counts | {"nColumns": len(names)})
+        time = columns.pop(names[0])
         if not cortex:
-            return Table(time, columns, numbers, SI_UNITS, table.said)
+            return Table(time, columns, SI_UNITS, table)
         time = (time - 1) / read_rate(header.get("SampleRate", ""), "SampleRate")
-        return Table(time, columns, numbers, CORTEX_UNITS, table.said)
+        return Table(time, columns, ("N", "Nmm", "mm"), table)
 
 
 def is_cortex(line: str) -> bool:
@@ -168,57 +157,6 @@ def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recordin
     no meaning and is not used. MOT files often print times with so few digits that the steps look
     uneven; force times within a twentieth of a step of even ones become even.
     """
-    markers, time, said, first_frame = _trajectories(path, stated)
-    plates, of_sto = list[PlateColumns | Fact](), True
-    if forces is not None:
-        with naming(forces):
-            table = read_sto(forces)
-            held = np.column_stack([table.time, *table.columns.values()])
-            clock, held, facts = regular_rows(forces.name, table.lines, held, 0)
-            of_sto = table.units == SI_UNITS
-            same_span = abs(np.ptp(clock) - np.ptp(time)) < 2 * (time[1] - time[0])
-            if not of_sto and same_span:
-                clock = clock + time[0]
-            if clock[-1] < time[0] or clock[0] > time[-1]:
-                spans = [f"{t[0]:.2f}–{t[-1]:.2f} s" for t in (clock, time)]
-                raise ValueError(
-                    f"its times {spans[0]} do not overlap the {spans[1]} of {path.name}; are they "
-                    "of the same trial, and is the clock the same?"
-                )
-            columns = dict(zip(table.columns, held.T[1:], strict=True))
-            plates = list(_forces(columns, clock - time[0], table.units, stated))
-            said += [*table.said, *facts]
-    return recording_of(
-        path,
-        stated,
-        markers,
-        time - time[0],
-        plates,
-        on_subject=of_sto,
-        locate=wrench_of_torque,
-        notes=said,
-        first_frame=first_frame,
-        forces_beside=forces_beside(path) if forces is None else None,
-    )
-
-
-def forces_beside(path: Path) -> Path | None:
-    """Give the file beside a TRC file that holds forces of its trial by its name, if it is one."""
-    of_forces = []
-    for file in path.parent.glob("*"):
-        words, others = ({*WORD.findall(f.stem.lower())} - OF_CONTENT for f in (file, path))
-        if file.suffix.lower() in FORCE_SUFFIXES and (words <= others or others <= words):
-            with suppress(OSError, ValueError):
-                if any(map(FORCE_COLUMN.fullmatch, map(_usual_name, read_sto(file).columns))):
-                    of_forces.append(file)
-    return of_forces[0] if len(of_forces) == 1 else None
-
-
-def _trajectories(path: Path, stated: Stated) -> Trajectories:
-    """Read a TRC file in its own axes; empty fields and points at exactly zero are gaps.
-
-    Times are regular from the first one at the file's rate, since files round them.
-    """
     table = read_table(path)
     lines = table.rows
     firsts = [line.split()[0].lower() for _, line in lines]
@@ -240,7 +178,50 @@ def _trajectories(path: Path, stated: Stated) -> Trajectories:
     rate_hz = read_number(header["DataRate"], "DataRate in the header")
     first, time, position = table.markers(("Frame", "Time"), names, rate_hz)
     markers = file_markers(names, header["Units"], lambda kept: position[:, kept], stated)
-    return markers, time, table.said, first
+    plates, of_sto = list[PlateColumns | Fact](), True
+    if forces is not None:
+        with naming(forces):
+            loads = read_sto(forces)
+            held = np.column_stack([loads.time, *loads.columns.values()])
+            clock, held = loads.text.regular(held, 0)
+            of_sto = loads.units == SI_UNITS
+            if not of_sto and abs(np.ptp(clock) - np.ptp(time)) < 2 * (time[1] - time[0]):
+                clock = clock - clock[0] + time[0]
+            if clock[-1] < time[0] or clock[0] > time[-1]:
+                raise ValueError(
+                    f"its times {clock[0]:.2f}–{clock[-1]:.2f} s do not overlap the {time[0]:.2f}–"
+                    f"{time[-1]:.2f} s of {path.name}; are they of the same trial and clock?"
+                )
+            columns = dict(zip(loads.columns, held.T[1:], strict=True))
+            plates = list(_forces(columns, clock - time[0], loads.units, stated))
+            table.said += loads.text.said
+    return recording_of(
+        path,
+        stated,
+        markers,
+        time - time[0],
+        plates,
+        on_subject=of_sto,
+        locate=wrench_of_torque,
+        notes=table.said,
+        first_frame=first,
+        forces_beside=forces_beside(path) if forces is None else None,
+    )
+
+
+def forces_beside(path: Path) -> Path | None:
+    """Give the file beside a TRC file that holds forces of its trial by its name, if it is one."""
+    of_forces = []
+    for file in path.parent.glob("*"):
+        words, others = (
+            {*re.findall(r"[^\W_]+", f.stem.lower())} - OF_CONTENT for f in (file, path)
+        )
+        alike = words <= others or others <= words
+        if alike and file.suffix.lower() in (".mot", ".sto", ".forces"):
+            with suppress(OSError, ValueError):
+                if any(map(FORCE_COLUMN.fullmatch, map(_usual_name, read_sto(file).columns))):
+                    of_forces.append(file)
+    return of_forces[0] if len(of_forces) == 1 else None
 
 
 def _usual_name(name: str) -> str:
@@ -269,10 +250,7 @@ def _forces(
         torques = [stem.replace("force", word) + before for word, before in TORQUE_COLUMNS]
         there = [torque for torque in torques if f"{torque}x" in columns]
         if len(there) > 1:
-            raise ValueError(
-                f"the torques of {name} are there twice, {listed(f'{t}x' for t in there)}; "
-                "remove those that are not free torques"
-            )
+            raise ValueError(f"the torques of {name} are there twice: {listed(there)}; remove one")
         quantities = [f"{stem}_{letter}", (there or torques)[0], f"{stem}_p"]
         name = f"plate {k} ({name})"
         plate = plate_of(k, name, time, columns, quantities, axes="xyz", units=units)

@@ -2,7 +2,7 @@
 
 import re
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
@@ -21,16 +21,14 @@ from pipeline.io.text_table import GAPS, NUMBER, TextTable, read_number, read_ra
 PLATE_FILE: Final = re.compile(r"(?P<trial>.*)_f(?:_(?P<number>\d+))?", re.IGNORECASE)
 """Stem of a file of forces: of the only plate, or of one with its number."""
 KEY: Final = re.compile(r"[A-Z]+(_[A-Z]+)+|FREQUENCY|DESCRIPTION|EVENT")
-TITLES: Final = "titles"
-"""Key for the names of the columns."""
 PARTS: Final = ("Force_", "Moment_", "COP_")
-UNITS: Final = ("N", "Nm", "mm")
 CORNERS: Final = ("POSX_POSY", "NEGX_POSY", "NEGX_NEGY", "POSX_NEGY")
 """In the order of the C3D format."""
 MAX_CORNER_ERROR_M: Final = 0.02
 """Corners that are measured miss a rectangle by millimetres, those in no order by decimetres."""
 Header = Mapping[str, str]
-"""Key -> what follows it, empty if it is absent; of events with their lines' numbers."""
+"""Key -> what follows it, empty if it is absent; of events with their lines' numbers. Without a key
+are the names of the columns."""
 
 
 def _export(path: Path) -> tuple[Header, TextTable]:
@@ -45,7 +43,7 @@ def _export(path: Path) -> tuple[Header, TextTable]:
         if KEY.fullmatch(key.strip()):
             header[f"EVENT {k}" if key == "EVENT" else key.strip()] = text.strip()
         else:
-            header[TITLES] = line
+            header[""] = line
     table.rows = table.rows[start:]
     if len(table.rows) < 2:
         raise ValueError(f"it holds {len(table.rows)} rows of numbers, expected at least 2")
@@ -61,13 +59,10 @@ def _rate_hz(header: Header, timed: bool) -> float:
 def plate_files(path: Path) -> list[Path]:
     """Give the files of forces of an export, from that of its trajectories or of one plate."""
     match = PLATE_FILE.fullmatch(path.stem)
-    export = (match["trial"] if match else path.stem, path.suffix)
-    found = [
-        file
-        for file in path.parent.glob(f"*{path.suffix}")
-        if (of := PLATE_FILE.fullmatch(file.stem)) and (of["trial"], file.suffix) == export
-    ]
-    return sorted(found, key=lambda file: (len(file.stem), file.stem))
+    files = {file: PLATE_FILE.fullmatch(file.stem) for file in path.parent.glob(f"*{path.suffix}")}
+    trial = match["trial"] if match else path.stem
+    of_trial = [file for file, of in files.items() if of and of["trial"] == trial]
+    return sorted(of_trial, key=lambda file: (len(file.stem), file.stem))
 
 
 def read_qualisys(path: Path, stated: Stated, forces: Path | None = None) -> Recording:
@@ -92,7 +87,7 @@ def read_qualisys(path: Path, stated: Stated, forces: Path | None = None) -> Rec
     Raises
     ------
     ValueError
-        A file is damaged, truncated, in 2D, or contradicts its units, axes or itself. One line.
+        A file is damaged, truncated, or contradicts its units, axes or itself. One line.
     OSError
         A file cannot be opened.
 
@@ -107,27 +102,20 @@ def read_qualisys(path: Path, stated: Stated, forces: Path | None = None) -> Rec
     the plate's surface, as of the program's real-time data, where these fit or are absent.
     """
     header, table = _export(path)
-    if (included := header["DATA_INCLUDED"]) not in ("3D", ""):
-        raise ValueError(f"it holds {short(included)} data, expected 3D; export it again")
     names = [printable(n.strip()) for n in header["MARKER_NAMES"].split("\t") if n.strip()]
     # a frame's number, its time, or both, and three columns of each marker
     single = "Time" if "." in table.rows[0][1].split("\t")[0] else "Frame"
     clock = [[], [single], ["Frame", "Time"]][table.width % 3]
-    counts = {"NO_OF_MARKERS": len(names), "NO_OF_FRAMES": len(table.rows)}
-    table.check_counts(header, counts)
+    table.check_counts(header, {"NO_OF_MARKERS": len(names), "NO_OF_FRAMES": len(table.rows)})
     first, time, position = table.markers(clock, names, _rate_hz(header, "Time" in clock))
     markers = file_markers(names, "mm", lambda kept: position[:, kept], stated)
-    events = _events(header, time[0])
-    said = [*table.said, *(event for event in events if isinstance(event, Fact))]
     plates = list[PlateColumns | Fact]()
     files = plate_files(forces or path) or ([] if forces is None else [forces])
     for file in files:
         with naming(file):
-            plate, of_plate = _plate(file, time[0] if "Time" in clock else None)
-        plates.append(plate)
-        said += of_plate
+            plates.append(_plate(file, time[0] if "Time" in clock else None, table.said))
     if files:
-        said.append(Fact("joined", path.name, f"with {listed(file.name for file in files)}"))
+        table.said.append(Fact("joined", path.name, f"with {listed(file.name for file in files)}"))
     return recording_of(
         path,
         stated,
@@ -135,27 +123,25 @@ def read_qualisys(path: Path, stated: Stated, forces: Path | None = None) -> Rec
         time - time[0],
         plates,
         on_subject=False,
-        notes=said,
+        notes=table.said,
         first_frame=first,
-        events=tuple(event for event in events if isinstance(event, Event)),
+        events=tuple(_events(header, time[0], table.said)),
     )
 
 
-def _events(header: Header, start_s: float) -> list[Event | Fact]:
-    """Give the foot strikes and foot offs, and why others are left out."""
-    events: list[Event | Fact] = []
+def _events(header: Header, start_s: float, said: list[Note | Fact]) -> Iterator[Event]:
+    """Give the foot strikes and foot offs, and say which others are left out."""
     for text in (text for key, text in header.items() if key.startswith("EVENT ")):
         name, *_, written = text.split("\t")
         of, (kind, side) = f"event {short(name)}", kind_and_side(name)
         if kind and side:
-            events.append(Event(read_number(written, of) - start_s, kind, side))
+            yield Event(read_number(written, of) - start_s, kind, side)
         else:
-            events.append(Fact("left_out", of, "it is no foot strike or foot off of a side"))
-    return events
+            said.append(Fact("left_out", of, "it is no foot strike or foot off of a side"))
 
 
-def _plate(path: Path, start_s: float | None) -> tuple[PlateColumns | Fact, list[Note | Fact]]:
-    """Give the plate of a file in the axes of the markers, or why it is left out, and facts.
+def _plate(path: Path, start_s: float | None, said: list[Note | Fact]) -> PlateColumns | Fact:
+    """Give the plate of a file in the axes of the markers, or why it is left out.
 
     Its clock begins with the markers', at ``start_s`` where both files have times.
     """
@@ -163,30 +149,29 @@ def _plate(path: Path, start_s: float | None) -> tuple[PlateColumns | Fact, list
     of_name = PLATE_FILE.fullmatch(path.stem)
     number = int(of_name["number"] or 1) if of_name else 1
     name = f"plate {number} ({short(header['FORCE_PLATE_NAME'] or path.name)})"
-    columns = [title.strip() for title in header[TITLES].split("\t")]
+    columns = [title.strip() for title in header[""].split("\t")]
     timed = columns.index("TIME") if "TIME" in columns else None
     table.check_counts(header, {"NO_OF_SAMPLES": len(table.rows)})
     rate_hz = _rate_hz(header, timed is not None)
     time, values = table.regular(table.numbers(columns), timed, rate_hz)
+    said += table.said
     clock = time - (time[0] if start_s is None or timed is None else start_s)
     place, axes = _place(header, number), header["DESCRIPTION"].lower()
     try:
         parts = vectors(dict(zip(columns, values.T, strict=True)), PARTS)
-        if not any(word in axes for word in ("local", "lab", "world", "global")):
-            raise ValueError(
-                "its DESCRIPTION does not say whether its axes are the plate's or the lab's"
-            )
-        if "local" in axes and place is None:
-            raise ValueError("it is in the plate's axes, and states no rectangle of corners")
     except ValueError as error:
-        return Fact("left_out", name, str(error)), table.said
+        return Fact("left_out", name, str(error))
     if "local" in axes and place is not None:
         parts = parts @ place.rotation.T
         parts[:, 2] += 1000 * place.center  # in mm, as the file
-    vectors_of_plate = parts.transpose(1, 0, 2)
-    return PlateColumns(
-        number, name, clock, *vectors_of_plate, units=UNITS, place=place
-    ), table.said
+    elif "local" in axes or not any(word in axes for word in ("lab", "world", "global")):
+        why = (
+            "its header does not say whether its axes are local, or states no rectangle of corners"
+        )
+        return Fact("left_out", name, why)
+    force, moment, pressure = parts.transpose(1, 0, 2)
+    units = ("N", "Nm", "mm")
+    return PlateColumns(number, name, clock, force, moment, pressure, units=units, place=place)
 
 
 def _place(header: Header, number: int) -> Plate | None:

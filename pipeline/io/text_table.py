@@ -24,7 +24,6 @@ DECIMAL_COMMA: Final = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
 COMMA_IN_NUMBER: Final = re.compile(r"(?<=\d),(?=\d)")
 NUMBER: Final = re.compile(r"[-+]?(\d+(\.\d*|,\d+)?|\.\d+)([eE][-+]?\d+)?|[-+]?nan", re.IGNORECASE)
 SEPARATORS: Final = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "spaces"}
-UTF16_MARKS: Final = (b"\xff\xfe", b"\xfe\xff")
 BATCH_ROWS: Final = 500
 """Rows that are parsed together, so that parsing takes little memory."""
 ROWS_COMPARED: Final = 20
@@ -44,8 +43,6 @@ ROUNDED: Final = 1e-6
 """Of a digit: closer to a whole one, a number has no further digits."""
 MIN_STEP_S: Final = 0.5 / MAX_RATE_HZ
 """Shorter than that of any rate."""
-MAX_FILLED_RATIO: Final = 2
-"""Rows spanned per row held: with more missing, this is not one recording."""
 EMPTY: Final = "the file is empty"
 
 
@@ -57,7 +54,7 @@ def decoded(content: bytes) -> str:
     """
     if not content.strip():
         raise ValueError(EMPTY)
-    if content.startswith(UTF16_MARKS):
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         return content.decode("utf-16", errors="replace")
     if b"\0" in content:
         raise ValueError("the file holds binary data, expected text")
@@ -174,15 +171,72 @@ class TextTable:
         return by_name
 
     def regular(
-        self, values: Array, column: int | None, rate_hz: float = 0.0
+        self, values: Array, column: int | None, rate_hz: float = 0.0, of: str = "time"
     ) -> tuple[Array, Array]:
-        """Give times [s] and values as `regular_rows`; without a column of times, from 0."""
+        """Bring rows to regular times.
+
+        Parameters
+        ----------
+        values
+            Rows of numbers, (N, columns).
+        column
+            That of their times [s]; None if these begin at 0.
+        rate_hz
+            As a header states it, used where the times agree but for their rounding; else 0.
+        of
+            What messages call the times.
+
+        Returns
+        -------
+        time
+            Regular times, (T,) [s].
+        values
+            Rows at these times, (T, columns); NaN where the file lacks them.
+
+        Raises
+        ------
+        ValueError
+            A row has no time or one that occurs twice, or the times are those of no rate.
+        """
         if column is None:
             return np.arange(len(values)) / rate_hz, values
-        lines = [k for k, _ in self.rows]
-        time, values, facts = regular_rows(self.path.name, lines, values, column, rate_hz)
-        self.said += facts
-        return time, values
+        time, file, lines = values[:, column], self.path.name, [k for k, _ in self.rows]
+        if len(time) < 2:
+            raise ValueError(f"it holds {len(time)} rows of numbers, expected at least 2")
+        if not np.isfinite(time).all():
+            raise ValueError(f"line {lines[int(np.isfinite(time).argmin())]}: it has no {of}")
+        grid, again = _grid(time, rate_hz), np.flatnonzero(np.diff(time) == 0) + 1
+        if grid is None and len(again):  # rows written twice: the same again, or the last one
+            for k in again.tolist():
+                where, what = f"line {lines[k]}", f"{of} {time[k]:.9g} occurs twice"
+                last = k == len(time) - 1
+                if not (last or np.array_equal(values[k], values[k - 1], equal_nan=True)):
+                    raise ValueError(f"{where}: {what}; delete one of the rows, or export it again")
+                self.said.append(Fact("left_out", f"{file}, {where}", what))
+            dropped = {*again.tolist()}
+            self.rows = [row for k, row in enumerate(self.rows) if k not in dropped]
+            return self.regular(np.delete(values, again, axis=0), column, rate_hz, of)
+        if grid is None:
+            step = 1 / rate_hz if rate_hz else float(np.median(np.diff(time)))
+            k = 1 + int(np.argmax(np.abs(np.diff(time) - step) > MAX_TIME_ERROR * step))
+            raise ValueError(
+                f"line {lines[k]}: {of} {time[k]:.9g}, expected {time[k - 1] + step:.9g} in "
+                f"steps of {step:.6g}; correct the file, or export it again"
+            )
+        start_s, rate, index, rounding = grid
+        if rate_hz and rate != rate_hz:
+            what = f"its header says {rate_hz:g} Hz, but its times are those of {rate:.6g} Hz"
+            self.said.append(Fact("corrected", file, what))
+        if rounding:
+            what = f"its times, rounded to {2 * rounding:g} s, are taken as those of {rate:.6g} Hz"
+            self.said.append(Fact("corrected", file, what))
+        filled = np.full((index[-1] + 1, values.shape[1]), np.nan)
+        filled[index] = values
+        if missing := len(filled) - len(values):
+            after = lines[int(np.argmax(np.diff(index) > 1))]
+            what = f"{missing} rows are not there, the first after line {after}"
+            self.said.append(Fact("missing", file, what))
+        return start_s + np.arange(len(filled)) / rate, filled
 
     def markers(
         self, clock: Sequence[str], names: Sequence[str], rate_hz: float
@@ -207,74 +261,6 @@ class TextTable:
         if timed is None:
             time += (first - 1) / rate_hz
         return first, time, values[:, len(clock) :].reshape(len(values), len(names), 3)
-
-
-def regular_rows(
-    file: str, numbers: Sequence[int], values: Array, column: int, rate_hz: float = 0.0
-) -> tuple[Array, Array, list[Fact]]:
-    """Bring rows to regular times.
-
-    Parameters
-    ----------
-    file, numbers
-        Name of the file and number of each row's line in it, for messages.
-    values
-        Rows of numbers, (N, columns).
-    column
-        That of their times [s].
-    rate_hz
-        As a header states it, used where the times agree but for their rounding; else 0.
-
-    Returns
-    -------
-    time
-        Regular times, (T,) [s].
-    values
-        Rows at these times, (T, columns); NaN where the file lacks them.
-    facts
-        Another rate than the stated one, a repeated row left out, rows that are missing.
-
-    Raises
-    ------
-    ValueError
-        A row has no time or one that occurs twice, or the times are those of no rate.
-    """
-    time, facts = values[:, column], list[Fact]()
-    if len(time) < 2:
-        raise ValueError(f"it holds {len(time)} rows of numbers, expected at least 2")
-    if not np.isfinite(time).all():
-        raise ValueError(f"line {numbers[int(np.isfinite(time).argmin())]}: it has no time")
-    grid, again = _grid(time, rate_hz), np.flatnonzero(np.diff(time) == 0) + 1
-    if grid is None and len(again):  # rows written twice: the same again, or the last one
-        for k in again.tolist():
-            where, what = f"line {numbers[k]}", f"time {time[k]:.9g} occurs twice"
-            if k < len(time) - 1 and not np.array_equal(values[k], values[k - 1], equal_nan=True):
-                raise ValueError(f"{where}: {what}; delete one of the rows, or export it again")
-            facts.append(Fact("left_out", f"{file}, {where}", what))
-        numbers, values = np.delete(numbers, again).tolist(), np.delete(values, again, axis=0)
-        time, values, more = regular_rows(file, numbers, values, column, rate_hz)
-        return time, values, [*facts, *more]
-    if grid is None:
-        step = 1 / rate_hz if rate_hz else float(np.median(np.diff(time)))
-        k = 1 + int(np.argmax(np.abs(np.diff(time) - step) > MAX_TIME_ERROR * step))
-        raise ValueError(
-            f"line {numbers[k]}: time {time[k]:.9g} s, expected {time[k - 1] + step:.9g} s in "
-            f"steps of {step:.6g} s; correct its times or rate, or export it again"
-        )
-    start_s, rate, index, rounding = grid
-    if rate_hz and rate != rate_hz:
-        what = f"its header says {rate_hz:g} Hz, but its times are those of {rate:.6g} Hz"
-        facts.append(Fact("corrected", file, what))
-    if rounding:
-        what = f"its times, rounded to {2 * rounding:g} s, are taken as those of {rate:.6g} Hz"
-        facts.append(Fact("corrected", file, what))
-    filled = np.full((index[-1] + 1, values.shape[1]), np.nan)
-    filled[index] = values
-    if missing := len(filled) - len(values):
-        after = numbers[int(np.argmax(np.diff(index) > 1))]
-        what = f"{missing} rows are not there, the first after line {after}"
-        facts.append(Fact("missing", file, what))
-    return start_s + np.arange(len(filled)) / rate, filled, facts
 
 
 def _grid(time: Array, stated_hz: float) -> tuple[float, float, Indices, float] | None:
@@ -306,7 +292,8 @@ def _grid(time: Array, stated_hz: float) -> tuple[float, float, Indices, float] 
         rounding = 0.0 if whole or fine else digit / 2
         start_s = float(np.mean(time - index / rate_hz) if rounding else time[0])
         error_s = np.abs(time - start_s - index / rate_hz).max()
-        increases = np.diff(index).min() == 1 and index[-1] < MAX_FILLED_RATIO * len(time)
+        # with more than half of the rows missing, this is not one recording
+        increases = np.diff(index).min() == 1 and index[-1] < 2 * len(time)
         if increases and error_s < MAX_TIME_ERROR / rate_hz + uneven * rounding * complete:
             return start_s, rate_hz, index, rounding
     return None
@@ -317,8 +304,7 @@ def _parse_batch(rows: Rows, names: Sequence[str]) -> Array:
         fields, filled = line.count("\t") + 1, line.rstrip().count("\t") + 1
         if not filled <= len(names) <= fields:
             raise ValueError(
-                f"line {number} holds {fields} fields for {len(names)} columns: "
-                "the file is truncated or its columns are wrong"
+                f"line {number} holds {fields} fields for {len(names)} columns; truncated or wrong"
             )
     try:
         values = pd.read_csv(
