@@ -63,7 +63,6 @@ def test_other_devices_are_analog_channels(trial, tmp_path):
         (write_nexus, [("Devices\n1000", "Devices\n900")], "do not"),
         (write_nexus, [("Trajectories", "Points")], "no Trajectories block"),
         (write_mox, [("</viewer_data>", "")], "broken or truncated"),
-        (write_mox, [("<nr_of_samples>100", "<nr_of_samples>250")], "nr_of_samples 250"),
         (write_mox, [("frequency>100<", "frequency>50<")], "differ in rate"),
     ],
 )
@@ -89,6 +88,13 @@ def test_a_plate_that_lacks_channels_is_left_out_and_the_other_kept(trial, tmp_p
     (fact,) = read.facts
     assert fact.kind == "left_out"
     assert fact.of.startswith("plate 2")
+
+
+def test_a_number_of_samples_that_mox_does_not_hold_is_a_doubt(trial, tmp_path):
+    pair = ("<nr_of_samples>100", "<nr_of_samples>250")
+    (fact,) = read_recording(changed(write_mox(trial, tmp_path / "t.mox"), pair)).facts
+    assert fact.kind == "in_doubt"
+    assert "nr_of_samples 250, but it holds 100" in fact.reason
 
 
 def test_a_pose_of_one_frame_is_read_but_is_no_motion(walker, tmp_path):
